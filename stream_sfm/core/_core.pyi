@@ -155,14 +155,16 @@ def align_tracks(
     wide: Templates | None,
     rows: Rows,
     turn_rad: Array,
+    timing: Timing,
     twist: Array,
-) -> tuple[Mask, NDArray[np.int64], Array, Array, Array, Array]:
+) -> tuple[Mask, NDArray[np.int64], Array, Array, Array, Array, Array]:
     """Find tracks (n) with templates in `slots` (n,) in new images, where `predict_tracks` puts them.
 
     In the left image, and what is found there in the right one, in the row where it should be of points with a `twist`
     (6,) per second; `turn_rad` (3,) of the right camera is taken out. Returns which should be in view (n,), and of
     those found at least on the left: their rows (k,), points (k, 4), views (k, 4), NaN where the right side was not
-    found in its row, their covariances (k, 4, 4), eq. (15), and views (k, 4) with right sides that miss their row.
+    found in its row, their covariances (k, 4, 4), eq. (15), views (k, 4) with right sides that miss their row, and what
+    has been taken out of all these (k, 4) px, for the timing.
     """
 
 def predict_tracks(
@@ -313,8 +315,8 @@ def fit_turn(
     cam_from_ref: Array,
     usual: Array,
     std_knock_rad: float,
-) -> tuple[Array, Array, Mask, float, float]:
-    """Return the turn of the right camera (3,) rad that views show, its covariance (3, 3), and which (n,) agree, (72d).
+) -> tuple[Array, Mask, float, float]:
+    """Return the turn of the right camera (3,) rad that views show, and which (n,) agree, eq. (72d).
 
     By a few steps of reweighting, together with the motion (4, 4). And by how much likelier it is a knock of σ
     `std_knock_rad` than a `usual` one, of covariance (3, 3): a logarithm, eq. (72f); and χ² of the latter. The views

@@ -181,7 +181,7 @@ AlignedTracks align_tracks(const Pinholes& pinholes, const TrackTable& tracks, c
                            const View<double, 2>& cam_from_previous, const View<double, 2>& cam_from_start, const View<double, 2>& left,
                            const View<bool, 1>& agree, const Templates<std::uint8_t>& ordinary,
                            const std::optional<Templates<float>>& wide, const RowModel& rows, const View<double, 1>& turn,
-                           const View<double, 1>& twist) {
+                           const Timing& timing, const View<double, 1>& twist) {
     std::size_t n = tracks.points.shape[0];
     require_shape(slots, {n}, "slots");
     require_shape(turn, {3}, "turn");
@@ -208,9 +208,14 @@ AlignedTracks align_tracks(const Pinholes& pinholes, const TrackTable& tracks, c
     std::vector<std::size_t> kept;
     for (std::size_t i = 0; i < n; i++)
         if (all.found.data[i]) kept.push_back(i);
-    AlignedTracks result{std::move(expected), Array<std::int64_t, 1>({kept.size()}), rows_of(now.points.view(), kept),
-                         rows_of(all.z.view(), kept), rows_of(all.cov.view(), kept), rows_of(all.any_row.view(), kept)};
+    Array<double, 2> points = rows_of(now.points.view(), kept);
+    Array<double, 2> taken = shifts_by_timing(pinholes, timing.exposed, points.view(), twist, timing.mean);
+    AlignedTracks result{std::move(expected),           Array<std::int64_t, 1>({kept.size()}), std::move(points),
+                         rows_of(all.z.view(), kept),   rows_of(all.cov.view(), kept),         rows_of(all.any_row.view(), kept),
+                         std::move(taken)};
     std::copy(kept.begin(), kept.end(), result.rows.data.get());
+    for (Array<double, 2>* z : {&result.z, &result.any_row})
+        for (std::size_t i = 0; i < 4 * kept.size(); i++) z->data[i] -= result.taken.data[i];
     return result;
 }
 

@@ -138,14 +138,14 @@ struct AlignedTracks {  // of tracks (n) which were expected in view, and of tho
     Array<std::int64_t, 1> rows;
     Array<double, 2> points, z;
     Array<double, 3> cov;
-    Array<double, 2> any_row;
-    auto parts() { return std::tie(expected, rows, points, z, cov, any_row); }
+    Array<double, 2> any_row, taken;
+    auto parts() { return std::tie(expected, rows, points, z, cov, any_row, taken); }
 };
 AlignedTracks align_tracks(const Pinholes& pinholes, const TrackTable& tracks, const Indices& slots,
                            const View<double, 2>& cam_from_previous, const View<double, 2>& cam_from_start, const View<double, 2>& left,
                            const View<bool, 1>& agree, const Templates<std::uint8_t>& ordinary,
                            const std::optional<Templates<float>>& wide, const RowModel& rows, const View<double, 1>& turn,
-                           const View<double, 1>& twist);
+                           const Timing& timing, const View<double, 1>& twist);
 
 // corners.cpp
 template <class T>
@@ -309,10 +309,9 @@ Resected resect(const PointViews& views, const View<double, 2>& start, const Vie
 // turn.cpp
 struct FittedTurn {
     Array<double, 1> rad;
-    Array<double, 2> cov;
     Array<bool, 1> agree;
     double log_odds, squared;
-    auto parts() { return std::tie(rad, cov, agree, log_odds, squared); }
+    auto parts() { return std::tie(rad, agree, log_odds, squared); }
 };
 Array<double, 3> effects_of_turn(const Pinholes& pinholes, const View<double, 2>& right);
 FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, const View<double, 2>& usual, double std_knock);

@@ -37,7 +37,7 @@ FittedTurn fitted(const PointViews& views, const View<double, 2>& motion, int st
     LinearisedViews linear = linearise_views(views, motion);
     Array<double, 1> none({0});
     ViewResiduals seen = view_residuals(views, {linear.root.data.get(), {n, 4, 4}}, {none.data.get(), {0}}, {motion.data, {1, 4, 4}});
-    FittedTurn result{Array<double, 1>({3}), Array<double, 2>({3, 3}), Array<bool, 1>({n}), 0.0, 0.0};
+    FittedTurn result{Array<double, 1>({3}), Array<bool, 1>({n}), 0.0, 0.0};
     std::vector<double> rows(n * 4 * COLUMNS), squares(n);
     for (std::size_t i = 0; i < n; i++) {
         if (!std::isfinite(seen.squares[0][i])) continue;
@@ -81,15 +81,12 @@ FittedTurn fitted(const PointViews& views, const View<double, 2>& motion, int st
         }
     }
     invert_positive<UNKNOWNS>(information, cov);
-    for (std::size_t a = 0; a < 3; a++) {
-        result.rad.data[a] = step[6 + a];
-        for (std::size_t b = 0; b < 3; b++) result.cov[a][b] = spread * cov[(6 + a) * UNKNOWNS + 6 + b];
-    }
+    std::copy_n(step + 6, 3, result.rad.data.get());
     for (std::size_t i = 0; i < n; i++)
         result.agree.data[i] = std::isfinite(seen.squares[0][i]) && squares[i] < spread * views.gate.data[i];
     double expected[9], knocked[9], log_det, log_det_knocked;
     for (std::size_t k = 0; k < 9; k++) {
-        expected[k] = result.cov[0][k] + usual.data[k];
+        expected[k] = spread * cov[(6 + k / 3) * UNKNOWNS + 6 + k % 3] + usual.data[k];
         knocked[k] = expected[k] + (k % 4 == 0 ? std_knock * std_knock : 0.0);
     }
     result.squared = squared_length(expected, result.rad.data.get(), log_det);

@@ -31,17 +31,15 @@ WIDE = 4  # image pixels per template pixel of wide templates, for nearly textur
 class AlignedViews:
     """Views of tracks that were found in a frame (k), at least on the left: their `rows` in the table, and their
     `points` (k, 4) where the rough motion puts them; `z_px` (k, 4), NaN where the right side was not found; `cov_px`
-    (k, 4, 4). `any_row_px` (k, 4): the same, including right sides that miss their row."""
+    (k, 4, 4). `any_row_px` (k, 4): the same, including right sides that miss their row. `taken_px` (k, 4): what has
+    been taken out of all these, for the timing."""
 
     rows: NDArray[np.int64]
     points: Array
     z_px: Array
     cov_px: Array
     any_row_px: Array
-
-    def without(self, taken_px: Array) -> "AlignedViews":
-        """Return the views with offsets (k, 4) px subtracted."""
-        return replace(self, z_px=self.z_px - taken_px, any_row_px=self.any_row_px - taken_px)
+    taken_px: Array
 
     def left_only(self) -> "AlignedViews":
         """Without right sides."""
@@ -128,7 +126,7 @@ def learn_noise(aligners: Aligners, motion: Resection, scale: NDArray[np.int64],
     for aligner, rows in split(aligners, scale):
         used = np.zeros(len(scale), bool)
         used[rows] = motion.accepted[rows]
-        n = int(np.isfinite(z_px[used]).sum())
+        n = int(np.count_nonzero(np.isfinite(z_px[used])))
         fitted = round(6 * n / max(1, motion.dof + 6))  # their share of the motion
         noise = aligner.noise.learnt(float(motion.squared_residuals[used].sum()), n - fitted)
         learnt[aligner.scale] = replace(aligner, noise=noise)

@@ -136,7 +136,7 @@ class StereoFrontEnd:
         """How left and right fit each other, where tracks were followed."""
         if followed is None or followed.found is None:
             return None
-        return PairFit.of(followed.found, self.setup.projection, self.setup.config.robust.gate_probability)
+        return PairFit.of(followed.found, *self.setup)
 
     def _start_over(
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int, wait: bool
@@ -183,14 +183,14 @@ class StereoFrontEnd:
 
     def _note(self, state: FrontEndState, images: PreparedImages, z_px: Array) -> str:
         """What is wrong with the images, from the views (n, 4) of all tracks."""
-        n_in_both = int(np.isfinite(z_px).all(axis=1).sum())
+        n_in_both = int(np.count_nonzero(np.isfinite(z_px[:, 2])))
         return image_note(images, state.previous, len(z_px), n_in_both, self.setup.config.robust.min_inliers)
 
     def _turn_note(self, watch: TurnWatch | None) -> str:
         """Say that the right camera seems to have turned."""
         if watch is None or not watch.unusual:
             return ""
-        shift_px = shift_of_turn(self.setup.projection, watch.unusual[-1].rad)
+        shift_px = shift_of_turn(self.setup.projection, watch.unusual[-1])
         return (
             f"the right image has moved against the left one, by {shift_px:.2f} px: estimated from the left image "
             "until it is clear whether the cameras have moved"

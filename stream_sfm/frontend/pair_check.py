@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.rig import StereoRig
+from ..config import Config
 from ..geometry.point_views import PointViews
 from ..geometry.resection import MIN_VIEWS, Resection
 from ..geometry.se3 import Array
@@ -21,6 +22,7 @@ from ..record import record
 from .image_checks import frozen
 from .prepared import PreparedImages
 from .rows import Rows
+from .tracks import Tracks
 
 # Share of the points whose left side agrees that agree on the right, too. Sample logs have .64 and more, at the end of
 # a bare corridor less; with one camera stopped, exchanged or turned it is below .3.
@@ -41,16 +43,12 @@ _MAX_FACTOR = 4.0
 
 @record
 class Found:
-    """The tracks `ids` (n,) that were found in a frame: `points` (n, 4) in the camera before with `cov_points`, their
-    views `z_px` (n, 4) with `cov_px`, half widths `radius_px` (n,) of their patches, and the `motion` that was found
-    from them."""
+    """The tracks (n) that were found in a frame, as they were `before`, their views `z_px` (n, 4) with `cov_px`, and
+    the `motion` that was found from them."""
 
-    ids: NDArray[np.int64]
-    points: Array
-    cov_points: Array
+    before: Tracks
     z_px: Array
     cov_px: Array
-    radius_px: NDArray[np.int64]
     motion: Resection
 
 
@@ -64,21 +62,21 @@ class PairFit:
     both: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, found: "Found", projection: StereoProjection, gate_probability: float) -> "PairFit":
+    def of(cls, found: Found, projection: StereoProjection, config: Config) -> "PairFit":
         """Of what was found in a frame."""
-        motion = found.motion
-        right_px = projection.project_homogeneous(clamp_depth(found.points @ motion.cam_from_ref.T))[:, 2]
-        margin_px = 2 * found.radius_px
+        motion, before = found.motion, found.before
+        right_px = projection.project_homogeneous(clamp_depth(before.points @ motion.cam_from_ref.T))[:, 2]
+        margin_px = 2 * before.scale * config.frontend.window_radius_px
         inside = (right_px > margin_px) & (right_px < projection.width - 1 - margin_px)
-        both = motion.accepted & np.isfinite(found.z_px).all(axis=1)
-        left = motion.accepted.copy()
-        if both[inside].sum() < _GOOD_SHARE * inside.sum():
-            left_px = found.z_px.copy()
+        left, both = motion.accepted, motion.accepted & np.isfinite(found.z_px[:, 2])
+        if np.count_nonzero(both & inside) < _GOOD_SHARE * np.count_nonzero(inside):
+            left_px, cov_points = found.z_px.copy(), before.cov_points(projection)
             left_px[:, 2:] = np.nan
-            views = PointViews(projection, found.points, found.cov_points, left_px, found.cov_px, gate_probability)
+            gate_probability = config.robust.gate_probability
+            views = PointViews(projection, before.points, cov_points, left_px, found.cov_px, gate_probability)
             root, _ = views.linearise(motion.cam_from_ref)
-            left |= views.squared_residuals(motion.cam_from_ref, root) < motion.spread * views.gate
-        return cls(found.ids[inside], left[inside], both[inside])
+            left = left | (views.squared_residuals(motion.cam_from_ref, root) < motion.spread * views.gate)
+        return cls(before.ids[inside], left[inside], both[inside])
 
 
 @record
@@ -136,10 +134,16 @@ def problem_of(
         )
     if fit is not None and (problem := frozen(images, previous)):
         return problem
-    if fit is None or fit.left.sum() < _ENOUGH or (fit.both & fit.left).sum() >= _FIT * fit.left.sum():
+    if fit is None:
+        return ""
+    n_left, n_both = (
+        np.count_nonzero(fit.left),
+        np.count_nonzero(fit.both),
+    )  # what agrees in both does in the left one
+    if n_left < _ENOUGH or n_both >= _FIT * n_left:
         return ""
     return (
-        f"of {fit.left.sum()} points that agree in the left image {fit.both.sum()} do in the right one: is one "
+        f"of {n_left} points that agree in the left image {n_both} do in the right one: is one "
         "camera covered, frozen or moved, are left and right exchanged, or the images not of one moment?"
     )
 

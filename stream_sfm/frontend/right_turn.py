@@ -9,6 +9,7 @@ A frame whose turn is unusual is estimated from the left image: the depths of it
 three such frames in a row have shown the same turn, it is taken out of everything that is measured on the right.
 """
 
+import math
 from dataclasses import field, replace
 
 import numpy as np
@@ -41,18 +42,6 @@ _GATE = 0.999  # share of good views that agree
 # Prior σ of the turn by a knock, about each axis. The measured turn is where the estimator starts; it is not used a
 # second time.
 _STD_TURN_RAD = 3e-3
-
-
-@record
-class Turn:
-    """A turn of the right camera about its x, y and z, `rad` (3,), with `cov` (3, 3).
-
-    `agree` (n,): which views fit it.
-    """
-
-    rad: Array
-    cov: Array
-    agree: NDArray[np.bool_]
 
 
 def shift_of_turn(projection: StereoProjection, rad: Array) -> float:
@@ -115,20 +104,20 @@ class RightTurn:
 class TurnWatch:
     """Statistics of a run's turns: the covariance `usual` (3, 3) of ordinary ones, learnt from so many `frames`.
 
-    `unusual`: the turns of the frames in a row, up to the latest, that were not usual.
+    `unusual`: the turns (3,) of the frames in a row, up to the latest, that were not usual.
     """
 
     projection: StereoProjection
     usual: Array = field(default_factory=lambda: np.eye(3) * _FIRST_GUESS_RAD**2)
     frames: int = _GUESS_FRAMES
-    unusual: tuple[Turn, ...] = ()
+    unusual: tuple[Array, ...] = ()
 
     @property
     def lasting_rad(self) -> Array | None:
         """The turn (3,) that the latest frames have in common, once there are enough."""
-        latest = np.array([turn.rad for turn in self.unusual[-_LASTS_FRAMES:]])
-        if len(latest) < _LASTS_FRAMES:
+        if len(self.unusual) < _LASTS_FRAMES:
             return None
+        latest = np.array(self.unusual[-_LASTS_FRAMES:])
         mean = latest.mean(axis=0)
         apart = np.linalg.norm(latest - mean, axis=1).max()
         return mean if apart < _SAME * np.linalg.norm(mean) else None
@@ -145,8 +134,8 @@ class TurnWatch:
         cov_px: Array,
         cam_from_previous: Array,
         cov_expected: Array,
-    ) -> tuple["TurnWatch", Turn | None]:
-        """Return the watch after a frame, and the turn that the frame shows if it is unusual.
+    ) -> tuple["TurnWatch", NDArray[np.bool_] | None]:
+        """Return the watch after a frame, and which of its views (n,) agree with the turn that it shows, if unusual.
 
         Homogeneous points (n, 4) of the camera before with covariances (n, 4, 4), their views (n, 4) in this one, of
         which none was refused for its row, with covariances (n, 4, 4), and the motion, which need not be exact.
@@ -159,17 +148,17 @@ class TurnWatch:
             PointViews(self.projection, points, cov_points, z_px, cov_px, _GATE),
             self.usual + cov_expected,
         )
-        rad, cov, agree, log_factor, chi2 = core.fit_turn(views.of_core, cam_from_previous, usual, _STD_TURN_RAD)
-        turn = Turn(rad, cov, agree)
-        possible = self.projection.f_px * np.linalg.norm(rad) < _MAX_TURN_PX and agree.sum() > _AGREE * n_seen
-        stands_out = bool(log_factor > -np.log(_KNOCKS) and possible)
+        rad, agree, log_factor, chi2 = core.fit_turn(views.of_core, cam_from_previous, usual, _STD_TURN_RAD)
+        possible = self.projection.f_px * math.hypot(*rad) < _MAX_TURN_PX
+        possible = possible and bool(np.count_nonzero(agree) > _AGREE * n_seen)
+        stands_out = possible and log_factor > -math.log(_KNOCKS)
         if not stands_out or len(self.unusual) >= _PATIENCE_FRAMES:
-            return self._learnt(turn, stands_out, chi2), None
-        return replace(self, unusual=(*self.unusual, turn)), turn
+            return self._learnt(rad, stands_out, chi2), None
+        return replace(self, unusual=(*self.unusual, rad)), agree
 
-    def _learnt(self, turn: Turn, stands_out: bool, chi2: float) -> "TurnWatch":
-        """Return the watch after a frame whose turn counts as usual, although it may stand out."""
-        square = np.outer(turn.rad, turn.rad)
+    def _learnt(self, rad: Array, stands_out: bool, chi2: float) -> "TurnWatch":
+        """Return the watch after a frame whose turn (3,) counts as usual, although it may stand out."""
+        square = rad[:, None] * rad
         if stands_out:
             return replace(self, usual=self.usual + square, unusual=())
         frames = min(self.frames + 1, MEMORY_FRAMES)

@@ -67,10 +67,13 @@ class Timing:
         (6,): how far off the twist may be. Also returns the covariance (3, 3) of turns of the right camera that
         delay and rows feign. Of an exact rig nothing is unknown, and this is not asked.
         """
+        of_core = self.projection.pinholes, self.of_core(twist), rows.of_core
+        return core.unknown_errors(*of_core, before, now, z_px, twist, std_twist)
+
+    def of_core(self, twist: Array) -> tuple[tuple[tuple[int, int], Array], Array, Array, Array]:
+        """The timing as the compiled core takes it; `twist` (6,): of the points now."""
         at_first = twist if self.twist is None else self.twist  # nothing better is known of the first frame
-        timing = self.row_of.of_core, self.mean, self.cov, at_first
-        pinholes = self.projection.pinholes
-        return core.unknown_errors(pinholes, timing, rows.of_core, before, now, z_px, twist, std_twist)
+        return self.row_of.of_core, self.mean, self.cov, at_first
 
     def moved(self, twist: Array) -> "Timing":
         """Return the same after a frame with a twist (6,)."""

@@ -24,7 +24,6 @@ from .mono.parallax import update_by_parallax
 from .pair_check import Found
 from .prepared import PreparedImages
 from .repetition import rival_motion, still_repeats
-from .right_turn import Turn
 from .rough_motion import RoughMotion, find_rough_motion
 from .start_check import StartCheck
 from .state import FrontEndState, Setup
@@ -57,10 +56,10 @@ class Followed:
     other: SecondMotion | None = None
     settled: bool = False
 
-    def with_right_turned_back(self, views: AlignedViews, turn: Turn) -> "Followed":
-        """With right sides in `found` where they fit a turn of the right camera: such a pair is whole."""
+    def with_right_turned_back(self, views: AlignedViews, agree: NDArray[np.bool_]) -> "Followed":
+        """With right sides in `found` where they `agree` (n,) with a turn of the right camera: such a pair is whole."""
         assert self.found is not None
-        z_px = np.where(turn.agree[:, None], views.any_row_px, self.found.z_px)
+        z_px = np.where(agree[:, None], views.any_row_px, self.found.z_px)
         return replace(self, found=replace(self.found, z_px=z_px))
 
     def keep(self, rows: NDArray[np.bool_]) -> "Followed":
@@ -71,11 +70,13 @@ class Followed:
 @record
 class _Known:
     """Of the tracks (n) that were found in a frame, how they were `before`, with covariances `cov_points` (n, 4, 4) of
-    their points; `weight`: of all tracks that should have been found. `unknown_px` (n, 4, j): errors that all views
-    share, of delay, readout and rows, and `cov_turn` (3, 3) of turns that they feign; None of an exact rig."""
+    their points; their `weights` (n,), and `weight`: of all tracks that should have been found. `unknown_px`
+    (n, 4, j): errors that all views share, of delay, readout and rows, and `cov_turn` (3, 3) of turns that they feign;
+    None of an exact rig."""
 
     before: Tracks
     cov_points: Array
+    weights: Array
     weight: float
     unknown_px: Array | None = None
     cov_turn: Array | None = None
@@ -102,22 +103,20 @@ def follow(
     if state.rows_waiting is not None:
         state = replace(state, rows=learn_rows(state.rows, state.rows_waiting, twist), rows_waiting=None)
     views, expected = align(setup, state, images, state.tracks, rough, twist)
-    taken_px = state.timing.taken_out(views.points, twist)
-    views = views.without(taken_px)
-    weight = float(state.tracks.weights[expected].sum())
-    known = _known(setup, state, state.tracks.keep(views.rows), weight, views, rough.cam_from_previous, twist, dt_s)
-    state, motion = _resect(setup, state, known, views, rough.cam_from_previous, dt_s)
+    known = _known(setup, state, expected, views, rough.cam_from_previous, twist, dt_s)
+    motions = rough.cam_from_previous, predicted
+    state, motion = _resect(setup, state, known, views, *motions, dt_s)
     start = rough.cam_from_previous if motion is None else motion.cam_from_ref
-    state, turn = _judge_turn(state, known, views, start)
-    if turn is not None:
+    state, turned = _judge_turn(state, known, views, start)
+    if turned is not None:
         views = views.left_only()
-        state, motion = _resect(setup, state, known, views, rough.cam_from_previous, dt_s)
+        state, motion = _resect(setup, state, known, views, *motions, dt_s)
     if motion is None:
         return state, None
     aligners = learn_noise(state.aligners, motion, known.before.scale, views.z_px)
     state = replace(state, aligners=aligners, timing=state.timing.moved(twist))
-    state, followed = _advance(setup, state, known.before, views, taken_px, motion, rival, dt_s)
-    return state, followed if turn is None else followed.with_right_turned_back(views, turn)
+    state, followed = _advance(setup, state, known.before, views, motion, rival, dt_s)
+    return state, followed if turned is None else followed.with_right_turned_back(views, turned)
 
 
 def _likelier_of_alike(
@@ -128,11 +127,10 @@ def _likelier_of_alike(
     seen, found = (previous, images, state.tracks, rough), rough.cam_from_previous
     if state.ambiguity.repeats:
         return rough, state.ambiguity.other_than(found) if still_repeats(*seen) else None
-    rival = None if (state.tracks.agreed > 0).sum() >= _MANY else rival_motion(setup, *seen)
+    rival = None if np.count_nonzero(state.tracks.agreed) >= _MANY else rival_motion(setup, *seen)
     if rival is None:
         return rough, None
-    std = np.repeat(setup.std_acceleration, 3)
-    size = [np.linalg.norm(se3.log(m) / std) for m in (found, rival.cam_from_ref)]
+    size = [np.linalg.norm(se3.log(m) / setup.std_acceleration) for m in (found, rival.cam_from_ref)]
     if size[0] > size[1]:
         near = rival.cam_from_ref
         smaller = find_rough_motion(setup, state.aligners, previous, images, state.tracks, near, motion_known=True)
@@ -148,7 +146,7 @@ def learn_timing(projection: StereoProjection, state: FrontEndState, mean: Array
     if now.twist is None or (before.mean == now.mean).all():
         return state
     points = state.tracks.points
-    change_px = now.taken_out(points, now.twist) - before.taken_out(points, now.twist)
+    change_px = replace(now, mean=now.mean - before.mean).taken_out(points, now.twist)
     return replace(state, tracks=state.tracks.shifted(projection, change_px))
 
 
@@ -181,13 +179,13 @@ def _twist_now(velocity: Array, cam_from_previous: Array, dt_s: float) -> Array:
 def align(
     setup: Setup, state: FrontEndState, images: PreparedImages, tracks: Tracks, rough: RoughMotion, twist: Array
 ) -> tuple[AlignedViews, NDArray[np.bool_]]:
-    """Find the tracks (n) in the new images, near where a rough motion puts them, and the views of those found.
+    """Find the tracks (n) in the new images, near where a rough motion puts them: the views of those found.
 
     Also returns which of them (n,) should be in view. `twist` (6,): how the points move in the camera, per second.
     """
     wide, in_both = state.aligners.get(WIDE), not setup.projection.virtual_right
     has_wide = wide is not None and (tracks.scale == WIDE).any()
-    expected, rows, points, z_px, cov_px, any_row_px = core.align_tracks(
+    expected, rows, points, z_px, cov_px, any_row_px, taken_px = core.align_tracks(
         setup.projection.pinholes,
         tracks.of_core,
         tracks.slots,
@@ -199,73 +197,82 @@ def align(
         wide.of_core(images, in_both) if wide is not None and has_wide else None,
         state.rows_told.of_core,
         state.turn.rad,
+        state.timing.of_core(twist),
         twist,
     )
-    return AlignedViews(rows, points, z_px, cov_px, any_row_px), expected
+    return AlignedViews(rows, points, z_px, cov_px, any_row_px, taken_px), expected
 
 
 def _known(
     setup: Setup,
     state: FrontEndState,
-    before: Tracks,
-    weight: float,
+    expected: NDArray[np.bool_],
     views: AlignedViews,
     motion: Array,
     twist: Array,
     dt_s: float,
 ) -> _Known:
     """What is known of the tracks that were found, for a motion (4, 4) near the true one; see the record."""
-    now = views.points
-    drift_px = replace(before, points=now).drift_px(motion, setup.config.frontend.window_radius_px)
+    before, weights = state.tracks.keep(views.rows), state.tracks.weights
+    drift_px = core.template_drift(views.points, motion, before.scale, setup.config.frontend.window_radius_px)
     cov_points = before.cov_points(setup.projection, drift_px)
-    known = _Known(before, cov_points, weight)
+    known = _Known(before, cov_points, weights[views.rows], float(weights[expected].sum()))
     if state.turn_watch is None:
         return known
-    std_twist = np.repeat(setup.std_acceleration, 3) * dt_s
-    seen = before.points, now, views.z_px
+    seen = before.points, views.points, views.z_px
+    std_twist = setup.std_acceleration * dt_s
     unknown_px, cov_turn = state.timing.unknowns(state.rows_told, *seen, twist, std_twist)
     return replace(known, unknown_px=unknown_px, cov_turn=cov_turn)
 
 
 def _resect(
-    setup: Setup, state: FrontEndState, known: _Known, views: AlignedViews, start: Array, dt_s: float
+    setup: Setup,
+    state: FrontEndState,
+    known: _Known,
+    views: AlignedViews,
+    start: Array,
+    predicted: Array,
+    dt_s: float,
 ) -> tuple[FrontEndState, Resection | None]:
-    """The motion that the views found agree on; its gate says which tracks live on. None where too few agree."""
-    before, weights, gate_probability = known.before, known.before.weights, setup.config.robust.gate_probability
+    """The motion that the views found agree on; its gate says which tracks live on. None where too few agree.
+
+    It is sought from `start` (4, 4); `predicted` (4, 4): by the last velocity.
+    """
+    before, weights, gate_probability = known.before, known.weights, setup.config.robust.gate_probability
     seen = before.points, known.cov_points, views.z_px, views.cov_px
     point_views = PointViews(setup.projection, *seen, gate_probability, known.unknown_px)
-    motion = resect_views(point_views, start, weights, predicted=se3.exp(state.velocity * dt_s))
+    motion = resect_views(point_views, start, weights, predicted=predicted)
     if motion.ok and not state.start.is_over:
         motion = decided(before, point_views, weights, motion)
     agree = motion.ok and weights[motion.accepted].sum() >= _MIN_AGREEMENT * known.weight
-    hidden = _is_background_hidden(setup, state, before, motion, dt_s)
+    hidden = _is_background_hidden(setup, state, before, motion, predicted, dt_s)
     state = replace(state, background_hidden=hidden or (state.background_hidden and not agree))
     return state, motion if agree and not hidden else None
 
 
 def _judge_turn(
     state: FrontEndState, known: _Known, views: AlignedViews, cam_from_previous: Array
-) -> tuple[FrontEndState, Turn | None]:
-    """The turn of the right camera that the frame shows, if it is an unusual one."""
+) -> tuple[FrontEndState, NDArray[np.bool_] | None]:
+    """Which of the views (n,) agree with a turn of the right camera, where the frame shows an unusual one."""
     if state.turn_watch is None or known.cov_turn is None:
         return state, None
     seen = known.before.points, known.cov_points, views.any_row_px, views.cov_px
-    watch, turn = state.turn_watch.judge(*seen, cam_from_previous, known.cov_turn)
-    return replace(state, turn_watch=watch), turn
+    watch, agree = state.turn_watch.judge(*seen, cam_from_previous, known.cov_turn)
+    return replace(state, turn_watch=watch), agree
 
 
 def _is_background_hidden(
-    setup: Setup, state: FrontEndState, found: Tracks, motion: Resection, dt_s: float
+    setup: Setup, state: FrontEndState, found: Tracks, motion: Resection, predicted: Array, dt_s: float
 ) -> bool:
     """Whether the tracks found (n,) are mostly of things that move by themselves, and so is their motion."""
     trusted, agree = found.agreed > 0, motion.accepted
-    needed = min(_MANY, 0.5 * (state.tracks.agreed > 0).sum())
-    if (agree & trusted).sum() >= needed:
+    needed = min(_MANY, 0.5 * np.count_nonzero(state.tracks.agreed))
+    if np.count_nonzero(agree & trusted) >= needed:
         return False
-    apart = np.abs(se3.log(se3.exp(-state.velocity * dt_s) @ motion.cam_from_ref)).reshape(2, 3).max(axis=1)
+    apart = np.abs(se3.log(se3.inverse(predicted) @ motion.cam_from_ref))
     # beyond what the last velocity and the assumed acceleration allow
     jumps = bool((apart > _JUMP * setup.std_acceleration * dt_s**2).any())
-    return bool((state.background_hidden or jumps) and (agree & ~trusted).sum() >= _MANY)
+    return (state.background_hidden or jumps) and int(np.count_nonzero(agree & ~trusted)) >= _MANY
 
 
 def _advance(
@@ -273,25 +280,21 @@ def _advance(
     state: FrontEndState,
     before: Tracks,
     views: AlignedViews,
-    taken_px: Array,
     motion: Resection,
     rival: SecondMotion | None,
     dt_s: float,
 ) -> tuple[FrontEndState, Followed]:
     """Move on to this frame, each track found put where it was seen: those that agree with it, or a second motion.
 
-    `taken_px` (n, 4): what was taken out of the views, which are handed out as they were seen. `rival`: a motion that
-    looks the same.
+    Views are handed out as they were seen. `rival`: a motion that looks the same.
     """
     projection = setup.projection
     cam_from_start = se3.orthonormalise(motion.cam_from_ref @ state.cam_from_start)
-    kept = motion.accepted.copy()
-    if motion.second is not None:
-        kept |= motion.second.views
-    rows = np.flatnonzero(kept)
+    kept = motion.accepted if motion.second is None else motion.accepted | motion.second.views
+    rows = kept.nonzero()[0]
     # where most views fit badly the frame itself is poor, blurred for instance, and not full of outliers
     z_px, cov_px = rows_of(views.z_px, rows), motion.spread * rows_of(views.cov_px, rows)
-    seen_px, now = z_px + rows_of(taken_px, rows), before.keep(rows)
+    seen_px, now = z_px + rows_of(views.taken_px, rows), before.keep(rows)
     if projection.virtual_right:
         now = update_by_parallax(projection, now.moved(motion.cam_from_ref), z_px, cov_px, cam_from_start)
     else:
@@ -299,11 +302,11 @@ def _advance(
     now = replace(now, left_px=seen_px[:, :2].copy())
     start = state.start
     ambiguity, other, settled = state.ambiguity.after(motion, before.agreed, rival)
-    found = _found(setup, before, views, motion)
+    found = Found(before, views.z_px, views.cov_px, motion)
     if other is None and not start.is_over:  # of another motion it is said already that it may be that of a body
         # what lies before the points that agree may move by itself, and says nothing about them
         counts = motion.accepted | (depth_order(before, before.keep(motion.accepted)) >= 0)
-        start = start.after(found.ids[counts], motion.accepted[counts])
+        start = start.after(before.ids[counts], motion.accepted[counts])
     state = replace(
         state,
         tracks=now.judged(motion.accepted[kept], ambiguous=other is not None),
@@ -313,10 +316,3 @@ def _advance(
         start=start,
     )
     return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, other, settled)
-
-
-def _found(setup: Setup, before: Tracks, views: AlignedViews, motion: Resection) -> Found:
-    """The tracks found (n), as they were `before` the frame."""
-    radius_px = before.scale * setup.config.frontend.window_radius_px
-    covs = before.cov_points(setup.projection)
-    return Found(before.ids, before.points, covs, views.z_px, views.cov_px, radius_px, motion)

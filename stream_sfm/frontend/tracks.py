@@ -90,7 +90,7 @@ class Tracks:
 
     def missing(self, wanted: int) -> int:
         """How many tracks of ordinary templates more there should be."""
-        return wanted - int((self.scale == 1).sum())
+        return wanted - int(np.count_nonzero(self.scale == 1))
 
     def append(self, other: "Tracks") -> "Tracks":
         """These rows, then the other's; the other's ids must be larger."""

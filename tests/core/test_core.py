@@ -29,6 +29,7 @@ FIELD, MOVES = RNG.normal(size=(N, 3)), RNG.normal(size=(4, 2))
 GRID = (np.arange(3.0), np.arange(2.0), 8.0, np.eye(6))
 ROWS = ((80.0, 60.0), GRID, np.ones(13), np.eye(13), 0.2, 2.0)
 EXPOSED = ((80.0, 60.0), RNG.normal(size=(2, 3, 3)))
+TIMING = (EXPOSED, np.ones(2), np.eye(2), np.ones(6))
 TEMPLATES = (1, 4, 2, 3.0, 20.0, 4.0, 1.0)
 RULES = ((80.0, 60.0), 0.8, 2.0, 4, 0.1, False, False)
 TRACKS = (POINTS, np.ones(N), COV[:, :2, :2], MOTIONS, STARTS, np.ones(N, int))
@@ -75,7 +76,7 @@ CALLS = {
         *(PINHOLES, (*TRACKS[:5], 1 + 3 * (SLOTS % 2)), SLOTS, np.eye(4), np.eye(4), INNER / 1.0, SLOTS < 9),
         (BYTES, BYTES, BYTES_STORED, BYTES > 0, TEMPLATES),
         (IMAGE, None, STORED, IMAGE > 0, (4, *TEMPLATES[1:])),
-        *(ROWS, np.ones(3), np.ones(6)),
+        *(ROWS, np.ones(3), TIMING, np.ones(6)),
     ),
     "effects_of_turn": (PINHOLES, STARTS),
     "twists": (MOTIONS, np.arange(N) / 10),
@@ -83,7 +84,7 @@ CALLS = {
     "timed_views": (PINHOLES, POINTS, np.ones((N, 6)), VIEWS),
     "timing_unknowns": (PINHOLES, *2 * ((POINTS, np.ones((1, 6)), VIEWS),), np.eye(2), np.ones(2), np.ones(6)),
     "unknown_errors": (
-        *(PINHOLES, (EXPOSED, np.ones(2), np.eye(2), np.ones(6)), ROWS, POINTS, POINTS, VIEWS),
+        *(PINHOLES, TIMING, ROWS, POINTS, POINTS, VIEWS),
         *(np.ones(6), np.ones(6)),
     ),
     "shifts_by_timing": (PINHOLES, EXPOSED, POINTS, np.ones(6), np.ones(2)),
