@@ -40,7 +40,8 @@ class Views:
         return float(multivariate_normal.logpdf(self.z, np.zeros(len(self.z)), self.evidence_cov(size)))
 
 
-MAY_BE_ZERO = {(FOCAL,): 0.05, (DELAY,): 0.05, (READOUT,): 0.05, TURNING: 0.005, (FOCUSING,): 0.005}
+MAY_BE_ZERO = ((FOCAL,), (DELAY,), (READOUT,), TURNING, (FOCUSING,))
+ODDS = 0.2  # of each, that it is not
 
 
 def considered(views: "Views", size: Array) -> tuple[Array, Array]:
@@ -58,7 +59,7 @@ def combinations(views: "Views", size: Array) -> tuple[list[float], list[Array]]
         at = [TERMS.index(name) for names, none in zip(MAY_BE_ZERO, zero, strict=True) if none for name in names]
         without, free = size.copy(), size.copy()
         without[at], free[at] = 0.0, 1.0
-        prior = np.prod([odds for odds, none in zip(MAY_BE_ZERO.values(), zero, strict=True) if not none])
+        prior = ODDS ** zero.count(False)
         weights.append(prior * np.exp(views.log_evidence(without) - views.log_evidence(free)))
         sizes.append(without)
     return weights, sizes

@@ -84,11 +84,11 @@ class RigKnowledge:
     def judged(self, mean: Array, cov: Array, misfit: bool) -> tuple["RigKnowledge", Mixture]:
         """Return the knowledge that holds c at the mixture which N(`mean`, `cov`) from all views leads to.
 
-        In a `misfit` of images and calibration nothing is corrected, and everything counts.
+        In a `misfit` of images and calibration no more is corrected than before, and everything counts.
         """
         found = mixture(mean, cov, self.size, known_wrong=not self.steady)
         if misfit and self.steady:
-            found = Mixture(np.zeros(len(mean)), cov + np.outer(mean, mean), found.p_wrong)
+            found = Mixture(self.held, cov + np.outer(mean - self.held, mean - self.held), found.p_wrong)
         return changed(self, held=found.mean, cov_held=found.cov), found
 
     def likely_size(self, mean: Array, cov: Array, field_std_px: float) -> Array:
