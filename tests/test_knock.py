@@ -4,7 +4,6 @@ import json
 from functools import cache
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
@@ -14,10 +13,9 @@ from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import RigConfig
 from stream_sfm.evaluation.trajectory import nees_pose
 from stream_sfm.geometry import se3
-from stream_sfm.recording.log_writer import MessageWriter
 from stream_sfm.rig_model.terms import TERMS, TURNING
 from stream_sfm.run.compare import compare
-from stream_sfm.sources.profile import ProfileEncoder
+from tests.helpers.stereo_logs import LogWriter, infos_of, write_pair
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 
 FRAMES, KNOCK = 26, 12
@@ -127,14 +125,10 @@ def test_a_right_camera_that_turns_steadily_is_followed() -> None:
 
 @pytest.mark.slow
 def test_a_comparison_says_it_once_in_its_report_and_in_the_summary_of_each_method(tmp_path: Path) -> None:
-    encoder = ProfileEncoder(rig())
-    with MessageWriter(tmp_path / "knocked.mcap") as writer:
-        for frame in frames("yaw"):
-            for side, image in enumerate(frame.images):
-                png = cv2.imencode(".png", image)[1].tobytes()
-                for message in encoder.due_calibration(side, frame.stamp_ns):
-                    writer.write(message)
-                writer.write(encoder.image(side, frame.stamp_ns, png, "png"))
+    log = LogWriter(tmp_path / "knocked.mcap")
+    for frame in frames("yaw"):
+        write_pair(log, "foxglove", frame.stamp_ns, frame.images, infos_of(rig()))
+    log.close()
     methods = ("cross-frame", "frame-to-frame")
     compare(tmp_path / "knocked.mcap", tmp_path / "out", methods=methods)
     files = [tmp_path / "out" / "report.json", *(tmp_path / "out").rglob("summary.json")]

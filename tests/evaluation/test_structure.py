@@ -78,10 +78,8 @@ def test_median_and_tail_say_whether_few_points_decide_the_rms():
     std = 0.5 / (0.6355 * np.sqrt(len(points)))  # of a median, by the density there
     median = figures["local_structure_error_over_sigma_median"]
     assert median == pytest.approx(0.6745, abs=4 * std)
-    expected, tolerance = (
-        100 * (4 / len(points) + 0.0027),
-        400 * np.sqrt(0.0027 / len(points)),
-    )  # four standard errors
+    expected = 100 * (4 / len(points) + 0.0027)
+    tolerance = 400 * np.sqrt(0.0027 / len(points))  # four standard errors
     assert figures["local_structure_beyond_3_sigma_percent"] == pytest.approx(expected, abs=tolerance)
 
 

@@ -47,6 +47,13 @@ _TYPES = (
 )  # fmt: skip
 
 
+def write_bags(folder: Path) -> list[Path]:
+    """Bags of ROS 1, plain and compressed in two ways, and of ROS 2 in SQLite, plain and as a compressed file."""
+    old, new = (messages_of(write_log(folder / f"for_bag_{p}.mcap", Spec(profile=p))) for p in ("ros1", "ros2"))
+    bags = [write_bag1(folder / f"{c}.bag", old, c, 1 << 14) for c in ("none", "bz2", "lz4")]
+    return bags + [write_bag2(folder / f"bag_{n}", new, compression=c) for n, c in enumerate((None, "file"))]
+
+
 class Ammunition:
     """What attacks are made of, prepared once."""
 
@@ -67,9 +74,7 @@ class Ammunition:
         self.images = [bytes(cv2.imencode(kind, picture)[1]) for kind in (".png", ".jpg", ".webp")]
         self.images.append(bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1]))
         self.calibration = rig().to_toml()
-        old, new = (messages_of(write_log(folder / f"for_bag_{p}.mcap", Spec(profile=p))) for p in ("ros1", "ros2"))
-        self.bags = [write_bag1(folder / f"{c}.bag", old, c, 1 << 14) for c in ("none", "bz2", "lz4")]
-        self.bags += [write_bag2(folder / f"bag_{n}", new, compression=c) for n, c in enumerate((None, "file"))]
+        self.bags = write_bags(folder)
         self.run = folder / "run"
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             main(["replay", str(self.log), "--out", str(self.run), "-q", *_FAST])

@@ -9,9 +9,8 @@ import sys
 import pytest
 
 import stream_sfm as sfm
-from tests.faults.attacks import changed
-from tests.helpers.bags import messages_of, write_bag1, write_bag2
-from tests.helpers.stereo_logs import PERIOD_NS, START_NS, Spec, write_log
+from tests.faults.attacks import changed, write_bags
+from tests.helpers.stereo_logs import PERIOD_NS, START_NS
 
 STAMPS_NS = {START_NS + n * PERIOD_NS for n in range(12)}
 SEEDS = 60
@@ -20,16 +19,11 @@ SEEDS = 60
 @pytest.fixture(scope="module")
 def bags(tmp_path_factory):
     """The content of a bag of each kind."""
-    folder = tmp_path_factory.mktemp("bags")
-    old, new = (messages_of(write_log(folder / f"{p}.mcap", Spec(profile=p))) for p in ("ros1", "ros2"))
-    content = {
-        f"walk.{compression}.bag": write_bag1(folder / f"{compression}.bag", old, compression, 1 << 14).read_bytes()
-        for compression in ("none", "bz2", "lz4")
-    }
-    return content | {"walk.db3": (write_bag2(folder / "walk", new) / "walk.db3").read_bytes()}
+    *files, folder, _ = write_bags(tmp_path_factory.mktemp("bags"))
+    return {path.name: path.read_bytes() for path in files} | {"walk.db3": (folder / "bag_0.db3").read_bytes()}
 
 
-@pytest.mark.parametrize("name", ["walk.none.bag", "walk.bz2.bag", "walk.lz4.bag", "walk.db3"])
+@pytest.mark.parametrize("name", ["none.bag", "bz2.bag", "lz4.bag", "walk.db3"])
 def test_damage_costs_what_it_hits_and_nothing_else_is_raised(name, bags, tmp_path):
     path = tmp_path / name
     whole = 0

@@ -82,15 +82,21 @@ def write_euroc(folder: Path, right_frames: int = 2) -> np.ndarray:
         for s in kept:
             write_picture(mav / name / "data" / f"{s}.png")
     world_from_body = se3.exp(RNG.normal(size=(4, 6)))
-    quats = se3.quat_xyzw_from_matrix(world_from_body[:, :3, :3])
-    stamps = [EUROC_STAMPS_NS[0] - 5, *EUROC_STAMPS_NS]
-    rows = [
-        ",".join(map(repr, [s, *p.tolist(), q[3].item(), *q[:3].tolist(), 0.1, 0.0, 0.0]))
-        for s, p, q in zip(stamps, world_from_body[:, :3, 3], quats, strict=True)
-    ]
     (mav / "state_groundtruth_estimate0").mkdir()
-    (mav / "state_groundtruth_estimate0" / "data.csv").write_text("#timestamp,...\n" + "\n".join(rows))
+    stamps = [EUROC_STAMPS_NS[0] - 5, *EUROC_STAMPS_NS]
+    write_euroc_truth(mav / "state_groundtruth_estimate0" / "data.csv", stamps, world_from_body)
     return world_from_body
+
+
+def write_euroc_truth(path: Path, stamps_ns: Sequence[int], world_from_body: np.ndarray) -> Path:
+    """A table of ground truth: stamp, position, quaternion w first, velocity."""
+    places, quats = (
+        world_from_body[:, :3, 3].tolist(),
+        se3.quat_xyzw_from_matrix(world_from_body[:, :3, :3]).tolist(),
+    )
+    rows = [[s, *p, q[3], *q[:3], 0.1, 0.0, 0.0] for s, p, q in zip(stamps_ns, places, quats, strict=True)]
+    path.write_text("#timestamp, p_RS_R_x [m], …\n" + "\n".join(",".join(map(repr, row)) for row in rows))
+    return path
 
 
 def intrinsics(camera: Camera) -> list[float]:

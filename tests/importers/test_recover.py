@@ -13,11 +13,6 @@ from tests.faults.damage import INDEXES, KINDS, trial, whole_log
 from tests.helpers.stereo_logs import CONTAINERS, Spec, write_log
 
 
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "log.mcap"
-
-
 def everything(path: Path) -> list[tuple[object, ...]]:
     """All that a file holds, by the mcap library."""
     with path.open("rb") as stream:
@@ -65,10 +60,9 @@ def test_of_a_whole_file_everything_is_copied(path: Path, tmp_path: Path, chunke
 @pytest.mark.parametrize("index", INDEXES)
 def test_of_a_damaged_file_what_is_read_is_copied(path: Path, tmp_path: Path, kind: str, index: str) -> None:
     whole = whole_log(write_log(tmp_path / "whole.mcap", Spec(), **CONTAINERS["zstd"]))
-    seed = next(
-        n for n in range(9) if trial(whole, index, kind, n, path).found
-    )  # not the first chunk's description
-    trial(whole, index, kind, seed, path)
+    assert any(
+        trial(whole, index, kind, seed, path).found for seed in range(9)
+    )  # the first that leaves a description
     damage = Damage()
     readable = [(m.channel.topic, m.log_time_ns, m.data) for m in LogFile(path).messages(damage)]
     recovered = sfm.recover(path, tmp_path / "out.mcap")

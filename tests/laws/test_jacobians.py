@@ -3,11 +3,7 @@
 import numpy as np
 
 from stream_sfm import core
-from stream_sfm.estimators.cross_frame.inverse_depth import (
-    State,
-    homogeneous_from_q,
-    linearise,
-)
+from stream_sfm.estimators.cross_frame.inverse_depth import State, homogeneous_from_q, linearise
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.model import RigEffects
@@ -76,10 +72,8 @@ def test_normal_equations_equal_those_of_a_numerical_jacobian():
     )
     frame, point = np.nonzero(RNG.random((frames, n)) < 0.8)
     v = len(frame)
-    roots, effects = (
-        RNG.normal(size=(v, 4, 4)),
-        RigEffects(RNG.normal(size=(v, 4, terms)), RNG.normal(size=(v, basis))),
-    )
+    roots = RNG.normal(size=(v, 4, 4))
+    effects = RigEffects(RNG.normal(size=(v, 4, terms)), RNG.normal(size=(v, basis)))
     m = terms + effects.moves.shape[1] * basis
     views = window_views(frame, point, z[frame, point], roots, effects)
     rig_error = RNG.normal(size=m)

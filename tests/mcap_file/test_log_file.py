@@ -13,11 +13,6 @@ from stream_sfm.mcap_file.message import Damage
 from tests.helpers.stereo_logs import CONTAINERS, Spec, write_log
 
 
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "log.mcap"
-
-
 def two_topics(path: Path, chunks: int = 6, per_chunk: int = 3) -> list[bytes]:
     """A log whose chunks hold one topic each, in turn; returns the payloads."""
     payloads = []

@@ -5,7 +5,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
-from tests.helpers.data_sets import BODY_FROM_LEFT, write_euroc
+from tests.helpers.data_sets import BODY_FROM_LEFT, write_euroc, write_euroc_truth
 from tests.helpers.stereo_logs import PERIOD_NS, START_NS, LogWriter, Spec, write_log, write_transform
 
 RNG = np.random.default_rng(3)
@@ -39,12 +39,6 @@ def kitti(path, stamped):
     return path
 
 
-def euroc(path):
-    rows = [",".join(map(repr, [s, *p, q[3], *q[:3], 0.0])) for s, p, q in columns(POSES, STAMPS_NS)]
-    path.write_text("#timestamp, p_RS_R_x [m], …\n" + "\n".join(rows))
-    return path
-
-
 @pytest.fixture
 def log(tmp_path):
     return write_log(tmp_path / "log.mcap", Spec(truth=True))
@@ -71,8 +65,12 @@ def test_an_offset_moves_the_stamps(tmp_path, log):
 def test_the_body_of_euroc_is_placed_by_its_sensor_file(tmp_path, log):
     write_euroc(tmp_path / "MH")
     mav = tmp_path / "MH" / "mav0"
-    check(log, euroc(mav / "state_groundtruth_estimate0" / "data.csv"), POSES @ BODY_FROM_LEFT)
-    alone = euroc(tmp_path / "data.csv")
+    check(
+        log,
+        write_euroc_truth(mav / "state_groundtruth_estimate0" / "data.csv", STAMPS_NS, POSES),
+        POSES @ BODY_FROM_LEFT,
+    )
+    alone = write_euroc_truth(tmp_path / "data.csv", STAMPS_NS, POSES)
     check(log, sfm.GroundTruthFile(alone, mav / "cam0" / "sensor.yaml"), POSES @ BODY_FROM_LEFT)
     with pytest.raises(
         sfm.ConfigError, match=r"EuRoC's body, and .*cam0/sensor\.yaml is missing: name the frame"

@@ -48,17 +48,12 @@ def assert_same_frames(log: StereoLog, pairs: Pairs) -> None:
 
 
 @pytest.mark.parametrize("ending", [".mkv", ".avi"])
-def test_a_folder_with_a_video_of_each_side(
-    ending: str, pairs: Pairs, calibration: Path, tmp_path: Path, cli
-) -> None:
+def test_a_folder_with_a_video_of_each_side(ending: str, pairs: Pairs, calibration: Path, tmp_path: Path) -> None:
     for n, side in enumerate(("left", "right")):
         write(tmp_path / f"v/{side}{ending}", [p[n] for p in pairs])
     log = sfm.open_log(tmp_path / "v", calibration=calibration)
     assert_same_frames(log, pairs)
     assert log.stats.complete
-    with pytest.raises(sfm.LogError, match="has no calibration for topic /camera/left/image") as caught:
-        sfm.open_log(tmp_path / "v")
-    assert caught.value.hint == ("calibration",)
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -109,7 +104,5 @@ def test_a_video_without_a_calibration_is_told_from_damage(ending: str, codec: s
     said = cli("replay", video, "--out", tmp_path / "out", code=3).err
     assert "is a video: give the calibration of its images" in said and "--calibration" in said
     (tmp_path / f"t{ending}").write_bytes(video.read_bytes()[:100])
-    assert (
-        f"t{ending} is not a video that OpenCV can decode: convert it"
-        in cli("inspect", tmp_path / f"t{ending}", code=3).err
-    )
+    said = cli("inspect", tmp_path / f"t{ending}", code=3).err
+    assert f"t{ending} is not a video that OpenCV can decode: convert it" in said
