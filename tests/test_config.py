@@ -134,7 +134,7 @@ def test_what_is_made_in_python_is_what_is_read(tmp_path) -> None:
     assert read_config(tmp_path / "c.toml") == made
 
 
-def test_a_setting_may_be_in_its_section_or_in_that_of_experts_but_not_in_both(tmp_path) -> None:
+def test_a_setting_may_be_in_its_section_or_in_that_of_experts_but_not_in_both() -> None:
     config = read_config(None, ["expert.window.max_iterations=3", "frontend.smoothing_px=2"])
     assert (config.window.max_iterations, config.frontend.smoothing_px) == (3, 2.0)
     with pytest.raises(sfm.ConfigError, match=r"window\.frames is set twice, also as expert\.window\.frames"):

@@ -10,7 +10,7 @@ from stream_sfm import Camera, ConfigError, MonoRig, StereoRig, open_log
 from stream_sfm.camera.calibration.document import make_camera
 from stream_sfm.camera.lens import project_into_image
 from stream_sfm.geometry import se3
-from tests.helpers.data_sets import kalibr, matrix_rows, sensor_yaml
+from tests.helpers.data_sets import kalibr, kitti_projection, matrix_rows, sensor_yaml
 from tests.helpers.stereo_logs import HEIGHT, WIDTH, Spec, write_log
 
 RNG = np.random.default_rng(8)
@@ -27,7 +27,7 @@ KALIBR = kalibr(BOTH, POSE)
 BODY_FROM_LEFT = se3.exp(RNG.normal(size=6) * 0.3)
 
 
-def camera_info(camera, name, r, p, model="plumb_bob"):
+def camera_info(camera, name, r, p):
     def matrix(key, m, shape):
         return f"{key}:\n  rows: {shape[0]}\n  cols: {shape[1]}\n  data: {np.ravel(m).tolist()}\n"
 
@@ -35,7 +35,7 @@ def camera_info(camera, name, r, p, model="plumb_bob"):
     return (
         f"image_width: {camera.width}\nimage_height: {camera.height}\ncamera_name: {name}\n"
         + matrix("camera_matrix", camera.K, (3, 3))
-        + f"distortion_model: {model}\n"
+        + "distortion_model: plumb_bob\n"
         + matrix("distortion_coefficients", d, (1, 5))
         + matrix("rectification_matrix", r, (3, 3))
         + matrix("projection_matrix", p, (3, 4))
@@ -268,9 +268,7 @@ def test_opencv_names_of_the_documentation(tmp_path):
 
 def test_kitti_projections_take_the_size_from_the_images(tmp_path):
     k = np.array([[718.856, 0, 607.1928], [0, 718.856, 185.2157], [0, 0, 1]])
-    offsets = {0: 0.0, 1: -0.5372, 2: 0.06, 3: -0.47}
-    projections = {n: k @ np.c_[np.eye(3), [x, 0, 0]] for n, x in offsets.items()}
-    lines = [f"P{n}: " + " ".join(repr(float(x)) for x in p.ravel()) for n, p in projections.items()]
+    lines = [f"P{n}: {kitti_projection((x, 0, 0), k)}" for n, x in enumerate((0.0, -0.5372, 0.06, -0.47))]
     path = write(tmp_path / "calib.txt", "\n".join([*lines, f"Tr: {' '.join(['0.1'] * 12)}"]) + "\n")
     camera = Camera(1241, 376, k, (), "none")
     pose = se3.from_rotation_translation(np.eye(3), np.array([-0.5372, 0, 0]))

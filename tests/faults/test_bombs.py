@@ -70,8 +70,8 @@ def read(path: Path) -> tuple[int, str]:
     return count, " ".join(log.stats.warnings)
 
 
-def png(width: int = 64, height: int = 48) -> bytes:
-    return bytes(cv2.imencode(".png", scene(0, 0)[:height, :width])[1])
+def png() -> bytes:
+    return bytes(cv2.imencode(".png", scene(0, 0)[:48, :64])[1])
 
 
 def png_chunk(kind: bytes, content: bytes, length: int | None = None) -> bytes:

@@ -20,7 +20,6 @@ from stream_sfm.results.estimates_reader import read_estimates
 from stream_sfm.run.replay import replay
 from stream_sfm.sources.pose_files import read_tum
 from tests.helpers.sinks import Calling
-from tests.helpers.trajectories import read_trajectory
 from tests.helpers.wall_log import write_wall_log
 
 FAST = sfm.Config(method="frame-to-frame")
@@ -95,7 +94,7 @@ def test_kills_cost_a_second_each(log, whole, processes, tmp_path):
             path.unlink()
     again = replay(log, out, FAST)
     assert sorted(p.name for p in out.iterdir()) == sorted(RESULTS)
-    assert len(read_trajectory(out / "estimates.mcap")) == len(whole) == len(again.trajectory)
+    assert len(sfm.read_results(out)) == len(whole) == len(again.trajectory)
 
 
 @pytest.mark.parametrize("size", [2_000, 20_000, 250_000])

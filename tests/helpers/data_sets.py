@@ -14,6 +14,7 @@ from stream_sfm.geometry import se3
 RNG = np.random.default_rng(5)
 WIDTH, HEIGHT = 64, 48
 K = np.array([[60.0, 0, 31], [0, 61.0, 24], [0, 0, 1]])
+KITTI_K = np.array([[70.0, 0, 32], [0, 70.0, 24], [0, 0, 1]])
 EUROC_CAMERA = Camera(
     WIDTH, HEIGHT, np.array([[60.1, 0, 31.5], [0, 60.2, 23.5], [0, 0, 1]]), (-0.28, 0.07, 0.0002, 1.7e-05)
 )
@@ -49,34 +50,38 @@ def write_kitti(
     offsets: Sequence[Sequence[float]] = ((0, 0, 0), (-0.54, 0, 0)),
 ) -> np.ndarray:
     """A sequence of three frames; returns the poses of camera 0."""
-    k = np.array([[70.0, 0, 32], [0, 70.0, 24], [0, 0, 1]])
     first = int(images[0][-1])
-    text = "".join(
-        f"P{first + i}: " + " ".join(repr(float(x)) for x in (k @ np.c_[np.eye(3), o]).ravel()) + "\n"
-        for i, o in enumerate(offsets)
-    )
     folder.mkdir(parents=True)
-    (folder / "calib.txt").write_text(text)
+    rows = [f"P{first + i}: {kitti_projection(offset)}\n" for i, offset in enumerate(offsets)]
+    (folder / "calib.txt").write_text("".join(rows))
     (folder / "times.txt").write_text("0.000000e+00\n1.036224e-01\n2.072869e-01\n")
     for name in images:
         for n in range(3):
             write_picture(folder / name / f"{n:06d}.png")
     poses = se3.exp(RNG.normal(size=(3, 6)) * 0.2)
     poses[0] = np.eye(4)
-    (folder / "poses.txt").write_text(
-        "".join(" ".join(repr(float(x)) for x in p[:3].ravel()) + "\n" for p in poses)
-    )
+    (folder / "poses.txt").write_text("".join(f"{numbers(pose[:3])}\n" for pose in poses))
     return poses
 
 
-def write_euroc(folder: Path, right_frames: int = 2) -> np.ndarray:
-    """A recording of three left and so many right images; returns the four poses of the body."""
+def numbers(values: np.ndarray) -> str:
+    """In one line, exact."""
+    return " ".join(map(repr, np.ravel(values).astype(float).tolist()))
+
+
+def kitti_projection(offset_m: Sequence[float], k: np.ndarray = KITTI_K) -> str:
+    """The projection of a rectified camera that is moved by so much, as KITTI writes it."""
+    return numbers(k @ np.c_[np.eye(3), offset_m])
+
+
+def write_euroc(folder: Path) -> np.ndarray:
+    """A recording of three left and two right images; returns the four poses of the body."""
     mav = folder / "mav0"
     body_from_right = BODY_FROM_LEFT @ se3.inverse(RIGHT_FROM_LEFT)
     for name, pose in (("cam0", BODY_FROM_LEFT), ("cam1", body_from_right)):
         (mav / name).mkdir(parents=True)
         (mav / name / "sensor.yaml").write_text(sensor_yaml(EUROC_CAMERA, pose))
-        kept = EUROC_STAMPS_NS if name == "cam0" else EUROC_STAMPS_NS[:right_frames]
+        kept = EUROC_STAMPS_NS if name == "cam0" else EUROC_STAMPS_NS[:2]
         table = "".join(f"{s},{s}.png\r\n" for s in kept)
         (mav / name / "data.csv").write_text("#timestamp [ns],filename\r\n" + table, newline="")
         for s in kept:
@@ -163,12 +168,10 @@ def write_kitti_raw(date: Path) -> Path:
             write_picture(drive / f"image_0{n}" / "data" / f"{i:010d}.png")
         times = "".join(f"2011-09-26 13:02:25.{t}\n" for t in ("594360375", "697915000", "801500000"))
         (drive / f"image_0{n}" / "timestamps.txt").write_text(times)
-    k = np.array([[70.0, 0, 32], [0, 70.0, 24], [0, 0, 1]])
     rows = ["calib_time: 09-Jan-2012 13:57:47", "corner_dist: 9.950000e-02"]
     for n, x in enumerate((0.0, -0.54)):
-        numbers = " ".join(repr(float(v)) for v in (k @ np.c_[np.eye(3), [x, 0, 0]]).ravel())
         rows += [f"S_0{n}: 1.392000e+03 5.120000e+02", f"D_0{n}: -3.7e-01 2.0e-01 1.3e-03 1.2e-03 -7.2e-02"]
-        rows += [f"S_rect_0{n}: 6.4e+01 4.8e+01", f"P_rect_0{n}: {numbers}"]
+        rows += [f"S_rect_0{n}: 6.4e+01 4.8e+01", f"P_rect_0{n}: {kitti_projection((x, 0, 0))}"]
     (date / "calib_cam_to_cam.txt").write_text("\n".join(rows) + "\n")
     return drive
 
@@ -182,6 +185,5 @@ def write_tartanair(folder: Path, names: tuple[str, str, str]) -> np.ndarray:
     body_from_cam = se3.from_rotation_translation(np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0.0]]), np.zeros(3))
     ned = body_from_cam @ camera_path @ se3.inverse(body_from_cam)
     quats = se3.quat_xyzw_from_matrix(ned[:, :3, :3])
-    lines = (" ".join(repr(float(x)) for x in [*p, *q]) for p, q in zip(ned[:, :3, 3], quats, strict=True))
-    (folder / names[2]).write_text("\n".join(lines) + "\n")
+    (folder / names[2]).write_text("".join(f"{numbers(row)}\n" for row in np.c_[ned[:, :3, 3], quats]))
     return camera_path

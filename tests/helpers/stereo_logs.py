@@ -97,11 +97,8 @@ class Spec:
     topics: tuple[str, str] = ("/camera/left/image", "/camera/right/image")
     info_topics: tuple[str, str] = ("/camera/left/calibration", "/camera/right/calibration")
     infos: tuple[Calib | None, Calib | None] = field(default_factory=lambda: (Calib(), right_calib()))
-    info_at: tuple[int, ...] = (0,)  # frames before which the calibration is sent
     left: tuple[int, ...] = tuple(range(12))  # numbers of the frames that were recorded on each side
     right: tuple[int, ...] = tuple(range(12))
-    right_offset_ns: int = 0
-    swap: bool = False  # the images, not the calibration
     truth: bool = False
     size: tuple[int, int] = (WIDTH, HEIGHT)
 
@@ -120,15 +117,13 @@ def encode(grey: np.ndarray, encoding: str) -> tuple[bytes, int, bool]:
     """Bytes, bytes a row (0: compressed) and big-endianness of a grey image in `encoding`."""
     width = grey.shape[1]
     if encoding in ("png", "jpeg", "webp"):
-        suffix = {"png": ".png", "jpeg": ".jpg", "webp": ".webp"}[encoding]
-        return cv2.imencode(suffix, grey)[1].tobytes(), 0, False
-    if encoding == "mono16":
-        return (grey.astype("<u2") * 16).tobytes(), 2 * width, False
-    if encoding == "mono16-be":
-        return (grey.astype(np.uint16) * 16).astype(">u2").tobytes(), 2 * width, True
+        return cv2.imencode(f".{encoding}", grey)[1].tobytes(), 0, False
+    if encoding.startswith("mono16"):
+        big = encoding.endswith("-be")
+        return (grey.astype(np.uint16) * 16).astype(">u2" if big else "<u2").tobytes(), 2 * width, big
     if encoding == "mono8-padded":
         return np.pad(grey, ((0, 0), (0, 5))).tobytes(), width + 5, False
-    if encoding in ("rgb8", "bgr8", "8UC3"):
+    if encoding in ("rgb8", "bgr8"):
         return np.repeat(grey[..., None], 3, axis=2).tobytes(), 3 * width, False
     if encoding == "bgr8-padded":
         colour = np.repeat(grey, 3, axis=1)
@@ -137,11 +132,11 @@ def encode(grey: np.ndarray, encoding: str) -> tuple[bytes, int, bool]:
         return grey.tobytes() + b"\x80" * (grey.size // 2), width, False
     if encoding in ("rgba8", "bgra8"):
         return np.repeat(grey[..., None], 4, axis=2).tobytes(), 4 * width, False
-    if encoding in ("yuv422", "uyvy"):
+    if encoding == "uyvy":
         return np.stack([np.full_like(grey, 128), grey], axis=2).tobytes(), 2 * width, False
-    if encoding in ("yuyv", "yuv422_yuy2"):
+    if encoding == "yuv422_yuy2":
         return np.stack([grey, np.full_like(grey, 128)], axis=2).tobytes(), 2 * width, False
-    return grey.tobytes(), width, False  # mono8, 8UC1, bayer_*
+    return grey.tobytes(), width, False  # mono8, bayer_*, and what is refused
 
 
 class LogWriter:
@@ -300,13 +295,12 @@ def write_log(path: Path, spec: Spec | None = None, **container: Any) -> Path:
     for n in range(max((*spec.left, *spec.right), default=-1) + 1):
         time = START_NS + n * PERIOD_NS
         for topic, info in zip(spec.info_topics, spec.infos, strict=True):
-            if n in spec.info_at and info is not None:
+            if n == 0 and info is not None:
                 write_info(log, spec.profile, topic, time, info)
         for side, numbers in enumerate((spec.left, spec.right)):
             if n in numbers:
-                grey = scene(n, side ^ spec.swap, spec.size)
-                stamp = time + spec.right_offset_ns * side
-                write_image(log, spec.profile, spec.topics[side], stamp, grey, spec.encoding)
+                grey = scene(n, side, spec.size)
+                write_image(log, spec.profile, spec.topics[side], time, grey, spec.encoding)
         if spec.truth:
             pose, depth = np.eye(4), np.full((HEIGHT, WIDTH), 20000, np.uint16)
             pose[0, 3], depth[0, 0] = 0.05 * n, 0

@@ -21,7 +21,7 @@ def projection() -> StereoProjection:
     return Rectifier(rig()).projection
 
 
-def seen(wall: Wall, pose: np.ndarray, projection: StereoProjection, noise: float = 1.5) -> Seen:
+def seen(wall: Wall, pose: np.ndarray, projection: StereoProjection) -> Seen:
     """A keyframe of the wall from a pose, with points on a grid that err as views of STD_PX."""
     stereo = rig()
     frame = wall.frame(stereo, pose, 0)

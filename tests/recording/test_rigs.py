@@ -96,8 +96,8 @@ def test_one_frame_for_both_cameras_has_no_baseline(path):
         open_log(transforms(path, ("left", "right", LEFT_FROM_RIGHT), frames=("left", "left")))
 
 
-def attach(path, text, name="calibration.toml", **spec):
-    """A log with an attachment beside the calibration messages of `spec`."""
+def attach(path, text, name="calibration.toml"):
+    """A log with an attachment beside calibration messages."""
     log = LogWriter(path)
     log.writer.add_attachment(0, 0, name, "application/toml", text.encode())
     for i in range(3):

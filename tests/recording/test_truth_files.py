@@ -23,8 +23,8 @@ def columns(poses, stamps):
     return zip(stamps, poses[:, :3, 3].tolist(), quats, strict=True)
 
 
-def tum(path, poses=POSES, stamps=STAMPS_NS):
-    rows = [" ".join([seconds(s), *map(repr, [*p, *q])]) for s, p, q in columns(poses, stamps)]
+def tum(path, stamps=STAMPS_NS):
+    rows = [" ".join([seconds(s), *map(repr, [*p, *q])]) for s, p, q in columns(POSES, stamps)]
     path.write_text("# timestamp tx ty tz qx qy qz qw\n" + "\n".join(rows) + "\n")
     return path
 
@@ -65,11 +65,8 @@ def test_an_offset_moves_the_stamps(tmp_path, log):
 def test_the_body_of_euroc_is_placed_by_its_sensor_file(tmp_path, log):
     write_euroc(tmp_path / "MH")
     mav = tmp_path / "MH" / "mav0"
-    check(
-        log,
-        write_euroc_truth(mav / "state_groundtruth_estimate0" / "data.csv", STAMPS_NS, POSES),
-        POSES @ BODY_FROM_LEFT,
-    )
+    truth = write_euroc_truth(mav / "state_groundtruth_estimate0" / "data.csv", STAMPS_NS, POSES)
+    check(log, truth, POSES @ BODY_FROM_LEFT)
     alone = write_euroc_truth(tmp_path / "data.csv", STAMPS_NS, POSES)
     check(log, sfm.GroundTruthFile(alone, mav / "cam0" / "sensor.yaml"), POSES @ BODY_FROM_LEFT)
     with pytest.raises(

@@ -13,11 +13,10 @@ from stream_sfm.errors import ConfigError
 from stream_sfm.geometry import se3
 from stream_sfm.motion import Odometry
 from stream_sfm.results.estimate_messages import PathSoFar
-from stream_sfm.results.estimates_reader import read_clouds
+from stream_sfm.results.estimates_reader import read_clouds, read_estimates
 from stream_sfm.results.frames import RosFrames, fixed_axis_covariance
 from stream_sfm.results.ros_messages import POINT_DTYPE
 from stream_sfm.types import FrameEstimate, RelativeMotions
-from tests.helpers.trajectories import read_trajectory
 from tests.results.test_estimates import estimate, matrix, write
 
 ON_ROBOT = {"camera_x_m": 0.3, "camera_z_m": 0.5, "camera_pitch_deg": 90}
@@ -93,8 +92,8 @@ def test_the_chain_of_transforms_is_the_motion_of_the_camera(robot: Path) -> Non
         assert np.allclose(world_from_cam, base_from_cam @ moving(i).world_from_cam, atol=1e-12)
     assert {cloud.frame_id for cloud in read_clouds(robot)} == {"cam0"}
     assert {cloud.frame_id for cloud in read_clouds(robot, "/stream_sfm/map")} == {"earth"}
-    own = read_trajectory(robot)  # is not touched
-    assert np.array_equal(own.world_from_cam, [moving(i).world_from_cam for i in range(5)])
+    own = [record.world_from_cam for record in read_estimates(robot)]  # is not touched
+    assert np.array_equal(own, [moving(i).world_from_cam for i in range(5)])
 
 
 def test_the_velocity_is_that_by_which_the_robot_moves(robot: Path) -> None:

@@ -21,7 +21,6 @@ from stream_sfm.sources.pose_files import read_tum
 from tests.helpers.places import ROOM
 from tests.helpers.same_results import assert_same_results, estimate_messages
 from tests.helpers.sinks import Calling
-from tests.helpers.trajectories import read_trajectory
 from tests.helpers.wall_log import write_wall_log
 
 FILES = {"estimates.mcap", "summary.json", "config.toml", "metadata.yaml"} | {
@@ -54,7 +53,7 @@ def test_a_replay_writes_its_files_and_nothing_else(replayed):
 
 
 def test_the_files_hold_the_poses_of_the_run(replayed):
-    exact, ours = read_trajectory(replayed.out_dir / "estimates.mcap"), replayed.trajectory
+    exact, ours = sfm.read_results(replayed.out_dir), replayed.trajectory
     for name in ("stamps_ns", "world_from_cam", "cov_pose"):
         assert (getattr(exact, name) == getattr(ours, name)).all()
     assert np.allclose(read_tum(replayed.out_dir / "trajectory.tum").world_from_cam, ours.world_from_cam, atol=1e-9)
@@ -102,7 +101,7 @@ def test_a_failing_sink_loses_nothing_and_does_not_take_the_others_with_it(
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["complete"] is False and summary["frames"]["estimated"] == 3
     assert any(str(error) in w for w in summary["warnings"])
-    assert len(read_trajectory(tmp_path / "out" / "estimates.mcap")) == 3
+    assert len(sfm.read_results(tmp_path / "out")) == 3
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
