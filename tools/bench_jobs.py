@@ -49,7 +49,7 @@ def stages() -> dict[str, list[tuple[Any, str]]]:
 
     return {
         "rectify": [(Rectifier, "rectify")],
-        "track": [(rough_motion, "track"), (tracker, "_align")],
+        "track": [(rough_motion, "track"), (tracker, "align")],
         "PnP": [(tracker, "resect_views"), (window, "initial_motion")],
         "detect": [(new_points, "detect_missing")],
         "stereo": [(front_end, "begin_points")],  # detect included

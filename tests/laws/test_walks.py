@@ -1,4 +1,4 @@
-"""docs/walks.md leads along functions that exist, and they are short."""
+"""docs/walks.md leads along functions that exist, and they are short; the benchmark times functions that exist."""
 
 import ast
 import re
@@ -10,6 +10,7 @@ import pytest
 import stream_sfm
 from tests.helpers.places import ROOT
 from tests.laws.test_imports import LEVEL
+from tools.bench_jobs import stages
 
 PACKAGE = Path(stream_sfm.__file__).parent
 STEP = re.compile(r"^\| \d+ \| `([\w/.]+)` \| `([\w.]+)` \|", re.MULTILINE)
@@ -43,3 +44,8 @@ def test_a_walk_is_short_and_goes_down(walk, files, climbs):
     steps = [file for file, _ in STEP.findall(part)]
     levels = [LEVEL[file.split("/")[0].removesuffix(".py")] for file in steps]
     assert len(set(steps)) <= files and sum(a < b for a, b in pairwise(levels)) <= climbs
+
+
+def test_the_benchmark_times_functions_that_exist() -> None:
+    for stage, functions in stages().items():
+        assert all(callable(getattr(owner, name, None)) for owner, name in functions), stage
