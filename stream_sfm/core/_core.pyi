@@ -15,6 +15,9 @@ Field = tuple[Array, Array, float, Array]
 # What is known of rows: size of the image, field, amplitudes (7 + K,) of polynomial, delay and field with their
 # covariance, the scatter of matches and the largest difference of rows, px.
 Rows = tuple[tuple[float, float], Field, Array, Array, float, float]
+# Where right sides are sought: the pair, its rows, a turn (3,) rad of the right camera, which is taken out of what is
+# measured there, and the twist (6,) of the points, per second.
+RightSides = tuple[Pinholes, Rows, Array, Array]
 # In which rows of the cameras' own images views are: size of the rectified image, and coefficients (s, k, k) of one
 # polynomial for both sides or of one for each.
 ExposedRows = tuple[tuple[float, float], Array]
@@ -92,14 +95,15 @@ def match_new_points(
     right: Image,
     stored: Image,
     templates: TemplateKind,
+    right_sides: RightSides,
     corners_px: Pixels,
     slots: Pixels,
-    start_px: Array,
+    disparity_px: Array,
     tolerance_px: float,
     std_grey: float,
     max_apart_px: float,
 ) -> tuple[NDArray[np.int64], Array, Array, Array, Array]:
-    """Find corners of the left image, whole pixels (n, 2), in the right one, near starts (n, 2), in templates' pixels.
+    """Find corners of the left image, whole pixels (n, 2), in the right one, by disparities (n,), in templates' pixels.
 
     Their templates, in `slots` (n,) of `stored`, are aligned as if their surfaces faced the camera, within
     `tolerance_px` of the start; then with the slant that left and right patch clearly show, where `std_grey` is the
@@ -107,6 +111,22 @@ def match_new_points(
     alone, as a patch across a depth edge follows the stronger side. Returns of those that fit: their slots (m,); in
     image pixels, views (m, 4) with covariances (m, 4, 4), eq. (15); slopes (m, 2) = (∂d/∂u, ∂d/∂v) of the disparity;
     and how far apart (m,) whole patch and inner half are matched, at most `max_apart_px` of the templates.
+    """
+
+def place_new_points(
+    right_sides: RightSides,
+    timing: Timing,
+    z_px: Array,
+    cov_px: Array,
+    scale: float,
+    least_sigmas: float,
+    max_std_px: float,
+) -> tuple[NDArray[np.int64], Array, Array, Array]:
+    """Return which new views (n, 4) lie on their rows, in front of the cameras: their rows (k,) in the table.
+
+    With covariances (n, 4, 4), by templates of that `scale`. An inverse depth is at least so many of its σ, and the σ
+    of a left position at most `max_std_px`. Also returns the views (k, 4) without the rows' differences; and without
+    the timing, their points (k, 4) and the variances (k,) of 1/Z.
     """
 
 def among(ids: NDArray[np.int64], known: NDArray[np.int64]) -> Mask:
@@ -144,7 +164,8 @@ def gradient_matrices(information: Array, spacing_px: int) -> Array:
     """Return gradient matrices (n, 2, 2), grey², eq. (14), of products (n, 3, 3) as `warp_patches` returns them."""
 
 def align_tracks(
-    pinholes: Pinholes,
+    right_sides: RightSides,
+    timing: Timing,
     tracks: Tracks,
     slots: Pixels,
     cam_from_previous: Array,
@@ -153,18 +174,13 @@ def align_tracks(
     agree: Mask,
     ordinary: Templates,
     wide: Templates | None,
-    rows: Rows,
-    turn_rad: Array,
-    timing: Timing,
-    twist: Array,
 ) -> tuple[Mask, NDArray[np.int64], Array, Array, Array, Array, Array]:
     """Find tracks (n) with templates in `slots` (n,) in new images, where `predict_tracks` puts them.
 
-    In the left image, and what is found there in the right one, in the row where it should be of points with a `twist`
-    (6,) per second; `turn_rad` (3,) of the right camera is taken out. Returns which should be in view (n,), and of
-    those found at least on the left: their rows (k,), points (k, 4), views (k, 4), NaN where the right side was not
-    found in its row, their covariances (k, 4, 4), eq. (15), views (k, 4) with right sides that miss their row, and what
-    has been taken out of all these (k, 4) px, for the timing.
+    In the left image, and what is found there in the right one, in the row where it should be. Returns which should be
+    in view (n,), and of those found at least on the left: their rows (k,), points (k, 4), views (k, 4), NaN where the
+    right side was not found in its row, their covariances (k, 4, 4), eq. (15), views (k, 4) with right sides that miss
+    their row, and what has been taken out of all these (k, 4) px, for the timing.
     """
 
 def predict_tracks(

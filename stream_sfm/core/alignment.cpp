@@ -11,17 +11,6 @@
 namespace core {
 namespace {
 
-// Right positions (n, 2) with a turn (3,) of the right camera put in (sign 1) or taken out (-1).
-void turn_by(const Pinholes& pinholes, const View<double, 1>& rad, double sign, Array<double, 2>& right) {
-    if (rad.data[0] == 0 && rad.data[1] == 0 && rad.data[2] == 0) return;
-    for (std::size_t i = 0; i < right.shape[0]; i++) {
-        double effect[6];
-        by_turn(pinholes, right[i][0], right[i][1], effect);
-        for (int c = 0; c < 2; c++)
-            right[i][c] += sign * (effect[3 * c] * rad.data[0] + effect[3 * c + 1] * rad.data[1] + effect[3 * c + 2] * rad.data[2]);
-    }
-}
-
 // Tracks whose patches should be in a new frame: their rows, where alignment starts, and warps in pixels of templates.
 struct Sought {
     std::vector<std::size_t> rows;
@@ -36,13 +25,6 @@ struct FoundViews {
     Array<bool, 1> found;
     Array<double, 2> z, any_row;
     Array<double, 3> cov;
-};
-
-// Where right sides are sought.
-struct RightSides {
-    const Pinholes& pinholes;
-    const RowModel& rows;
-    const View<double, 1>&turn, &twist;
 };
 
 template <class T>
@@ -116,9 +98,8 @@ class Alignment {
     FoundViews find_right(const Sought& sought, Patches& patches, const Array<double, 3>& gradients, AlignedPatches& left,
                           const RightSides& by) const {
         std::size_t n = sought.rows.size();
-        Array<double, 2> velocity = velocities(by.pinholes, sought.points.view(), {by.twist.data, {1, 6}}), start({n, 2});
-        Array<double, 1> speed({n});
-        for (std::size_t i = 0; i < n; i++) speed.data[i] = velocity[i][3];
+        Array<double, 2> start({n, 2});
+        Array<double, 1> speed = row_speeds(by.pinholes, sought.points.view(), by.twist);
         Array<double, 1> vertical = row_offsets(by.rows, left.at.view(), speed.view());
         for (std::size_t i = 0; i < n; i++) {
             start[i][0] = sought.right_u.data[i] + left.at[i][0] - sought.left.view()[i][0];
@@ -177,17 +158,14 @@ class Alignment {
 
 }  // namespace
 
-AlignedTracks align_tracks(const Pinholes& pinholes, const TrackTable& tracks, const Indices& slots,
+AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, const TrackTable& tracks, const Indices& slots,
                            const View<double, 2>& cam_from_previous, const View<double, 2>& cam_from_start, const View<double, 2>& left,
                            const View<bool, 1>& agree, const Templates<std::uint8_t>& ordinary,
-                           const std::optional<Templates<float>>& wide, const RowModel& rows, const View<double, 1>& turn,
-                           const Timing& timing, const View<double, 1>& twist) {
+                           const std::optional<Templates<float>>& wide) {
     std::size_t n = tracks.points.shape[0];
     require_shape(slots, {n}, "slots");
-    require_shape(turn, {3}, "turn");
-    require_shape(twist, {6}, "twist");
-    PredictedTracks now = predict_tracks(pinholes, tracks, cam_from_previous, cam_from_start, left, agree);
-    RightSides right_sides{pinholes, rows, turn, twist};
+    require_shape(right_sides.turn, {3}, "turn");
+    PredictedTracks now = predict_tracks(right_sides.pinholes, tracks, cam_from_previous, cam_from_start, left, agree);
     Array<bool, 1> expected({n});
     FoundViews all{Array<bool, 1>({n}), Array<double, 2>({n, 4}), Array<double, 2>({n, 4}), Array<double, 3>({n, 4, 4})};
     auto align = [&](const auto& templates) {
@@ -209,7 +187,7 @@ AlignedTracks align_tracks(const Pinholes& pinholes, const TrackTable& tracks, c
     for (std::size_t i = 0; i < n; i++)
         if (all.found.data[i]) kept.push_back(i);
     Array<double, 2> points = rows_of(now.points.view(), kept);
-    Array<double, 2> taken = shifts_by_timing(pinholes, timing.exposed, points.view(), twist, timing.mean);
+    Array<double, 2> taken = shifts_by_timing(right_sides.pinholes, timing.exposed, points.view(), right_sides.twist, timing.mean);
     AlignedTracks result{std::move(expected),           Array<std::int64_t, 1>({kept.size()}), std::move(points),
                          rows_of(all.z.view(), kept),   rows_of(all.cov.view(), kept),         rows_of(all.any_row.view(), kept),
                          std::move(taken)};

@@ -60,6 +60,18 @@ Array<T, N> rows_of(const View<T, N>& array, const std::vector<std::size_t>& row
     return result;
 }
 
+// Columns of a matrix: one, or two from one on.
+inline Array<double, 1> column_of(const View<double, 2>& array, std::size_t column) {
+    Array<double, 1> result({array.shape[0]});
+    for (std::size_t i = 0; i < array.shape[0]; i++) result.data[i] = array[i][column];
+    return result;
+}
+inline Array<double, 2> two_columns_of(const View<double, 2>& array, std::size_t first) {
+    Array<double, 2> result({array.shape[0], 2});
+    for (std::size_t i = 0; i < array.shape[0]; i++) std::copy_n(array[i] + first, 2, result[i]);
+    return result;
+}
+
 constexpr std::size_t NONE = std::numeric_limits<std::size_t>::max();
 
 // Rows of points by their ids, both ascending; fast where they are asked for in that order.

@@ -130,6 +130,8 @@ struct Argument<Field> : RecordArgument<Field, View<double, 1>, View<double, 1>,
 template <>
 struct Argument<RowModel> : RecordArgument<RowModel, std::array<double, 2>, Field, View<double, 1>, View<double, 2>, double, double> {};
 template <>
+struct Argument<RightSides> : RecordArgument<RightSides, Pinholes, RowModel, View<double, 1>, View<double, 1>> {};
+template <>
 struct Argument<ExposedRows> : RecordArgument<ExposedRows, std::array<double, 2>, View<double, 3>> {};
 template <>
 struct Argument<Timing> : RecordArgument<Timing, ExposedRows, View<double, 1>, View<double, 2>, View<double, 1>> {};
@@ -184,7 +186,7 @@ void def_of_images(nb::module_& m, const OfImage& of_image) {
     m.def("corner_strength", &Bound<&corner_strength<T>>::call, of_image);
     m.def("warp_patches", &Bound<&warp_patches<T>>::call, of_image, any, any, any, any);
     m.def("align_patches", &Bound<&align_patches<T>>::call, of_image, any, any, any, any, any, any);
-    m.def("match_new_points", &Bound<&match_new_points<T>>::call, of_image, of_image, of_image, any, any, any, any, any, any, any);
+    m.def("match_new_points", &Bound<&match_new_points<T>>::call, of_image, of_image, of_image, any, any, any, any, any, any, any, any);
     m.def("store_patches",
           [](nb::ndarray<T, nb::ndim<3>, nb::c_contig, nb::device::cpu> stored, const GreyOf<T>& grey,
              const In<std::int64_t, 2>& points_px, const In<std::int64_t, 1>& slots) {
@@ -252,6 +254,7 @@ NB_MODULE(_core, m) {
     m.def("union_of", &Bound<&union_of>::call);
     m.def("row_errors_of_tracks", &Bound<&row_errors_of_tracks>::call);
     m.def("view_inflation", &Bound<&view_inflation>::call);
+    m.def("place_new_points", &Bound<&place_new_points>::call);
     m.def("align_tracks", &Bound<&align_tracks>::call);
     m.def("predict_tracks", &Bound<&predict_tracks>::call);
     m.def("update_depths", &Bound<&update_depths>::call);

@@ -146,6 +146,12 @@ Array<double, 2> velocities(const Pinholes& pinholes, const View<double, 2>& poi
     return result;
 }
 
+// How fast right sides of points that move with one twist (6,) cross the rows.
+Array<double, 1> row_speeds(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 1>& twist) {
+    require_shape(twist, {6}, "twist");
+    return column_of(velocities(pinholes, points, {twist.data, {1, 6}}).view(), 3);
+}
+
 Array<double, 3> timed_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists,
                              const View<double, 2>& row) {
     std::size_t n = points.shape[0], of_all = twists.shape[0] == 1;

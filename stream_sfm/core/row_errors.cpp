@@ -110,13 +110,9 @@ UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, co
     for (int t = 0; t < 2; t++) size[t] = std::sqrt(timing.mean.data[t] * timing.mean.data[t] + timing.cov[t][t]);
     Array<double, 3> by_time = timing_unknowns(pinholes, {before, {timing.twist.data, {1, 6}}, row_before.view()},
                                                {now, one_twist, row_now.view()}, timing.cov, {size, {2}}, std_twist);
-    Array<double, 2> left({n, 2}), moving = velocities(pinholes, now, one_twist), errors({n, k});
-    Array<double, 1> speed({n});
-    for (std::size_t i = 0; i < n; i++) {
-        std::copy_n(z[i], 2, left[i]);
-        speed.data[i] = moving[i][3];
-    }
-    Array<double, 2> terms = row_terms(rows.size, rows.field, left.view(), speed.view());
+    Array<double, 2> terms =
+        row_terms(rows.size, rows.field, two_columns_of(z, 0).view(), row_speeds(pinholes, now, twist).view());
+    Array<double, 2> errors({n, k});
     require(terms.shape[1] == k, "there are not as many amplitudes of rows as terms");
     std::vector<double> root(rows.cov.data, rows.cov.data + k * k);
     require_definite(factor_positive(root.data(), k), "the covariance of rows is not positive definite");

@@ -65,6 +65,11 @@ Array<double, 2> row_terms(const std::array<double, 2>& size, const Field& field
 Array<double, 1> row_offsets(const RowModel& rows, const View<double, 2>& at, const View<double, 1>& speed);
 Array<bool, 1> on_one_row(const RowModel& rows, const View<double, 2>& left, const View<double, 2>& right, const View<double, 1>& speed,
                           double scale);
+struct RightSides {  // where they are sought, of points that move with a twist, with a turn of the right camera
+    Pinholes pinholes;
+    RowModel rows;
+    View<double, 1> turn, twist;
+};
 struct UnknownOfViews {
     Array<double, 3> errors;
     Array<double, 2> cov_turn;
@@ -141,11 +146,10 @@ struct AlignedTracks {  // of tracks (n) which were expected in view, and of tho
     Array<double, 2> any_row, taken;
     auto parts() { return std::tie(expected, rows, points, z, cov, any_row, taken); }
 };
-AlignedTracks align_tracks(const Pinholes& pinholes, const TrackTable& tracks, const Indices& slots,
+AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, const TrackTable& tracks, const Indices& slots,
                            const View<double, 2>& cam_from_previous, const View<double, 2>& cam_from_start, const View<double, 2>& left,
                            const View<bool, 1>& agree, const Templates<std::uint8_t>& ordinary,
-                           const std::optional<Templates<float>>& wide, const RowModel& rows, const View<double, 1>& turn,
-                           const Timing& timing, const View<double, 1>& twist);
+                           const std::optional<Templates<float>>& wide);
 
 // corners.cpp
 template <class T>
@@ -164,8 +168,16 @@ struct NewMatches {
 };
 template <class T>  // float or std::uint8_t
 NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, const View<T, 3>& stored, const TemplateKind& kind,
-                            const Pixels& corners, const Indices& slots, const View<double, 2>& start, double tolerance,
-                            double std_grey, double max_apart);
+                            const RightSides& right_sides, const Pixels& corners, const Indices& slots,
+                            const View<double, 1>& disparity, double tolerance, double std_grey, double max_apart);
+struct PlacedPoints {  // rows of those that are kept, their views, and their points with the variances of 1/Z
+    Array<std::int64_t, 1> rows;
+    Array<double, 2> z, points;
+    Array<double, 1> var_rho;
+    auto parts() { return std::tie(rows, z, points, var_rho); }
+};
+PlacedPoints place_new_points(const RightSides& right_sides, const Timing& timing, const View<double, 2>& seen,
+                              const View<double, 3>& cov, double scale, double least_sigmas, double max_std);
 
 // persistence.cpp
 struct RowErrors {
@@ -307,6 +319,8 @@ Resected resect(const PointViews& views, const View<double, 2>& start, const Vie
                 const std::optional<View<double, 2>>& predicted);
 
 // turn.cpp
+// Right positions (n, 2) with a turn (3,) of the right camera put in (sign 1) or taken out (-1).
+void turn_by(const Pinholes& pinholes, const View<double, 1>& rad, double sign, Array<double, 2>& right);
 struct FittedTurn {
     Array<double, 1> rad;
     Array<bool, 1> agree;
@@ -322,6 +336,7 @@ Array<double, 3> rig_columns(const Pinholes& pinholes, const std::array<double, 
 Array<double, 2> field_basis(const Field& field, const View<double, 2>& at);
 Array<double, 2> polynomial_rows(const ExposedRows& exposed, const View<double, 2>& z);
 Array<double, 2> velocities(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists);
+Array<double, 1> row_speeds(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 1>& twist);
 Array<double, 3> timed_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists,
                              const View<double, 2>& row);
 Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,

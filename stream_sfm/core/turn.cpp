@@ -97,6 +97,16 @@ FittedTurn fitted(const PointViews& views, const View<double, 2>& motion, int st
 
 }  // namespace
 
+void turn_by(const Pinholes& pinholes, const View<double, 1>& rad, double sign, Array<double, 2>& right) {
+    if (rad.data[0] == 0 && rad.data[1] == 0 && rad.data[2] == 0) return;
+    for (std::size_t i = 0; i < right.shape[0]; i++) {
+        double effect[6];
+        by_turn(pinholes, right[i][0], right[i][1], effect);
+        for (int c = 0; c < 2; c++)
+            right[i][c] += sign * (effect[3 * c] * rad.data[0] + effect[3 * c + 1] * rad.data[1] + effect[3 * c + 2] * rad.data[2]);
+    }
+}
+
 Array<double, 3> effects_of_turn(const Pinholes& pinholes, const View<double, 2>& right) {
     require_shape(right, {right.shape[0], 2}, "right_px");
     Array<double, 3> result({right.shape[0], 2, 3});

@@ -5,19 +5,17 @@ grey value are corners too, once thirty pixels are averaged into one.
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
 from ..geometry.se3 import Array
-from ..geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS, StereoProjection
-from ..record import rows_of
+from ..geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS
 from .alignment import WIDE
 from .prepared import PreparedImages
-from .state import FrontEndState, Setup
-from .stereo_depth import RowMatches, learn_rows, row_speed
+from .state import FrontEndState, RightSides, Setup
+from .stereo_depth import RowMatches, learn_rows
 from .tracks import Tracks
 
 # New points are sought in every second frame; in the others only where more than a fraction of the tracks is
@@ -49,34 +47,19 @@ def renews(frame_index: int) -> bool:
     return frame_index % _RENEWAL_PERIOD == 0
 
 
-class _Matches(NamedTuple):
-    """New points (n) that fit in both images: `slots` of their templates; views `z_px` (n, 4) with `cov_px` (n, 4, 4);
-    `slopes` (n, 2) of disparity; and `apart_px` (n,), how far apart whole patch and inner half were matched."""
-
-    slots: NDArray[np.intp]
-    z_px: Array
-    cov_px: Array
-    slopes: Array
-    apart_px: Array
-
-    def keep(self, rows: NDArray[np.bool_]) -> "_Matches":
-        """Those of the given rows (n,)."""
-        return _Matches(*(rows_of(column, rows) for column in self))
-
-
 def begin_points(setup: Setup, state: FrontEndState, images: PreparedImages) -> tuple[FrontEndState, Array, Array]:
     """Begin tracks where they are missing; their views (k, 4) and covariances (k, 4, 4)."""
     z_px, cov_px = np.empty((0, 4)), np.empty((0, 4, 4))
     cfg = setup.config.frontend
     enough = cfg.renew_fraction if renews(state.frame_index) else _URGENT_FRACTION
     if state.tracks.missing(cfg.max_tracks) >= cfg.max_tracks * enough:
-        corners, start = _match_along_row(setup, state, images)
+        corners, disparity_px = _match_along_row(setup, state, images)
         tolerance_px = min(_MATCH_TOLERANCE_PX / images.scale, 2 * cfg.max_vertical_disparity_px)
-        state, z_px, cov_px = _begin(setup, state, images, 1, corners, start, tolerance_px)
+        state, z_px, cov_px = _begin(setup, state, images, 1, corners, disparity_px, tolerance_px)
     bare = _BARE_FRACTION * cfg.max_tracks
     if len(state.tracks) < bare:
-        corners, start = _match_wide(setup, state, images, int(2 * bare) - len(state.tracks))
-        state, z_wide, cov_wide = _begin(setup, state, images, WIDE, corners, start, _MATCH_TOLERANCE_PX)
+        matches = _match_wide(setup, state, images, int(2 * bare) - len(state.tracks))
+        state, z_wide, cov_wide = _begin(setup, state, images, WIDE, *matches, _MATCH_TOLERANCE_PX)
         z_px, cov_px = np.concatenate([z_px, z_wide]), np.concatenate([cov_px, cov_wide])
     return state, z_px, cov_px
 
@@ -95,30 +78,27 @@ def detect_missing(setup: Setup, state: FrontEndState, images: PreparedImages) -
 
 
 def begin_tracks(
-    projection: StereoProjection,
     state: FrontEndState,
     slots: NDArray[np.intp],
     left_px: Array,
     cov_left_px: Array,
-    rho: Array,
+    points: Array,
     var_rho: Array,
     slopes: Array,
-    taken_px: Array,
     scale: int = 1,
 ) -> FrontEndState:
-    """Begin tracks at left positions (n, 2) with covariances (n, 2, 2), templates in `slots` (n,), inverse depths (n,)
-    with variances, and slopes (n, 2); `taken_px` (n, 2) is taken out of the positions to get the rays."""
+    """Begin tracks at left positions (n, 2) with covariances (n, 2, 2), templates in `slots` (n,), of homogeneous
+    points (n, 4) with variances (n,) of 1/Z and slopes (n, 2)."""
     n = len(slots)
-    rays = projection.rays(left_px - taken_px)
     new = Tracks(
         ids=state.next_id + np.arange(n, dtype=np.int64),
         slots=slots,
         left_px=left_px,
         cov_left_px=cov_left_px,
-        points=np.concatenate([rays, np.ones((n, 1)), rho[:, None]], axis=1),
+        points=points,
         var_rho=var_rho,
         anchor_from_start=np.broadcast_to(state.cam_from_start, (n, 4, 4)),
-        anchor_rays=rays,
+        anchor_rays=points[:, :2],
         slopes=slopes,
         scale=np.full(n, scale, np.int64),
         agreed=np.zeros(n, np.int64),
@@ -132,32 +112,53 @@ def _begin(
     images: PreparedImages,
     scale: int,
     corners: NDArray[np.intp],
-    start: Array,
-    tolerance: float,
+    disparity_px: Array,
+    tolerance_px: float,
 ) -> tuple[FrontEndState, Array, Array]:
     """Begin tracks at those of the corners (k, 2) that fit in both images; their views and covariances.
 
-    Corners, roughly known matches (k, 2) and how far off these may be, in pixels of templates of that scale.
+    Corners, their disparities (k,) and how far off these may be, in pixels of templates of that scale.
     """
     if not len(corners):
         return state, np.empty((0, 4)), np.empty((0, 4, 4))
     taken = state.tracks.slots[state.tracks.scale == scale]
     aligner, slots = state.aligners[scale].cut(images, corners, taken)
     state = replace(state, aligners={**state.aligners, scale: aligner})
-    of_templates = *images.grey(scale), aligner.atlas.grey, aligner.kind
+    twist = np.zeros(6) if state.timing.twist is None else state.timing.twist
+    of_templates = *images.grey(scale), aligner.atlas.grey, aligner.kind, state.right_sides(twist)
     std_grey = _STD_GREY / scale  # a mean over pixels has so much less noise
-    matches = core.match_new_points(*of_templates, corners, slots, start, tolerance, std_grey, _MAX_HALVES_APART_PX)
-    state, matches = _correct_rows(setup, state, scale, _Matches(*matches))
-    return _begin_tracks(setup, state, scale, matches)
+    slots, z_px, cov_px, slopes, apart_px = core.match_new_points(
+        *of_templates, corners, slots, disparity_px, tolerance_px, std_grey, _MAX_HALVES_APART_PX
+    )
+    state, right_sides = _learn_rows(state, z_px, twist) if scale == 1 else (state, state.right_sides(twist))
+    gates = MIN_INVERSE_DEPTH_SIGMAS, np.inf if scale == 1 else _MAX_WIDE_STD_PX
+    rows, z_px, points, var_rho = core.place_new_points(
+        right_sides, state.timing.of_core(twist), z_px, cov_px, scale, *gates
+    )
+    cov_px, slopes = cov_px[rows], slopes[rows] / setup.projection.baseline_m
+    begun = z_px[:, :2], cov_px[:, :2, :2], points, var_rho, slopes, scale
+    bias = state.bias.learnt(state.next_id + np.arange(len(rows), dtype=np.int64), apart_px[rows])
+    return begin_tracks(replace(state, bias=bias), slots[rows], *begun), z_px, cov_px
+
+
+def _learn_rows(state: FrontEndState, z_px: Array, twist: Array) -> tuple[FrontEndState, RightSides]:
+    """Learn by how much rows differ from new views (n, 4), and where right sides are with that.
+
+    While the velocity is unknown, they also wait for that of the next frame: a late camera would look like wrong rows.
+    """
+    points = core.seen_points(state.rows.projection.pinholes, z_px)
+    matches = RowMatches(z_px[:, :2], z_px[:, 1] - z_px[:, 3], points)
+    learnt = replace(state, rows=learn_rows(state.rows, matches, twist))
+    now = replace(state, rows_waiting=matches) if state.timing.twist is None else learnt
+    return now, learnt.right_sides(twist)
 
 
 def _match_along_row(setup: Setup, state: FrontEndState, images: PreparedImages) -> tuple[NDArray[np.intp], Array]:
-    """Return new corners (k, 2) in whole pixels with a unique match on their row, and its rough position (k, 2)."""
+    """Return new corners (k, 2) in whole pixels with a unique match on their row, and its rough disparity (k,)."""
     scale, corners = images.scale, detect_missing(setup, state, images)
     limits = _disparity_range(setup, state, scale)
     disparity, unique = core.match_along_rows(*images.coarse, corners, *limits)
-    left_px = corners[unique] * round(1 / scale)
-    return left_px, _on_row(state, left_px, disparity[unique] / scale)
+    return corners[unique] * round(1 / scale), disparity[unique] / scale
 
 
 def _match_wide(
@@ -177,17 +178,7 @@ def _match_wide(
     far = (p.cx_left_px - p.cx_right_px) / WIDE
     near = far + cfg.max_disparity_fraction * p.width / WIDE
     disparity, unique = core.match_along_rows(left, right, corners, int(np.floor(far)) - 1, int(np.ceil(near)))
-    corners = corners[unique]
-    return corners, _on_row(state, WIDE * corners, WIDE * disparity[unique]) / WIDE
-
-
-def _on_row(state: FrontEndState, left_px: NDArray[np.intp], disparity_px: Array) -> Array:
-    """Where in the right image (n, 2) pixels (n, 2) of the left one are, by the disparities (n,) seen there."""
-    at_px = left_px.astype(float)
-    right_px = at_px - np.stack([disparity_px, np.zeros(len(at_px))], axis=1)
-    right_px[:, 1] -= state.rows_told.at(at_px, _row_speed(state, np.concatenate([at_px, right_px], axis=1)))
-    right_px[:, 1] = state.turn.put_in(right_px)[:, 1]
-    return right_px
+    return corners[unique], disparity[unique]
 
 
 def _disparity_range(setup: Setup, state: FrontEndState, scale: float) -> tuple[int, int]:
@@ -199,61 +190,3 @@ def _disparity_range(setup: Setup, state: FrontEndState, scale: float) -> tuple[
         largest = p.f_px * p.baseline_m * float(tracks.points[:, 3].max())
         near = min(near, far + _SEARCH_FACTOR * largest + _SEARCH_MARGIN_PX)
     return int(np.floor(far * scale)) - 1, int(np.ceil(near * scale))
-
-
-def _correct_rows(setup: Setup, state: FrontEndState, scale: int, m: _Matches) -> tuple[FrontEndState, _Matches]:
-    """Learn the vertical disparity, take it out, and refuse matches that are still off their row.
-
-    While the velocity is unknown, the matches also wait for that of the next frame: a late camera would look like wrong
-    rows.
-    """
-    z_px = m.z_px.copy()
-    z_px[:, 2:] = state.turn.taken_out(z_px[:, 2:])
-    speed, twist = _row_speed(state, z_px), state.timing.twist
-    if scale == 1:
-        matches = RowMatches(
-            z_px[:, :2], z_px[:, 1] - z_px[:, 3], core.seen_points(setup.projection.pinholes, z_px)
-        )
-        learnt = replace(state, rows=learn_rows(state.rows, matches, twist))
-        state, rows = (replace(state, rows_waiting=matches) if twist is None else learnt), learnt.rows_told
-    else:
-        rows = state.rows_told
-    z_px[:, 3] += rows.at(z_px[:, :2], speed)
-    return state, m._replace(z_px=z_px).keep(rows.agrees(z_px[:, :2], z_px[:, 2:], speed, scale))
-
-
-def _row_speed(state: FrontEndState, z_px: Array) -> Array:
-    """How fast views (n, 4) cross the rows, px/s; 0 before there was a motion."""
-    if state.timing.twist is None:
-        return np.zeros(len(z_px))
-    projection = state.rows.projection
-    return row_speed(projection, core.seen_points(projection.pinholes, z_px), state.timing.twist)
-
-
-def _begin_tracks(
-    setup: Setup, state: FrontEndState, scale: int, m: _Matches
-) -> tuple[FrontEndState, Array, Array]:
-    """Begin tracks of the matches in front of the camera; their views (k, 4) and covariances (k, 4, 4)."""
-    p, first_id = setup.projection, state.next_id
-    twist = np.zeros(6) if state.timing.twist is None else state.timing.twist
-    taken_px = state.timing.taken_out(core.seen_points(p.pinholes, m.z_px), twist)
-    rho = p.inverse_depth(m.z_px - taken_px)
-    var_rho = (m.cov_px[:, 0, 0] + m.cov_px[:, 2, 2]) / (p.f_px * p.baseline_m) ** 2
-    good = rho > MIN_INVERSE_DEPTH_SIGMAS * np.sqrt(var_rho)
-    if scale > 1:
-        good &= (np.diagonal(m.cov_px[:, :2, :2], axis1=1, axis2=2) < _MAX_WIDE_STD_PX**2).all(axis=1)
-    m = m.keep(good)
-    state = begin_tracks(
-        p,
-        state,
-        m.slots,
-        m.z_px[:, :2],
-        m.cov_px[:, :2, :2],
-        rho[good],
-        var_rho[good],
-        m.slopes / p.baseline_m,
-        taken_px[good, :2],
-        scale,
-    )
-    new_ids = np.arange(first_id, state.next_id, dtype=np.int64)
-    return replace(state, bias=state.bias.learnt(new_ids, m.apart_px)), m.z_px, m.cov_px

@@ -88,17 +88,6 @@ class RightTurn:
         """Return the turn after a further one, by (3,)."""
         return replace(self, rad=self.rad + rad)
 
-    def taken_out(self, right_px: Array) -> Array:
-        """Positions (n, 2) in the right image as they would be without the turn."""
-        return right_px - self._shift_px(right_px) if self.rad.any() else right_px
-
-    def put_in(self, right_px: Array) -> Array:
-        """Where in the right image positions (n, 2) without the turn are."""
-        return right_px + self._shift_px(right_px) if self.rad.any() else right_px
-
-    def _shift_px(self, right_px: Array) -> Array:
-        return np.asarray(effects_of_turn(self.projection, right_px) @ self.rad)
-
 
 @record
 class TurnWatch:

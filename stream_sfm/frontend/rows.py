@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import core
 from ..config import Config
@@ -34,6 +33,10 @@ _SPEED_ERROR = 0.2
 # probable as all others together.
 _FIELD_STD_PX = np.geomspace(0.01, 0.5, 18)
 _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
+
+
+# What is known about rows as the compiled core takes it: size, field, mean, covariance, scatter, largest difference.
+RowsOfCore = tuple[tuple[int, int], FieldGrid, Array, Array, float, float]
 
 
 @record
@@ -75,13 +78,6 @@ class Rows:
         wrong = 1 / (1 + information * (_SPEED_ERROR * mean) ** 2)
         return float(wrong * information), float(wrong * mean / var)
 
-    def at(self, left_px: Array, row_speed_px_s: Array | float = 0.0) -> Array:
-        """Return v_left − v_right (n,) of correct matches at left positions (n, 2), px.
-
-        `row_speed_px_s` (n,): how fast they move across the rows, which a late camera turns into a difference.
-        """
-        return core.row_offsets(self.of_core, left_px, np.atleast_1d(row_speed_px_s))
-
     def told(self, delay_s: float, variance_s2: float) -> "Rows":
         """Return the rows with a delay N(`delay_s`, `variance_s2`), if that is more than they say of it themselves.
 
@@ -94,17 +90,8 @@ class Rows:
         mean = self.mean + gain * (delay_s - self.mean[_POLYNOMIAL])
         return replace(self, mean=mean, cov=self.cov + np.outer(gain, gain) * (variance_s2 - own[_POLYNOMIAL]))
 
-    def agrees(
-        self, left_px: Array, right_px: Array, row_speed_px_s: Array | float = 0.0, scale: int = 1
-    ) -> NDArray[np.bool_]:
-        """Return whether left and right positions (n, 2), the right ones corrected by `at`, lie on one row.
-
-        `row_speed_px_s` (n,): as of `at`. `scale`: the gate is so much wider, for matches of reduced images.
-        """
-        return core.on_one_row(self.of_core, left_px, right_px, np.atleast_1d(row_speed_px_s), scale)
-
     @property
-    def of_core(self) -> tuple[tuple[int, int], FieldGrid, Array, Array, float, float]:
+    def of_core(self) -> RowsOfCore:
         """The rows as the compiled core takes them."""
         size = self.projection.width, self.projection.height
         return size, field_over(*size).of_core, self.mean, self.cov, self.scatter_px, self.max_px

@@ -17,11 +17,14 @@ from .pair_check import PairCheck
 from .persistence import Persistence
 from .prepared import PreparedImages
 from .right_turn import RightTurn, TurnWatch
-from .rows import Rows
+from .rows import Rows, RowsOfCore
 from .start_check import StartCheck
 from .stereo_depth import RowMatches
 from .timing import Timing
 from .tracks import Tracks
+
+# Where right sides are sought, as the compiled core takes it: the pair, its rows, a turn, and the twist of the points.
+RightSides = tuple[tuple[float, float, float, float, float], RowsOfCore, Array, Array]
 
 
 class Setup(NamedTuple):
@@ -99,3 +102,7 @@ class FrontEndState:
     def rows_told(self) -> Rows:
         """What is known of the rows with the delay that an estimator has found."""
         return self.rows.told(float(self.timing.mean[0]), float(self.timing.cov[0, 0]))
+
+    def right_sides(self, twist: Array) -> RightSides:
+        """Where right sides of points with a twist (6,) are sought, as the compiled core takes it."""
+        return self.rows.projection.pinholes, self.rows_told.of_core, self.turn.rad, twist

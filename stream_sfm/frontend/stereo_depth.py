@@ -3,8 +3,6 @@
 from dataclasses import replace
 from typing import NamedTuple
 
-import numpy as np
-
 from .. import core
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
@@ -25,15 +23,10 @@ class RowMatches(NamedTuple):
     points: Array
 
 
-def learn_rows(rows: Rows, matches: RowMatches, twist: Array | None) -> Rows:
-    """Return what is known of rows after the matches of a frame whose points move with a twist (6,); None: at rest."""
-    speed = row_speed(rows.projection, matches.points, np.zeros(6) if twist is None else twist)
+def learn_rows(rows: Rows, matches: RowMatches, twist: Array) -> Rows:
+    """Return what is known of rows after the matches of a frame whose points move with a twist (6,)."""
+    speed = velocities(rows.projection, matches.points, twist)[:, 3]
     return rows.learnt(matches.left_px, matches.difference_px, speed)
-
-
-def row_speed(projection: StereoProjection, points: Array, twist: Array) -> Array:
-    """Return how fast (n,), px/s, homogeneous points (n, 4) that move with a twist (6,) cross the rows."""
-    return velocities(projection, points, twist)[:, 3]
 
 
 def update_depths(

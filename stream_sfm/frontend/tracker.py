@@ -186,7 +186,8 @@ def align(
     wide, in_both = state.aligners.get(WIDE), not setup.projection.virtual_right
     has_wide = wide is not None and (tracks.scale == WIDE).any()
     expected, rows, points, z_px, cov_px, any_row_px, taken_px = core.align_tracks(
-        setup.projection.pinholes,
+        state.right_sides(twist),
+        state.timing.of_core(twist),
         tracks.of_core,
         tracks.slots,
         rough.cam_from_previous,
@@ -195,10 +196,6 @@ def align(
         rough.agree,
         state.aligners[1].of_core(images, in_both),
         wide.of_core(images, in_both) if wide is not None and has_wide else None,
-        state.rows_told.of_core,
-        state.turn.rad,
-        state.timing.of_core(twist),
-        twist,
     )
     return AlignedViews(rows, points, z_px, cov_px, any_row_px, taken_px), expected
 

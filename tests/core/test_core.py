@@ -29,6 +29,7 @@ FIELD, MOVES = RNG.normal(size=(N, 3)), RNG.normal(size=(4, 2))
 GRID = (np.arange(3.0), np.arange(2.0), 8.0, np.eye(6))
 ROWS = ((80.0, 60.0), GRID, np.ones(13), np.eye(13), 0.2, 2.0)
 EXPOSED = ((80.0, 60.0), RNG.normal(size=(2, 3, 3)))
+RIGHT_SIDES = (PINHOLES, ROWS, np.ones(3), np.ones(6))
 TIMING = (EXPOSED, np.ones(2), np.eye(2), np.ones(6))
 TEMPLATES = (1, 4, 2, 3.0, 20.0, 4.0, 1.0)
 RULES = ((80.0, 60.0), 0.8, 2.0, 4, 0.1, False, False)
@@ -57,7 +58,7 @@ CALLS = {
     "inside_area": (IMAGE > 100, STARTS),
     "view_covariances": (COV[:, :2, :2], np.ones(N), np.ones(N), 4.0, 1.0, 1.0),
     "template_drift": (POINTS, np.eye(4), np.ones(N, int), 10.0),
-    "match_new_points": (IMAGE, IMAGE, STORED, TEMPLATES, PIXELS, SLOTS, STARTS, 3.0, 4.0, 2.0),
+    "match_new_points": (IMAGE, IMAGE, STORED, TEMPLATES, RIGHT_SIDES, PIXELS, SLOTS, STARTS[:, 0], 3.0, 4.0, 2.0),
     "linearise_views": (OF_VIEWS, np.eye(4)),
     "view_residuals": (OF_VIEWS, COV, np.ones(2), np.eye(4)[None]),
     "fit_motion": (OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N), True),
@@ -73,11 +74,20 @@ CALLS = {
     "on_one_row": (ROWS, STARTS, STARTS, np.ones(N), 1.0),
     "gradient_matrices": (COV[:, :3, :3], 2),
     "align_tracks": (
-        *(PINHOLES, (*TRACKS[:5], 1 + 3 * (SLOTS % 2)), SLOTS, np.eye(4), np.eye(4), INNER / 1.0, SLOTS < 9),
+        *(
+            RIGHT_SIDES,
+            TIMING,
+            (*TRACKS[:5], 1 + 3 * (SLOTS % 2)),
+            SLOTS,
+            np.eye(4),
+            np.eye(4),
+            INNER / 1.0,
+            SLOTS < 9,
+        ),
         (BYTES, BYTES, BYTES_STORED, BYTES > 0, TEMPLATES),
         (IMAGE, None, STORED, IMAGE > 0, (4, *TEMPLATES[1:])),
-        *(ROWS, np.ones(3), TIMING, np.ones(6)),
     ),
+    "place_new_points": (RIGHT_SIDES, TIMING, VIEWS, COV, 1.0, -2.0, 9.0),
     "effects_of_turn": (PINHOLES, STARTS),
     "twists": (MOTIONS, np.arange(N) / 10),
     "velocities": (PINHOLES, POINTS, RNG.normal(size=(N, 6))),
@@ -198,8 +208,10 @@ def test_arrays_of_any_shape_and_content_are_taken_or_refused(name: str) -> None
 
 
 def test_arguments_that_do_not_fit_are_value_errors_that_say_which() -> None:
-    with pytest.raises(ValueError, match=r"start_px has shape \(3, 2\) in place of \(7, 2\)"):
-        core.match_new_points(IMAGE, IMAGE, STORED, TEMPLATES, PIXELS, SLOTS, STARTS[:3], 3.0, 4.0, 2.0)
+    with pytest.raises(ValueError, match=r"slots has shape \(3\) in place of \(7\)"):
+        core.match_new_points(
+            *(IMAGE, IMAGE, STORED, TEMPLATES, RIGHT_SIDES, PIXELS, SLOTS[:3], STARTS[:, 0], 3.0, 4.0, 2.0)
+        )
     with pytest.raises(ValueError, match="slot"):
         core.warp_patches(STORED, SLOTS + 1, WARPS, 4, 2)
     with pytest.raises(np.linalg.LinAlgError, match="definite"):
@@ -232,7 +244,9 @@ def test_images_of_bytes_are_taken_as_images_of_floats_with_their_values() -> No
         patches = core.warp_patches(stored, SLOTS, WARPS, 4, 2)
         aligned = core.align_patches(image, STARTS, *patches, 4, 2)
         core.store_patches(stored, image, INNER, SLOTS)
-        matched = core.match_new_points(image, image, stored, TEMPLATES, INNER, SLOTS, INNER + 0.2, 3.0, 4.0, 2.0)
+        right_sides = (PINHOLES, (*ROWS[:2], np.zeros(13), *ROWS[3:]), np.zeros(3), np.zeros(6))
+        near = right_sides, INNER, SLOTS, np.full(N, 0.2)
+        matched = core.match_new_points(image, image, stored, TEMPLATES, *near, 3.0, 4.0, 2.0)
         assert len(matched[0])
         found.append(b"".join(array.tobytes() for array in (*patches, *aligned, *matched)))
     assert found[0] == found[1]

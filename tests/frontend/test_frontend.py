@@ -4,9 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
+from stream_sfm.config import Config
 from stream_sfm.core import corner_strength, match_along_rows, match_new_points, new_corners
+from stream_sfm.frontend.rows import Rows
 from stream_sfm.frontend.templates import TemplateAtlas
 from stream_sfm.geometry import se3
+from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.front_end import SteppedFrontEnd
 from tests.helpers.wall import Wall, camera_path, rig
 
@@ -56,14 +59,18 @@ def test_new_points_are_matched_on_slanted_surfaces(slope: tuple[float, float]) 
     slots, radius_px = np.arange(len(corners)), 10
     stored = TemplateAtlas.empty(len(corners), radius_px, of_bytes=True).stored(left, corners, slots).grey
     expected_px = corners - np.stack([12 + corners @ slope, np.zeros(len(corners))], axis=1)
-    start_px = expected_px + np.random.default_rng(6).uniform(-0.7, 0.7, expected_px.shape)
+    disparity_px = 12 + corners @ slope + np.random.default_rng(6).uniform(-0.7, 0.7, len(corners))
+    p = StereoProjection(200.0, 120.0, 120.0, 80.0, 0.1, 240, 160)
+    rows = Rows.unknown(p, Config())
+    rows.mean[0] = 0.5  # px by which the rows are off, as far as one knows
+    near = (p.pinholes, rows.of_core, np.zeros(3), np.zeros(6)), corners, slots
     kind, tolerances = (1, radius_px, 2, 2.0, 20.0, 4.0, 1.0), (2.0, 4.0, 0.5)  # as the front-end has them
-    found, z_px, _, slopes, _ = match_new_points(left, right, stored, kind, corners, slots, start_px, *tolerances)
+    found, z_px, _, slopes, _ = match_new_points(left, right, stored, kind, *near, disparity_px, *tolerances)
     assert len(found) > 0.9 * len(corners)
     assert np.abs(z_px - np.concatenate([corners, expected_px], axis=1)[found]).max() < 0.03
     assert np.abs(slopes - slope).max() < 0.01
-    far_px = start_px + 5.0
-    assert len(match_new_points(left, right, stored, kind, corners, slots, far_px, *tolerances)[0]) == 0
+    far_px = disparity_px - 5.0
+    assert len(match_new_points(left, right, stored, kind, *near, far_px, *tolerances)[0]) == 0
 
 
 @pytest.mark.parametrize("vergence_rad", [0.0, 0.05])

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
+from stream_sfm import core
 from stream_sfm.config import Config, RigConfig
 from stream_sfm.frontend import rows as rows_of
 from stream_sfm.frontend.rows import Rows
-from stream_sfm.frontend.stereo_depth import row_speed
 from stream_sfm.frontend.timing import Timing
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.field import field_over
 from stream_sfm.rig_model.turns import effects_of_turn
-from stream_sfm.rig_model.velocities import TimedViews, timing_unknowns
+from stream_sfm.rig_model.velocities import TimedViews, timing_unknowns, velocities
 
 P = StereoProjection(600.0, 320.0, 320.0, 240.0, 0.2, 640, 480)
 STD_PX = 0.1  # of a match
@@ -31,6 +31,16 @@ def smooth(left_px: np.ndarray) -> np.ndarray:
 
 def field(left_px: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
     return field_over(P.width, P.height).at(left_px) @ amplitudes
+
+
+def offsets_px(rows: Rows, left_px: np.ndarray, speed: np.ndarray | None = None) -> np.ndarray:
+    """v_left − v_right (n,) of correct matches, at rest or with speeds (n,) across the rows."""
+    return core.row_offsets(rows.of_core, left_px, np.zeros(1) if speed is None else speed)
+
+
+def agree(rows: Rows, left_px: np.ndarray, right_px: np.ndarray, speed: np.ndarray | None = None) -> np.ndarray:
+    """Which matches lie on one row, the right sides corrected by `offsets_px`."""
+    return core.on_one_row(rows.of_core, left_px, right_px, np.zeros(1) if speed is None else speed, 1.0)
 
 
 def variance(rows: Rows) -> np.ndarray:
@@ -73,7 +83,7 @@ def test_the_filter_is_a_dense_gaussian(monkeypatch: pytest.MonkeyPatch) -> None
     gain = np.linalg.solve(cov_seen, design @ prior.cov).T
     cov = prior.cov - gain @ design @ prior.cov
     there = np.concatenate([polynomial(GRID), np.zeros((len(GRID), 1)), field_over(640, 480).at(GRID)], axis=1)
-    assert rows.at(GRID) == pytest.approx(there @ gain @ seen, abs=1e-9)
+    assert offsets_px(rows, GRID) == pytest.approx(there @ gain @ seen, abs=1e-9)
     assert variance(rows) == pytest.approx(np.einsum("ni,ij,nj->n", there, cov, there), rel=1e-6)
 
 
@@ -87,19 +97,19 @@ def test_smooth_differences_are_learnt(wrong: float) -> None:
     rows = learnt(np.random.default_rng(2), 20, NO_FIELD, wrong)
     # six coefficients from 800 matches: STD_PX √(6/800) on average, twice that in the corners; and the share of wrong
     # matches that no robust weight tells from good ones
-    assert np.abs(rows.at(GRID) - smooth(GRID)).max() < 5 * STD_PX * np.sqrt(6 / 800)
+    assert np.abs(offsets_px(rows, GRID) - smooth(GRID)).max() < 5 * STD_PX * np.sqrt(6 / 800)
     # the median deviation takes wrong matches, symmetric about it, for a third more of scatter
     assert 0.8 * STD_PX < rows.scatter_px < 1.5 * STD_PX
     down = np.array([0.0, 1.0])
-    assert rows.agrees(GRID, GRID + (rows.at(GRID) - smooth(GRID))[:, None] * down).all()
-    assert not rows.agrees(GRID, GRID + 6 * rows.scatter_px * down).any()
+    assert agree(rows, GRID, GRID + (offsets_px(rows, GRID) - smooth(GRID))[:, None] * down).all()
+    assert not agree(rows, GRID, GRID + 6 * rows.scatter_px * down).any()
 
 
 def test_nothing_is_claimed_before_anything_is_seen() -> None:
     rows = Rows.unknown(P, Config())
-    assert (rows.at(GRID) == 0).all()
+    assert (offsets_px(rows, GRID) == 0).all()
     few = rows.learnt(GRID[:3], np.ones(3), np.zeros(3))  # too few to tell a surface from noise
-    assert (few.at(GRID) == 0).all()
+    assert (offsets_px(few, GRID) == 0).all()
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -117,7 +127,7 @@ def test_the_size_of_a_field_is_learnt(std_px: float) -> None:
         amplitudes = std_px * rng.normal(size=len(NO_FIELD))
         rows = learnt(rng, 60, amplitudes)
         ratios.append(rows.field_std_px / std_px)
-        off2.append(((rows.at(GRID) - smooth(GRID) - field(GRID, amplitudes)) ** 2).mean())
+        off2.append(((offsets_px(rows, GRID) - smooth(GRID) - field(GRID, amplitudes)) ** 2).mean())
         said2.append(variance(rows).mean())
     scatter = 1 / np.sqrt(2 * len(NO_FIELD))
     assert np.mean(ratios) == pytest.approx(1, abs=3 * scatter)
@@ -131,7 +141,7 @@ def test_rows_that_drift_are_followed() -> None:
     for frame in range(1200):
         at = places(rng, 12)  # new tracks per frame of a calm run
         drifted = 2 * frame / 1200
-        off.append(np.abs(rows.at(GRID[::7]) - drifted).max())
+        off.append(np.abs(offsets_px(rows, GRID[::7]) - drifted).max())
         rows = rows.learnt(at, drifted + STD_PX * rng.normal(size=len(at)), np.zeros(len(at)))
     # a filter that lags by τ frames is off by τ · 2/1200; with 12 matches of 0.1 px and steps of 2 mpx τ is some 15
     assert max(off[50:]) < 3 * STD_PX
@@ -141,13 +151,13 @@ def test_rows_that_drift_are_followed() -> None:
 @pytest.mark.parametrize("delay_s", [0.0, 2e-3, -8e-3])
 def test_a_late_camera_is_not_taken_for_rows_that_are_off(delay_s: float) -> None:
     rows = learnt(np.random.default_rng(4), 30, NO_FIELD, delay_s=delay_s)
-    assert np.abs(rows.at(GRID) - smooth(GRID)).max() < 5 * STD_PX * np.sqrt(7 / 1200)
+    assert np.abs(offsets_px(rows, GRID) - smooth(GRID)).max() < 5 * STD_PX * np.sqrt(7 / 1200)
     at = rows_of._POLYNOMIAL
     mean, std = rows.mean[at], np.sqrt(rows.cov[at, at])
     assert abs(mean - delay_s) < 3 * std and std < 1e-3
     speed = np.full(len(GRID), 100.0)  # a match that has moved as far as the delay lets it agrees
-    difference = rows.at(GRID, speed) - (smooth(GRID) - delay_s * speed)
-    assert rows.agrees(GRID, GRID + np.stack([np.zeros(len(GRID)), difference], axis=1), speed).all()
+    difference = offsets_px(rows, GRID, speed) - (smooth(GRID) - delay_s * speed)
+    assert agree(rows, GRID, GRID + np.stack([np.zeros(len(GRID)), difference], axis=1), speed).all()
     information, weighted = rows.delay  # what matches alone say; a share of it may be an error of the velocities
     prior = Config().rig.std_delay_s ** -2.0
     assert weighted / information == pytest.approx(mean * (1 + prior * std**2), rel=0.01, abs=0.1 * std)
@@ -159,14 +169,14 @@ def test_a_delay_that_is_told_counts_as_known() -> None:
     rng = np.random.default_rng(6)
     at, speed = places(rng), 60 + rng.normal(size=N)
     rows = Rows.unknown(P, Config()).learnt(at, smooth(at) + 8e-3 * speed + STD_PX * rng.normal(size=N), speed)
-    assert np.abs(rows.at(GRID) - smooth(GRID)).max() > 0.2
+    assert np.abs(offsets_px(rows, GRID) - smooth(GRID)).max() > 0.2
     std = 1e-4
     told, d = rows.told(-8e-3, std**2), rows_of._POLYNOMIAL
     information = np.linalg.inv(rows.cov)
     information[d, d] += std**-2 - 1 / rows.cov[d, d]
     assert told.cov == pytest.approx(np.linalg.inv(information), abs=1e-12, rel=1e-6)
     assert told.mean[d] == pytest.approx(-8e-3)
-    off = np.abs(told.at(GRID) - smooth(GRID))
+    off = np.abs(offsets_px(told, GRID) - smooth(GRID))
     assert (off < 4 * np.sqrt(variance(told)) + 0.02).all()
     assert rows.told(0.0, 1.0) is rows  # of what is known worse nothing is taken
 
@@ -191,7 +201,7 @@ def test_errors_of_rows_are_those_of_the_right_sides() -> None:
     views = (TimedViews(P, points, at, None) for at in (0.5 * twist, twist))
     others = timing_unknowns(*views, timing.mean, timing.cov, std_twist)
     seen = np.isfinite(z_px[:, 2])
-    terms = rows_of._terms(P.width, P.height, z_px[:, :2], row_speed(P, points, twist))
+    terms = rows_of._terms(P.width, P.height, z_px[:, :2], velocities(P, points, twist)[:, 3])
     errors = seen[:, None] * (terms @ np.linalg.cholesky(rows.cov))
     dense = np.concatenate([others, np.zeros((N, 4, errors.shape[1]))], axis=2)
     dense[:, 3, others.shape[2] :] = errors

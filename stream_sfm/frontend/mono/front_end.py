@@ -164,16 +164,15 @@ class MonoFrontEnd:
         if not n:
             return state
         aligner, slots = state.aligners[1].cut(images, corners_px, state.tracks.slots)
-        rho, still = np.full(n, state.map.rho_scene if mapped else 0.0), np.zeros((n, 2))
+        rho, left_px = np.full(n, state.map.rho_scene if mapped else 0.0), corners_px.astype(float)
+        points = np.column_stack([self.setup.projection.rays(left_px), np.ones(n), rho])
         cov_px, var_rho = aligner.noise.typical_cov(n), (UNKNOWN_DEPTH_STD * rho) ** 2
         state = replace(
             state,
             aligners={1: aligner},
             map=state.map if mapped else replace(state.map, n_opened=n),
         )
-        return begin_tracks(
-            self.setup.projection, state, slots, corners_px.astype(float), cov_px, rho, var_rho, still, still
-        )
+        return begin_tracks(state, slots, left_px, cov_px, points, var_rho, np.zeros((n, 2)))
 
 
 def with_virtual_right(
