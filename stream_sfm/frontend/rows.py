@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import core
 from ..config import Config
-from ..geometry.linear import symmetric, symmetric_inverse
+from ..geometry.linear import symmetric_inverse
 from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
@@ -107,34 +107,32 @@ class Rows:
         mean: Array = self.mean
         for _ in range(_REWEIGHTINGS):  # earlier frames keep their weight
             residual = (difference_px - terms @ mean) / self.scatter_px
-            weight = 1 / (1 + (residual / CAUCHY_WIDTH) ** 2) / self.scatter_px**2
-            information = before + (terms.T * weight) @ terms
-            right = before @ self.mean + (terms.T * weight) @ difference_px
+            weighted = terms.T * (1 / (1 + (residual / CAUCHY_WIDTH) ** 2) / self.scatter_px**2)
+            information, right = before + weighted @ terms, before @ self.mean + weighted @ difference_px
             mean = np.asarray(np.linalg.solve(information, right), np.float64)
         frames = self.frames + 1
         scatter = MAD_TO_STD * median(np.abs(difference_px - terms @ mean))
         scatter_px = self.scatter_px + (scatter - self.scatter_px) / min(frames, MEMORY_FRAMES)
-        learnt = replace(
-            self, mean=mean, cov=symmetric_inverse(information), scatter_px=float(scatter_px), frames=frames
+        field_std_px = self._likely_field_std_px(information, mean)
+        field = range(_POLYNOMIAL + 1, len(mean))
+        information[field, field] += field_std_px**-2 - self.field_std_px**-2
+        cov = symmetric_inverse(information)
+        return replace(
+            self, mean=cov @ right, cov=cov, scatter_px=scatter_px, frames=frames, field_std_px=field_std_px
         )
-        return learnt._with_likely_field()
 
-    def _with_likely_field(self) -> "Rows":
-        """Return the same with a prior of the field whose σ the matches make likely, eq. (19a)."""
-        field = slice(_POLYNOMIAL + 1, None)
-        information = symmetric_inverse(self.cov)
-        own = symmetric_inverse(self.cov[field, field])
+    def _likely_field_std_px(self, information: Array, mean: Array) -> float:
+        """Return the σ of the field that matches make likely, eq. (19a), by all that is known of the rows."""
+        other, field = slice(_POLYNOMIAL + 1), slice(_POLYNOMIAL + 1, None)
+        across = information[other, field]
+        own = information[field, field] - across.T @ np.linalg.solve(information[other, other], across)
         values, axes = np.linalg.eigh(own - np.eye(len(own)) / self.field_std_px**2)
-        weighted = axes.T @ (own @ self.mean[field])
+        weighted = axes.T @ (own @ mean[field])
         evidence = core.log_evidence(np.maximum(values, 0.0), weighted, _FIELD_STD_PX**2).sum(axis=1)
         largest = max(0.0, float(evidence.max()))
         weight = np.exp(evidence - largest) / len(_FIELD_STD_PX)
         std_px = np.sqrt(weight @ _FIELD_STD_PX**2 / (weight.sum() + np.exp(-largest)))
-        std_px = max(float(std_px), _LEAST_FIELD_PX)
-        right = information @ self.mean
-        information[field, field] += np.eye(len(own)) * (std_px**-2 - self.field_std_px**-2)
-        cov = symmetric_inverse(symmetric(information))
-        return replace(self, mean=cov @ right, cov=cov, field_std_px=std_px)
+        return max(float(std_px), _LEAST_FIELD_PX)
 
     def _terms(self, left_px: Array, row_speed_px_s: Array) -> Array:
         """Return what amplitudes of 1 do to v_left − v_right (n, k)."""

@@ -71,7 +71,7 @@ def test_the_filter_is_a_dense_gaussian(monkeypatch: pytest.MonkeyPatch) -> None
     """Without robust weights and steps it is least squares over all matches at once."""
     monkeypatch.setattr(rows_of, "CAUCHY_WIDTH", 1e9)
     monkeypatch.setattr(rows_of, "_STEP_PX", 0.0)
-    monkeypatch.setattr(Rows, "_with_likely_field", lambda self: self)
+    monkeypatch.setattr(Rows, "_likely_field_std_px", lambda self, *_: self.field_std_px)
     rng = np.random.default_rng(1)
     prior = Rows.unknown(P, Config())
     at, speed = places(rng, 60), 30 * rng.normal(size=60)
