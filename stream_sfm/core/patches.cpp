@@ -51,31 +51,44 @@ float columns_of(const float* grey, int side, int k, int spacing, const float* w
     return mean;
 }
 
-// The stored patch (side, side) around its middle, at the places of the pixels within `reach` of the middle of today's
-// patch, whose warp is δ = W u / (1 + h·u): W above h are `warp` (3, 2). Only pixels that slopes and values of samples
-// `spacing` apart need.
+// The pixels within `reach` of a patch's middle that slopes and values of samples `spacing` apart need: where they are
+// from the middle, and in the square (side, side).
+struct Needed {
+    std::vector<float> u, v;
+    std::vector<int> at;
+
+    Needed(int reach, int spacing) {
+        for (int i = 0; i <= 2 * reach; i++) {
+            bool of_samples = (i - 1) % spacing == 0;  // of these rows the neighbours, too
+            for (int j = of_samples ? 0 : 1; j <= 2 * reach; j += of_samples ? 1 : spacing) {
+                u.push_back(static_cast<float>(j - reach));
+                v.push_back(static_cast<float>(i - reach));
+                at.push_back(i * (2 * reach + 1) + j);
+            }
+        }
+    }
+};
+
+// The stored patch (side, side) around its middle, at the places of the `needed` pixels of today's patch, whose warp is
+// δ = W u / (1 + h·u): W above h are `warp` (3, 2). `room` (3 n,): for places and samples.
 template <class T>
-void warp(const ImageOf<T>& stored, const double* warp, int reach, int spacing, float* grey) {
+void warp(Sampler<T>& sampler, const ImageOf<T>& stored, const double* warp, int reach, const Needed& needed, float* room, float* grey) {
     float w[6], middle = static_cast<float>(stored.width / 2);
     for (int i = 0; i < 6; i++) w[i] = static_cast<float>(warp[i]);
-    int side = 2 * reach + 1;
-    std::vector<float> x(side), y(side);
-    auto place = [&](int i, int j) {
-        float u = static_cast<float>(j - reach), v = static_cast<float>(i - reach);
+    std::size_t n = needed.at.size();
+    float *x = room, *y = x + n, *samples = y + n;
+    auto place = [&](float u, float v, float& x, float& y) {
         float nearer = 1.0f / (1.0f + w[4] * u + w[5] * v);
-        x[j] = middle + (w[0] * u + w[1] * v) * nearer;
-        y[j] = middle + (w[2] * u + w[3] * v) * nearer;
-        return nearer > 0.0f && is_inside(stored, x[j], y[j]);
+        x = middle + (w[0] * u + w[1] * v) * nearer;
+        y = middle + (w[2] * u + w[3] * v) * nearer;
+        return nearer > 0.0f && is_inside(stored, x, y);
     };
     bool inside = true;  // a square's image is convex
-    for (int i : {0, 2 * reach})
-        for (int j : {0, 2 * reach}) inside = place(i, j) && inside;
-    for (int i = 0; i < side; i++) {
-        bool with_neighbours = (i - 1) % spacing == 0;
-        int first = with_neighbours ? 0 : 1, step = with_neighbours ? 1 : spacing;
-        for (int j = 0; j < side; j++) place(i, j);
-        sample_places(stored, x.data(), y.data(), first, side, step, inside, grey + i * side);
-    }
+    for (int v : {-reach, reach})
+        for (int u : {-reach, reach}) inside = place(static_cast<float>(u), static_cast<float>(v), x[0], y[0]) && inside;
+    for (std::size_t i = 0; i < n; i++) place(needed.u[i], needed.v[i], x[i], y[i]);
+    sampler.at_places(stored, x, y, n, inside, samples);
+    for (std::size_t i = 0; i < n; i++) grey[needed.at[i]] = samples[i];
 }
 
 }  // namespace
@@ -133,10 +146,12 @@ Patches warp_patches(const View<T, 3>& stored, const Indices& slots, const View<
         require(slots.data[i] >= 0 && static_cast<std::size_t>(slots.data[i]) < stored.shape[0], "a slot is not one of the stored patches");
     Array<float, 1> weights = sample_weights(radius, spacing);
     Patches result{Array<float, 3>({n, 3, samples}), Array<double, 3>({n, 3, 3}), Array<float, 1>({n})};
-    std::vector<float> grey(static_cast<std::size_t>(side) * side), columns(3 * samples), weighted(3 * samples);
+    Needed needed(reach, spacing);
+    std::vector<float> grey(static_cast<std::size_t>(side) * side), room(3 * needed.at.size()), columns(3 * samples), weighted(3 * samples);
+    Sampler<T> sampler(needed.at.size());
     int extent = static_cast<int>(stored.shape[1]);
     for (std::size_t i = 0; i < n; i++) {
-        warp(ImageOf<T>{stored[slots.data[i]], extent, extent}, warps[i], reach, spacing, grey.data());
+        warp(sampler, ImageOf<T>{stored[slots.data[i]], extent, extent}, warps[i], reach, needed, room.data(), grey.data());
         result.level.data[i] = columns_of(grey.data(), side, k, spacing, weights.data.get(), columns.data());
         for (int c = 0; c < 3; c++)
             for (int j = 0; j < k2; j++) weighted[c * k2 + j] = columns[c * k2 + j] * weights.data[j];
@@ -186,13 +201,14 @@ AlignedPatches align_patches(const ImageOf<T>& image, const View<double, 2>& sta
     Array<float, 1> weights = sample_weights(radius, spacing);
     AlignedPatches result{Array<double, 2>({n, 2}), Array<bool, 1>({n}), Array<double, 1>({n})};
     std::vector<float> there(k2), weighted(k2);
+    Sampler<T> sampler(k2);
     std::vector<double> rest(n), gain(n), offset(n), found_gains, found_offsets;
     for (std::size_t i = 0; i < n; i++) {
         float x = static_cast<float>(starts[i][0]), y = static_cast<float>(starts[i][1]);
         double fit[3] = {0, 0, 0}, mean = 0, total = 0, before = radius / MAX_STEP_RATIO;
         bool converged = false, going = std::isfinite(x) && std::isfinite(y);
         for (int step = 0; going && step < MAX_STEPS; step++) {
-            sample_square(image, x, y, radius, spacing, k, there.data());
+            sampler.square(image, x, y, radius, spacing, k, there.data());
             mean = dot(there.data(), weights.data.get(), k2) / k2;
             for (int j = 0; j < k2; j++) {
                 there[j] -= static_cast<float>(mean);

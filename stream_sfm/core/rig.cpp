@@ -255,13 +255,15 @@ Array<double, 2> principal_components(const View<double, 2>& errors) {
     for (std::size_t a = 0; a < k; a++)
         for (std::size_t b = 0; b < a; b++) products[a * k + b] = products[b * k + a];
     diagonalise(products.data(), axes.data(), k);
-    std::vector<std::size_t> kept;
-    for (std::size_t a = 0; a < k; a++)
-        if (products[a * k + a] > LEAST_PX2) kept.push_back(a);
-    Array<double, 2> result({n, kept.size()});
+    std::size_t kept = 0;
+    for (std::size_t a = 0; a < k; a++) {
+        if (!(products[a * k + a] > LEAST_PX2)) continue;
+        for (std::size_t b = 0; b < k; b++) axes[b * k + kept] = axes[b * k + a];  // the first columns
+        kept++;
+    }
+    Array<double, 2> result({n, kept});
     for (std::size_t i = 0; i < n; i++)
-        for (std::size_t c = 0; c < kept.size(); c++)
-            for (std::size_t a = 0; a < k; a++) result[i][c] += errors[i][a] * axes[a * k + kept[c]];
+        for (std::size_t a = 0; a < k; a++) add(errors[i][a], axes.data() + a * k, kept, result[i]);
     return result;
 }
 

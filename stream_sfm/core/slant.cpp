@@ -65,7 +65,8 @@ Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& righ
     int k = 2 * radius / SPACING_PX + 1, k2 = k * k;
     const double variance = std_grey * std_grey;
     const double prior[4] = {variance * FREE, variance / (PRIOR_SLOPE * PRIOR_SLOPE), variance / (PRIOR_SLOPE * PRIOR_SLOPE), variance * FREE};
-    std::vector<float> grey(k2), by_parameter(4 * k2), there(k2), at_u(k), at_v(k);
+    std::vector<float> grey(k2), by_parameter(4 * k2), there(k2), at_u(k2), at_v(k2);
+    Sampler<T> sampler(k2);
     for (std::size_t i = 0; i < n; i++) {
         std::int64_t u = bounded(points[i][0]), v = bounded(points[i][1]);
         cut(left, u, v, radius, k, grey.data(), by_parameter.data());
@@ -83,18 +84,17 @@ Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& righ
         for (int step = 0; step < STEPS; step++) {
             double mean = 0, g[4];
             bool inside = true;
-            auto place = [&](int row, int column) {
+            auto place = [&](int row, int column, int at) {
                 double du = SPACING_PX * column - radius, dv = SPACING_PX * row - radius;
-                at_u[column] = static_cast<float>(x + du - (p[0] + p[1] * du + p[2] * dv));
-                at_v[column] = static_cast<float>(y + dv + p[3]);
-                return is_inside(right, at_u[column], at_v[column]);
+                at_u[at] = static_cast<float>(x + du - (p[0] + p[1] * du + p[2] * dv));
+                at_v[at] = static_cast<float>(y + dv + p[3]);
+                return is_inside(right, at_u[at], at_v[at]);
             };
             for (int row : {0, k - 1})
-                for (int column : {0, k - 1}) inside = place(row, column) && inside;
-            for (int row = 0; row < k; row++) {
-                for (int column = 0; column < k; column++) place(row, column);
-                sample_places(right, at_u.data(), at_v.data(), 0, k, 1, inside, there.data() + row * k);
-            }
+                for (int column : {0, k - 1}) inside = place(row, column, 0) && inside;
+            for (int row = 0; row < k; row++)
+                for (int column = 0; column < k; column++) place(row, column, row * k + column);
+            sampler.at_places(right, at_u.data(), at_v.data(), k2, inside, there.data());
             for (int at = 0; at < k2; at++) mean += there[at];
             mean /= k2;
             for (int at = 0; at < k2; at++) there[at] -= static_cast<float>(mean);
