@@ -2,8 +2,6 @@
 
 import os
 import signal
-import subprocess
-from collections.abc import Iterator
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -19,22 +17,6 @@ from tests.helpers.wall_log import write_wall_log
 signal.signal(signal.SIGINT, signal.default_int_handler)
 if hasattr(signal, "SIGHUP"):
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
-_PATIENCE = 10  # under load everything takes longer
-
-
-@pytest.fixture(autouse=True, scope="session")
-def _limits_end_only_what_hangs() -> Iterator[None]:
-    """Limits of time on processes are there for those that never end; nothing is judged by them."""
-    popen = subprocess.Popen
-    communicate, wait = popen.communicate, popen.wait
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            popen,
-            "communicate",
-            lambda self, input=None, timeout=None: communicate(self, input, timeout and _PATIENCE * timeout),
-        )
-        patch.setattr(popen, "wait", lambda self, timeout=None: wait(self, timeout and _PATIENCE * timeout))
-        yield
 
 
 @pytest.fixture

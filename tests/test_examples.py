@@ -24,7 +24,7 @@ EXAMPLES = sorted(path.name for path in (ROOT / "examples").glob("*.py"))
 def run(example: str, *arguments: object) -> str:
     """What the example prints."""
     command = [sys.executable, ROOT / "examples" / example, *arguments]
-    done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=300)
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=1800)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

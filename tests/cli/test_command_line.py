@@ -83,7 +83,7 @@ def test_help_imports_nothing_heavy():
         "heavy = ('numpy', 'cv2', 'scipy', 'mcap', 'msgspec', 'matplotlib', 'rerun')\n"
         "print([m for m in heavy if m in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=1800, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
 
 
@@ -232,7 +232,7 @@ def test_the_reader_of_our_output_may_go(command, streams, wall_log, tmp_path):
     """A pipe whose reader has gone before anything is printed: nothing is said about it, and the run is not ended."""
     ours = f"'{sys.executable}' -m stream_sfm {command.format(log=wall_log, out=tmp_path)} {streams}"
     script = f"( sleep 0.2; {ours}; echo code $? ) 3> >(true)"
-    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=120)
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=1800)
     assert done.stdout.endswith("code 0\n") and "Traceback" not in done.stderr + done.stdout
     assert command == "config" or len(np.loadtxt(tmp_path / "trajectory.tum")) == 12
 
@@ -243,7 +243,7 @@ def test_the_reader_of_our_output_may_go(command, streams, wall_log, tmp_path):
 )
 def test_an_output_that_takes_nothing_is_no_defect(streams, code, says, wall_log):
     ours = f"'{sys.executable}' -m stream_sfm inspect {wall_log} {streams}"
-    done = subprocess.run(["bash", "-c", ours], capture_output=True, text=True, timeout=120)
+    done = subprocess.run(["bash", "-c", ours], capture_output=True, text=True, timeout=1800)
     assert (done.returncode, done.stderr) == (code, says)
 
 

@@ -241,17 +241,17 @@ def test_a_text_of_millions_of_stamps_is_refused(tmp_path, line):
             reader(tmp_path / "times.txt")
 
 
-def images(name: str, encodings: tuple[str, str], told: bytes, *data: bytes) -> list[bytes]:
-    """Messages on the topic of the left camera, of this type and definition."""
+def image(name: str, encodings: tuple[str, str], told: bytes, data: bytes) -> list[bytes]:
+    """A message on the topic of the left camera, of this type and definition."""
     said = schema(999, name, encodings[1], told) + channel(1000, 999, Spec.topics[0], encodings[0])
-    return [chunk(said + message(1000, one)) for one in data]
+    return [chunk(said + message(1000, data))]
 
 
 def values_in_json() -> list[bytes]:
     png64 = base64.b64encode(png()).decode()
-    image = json.dumps({"timestamp": {"sec": 1, "nsec": 0}, "format": "png", "data": png64})
+    text = json.dumps({"timestamp": {"sec": 1, "nsec": 0}, "format": "png", "data": png64})
     more = ',"more":[' + "[]," * (20 * MIB) + "[]]}"
-    return images("foxglove.CompressedImage", ("json", "jsonschema"), b"{}", (image[:-1] + more).encode())
+    return image("foxglove.CompressedImage", ("json", "jsonschema"), b"{}", (text[:-1] + more).encode())
 
 
 def parts_in_ros() -> list[bytes]:
@@ -262,7 +262,7 @@ def parts_in_ros() -> list[bytes]:
     header = {"stamp": {"sec": 1, "nanosec": 0}, "frame_id": "left"}
     data = serialize_dynamic(name, ROS2[name])[name]({"header": header, "format": "png", "data": png()})
     data += bytes(-(len(data) - 4) % 4) + struct.pack("<I", count) + bytes(count)
-    return images(name, ("cdr", "ros2msg"), told.encode(), data)
+    return image(name, ("cdr", "ros2msg"), told.encode(), data)
 
 
 def parts_in_protobuf() -> list[bytes]:
@@ -272,7 +272,12 @@ def parts_in_protobuf() -> list[bytes]:
     more = {"label": FieldDescriptorProto.LABEL_REPEATED, "type": FieldDescriptorProto.TYPE_MESSAGE}
     kind.field.add(name="more", number=50, type_name=".google.protobuf.Timestamp", **more)
     data = CompressedImage(format="png", data=png()).SerializeToString() + b"\x92\x03\x00" * (30 * MIB)
-    return images("foxglove.CompressedImage", ("protobuf", "protobuf"), files.SerializeToString(), data)
+    return image("foxglove.CompressedImage", ("protobuf", "protobuf"), files.SerializeToString(), data)
+
+
+def names_of_gigabytes() -> list[bytes]:
+    data = CompressedImage(frame_id="a" * (100 * MIB), format="png", data=png()).SerializeToString()
+    return 10 * image("foxglove.CompressedImage", ("protobuf", "protobuf"), definition(CompressedImage), data)
 
 
 def calibrations_of_gigabytes() -> Iterator[bytes]:
@@ -288,12 +293,7 @@ LOGS: dict[str, Callable[[], Iterable[bytes]]] = {  # records before those of a 
         chunk(b"".join(channel(9000 + 12 * n + m, 0, b"a" * (7 * MIB), "") for m in range(12))) for n in range(10)
     ),
     "calibrations": calibrations_of_gigabytes,
-    "names of frames": lambda: images(
-        "foxglove.CompressedImage",
-        ("protobuf", "protobuf"),
-        definition(CompressedImage),
-        *[CompressedImage(frame_id="a" * (100 * MIB), format="png", data=png()).SerializeToString()] * 10,
-    ),
+    "names of frames": names_of_gigabytes,
     "values in JSON": values_in_json,
     "parts in ROS": parts_in_ros,
     "parts in protobuf": parts_in_protobuf,

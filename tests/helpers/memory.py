@@ -10,6 +10,6 @@ def peaks_mib(code: str, *arguments: object) -> list[float]:
     head = "import sys\nfrom stream_sfm.run.summary import peak_rss_mib\n"
     head += "def peak(): print('peak', peak_rss_mib(), flush=True)\n"
     command = [sys.executable, "-c", f"{head}{code}\npeak()", *map(str, arguments)]
-    done = subprocess.run(command, start_new_session=True, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, start_new_session=True, capture_output=True, text=True, timeout=1800)
     assert done.returncode == 0, done.stderr
     return [float(line.split()[1]) for line in done.stdout.splitlines() if line.startswith("peak ")]

@@ -27,7 +27,7 @@ raise SystemExit(main(sys.argv[1:]))
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", WITHOUT, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+    return subprocess.run(command, capture_output=True, text=True, timeout=1800)
 
 
 def test_a_replay_needs_no_viewer(tmp_path: Path) -> None:
