@@ -9,6 +9,7 @@ import sys
 import time
 from multiprocessing.connection import Connection
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -19,7 +20,6 @@ from stream_sfm.outputs import RESULTS
 from stream_sfm.results.estimates_reader import read_estimates
 from stream_sfm.run.replay import replay
 from stream_sfm.sources.pose_files import read_tum
-from tests.helpers.sinks import Calling
 from tests.helpers.wall_log import write_wall_log
 
 FAST = sfm.Config(method="frame-to-frame")
@@ -48,7 +48,7 @@ def processes():
 
 
 def _replay_and_tell(log: Path, out: Path, told: Connection) -> None:
-    replay(log, out, FAST, sinks=[Calling(lambda e: told.send(e.frame_index))])
+    replay(log, out, FAST, sinks=[Mock(write=lambda estimate, _: told.send(estimate.frame_index))])
 
 
 def _replay_on_a_small_disk(log: Path, out: Path, size: int, said: Path) -> None:

@@ -12,6 +12,7 @@ from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace as Is
 from typing import Any
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -20,7 +21,6 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.sources.camera import _Grabber
 from tests.helpers.same_results import estimate_messages
-from tests.helpers.sinks import Calling
 from tests.helpers.wall import Wall, camera_path, rig
 
 FRAMES = 8
@@ -261,14 +261,14 @@ def test_a_run_that_is_ended_keeps_all_it_has(webcams: Path, tmp_path: Path) -> 
     """By a sink that has seen enough, as by Ctrl-C: the recording is whole, and so are the results."""
     seen: list[int] = []
 
-    def enough(estimate: sfm.FrameEstimate) -> None:
+    def enough(estimate: sfm.FrameEstimate, _: object) -> None:
         seen.append(estimate.frame_index)
         if len(seen) == 3:
             os.kill(os.getpid(), signal.SIGINT)
 
     camera = sfm.open_camera("0", "1", calibration=webcams, record=tmp_path / "log.mcap")
     with closing(camera) as log, pytest.raises(sfm.ReplayInterrupted) as stop:
-        sfm.replay(log, tmp_path / "run", sinks=[Calling(enough)])
+        sfm.replay(log, tmp_path / "run", sinks=[Mock(write=enough)])
     assert len(stop.value.result.trajectory) == len(seen) == 3
     assert len(sfm.read_results(tmp_path / "run")) == 3
     assert len(list(sfm.open_log(tmp_path / "log.mcap").frames())) >= 3

@@ -6,6 +6,7 @@ import re
 import signal
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -18,7 +19,6 @@ from stream_sfm.recording.stereo_log import open_log
 from stream_sfm.run.compare import compare
 from stream_sfm.run.replay import replay
 from stream_sfm.types import Trajectory
-from tests.helpers.sinks import Calling
 from tests.helpers.stereo_logs import Calib, K, Spec, right_calib, write_log
 
 pytestmark = pytest.mark.slow
@@ -128,11 +128,11 @@ def test_one_method_that_fails_does_not_cost_the_others(
 
     monkeypatch.setattr(FrameToFrame, "step", broken_later)
     log, poses = write_log(tmp_path / "log.mcap", spec(range(5), truth=True)), []
-    watched = Calling(lambda estimate: poses.append(estimate.world_from_cam))
+    watched = Mock(write=lambda estimate, _: poses.append(estimate.world_from_cam))
     monkeypatch.chdir(tmp_path)
     result = compare(log, methods=("frame-to-frame", "ekf"), sinks=[watched])
     failed, ekf = result.comparison.runs
-    assert np.array_equal(poses, [*failed.poses[:2], *ekf.poses[2:]]) and watched.closed == 1
+    assert np.array_equal(poses, [*failed.poses[:2], *ekf.poses[2:]]) and watched.close.call_count == 1
     methods = result.report["methods"]
     assert methods["frame_to_frame"]["failure"] == "stopped at frame 2: singular" and not result.report["complete"]
     assert methods["ekf"]["ate_rmse_aligned_m"] is not None and len(ekf) == 5
@@ -142,12 +142,12 @@ def test_one_method_that_fails_does_not_cost_the_others(
 
 
 def test_an_interruption_still_gives_a_report(tmp_path: Path) -> None:
-    def stop(estimate: Any) -> None:
+    def stop(estimate: Any, _: object) -> None:
         if estimate.frame_index == 4:
             os.kill(os.getpid(), signal.SIGINT)
 
     log = open_log(write_log(tmp_path / "log.mcap", spec()))
-    result = compare(log, tmp_path / "out", methods=("frame-to-frame",), sinks=[Calling(stop)])
+    result = compare(log, tmp_path / "out", methods=("frame-to-frame",), sinks=[Mock(write=stop)])
     assert result.comparison.interrupted and not result.report["complete"] and result.report["frames"] == 5
     assert "interrupted after 5 frames" in (tmp_path / "out" / "report.html").read_text()
     assert len((tmp_path / "out" / "frame_to_frame" / "trajectory.tum").read_text().splitlines()) == 5

@@ -20,7 +20,6 @@ from stream_sfm.run.replay import ReplayInterrupted, replay
 from stream_sfm.sources.pose_files import read_tum
 from tests.helpers.places import ROOM
 from tests.helpers.same_results import assert_same_results, estimate_messages
-from tests.helpers.sinks import Calling
 from tests.helpers.wall_log import write_wall_log
 
 FILES = {"estimates.mcap", "summary.json", "config.toml", "metadata.yaml"} | {
@@ -106,13 +105,13 @@ def test_a_failing_sink_loses_nothing_and_does_not_take_the_others_with_it(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_the_run_after_the_frame_in_hand(number, wall_log: Path, tmp_path: Path):
-    def interrupt(estimate):
+    def interrupt(estimate, _):
         if estimate.frame_index == 4:
             os.kill(os.getpid(), number)
 
     before = signal.getsignal(number)
     with pytest.raises(ReplayInterrupted) as caught:
-        replay(wall_log, tmp_path / "out", FAST, sinks=[Calling(interrupt)])
+        replay(wall_log, tmp_path / "out", FAST, sinks=[mock.Mock(write=interrupt)])
     assert signal.getsignal(number) == before
     assert len(caught.value.result.trajectory) == 5
     assert {p.name for p in (tmp_path / "out").iterdir()} == FILES
