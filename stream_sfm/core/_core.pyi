@@ -47,9 +47,10 @@ Second = tuple[Array, Array, Mask, float]
 # many that do make a second motion, and the share of the evidence from which it makes the first one ambiguous; whether
 # most views agree with the start already, and whether no motion of other views is looked for.
 ResectionRules = tuple[tuple[float, float], float, float, int, float, bool, bool]
-# Homogeneous points (n, 4), their twists (n, 6), or (1, 6) for all, and in which rows (n, 4) they were exposed, as
-# shares of the height.
-TimedPoints = tuple[Array, Array, Array]
+# Homogeneous points (n, 4), and their twists (n, 6), or (1, 6) for all.
+MovingPoints = tuple[Array, Array]
+# A rig's errors: of which pair, its size, units of the terms per amplitude (t, t), and the field.
+RigModel = tuple[Pinholes, tuple[float, float], Array, Field]
 # Homogeneous points (n, 4) of tracks at unit depth, variances (n,) of 1/Z, covariances (n, 2, 2) px² of left positions,
 # anchor cameras (n, 4, 4), slopes (n, 2) of 1/Z there, and image pixels (n,) per pixel of the template.
 Tracks = tuple[Array, Array, Array, Array, Array, Pixels]
@@ -57,8 +58,9 @@ Tracks = tuple[Array, Array, Array, Array, Array, Pixels]
 # errors (m,).
 WindowState = tuple[Array, Pixels, Array, Array, Array]
 # Its views: frame (V,), ids (V,), used (V,), z_px (V, 4), weight (V, 4) and whitening roots (V, 4, 4). Errors of the
-# rig move a view by terms (V, 4, t) and by the parts of a field: moves (4, p) ⊗ field (V, K), m = t + p K.
-WindowViews = tuple[Pixels, Pixels, Mask, Array, Array, Array, Array, Array, Array]
+# rig move a view by terms (V, 4, t), of which those of delay and readout get timing (V, 4, 2) added, or (V, 4, 0), and
+# by the parts of a field: moves (4, p) ⊗ field (V, K), m = t + p K.
+WindowViews = tuple[Pixels, Pixels, Mask, Array, Array, Array, Array, Array, Array, Array]
 # Points of a prior: known (N,), their rows among those of the window, mean (N, 3), D (N, 3, 3) and modes F (N, 3, k).
 # The last m modes are those of the rig's errors: information (m, m) and weighted sums (m,) of their amplitudes.
 PriorPoints = tuple[Pixels, Array, Array, Array, Array, Array]
@@ -339,18 +341,11 @@ def fit_turn(
     have no shared errors.
     """
 
-def rig_columns(
-    pinholes: Pinholes,
-    width: float,
-    height: float,
-    z_px: Array,
-    velocity_px_s: Array | None,
-    row: Array | None,
-    age_s: Array,
-) -> Array:
-    """Return what one unit of each term of a rig's errors does to views (n, 4): (n, 4, t), eqs. (70) and (72d).
+def rig_effects(model: RigModel, z_px: Array, age_s: Array) -> tuple[Array, Array]:
+    """Return what amplitudes of 1 do to views (n, 4): of the terms (n, 4, t), and the field's basis (n, K), eq. (70).
 
-    As `rig_model.terms.columns` documents it; `age_s` (n,).
+    Of cameras that stand still; `age_s` (n,) or (1,): for how long errors have grown, eq. (72d). A missing side has no
+    terms.
     """
 
 def field_basis(field: Field, left_px: Array) -> Array:
@@ -387,24 +382,32 @@ def twists(poses: Array, seconds: Array) -> Array:
 def velocities(pinholes: Pinholes, points_in_cam: Array, twists: Array) -> Array:
     """Return how views of homogeneous points (n, 4) move (n, 4), px/s, with `twists` (n, 6), or (1, 6) for all."""
 
-def timed_views(pinholes: Pinholes, points_in_cam: Array, twists: Array, row: Array) -> Array:
+def timed_views(
+    pinholes: Pinholes, exposed: ExposedRows, points_in_cam: Array, twists: Array, z_px: Array | None
+) -> Array:
     """Return what delay and readout do to views of homogeneous points (n, 4): (n, 4, 2) px/s, eq. (70a).
 
-    `twists` of the points (n, 6), or (1, 6) for all; `row` (n, 4): in which rows they were exposed, as shares of the
-    height, NaN for a side that was not seen, to which nothing is done.
+    `twists` of the points (n, 6), or (1, 6) for all; `z_px` (n, 4): at places whose rows count, where the points are
+    projected if there are none; to a side with NaN nothing is done.
     """
 
 def shifts_by_timing(pinholes: Pinholes, exposed: ExposedRows, points: Array, twist: Array, mean: Array) -> Array:
     """Return by how much (n, 4) px delay and readout, seconds (2,), shift views of homogeneous points (n, 4)."""
 
 def timing_unknowns(
-    pinholes: Pinholes, before: TimedPoints, now: TimedPoints, cov: Array, size: Array, std_twist: Array
+    pinholes: Pinholes,
+    exposed: ExposedRows,
+    before: MovingPoints,
+    now: MovingPoints,
+    cov: Array,
+    size: Array,
+    std_twist: Array,
 ) -> Array:
     """Return the errors (n, 4, j) px, of σ = 1, of changes of views: by delay and readout, and by the twist.
 
-    Points with one twist (1, 6) each before and now. Delay and readout have the covariance `cov` (2, 2), s², and the
-    root mean squares `size` (2,), s; the twist now has `std_twist` (6,). Principal components, without those that do
-    not matter beside the noise of a good view. Raises LinAlgError where `cov` is not definite.
+    Delay and readout have the covariance `cov` (2, 2), s², and the root mean squares `size` (2,), s; the twist now has
+    `std_twist` (6,). Principal components, without those that do not matter beside the noise of a good view. Raises
+    LinAlgError where `cov` is not definite.
     """
 
 def unknown_errors(
@@ -424,10 +427,12 @@ def unknown_errors(
     and delay feign. Raises LinAlgError where a covariance is not definite.
     """
 
-def cov_of_timed_pose(pinholes: Pinholes, points_in_cam: Array, row: Array, size: Array, cov_twist: Array) -> Array:
+def cov_of_timed_pose(
+    pinholes: Pinholes, exposed: ExposedRows, points_in_cam: Array, size: Array, cov_twist: Array
+) -> Array:
     """Return the covariance (6, 6) of a pose, seen by homogeneous points (n, 4), by a twist with (6, 6), eq. (70b).
 
-    By a delay and by a readout of `size` (2,), s; `row` as in `timed_views`.
+    By a delay and by a readout of `size` (2,), s.
     """
 
 def reported_motions(axes: PhysicalAxes, poses: Array, cov: Array, by_terms: Array) -> tuple[Array, Array, Array]:
@@ -471,6 +476,24 @@ def points_of_views(state: WindowState, views: WindowViews) -> Array:
 
     Views of points that the state does not have are left out, here and in what follows.
     """
+
+def expected_views(
+    pinholes: Pinholes, state: WindowState, views: WindowViews, stereo: Mask, expected_px: Array
+) -> Array:
+    """Return views (V, 4) where the used ones are expected, with the rig's errors; the others as they are given.
+
+    NaN for sides that were not seen, those on the right without `stereo`.
+    """
+
+def timing_of_views(
+    pinholes: Pinholes,
+    exposed: ExposedRows,
+    state: WindowState,
+    views: WindowViews,
+    expected_px: Array,
+    twists: Array,
+) -> Array:
+    """Return the `timed_views` (V, 4, 2) of the used ones, expected at (V, 4), with `twists` (F, 6) of their frames."""
 
 def q_by_reference(ref_from_anchor: Array, q: Array) -> Array:
     """Return ∂q/∂ξ (n, 3, 6) where points P in the reference camera become Exp(ξ)·P and their anchors stay, eq. (31).

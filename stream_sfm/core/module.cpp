@@ -80,17 +80,6 @@ nb::object result(Stage&& stage) {
     return given(unlocked(stage));
 }
 
-Pinholes pinholes(const nb::tuple& numbers) {
-    require(numbers.size() == 5, "pinholes are not five numbers");
-    auto number = [&](int i) { return nb::cast<double>(numbers[i]); };
-    return {number(0), number(1), number(2), number(3), number(4)};
-}
-
-using Floats = In<double, 2>;
-using Blocks = In<double, 3>;
-using Numbers = In<double, 1>;
-using Rows = In<std::int64_t, 1>;
-
 // How Python gives an argument of a stage: numbers as they are.
 template <class T>
 struct Argument {
@@ -143,7 +132,9 @@ template <>
 struct Argument<PointViews> : RecordArgument<PointViews, Pinholes, View<double, 2>, View<double, 3>, View<double, 2>, View<double, 3>,
                                              View<double, 3>, View<double, 1>> {};
 template <>
-struct Argument<TimedPoints> : RecordArgument<TimedPoints, View<double, 2>, View<double, 2>, View<double, 2>> {};
+struct Argument<RigModel> : RecordArgument<RigModel, Pinholes, std::array<double, 2>, View<double, 2>, Field> {};
+template <>
+struct Argument<MovingPoints> : RecordArgument<MovingPoints, View<double, 2>, View<double, 2>> {};
 template <>
 struct Argument<ResectionRules> : RecordArgument<ResectionRules, std::array<double, 2>, double, double, std::size_t, double, bool, bool> {};
 template <>
@@ -156,7 +147,7 @@ template <>
 struct Argument<WindowState> : RecordArgument<WindowState, View<double, 3>, Indices, View<double, 3>, View<double, 2>, View<double, 1>> {};
 template <>
 struct Argument<WindowViews> : RecordArgument<WindowViews, Indices, Indices, View<bool, 1>, View<double, 2>, View<double, 2>,
-                                              View<double, 3>, View<double, 3>, View<double, 2>, View<double, 2>> {};
+                                              View<double, 3>, View<double, 3>, View<double, 3>, View<double, 2>, View<double, 2>> {};
 template <>
 struct Argument<BlockViews> : RecordArgument<BlockViews, View<double, 3>, View<double, 3>, View<double, 3>, View<double, 2>,
                                              View<double, 2>, View<double, 2>, View<double, 3>, View<double, 3>, View<double, 1>> {};
@@ -208,20 +199,10 @@ NB_MODULE(_core, m) {
     });
     def_of_images<std::uint8_t>(m, nb::arg().noconvert());  // before it would be converted to floats
     def_of_images<float>(m, nb::arg());
-    m.def("rig_columns",
-          [](const nb::tuple& camera, double width, double height, const Floats& z, std::optional<Floats> velocity,
-             std::optional<Floats> row, const Numbers& age) {
-              Pinholes of = pinholes(camera);
-              View<double, 2> velocities{}, rows{};
-              if (velocity) velocities = view(*velocity);
-              if (row) rows = view(*row);
-              return result([&] {
-                  return rig_columns(of, {width, height}, view(z), velocity ? &velocities : nullptr, row ? &rows : nullptr,
-                                     view(age));
-              });
-          },
-          nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none(), nb::arg().none(), nb::arg());
+    m.def("rig_effects", &Bound<&rig_effects>::call);
     m.def("polynomial_rows", &Bound<&polynomial_rows>::call);
+    m.def("expected_views", &Bound<&expected_views>::call);
+    m.def("timing_of_views", &Bound<&timing_of_views>::call);
     m.def("linearise_views", &Bound<&linearise_views>::call);
     m.def("view_residuals", &Bound<&view_residuals>::call);
     m.def("fit_motion", &Bound<&fit_motion>::call);
@@ -266,7 +247,7 @@ NB_MODULE(_core, m) {
     m.def("field_basis", &Bound<&field_basis>::call);
     m.def("rig_mixture", &Bound<&rig_mixture>::call);
     m.def("velocities", &Bound<&velocities>::call);
-    m.def("timed_views", &Bound<&timed_views>::call);
+    m.def("timed_views", &Bound<&timed_views>::call, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none());
     m.def("timing_unknowns", &Bound<&timing_unknowns>::call);
     m.def("unknown_errors", &Bound<&unknown_errors>::call);
     m.def("shifts_by_timing", &Bound<&shifts_by_timing>::call);

@@ -10,8 +10,8 @@ namespace core {
 namespace {
 
 constexpr double LEAST_PX2 = 1e-2;  // of a component of errors, summed over all views: the variance of one good view
-constexpr std::size_t TERMS = 20;  // the order of rig_model/terms.py
 enum Term { DISPARITY = 0, LENS = 6, POINT = 8, TANGENTIAL = 10, DIFFERENCE = 12, FOCAL, DELAY, READOUT, TURNING, FOCUSING = 19 };
+static_assert(DELAY == AT_TIMING && FOCUSING + 1 == TERMS);
 
 // Both coordinates (2, TERMS) of a ray (2,), px per pixel of each error of a lens; `corner` is the slope of that ray.
 void lens_columns(const double* ray, const double* left_ray, double corner, double* out) {
@@ -46,90 +46,121 @@ void velocity_of(const double* by_twist, const double* twist, double* out) {
 
 double share(double row) { return std::isnan(row) ? 0.0 : row; }  // of a side that was not seen
 
-}  // namespace
+// In which rows both sides of a view (4,) are exposed (4,): Σ c x^a y^b, x and y from −1 to 1 over the image.
+void rows_of_view(const ExposedRows& of, const double* z, double* rows) {
+    std::size_t sides = of.coefficients.shape[0], k = of.coefficients.shape[1];
+    for (std::size_t side = 0; side < 2; side++) {
+        double x = 2 * z[2 * side] / of.size[0] - 1, y = 2 * z[2 * side + 1] / of.size[1] - 1, sum = 0;
+        for (std::size_t a = k; a-- > 0;) {  // Horner's scheme in both
+            double inner = 0;
+            for (std::size_t b = k; b-- > 0;) inner = inner * y + of.coefficients[std::min(side, sides - 1)][a * k + b];
+            sum = sum * x + inner;
+        }
+        rows[2 * side] = rows[2 * side + 1] = sum;
+    }
+}
 
-Array<double, 3> rig_columns(const Pinholes& p, const std::array<double, 2>& size, const View<double, 2>& z,
-                             const View<double, 2>* velocity, const View<double, 2>* row, const View<double, 1>& age) {
-    std::size_t n = z.shape[0];
-    require_shape(z, {n, 4}, "z_px");
-    require_shape(age, {n}, "age_s");
-    if (velocity) require_shape(*velocity, {n, 4}, "velocity_px_s");
-    if (row) require_shape(*row, {n, 4}, "row");
-    Array<double, 3> result({n, 4, TERMS});
+// ∂ż/∂ξ̇ (4, 6) of a homogeneous point, and the rows (4,) in which it is seen.
+void timing_by_twist(const Pinholes& pinholes, const ExposedRows& exposed, const double* point, double* by_twist, double* rows) {
+    double z[4];
+    velocity_by_twist(pinholes, point, by_twist);
+    project(pinholes, point, z);
+    rows_of_view(exposed, z, rows);
+}
+
+// What amplitudes of 1 of the terms do to a view: (4, TERMS).
+void terms_of_view(const RigModel& model, const double* z, double age, double* out) {
+    const Pinholes& p = model.pinholes;
+    const auto& size = model.size;
     double centre[2] = {(size[0] - 1) / 2, (size[1] - 1) / 2};
     double corner = std::hypot(std::max(p.cx_left, size[0] - p.cx_left), std::max(p.cy, size[1] - p.cy)) / p.f;
-    double middle[4] = {p.cx_left, p.cy, p.cx_right, p.cy};
+    double middle[4] = {p.cx_left, p.cy, p.cx_right, p.cy}, from_centre[4], rays[4], columns[4 * TERMS] = {};
+    double *right = columns + 2 * TERMS, x = (z[0] - centre[0]) / centre[0], y = (z[1] - centre[1]) / centre[1];
+    double polynomial[6] = {1, x, y, x * x, x * y, y * y};
+    std::copy(polynomial, polynomial + 6, right + DISPARITY);
+    for (int c = 0; c < 4; c++) {
+        from_centre[c] = z[c] - middle[c];
+        rays[c] = from_centre[c] / p.f;
+    }
+    for (int side = 0; side < 4; side += 2) lens_columns(rays + side, rays, corner, columns + side * TERMS);
+    right[DIFFERENCE] = right[LENS];
+    std::copy(columns + TERMS, columns + 2 * TERMS, right + TERMS);
+    for (int c = 0; c < 4; c++) {
+        columns[c * TERMS + FOCAL] = from_centre[c];
+        columns[c * TERMS + FOCUSING] = age == 0 ? 0.0 : age * from_centre[c];
+    }
+    if (age != 0) {
+        double turn[3] = {rays[2] * rays[3], -1 - rays[2] * rays[2], rays[3]};
+        for (int k = 0; k < 3; k++) right[TURNING + k] = age * p.f * turn[k];
+    }
+    for (std::size_t c = 0; c < 4; c++)
+        for (std::size_t i = 0; std::isfinite(z[c]) && i < TERMS; i++)
+            if (columns[c * TERMS + i] != 0) add(columns[c * TERMS + i], model.root[i], TERMS, out + c * TERMS);
+}
+
+// The field's basis (K,) at (u, v) on the left.
+void field_at(const Field& field, const double* at, double* out) {
+    const auto& [u, v, length, root] = field;
+    std::size_t across = u.shape[0], down = v.shape[0], k = across * down;
+    if (!(std::isfinite(at[0]) && std::isfinite(at[1]))) return;
+    auto kernel = [length = length](double apart) {
+        apart /= length;
+        return std::exp(-0.5 * apart * apart);
+    };
+    std::vector<double> of_u(across);
+    for (std::size_t i = 0; i < across; i++) of_u[i] = kernel(at[0] - u.data[i]);
+    for (std::size_t row = 0; row < down; row++) {
+        double of_v = kernel(at[1] - v.data[row]);
+        for (std::size_t i = 0; i < across; i++) add(of_v * of_u[i], root[row * across + i], k, out);
+    }
+}
+
+}  // namespace
+
+void check(const ExposedRows& exposed) {
+    std::size_t sides = exposed.coefficients.shape[0], k = exposed.coefficients.shape[1];
+    require_shape(exposed.coefficients, {sides, k, k}, "coefficients");
+    require(sides > 0, "there are no coefficients");
+}
+
+void timing_of_view(const Pinholes& pinholes, const ExposedRows& exposed, const double* point, const double* twist, const double* z,
+                    double* out) {
+    double by_twist[24], velocity[4], rows[4];
+    velocity_by_twist(pinholes, point, by_twist);
+    velocity_of(by_twist, twist, velocity);
+    rows_of_view(exposed, z, rows);
+    if (!std::isnan(rows[LATE])) out[2 * LATE] = velocity[LATE];
+    for (int c = 0; c < 4; c++) out[2 * c + 1] = velocity[c] * share(rows[c]);
+}
+
+RigEffects rig_effects(const RigModel& model, const View<double, 2>& z, const View<double, 1>& age) {
+    std::size_t n = z.shape[0], ages = age.shape[0], k = model.field.u.shape[0] * model.field.v.shape[0];
+    require_shape(model.root, {TERMS, TERMS}, "root");
+    require_shape(model.field.root, {k, k}, "root of the field");
+    require_shape(z, {n, 4}, "z_px");
+    require(ages == 1 || ages == n, "there are not as many ages as views");
+    RigEffects result{Array<double, 3>({n, 4, TERMS}), Array<double, 2>({n, k})};
     for (std::size_t i = 0; i < n; i++) {
-        double *out = result[i], *right = out + 2 * TERMS, from_centre[4], rays[4];
-        double x = (z[i][0] - centre[0]) / centre[0], y = (z[i][1] - centre[1]) / centre[1];
-        double polynomial[6] = {1, x, y, x * x, x * y, y * y};
-        std::copy(polynomial, polynomial + 6, right + DISPARITY);
-        for (int c = 0; c < 4; c++) {
-            from_centre[c] = z[i][c] - middle[c];
-            rays[c] = from_centre[c] / p.f;
-        }
-        for (int side = 0; side < 4; side += 2) lens_columns(rays + side, rays, corner, out + side * TERMS);
-        right[DIFFERENCE] = right[LENS];
-        std::copy(out + TERMS, out + 2 * TERMS, right + TERMS);
-        if (velocity && row) right[DELAY] = (*velocity)[i][2];
-        for (int c = 0; c < 4; c++) {
-            out[c * TERMS + FOCAL] = from_centre[c];
-            if (velocity && row) out[c * TERMS + READOUT] = (*velocity)[i][c] * (*row)[i][c];
-            out[c * TERMS + FOCUSING] = age.data[i] == 0 ? 0.0 : age.data[i] * from_centre[c];
-        }
-        if (age.data[i] != 0) {
-            double turn[3] = {rays[2] * rays[3], -1 - rays[2] * rays[2], rays[3]};
-            for (int k = 0; k < 3; k++) right[TURNING + k] = age.data[i] * p.f * turn[k];
-        }
-        for (int c = 0; c < 4; c++)
-            if (!std::isfinite(z[i][c])) std::fill(out + c * TERMS, out + (c + 1) * TERMS, 0.0);
+        terms_of_view(model, z[i], age.data[ages == 1 ? 0 : i], result.terms[i]);
+        field_at(model.field, z[i], result.field[i]);
     }
     return result;
 }
 
 Array<double, 2> field_basis(const Field& field, const View<double, 2>& at) {
-    const auto& [u, v, length, root] = field;
-    std::size_t n = at.shape[0], across = u.shape[0], down = v.shape[0], k = across * down;
+    std::size_t n = at.shape[0], k = field.u.shape[0] * field.v.shape[0];
     require_shape(at, {n, 2}, "left_px");
-    require_shape(root, {k, k}, "root");
+    require_shape(field.root, {k, k}, "root");
     Array<double, 2> result({n, k});
-    std::vector<double> of_u(across), of_v(down);
-    auto kernel = [length = length](double from, const View<double, 1>& nodes, std::vector<double>& out) {
-        for (std::size_t i = 0; i < nodes.shape[0]; i++) {
-            double apart = (from - nodes.data[i]) / length;
-            out[i] = std::exp(-0.5 * apart * apart);
-        }
-    };
-    for (std::size_t i = 0; i < n; i++) {
-        if (!(std::isfinite(at[i][0]) && std::isfinite(at[i][1]))) continue;
-        kernel(at[i][0], u, of_u);
-        kernel(at[i][1], v, of_v);
-        double* out = result[i];
-        for (std::size_t node = 0; node < k; node++) {
-            double value = of_v[node / across] * of_u[node % across];
-            for (std::size_t c = 0; c < k; c++) out[c] += value * root[node][c];
-        }
-    }
+    for (std::size_t i = 0; i < n; i++) field_at(field, at[i], result[i]);
     return result;
 }
 
 Array<double, 2> polynomial_rows(const ExposedRows& exposed, const View<double, 2>& z) {
-    const auto& [size, coefficients] = exposed;
-    std::size_t n = z.shape[0], sides = coefficients.shape[0], k = coefficients.shape[1];
-    require_shape(z, {n, 4}, "z_px");
-    require_shape(coefficients, {sides, k, k}, "coefficients");
-    require(sides > 0, "there are no coefficients");
-    Array<double, 2> result({n, 4});
-    for (std::size_t i = 0; i < n; i++)
-        for (std::size_t side = 0; side < 2; side++) {
-            double x = 2 * z[i][2 * side] / size[0] - 1, y = 2 * z[i][2 * side + 1] / size[1] - 1, sum = 0;
-            for (std::size_t a = k; a-- > 0;) {  // Horner's scheme in both
-                double inner = 0;
-                for (std::size_t b = k; b-- > 0;) inner = inner * y + coefficients[std::min(side, sides - 1)][a * k + b];
-                sum = sum * x + inner;
-            }
-            result[i][2 * side] = result[i][2 * side + 1] = sum;
-        }
+    check(exposed);
+    require_shape(z, {z.shape[0], 4}, "z_px");
+    Array<double, 2> result({z.shape[0], 4});
+    for (std::size_t i = 0; i < z.shape[0]; i++) rows_of_view(exposed, z[i], result[i]);
     return result;
 }
 
@@ -152,19 +183,18 @@ Array<double, 1> row_speeds(const Pinholes& pinholes, const View<double, 2>& poi
     return column_of(velocities(pinholes, points, {twist.data, {1, 6}}).view(), 3);
 }
 
-Array<double, 3> timed_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists,
-                             const View<double, 2>& row) {
+Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,
+                             const View<double, 2>& twists, const std::optional<View<double, 2>>& z) {
     std::size_t n = points.shape[0], of_all = twists.shape[0] == 1;
+    check(exposed);
     require_shape(points, {n, 4}, "points");
     require_shape(twists, {of_all ? 1 : n, 6}, "twists");
-    require_shape(row, {n, 4}, "row");
+    if (z) require_shape(*z, {n, 4}, "z_px");
     Array<double, 3> result({n, 4, 2});
     for (std::size_t i = 0; i < n; i++) {
-        double by_twist[24], velocity[4];
-        velocity_by_twist(pinholes, points[i], by_twist);
-        velocity_of(by_twist, twists[of_all ? 0 : i], velocity);
-        if (!std::isnan(row[i][LATE])) result[i][2 * LATE] = velocity[LATE];
-        for (int c = 0; c < 4; c++) result[i][2 * c + 1] = velocity[c] * share(row[i][c]);
+        double expected[4];
+        project(pinholes, points[i], expected);
+        timing_of_view(pinholes, exposed, points[i], twists[of_all ? 0 : i], z ? (*z)[i] : expected, result[i]);
     }
     return result;
 }
@@ -173,17 +203,18 @@ Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& e
                                   const View<double, 1>& twist, const View<double, 1>& mean) {
     require_shape(twist, {6}, "twist");
     require_shape(mean, {2}, "mean");
-    Array<double, 2> row = polynomial_rows(exposed, project_points(pinholes, points).view()), result({points.shape[0], 4});
-    Array<double, 3> moved = timed_views(pinholes, points, {twist.data, {1, 6}}, row.view());
+    Array<double, 2> result({points.shape[0], 4});
+    Array<double, 3> moved = timed_views(pinholes, exposed, points, {twist.data, {1, 6}}, std::nullopt);
     for (std::size_t i = 0; i < 4 * points.shape[0]; i++)
         result.data[i] = moved.data[2 * i] * mean.data[0] + moved.data[2 * i + 1] * mean.data[1];
     return result;
 }
 
-Array<double, 3> timing_unknowns(const Pinholes& pinholes, const TimedPoints& before, const TimedPoints& now, const View<double, 2>& cov,
-                                 const View<double, 1>& size, const View<double, 1>& std_twist) {
-    Array<double, 3> then = timed_views(pinholes, before.points, before.twists, before.row);
-    Array<double, 3> moved = timed_views(pinholes, now.points, now.twists, now.row);
+Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& exposed, const MovingPoints& before,
+                                 const MovingPoints& now, const View<double, 2>& cov, const View<double, 1>& size,
+                                 const View<double, 1>& std_twist) {
+    Array<double, 3> then = timed_views(pinholes, exposed, before.points, before.twists, std::nullopt);
+    Array<double, 3> moved = timed_views(pinholes, exposed, now.points, now.twists, std::nullopt);
     std::size_t n = now.points.shape[0];
     require(before.points.shape[0] == n, "there are not as many points before as now");
     require_shape(cov, {2, 2}, "cov");
@@ -193,8 +224,8 @@ Array<double, 3> timing_unknowns(const Pinholes& pinholes, const TimedPoints& be
     require_definite(cholesky<2>(cov.data, root), "the covariance of delay and readout is not positive definite");
     Array<double, 3> result({n, 4, 14});
     for (std::size_t i = 0; i < n; i++) {
-        double by_twist[24];
-        velocity_by_twist(pinholes, now.points[i], by_twist);
+        double by_twist[24], rows[4];
+        timing_by_twist(pinholes, exposed, now.points[i], by_twist, rows);
         for (int c = 0; c < 4; c++) {
             double* out = result[i] + 14 * c;
             for (int k = 0; k < 2; k++)
@@ -202,32 +233,32 @@ Array<double, 3> timing_unknowns(const Pinholes& pinholes, const TimedPoints& be
             for (int k = 0; k < 6; k++) {
                 double by_time = std_twist.data[k] * by_twist[6 * c + k];
                 if (c == LATE) out[2 + k] = size.data[0] * by_time;
-                out[8 + k] = size.data[1] * by_time * share(now.row[i][c]);
+                out[8 + k] = size.data[1] * by_time * rows[c];
             }
         }
     }
     return principal_errors(result.view());
 }
 
-Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& row,
+Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,
                                    const View<double, 1>& size, const View<double, 2>& cov_twist) {
     std::size_t n = points.shape[0];
+    check(exposed);
     require_shape(points, {n, 4}, "points");
-    require_shape(row, {n, 4}, "row");
     require_shape(size, {2}, "size");
     require_shape(cov_twist, {6, 6}, "cov_twist");
     std::vector<double> information(36);
     double moved[2][36] = {};  // transposed: by which twists the gradient of a pose is moved
     for (std::size_t i = 0; i < n; i++) {
-        double by_twist[24];
-        velocity_by_twist(pinholes, points[i], by_twist);
+        double by_twist[24], rows[4];
+        timing_by_twist(pinholes, exposed, points[i], by_twist, rows);
         for (int c = 0; c < 4; c++)
             for (int a = 0; a < 6; a++)
                 for (int b = 0; b < 6; b++) {
                     double squared = by_twist[6 * c + a] * by_twist[6 * c + b];
                     information[6 * a + b] += squared;
                     if (c == LATE) moved[0][6 * b + a] += size.data[0] * squared;
-                    moved[1][6 * b + a] += size.data[1] * share(row[i][c]) * squared;
+                    moved[1][6 * b + a] += size.data[1] * rows[c] * squared;
                 }
     }
     Array<double, 2> result({6, 6});

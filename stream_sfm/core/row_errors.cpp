@@ -104,12 +104,10 @@ UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, co
     require_shape(timing.cov, {2, 2}, "cov");
     require_shape(rows.cov, {k, k}, "cov of rows");
     View<double, 2> one_twist{twist.data, {1, 6}};
-    Array<double, 2> row_before = polynomial_rows(timing.exposed, project_points(pinholes, before).view());
-    Array<double, 2> row_now = polynomial_rows(timing.exposed, project_points(pinholes, now).view());
     double size[2];
     for (int t = 0; t < 2; t++) size[t] = std::sqrt(timing.mean.data[t] * timing.mean.data[t] + timing.cov[t][t]);
-    Array<double, 3> by_time = timing_unknowns(pinholes, {before, {timing.twist.data, {1, 6}}, row_before.view()},
-                                               {now, one_twist, row_now.view()}, timing.cov, {size, {2}}, std_twist);
+    Array<double, 3> by_time = timing_unknowns(pinholes, timing.exposed, {before, {timing.twist.data, {1, 6}}}, {now, one_twist},
+                                               timing.cov, {size, {2}}, std_twist);
     Array<double, 2> terms =
         row_terms(rows.size, rows.field, two_columns_of(z, 0).view(), row_speeds(pinholes, now, twist).view());
     Array<double, 2> errors({n, k});

@@ -331,22 +331,38 @@ Array<double, 3> effects_of_turn(const Pinholes& pinholes, const View<double, 2>
 FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, const View<double, 2>& usual, double std_knock);
 
 // rig.cpp
-Array<double, 3> rig_columns(const Pinholes& pinholes, const std::array<double, 2>& size, const View<double, 2>& z,
-                             const View<double, 2>* velocity, const View<double, 2>* row, const View<double, 1>& age);
+constexpr std::size_t TERMS = 20, AT_TIMING = 14;  // the order of rig_model/terms.py; delay and readout follow each other
+void check(const ExposedRows& exposed);
+struct RigModel {
+    Pinholes pinholes;
+    std::array<double, 2> size;
+    View<double, 2> root;  // of the terms: units per amplitude
+    Field field;
+};
+struct RigEffects {
+    Array<double, 3> terms;
+    Array<double, 2> field;
+    auto parts() { return std::tie(terms, field); }
+};
+RigEffects rig_effects(const RigModel& model, const View<double, 2>& z, const View<double, 1>& age);
 Array<double, 2> field_basis(const Field& field, const View<double, 2>& at);
 Array<double, 2> polynomial_rows(const ExposedRows& exposed, const View<double, 2>& z);
 Array<double, 2> velocities(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists);
 Array<double, 1> row_speeds(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 1>& twist);
-Array<double, 3> timed_views(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists,
-                             const View<double, 2>& row);
+// To a view at z of a homogeneous point that moves, per second of delay and of readout (4, 2); `out` is zero before.
+void timing_of_view(const Pinholes& pinholes, const ExposedRows& exposed, const double* point, const double* twist, const double* z,
+                    double* out);
+Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,
+                             const View<double, 2>& twists, const std::optional<View<double, 2>>& z);
 Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,
                                   const View<double, 1>& twist, const View<double, 1>& mean);
-struct TimedPoints {  // homogeneous points (n, 4), how they move, and in which rows (n, 4) they are exposed
-    View<double, 2> points, twists, row;
+struct MovingPoints {  // homogeneous points (n, 4), and their twists (n, 6) or (1, 6)
+    View<double, 2> points, twists;
 };
-Array<double, 3> timing_unknowns(const Pinholes& pinholes, const TimedPoints& before, const TimedPoints& now, const View<double, 2>& cov,
-                                 const View<double, 1>& size, const View<double, 1>& std_twist);
-Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& row,
+Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& exposed, const MovingPoints& before,
+                                 const MovingPoints& now, const View<double, 2>& cov, const View<double, 1>& size,
+                                 const View<double, 1>& std_twist);
+Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,
                                    const View<double, 1>& size, const View<double, 2>& cov_twist);
 // Errors (n, k) as independent ones (n, j), of σ = 1 as they are, without those that do not matter beside a good view's noise.
 Array<double, 2> principal_components(const View<double, 2>& errors);
@@ -414,7 +430,7 @@ struct WindowViews {
     Indices frame, ids;
     View<bool, 1> used;
     View<double, 2> z, weight;
-    View<double, 3> root, terms;
+    View<double, 3> root, terms, timing;  // what delay and readout do is added to their terms: it is renewed with the velocities
     View<double, 2> field, moves;
 };
 struct NormalBlocks {
@@ -425,6 +441,11 @@ struct NormalBlocks {
     auto parts() { return std::tie(u, v, w, g_pose, g_point, rig, rig_pose, rig_point, g_rig); }
 };
 Array<double, 2> points_of_views(const WindowState& state, const WindowViews& views);
+Array<double, 2> expected_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
+                                const View<bool, 1>& stereo, const View<double, 2>& expected);
+Array<double, 3> timing_of_views(const Pinholes& pinholes, const ExposedRows& exposed, const WindowState& state,
+                                 const WindowViews& views, const View<double, 2>& expected,
+                                 const View<double, 2>& twists);
 Array<double, 3> q_by_reference(const View<double, 3>& ref_from_anchor, const View<double, 2>& q);
 struct SeenAgain {
     Array<std::int64_t, 1> rows;

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "algebra.hpp"
@@ -37,6 +38,8 @@ std::vector<Seen> seen_by(const WindowState& state, const WindowViews& views) {
     require_shape(views.root, {n, 4, 4}, "root");
     require_shape(views.weight, {n, 4}, "weight");
     require_shape(views.terms, {n, 4, terms}, "terms");
+    require_shape(views.timing, {n, 4, views.timing.shape[2]}, "timing");
+    require(views.timing.shape[2] == 0 || AT_TIMING + views.timing.shape[2] <= terms, "there are no terms of delay and readout");
     require_shape(views.field, {n, views.field.shape[1]}, "field");
     require_shape(views.moves, {4, parts}, "moves");
     require(parts <= MAX_PARTS, "the field has too many parts");
@@ -62,25 +65,37 @@ void points_of(const double* anchor, const double* q, const double* cam, double*
     clamp_depth(in_cam);
 }
 
-// The whitened residual (4,) of a view, and its point in the camera.
-void residual(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, const Seen& seen, double* in_cam,
-              double* r) {
-    std::size_t i = seen.view;
-    points_of(state.ref_from_anchor[seen.point], state.q[seen.point], state.cams_from_ref[seen.frame], in_cam);
-    std::size_t terms = views.terms.shape[2], basis = views.field.shape[1], parts = views.moves.shape[1];
-    double z[4];
-    project(pinholes, in_cam, z);
+// A view (4,) of a point in the camera, with what the rig has wrong.
+void predicted(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, std::size_t i, const double* in_cam,
+               double* z) {
+    std::size_t terms = views.terms.shape[2], timed = views.timing.shape[2], basis = views.field.shape[1], parts = views.moves.shape[1];
     const double* c = state.rig_error.data;
-    for (std::size_t row = 0; row < 4; row++)
+    project(pinholes, in_cam, z);
+    for (std::size_t row = 0; row < 4; row++) {
         for (std::size_t k = 0; k < terms; k++) z[row] += views.terms[i][row * terms + k] * c[k];
+        for (std::size_t k = 0; k < timed; k++) z[row] += views.timing[i][row * timed + k] * c[AT_TIMING + k];
+    }
     for (std::size_t part = 0; part < parts; part++) {
         double moved = 0;
         for (std::size_t k = 0; k < basis; k++) moved += views.field[i][k] * c[terms + part * basis + k];
         for (std::size_t row = 0; row < 4; row++) z[row] += views.moves[row][part] * moved;
     }
+}
+
+// The point of a used view in its camera.
+void point_of(const WindowState& state, const Seen& seen, double* in_cam) {
+    points_of(state.ref_from_anchor[seen.point], state.q[seen.point], state.cams_from_ref[seen.frame], in_cam);
+}
+
+// The whitened residual (4,) of a view, and its point in the camera.
+void residual(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, const Seen& seen, double* in_cam,
+              double* r) {
+    double z[4];
+    point_of(state, seen, in_cam);
+    predicted(pinholes, state, views, seen.view, in_cam, z);
     for (int row = 0; row < 4; row++) {
         r[row] = 0;
-        for (int k = 0; k < 4; k++) r[row] += views.root[i][4 * row + k] * (views.z[i][k] - z[k]);
+        for (int k = 0; k < 4; k++) r[row] += views.root[seen.view][4 * row + k] * (views.z[seen.view][k] - z[k]);
     }
 }
 
@@ -89,8 +104,37 @@ void residual(const Pinholes& pinholes, const WindowState& state, const WindowVi
 Array<double, 2> points_of_views(const WindowState& state, const WindowViews& views) {
     std::vector<Seen> seen = seen_by(state, views);
     Array<double, 2> result({seen.size(), 4});
-    for (std::size_t i = 0; i < seen.size(); i++)
-        points_of(state.ref_from_anchor[seen[i].point], state.q[seen[i].point], state.cams_from_ref[seen[i].frame], result[i]);
+    for (std::size_t i = 0; i < seen.size(); i++) point_of(state, seen[i], result[i]);
+    return result;
+}
+
+Array<double, 2> expected_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
+                                const View<bool, 1>& stereo, const View<double, 2>& expected) {
+    std::size_t n = views.ids.shape[0];
+    require_shape(stereo, {n}, "stereo");
+    require_shape(expected, {n, 4}, "expected_px");
+    Array<double, 2> result({n, 4});
+    std::copy(expected.data, expected.data + 4 * n, result.data.get());
+    for (const Seen& seen : seen_by(state, views)) {
+        double in_cam[4], *z = result[seen.view];
+        point_of(state, seen, in_cam);
+        predicted(pinholes, state, views, seen.view, in_cam, z);
+        if (!stereo.data[seen.view]) z[2] = z[3] = std::numeric_limits<double>::quiet_NaN();
+    }
+    return result;
+}
+
+Array<double, 3> timing_of_views(const Pinholes& pinholes, const ExposedRows& exposed, const WindowState& state,
+                                 const WindowViews& views, const View<double, 2>& expected, const View<double, 2>& twists) {
+    check(exposed);
+    require_shape(expected, {views.ids.shape[0], 4}, "expected_px");
+    require_shape(twists, {state.cams_from_ref.shape[0], 6}, "twists");
+    Array<double, 3> result({views.ids.shape[0], 4, 2});
+    for (const Seen& seen : seen_by(state, views)) {
+        double in_cam[4];
+        point_of(state, seen, in_cam);
+        timing_of_view(pinholes, exposed, in_cam, twists[seen.frame], expected[seen.view], result[seen.view]);
+    }
     return result;
 }
 
@@ -181,7 +225,7 @@ Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& s
 NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views) {
     const std::vector<Seen> seen = seen_by(state, views);
     std::size_t frames = state.cams_from_ref.shape[0], points = state.q.shape[0], m = state.rig_error.shape[0];
-    std::size_t terms = views.terms.shape[2], basis = views.field.shape[1], parts = views.moves.shape[1];
+    std::size_t terms = views.terms.shape[2], timed = views.timing.shape[2], basis = views.field.shape[1], parts = views.moves.shape[1];
     NormalBlocks blocks{Array<double, 3>({frames, 6, 6}), Array<double, 3>({points, 3, 3}), Array<double, 3>({points, 3, 6 * frames}),
                         Array<double, 2>({frames, 6}),    Array<double, 2>({points, 3}),    Array<double, 2>({m, m}),
                         Array<double, 3>({frames, 6, m}), Array<double, 3>({points, 3, m}), Array<double, 1>({m})};
@@ -215,6 +259,7 @@ NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, c
                     double weight = root[4 * row + c];
                     if (weight == 0) continue;
                     add(weight, views.terms[i] + c * terms, terms, out + 7);
+                    add(weight, views.timing[i] + c * timed, timed, out + 7 + AT_TIMING);
                     add(weight, views.moves[c], parts, out + own);
                 }
                 for (int k = 0; k < 3; k++) out[by_point + k] = by_anchor[4 * row + Q_COLUMNS[k]];

@@ -5,7 +5,7 @@ import numpy as np
 from .. import core
 from .gates import chi2_gate
 from .se3 import Array
-from .stereo import StereoProjection
+from .stereo import Pinholes, StereoProjection
 
 
 class PointViews:
@@ -57,7 +57,7 @@ class PointViews:
         return core.view_residuals(self.of_core, root, np.zeros(self.shared.shape[2]), cam_from_ref[None])[1][0]
 
     @property
-    def of_core(self) -> tuple[tuple[float, float, float, float, float], Array, Array, Array, Array, Array, Array]:
+    def of_core(self) -> tuple[Pinholes, Array, Array, Array, Array, Array, Array]:
         """The arrays that the compiled core takes."""
         cov = np.empty((0, 4, 4)) if self.cov_points is None else self.cov_points
         return self.projection.pinholes, self.points, cov, self.z_px, self.cov_px, self.shared, self.gate

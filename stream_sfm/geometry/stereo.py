@@ -19,6 +19,8 @@ MIN_DEPTH = 1e-3
 # down to this, wrong matches beyond it do not.
 KNOWN_DEPTH_SIGMAS, MIN_INVERSE_DEPTH_SIGMAS = 3.0, -2.0
 
+Pinholes = tuple[float, float, float, float, float]  # as the compiled core takes a pair
+
 
 @dataclass(frozen=True, slots=True)
 class StereoProjection:
@@ -38,7 +40,7 @@ class StereoProjection:
     virtual_right: bool = False
 
     @property
-    def pinholes(self) -> tuple[float, float, float, float, float]:
+    def pinholes(self) -> Pinholes:
         """The pair as the compiled core takes it."""
         return self.f_px, self.cx_left_px, self.cx_right_px, self.cy_px, self.baseline_m
 

@@ -13,6 +13,7 @@ from .. import core
 from ..geometry.se3 import Array
 
 FieldGrid = tuple[Array, Array, float, Array]
+NO_FIELD: FieldGrid = (np.zeros(0), np.zeros(0), 1.0, np.zeros((0, 0)))
 
 _LENGTH = 0.1  # ℓ over the image's width; the evidence of three real logs is flat from .07 to .13
 # Of the inducing points, in ℓ. At 1.25 the field follows more of its own variance, with twice the amplitudes: measured,

@@ -1,22 +1,23 @@
 """The whole model of a rig's errors: physical terms and field, in units of what is assumed for each beforehand."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from ..camera.exposed_rows import ExposedRows
 from ..camera.known_timing import KnownTiming
 from ..camera.refinement import Refinement
 from ..config import RigConfig
-from ..geometry.linear import product
 from ..geometry.se3 import Array
-from ..geometry.stereo import StereoProjection
+from ..geometry.stereo import Pinholes, StereoProjection
 from ..record import record, rows_of
 from .estimate import CERTAIN, RigEstimate
-from .field import Field, field_over
+from .field import NO_FIELD, Field, FieldGrid, field_over
 from .terms import AT_TIMING, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
+from .velocities import TimedCameras
 
 _FOCUSING_S = 1.0  # for about so long an autofocus moves
 _LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
@@ -29,52 +30,43 @@ _FIELD_MOVES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [0.0
 class RigEffects:
     """What amplitudes (m,) of 1 do to n views, px: `terms` (n, 4, t), and of the field its basis (n, K) alone.
 
-    All parts of the field share it: m = t + 3 K. What the field does to a missing side has no meaning.
+    `timing` (n, 4, 2): what delay and readout do is added to their terms, as it is renewed with the velocities; (n, 4,
+    0) where there are no such terms. All parts of the field share its basis: m = t + 3 K. What the field does to a
+    missing side has no meaning.
     """
 
     terms: Array
+    timing: Array
     field: Array
     moves = _FIELD_MOVES
 
     @classmethod
     def none(cls, views: int) -> "RigEffects":
         """Return those of an exact rig."""
-        return cls(np.zeros((views, 4, 0)), np.zeros((views, 0)))
+        return cls(np.zeros((views, 4, 0)), np.zeros((views, 4, 0)), np.zeros((views, 0)))
 
     @classmethod
     def concatenate(cls, parts: Sequence["RigEffects"]) -> "RigEffects":
         """Return the effects on several views after each other."""
-        return cls(np.concatenate([p.terms for p in parts]), np.concatenate([p.field for p in parts]))
+        return cls(*[np.concatenate(each) for each in zip(*[p.columns for p in parts], strict=True)])
+
+    @property
+    def columns(self) -> tuple[Array, Array, Array]:
+        """The arrays."""
+        return self.terms, self.timing, self.field
 
     def __len__(self) -> int:
         return len(self.terms)
 
     def __getitem__(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> "RigEffects":
-        return RigEffects(rows_of(self.terms, rows), rows_of(self.field, rows))
-
-    def renewed(
-        self,
-        timed: NDArray[np.intp],
-        by_timing: Array,
-        rows: NDArray[np.intp] | None = None,
-        others: "RigEffects | None" = None,
-    ) -> "RigEffects":
-        """Return the same with others in some `rows` (k,), and then those of delay and readout in other rows (n,).
-
-        `by_timing` (n, 4, 2): in the rows `timed`.
-        """
-        terms, field = self.terms.copy(), self.field
-        if rows is not None and others is not None:
-            field = field.copy()
-            terms[rows], field[rows] = others.terms, others.field
-        terms[timed, :, AT_TIMING] = by_timing
-        return RigEffects(terms, field)
+        return RigEffects(*[rows_of(column, rows) for column in self.columns])
 
     def at(self, amplitudes: Array) -> Array:
         """Return what amplitudes (m,) do (n, 4)."""
         own = self.terms.shape[2]
         parts = amplitudes[own:].reshape(self.moves.shape[1], -1)
-        return np.asarray(self.terms @ amplitudes[:own] + self.field @ parts.T @ self.moves.T)
+        of_terms = self.terms @ amplitudes[:own] + self.timing @ amplitudes[AT_TIMING][: self.timing.shape[2]]
+        return np.asarray(of_terms + self.field @ parts.T @ self.moves.T)
 
 
 @record
@@ -82,9 +74,9 @@ class RigModel:
     """Errors of a rig as amplitudes (m,): those of the `TERMS` first, then those of the field's three parts, px.
 
     `root` (t, t): amplitudes of σ = 1 to units of the terms; `known` (t,): errors that are taken out of all views
-    already; `refined`: σ is that of a refinement, and not a guess whose size can be learnt. `row_of`: in which row of
-    the cameras' own images rectified views (n, 4) were exposed, as shares of the height from the middle.
-    `known_timing`: what is known of delay and readout beforehand; the views have it, as it depends on their velocities.
+    already; `refined`: σ is that of a refinement, and not a guess whose size can be learnt. `row_of`: in which rows of
+    the cameras' own images rectified views are exposed; where that is not known, delay and readout do nothing.
+    `known_timing`: what is known of these beforehand; the views have it, as it depends on their velocities.
     `has_field`: otherwise there are no amplitudes but those of the terms.
     """
 
@@ -92,7 +84,7 @@ class RigModel:
     root: Array
     known: Array
     refined: bool
-    row_of: Callable[[Array], Array] | None = None
+    row_of: ExposedRows | None = None
     known_timing: KnownTiming | None = None
     has_field: bool = True
 
@@ -102,7 +94,7 @@ class RigModel:
         projection: StereoProjection,
         config: RigConfig,
         refinement: Refinement | None = None,
-        row_of: Callable[[Array], Array] | None = None,
+        row_of: ExposedRows | None = None,
         known_timing: KnownTiming | None = None,
     ) -> "RigModel":
         """Return the model of a rig with the σ of its settings, or of a refinement of its calibration."""
@@ -121,41 +113,55 @@ class RigModel:
     def _field(self) -> Field:
         return field_over(self.projection.width, self.projection.height)
 
+    @property
+    def cameras(self) -> TimedCameras:
+        """The pair as delay and readout see it."""
+        rows = ExposedRows.unknown() if self.row_of is None else self.row_of
+        return self.projection.pinholes, rows.of_core
+
+    @property
+    def units_of_timing(self) -> Array:
+        """Seconds (2,) per amplitude of delay and of readout."""
+        return np.diag(self.root)[AT_TIMING]
+
+    @property
+    def of_core(self) -> tuple[Pinholes, tuple[float, float], Array, FieldGrid]:
+        """The model as the compiled core takes it."""
+        p = self.projection
+        return p.pinholes, (p.width, p.height), self.root, self._field.of_core if self.has_field else NO_FIELD
+
     def without_field(self) -> "RigModel":
         """Return the terms alone."""
         return replace(self, has_field=False)
 
     def field_at(self, z_px: Array) -> Array:
         """Return the field's basis (n, K) at views (n, 4); K is 0 without a field."""
-        return self._field.at(z_px[:, :2]) if self.has_field else np.empty((len(z_px), 0))
+        return core.field_basis(self.of_core[-1], z_px[:, :2])
 
-    def effects(self, z_px: Array, velocity_px_s: Array | None = None, age_s: Array | float = 0.0) -> Array:
-        """Return what amplitudes of 1 do to views (n, 4) that move with (n, 4): (n, 4, m) px; 0 for a missing side.
+    def effects(self, z_px: Array, age_s: Array | float = 0.0) -> Array:
+        """Return what amplitudes of 1 do to views (n, 4) of cameras at rest: (n, 4, m) px; 0 for a missing side.
 
         `age_s`, or one (n,) each: for how long errors have grown.
         """
-        found = self.effects_by_parts(z_px, velocity_px_s, age_s)
-        effects = np.concatenate([found.terms, _of_field(_FIELD_MOVES, found.field)], axis=2)
+        at_rest = self.at_rest(z_px, age_s)
+        effects = np.concatenate([at_rest.terms, _of_field(_FIELD_MOVES, at_rest.field)], axis=2)
         effects[~np.isfinite(z_px)] = 0.0
         return effects
 
-    def effects_by_parts(
-        self, z_px: Array, velocity_px_s: Array | None = None, age_s: Array | float = 0.0
-    ) -> RigEffects:
+    def at_rest(self, z_px: Array, age_s: Array | float) -> RigEffects:
         """Return the `effects` without writing the field out for each of its parts."""
-        row = None if velocity_px_s is None or self.row_of is None else self.row_of(z_px)
-        terms = product(columns(self.projection, z_px, velocity_px_s, row, age_s), self.root)
-        return RigEffects(terms, self.field_at(z_px))
+        terms, field = core.rig_effects(self.of_core, z_px, np.atleast_1d(age_s))
+        return RigEffects(terms, np.zeros((len(z_px), 4, 2)), field)
 
-    def by_timing(self, points_in_cam: Array, twists: Array, z_px: Array) -> Array:
+    def by_timing(self, points_in_cam: Array, twist: Array, z_px: Array) -> Array:
         """Return what amplitudes of 1 of delay and readout do to views (n, 4) of homogeneous points (n, 4): (n, 4, 2).
 
-        `twists` of the points (n, 6), or (1, 6) for all.
+        `twist` (6,) of the points.
         """
         if self.row_of is None:
             return np.zeros((len(z_px), 4, 2))
-        moved = core.timed_views(self.projection.pinholes, points_in_cam, twists, self.row_of(z_px))
-        return product(moved, self.root[AT_TIMING, AT_TIMING])
+        moved = core.timed_views(*self.cameras, points_in_cam, twist[None], z_px)
+        return moved * self.units_of_timing
 
     def error_px(self, estimate: RigEstimate, z_px: Array) -> Array:
         """Return what the errors of an estimate in amplitudes do to views (n, 4), which stand still, now; px."""
@@ -170,7 +176,7 @@ class RigModel:
         """Return mean and σ of all amplitudes (m,) before any view, and of which (m,) the size is to be learnt."""
         mean, size, learnt = np.zeros(len(self)), np.ones(len(self)), np.full(len(self), not self.refined)
         if self.known_timing is not None:
-            at, unit = AT_TIMING, np.diag(self.root)[AT_TIMING]
+            at, unit = AT_TIMING, self.units_of_timing
             mean[at], size[at], learnt[at] = self.known_timing.mean / unit, self.known_timing.std / unit, False
         return mean, size, learnt
 
@@ -204,7 +210,7 @@ class RigModel:
 
     def corrected(self, z_px: Array) -> Array:
         """Return views (n, 4) without the errors that are known."""
-        return z_px - columns(self.projection, z_px, None, None) @ self.known if self.known.any() else z_px
+        return z_px - columns(self.projection, z_px) @ self.known if self.known.any() else z_px
 
     def in_units(self, estimate: RigEstimate) -> RigEstimate:
         """Return an estimate of amplitudes as the whole error of the calibration now, in units of its terms and px."""
@@ -243,7 +249,7 @@ def disparity_error(projection: StereoProjection, estimate: RigEstimate, left_px
     """Return the error (n,) of far points' disparity at left positions (n, 2), by an estimate in px, and its σ; px."""
     p = projection
     far = np.tile(left_px, 2) + np.array([0.0, 0.0, p.cx_right_px - p.cx_left_px, 0.0])
-    effects = columns(p, far, None, None)
+    effects = columns(p, far)
     by_term = effects[:, 0] - effects[:, 2]
     if len(estimate.mean) > len(TERMS):  # files of a run do not have the field
         moves = _FIELD_MOVES[:1] - _FIELD_MOVES[2:3]

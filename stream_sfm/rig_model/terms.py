@@ -18,6 +18,7 @@ from ..camera.refinement import TERMS as LENS_TERMS
 from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from .field import NO_FIELD
 from .turns import effects_of_turn, far_right_px
 
 FOCAL, DELAY, READOUT = "focal length", "delay", "readout"
@@ -40,22 +41,14 @@ def prior_std(config: RigConfig) -> Array:
     return np.array([std[term] for term in TERMS])
 
 
-def columns(
-    projection: StereoProjection,
-    z_px: Array,
-    velocity_px_s: Array | None,
-    row: Array | None,
-    age_s: Array | float = 0.0,
-) -> Array:
-    """Return what one unit of each term does to views (n, 4): (n, 4, t), eq. (70).
+def columns(projection: StereoProjection, z_px: Array, age_s: Array | float = 0.0) -> Array:
+    """Return what one unit of each term does to views (n, 4) of cameras that stand still: (n, 4, t), eq. (70).
 
-    `velocity_px_s` (n, 4): how the views move, and `row` (n, 4): in which row of the camera's own image each side was
-    exposed, as a share of the height from the middle; None where neither is known, and then delay and readout do
-    nothing. `age_s`, or one (n,) each: for how long errors have grown, if they do. A missing side has no columns. Those
-    of a lens are px per pixel of each error, at the ray to the corner that is farthest from the lens's middle.
+    `age_s`, or one (n,) each: for how long errors have grown, if they do. A missing side has no columns. Those of a
+    lens are px per pixel of each error, at the ray to the corner that is farthest from the lens's middle.
     """
-    age = np.broadcast_to(np.asarray(age_s, np.float64), len(z_px))
-    return core.rig_columns(projection.pinholes, projection.width, projection.height, z_px, velocity_px_s, row, age)
+    units = projection.pinholes, (projection.width, projection.height), np.eye(len(TERMS)), NO_FIELD
+    return core.rig_effects(units, z_px, np.atleast_1d(np.asarray(age_s, np.float64)))[0]
 
 
 @lru_cache(maxsize=8)
@@ -64,7 +57,7 @@ def terms_of_turn(projection: StereoProjection) -> Array:
     u, v = np.linspace(0, projection.width - 1, 5), np.linspace(0, projection.height - 1, 5)
     places_px = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2)
     by_turn = effects_of_turn(projection, far_right_px(projection, places_px))[:, 0]
-    by_term = columns(projection, np.tile(places_px, 2), None, None)[:, 2, DISPARITY]
+    by_term = columns(projection, np.tile(places_px, 2))[:, 2, DISPARITY]
     terms = np.zeros((len(TERMS), 3))
     terms[DISPARITY] = np.linalg.lstsq(by_term, by_turn, rcond=None)[0]
     terms.flags.writeable = False  # all who ask get the same

@@ -36,7 +36,7 @@ RULES = ((80.0, 60.0), 0.8, 2.0, 4, 0.1, False, False)
 TRACKS = (POINTS, np.ones(N), COV[:, :2, :2], MOTIONS, STARTS, np.ones(N, int))
 BYTES, BYTES_STORED = IMAGE.astype(np.uint8), STORED.astype(np.uint8)
 STATE = (MOTIONS[:2], SLOTS, MOTIONS, POINTS[:, :3], np.zeros(8))
-SEEN = (SLOTS % 2, SLOTS, SLOTS > 0, VIEWS, np.ones((N, 4)), COV, SHARED, FIELD, MOVES)
+SEEN = (SLOTS % 2, SLOTS, SLOTS > 0, VIEWS, np.ones((N, 4)), COV, SHARED, np.zeros((N, 4, 0)), FIELD, MOVES)
 PRIOR = (SLOTS, POINTS[:, :3], COV[:, :3, :3], np.zeros((N, 3, 9)), np.eye(8), np.ones(8))
 OF_BOTH = np.zeros((N, 3, 12))
 
@@ -67,7 +67,9 @@ CALLS = {
     "resect": (OF_VIEWS, np.eye(4), np.ones(N), RULES, np.eye(4)),
     "motion_of_flow": (PINHOLES, TRACKS, np.ones(N), STARTS, np.ones(N, bool), np.eye(4), 0.5, 9.0, RULES),
     "fit_turn": ((*OF_VIEWS[:5], SHARED[..., :0], np.ones(N)), np.eye(4), np.eye(3), 0.1),
-    "rig_columns": (PINHOLES, 80, 60, VIEWS, VIEWS, VIEWS, np.ones(N)),
+    "rig_effects": ((PINHOLES, (80.0, 60.0), np.eye(20), GRID), VIEWS, np.ones(N)),
+    "expected_views": (PINHOLES, STATE, SEEN, SLOTS > 2, VIEWS),
+    "timing_of_views": (PINHOLES, EXPOSED, STATE, SEEN, VIEWS, np.ones((2, 6))),
     "field_basis": (GRID, STARTS),
     "row_terms": ((80.0, 60.0), GRID, STARTS, np.ones(N)),
     "row_offsets": (ROWS, STARTS, np.ones(N)),
@@ -91,14 +93,18 @@ CALLS = {
     "effects_of_turn": (PINHOLES, STARTS),
     "twists": (MOTIONS, np.arange(N) / 10),
     "velocities": (PINHOLES, POINTS, RNG.normal(size=(N, 6))),
-    "timed_views": (PINHOLES, POINTS, np.ones((N, 6)), VIEWS),
-    "timing_unknowns": (PINHOLES, *2 * ((POINTS, np.ones((1, 6)), VIEWS),), np.eye(2), np.ones(2), np.ones(6)),
+    "timed_views": (PINHOLES, EXPOSED, POINTS, np.ones((N, 6)), VIEWS),
+    "timing_unknowns": (
+        *(PINHOLES, EXPOSED),
+        *2 * ((POINTS, np.ones((1, 6))),),
+        *(np.eye(2), np.ones(2), np.ones(6)),
+    ),
     "unknown_errors": (
         *(PINHOLES, TIMING, ROWS, POINTS, POINTS, VIEWS),
         *(np.ones(6), np.ones(6)),
     ),
     "shifts_by_timing": (PINHOLES, EXPOSED, POINTS, np.ones(6), np.ones(2)),
-    "cov_of_timed_pose": (PINHOLES, POINTS, VIEWS, np.ones(2), np.eye(6)),
+    "cov_of_timed_pose": (PINHOLES, EXPOSED, POINTS, np.ones(2), np.eye(6)),
     "reported_motions": ((np.eye(3), 0.1, 0.1), MOTIONS, np.ones((N, 6, 6)), np.ones((N, 6, 2))),
     "reported_points": ((np.eye(3), 0.1, 0.1), POINTS[:, :3], COV[:, :3, :3], np.ones(N), np.eye(4)),
     "track_covariances": (COV[:, :2, :2], np.ones(N), np.ones(N), 60.0, 0.1),

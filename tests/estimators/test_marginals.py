@@ -1,5 +1,7 @@
 """WC and CC come from one joint covariance: against numerical propagation of the same, written out densely."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from stream_sfm.estimators.cross_frame.inverse_depth import (
@@ -61,7 +63,7 @@ def test_marginals_are_the_joint_covariance_propagated() -> None:
     z = P.project_homogeneous((cams[frame] @ in_reference(anchors, q)[point][..., None])[..., 0])
     roots = np.broadcast_to(3 * np.eye(4), (len(z), 4, 4))
     views = window_views(
-        frame, point, z, roots, RigEffects(rng.normal(size=(len(z), 4, RIG)), np.zeros((len(z), 0)))
+        frame, point, z, roots, replace(RigEffects.none(len(z)), terms=rng.normal(size=(len(z), 4, RIG)))
     )
     lin = linearise(P, State(cams, np.arange(POINTS), anchors, q, np.zeros(RIG)), views)
     system = System(prior, np.arange(POINTS), lin, q, np.zeros(MODES))

@@ -230,7 +230,7 @@ def test_system_is_the_dense_solution(prior, own) -> None:
         point,
         z + rng.normal(size=z.shape),
         np.broadcast_to(2 * np.eye(4), (len(z), 4, 4)),
-        RigEffects(rng.normal(size=(len(z), 4, M)), np.zeros((len(z), 0))),
+        replace(RigEffects.none(len(z)), terms=rng.normal(size=(len(z), 4, M))),
     )
     lin = linearise(P, State(cams, np.arange(total), anchors, q, np.zeros(M)), views)
     known = np.arange(N)

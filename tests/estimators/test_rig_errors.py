@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
+from stream_sfm.camera.exposed_rows import ExposedRows
 from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.config import Config, RigConfig, WindowConfig
 from stream_sfm.estimators import make_estimator
@@ -113,8 +114,10 @@ class Flight:
         depth_m = self.rng.uniform(2, 6, 200)
         self.points = np.c_[self.rng.uniform([-0.7, -0.5], [0.7, 0.5], (200, 2)) * depth_m[:, None], depth_m]
 
-    def row_of(self, z_px: Array) -> Array:
-        return np.repeat(z_px[:, 1::2] / (self.P.height - 1) - 0.5, 2, axis=1)
+    # v/(h − 1) − ½ of v = h (y + 1)/2
+    row_of = ExposedRows(
+        (P.width, P.height), np.array([[[0.5 / (P.height - 1), 0.5 * P.height / (P.height - 1)], [0.0, 0.0]]])
+    )
 
     def world_from_cam(self, seconds: Array) -> Array:
         """Poses (n, 4, 4) at times (n,): half a metre per second, and 30° per second, that change in half a second."""

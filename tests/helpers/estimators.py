@@ -7,7 +7,7 @@ import numpy as np
 
 from stream_sfm.config import Config
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.cross_frame.inverse_depth import WhitenedViews, homogeneous_from_q
+from stream_sfm.estimators.cross_frame.inverse_depth import WhitenedViews
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.linear import mahalanobis2
 from stream_sfm.geometry.se3 import Array
@@ -53,6 +53,11 @@ def window_views(
     n = len(ids)
     every = np.ones(n, bool)
     return WhitenedViews(frame, ids, z_px, root, np.ones((n, 4)), every, every, z_px, np.zeros((n, 3)), effects)
+
+
+def homogeneous_from_q(q: Array) -> Array:
+    """Return homogeneous points (…, 4) of q (…, 3) in the anchor."""
+    return np.stack([q[..., 0], q[..., 1], np.ones(q.shape[:-1]), q[..., 2]], axis=-1)
 
 
 def in_reference(ref_from_anchor: Array, q: Array) -> Array:

@@ -3,11 +3,12 @@
 import numpy as np
 
 from stream_sfm import core
-from stream_sfm.estimators.cross_frame.inverse_depth import State, homogeneous_from_q, linearise
+from stream_sfm.estimators.cross_frame.inverse_depth import State, linearise
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.model import RigEffects
-from tests.helpers.estimators import in_reference, q_from_homogeneous, window_views
+from stream_sfm.rig_model.terms import TERMS
+from tests.helpers.estimators import homogeneous_from_q, in_reference, q_from_homogeneous, window_views
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 RNG = np.random.default_rng(3)
@@ -63,7 +64,7 @@ def test_projection_and_triangulation_are_inverse():
 
 
 def test_normal_equations_equal_those_of_a_numerical_jacobian():
-    frames, n, terms, basis = 3, 12, 2, 5
+    frames, n, terms, basis = 3, 12, len(TERMS), 5
     cams = se3.exp(RNG.normal(size=(frames, 6)) * 0.05)
     anchors = se3.exp(RNG.normal(size=(n, 6)) * 0.1)
     q = q_from_homogeneous(np.c_[se3.transform(se3.inverse(anchors), POINTS[:n, None])[:, 0], np.ones(n)])
@@ -73,7 +74,7 @@ def test_normal_equations_equal_those_of_a_numerical_jacobian():
     frame, point = np.nonzero(RNG.random((frames, n)) < 0.8)
     v = len(frame)
     roots = RNG.normal(size=(v, 4, 4))
-    effects = RigEffects(RNG.normal(size=(v, 4, terms)), RNG.normal(size=(v, basis)))
+    effects = RigEffects(*[RNG.normal(size=shape) for shape in ((v, 4, terms), (v, 4, 2), (v, basis))])
     m = terms + effects.moves.shape[1] * basis
     views = window_views(frame, point, z[frame, point], roots, effects)
     rig_error = RNG.normal(size=m)

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stream_sfm import core
+from stream_sfm.camera.exposed_rows import ExposedRows
 from stream_sfm.config import RigConfig
 from stream_sfm.estimators.cross_frame.twist_error import TwistError
 from stream_sfm.geometry import se3
@@ -24,7 +26,7 @@ from stream_sfm.rig_model.terms import (
     terms_of_turn,
 )
 from stream_sfm.rig_model.turns import effects_of_turn
-from stream_sfm.rig_model.velocities import TimedViews, timing_unknowns, twists, velocities
+from stream_sfm.rig_model.velocities import timing_unknowns, twists, velocities
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 RNG = np.random.default_rng(3)
@@ -33,9 +35,10 @@ TWIST = np.array([0.4, -0.2, 0.9, 0.3, -0.5, 0.2])  # m/s and rad/s
 Z_PX = P.project_homogeneous(POINTS)
 
 
-def row_of(z_px: Array) -> Array:
-    """Rows of images that are those of the rectified pair."""
-    return np.repeat(z_px[:, 1::2] / (P.height - 1) - 0.5, 2, axis=1)
+# rows of images that are those of the rectified pair: v/(h − 1) − ½ of v = h (y + 1)/2
+SLOPE = 0.5 * P.height / (P.height - 1)
+row_of = ExposedRows((P.width, P.height), np.array([[[SLOPE - 0.5, SLOPE], [0.0, 0.0]]]))
+CAMERAS = P.pinholes, row_of.of_core
 
 
 def seen_after(seconds: Array, twist: Array = TWIST) -> Array:
@@ -65,23 +68,21 @@ def test_velocities_are_those_of_moving_points() -> None:
 @pytest.mark.parametrize(("term", "times"), [(DELAY, LATE), (READOUT, ROWS)])
 def test_columns_of_timing_are_views_taken_at_other_times(term: str, times: Array) -> None:
     expected = per_second(times)
-    found = columns(P, Z_PX, velocities(P, POINTS, TWIST), ROWS)[:, :, TERMS.index(term)]
-    assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
-    views, at = TimedViews(P, POINTS, TWIST, row_of), [DELAY, READOUT].index(term)
-    assert np.abs(views.columns[:, :, at] - expected).max() < 1e-6 * np.abs(expected).max()
+    views, at = core.timed_views(*CAMERAS, POINTS, TWIST[None], None), [DELAY, READOUT].index(term)
+    assert np.abs(views[:, :, at] - expected).max() < 1e-6 * np.abs(expected).max()
 
 
 def test_the_focal_length_is_that_of_both_cameras() -> None:
     step = 1e-4
     longer, shorter = (replace(P, f_px=P.f_px * (1 + s)).project_homogeneous(POINTS) for s in (step, -step))
-    found = columns(P, Z_PX, None, None)[:, :, TERMS.index(FOCAL)]
+    found = columns(P, Z_PX)[:, :, TERMS.index(FOCAL)]
     assert np.abs(found - (longer - shorter) / (2 * step)).max() < 1e-6 * np.abs(found).max()
 
 
 def test_errors_that_grow_are_those_of_their_age() -> None:
     """Turns of the right camera as (72d) has them, and the focal length; those of now are known from start and rate."""
     age_s = np.linspace(0, 3, len(Z_PX))
-    found = columns(P, Z_PX, None, None, age_s)
+    found = columns(P, Z_PX, age_s=age_s)
     at = [TERMS.index(term) for term in TURNING]
     assert found[:, 2, at] == pytest.approx(age_s[:, None] * effects_of_turn(P, Z_PX[:, 2:])[:, 0])
     focusing, focal = found[..., TERMS.index(FOCUSING)], found[..., TERMS.index(FOCAL)]
@@ -91,7 +92,7 @@ def test_errors_that_grow_are_those_of_their_age() -> None:
     cov = np.eye(len(model))
     now = model.in_units(RigEstimate(rates, cov, 0.9, rates, cov, np.ones(len(model)), age_s=2.0))
     far = np.tile(Z_PX[:, :2], 2) + np.array([0, 0, P.cx_right_px - P.cx_left_px, 0])
-    still = columns(P, far, None, None) @ now.mean[: len(TERMS)]
+    still = columns(P, far) @ now.mean[: len(TERMS)]
     assert still[:, 2] == pytest.approx(
         (model.effects(far, age_s=2.0) @ rates)[:, 2], abs=2e-3
     )  # (72d) is a polynomial
@@ -115,12 +116,11 @@ def test_without_velocities_or_rows_timing_does_nothing_and_a_missing_side_has_n
     model = RigModel.of(P, RigConfig(), row_of=row_of)
     timing = slice(TERMS.index(DELAY), TERMS.index(READOUT) + 1)
     assert not model.effects(Z_PX)[..., timing].any()
-    moving = velocities(P, POINTS, TWIST)
-    assert not replace(model, row_of=None).effects(Z_PX, moving)[..., timing].any()
+    assert not replace(model, row_of=None).by_timing(POINTS, TWIST, Z_PX).any()
     z_px = Z_PX.copy()
     z_px[0, 2:] = np.nan
-    effects = model.effects(z_px, moving)
-    assert not effects[0, 2:].any() and effects[0, :2].any() and np.isfinite(effects).all()
+    for effects in (model.effects(z_px), model.by_timing(POINTS, TWIST, z_px)):
+        assert not effects[0, 2:].any() and effects[0, :2].any() and np.isfinite(effects).all()
 
 
 def test_an_error_of_both_principal_points_is_axes_that_are_turned_and_the_term_for_the_rest() -> None:
@@ -131,7 +131,7 @@ def test_an_error_of_both_principal_points_is_axes_that_are_turned_and_the_term_
         turn = np.zeros(6)
         turn[3 + axis] = (delta if axis == 1 else -delta) / P.f_px
         turned = P.project(se3.transform(se3.exp(turn), points))
-        effects = columns(P, Z_PX, None, None)[:, :, TERMS.index(term)]
+        effects = columns(P, Z_PX)[:, :, TERMS.index(term)]
         left = Z_PX + shift - turned - delta * effects
         # the right row errs with the left one, as rows are measured; δ² is a ten-thousandth
         assert np.abs(left[:, :3]).max() < 1e-2 * np.abs(delta * effects).max()
@@ -139,10 +139,10 @@ def test_an_error_of_both_principal_points_is_axes_that_are_turned_and_the_term_
 
 def test_a_lens_has_its_error_in_the_corner_and_the_disparity_at_the_edge() -> None:
     u, v = P.width - 1.0, P.height - 1.0
-    effects = columns(P, np.array([[u, v, u, v]]), None, None)[0]
+    effects = columns(P, np.array([[u, v, u, v]]))[0]
     assert effects[2, :6] == pytest.approx(1) and not effects[[0, 1, 3], :6].any()
     corner = np.array([[P.width, 0.0, P.width, 0.0]])  # the farthest from (250, 240)
-    radial = columns(P, corner, None, None)[0, :2, TERMS.index("radial 3")]
+    radial = columns(P, corner)[0, :2, TERMS.index("radial 3")]
     assert np.linalg.norm(radial) == pytest.approx(1, rel=1e-9)
 
 
@@ -150,7 +150,7 @@ def test_terms_of_a_turn_move_far_points_like_the_turn() -> None:
     turn, far = np.array([1e-5, -2e-5, 3e-5]), np.c_[POINTS[:, :3], np.zeros(60)]
     z_px = P.project_homogeneous(far)
     turned = P.project_homogeneous(far @ se3.exp(np.r_[0, 0, 0, -turn]).T)  # the camera turns, points the other way
-    found = columns(P, z_px, None, None)[:, 2] @ terms_of_turn(P) @ turn
+    found = columns(P, z_px)[:, 2] @ terms_of_turn(P) @ turn
     assert np.abs(found - (turned - z_px)[:, 2]).max() < 1e-3 * np.abs(found).max()  # θ² is beyond the linear model
 
 
@@ -180,7 +180,7 @@ def test_units_and_amplitudes_of_a_model_are_the_same_errors() -> None:
     far = Z_PX.copy()
     far[:, 2:] = far[:, :2] + [P.cx_right_px - P.cx_left_px, 0]
     error = (model.effects(far) @ mean)[:, :2] - (model.effects(far)[..., t:] @ mean[t:])[:, :2]
-    assert error == pytest.approx((columns(P, far, None, None) @ found.mean[:t])[:, :2])
+    assert error == pytest.approx((columns(P, far) @ found.mean[:t])[:, :2])
     error_px, std_px = disparity_over_image(P, found, (5, 7))
     u, v = np.meshgrid(np.linspace(0, P.width - 1, 7), np.linspace(0, P.height - 1, 5))
     grid = np.stack([u.ravel(), v.ravel(), u.ravel() + 12.0, v.ravel()], axis=1)
@@ -218,15 +218,17 @@ def test_what_is_not_known_of_timing_has_the_covariance_of_its_causes(mean: tupl
     """Monte Carlo of delays and readouts that stay from one frame to the next, and of a velocity that is off."""
     rng, draws = np.random.default_rng(4), 40_000
     cov, std_twist = np.diag([1e-3, 5e-3]) ** 2, np.repeat([0.3, 0.1], 3)
-    before, now = (TimedViews(P, POINTS[:5], twist, row_of) for twist in (TWIST, 0.5 * TWIST))
-    by_unit = np.stack([TimedViews(P, POINTS[:5], unit, row_of).columns for unit in np.eye(6)], axis=2)
-    unknown = timing_unknowns(before, now, np.array(mean), cov, std_twist).reshape(20, -1)
-    timing = mean + rng.normal(size=(draws, 2)) @ np.sqrt(cov)
+    points, then, now = POINTS[:5], TWIST, 0.5 * TWIST
+    before, after, *units = (core.timed_views(*CAMERAS, points, t[None], None) for t in (then, now, *np.eye(6)))
+    by_unit = np.stack(units, axis=2)
+    timing = np.array(mean), cov
+    unknown = timing_unknowns(CAMERAS, (points, then), (points, now), timing, std_twist).reshape(20, -1)
+    drawn = mean + rng.normal(size=(draws, 2)) @ np.sqrt(cov)
     off = rng.normal(size=(draws, 6)) * std_twist
-    by_time = (now.columns - before.columns).reshape(20, 2)
-    moved = (timing - mean) @ by_time.T
+    by_time = (after - before).reshape(20, 2)
+    moved = (drawn - mean) @ by_time.T
     for k in range(2):
-        moved += timing[:, k : k + 1] * (off @ by_unit[..., k].reshape(20, 6).T)
+        moved += drawn[:, k : k + 1] * (off @ by_unit[..., k].reshape(20, 6).T)
     expected = moved.T @ moved / draws
     found = unknown @ unknown.T
     scale = np.sqrt(np.diag(expected)).clip(1e-9)
@@ -241,7 +243,6 @@ def test_what_is_not_known_of_timing_has_the_covariance_of_its_causes(mean: tupl
 def test_a_pose_is_as_uncertain_as_its_velocity_makes_views() -> None:
     """Against poses that are fitted to views which a velocity that is off has moved."""
     root = np.random.default_rng(5).normal(size=(6, 6)) * np.repeat([0.1, 0.03], 3)[:, None]
-    views = TimedViews(P, POINTS, np.zeros(6), row_of)
     by_pose = np.stack([velocities(P, POINTS, unit) for unit in np.eye(6)], axis=2)
     for size, times in ((np.array([0.004, 0]), LATE), (np.array([0, 0.02]), ROWS)):
         fitted = []
@@ -249,7 +250,7 @@ def test_a_pose_is_as_uncertain_as_its_velocity_makes_views() -> None:
             moved = size.sum() * per_second(times, twist)
             fitted.append(np.linalg.lstsq(by_pose.reshape(-1, 6), moved.ravel(), rcond=None)[0])
         expected = np.array(fitted).T @ np.array(fitted)
-        found = views.cov_of_pose(size, root @ root.T)
+        found = core.cov_of_timed_pose(*CAMERAS, POINTS, size, root @ root.T)
         assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
 
 

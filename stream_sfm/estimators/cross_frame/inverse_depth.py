@@ -18,13 +18,8 @@ from numpy.typing import NDArray
 from ... import core
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
-from ...record import record
-from ...rig_model.model import RigEffects
-
-
-def homogeneous_from_q(q: Array) -> Array:
-    """Return homogeneous points (…, 4) of q (…, 3) in the anchor."""
-    return np.stack([q[..., 0], q[..., 1], np.ones(q.shape[:-1]), q[..., 2]], axis=-1)
+from ...record import changed, record, rows_of
+from ...rig_model.model import RigEffects, RigModel
 
 
 def q_of_views(projection: StereoProjection, z_px: Array) -> Array:
@@ -81,17 +76,21 @@ class WhitenedViews:
     @property
     def of_core(
         self,
-    ) -> tuple[NDArray[np.intp], NDArray[np.int64], NDArray[np.bool_], Array, Array, Array, Array, Array, Array]:
+    ) -> tuple[
+        NDArray[np.intp], NDArray[np.int64], NDArray[np.bool_], Array, Array, Array, Array, Array, Array, Array
+    ]:
         """The arrays that the compiled core takes."""
         effects = self.rig_effects
         seen = self.frame, self.ids, self.used, self.z_px, self.weight, self.root
-        return *seen, effects.terms, effects.field, effects.moves
+        return *seen, *effects.columns, effects.moves
 
     def __len__(self) -> int:
         return len(self.ids)
 
-    def __getitem__(self, rows: slice) -> "WhitenedViews":
-        return WhitenedViews(*[column[rows] for column in _COLUMNS(self)])
+    def __getitem__(self, rows: slice | NDArray[np.intp]) -> "WhitenedViews":
+        *arrays, effects = _COLUMNS(self)
+        columns: list[Any] = [*(rows_of(column, rows) for column in arrays), effects[rows]]
+        return WhitenedViews(*columns)
 
     def corrected_px(self, rig_error: Array) -> Array:
         """Return the views (V, 4) without errors (m,) of the rig."""
@@ -123,6 +122,27 @@ class NormalBlocks(NamedTuple):
     rig_pose: Array
     rig_point: Array
     g_rig: Array
+
+
+def expected(state: State, views: WhitenedViews, rig: RigModel, age_s: float) -> WhitenedViews:
+    """Return views as the used ones are expected, with what errors of the rig that stands still do there.
+
+    `age_s`: for how long these have grown.
+    """
+    expected_px = core.expected_views(
+        rig.projection.pinholes, state, views.of_core, views.stereo, views.expected_px
+    )
+    return changed(views, expected_px=expected_px, rig_effects=rig.at_rest(expected_px, age_s))
+
+
+def timed(state: State, views: WhitenedViews, rig: RigModel, twists: Array) -> WhitenedViews:
+    """Return views with what delay and readout do to them where they were expected, with `twists` (F, 6) of frames."""
+    if rig.row_of is None:
+        return views
+    timing = (
+        core.timing_of_views(*rig.cameras, state, views.of_core, views.expected_px, twists) * rig.units_of_timing
+    )
+    return changed(views, rig_effects=changed(views.rig_effects, timing=timing))
 
 
 def linearise(projection: StereoProjection, state: State, views: WhitenedViews) -> NormalBlocks:

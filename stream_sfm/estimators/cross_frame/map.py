@@ -15,12 +15,11 @@ from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
 from ...record import changed, rows_of
 from ...rig_model.estimate import RigEstimate
-from ...rig_model.model import RigEffects, RigModel
-from ...rig_model.terms import AT_TIMING
-from ...rig_model.velocities import TimedViews, timing_unknowns, twists, velocities
+from ...rig_model.model import RigModel
+from ...rig_model.velocities import timing_unknowns, twists
 from ...types import Solution
 from ..ids import among, times_among, union
-from .inverse_depth import State, WhitenedViews, homogeneous_from_q, linearise, q_of_views
+from .inverse_depth import State, WhitenedViews, expected, linearise, q_of_views, timed
 from .marginals import Marginals
 from .normal_equations import System
 from .outliers import RejectionCounts
@@ -68,9 +67,8 @@ class Map:
         self._first: WhitenedViews | None = views  # of the reference camera, until another one is absorbed
         self.q = q_of_views(projection, views.corrected_px(rig.mean)[views.used])
         self.ref_from_anchor = np.tile(np.eye(4), (len(self.ids), 1, 1))
-        self.q, cov, by_rig = self._seen_alone(
-            views, self.ids, self.ref_from_anchor, self.q, rig.mean, np.zeros(len(rig))
-        )
+        state = State(np.eye(4)[None], self.ids, self.ref_from_anchor, self.q, rig.mean)
+        self.q, cov, by_rig = self._seen_alone(views, state, np.zeros(len(rig)))
         pose = first.world_from_cam, first.cov_pose
         self.prior = Prior.from_first_frame(self.ids, self.q, cov, by_rig, *pose, rig)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
@@ -96,18 +94,10 @@ class Map:
         """Return what views are predicted from."""
         return State(self.cams_from_ref, self.ids, self.ref_from_anchor, self.q, self.rig_error)
 
-    def _seen_alone(
-        self,
-        views: WhitenedViews,
-        ids: NDArray[np.int64],
-        ref_from_anchor: Array,
-        q: Array,
-        rig_error: Array,
-        rig_step: Array,
-    ) -> tuple[Array, Array, Array]:
-        """Return points `ids` (n,) by the reference camera's views alone, as `core.points_alone` does."""
-        blocks = linearise(self.projection, State(np.eye(4)[None], ids, ref_from_anchor, q, rig_error), views)
-        return core.points_alone(blocks.v, blocks.g_point, blocks.rig_point, q, rig_step)
+    def _seen_alone(self, views: WhitenedViews, state: State, rig_step: Array) -> tuple[Array, Array, Array]:
+        """Return the points of a state by the reference camera's views alone, as `core.points_alone` does."""
+        blocks = linearise(self.projection, state, views)
+        return core.points_alone(blocks.v, blocks.g_point, blocks.rig_point, state.q, rig_step)
 
     @property
     def newest(self) -> slice:
@@ -160,9 +150,14 @@ class Map:
         self.ids, self.q = ids[order], np.concatenate([self.q, q])[order]
         self.ref_from_anchor = np.concatenate([self.ref_from_anchor, ref_from_cam])[order]
         views = changed(views, frame=np.full(len(views), len(self.frames)), used=(known | new) & wanted)
-        self.views = WhitenedViews.concatenate([self.views, views])
         self.frames.append(frame)
         self.cams_from_ref = np.concatenate([self.cams_from_ref, cam_from_ref[None]])
+        if frame.rig is not None:
+            views = expected(self.state(), views, frame.rig, self.prior.rig.age_s(frame.stamp_ns))
+        before = np.flatnonzero(
+            self.views.used | among(self.views.ids, self.ids)
+        )  # no others can come into use again
+        self.views = WhitenedViews.concatenate([self.views[before], views])
 
     def _count_rejected(self, rejected: NDArray[np.int64]) -> None:
         """Remember which tracks disagree with the motion.
@@ -266,45 +261,27 @@ class Map:
         stamps = [*self._stamps_ns(), frame.stamp_ns]
         *_, before, now = twists(np.array(poses[-_TWIST_FRAMES:]), stamps[-_TWIST_FRAMES:])
         moved = clamp_depth(points @ cam_from_previous.T)
-        by_timing = frame.rig.by_timing(moved, now[None], views.seen_px(rows))
-        views = changed(views, rig_effects=views.rig_effects.renewed(rows, by_timing))
-        at_first = TimedViews(self.projection, points, before, frame.rig.row_of)
-        at_last = TimedViews(self.projection, moved, now, frame.rig.row_of)
+        by_timing = np.zeros_like(views.rig_effects.timing)
+        by_timing[rows] = frame.rig.by_timing(moved, now, views.seen_px(rows))
+        views = changed(views, rig_effects=changed(views.rig_effects, timing=by_timing))
         timing = frame.rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
         of_twist = std_acceleration * (stamps[-1] - stamps[-2]) / 1e9
-        return views, timing_unknowns(at_first, at_last, *timing, of_twist)
+        return views, timing_unknowns(frame.rig.cameras, (points, before), (moved, now), timing, of_twist)
 
-    def renew_rig_effects(self) -> None:
-        """Take what errors of the rig do to the used views of the window, with the velocities that are known now.
+    def renew_timing(self) -> None:
+        """Take what delay and readout do to the used views of the window, with the velocities that are known now.
 
-        What a delay or a readout does depends on the camera's velocity, which later frames tell better. The place is
-        kept where a view was expected before it counted: at a place that goes along with the view's own noise, errors
-        that hardly show would be estimated wrongly by a fixed amount, which is not averaged out.
+        They depend on the camera's velocity, which later frames tell better. The place is kept where a view was
+        expected before it counted: at a place that goes along with the view's own noise, errors that hardly show would
+        be estimated wrongly by a fixed amount, which is not averaged out.
         """
         rig = self.frames[-1].rig
         if rig is None:
             return
         self._twists = twists(np.array([np.eye(4), *self.cams_from_ref]), self._stamps_ns())
         if self._first is not None:
-            self._renew_first(self._first, rig, self._twists[0])
-        views = self.views
-        rows = np.flatnonzero(views.used)
-        in_cam = core.points_of_views(self.state(), views.of_core)
-        at = rows >= self.newest.start
-        new = rows[at]
-        expected_px = views.expected_px.copy()
-        expected_px[new] = self._expected_px(in_cam[at], views.stereo[new], views.rig_effects[new])
-        age_s = self.prior.rig.age_s(self.frames[-1].stamp_ns)
-        at_rest = rig.effects_by_parts(expected_px[new], age_s=age_s)
-        by_timing = rig.by_timing(in_cam, self._twists[1:][views.frame[rows]], expected_px[rows])
-        effects = views.rig_effects.renewed(rows, by_timing, new, at_rest)
-        self.views = changed(views, expected_px=expected_px, rig_effects=effects)
-
-    def _expected_px(self, in_cam: Array, stereo: NDArray[np.bool_], effects: RigEffects) -> Array:
-        """Return where views of homogeneous points (n, 4) are expected (n, 4); `stereo` (n,): both sides were seen."""
-        z_px = self.projection.project_homogeneous(in_cam) + effects.at(self.rig_error)
-        z_px[~stereo, 2:] = np.nan
-        return z_px
+            self._renew_first(self._first, rig, self._twists[:1])
+        self.views = timed(self.state(), self.views, rig, self._twists[1:])
 
     def _stamps_ns(self) -> list[int]:
         """Return the stamps of the reference camera and of the window."""
@@ -318,29 +295,21 @@ class Map:
         self._twist_error.add([self.reference_index, *(f.index for f in self.frames)], self._twists)
         mean, cov = rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
         in_cam = core.points_of_views(self.state(), newest.of_core)
-        views = TimedViews(self.projection, in_cam, np.zeros(6), rig.row_of)
         stamps = self._stamps_ns()
         cov_twist = self._twist_error.cov(std_acceleration, (stamps[-1] - stamps[-2]) / 1e9)
-        size = np.sqrt(mean**2 + np.diag(cov))
-        return views.cov_of_pose(size, cov_twist)
+        return core.cov_of_timed_pose(*rig.cameras, in_cam, np.sqrt(mean**2 + np.diag(cov)), cov_twist)
 
     def _renew_first(self, views: WhitenedViews, rig: RigModel, twist: Array) -> None:
         """Begin the prior again with the first frame's views as they moved, which later frames tell better.
 
         Possible as long as nothing else is in the prior.
         """
-        ids, at = self.prior.ids, np.searchsorted(self.ids, self.prior.ids)
-        views = changed(views, used=among(views.ids, ids))
-        q, anchors = self.q[at], self.ref_from_anchor[at]
-        rows = np.flatnonzero(views.used)
-        in_cam = homogeneous_from_q(q)
-        expected_px = self._expected_px(in_cam, views.stereo[rows], views.rig_effects[rows])
-        age_s = self.prior.rig.age_s(self.reference_ns)
-        effects = rig.effects_by_parts(expected_px, velocities(self.projection, in_cam, twist), age_s)
-        at_timing = effects.terms[..., AT_TIMING]
-        self._first = changed(views, rig_effects=views.rig_effects.renewed(rows, at_timing, rows, effects))
-        rig_error = self.rig_error
-        estimates = self._seen_alone(self._first, ids, anchors, q, rig_error, self.prior.rig.mean - rig_error)
+        at, rig_error = np.searchsorted(self.ids, self.prior.ids), self.rig_error
+        state = State(np.eye(4)[None], self.prior.ids, self.ref_from_anchor[at], self.q[at], rig_error)
+        views = changed(views, used=among(views.ids, state.ids))
+        views = expected(state, views, rig, self.prior.rig.age_s(self.reference_ns))
+        self._first = timed(state, views, rig, twist)
+        estimates = self._seen_alone(self._first, state, self.prior.rig.mean - rig_error)
         self.prior = self.prior.with_first_views(*estimates)
 
     def judge_rig(self, misfit: bool) -> RigEstimate | None:
@@ -387,7 +356,7 @@ class Map:
     @staticmethod
     def _with_field(views: WhitenedViews, model: RigModel, z_px: Array) -> WhitenedViews:
         """Return the views with what a field does to them, where they are at (V, 4)."""
-        return changed(views, rig_effects=RigEffects(views.rig_effects.terms, model.field_at(z_px)))
+        return changed(views, rig_effects=changed(views.rig_effects, field=model.field_at(z_px)))
 
     def change_rig(self, root: Array) -> None:
         """Record that the errors of the rig have changed since the newest frame by N(0, `root` rootᵀ), root (m, j).

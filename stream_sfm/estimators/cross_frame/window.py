@@ -115,7 +115,7 @@ class CrossFrame:
         if observations.settled:
             current.settle()
         current.consider_other(motion)
-        current.renew_rig_effects()
+        current.renew_timing()
         iterations = minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
         return self._report(current, observations, motion, iterations)
 

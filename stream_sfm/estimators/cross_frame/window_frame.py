@@ -50,7 +50,7 @@ def _effects_at_rest(observations: Observations, age_s: float) -> RigEffects:
     """Return what errors of the rig do to the views, at rest; none where none are possible."""
     if observations.rig is None:
         return RigEffects.none(len(observations.track_ids))
-    return observations.rig.model.effects_by_parts(observations.z_px, age_s=age_s)
+    return observations.rig.model.at_rest(observations.z_px, age_s)
 
 
 def _weights(observations: Observations) -> Array:
