@@ -49,14 +49,13 @@ RULES: dict[str, tuple[str, Any]] = {
     "least agreement": ("frontend.tracker._MIN_AGREEMENT", 0.0),
     "pair check": ("frontend.front_end.problem_of", lambda *_: ""),
     "repetition": ("frontend.tracker.rival_motion", lambda *_: None),
-    "global search": ("geometry.resection._CALM_SHARE", -1.0),
+    "global search": ("geometry.resection.CALM_SHARE", -1.0),
     "noise of bad frames": (
         "frontend.tracker.resect_views",
         lambda *a, **k: replace(resect_views(*a, **k), spread=1.0),
     ),
     "depths forget": ("frontend.stereo_depth.FORGETTING", 1.0),
-    "largest scale of a patch": ("frontend.templates._MIN_AREA", 0.0),
-    "drift of templates": ("frontend.noise.ViewNoise.drift", lambda self, points, motion: np.zeros(len(points))),
+    "drift of templates": ("core.template_drift", lambda points, *_: np.zeros(len(points))),
 }
 
 

@@ -12,7 +12,8 @@ constexpr int LANES = 8;  // partial sums, always in the same order
 constexpr double DAMPING = 1e-9;        // of a scaled information matrix: a direction that the data do not see stays where it is
 constexpr double MAX_CONDITION = 1e10;  // of one: beyond it a direction is not determined by the data
 constexpr double MAX_ROTATION_STEP_RAD = 0.3;  // of one step of an iteration, as in geometry/se3.py
-constexpr double CAUCHY_WIDTH = 2.4, MEDIAN_CHI2_4 = 3.36;  // as in geometry/medians.py
+constexpr double CAUCHY_WIDTH = 2.4;    // as in geometry/medians.py
+constexpr double MEDIAN_CHI2_4 = 3.36;  // closed form: the median of χ² with four degrees of freedom
 constexpr std::size_t MIN_VIEWS = 6;    // of a motion, as in geometry/resection.py
 constexpr int MAX_SWEEPS = 30;          // of rotations: matrices of up to 20 take six
 constexpr double ROUNDING = 1e-30;      // of squares, relative

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import se3
-from ..geometry.resection import MIN_VIEWS, Resection, SecondMotion
+from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion
 from ..geometry.se3 import Array
 from ..record import record
 from .tracks import FULL_HISTORY
@@ -56,7 +56,7 @@ class AmbiguityMemory:
         remembered = self.other_than(motion.cam_from_ref)
         if remembered is None or self.repeats:
             return AmbiguityMemory(), None, self.repeats
-        if self.frames_left == 1 and self.other_is_new and (motion.accepted & old).sum() >= 2 * MIN_VIEWS:
+        if self.frames_left == 1 and self.other_is_new and (motion.accepted & old).sum() >= MANY_VIEWS:
             return AmbiguityMemory(), None, True
         return replace(self, frames_left=self.frames_left - 1), remembered, False
 

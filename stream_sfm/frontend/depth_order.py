@@ -11,15 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.point_views import PointViews
-from ..geometry.resection import BEYOND, MIN_SECOND_VIEWS, Resection, refine
+from ..geometry.resection import BEYOND, MANY_VIEWS, MIN_SECOND_VIEWS, Resection, refine
 from ..geometry.se3 import Array
 from .prepared import PreparedImages
-from .rough_motion import LEAST_VIEWS, RoughMotion, find_rough_motion
+from .rough_motion import STD_FLOW_PX, RoughMotion, find_rough_motion
 from .state import FrontEndState, Setup
 from .tracks import Tracks
 
 _UNEXPLAINED = 0.2  # of the tracks, beyond which another motion is looked for
-_APART_PX = 3.0  # six σ of a position by flow
 # Of the points with neighbours at another depth, the share that lies behind them, or before: less along the ground.
 _BEHIND = 0.95
 _DEEPER = 1.25  # factor between two depths that differ
@@ -35,7 +34,7 @@ def of_background(
 ) -> RoughMotion:
     """The rough motion found, or that of the tracks that do not agree with it, if these lie behind the others."""
     tracks, rest = state.tracks, np.flatnonzero(~rough.agree)
-    if len(rest) < max(LEAST_VIEWS, _UNEXPLAINED * len(tracks)):
+    if len(rest) < max(MANY_VIEWS, _UNEXPLAINED * len(tracks)):
         return rough
     other = find_rough_motion(
         setup, state.aligners, previous, images, tracks.keep(rest), predicted, motion_known=False
@@ -43,9 +42,9 @@ def of_background(
     if other is None:
         return rough
     left_px = setup.projection.project_homogeneous(tracks.points @ other.cam_from_previous.T)[:, :2]
-    # far points that agree fit either motion
+    # far points that agree fit either motion, within six σ of a position by flow
     apart_px = np.linalg.norm(left_px - rough.left_px, axis=1)
-    others = tracks.keep(rough.agree & (apart_px > _APART_PX * tracks.scale))
+    others = tracks.keep(rough.agree & (apart_px > 6 * STD_FLOW_PX * tracks.scale))
     if not is_behind(tracks.keep(rest[other.agree]), others):
         return rough
     left_px[rest[other.agree]] = other.left_px[other.agree]

@@ -22,10 +22,9 @@ from .tracks import Tracks
 # missing. As accurate as in each (medians over three starts on four logs), CPU of a replay 3 % less.
 _RENEWAL_PERIOD = 2
 _URGENT_FRACTION = 0.6
-# Along the row the search covers 1.5 times the largest disparity of a track, plus a margin. Once per period, and
+# Along the row the search covers 1.5 times the largest disparity of a track, plus a margin. Every second time, and
 # where less than `_BARE_FRACTION` of the tracks is there, it covers the whole row. On KITTI 1.2 ms of 16 less with the
 # figures unchanged.
-_FULL_SEARCH_PERIOD = 2 * _RENEWAL_PERIOD
 _SEARCH_FACTOR, _SEARCH_MARGIN_PX = 1.5, 16.0
 _MATCH_TOLERANCE_PX = 2.0  # of the coarse images: a whole-pixel match, and its neighbour
 # Between the matches of a whole patch and of its inner half, px: farther apart, a depth edge runs through the
@@ -39,7 +38,6 @@ _BARE_FRACTION = 0.25
 # Of corners in the reduced image, as `min_corner_response`: a slope of a quarter of a grey value per pixel, twice what
 # noise and rounding leave there.
 _MIN_WIDE_STRENGTH = 1e-6
-_MAX_WIDE_STD_PX = 2.0  # of a wide template's position, image pixels: what is less certain is noise or a bare edge
 
 
 def renews(frame_index: int) -> bool:
@@ -131,7 +129,8 @@ def _begin(
         *of_templates, corners, slots, disparity_px, tolerance_px, std_grey, _MAX_HALVES_APART_PX
     )
     state, right_sides = _learn_rows(state, z_px, twist) if scale == 1 else (state, state.right_sides(twist))
-    gates = MIN_INVERSE_DEPTH_SIGMAS, np.inf if scale == 1 else _MAX_WIDE_STD_PX
+    # the position of a wide template that is less certain than half of its pixels is noise or a bare edge
+    gates = MIN_INVERSE_DEPTH_SIGMAS, np.inf if scale == 1 else WIDE / 2
     rows, z_px, points, var_rho = core.place_new_points(
         right_sides, state.timing.of_core(twist), z_px, cov_px, scale, *gates
     )
@@ -186,7 +185,7 @@ def _disparity_range(setup: Setup, state: FrontEndState, scale: float) -> tuple[
     p, cfg, tracks = setup.projection, setup.config.frontend, state.tracks
     far = p.cx_left_px - p.cx_right_px
     near = far + cfg.max_disparity_fraction * p.width
-    if state.frame_index % _FULL_SEARCH_PERIOD and len(tracks) > _BARE_FRACTION * cfg.max_tracks:
+    if state.frame_index % (2 * _RENEWAL_PERIOD) and len(tracks) > _BARE_FRACTION * cfg.max_tracks:
         largest = p.f_px * p.baseline_m * float(tracks.points[:, 3].max())
         near = min(near, far + _SEARCH_FACTOR * largest + _SEARCH_MARGIN_PX)
     return int(np.floor(far * scale)) - 1, int(np.ceil(near * scale))

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from ..camera.rig import StereoRig
 from ..config import Config
+from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.point_views import PointViews
-from ..geometry.resection import MIN_VIEWS, Resection
+from ..geometry.resection import MANY_VIEWS, MIN_SECOND_VIEWS, Resection
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, clamp_depth
 from ..record import record
@@ -27,10 +28,7 @@ from .tracks import Tracks
 # Share of the points whose left side agrees that agree on the right, too. Sample logs have .64 and more, at the end of
 # a bare corridor less; with one camera stopped, exchanged or turned it is below .3.
 _FIT = 0.5
-_ENOUGH = 2 * MIN_VIEWS  # points confirmed by the left image; with fewer, no share is required
-_CONFIRMING = 8  # so many points from before a problem, and half of the survivors, end it
-_GOOD_FRAMES = 20  # good frames in a row that end it otherwise: in each this share of all points found agrees
-_GOOD_SHARE = 0.6
+_GOOD_SHARE = 0.6  # of all points found, in a frame that is good
 # In real calibrations rows are off by up to 1.9 px in a corner, and scatter around their polynomial by up to 0.3 px.
 _MAX_ROWS_PX = 2.5
 _MAX_SCATTER_PX = 0.5
@@ -102,10 +100,11 @@ class PairCheck:
         if self.first_id is None or fit is None:
             return self, False
         old = fit.ids < self.first_id
-        if (old & fit.both).sum() >= max(_CONFIRMING, _FIT * (old & fit.left).sum()):
+        # as many points from before the problem as no body has by chance, and half of the survivors
+        if (old & fit.both).sum() >= max(MIN_SECOND_VIEWS, _FIT * (old & fit.left).sum()):
             return PairCheck(), False
         good_frames = self.good_frames + 1 if fit.both.sum() > _GOOD_SHARE * len(fit.both) else 0
-        if good_frames < _GOOD_FRAMES:
+        if good_frames < MEMORY_FRAMES:
             return replace(self, good_frames=good_frames), False
         return PairCheck(), True
 
@@ -140,7 +139,7 @@ def problem_of(
         np.count_nonzero(fit.left),
         np.count_nonzero(fit.both),
     )  # what agrees in both does in the left one
-    if n_left < _ENOUGH or n_both >= _FIT * n_left:
+    if n_left < MANY_VIEWS or n_both >= _FIT * n_left:
         return ""
     return (
         f"of {n_left} points that agree in the left image {n_both} do in the right one: is one "

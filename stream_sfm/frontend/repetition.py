@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.resection import MIN_VIEWS, SecondMotion, resect
+from ..geometry.resection import MIN_SECOND_VIEWS, MIN_VIEWS, SecondMotion, resect
 from ..geometry.se3 import Array
 from .prepared import Image, PreparedImages
 from .rough_motion import RoughMotion
@@ -17,9 +17,7 @@ from .state import Setup
 from .tracks import Tracks
 
 _SAMPLES = 24  # tracks that are looked at
-_UNIQUE = 8  # of them without a rival, from which on the motion is unique
 _HALF = 6  # half width of the correlation window, px of the half-size image
-_NEIGHBOURS_PX = 3  # pixels of that image: closer places are no rivals
 _REACH = 3  # rivals are sought within this fraction of the image's width, as far as flow reaches
 _LEAD = 0.06  # of the correlation, as along the row (core/rows.cpp): what comes closer is a rival
 _STD_PX = 2.0  # of the position of a rival, a whole pixel of the half-size image
@@ -58,7 +56,7 @@ def still_repeats(previous: PreparedImages, images: PreparedImages, tracks: Trac
 def _repeats(rivals_px: Array) -> bool:
     """Whether hardly any of the tracks is without a rival (n, 4)."""
     unique = np.isnan(rivals_px[:, 0])
-    return bool(unique.sum() < _UNIQUE and (~unique).sum() >= MIN_VIEWS)
+    return bool(unique.sum() < MIN_SECOND_VIEWS and (~unique).sum() >= MIN_VIEWS)
 
 
 def _rivals(
@@ -71,7 +69,7 @@ def _rivals(
     rivals_px = np.full((len(rows), 4), np.nan)
     for k, row in enumerate(rows):
         rivals_px[k, :2] = _rival(previous.left_half, images.left_half, tracks.left_px[row], rough.left_px[row])
-        if np.isnan(rivals_px[: k + 1, 0]).sum() >= _UNIQUE:
+        if np.isnan(rivals_px[: k + 1, 0]).sum() >= MIN_SECOND_VIEWS:
             break  # the rest, of which each costs most of a millisecond, changes nothing
     return rows, rivals_px
 
@@ -91,7 +89,7 @@ def _rival(before: Image, now: Image, before_px: Array, at_px: Array) -> Array:
         return none
     alike = cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED)
     u, v = to_px - first - _HALF  # where flow has found it
-    near = tuple(slice(max(k - _NEIGHBOURS_PX, 0), k + _NEIGHBOURS_PX + 1) for k in (v, u))
+    near = tuple(slice(max(k - _HALF // 2, 0), k + _HALF // 2 + 1) for k in (v, u))  # no rivals
     if not alike[near].size:
         return none
     found = alike[near].max()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .. import core
 from ..geometry.gates import chi2_gate
 from ..geometry.medians import median
-from ..geometry.resection import MIN_VIEWS, rules_of
+from ..geometry.resection import MANY_VIEWS, rules_of
 from ..geometry.se3 import Array
 from ..record import record
 from .alignment import Aligners, split
@@ -23,11 +23,10 @@ from .prepared import PreparedImages
 from .state import Setup
 from .tracks import Tracks
 
-_STD_FLOW_PX = 0.5  # σ of a position by flow, for the gate of the rough motion only: a guess on the large side
+STD_FLOW_PX = 0.5  # σ of a position by flow, for the gate of the rough motion only: a guess on the large side
 # Share of the tracks that were found, by weight, which a motion explains: above, it is taken; below, the next attempt
 # is made, and then the best of all is taken.
 _ENOUGH = 0.4
-LEAST_VIEWS = 2 * MIN_VIEWS  # fewer agree by chance
 # Halvings more than the configured ones: windows of 15 px then cover an eighth as many image widths, and a motion of a
 # third of the image is reached. OpenCV leaves out levels that are smaller than the window.
 _MORE_LEVELS = 3
@@ -77,12 +76,12 @@ def find_rough_motion(
             at_px[rows], found[rows] = by_flow
         seen = tracks.of_core, tracks.weights, at_px, found
         rules = rules_of(projection, find_second=False)
-        ok, motion, agree, share = core.motion_of_flow(projection.pinholes, *seen, start, _STD_FLOW_PX, gate, rules)
+        ok, motion, agree, share = core.motion_of_flow(projection.pinholes, *seen, start, STD_FLOW_PX, gate, rules)
         if ok and (best is None or agree.sum() > best.agree.sum()):
             best = RoughMotion(motion, at_px, agree, share)
         if best is not None and best.share > _ENOUGH:
             return best
-    if best is None or best.agree.sum() < LEAST_VIEWS:
+    if best is None or best.agree.sum() < MANY_VIEWS:
         return None
     return best
 

@@ -10,12 +10,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.resection import CALM_SHARE
 from ..record import record
 from .tracks import FULL_HISTORY
-
-# Share of the new points found again that agree: .93 and more in the first frames of calm scenes, .68 to .77 in a
-# crowd, whether the motion is right or not.
-_CALM_SHARE = 0.8
 
 
 @record
@@ -61,6 +58,7 @@ class StartCheck:
             agreed=kept * self.agreed + int((new & accepted).sum()),
             next_id=int(ids[-1]) + 1,
         )
-        if now.agreed >= _CALM_SHARE * now.found:
+        # .93 and more in the first frames of calm scenes, .68 to .77 in a crowd, whether the motion is right or not
+        if now.agreed >= CALM_SHARE * now.found:
             return replace(now, calm_frames=self.calm_frames + 1)
         return replace(now, calm_frames=0, doubted=True)

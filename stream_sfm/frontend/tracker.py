@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .. import core
 from ..geometry import se3
 from ..geometry.point_views import PointViews
-from ..geometry.resection import MIN_VIEWS, Resection, SecondMotion, resect_views
+from ..geometry.resection import MANY_VIEWS, Resection, SecondMotion, resect_views
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record, rows_of
@@ -33,10 +33,9 @@ from .tracks import Tracks
 # Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a
 # sudden blur of 5 px 14 of 196 did, with a motion that was off by 7 cm.
 _MIN_AGREEMENT = 0.15
-# The background is hidden where fewer tracks agree that have ever agreed before than this and than half of them, while
+# The background is hidden where fewer tracks agree that have ever agreed before than MANY_VIEWS and than half, while
 # as many new tracks agree on a motion that has jumped, or that came while it was hidden already: what agrees then moves
-# by itself. Twice the views that a motion needs at least.
-_MANY = 2 * MIN_VIEWS
+# by itself.
 _JUMP = 4.0  # standard deviations of what the assumed acceleration does to a motion between two frames
 # How long a motion is searched for from the last frame that had one. Views that return do so within a second; after
 # that too much has changed for flow.
@@ -127,7 +126,7 @@ def _likelier_of_alike(
     seen, found = (previous, images, state.tracks, rough), rough.cam_from_previous
     if state.ambiguity.repeats:
         return rough, state.ambiguity.other_than(found) if still_repeats(*seen) else None
-    rival = None if np.count_nonzero(state.tracks.agreed) >= _MANY else rival_motion(setup, *seen)
+    rival = None if np.count_nonzero(state.tracks.agreed) >= MANY_VIEWS else rival_motion(setup, *seen)
     if rival is None:
         return rough, None
     size = [np.linalg.norm(se3.log(m) / setup.std_acceleration) for m in (found, rival.cam_from_ref)]
@@ -263,13 +262,13 @@ def _is_background_hidden(
 ) -> bool:
     """Whether the tracks found (n,) are mostly of things that move by themselves, and so is their motion."""
     trusted, agree = found.agreed > 0, motion.accepted
-    needed = min(_MANY, 0.5 * np.count_nonzero(state.tracks.agreed))
+    needed = min(MANY_VIEWS, 0.5 * np.count_nonzero(state.tracks.agreed))
     if np.count_nonzero(agree & trusted) >= needed:
         return False
     apart = np.abs(se3.log(se3.inverse(predicted) @ motion.cam_from_ref))
     # beyond what the last velocity and the assumed acceleration allow
     jumps = bool((apart > _JUMP * setup.std_acceleration * dt_s**2).any())
-    return (state.background_hidden or jumps) and int(np.count_nonzero(agree & ~trusted)) >= _MANY
+    return (state.background_hidden or jumps) and int(np.count_nonzero(agree & ~trusted)) >= MANY_VIEWS
 
 
 def _advance(

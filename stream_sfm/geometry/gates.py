@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 
 from .se3 import Array
 
-_MAX_STEPS = 50  # measured: six are enough for every probability that a double can hold
-_RELATIVE_STEP = 1e-13  # a few hundred roundings of a double
-
 
 @lru_cache
 def chi2_gate(dof: int, probability: float) -> float:
@@ -21,16 +18,15 @@ def chi2_gate(dof: int, probability: float) -> float:
 
     P is 1 − e^{−x/2} for 2 and 1 − e^{−x/2} (1 + x/2) for 4.
     """
-    rest = 1 - probability
-    x = -2 * math.log(rest)
+    log_rest = math.log(1 - probability)
     if dof == 2:
-        return x
-    for _ in range(_MAX_STEPS):  # Newton on −x/2 + log(1 + x/2) − log(rest), concave: it converges from above
-        step = (-x / 2 + math.log1p(x / 2) - math.log(rest)) * (2 + x) * 2 / x if x > 0 else 1.0
-        x += step
-        if abs(step) < _RELATIVE_STEP * x:
-            break
-    return x
+        return -2 * log_rest
+    # Newton on log(1 + y) − y − log(rest) with y = x/2, concave: from above, as here, each step is downward
+    y, closer = math.inf, 0.4 - 2 * log_rest
+    while closer < y:
+        y = closer
+        closer = y + (math.log1p(y) - y - log_rest) * (1 + y) / y
+    return 2 * y
 
 
 def chi2_gates(dof: NDArray[np.integer], probability: float) -> Array:

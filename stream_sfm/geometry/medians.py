@@ -5,7 +5,6 @@ import numpy as np
 from .se3 import Array
 
 MAD_TO_STD = 1.4826  # closed form: median absolute deviation to σ of a Gaussian
-MEDIAN_CHI2_4 = 3.36  # closed form: the median of χ² with four degrees of freedom
 CAUCHY_WIDTH = 2.4  # of Cauchy weights, in standard deviations; literature: 95 % efficiency on Gaussian noise
 # Over which running averages are taken, chosen by hand: a second at 20 frames per second.
 MEMORY_FRAMES = 20

@@ -6,6 +6,7 @@ Gaussian noise. Where too few views agree with what a start led to, the whole sp
 (`core/search.cpp`), and it is looked whether the views that disagree have another motion in common.
 """
 
+import sys
 from dataclasses import field
 
 import numpy as np
@@ -20,17 +21,17 @@ from .stereo import StereoProjection
 Rules = tuple[tuple[float, float], float, float, int, float, bool, bool]  # as the compiled core takes them
 
 MIN_VIEWS = 6  # twelve coordinates at least, twice the unknowns, even where every view lacks its right side
+MANY_VIEWS = 2 * MIN_VIEWS  # fewer agree by chance
 # The global search costs a few ms: it is made where less of the weight than this agrees with the motion found. Calm
 # frames of the sample logs accept more than 0.85. (Where all squared residuals are twice too large 0.94 are accepted,
 # where they are four times too large 0.67.)
-_CALM_SHARE = 0.8
+CALM_SHARE = 0.8
 # A second motion makes the first one ambiguous from this share of the evidence of the first one on. Bodies that
 # pass in a room have up to .05 of it on the sample logs, and up to .09 where they are there before anything has a
 # history.
 _AMBIGUOUS_SHARE = 0.1
 BEYOND = 2.0  # gates: views that are clearly not of the first motion
 MIN_SECOND_VIEWS = 8  # two determine a motion; six more do not agree with it by chance
-_NO_SECOND = 2**31  # views that a second motion would need where none is looked for
 
 
 @record
@@ -151,8 +152,8 @@ def rules_of(
     start_is_decided: bool = False,
 ) -> Rules:
     """Return the rules of a resection as the compiled core takes them; arguments as of `resect`."""
-    size, second_views = (projection.width, projection.height), MIN_SECOND_VIEWS if find_second else _NO_SECOND
-    return size, _CALM_SHARE, BEYOND, second_views, _AMBIGUOUS_SHARE, start_is_close, start_is_decided
+    size, second_views = (projection.width, projection.height), MIN_SECOND_VIEWS if find_second else sys.maxsize
+    return size, CALM_SHARE, BEYOND, second_views, _AMBIGUOUS_SHARE, start_is_close, start_is_decided
 
 
 def refine(
