@@ -16,6 +16,7 @@ import stream_sfm as sfm
 from stream_sfm.camera.pixels import to_grey
 from stream_sfm.frontend.disparity_bias import MIN_BIAS_PX
 from stream_sfm.geometry import se3
+from tests.helpers.estimators import nees
 from tests.helpers.wall import Wall, camera_path, rig
 
 N = 24
@@ -93,8 +94,7 @@ def test_lost_is_a_result_and_the_map_goes_on_when_the_view_comes_back(frames, e
     before, lost, after = (estimates[n].cov_pose[0, 0] for n in (9, 13, 15))
     assert lost > 100 * before and after < 10 * before  # a fifth of a second of unknown motion
     assert len(np.intersect1d(estimates[9].track_ids, estimates[14].track_ids)) > 50  # of 250: the map was kept
-    error = se3.log(se3.inverse(estimates[-1].world_from_cam) @ camera_path(N)[-1])
-    assert error @ np.linalg.solve(estimates[-1].cov_pose, error) < 22.5  # χ²(6), 0.999
+    assert nees(estimates[-1].world_from_cam, estimates[-1].cov_pose, camera_path(N)[-1]) < 22.5  # χ²(6), 0.999
 
 
 def test_wrong_input_is_refused_and_changes_nothing(frames, engine) -> None:

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 import stream_sfm as sfm
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import RigConfig
-from stream_sfm.evaluation.trajectory import nees_pose
 from stream_sfm.geometry import se3
 from stream_sfm.rig_model.terms import TERMS, TURNING
 from stream_sfm.run.compare import compare
 from tests.helpers.stereo_logs import LogWriter, infos_of, write_pair
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
+from tools.decalibrated import poses_nees
 
 FRAMES, KNOCK = 26, 12
 TURNS = {"pitch": [1e-3, 0, 0], "yaw": [0, 1e-3, 0], "roll": [0, 0, 3e-3], "all, small": [4e-4, -4e-4, 1e-3]}
@@ -51,8 +51,7 @@ def estimated(turn: str, config: sfm.Config | None = None) -> list[sfm.FrameEsti
 
 
 def squared_errors(estimates: list[sfm.FrameEstimate]) -> np.ndarray:
-    poses, covs = (np.stack([getattr(e, name) for e in estimates]) for name in ("world_from_cam", "cov_pose"))
-    return np.asarray(nees_pose(poses[2:], covs[2:], camera_path(len(poses))[2:]))
+    return poses_nees(estimates, camera_path(len(estimates)))[1:]
 
 
 @pytest.mark.parametrize("turn", TURNS)

@@ -8,9 +8,9 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.camera.models import Camera
 from stream_sfm.config import RigConfig
-from stream_sfm.evaluation.trajectory import nees_pose
 from stream_sfm.geometry import se3
 from tests.helpers.wall import Wall, rig
+from tools.decalibrated import poses_nees
 
 pytestmark = pytest.mark.slow
 
@@ -77,9 +77,7 @@ def mean_nees(scene: str, axis: str, seed: int, config: sfm.Config) -> float:
     engine = sfm.Engine(rig(), config)
     estimates = [engine.step(frame) for frame in SCENES[scene](seed).frames(rig(), poses)]
     assert [e.status for e in estimates[1:]] == [sfm.Status.OK] * (FRAMES - 1), estimates[-1].reason
-    found = np.stack([e.world_from_cam for e in estimates])
-    cov = np.stack([e.cov_pose for e in estimates])
-    return float(nees_pose(found[2:], cov[2:], poses[2:]).mean())
+    return float(poses_nees(estimates, poses)[1:].mean())
 
 
 @pytest.mark.parametrize("scene", SCENES)

@@ -94,7 +94,8 @@ def test_kills_cost_a_second_each(log, whole, processes, tmp_path):
             path.unlink()
     again = replay(log, out, FAST)
     assert sorted(p.name for p in out.iterdir()) == sorted(RESULTS)
-    assert len(sfm.read_results(out)) == len(whole) == len(again.trajectory)
+    written = sfm.read_results(out)
+    assert len(written) == len(whole) == len(again.trajectory) and not written.warnings
 
 
 @pytest.mark.parametrize("size", [2_000, 20_000, 250_000])

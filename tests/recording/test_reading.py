@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import LogError, Selection, StereoRig, open_log
+from stream_sfm.recording.ground_truth import DepthImages
 from stream_sfm.recording.topics import choose_calibration, choose_pair
 from tests.helpers.stereo_logs import (
     BASELINE_M,
@@ -159,6 +160,23 @@ def test_ground_truth_and_depth(path):
     assert stamp == START_NS and depth.dtype == np.float32
     assert np.isnan(depth[0, 0]) and depth[5, 5] == np.float32(2.0)
     assert open_log(write_log(path)).ground_truth() is None
+
+
+def test_the_depth_image_of_a_stamp_is_found_while_stamps_ascend():
+    """One image is held at a time, and none read ahead of need."""
+    stamps_ns, read = (0, 500, 1_000_000_000, 3_000_000_000), []
+
+    def images():
+        for n, stamp in enumerate(stamps_ns):
+            read.append(stamp)
+            yield stamp, np.full((2, 2), n, np.float32)
+
+    depths = DepthImages(images())
+    asked = [500_000_000, 999_000_001, 1_000_000_000, 1_001_000_000, 1_001_000_001, 3_000_000_000, 9_000_000_000]
+    for stamp, expected, last in zip(asked, [None, 2, 2, 2, None, 3, None], [2, 2, 2, 2, 3, 3, 3], strict=True):
+        found = depths.at(stamp)
+        assert (None if found is None else int(found[0, 0])) == expected
+        assert read == list(stamps_ns[: last + 1])
 
 
 def test_topics_can_be_named(path):

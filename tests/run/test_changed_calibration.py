@@ -11,6 +11,7 @@ from stream_sfm.config import MotionConfig
 from stream_sfm.geometry import se3
 from stream_sfm.run.world import World
 from stream_sfm.types import Observations
+from tests.helpers.estimators import nees
 from tests.helpers.stereo_logs import LogWriter, infos_of, write_pair
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 from tests.helpers.wall_log import START_NS
@@ -44,8 +45,7 @@ def test_a_run_goes_on_with_the_next_calibration(changed: Path, tmp_path: Path) 
     truth = camera_path(FRAMES)
     for estimate in sfm.read_estimates(tmp_path / "out/estimates.mcap"):
         n = estimate.frame_index
-        error = se3.log(se3.inverse(estimate.world_from_cam) @ truth[n])
-        assert n == 0 or error @ np.linalg.solve(estimate.cov_pose, error) < 22.5  # chi² of 6: 99.9 %
+        assert n == 0 or nees(estimate.world_from_cam, estimate.cov_pose, truth[n]) < 22.5  # χ² of 6: 99.9 %
     std_m = np.sqrt(np.trace(results.cov_pose[:, :3, :3], axis1=1, axis2=2))
     assert (std_m[CHANGE:] > 2 * std_m[CHANGE - 1]).all()  # what was not seen of one motion stays uncertain
 
