@@ -7,6 +7,8 @@ namespace core {
 namespace {
 
 using Byte = std::uint8_t;
+constexpr Byte BY_LEFT = 1;  // the filter that OpenCV writes all rows with: they do not wait for each other
+constexpr std::size_t TOGETHER = 4;  // of them
 
 Byte paeth(int left, int up, int corner) {
     int by_left = std::abs(up - corner), by_up = std::abs(left - corner), by_corner = std::abs(left + up - 2 * corner);
@@ -34,6 +36,16 @@ void unfilter(Byte filter, const Byte* in, const Byte* up, std::size_t width, By
     if (filter == 4) by(paeth);
 }
 
+// As `unfilter`, of so many rows by the bytes to the left.
+template <std::size_t PIXEL>
+void unfilter_by_left(const Byte* in, std::size_t width, Byte* rows) {
+    Byte left[TOGETHER][PIXEL]{};
+    for (std::size_t j = 0; j < width; j += PIXEL)
+        for (std::size_t k = 0; k < PIXEL; k++)
+            for (std::size_t i = 0; i < TOGETHER; i++)
+                rows[i * width + j + k] = left[i][k] = static_cast<Byte>(left[i][k] + in[i * (width + 1) + j + k]);
+}
+
 }  // namespace
 
 Array<Byte, 2> unfilter_png(const View<Byte, 2>& filtered, std::size_t pixel) {
@@ -43,10 +55,20 @@ Array<Byte, 2> unfilter_png(const View<Byte, 2>& filtered, std::size_t pixel) {
     Array<Byte, 2> rows({height, width});
     Array<Byte, 1> above({width});  // the first row: zeros
     const Byte* up = above.data.get();
+    auto by_left = [&](std::size_t first) {
+        for (std::size_t i = first; i < first + TOGETHER; i++)
+            if (i >= height || filtered[i][0] != BY_LEFT) return false;
+        return true;
+    };
     for (std::size_t i = 0; i < height; i++) {
         Byte filter = filtered[i][0];
         require(filter <= 4, "a row has an unknown filter");
-        (pixel == 1 ? unfilter<1> : unfilter<2>)(filter, filtered[i] + 1, up, width, rows[i]);
+        if (by_left(i)) {
+            (pixel == 1 ? unfilter_by_left<1> : unfilter_by_left<2>)(filtered[i] + 1, width, rows[i]);
+            i += TOGETHER - 1;
+        } else {
+            (pixel == 1 ? unfilter<1> : unfilter<2>)(filter, filtered[i] + 1, up, width, rows[i]);
+        }
         up = rows[i];
     }
     return rows;
