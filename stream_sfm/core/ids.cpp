@@ -9,20 +9,17 @@ namespace core {
 
 Array<bool, 1> among(const Indices& ids, const Indices& known) {
     Array<bool, 1> result({ids.shape[0]});
-    for (std::size_t i = 0; i < ids.shape[0]; i++)
-        result.data[i] = std::binary_search(known.data, known.data + known.shape[0], ids.data[i]);
+    Lookup among_known{known};
+    for (std::size_t i = 0; i < ids.shape[0]; i++) result.data[i] = among_known.row(ids.data[i]) != NONE;
     return result;
 }
 
 Array<std::int64_t, 1> times_among(const Indices& ids, const Indices& others, const View<bool, 1>& counted) {
     require_shape(counted, {others.shape[0]}, "counted");
     Array<std::int64_t, 1> result({ids.shape[0]});
-    const std::int64_t* end = ids.data + ids.shape[0];
-    for (std::size_t i = 0; i < others.shape[0]; i++) {
-        if (!counted.data[i]) continue;
-        const std::int64_t* at = std::lower_bound(ids.data, end, others.data[i]);
-        if (at != end && *at == others.data[i]) result.data[at - ids.data]++;
-    }
+    Lookup rows{ids};
+    for (std::size_t i = 0; i < others.shape[0]; i++)
+        if (std::size_t at = counted.data[i] ? rows.row(others.data[i]) : NONE; at != NONE) result.data[at]++;
     return result;
 }
 

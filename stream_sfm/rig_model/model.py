@@ -65,8 +65,9 @@ class RigEffects:
         """Return what amplitudes (m,) do (n, 4)."""
         own = self.terms.shape[2]
         parts = amplitudes[own:].reshape(self.moves.shape[1], -1)
-        of_terms = self.terms @ amplitudes[:own] + self.timing @ amplitudes[AT_TIMING][: self.timing.shape[2]]
-        return np.asarray(of_terms + self.field @ parts.T @ self.moves.T)
+        of_timing = self.timing @ amplitudes[AT_TIMING][: self.timing.shape[2]]
+        of_terms = (self.terms.reshape(-1, own) @ amplitudes[:own]).reshape(of_timing.shape)
+        return np.asarray(of_terms + of_timing + self.field @ parts.T @ self.moves.T)
 
 
 @record

@@ -92,16 +92,6 @@ class WhitenedViews:
         columns: list[Any] = [*(rows_of(column, rows) for column in arrays), effects[rows]]
         return WhitenedViews(*columns)
 
-    def corrected_px(self, rig_error: Array) -> Array:
-        """Return the views (V, 4) without errors (m,) of the rig."""
-        return self.z_px - self.rig_effects.at(rig_error)
-
-    def seen_px(self, rows: NDArray[np.intp]) -> Array:
-        """Return the views (k, 4) of `rows` (k,), NaN for a side that was not seen."""
-        z_px = self.z_px[rows]
-        z_px[~self.stereo[rows], 2:] = np.nan
-        return z_px
-
 
 _COLUMNS = attrgetter(*WhitenedViews.__slots__)  # type: ignore[attr-defined]
 

@@ -46,12 +46,14 @@ class Map:
         projection: StereoProjection,
         frame: WindowFrame,
         views: WhitenedViews,
+        corrected_px: Array,
         first: Solution,
         rig: RigKnowledge,
     ) -> None:
         """Begin a map in the camera of `frame`, which becomes the reference.
 
-        `first` says which of its `views` start points; `rig`: what is known about the rig's errors.
+        `first` says which of its `views` start points, which are `corrected_px` (V, 4) without the rig's errors; `rig`:
+        what is known about these.
         """
         self.projection = projection
         self.frames: list[WindowFrame] = []
@@ -65,7 +67,7 @@ class Map:
         self.ids = first.track_ids
         views = changed(views, used=among(views.ids, self.ids))
         self._first: WhitenedViews | None = views  # of the reference camera, until another one is absorbed
-        self.q = q_of_views(projection, views.corrected_px(rig.mean)[views.used])
+        self.q = q_of_views(projection, corrected_px[views.used])
         self.ref_from_anchor = np.tile(np.eye(4), (len(self.ids), 1, 1))
         state = State(np.eye(4)[None], self.ids, self.ref_from_anchor, self.q, rig.mean)
         self.q, cov, by_rig = self._seen_alone(views, state, np.zeros(len(rig)))
@@ -128,13 +130,15 @@ class Map:
         frame: WindowFrame,
         cam_from_ref: Array,
         views: WhitenedViews,
+        corrected_px: Array,
         rejected: NDArray[np.int64],
         ambiguous: bool,
     ) -> None:
         """Add the newest frame to the window, without the views of `rejected` tracks.
 
-        Points that the map does not hold yet start at their stereo view. Where the motion is `ambiguous`, the tracks
-        may be right another time, and nothing is held against them.
+        Points that the map does not hold yet start at their stereo view, which is `corrected_px` (V, 4) without the
+        rig's errors. Where the motion is `ambiguous`, the tracks may be right another time, and nothing is held against
+        them.
         """
         if not ambiguous:
             self._count_rejected(rejected)
@@ -145,8 +149,8 @@ class Map:
         self.begun_anew, self._dropped = self._dropped[again], self._dropped[~again]
         ids = np.concatenate([self.ids, views.ids[new]])
         order = np.argsort(ids)
-        ref_from_cam = np.tile(se3.inverse(cam_from_ref), (len(ids) - len(self.ids), 1, 1))
-        q = q_of_views(self.projection, views.corrected_px(self.rig_error)[new])
+        ref_from_cam = np.broadcast_to(se3.inverse(cam_from_ref), (len(ids) - len(self.ids), 4, 4))
+        q = q_of_views(self.projection, corrected_px[new])
         self.ids, self.q = ids[order], np.concatenate([self.q, q])[order]
         self.ref_from_anchor = np.concatenate([self.ref_from_anchor, ref_from_cam])[order]
         views = changed(views, frame=np.full(len(views), len(self.frames)), used=(known | new) & wanted)
@@ -262,7 +266,7 @@ class Map:
         *_, before, now = twists(np.array(poses[-_TWIST_FRAMES:]), stamps[-_TWIST_FRAMES:])
         moved = clamp_depth(points @ cam_from_previous.T)
         by_timing = np.zeros_like(views.rig_effects.timing)
-        by_timing[rows] = frame.rig.by_timing(moved, now, views.seen_px(rows))
+        by_timing[rows] = frame.rig.by_timing(moved, now, views.expected_px[rows])
         views = changed(views, rig_effects=changed(views.rig_effects, timing=by_timing))
         timing = frame.rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
         of_twist = std_acceleration * (stamps[-1] - stamps[-2]) / 1e9

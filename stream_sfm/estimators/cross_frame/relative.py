@@ -51,6 +51,8 @@ def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
 
 def _ambiguities(current: Map) -> Array:
     """Return what ambiguous motions between each earlier frame and the newest one add to the covariance (r, 6, 6)."""
+    if not any(frame.ambiguity.shape[1] for frame in current.frames):
+        return np.zeros((len(current.frames), 6, 6))
     together, apart, covs = np.zeros((6, 6)), np.zeros((6, 6)), []
     for frame, cam_from_ref in zip(reversed(current.frames), current.cams_from_ref[::-1], strict=True):
         if frame.ambiguity.shape[1]:

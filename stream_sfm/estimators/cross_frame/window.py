@@ -98,20 +98,20 @@ class CrossFrame:
         corrected = _corrected(observations, views, self.rig.mean)
         solution = first_solution(self.projection, self.config.robust, self.motion, corrected)
         if len(solution.track_ids):
-            self.map = Map(self.projection, frame, views, solution, self.rig)
+            self.map = Map(self.projection, frame, views, corrected.z_px, solution, self.rig)
         return solution
 
     def _advance(
         self, current: Map, observations: Observations, frame: WindowFrame, views: WhitenedViews
     ) -> Solution:
         """Follow the camera by one frame."""
-        motion, rejected, views = self._initial_motion(current, observations, frame, views)
+        motion, rejected, views, corrected_px = self._initial_motion(current, observations, frame, views)
         current.rejections.forget_all_but(views.ids)
         if len(current.frames) == self.config.window.frames:
             absorb_oldest_frame(current)
         self.waiting = False
         cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
-        current.enter(frame, cam_from_ref, views, rejected, ambiguous=motion.ambiguous is not None)
+        current.enter(frame, cam_from_ref, views, corrected_px, rejected, ambiguous=motion.ambiguous is not None)
         if observations.settled:
             current.settle()
         current.consider_other(motion)
@@ -188,10 +188,10 @@ class CrossFrame:
 
     def _initial_motion(
         self, current: Map, observations: Observations, frame: WindowFrame, views: WhitenedViews
-    ) -> tuple[Resection, NDArray[np.int64], WhitenedViews]:
+    ) -> tuple[Resection, NDArray[np.int64], WhitenedViews, Array]:
         """Find cam_n_from_cam_{n−1} from the local structure of the previous frame, and the tracks it rejects.
 
-        And the views as they move, to which delay and readout do something.
+        And the views as they move, to which delay and readout do something; and z_px without the rig's errors.
         """
         robust, previous = self.config.robust, current.marginals
         usable = ~current.rejections.excluded(views.ids)
@@ -205,10 +205,11 @@ class CrossFrame:
             predicted, _ = self.motion.predict(observations.stamp_ns)
             start = se3.inverse(predicted) @ previous.world_from_cam
         views, unknown_px = current.expect(frame, views, rows, points, start, self._std_acceleration)
+        corrected = _corrected(observations, views, current.rig_error)
         found = initial_motion(
             self.projection,
             robust,
-            _corrected(observations, views, current.rig_error),
+            corrected,
             rows,
             points,
             cov,
@@ -218,7 +219,7 @@ class CrossFrame:
         )
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} of the {len(rows)} tracked points")
-        return found, views.ids[rows[~found.accepted]], views
+        return found, views.ids[rows[~found.accepted]], views, corrected.z_px
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
