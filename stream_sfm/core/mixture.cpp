@@ -16,7 +16,6 @@ using Which = std::vector<std::size_t>;
 
 constexpr double ROUNDING = 1e-15;  // of a variance: what is left of one that is known better than that
 constexpr double ALONE = 0.05;      // of wrong calibrations are wrong in one term only
-constexpr double MAX_ODDS = 500.0;  // log odds: exp stays finite
 
 struct Gaussian {
     Numbers mean, cov;
@@ -219,7 +218,7 @@ Mixture rig_mixture(const View<double, 1>& mean, const View<double, 2>& cov, con
     for (std::size_t& i : found.zero) i += lenses;  // free rates and times would do for lenses, too
     double log_odds = log_odds_lenses(without(all, found.zero, of_lenses), at(sizes, of_lenses));
     require_definite(std::isfinite(log_odds), "the errors of the rig are not determined");
-    double p = 1 / (1 + std::exp(-std::min(std::max(log_odds, -MAX_ODDS), MAX_ODDS)));
+    double p = 1 / (1 + std::exp(-log_odds));
     Mixture result{Array<double, 1>({m}), Array<double, 2>({m, m}), known_wrong ? 1.0 : p};
     Gaussian right{Numbers(m), Numbers(m * m)};
     if (!known_wrong) {

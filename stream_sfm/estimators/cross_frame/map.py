@@ -28,8 +28,6 @@ from .rig_knowledge import RigKnowledge
 from .twist_error import TwistError
 from .window_frame import WindowFrame
 
-_TWIST_FRAMES = 5  # the newest ones, from which the velocity at the end is taken
-
 
 class Map:
     """Points, poses and prior of one map, with their latest joint covariance.
@@ -263,7 +261,7 @@ class Map:
             return views, None
         poses = [np.eye(4), *self.cams_from_ref, cam_from_previous @ self.newest_cam_from_ref]
         stamps = [*self._stamps_ns(), frame.stamp_ns]
-        *_, before, now = twists(np.array(poses[-_TWIST_FRAMES:]), stamps[-_TWIST_FRAMES:])
+        *_, before, now = twists(np.array(poses), stamps)
         moved = clamp_depth(points @ cam_from_previous.T)
         by_timing = np.zeros_like(views.rig_effects.timing)
         by_timing[rows] = frame.rig.by_timing(moved, now, views.expected_px[rows])

@@ -7,12 +7,10 @@ from ...geometry.gates import chi2_gate
 from ...record import changed
 from .map import Map
 
-# Decreases of the sum of squares that a step promises, in squared standard deviations. One that promises more than
-# this, and more than the step before it, leads away from the minimum.
-_DIVERGED = 1e3
-# Measured on simulated and real views: a step leaves less than a ten-thousandth of the decrease it promised. After one
-# that promised this much, a standard deviation at most is left, all variables together; the next frame goes on from
-# there. A tenth of it changes the figures of eight logs in the third digit, and takes 8 % more time.
+# Decrease of the sum of squares that a step promises, in squared standard deviations. Measured on simulated and real
+# views: a step leaves less than a ten-thousandth of the decrease it promised. After one that promised this much, a
+# standard deviation at most is left, all variables together; the next frame goes on from there. A tenth of it changes
+# the figures of eight logs in the third digit, and takes 8 % more time.
 _CONVERGED = 1e4
 
 
@@ -28,7 +26,7 @@ def minimise(current: Map, max_iterations: int, gate_probability: float) -> int:
         if not len(current.ids):
             raise np.linalg.LinAlgError("no points are left")
         decrease = current.gauss_newton_step()
-        if not decrease < max(before, _DIVERGED):
+        if not decrease < before:  # a step that promises more than the one before it leads away from the minimum
             raise np.linalg.LinAlgError("Gauss-Newton diverges")
         _gate(current, gate_probability)
         before, steps = decrease, steps + 1
