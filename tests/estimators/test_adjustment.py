@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from stream_sfm.estimators.baselines.bundle_adjustment import (
-    residuals_and_jacobians,
-)
+from stream_sfm.estimators.baselines.bundle_adjustment import residuals_and_jacobians
 from stream_sfm.estimators.baselines.full_batch import gather_views
 from stream_sfm.estimators.triangulation import compose_cov, points_to_world, triangulate
 from stream_sfm.geometry import se3

@@ -4,10 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stream_sfm.estimators.cross_frame.inverse_depth import (
-    State,
-    linearise,
-)
+from stream_sfm.estimators.cross_frame.inverse_depth import NormalBlocks, State, linearise
 from stream_sfm.estimators.cross_frame.marginals import Marginals
 from stream_sfm.estimators.cross_frame.normal_equations import System
 from stream_sfm.estimators.cross_frame.prior import Prior
@@ -15,32 +12,26 @@ from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.model import RigEffects
-from tests.helpers.estimators import in_reference, q_from_homogeneous, window_views
+from tests.helpers.estimators import dense_system, in_reference, point_blocks, q_from_homogeneous, window_views
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 FRAMES, POINTS, MODES, RIG = 2, 6, 8, 3  # the last modes are those of the rig's errors
 SIZE = 6 * FRAMES + 3 * POINTS + MODES
 
 
-def dense_information(system: System, lin, prior: Prior) -> np.ndarray:
+def dense_information(lin: NormalBlocks, prior: Prior) -> np.ndarray:
     """Of [poses, q, modes], eqs. (26) and (30)."""
     h = np.zeros((SIZE, SIZE))
-    poses, y = slice(0, 6 * FRAMES), slice(SIZE - MODES, SIZE)
-    for s in range(FRAMES):
-        h[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = lin.u[s]
-    h[y, y] = np.eye(MODES)
+    at, y = np.r_[: SIZE - MODES, SIZE - RIG : SIZE], slice(SIZE - MODES, SIZE)
+    h[np.ix_(at, at)] = dense_system(lin)[0]
+    h[y, y] += np.eye(MODES)
     for i in range(POINTS):
         a = slice(6 * FRAMES + 3 * i, 6 * FRAMES + 3 * i + 3)
         pull = np.linalg.solve(prior.cov[i], prior.modes[i])
-        h[a, a] = lin.v[i] + np.linalg.inv(prior.cov[i])
-        h[a, poses], h[poses, a] = lin.w[i], lin.w[i].T
-        h[a, y], h[y, a] = -pull, -pull.T
+        h[a, a] += np.linalg.inv(prior.cov[i])
+        h[a, y] -= pull
+        h[y, a] -= pull.T
         h[y, y] += prior.modes[i].T @ pull
-        h[a, -RIG:] += lin.rig_point[i]
-        h[-RIG:, a] += lin.rig_point[i].T
-    by_rig = lin.rig_pose.reshape(6 * FRAMES, RIG)
-    h[poses, -RIG:], h[-RIG:, poses] = by_rig, by_rig.T
-    h[-RIG:, -RIG:] += lin.rig
     return h
 
 
@@ -69,7 +60,7 @@ def test_marginals_are_the_joint_covariance_propagated() -> None:
     system = System(prior, np.arange(POINTS), lin, q, np.zeros(MODES))
     newest = FRAMES - 1
     marginals = Marginals.compute(system, np.arange(POINTS), anchors, q, world, cams[newest], newest)
-    information = dense_information(system, lin, prior)
+    information = dense_information(lin, prior)
     cov, cov_given = np.linalg.inv(information), np.zeros((SIZE, SIZE))
     cov_given[:-RIG, :-RIG] = np.linalg.inv(information[:-RIG, :-RIG])
     world_from_cam = world @ se3.inverse(cams[newest])
@@ -88,7 +79,7 @@ def test_marginals_are_the_joint_covariance_propagated() -> None:
 
     j = np.stack([(read(h) - read(-h)) / 2e-6 for h in 1e-6 * np.eye(SIZE)], axis=1)
     carried = j @ cov @ j.T
-    blocks, blocks_given = _blocks(carried), _blocks(j @ cov_given @ j.T)
+    blocks, blocks_given = point_blocks(carried[6:, 6:]), point_blocks((j @ cov_given @ j.T)[6:, 6:])
     for mine, theirs in (
         (marginals.cov_pose, carried[:6, :6]),
         (marginals.cov_points, blocks[:POINTS]),
@@ -96,9 +87,3 @@ def test_marginals_are_the_joint_covariance_propagated() -> None:
         (marginals.cov_q_in_cam, blocks_given[2 * POINTS :]),
     ):
         assert np.abs(mine - theirs).max() < 1e-6 * np.abs(theirs).max()
-
-
-def _blocks(carried: np.ndarray) -> np.ndarray:
-    """The blocks (n, 3, 3) on the diagonal of the covariance of all points, after that of the pose."""
-    n = len(carried) // 3 - 2
-    return carried[6:, 6:].reshape(n, 3, n, 3)[range(n), :, range(n), :]

@@ -6,18 +6,14 @@ import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.estimators.cross_frame.inverse_depth import (
-    NormalBlocks,
-    State,
-    linearise,
-)
+from stream_sfm.estimators.cross_frame.inverse_depth import NormalBlocks, State, linearise
 from stream_sfm.estimators.cross_frame.normal_equations import CovariancePart, System
 from stream_sfm.estimators.cross_frame.prior import Prior
 from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.model import RigEffects
-from tests.helpers.estimators import in_reference, q_from_homogeneous, window_views
+from tests.helpers.estimators import dense_system, in_reference, point_blocks, q_from_homogeneous, window_views
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 N, K, M = 9, 10, 2  # points, modes, of which those of the rig
@@ -238,20 +234,12 @@ def test_system_is_the_dense_solution(prior, own) -> None:
     dx, dq, dy, decrease = system.step()
 
     a, b = 6 * frames, 3 * total
-    h = np.zeros((a + b + 6 + M, a + b + 6 + M))  # poses, points, world, rig
-    for s in range(frames):
-        h[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = lin.u[s]
-    h[a : a + b, :a] = lin.w.reshape(b, a)
-    h[:a, a : a + b] = h[a : a + b, :a].T
-    blocks = h[a : a + b, a : a + b].reshape(total, 3, total, 3)
-    blocks[np.arange(total), :, np.arange(total), :] += lin.v
-    h[-M:, -M:], h[:a, -M:], h[-M:, :a] = lin.rig, lin.rig_pose.reshape(a, M), lin.rig_pose.reshape(a, M).T
-    h[a : a + b, -M:] = lin.rig_point.reshape(b, M)
-    h[-M:, a : a + b] = h[a : a + b, -M:].T
+    h, g = np.zeros((a + b + 6 + M, a + b + 6 + M)), np.zeros(a + b + 6 + M)  # poses, points, world, rig
+    seen = np.r_[: a + b, a + b + 6 : a + b + 6 + M]
+    h[np.ix_(seen, seen)], g[seen] = dense_system(lin)
     with_prior = np.concatenate([a + np.arange(3 * N), a + b + np.arange(6 + M)])
     information = np.linalg.inv(dense(prior))
     h[np.ix_(with_prior, with_prior)] += information
-    g = np.concatenate([lin.g_pose.ravel(), lin.g_point.ravel(), np.zeros(6), lin.g_rig])
     g[with_prior] += information @ _estimated(prior)
     cov = np.linalg.inv(h)
     delta = cov @ g
@@ -279,11 +267,11 @@ def test_system_is_the_dense_solution(prior, own) -> None:
     qq_given, of_both_given, both_given = _joint(system, own)
     qq, of_both, both = map(np.add, _joint(system, own), _joint(system, by_rig_errors, 0.0))
     x, w = slice(a - 6, a), slice(a + b, a + b + 6)
-    points = _blocks(cov[a : a + b, a : a + b])
+    points = point_blocks(cov[a : a + b, a : a + b])
     given, least = np.linalg.inv(h[:-M, :-M]), scale[a : a + b].min()  # given the rig's errors
     for mine, theirs, rows, columns in (
         (qq.reshape(b, 3), points.reshape(b, 3), scale[a : a + b], scale[a : a + b].min()),
-        (qq_given.reshape(b, 3), _blocks(given[a : a + b, a : a + b]).reshape(b, 3), scale[a : a + b], least),
+        (qq_given.reshape(b, 3), point_blocks(given[a : a + b, a : a + b]).reshape(b, 3), scale[a : a + b], least),
         (both_given[:6, :6], given[x, x], scale[x], scale[x]),
         (of_both[:, :6], cov[a : a + b, x], scale[a : a + b], scale[x]),
         (of_both_given[:, :6], given[a : a + b, x], scale[a : a + b], scale[x]),
@@ -300,12 +288,6 @@ def _joint(system: System, part: CovariancePart, alone: float = 1.0) -> tuple[np
     root = system.std_given
     qq = root @ (alone * np.eye(3) + part.reach @ np.swapaxes(part.covariant, 1, 2)) @ np.swapaxes(root, 1, 2)
     return qq, -(root @ part.with_both).reshape(-1, 12), part.both
-
-
-def _blocks(cov: np.ndarray) -> np.ndarray:
-    """The blocks (n, 3, 3) on the diagonal."""
-    n = len(cov) // 3
-    return np.asarray(cov.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :])
 
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])

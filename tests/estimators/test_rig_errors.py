@@ -145,16 +145,8 @@ class Flight:
             ids = np.flatnonzero(((z_px > 0) & (z_px < (512, 480, 512, 480))).all(axis=1))
             z_px = z_px[ids] + STD_PX * self.rng.normal(size=(len(ids), 4))
             cov = np.broadcast_to(STD_PX**2 * np.eye(4), (len(ids), 4, 4))
-            result.append(
-                Observations(
-                    frame_index=n,
-                    stamp_ns=round(n * self.PERIOD_S * 1e9),
-                    track_ids=ids,
-                    z_px=z_px,
-                    cov_px=cov,
-                    rig=RigView(model),
-                )
-            )
+            stamp_ns = round(n * self.PERIOD_S * 1e9)
+            result.append(Observations(n, stamp_ns, ids, z_px, cov, rig=RigView(model)))
         return result
 
 

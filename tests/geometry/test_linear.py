@@ -3,10 +3,7 @@
 import numpy as np
 import pytest
 
-from stream_sfm.geometry.linear import (
-    Cholesky,
-    scaled_cholesky,
-)
+from stream_sfm.geometry.linear import Cholesky, scaled_cholesky
 
 RNG = np.random.default_rng(11)
 SCALE = np.array([1e6, 1e3, 1.0, 1e-3, 1e-4, 1e-5])  # units: a condition number of 10²² without scaling

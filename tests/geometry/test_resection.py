@@ -178,12 +178,8 @@ def test_two_rigid_sets_side_by_side_are_ambiguous() -> None:
         apart = []
         for of in (body == 0, body < 0):
             alone = resect(P, points[of], cov_points[of], z[of], cov[of], np.eye(4)).cam_from_ref
-            apart.append(
-                [
-                    np.linalg.norm(se3.log(m @ se3.inverse(alone)))
-                    for m in (found.cam_from_ref, found.ambiguous.cam_from_ref)
-                ]
-            )
+            both = found.cam_from_ref, found.ambiguous.cam_from_ref
+            apart.append([np.linalg.norm(se3.log(motion @ se3.inverse(alone))) for motion in both])
         assert min(apart[0]) < 0.02 and min(apart[1]) < 0.02  # m and rad: some σ of half of the views
         assert np.argmin(apart[0]) != np.argmin(apart[1])
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from stream_sfm.config import Config
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.cross_frame.inverse_depth import WhitenedViews
+from stream_sfm.estimators.cross_frame.inverse_depth import NormalBlocks, WhitenedViews
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.linear import mahalanobis2
 from stream_sfm.geometry.se3 import Array
@@ -58,6 +58,27 @@ def window_views(
 def homogeneous_from_q(q: Array) -> Array:
     """Return homogeneous points (…, 4) of q (…, 3) in the anchor."""
     return np.stack([q[..., 0], q[..., 1], np.ones(q.shape[:-1]), q[..., 2]], axis=-1)
+
+
+def dense_system(lin: NormalBlocks) -> tuple[Array, Array]:
+    """Matrix and right side of a window's normal equations, over poses, points and errors of the rig."""
+    a, b, m = 6 * len(lin.u), 3 * len(lin.v), len(lin.rig)
+    h = np.zeros((a + b + m, a + b + m))
+    h[a : a + b, :a] = lin.w.reshape(b, a)
+    h[a + b :, :a] = lin.rig_pose.reshape(a, m).T
+    h[a + b :, a : a + b] = lin.rig_point.reshape(b, m).T
+    h += h.T
+    for first, blocks in ((0, lin.u), (a, lin.v), (a + b, lin.rig[None])):
+        size = blocks.shape[1]
+        for at, block in zip(range(first, first + size * len(blocks), size), blocks, strict=True):
+            h[at : at + size, at : at + size] = block
+    return h, np.concatenate([lin.g_pose.ravel(), lin.g_point.ravel(), lin.g_rig])
+
+
+def point_blocks(cov: Array) -> Array:
+    """The blocks (n, 3, 3) on the diagonal of the covariance (3n, 3n) of all points."""
+    n = len(cov) // 3
+    return np.asarray(cov.reshape(n, 3, n, 3)[range(n), :, range(n), :])
 
 
 def in_reference(ref_from_anchor: Array, q: Array) -> Array:
