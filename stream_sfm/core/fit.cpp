@@ -177,15 +177,14 @@ Halves motions_of_halves(const PointViews& views, const View<double, 2>& motion,
     for (std::size_t i = 0; i < all; i++)
         if (accepted.data[i]) rows.push_back(i);
     auto add_products = [&](std::size_t i, std::size_t columns, double* out) {  // out (m, columns) += JᵀJ of a view
-        for (std::size_t row = 0; row < 4; row++) {
-            const double* j = linear.jacobian[i] + row * m;
-            for (std::size_t a = 0; a < m; a++)
-                for (std::size_t b = 0; b < columns; b++) out[a * columns + b] += j[a] * j[b];
-        }
+        Rows j{linear.jacobian[i], m};
+        add_product(j, m, j, columns, 4, columns == m ? m : 0, out);
     };
     std::vector<double> information(m * m), of_half(m * 6), h(size * size), x(size);
     for (std::size_t a = 6; a < m; a++) information[a * m + a] = 1;  // of the errors that all share
     for (std::size_t i : rows) add_products(i, m, information.data());
+    for (std::size_t a = 0; a < m; a++)
+        for (std::size_t b = 0; b < a; b++) information[a * m + b] = information[b * m + a];
     for (std::size_t by = 0; by < 3; by++) {
         auto value = [&](std::size_t i) { return by == 0 ? views.points[i][3] : views.z[i][by - 1]; };
         auto half = rows;

@@ -162,17 +162,12 @@ MotionStep motion_step(const View<double, 3>& jacobian, const View<double, 2>& r
     MotionStep result{Array<double, 1>({k}), Array<double, 2>({k, k})};
     double* h = result.information.data.get();
     double* g = result.step.data.get();
-    std::vector<double> weighted(k);
+    std::vector<double> weighted(4 * k);
     for (std::size_t i = 0; i < n; i++) {
         if (weights.data[i] == 0) continue;
-        for (int row = 0; row < 4; row++) {
-            const double* j = jacobian[i] + static_cast<std::size_t>(row) * k;
-            for (std::size_t a = 0; a < k; a++) weighted[a] = weights.data[i] * j[a];
-            for (std::size_t a = 0; a < k; a++) {
-                g[a] += weighted[a] * residuals[i][row];
-                for (std::size_t b = a; b < k; b++) h[a * k + b] += weighted[a] * j[b];
-            }
-        }
+        for (std::size_t c = 0; c < 4 * k; c++) weighted[c] = weights.data[i] * jacobian[i][c];
+        add_product({weighted.data(), k}, k, {residuals[i], 1}, 1, 4, 0, g);
+        add_product({weighted.data(), k}, k, {jacobian[i], k}, k, 4, k, h);
     }
     for (std::size_t a = 6; a < k; a++) {  // amplitudes have σ = 1
         h[a * k + a] += 1;

@@ -71,7 +71,7 @@ class TemplateAligner:
             config,
             scale,
             valid_area(valid, scale * radius_px),
-            TemplateAtlas.empty(2 * config.max_tracks, radius_px, of_bytes=scale == 1),
+            TemplateAtlas.empty(config.max_tracks, radius_px, of_bytes=scale == 1),
             ViewNoise.unknown(config.smoothing_px, scale),
         )
 
@@ -94,7 +94,7 @@ class TemplateAligner:
 
         Returns the aligner with them, and their slots (n,), none of `taken`.
         """
-        is_free = np.ones(2 * self.config.max_tracks, bool)
+        is_free = np.ones(self.config.max_tracks, bool)
         is_free[taken] = False
         free = np.flatnonzero(is_free)[: len(corners)]
         return replace(self, atlas=self.atlas.stored(images.grey(self.scale)[0], corners, free)), free

@@ -86,7 +86,7 @@ class Timing:
         """
         if not self.std.any():
             return self
-        var = np.diag(cov)
+        var = cov.diagonal()
         gain = np.maximum(self.std**2 / var - 1, 0.0)
         log_odds = 0.5 * (mean**2 / var * gain / (1 + gain) - np.log1p(gain))
         return replace(self, mean=probability(log_odds) * mean, cov=cov + np.diag((_STEP * self.std) ** 2))

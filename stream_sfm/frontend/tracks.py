@@ -119,10 +119,8 @@ class Tracks:
 
     def shifted(self, projection: StereoProjection, px: Array) -> "Tracks":
         """Points after their views are corrected by a further (n, 4) px; `left_px` stays what was last measured."""
-        points = self.points.copy()
-        points[:, :2] -= px[:, :2] / projection.f_px
-        points[:, 3] += (px[:, 2] - px[:, 0]) / (projection.f_px * projection.baseline_m)
-        return replace(self, points=points)
+        z_px = projection.project_homogeneous(self.points) - px
+        return replace(self, points=core.seen_points(projection.pinholes, z_px))
 
     def placed(self, rays: Array, left_px: Array, cov_left_px: Array, rho: Array, var_rho: Array) -> "Tracks":
         """Points put on the rays (n, 2) at which they were seen, with inverse depths (n,) and their variances."""
