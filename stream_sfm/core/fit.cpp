@@ -176,13 +176,10 @@ Halves motions_of_halves(const PointViews& views, const View<double, 2>& motion,
     std::vector<std::size_t> rows;
     for (std::size_t i = 0; i < all; i++)
         if (accepted.data[i]) rows.push_back(i);
-    auto add_products = [&](std::size_t i, std::size_t columns, double* out) {  // out (m, columns) += JᵀJ of a view
-        Rows j{linear.jacobian[i], m};
-        add_product(j, m, j, columns, 4, columns == m ? m : 0, out);
-    };
+    auto of_view = [&](std::size_t i) { return Rows{linear.jacobian[i], m}; };
     std::vector<double> information(m * m), of_half(m * 6), h(size * size), x(size);
     for (std::size_t a = 6; a < m; a++) information[a * m + a] = 1;  // of the errors that all share
-    for (std::size_t i : rows) add_products(i, m, information.data());
+    for (std::size_t i : rows) add_product(of_view(i), m, of_view(i), m, 4, m, information.data());
     for (std::size_t a = 0; a < m; a++)
         for (std::size_t b = 0; b < a; b++) information[a * m + b] = information[b * m + a];
     for (std::size_t by = 0; by < 3; by++) {
@@ -196,7 +193,7 @@ Halves motions_of_halves(const PointViews& views, const View<double, 2>& motion,
         std::fill(of_half.begin(), of_half.end(), 0.0);
         std::fill(x.begin(), x.end(), 0.0);
         for (auto i = middle; i != half.end(); ++i) {
-            add_products(*i, 6, of_half.data());
+            add_product(of_view(*i), m, of_view(*i), 6, 4, 0, of_half.data());
             for (std::size_t row = 0; row < 4; row++)  // the motion is at the minimum of all views, that of the half is not
                 for (std::size_t a = 0; a < 6; a++)
                     x[m + a] += linear.jacobian[*i][row * m + a] * seen.residuals[0][4 * *i + row];
