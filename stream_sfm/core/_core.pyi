@@ -47,7 +47,7 @@ Second = tuple[Array, Array, Mask, float]
 # many that do make a second motion, and the share of the evidence from which it makes the first one ambiguous; whether
 # most views agree with the start already, and whether no motion of other views is looked for.
 ResectionRules = tuple[tuple[float, float], float, float, int, float, bool, bool]
-# Homogeneous points (n, 4), and their twists (n, 6), or (1, 6) for all.
+# Homogeneous points (n, 4), and their twist (6,).
 MovingPoints = tuple[Array, Array]
 # A rig's errors: of which pair, its size, units of the terms per amplitude (t, t), and the field.
 RigModel = tuple[Pinholes, tuple[float, float], Array, Field]
@@ -399,15 +399,15 @@ def timing_unknowns(
     exposed: ExposedRows,
     before: MovingPoints,
     now: MovingPoints,
+    mean: Array,
     cov: Array,
-    size: Array,
     std_twist: Array,
 ) -> Array:
-    """Return the errors (n, 4, j) px, of σ = 1, of changes of views: by delay and readout, and by the twist.
+    """Return errors (n, 4, j) px, of σ = 1, of changes of views by delay and readout, N(`mean` (2,), `cov` (2, 2)), s.
 
-    Delay and readout have the covariance `cov` (2, 2), s², and the root mean squares `size` (2,), s; the twist now has
-    `std_twist` (6,). Principal components, without those that do not matter beside the noise of a good view. Raises
-    LinAlgError where `cov` is not definite.
+    A constant delay or readout shows where the velocity has changed; and what either of them does shows where the
+    velocity is not known, by `std_twist` (6,). Principal components, without those that do not matter beside the noise
+    of a good view. Raises LinAlgError where `cov` is not definite.
     """
 
 def unknown_errors(

@@ -134,7 +134,7 @@ struct Argument<PointViews> : RecordArgument<PointViews, Pinholes, View<double, 
 template <>
 struct Argument<RigModel> : RecordArgument<RigModel, Pinholes, std::array<double, 2>, View<double, 2>, Field> {};
 template <>
-struct Argument<MovingPoints> : RecordArgument<MovingPoints, View<double, 2>, View<double, 2>> {};
+struct Argument<MovingPoints> : RecordArgument<MovingPoints, View<double, 2>, View<double, 1>> {};
 template <>
 struct Argument<ResectionRules> : RecordArgument<ResectionRules, std::array<double, 2>, double, double, std::size_t, double, bool, bool> {};
 template <>

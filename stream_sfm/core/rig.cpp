@@ -211,15 +211,20 @@ Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& e
 }
 
 Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& exposed, const MovingPoints& before,
-                                 const MovingPoints& now, const View<double, 2>& cov, const View<double, 1>& size,
+                                 const MovingPoints& now, const View<double, 1>& mean, const View<double, 2>& cov,
                                  const View<double, 1>& std_twist) {
-    Array<double, 3> then = timed_views(pinholes, exposed, before.points, before.twists, std::nullopt);
-    Array<double, 3> moved = timed_views(pinholes, exposed, now.points, now.twists, std::nullopt);
+    auto timed = [&](const MovingPoints& of) {
+        require_shape(of.twist, {6}, "twist");
+        return timed_views(pinholes, exposed, of.points, {of.twist.data, {1, 6}}, std::nullopt);
+    };
+    Array<double, 3> then = timed(before), moved = timed(now);
     std::size_t n = now.points.shape[0];
     require(before.points.shape[0] == n, "there are not as many points before as now");
+    require_shape(mean, {2}, "mean");
     require_shape(cov, {2, 2}, "cov");
-    require_shape(size, {2}, "size");
     require_shape(std_twist, {6}, "std_twist");
+    double size[2];  // root mean squares
+    for (int k = 0; k < 2; k++) size[k] = std::sqrt(mean.data[k] * mean.data[k] + cov[k][k]);
     double root[4];
     require_definite(cholesky<2>(cov.data, root), "the covariance of delay and readout is not positive definite");
     Array<double, 3> result({n, 4, 14});
@@ -232,8 +237,8 @@ Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& ex
                 for (int l = k; l < 2; l++) out[k] += (moved[i][2 * c + l] - then[i][2 * c + l]) * root[2 * l + k];
             for (int k = 0; k < 6; k++) {
                 double by_time = std_twist.data[k] * by_twist[6 * c + k];
-                if (c == LATE) out[2 + k] = size.data[0] * by_time;
-                out[8 + k] = size.data[1] * by_time * rows[c];
+                if (c == LATE) out[2 + k] = size[0] * by_time;
+                out[8 + k] = size[1] * by_time * rows[c];
             }
         }
     }

@@ -98,16 +98,9 @@ UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, co
     std::size_t n = z.shape[0], k = rows.mean.shape[0];
     require_shape(z, {n, 4}, "z_px");
     require_shape(now, {n, 4}, "points");
-    require_shape(twist, {6}, "twist");
-    require_shape(timing.twist, {6}, "twist before");
-    require_shape(timing.mean, {2}, "mean");
-    require_shape(timing.cov, {2, 2}, "cov");
     require_shape(rows.cov, {k, k}, "cov of rows");
-    View<double, 2> one_twist{twist.data, {1, 6}};
-    double size[2];
-    for (int t = 0; t < 2; t++) size[t] = std::sqrt(timing.mean.data[t] * timing.mean.data[t] + timing.cov[t][t]);
-    Array<double, 3> by_time = timing_unknowns(pinholes, timing.exposed, {before, {timing.twist.data, {1, 6}}}, {now, one_twist},
-                                               timing.cov, {size, {2}}, std_twist);
+    Array<double, 3> by_time =
+        timing_unknowns(pinholes, timing.exposed, {before, timing.twist}, {now, twist}, timing.mean, timing.cov, std_twist);
     Array<double, 2> terms =
         row_terms(rows.size, rows.field, two_columns_of(z, 0).view(), row_speeds(pinholes, now, twist).view());
     Array<double, 2> errors({n, k});

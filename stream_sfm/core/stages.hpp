@@ -356,11 +356,12 @@ Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& expose
                              const View<double, 2>& twists, const std::optional<View<double, 2>>& z);
 Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,
                                   const View<double, 1>& twist, const View<double, 1>& mean);
-struct MovingPoints {  // homogeneous points (n, 4), and their twists (n, 6) or (1, 6)
-    View<double, 2> points, twists;
+struct MovingPoints {  // homogeneous points (n, 4), and their twist (6,)
+    View<double, 2> points;
+    View<double, 1> twist;
 };
 Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& exposed, const MovingPoints& before,
-                                 const MovingPoints& now, const View<double, 2>& cov, const View<double, 1>& size,
+                                 const MovingPoints& now, const View<double, 1>& mean, const View<double, 2>& cov,
                                  const View<double, 1>& std_twist);
 Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,
                                    const View<double, 1>& size, const View<double, 2>& cov_twist);

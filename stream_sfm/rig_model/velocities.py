@@ -21,22 +21,3 @@ def twists(cams_from_ref: Array, stamps_ns: list[int]) -> Array:
 def velocities(projection: StereoProjection, points_in_cam: Array, twist: Array) -> Array:
     """Return the velocities (n, 4), px/s, of views of homogeneous points (n, 4) with a twist (6,), or one each."""
     return core.velocities(projection.pinholes, points_in_cam, twist.reshape(-1, 6))
-
-
-def timing_unknowns(
-    cameras: TimedCameras,
-    before: tuple[Array, Array],
-    now: tuple[Array, Array],
-    timing: tuple[Array, Array],
-    std_twist: Array,
-) -> Array:
-    """Return what is not known of how views have changed, with delay and readout N(mean (2,), cov (2, 2)), seconds.
-
-    `before` and `now`: homogeneous points (n, 4), and their twist (6,). (n, 4, j) px, each of σ = 1: a constant delay
-    or readout shows where the velocity has changed; and what either of them does shows where the velocity is not known,
-    by `std_twist` (6,). Their principal components.
-    """
-    mean, cov = timing
-    size = np.sqrt(mean**2 + np.diag(cov))
-    (points, at_first), (moved, at_last) = before, now
-    return core.timing_unknowns(*cameras, (points, at_first[None]), (moved, at_last[None]), cov, size, std_twist)

@@ -96,8 +96,8 @@ CALLS = {
     "timed_views": (PINHOLES, EXPOSED, POINTS, np.ones((N, 6)), VIEWS),
     "timing_unknowns": (
         *(PINHOLES, EXPOSED),
-        *2 * ((POINTS, np.ones((1, 6))),),
-        *(np.eye(2), np.ones(2), np.ones(6)),
+        *2 * ((POINTS, np.ones(6)),),
+        *(np.ones(2), np.eye(2), np.ones(6)),
     ),
     "unknown_errors": (
         *(PINHOLES, TIMING, ROWS, POINTS, POINTS, VIEWS),

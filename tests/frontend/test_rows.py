@@ -11,7 +11,7 @@ from stream_sfm.frontend.timing import Timing
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.field import field_over
 from stream_sfm.rig_model.turns import effects_of_turn
-from stream_sfm.rig_model.velocities import timing_unknowns, velocities
+from stream_sfm.rig_model.velocities import velocities
 
 P = StereoProjection(600.0, 320.0, 320.0, 240.0, 0.2, 640, 480)
 STD_PX = 0.1  # of a match
@@ -198,8 +198,8 @@ def test_errors_of_rows_are_those_of_the_right_sides() -> None:
     points = np.column_stack([P.rays(z_px), np.ones(N), rng.uniform(0.05, 0.5, N)])
     timing, std_twist = Timing.unknown(P, RigConfig(), None).moved(0.5 * twist), np.repeat([0.3, 0.1], 3)
     unknown, cov_turn = timing.unknowns(rows, points, points, z_px, twist, std_twist)
-    cameras, known = (P.pinholes, timing.row_of.of_core), (timing.mean, timing.cov)
-    others = timing_unknowns(cameras, (points, 0.5 * twist), (points, twist), known, std_twist)
+    cameras, moving = (P.pinholes, timing.row_of.of_core), [(points, at) for at in (0.5 * twist, twist)]
+    others = core.timing_unknowns(*cameras, *moving, timing.mean, timing.cov, std_twist)
     seen = np.isfinite(z_px[:, 2])
     terms = rows_of._terms(P.width, P.height, z_px[:, :2], velocities(P, points, twist)[:, 3])
     errors = seen[:, None] * (terms @ np.linalg.cholesky(rows.cov))

@@ -26,7 +26,7 @@ from stream_sfm.rig_model.terms import (
     terms_of_turn,
 )
 from stream_sfm.rig_model.turns import effects_of_turn
-from stream_sfm.rig_model.velocities import timing_unknowns, twists, velocities
+from stream_sfm.rig_model.velocities import twists, velocities
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 RNG = np.random.default_rng(3)
@@ -221,8 +221,8 @@ def test_what_is_not_known_of_timing_has_the_covariance_of_its_causes(mean: tupl
     points, then, now = POINTS[:5], TWIST, 0.5 * TWIST
     before, after, *units = (core.timed_views(*CAMERAS, points, t[None], None) for t in (then, now, *np.eye(6)))
     by_unit = np.stack(units, axis=2)
-    timing = np.array(mean), cov
-    unknown = timing_unknowns(CAMERAS, (points, then), (points, now), timing, std_twist).reshape(20, -1)
+    timing = np.array(mean), cov, std_twist
+    unknown = core.timing_unknowns(*CAMERAS, (points, then), (points, now), *timing).reshape(20, -1)
     drawn = mean + rng.normal(size=(draws, 2)) @ np.sqrt(cov)
     off = rng.normal(size=(draws, 6)) * std_twist
     by_time = (after - before).reshape(20, 2)

@@ -16,7 +16,7 @@ from ...geometry.stereo import StereoProjection, clamp_depth
 from ...record import changed, rows_of
 from ...rig_model.estimate import RigEstimate
 from ...rig_model.model import RigModel
-from ...rig_model.velocities import timing_unknowns, twists
+from ...rig_model.velocities import twists
 from ...types import Solution
 from ..ids import among, times_among, union
 from .inverse_depth import State, WhitenedViews, expected, linearise, q_of_views, timed
@@ -268,7 +268,7 @@ class Map:
         views = changed(views, rig_effects=changed(views.rig_effects, timing=by_timing))
         timing = frame.rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
         of_twist = std_acceleration * (stamps[-1] - stamps[-2]) / 1e9
-        return views, timing_unknowns(frame.rig.cameras, (points, before), (moved, now), timing, of_twist)
+        return views, core.timing_unknowns(*frame.rig.cameras, (points, before), (moved, now), *timing, of_twist)
 
     def renew_timing(self) -> None:
         """Take what delay and readout do to the used views of the window, with the velocities that are known now.
