@@ -5,8 +5,10 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <memory>
+#include <numeric>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -27,17 +29,17 @@ struct View {
     const T* operator[](std::size_t i) const { return data + i * row_size(); }
 };
 
-// An array that a stage has made.
+struct Unset {};
+
+// An array that a stage has made, of zeros; `Unset` where all of it is written anyway.
 template <class T, std::size_t N>
 struct Array {
     std::array<std::size_t, N> shape;
     std::unique_ptr<T[]> data;
 
-    explicit Array(const std::array<std::size_t, N>& shape) : shape(shape) {
-        std::size_t size = 1;
-        for (std::size_t extent : shape) size *= extent;
-        data = std::make_unique<T[]>(size);  // zeros
-    }
+    explicit Array(const std::array<std::size_t, N>& shape) : shape(shape), data(std::make_unique<T[]>(size())) {}
+    Array(const std::array<std::size_t, N>& shape, Unset) : shape(shape), data(new T[size()]) {}
+    std::size_t size() const { return std::accumulate(shape.begin(), shape.end(), std::size_t{1}, std::multiplies<>()); }
     std::size_t row_size() const {
         std::size_t size = 1;
         for (std::size_t i = 1; i < N; i++) size *= shape[i];

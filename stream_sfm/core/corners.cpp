@@ -159,7 +159,7 @@ template <class T>
 Array<float, 2> corner_strength(const ImageOf<T>& image) {
     require(image.height > 0 && image.width > 0, "the image is empty");
     std::size_t width = static_cast<std::size_t>(image.width);
-    Array<float, 2> result({static_cast<std::size_t>(image.height), width});
+    Array<float, 2> result({static_cast<std::size_t>(image.height), width}, Unset{});
     SlopeProducts<T> products(image);
     std::vector<float> sums(3 * (width + 2 * BESIDE));
     float* of[3];

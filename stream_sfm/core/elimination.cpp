@@ -19,10 +19,15 @@ void root_of_inverse(const double* information, double* root) {
     require_definite(cholesky<3>(given, root), "the information about a point is not positive definite");
 }
 
-// out (3, size) += rootᵀ, an upper triangle, times cross.
-void reach_of(const double* root, const double* cross, std::size_t size, double* out) {
-    for (std::size_t x = 0; x < 3; x++)
-        for (std::size_t y = x; y < 3; y++) add(root[3 * y + x], cross + y * size, size, out + x * size);
+// out (3, n) = rootᵀ, an upper triangle, times rows (3, n); `stride` of out.
+void reach_of(const double* root, const double* rows, std::size_t n, double* out, std::size_t stride) {
+    const double *a = rows, *b = a + n, *c = b + n, xx = root[0], xy = root[3], xz = root[6], yy = root[4], yz = root[7], zz = root[8];
+    double *x = out, *y = x + stride, *z = y + stride;
+    for (std::size_t i = 0; i < n; i++) {
+        x[i] = xx * a[i] + xy * b[i] + xz * c[i];
+        y[i] = yy * b[i] + yz * c[i];
+        z[i] = zz * c[i];
+    }
 }
 
 // out (k,) += Fᵀ x, of rows (3, k).
@@ -60,10 +65,10 @@ EliminatedPoints eliminate_points(const View<double, 3>& v, const View<double, 3
     std::size_t points = v.shape[0], size = w.shape[2];
     require_shape(v, {points, 3, 3}, "v");
     require_shape(w, {points, 3, size}, "w");
-    EliminatedPoints result{Array<double, 3>({points, 3, 3}), Array<double, 3>({points, 3, size})};
+    EliminatedPoints result{Array<double, 3>({points, 3, 3}), Array<double, 3>({points, 3, size}, Unset{})};
     for (std::size_t i = 0; i < points; i++) {
         root_of_inverse(v[i], result.root[i]);
-        reach_of(result.root[i], w[i], size, result.reach[i]);
+        reach_of(result.root[i], w[i], size, result.reach[i], size);
     }
     return result;
 }
@@ -74,7 +79,7 @@ WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, co
     std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], m = blocks.rig.shape[0], n = prior.known.shape[0];
     std::size_t k = prior.modes.shape[2], poses = 6 * frames, size = poses + k;
     WindowSystem result{Array<double, 2>({size, size}), Array<double, 3>({n, 3, k}),       Array<double, 3>({points, 3, 3}),
-                        Array<double, 3>({points, 3, size}), Array<double, 2>({points, 3}), Array<double, 1>({size})};
+                        Array<double, 3>({points, 3, size}, Unset{}), Array<double, 2>({points, 3}), Array<double, 1>({size})};
     double* g = result.g.data.get();
     for (std::size_t f = 0; f < frames; f++)
         for (std::size_t x = 0; x < 6; x++) std::copy(blocks.u[f] + 6 * x, blocks.u[f] + 6 * x + 6, result.h[6 * f + x] + 6 * f);
@@ -94,7 +99,7 @@ WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, co
     for (std::size_t x = 0; x < m; x++)
         g[size - m + x] += prior.weighted.data[x] - std::inner_product(off, off + m, prior.information[x], 0.0);
 
-    std::vector<double> information(blocks.v.data, blocks.v.data + 9 * points), cross(3 * size);
+    std::vector<double> information(blocks.v.data, blocks.v.data + 9 * points), of_modes(3 * k);
     std::vector<std::size_t> row_in_prior(points, n);
     Array<double, 2> right({points, 3});
     std::copy(blocks.g_point.data, blocks.g_point.data + 3 * points, right.data.get());
@@ -124,16 +129,16 @@ WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, co
     for (std::size_t at = 0; at < points; at++) {
         double* std_given = result.std_given[at];
         root_of_inverse(information.data() + 9 * at, std_given);
+        std::fill(of_modes.begin(), of_modes.end(), 0.0);
         for (std::size_t x = 0; x < 3; x++) {
-            double* out = cross.data() + x * size;
-            std::copy(blocks.w[at] + x * poses, blocks.w[at] + (x + 1) * poses, out);
-            std::fill(out + poses, out + size, 0.0);
+            double* out = of_modes.data() + x * k;
             if (std::size_t i = row_in_prior[at]; i < n)  // D⁻¹F
-                for (std::size_t z = x; z < 3; z++) add(-inverse_root[9 * i + 3 * z + x], result.modes[i] + z * k, k, out + poses);
-            add(1.0, blocks.rig_point[at] + x * m, m, out + size - m);
+                for (std::size_t z = x; z < 3; z++) add(-inverse_root[9 * i + 3 * z + x], result.modes[i] + z * k, k, out);
+            add(1.0, blocks.rig_point[at] + x * m, m, out + k - m);
             for (std::size_t y = x; y < 3; y++) result.given[at][x] += std_given[3 * y + x] * right[at][y];
         }
-        reach_of(std_given, cross.data(), size, result.reach[at]);
+        reach_of(std_given, blocks.w[at], poses, result.reach[at], size);
+        reach_of(std_given, of_modes.data(), k, result.reach[at] + poses, size);
     }
     return result;
 }
