@@ -1,6 +1,5 @@
 """The whole model of a rig's errors: physical terms and field, in units of what is assumed for each beforehand."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,7 @@ from ..camera.refinement import Refinement
 from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import Pinholes, StereoProjection
-from ..record import record, rows_of
+from ..record import record
 from .estimate import CERTAIN, RigEstimate
 from .field import NO_FIELD, Field, FieldGrid, field_over
 from .terms import AT_TIMING, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
@@ -23,51 +22,7 @@ _FOCUSING_S = 1.0  # for about so long an autofocus moves
 _LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
 # What the three parts of the field move of a view (u_left, v_left, u_right, v_right): the disparity, and u and v of
 # both sides alike. Without the last two, halves of the image differ by up to 2.4 σ on euroc_mh01, with them by 1.7.
-_FIELD_MOVES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-
-
-@record
-class RigEffects:
-    """What amplitudes (m,) of 1 do to n views, px: `terms` (n, 4, t), and of the field its basis (n, K) alone.
-
-    `timing` (n, 4, 2): what delay and readout do is added to their terms, as it is renewed with the velocities; (n, 4,
-    0) where there are no such terms. All parts of the field share its basis: m = t + 3 K. What the field does to a
-    missing side has no meaning.
-    """
-
-    terms: Array
-    timing: Array
-    field: Array
-    moves = _FIELD_MOVES
-
-    @classmethod
-    def none(cls, views: int) -> "RigEffects":
-        """Return those of an exact rig."""
-        return cls(np.zeros((views, 4, 0)), np.zeros((views, 4, 0)), np.zeros((views, 0)))
-
-    @classmethod
-    def concatenate(cls, parts: Sequence["RigEffects"]) -> "RigEffects":
-        """Return the effects on several views after each other."""
-        return cls(*[np.concatenate(each) for each in zip(*[p.columns for p in parts], strict=True)])
-
-    @property
-    def columns(self) -> tuple[Array, Array, Array]:
-        """The arrays."""
-        return self.terms, self.timing, self.field
-
-    def __len__(self) -> int:
-        return len(self.terms)
-
-    def __getitem__(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> "RigEffects":
-        return RigEffects(*[rows_of(column, rows) for column in self.columns])
-
-    def at(self, amplitudes: Array) -> Array:
-        """Return what amplitudes (m,) do (n, 4)."""
-        own = self.terms.shape[2]
-        parts = amplitudes[own:].reshape(self.moves.shape[1], -1)
-        of_timing = self.timing @ amplitudes[AT_TIMING][: self.timing.shape[2]]
-        of_terms = (self.terms.reshape(-1, own) @ amplitudes[:own]).reshape(of_timing.shape)
-        return np.asarray(of_terms + of_timing + self.field @ parts.T @ self.moves.T)
+FIELD_MOVES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 @record
@@ -108,7 +63,7 @@ class RigModel:
         return cls(projection, root, known, refinement is not None, row_of, known_timing)
 
     def __len__(self) -> int:
-        return len(TERMS) + (_FIELD_MOVES.shape[1] * len(self._field) if self.has_field else 0)
+        return len(TERMS) + (FIELD_MOVES.shape[1] * len(self._field) if self.has_field else 0)
 
     @property
     def _field(self) -> Field:
@@ -144,15 +99,17 @@ class RigModel:
 
         `age_s`, or one (n,) each: for how long errors have grown.
         """
-        at_rest = self.at_rest(z_px, age_s)
-        effects = np.concatenate([at_rest.terms, _of_field(_FIELD_MOVES, at_rest.field)], axis=2)
+        terms, field = self.at_rest(z_px, age_s)
+        effects = np.concatenate([terms, _of_field(FIELD_MOVES, field)], axis=2)
         effects[~np.isfinite(z_px)] = 0.0
         return effects
 
-    def at_rest(self, z_px: Array, age_s: Array | float) -> RigEffects:
-        """Return the `effects` without writing the field out for each of its parts."""
-        terms, field = core.rig_effects(self.of_core, z_px, np.atleast_1d(age_s))
-        return RigEffects(terms, np.zeros((len(z_px), 4, 2)), field)
+    def at_rest(self, z_px: Array, age_s: Array | float) -> tuple[Array, Array]:
+        """Return the `effects` in parts: terms (n, 4, t), and the basis (n, K) that all parts of the field share.
+
+        What the field does to a missing side has no meaning.
+        """
+        return core.rig_effects(self.of_core, z_px, np.atleast_1d(age_s))
 
     def by_timing(self, points_in_cam: Array, twist: Array, z_px: Array) -> Array:
         """Return what amplitudes of 1 of delay and readout do to views (n, 4) of homogeneous points (n, 4): (n, 4, 2).
@@ -253,7 +210,7 @@ def disparity_error(projection: StereoProjection, estimate: RigEstimate, left_px
     effects = columns(p, far)
     by_term = effects[:, 0] - effects[:, 2]
     if len(estimate.mean) > len(TERMS):  # files of a run do not have the field
-        moves = _FIELD_MOVES[:1] - _FIELD_MOVES[2:3]
+        moves = FIELD_MOVES[:1] - FIELD_MOVES[2:3]
         by_field = _of_field(moves, field_over(p.width, p.height).at(left_px))[:, 0]
         by_term = np.concatenate([by_term, by_field], axis=1)
     return by_term @ estimate.mean, np.sqrt(np.einsum("ni,ij,nj->n", by_term, estimate.cov, by_term))

@@ -1,7 +1,5 @@
 """WC and CC come from one joint covariance: against numerical propagation of the same, written out densely."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from stream_sfm.estimators.cross_frame.inverse_depth import NormalBlocks, State, linearise
@@ -11,7 +9,6 @@ from stream_sfm.estimators.cross_frame.prior import Prior
 from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
-from stream_sfm.rig_model.model import RigEffects
 from tests.helpers.estimators import dense_system, in_reference, point_blocks, q_from_homogeneous, window_views
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
@@ -53,9 +50,7 @@ def test_marginals_are_the_joint_covariance_propagated() -> None:
     frame, point = np.divmod(np.arange(FRAMES * POINTS), POINTS)
     z = P.project_homogeneous((cams[frame] @ in_reference(anchors, q)[point][..., None])[..., 0])
     roots = np.broadcast_to(3 * np.eye(4), (len(z), 4, 4))
-    views = window_views(
-        frame, point, z, roots, replace(RigEffects.none(len(z)), terms=rng.normal(size=(len(z), 4, RIG)))
-    )
+    views = window_views(frame, point, z, roots, rng.normal(size=(len(z), 4, RIG)))
     lin = linearise(P, State(cams, np.arange(POINTS), anchors, q, np.zeros(RIG)), views)
     system = System(prior, np.arange(POINTS), lin, q, np.zeros(MODES))
     newest = FRAMES - 1

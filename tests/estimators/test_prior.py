@@ -12,7 +12,6 @@ from stream_sfm.estimators.cross_frame.prior import Prior
 from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
-from stream_sfm.rig_model.model import RigEffects
 from tests.helpers.estimators import dense_system, in_reference, point_blocks, q_from_homogeneous, window_views
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
@@ -226,7 +225,7 @@ def test_system_is_the_dense_solution(prior, own) -> None:
         point,
         z + rng.normal(size=z.shape),
         np.broadcast_to(2 * np.eye(4), (len(z), 4, 4)),
-        replace(RigEffects.none(len(z)), terms=rng.normal(size=(len(z), 4, M))),
+        rng.normal(size=(len(z), 4, M)),
     )
     lin = linearise(P, State(cams, np.arange(total), anchors, q, np.zeros(M)), views)
     known = np.arange(N)

@@ -12,7 +12,6 @@ from stream_sfm.geometry import se3
 from stream_sfm.geometry.linear import mahalanobis2
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.geometry.stereo import StereoProjection
-from stream_sfm.rig_model.model import RigEffects
 from stream_sfm.simulation.scenes import Sequence
 from stream_sfm.types import Observations, Solution
 
@@ -47,12 +46,14 @@ def q_from_homogeneous(points: Array) -> Array:
 
 
 def window_views(
-    frame: np.ndarray, ids: np.ndarray, z_px: np.ndarray, root: np.ndarray, effects: RigEffects
+    frame: np.ndarray, ids: np.ndarray, z_px: np.ndarray, root: np.ndarray, terms: Array, *effects: Array
 ) -> WhitenedViews:
-    """Views that are all used, of both sides, whose errors are independent."""
+    """Views that are all used, of both sides, whose errors are independent; `effects`: of timing and field, if any."""
     n = len(ids)
-    every = np.ones(n, bool)
-    return WhitenedViews(frame, ids, z_px, root, np.ones((n, 4)), every, every, z_px, np.zeros((n, 3)), effects)
+    every, rest = np.ones(n, bool), effects or (np.zeros((n, 4, 0)), np.zeros((n, 0)))
+    return WhitenedViews(
+        frame, ids, z_px, root, np.ones((n, 4)), every, every, z_px, np.zeros((n, 3)), terms, *rest
+    )
 
 
 def homogeneous_from_q(q: Array) -> Array:

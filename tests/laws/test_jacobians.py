@@ -6,7 +6,7 @@ from stream_sfm import core
 from stream_sfm.estimators.cross_frame.inverse_depth import State, linearise
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
-from stream_sfm.rig_model.model import RigEffects
+from stream_sfm.rig_model.model import FIELD_MOVES
 from stream_sfm.rig_model.terms import TERMS
 from tests.helpers.estimators import (
     dense_system,
@@ -80,9 +80,9 @@ def test_normal_equations_equal_those_of_a_numerical_jacobian():
     frame, point = np.nonzero(RNG.random((frames, n)) < 0.8)
     v = len(frame)
     roots = RNG.normal(size=(v, 4, 4))
-    effects = RigEffects(*[RNG.normal(size=shape) for shape in ((v, 4, terms), (v, 4, 2), (v, basis))])
-    m = terms + effects.moves.shape[1] * basis
-    views = window_views(frame, point, z[frame, point], roots, effects)
+    effects = [RNG.normal(size=shape) for shape in ((v, 4, terms), (v, 4, 2), (v, basis))]
+    m = terms + FIELD_MOVES.shape[1] * basis
+    views = window_views(frame, point, z[frame, point], roots, *effects)
     rig_error = RNG.normal(size=m)
     end = 6 * frames + 3 * n
 
@@ -90,7 +90,7 @@ def test_normal_equations_equal_those_of_a_numerical_jacobian():
         poses = se3.exp(x[: 6 * frames].reshape(frames, 6)) @ cams
         points = q + x[6 * frames : end].reshape(n, 3)
         in_cam = (poses[frame] @ in_reference(anchors, points)[point][..., None])[..., 0]
-        off_px = views.z_px - P.project_homogeneous(in_cam) - effects.at(rig_error + x[end:])
+        off_px = views.z_px - P.project_homogeneous(in_cam) - views.shift_px(rig_error + x[end:])
         return (roots @ off_px[..., None]).ravel()
 
     size = end + m

@@ -19,7 +19,8 @@ from ... import core
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...record import changed, record, rows_of
-from ...rig_model.model import RigEffects, RigModel
+from ...rig_model.model import FIELD_MOVES, RigModel
+from ...rig_model.terms import AT_TIMING
 
 
 def q_of_views(projection: StereoProjection, z_px: Array) -> Array:
@@ -52,7 +53,8 @@ class WhitenedViews:
     in what the view itself has, coordinate by coordinate; 1 where errors are independent. `used` (V,) bool: which views
     count; `stereo` (V,) bool: both sides were seen. `expected_px` (V, 4): where the used views were expected before
     they counted; there the rig's errors are taken. `var_drift` (V, 3): drift of q since the frame before.
-    `rig_effects`: of the rig's errors, which are part of what a view shows.
+    What amplitudes of 1 of the rig's errors do, px: `terms` (V, 4, t); `timing` (V, 4, 2), which is added to those of
+    delay and readout, as it is renewed with the velocities, or (V, 4, 0); and the field's basis, `field` (V, K).
     """
 
     frame: NDArray[np.intp]
@@ -64,14 +66,15 @@ class WhitenedViews:
     stereo: NDArray[np.bool_]
     expected_px: Array
     var_drift: Array
-    rig_effects: RigEffects
+    terms: Array
+    timing: Array
+    field: Array
 
     @classmethod
     def concatenate(cls, parts: Sequence["WhitenedViews"]) -> "WhitenedViews":
         """Return the views of several frames, of one at least."""
-        *arrays, effects = zip(*map(_COLUMNS, parts), strict=True)
-        joined: list[Any] = [*map(np.concatenate, arrays), RigEffects.concatenate(effects)]
-        return cls(*joined)
+        columns: list[Any] = [np.concatenate(column) for column in zip(*map(_COLUMNS, parts), strict=True)]
+        return cls(*columns)
 
     @property
     def of_core(
@@ -80,17 +83,22 @@ class WhitenedViews:
         NDArray[np.intp], NDArray[np.int64], NDArray[np.bool_], Array, Array, Array, Array, Array, Array, Array
     ]:
         """The arrays that the compiled core takes."""
-        effects = self.rig_effects
         seen = self.frame, self.ids, self.used, self.z_px, self.weight, self.root
-        return *seen, *effects.columns, effects.moves
+        return *seen, self.terms, self.timing, self.field, FIELD_MOVES
 
     def __len__(self) -> int:
         return len(self.ids)
 
     def __getitem__(self, rows: slice | NDArray[np.intp]) -> "WhitenedViews":
-        *arrays, effects = _COLUMNS(self)
-        columns: list[Any] = [*(rows_of(column, rows) for column in arrays), effects[rows]]
-        return WhitenedViews(*columns)
+        return WhitenedViews(*[rows_of(column, rows) for column in _COLUMNS(self)])
+
+    def shift_px(self, amplitudes: Array) -> Array:
+        """Return what amplitudes (m,) of the rig's errors do (V, 4)."""
+        own, timed = self.terms.shape[2], self.timing.shape[2]
+        parts = amplitudes[own:].reshape(FIELD_MOVES.shape[1], -1)
+        of_terms = (self.terms.reshape(-1, own) @ amplitudes[:own]).reshape(-1, 4)
+        of_timing = self.timing @ amplitudes[AT_TIMING][:timed]
+        return np.asarray(of_terms + of_timing + self.field @ parts.T @ FIELD_MOVES.T)
 
 
 _COLUMNS = attrgetter(*WhitenedViews.__slots__)  # type: ignore[attr-defined]
@@ -122,7 +130,8 @@ def expected(state: State, views: WhitenedViews, rig: RigModel, age_s: float) ->
     expected_px = core.expected_views(
         rig.projection.pinholes, state, views.of_core, views.stereo, views.expected_px
     )
-    return changed(views, expected_px=expected_px, rig_effects=rig.at_rest(expected_px, age_s))
+    terms, field = rig.at_rest(expected_px, age_s)
+    return changed(views, expected_px=expected_px, terms=terms, field=field)
 
 
 def timed(state: State, views: WhitenedViews, rig: RigModel, twists: Array) -> WhitenedViews:
@@ -132,7 +141,7 @@ def timed(state: State, views: WhitenedViews, rig: RigModel, twists: Array) -> W
     timing = (
         core.timing_of_views(*rig.cameras, state, views.of_core, views.expected_px, twists) * rig.units_of_timing
     )
-    return changed(views, rig_effects=changed(views.rig_effects, timing=timing))
+    return changed(views, timing=timing)
 
 
 def linearise(projection: StereoProjection, state: State, views: WhitenedViews) -> NormalBlocks:

@@ -263,9 +263,9 @@ class Map:
         stamps = [*self._stamps_ns(), frame.stamp_ns]
         *_, before, now = twists(np.array(poses), stamps)
         moved = clamp_depth(points @ cam_from_previous.T)
-        by_timing = np.zeros_like(views.rig_effects.timing)
+        by_timing = np.zeros_like(views.timing)
         by_timing[rows] = frame.rig.by_timing(moved, now, views.expected_px[rows])
-        views = changed(views, rig_effects=changed(views.rig_effects, timing=by_timing))
+        views = changed(views, timing=by_timing)
         timing = frame.rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
         of_twist = std_acceleration * (stamps[-1] - stamps[-2]) / 1e9
         return views, core.timing_unknowns(*frame.rig.cameras, (points, before), (moved, now), *timing, of_twist)
@@ -348,17 +348,12 @@ class Map:
         """Add a field to the rig's errors, and what it does to the views of the window."""
         for frame in self.frames:
             frame.rig = model
-        self.views = self._with_field(self.views, model, self.views.expected_px)
+        self.views = changed(self.views, field=model.field_at(self.views.expected_px))
         if self._first is not None:
-            self._first = self._with_field(self._first, model, self._first.z_px)
+            self._first = changed(self._first, field=model.field_at(self._first.z_px))
         n = len(model) - len(self.prior.rig)
         self.prior = self.prior.with_field(n)
         self.amplitudes = np.concatenate([self.amplitudes, np.zeros(n)])
-
-    @staticmethod
-    def _with_field(views: WhitenedViews, model: RigModel, z_px: Array) -> WhitenedViews:
-        """Return the views with what a field does to them, where they are at (V, 4)."""
-        return changed(views, rig_effects=changed(views.rig_effects, field=model.field_at(z_px)))
 
     def change_rig(self, root: Array) -> None:
         """Record that the errors of the rig have changed since the newest frame by N(0, `root` rootᵀ), root (m, j).

@@ -280,4 +280,4 @@ def _corrected(observations: Observations, views: WhitenedViews, rig_error: Arra
     """Return the observations without errors (m,) of the rig."""
     if not rig_error.any():
         return observations
-    return replace(observations, z_px=observations.z_px - views.rig_effects.at(rig_error))
+    return replace(observations, z_px=observations.z_px - views.shift_px(rig_error))

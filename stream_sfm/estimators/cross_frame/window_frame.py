@@ -7,7 +7,7 @@ import numpy as np
 from ... import core
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
-from ...rig_model.model import RigEffects, RigModel
+from ...rig_model.model import RigModel
 from ...types import Observations
 from .inverse_depth import WhitenedViews
 
@@ -32,25 +32,24 @@ def views_of(observations: Observations, projection: StereoProjection, age_s: fl
     `age_s`: for how long errors of the rig have grown.
     """
     weight, n = _weights(observations), len(observations.track_ids)
+    terms, timing, field = np.zeros((n, 4, 0)), np.zeros((n, 4, 0)), np.zeros((n, 0))
+    if observations.rig is not None:
+        timing = np.zeros((n, 4, 2))
+        terms, field = observations.rig.model.at_rest(observations.z_px, age_s)
     return WhitenedViews(
         frame=np.zeros(n, np.intp),
         ids=observations.track_ids,
         z_px=np.where(np.isfinite(observations.z_px), observations.z_px, 0.0),
         root=core.whitening_of_views(observations.z_px, observations.cov_px) * weight[:, None, :],
         weight=weight,
-        rig_effects=_effects_at_rest(observations, age_s),
         used=np.ones(n, bool),
         stereo=np.asarray(np.isfinite(observations.z_px).all(axis=1)),
         expected_px=observations.z_px,
         var_drift=_drift_variances(observations, projection),
+        terms=terms,
+        timing=timing,
+        field=field,
     )
-
-
-def _effects_at_rest(observations: Observations, age_s: float) -> RigEffects:
-    """Return what errors of the rig do to the views, at rest; none where none are possible."""
-    if observations.rig is None:
-        return RigEffects.none(len(observations.track_ids))
-    return observations.rig.model.at_rest(observations.z_px, age_s)
 
 
 def _weights(observations: Observations) -> Array:
