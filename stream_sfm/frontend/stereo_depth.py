@@ -32,11 +32,11 @@ def learn_rows(rows: Rows, matches: RowMatches, twist: Array) -> Rows:
 def update_depths(
     p: StereoProjection, tracks: Tracks, cam_from_previous: Array, z_px: Array, cov_px: Array
 ) -> Tracks:
-    """Tracks (n) moved by (4, 4) and put where they were seen: views (n, 4) with covariances (n, 4, 4).
+    """Tracks (n) moved by (4, 4) onto the rays of views (n, 4) with covariances (n, 4, 4); not yet their `left_px`.
 
     1/Z by a scalar Kalman update where the right side is seen.
     """
     points, var_rho, cov_left_px = core.update_depths(
         p.pinholes, tracks.of_core, cam_from_previous, z_px, cov_px, FORGETTING
     )
-    return replace(tracks, left_px=z_px[:, :2].copy(), cov_left_px=cov_left_px, points=points, var_rho=var_rho)
+    return replace(tracks, cov_left_px=cov_left_px, points=points, var_rho=var_rho)

@@ -212,13 +212,12 @@ def _known(
     before, weights = state.tracks.keep(views.rows), state.tracks.weights
     drift_px = core.template_drift(views.points, motion, before.scale, setup.config.frontend.window_radius_px)
     cov_points = before.cov_points(setup.projection, drift_px)
-    known = _Known(before, cov_points, weights[views.rows], float(weights[expected].sum()))
+    known = before, cov_points, weights[views.rows], float(weights[expected].sum())
     if state.turn_watch is None:
-        return known
+        return _Known(*known)
     seen = before.points, views.points, views.z_px
     std_twist = setup.std_acceleration * dt_s
-    unknown_px, cov_turn = state.timing.unknowns(state.rows_told, *seen, twist, std_twist)
-    return replace(known, unknown_px=unknown_px, cov_turn=cov_turn)
+    return _Known(*known, *state.timing.unknowns(state.rows_told, *seen, twist, std_twist))
 
 
 def _resect(
