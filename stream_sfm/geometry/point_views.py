@@ -33,8 +33,7 @@ class PointViews:
         self.cov_px = cov_px
         self.gate_probability = gate_probability
         self.shared = np.zeros((len(z_px), 4, 0)) if shared is None else shared
-        one_side, both = (chi2_gate(coordinates, gate_probability) for coordinates in (2, 4))
-        self.gate = core.gates_of_views(z_px, one_side, both)
+        self.gate = core.gates_of_views(z_px, chi2_gate(2, gate_probability), chi2_gate(4, gate_probability))
 
     def __len__(self) -> int:
         return len(self.z_px)
