@@ -113,27 +113,26 @@ struct Corner {
 
 // Free pixels whose strength is the largest within `reach` and above `least`, row by row.
 std::vector<Corner> peaks(const Image& strength, const std::vector<char>& free, int reach, float least) {
-    int height = strength.height, width = strength.width;
+    int height = strength.height, width = strength.width, beside = std::min(reach, 1);
     auto row_of = [&](int v) { return strength.data + static_cast<std::size_t>(v) * width; };
-    std::vector<float> column(width + 2 * reach, -std::numeric_limits<float>::infinity()), largest(width);
+    auto is_largest = [&](int u, int v) {
+        int first = std::max(u - reach, 0), end = std::min(u + reach, width - 1) + 1;
+        for (int row = std::max(v - reach, 0); row <= std::min(v + reach, height - 1); row++)
+            if (*std::max_element(row_of(row) + first, row_of(row) + end) > row_of(v)[u]) return false;
+        return true;
+    };
     std::vector<char> is_peak(width);
     std::vector<Corner> found;
     for (int v = 0; v < height; v++) {
-        const float* own = row_of(v);
+        const float *own = row_of(v), *above = row_of(std::max(v - beside, 0)), *below = row_of(std::min(v + beside, height - 1));
         const char* is_free = free.data() + static_cast<std::size_t>(v) * width;
-        float* of_columns = column.data() + reach;  // the largest within reach above and below, then beside, too
-        std::copy(own, own + width, of_columns);
-        for (int row = std::max(v - reach, 0); row <= std::min(v + reach, height - 1); row++) {
-            const float* other = row_of(row);
-            for (int u = 0; u < width; u++) of_columns[u] = std::max(of_columns[u], other[u]);
-        }
-        std::copy(of_columns, of_columns + width, largest.begin());
-        for (int beside = -reach; beside <= reach; beside++)
-            for (int u = 0; u < width; u++) largest[u] = std::max(largest[u], of_columns[u + beside]);
-        for (int u = 0; u < width; u++) is_peak[u] = static_cast<char>((own[u] >= largest[u]) & (own[u] > least) & (is_free[u] != 0));
+        for (int u = 0; u < width; u++)
+            is_peak[u] = static_cast<char>((own[u] >= above[u]) & (own[u] >= below[u]) & (own[u] > least) & (is_free[u] != 0));
+        for (int u = beside; u < width - beside; u++)  // those of four neighbours are few enough to be looked at one by one
+            is_peak[u] &= static_cast<char>((own[u] >= own[u - beside]) & (own[u] >= own[u + beside]));
         const char *at = is_peak.data(), *end = at + width;
         for (; (at = static_cast<const char*>(std::memchr(at, 1, static_cast<std::size_t>(end - at)))); at++)
-            found.push_back({at - is_peak.data(), v, 0, own[at - is_peak.data()]});
+            if (int u = static_cast<int>(at - is_peak.data()); is_largest(u, v)) found.push_back({u, v, 0, own[u]});
     }
     return found;
 }
