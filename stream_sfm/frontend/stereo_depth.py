@@ -1,4 +1,4 @@
-"""Depths from the right image: every track is aligned in it, too, and its disparity measured in each frame."""
+"""Depths and rows by the right image: what each view of a track adds to its depth, and new matches to the rows."""
 
 from dataclasses import replace
 from typing import NamedTuple
