@@ -221,7 +221,7 @@ Mixture rig_mixture(const View<double, 1>& mean, const View<double, 2>& cov, con
     double p = 1 / (1 + std::exp(-log_odds));
     Mixture result{Array<double, 1>({m}), Array<double, 2>({m, m}), known_wrong ? 1.0 : p};
     Gaussian right{Numbers(m), Numbers(m * m)};
-    if (!known_wrong) {
+    if (result.p_wrong < 1) {  // rounded: of a calibration that is certainly wrong nothing else counts
         Gaussian own = without(all, lens_and_field, considered);
         consider(own, 0, combinations(own, of_considered, is_zero, log_prior.data, counts).weighted);
         for (std::size_t i = 0; i < considered.size(); i++) {

@@ -156,10 +156,9 @@ class Map:
         self.cams_from_ref = np.concatenate([self.cams_from_ref, cam_from_ref[None]])
         if frame.rig is not None:
             views = expected(self.state(), views, frame.rig, self.prior.rig.age_s(frame.stamp_ns))
-        before = np.flatnonzero(
-            self.views.used | among(self.views.ids, self.ids)
-        )  # no others can come into use again
-        self.views = WhitenedViews.concatenate([self.views[before], views])
+        # views out of use stay so: only the drift of points that are in the map is asked for
+        kept = np.flatnonzero(self.views.used | among(self.views.ids, self.ids))
+        self.views = WhitenedViews.concatenate([self.views[kept], views])
 
     def _count_rejected(self, rejected: NDArray[np.int64]) -> None:
         """Remember which tracks disagree with the motion.
