@@ -8,6 +8,7 @@ import re
 from array import array
 from collections.abc import Iterator
 from itertools import chain
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +84,7 @@ def read_depths(source: Source, topic: str, warnings: list[str]) -> Iterator[tup
 class DepthImages:
     """Looks up depth images by ascending stamps, and holds only one image at a time.
 
-    After one that cannot be read there are none, and `problem` says why.
+    After one that cannot be read there are none, and `problem` says why. Several threads may ask.
     """
 
     def __init__(self, images: Iterator[tuple[int, Depth]]) -> None:
@@ -91,16 +92,18 @@ class DepthImages:
         self._images = images
         self._current: tuple[int, Depth] | None = None
         self._exhausted = False
+        self._lock = Lock()
         self.problem = ""
 
     def at(self, stamp_ns: int) -> Depth | None:
         """The depth image of this moment (within 1 ms), or None."""
-        while not self._exhausted and (self._current is None or self._current[0] < stamp_ns - _SAME_STAMP_NS):
-            try:
-                self._current = next(self._images, None)
-            except InputError as error:
-                self._current, self.problem = None, f"ground-truth depth is not compared: {error}"
-            self._exhausted = self._current is None
-        if self._current is None or abs(self._current[0] - stamp_ns) > _SAME_STAMP_NS:
-            return None
-        return self._current[1]
+        with self._lock:
+            while not self._exhausted and (self._current is None or self._current[0] < stamp_ns - _SAME_STAMP_NS):
+                try:
+                    self._current = next(self._images, None)
+                except InputError as error:
+                    self._current, self.problem = None, f"ground-truth depth is not compared: {error}"
+                self._exhausted = self._current is None
+            if self._current is None or abs(self._current[0] - stamp_ns) > _SAME_STAMP_NS:
+                return None
+            return self._current[1]

@@ -43,6 +43,7 @@ class Lane:
         self.record = RunRecord(config.method, projection.f_px * projection.baseline_m)
         self.error: Exception | None = None
         self.folder = None if folder is None else ResultFolder(folder, observer.rig, config)
+        self._latest: Solution | None = None  # of a frame that the observer has not learnt from yet
         self.rig: RigEstimate | None = None  # the estimator's latest knowledge of the rig's errors
         self.observer, self._depth = observer, depth
         self._estimator = make_estimator(config.method, observer.projection, config)
@@ -61,12 +62,11 @@ class Lane:
         if solved is None:
             return None
         solution, estimate = solved
-        self.rig = solution.rig or self.rig
-        self.observer.learn(solution)
-        began_s = time.perf_counter()
+        self._latest, self.rig = solution, solution.rig or self.rig
+        began_s = time.thread_time()
         if self.folder is not None:
             self.folder.write(estimate, frame)
-        total_ms = sum(estimate.timings_ms.values()) + 1e3 * (time.perf_counter() - began_s)
+        total_ms = sum(estimate.timings_ms.values()) + 1e3 * (time.thread_time() - began_s)
         of_points = (np.nan, np.nan)
         if self._in_detail and len(estimate.points_in_cam):
             of_points = _median_sigma_m(estimate), self._reprojection_px(solution, observed.observations)
@@ -74,17 +74,23 @@ class Lane:
         self._compare_depth(estimate)
         return estimate
 
+    def teach(self) -> None:
+        """Tell the observer what the lane has found out about the cameras in the last frame, if anything."""
+        if self._latest is not None:
+            self.observer.learn(self._latest)
+        self._latest = None
+
     def _solve(self, observed: Observed) -> tuple[Solution, FrameEstimate] | None:
         if self.error is not None:
             return None
-        began_s = time.perf_counter()
+        began_s = time.thread_time()  # CPU: other lanes run beside this one
         try:
             solution = self._estimator.step(observed.observations)
         except np.linalg.LinAlgError as error:
             self.error = error
             self.record.failure = f"stopped at frame {observed.observations.frame_index}: {error}"
             return None
-        estimate = self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began_s))
+        estimate = self.observer.estimate(observed, solution, 1e3 * (time.thread_time() - began_s))
         return solution, self._world.place(estimate, observed.observations)
 
     def _compare_depth(self, estimate: FrameEstimate) -> None:

@@ -4,9 +4,10 @@ Ctrl-C, SIGTERM and SIGHUP end a run after the current frame; a log that breaks 
 where they occur. In each case the estimates so far are written, and the `Course` says how it went.
 """
 
+import os
 import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import groupby
@@ -77,9 +78,10 @@ def run(
     course = Course()
     try:
         recorded = log.frames(selection, all_calibrations=all_calibrations)
-        with closing(recorded), closing(_by_rig(lanes, log.rig, recorded)) as frames:
+        others = ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="lane")
+        with others, closing(recorded), closing(_by_rig(lanes, log.rig, recorded)) as frames:
             for frame, prepared, waited_ms in interruption.until_requested(_timed(frames)):
-                estimates = _step(frame, prepared, waited_ms, lanes, checks)
+                estimates = _step(frame, prepared, waited_ms, lanes, checks, others)
                 if estimates is None:
                     continue
                 course.frames += 1
@@ -121,6 +123,7 @@ def _step(
     waited_ms: float,
     lanes: Sequence[Lane],
     checks: Sequence[Check],
+    pool: ThreadPoolExecutor,
 ) -> dict[str, FrameEstimate] | None:
     """Pass one frame through the observer, and its observations through all lanes and checks.
 
@@ -134,11 +137,26 @@ def _step(
                 lane.record.refuse(error)
             return None
         observed = replace(observed, timings_ms={"decode": waited_ms} | observed.timings_ms)
-        found = {lane.record.name: lane.take(without_rig_errors(lane, lanes, observed), frame) for lane in lanes}
-        estimates = {name: estimate for name, estimate in found.items() if estimate is not None}
+        found = _estimates(frame, observed, lanes, pool)
+        estimates = {lane.record.name: e for lane, e in zip(lanes, found, strict=True) if e is not None}
+        for lane in lanes:
+            lane.teach()
         for check in checks:
             check.add(observed, frame, estimates)
         return estimates
+
+
+def _estimates(
+    frame: RecordedFrame, observed: Observed, lanes: Sequence[Lane], pool: ThreadPoolExecutor
+) -> list[FrameEstimate | None]:
+    """Return what each lane estimates: the first one by itself, as it may find what is wrong with the rig, then all
+    others beside each other."""
+    first, *others = lanes
+    found = [first.take(without_rig_errors(first, lanes, observed), frame)]
+    seen = [without_rig_errors(lane, lanes, observed) for lane in others]
+    coming = [pool.submit(lane.take, of_lane, frame) for lane, of_lane in zip(others, seen, strict=True)]
+    wait(coming)  # all of them, whatever one of them raises
+    return found + [future.result() for future in coming]
 
 
 def prepared_ahead(observer: Observer, frames: Frames) -> PreparedFrames:
