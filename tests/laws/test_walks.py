@@ -1,15 +1,17 @@
-"""docs/walks.md leads along functions that exist, and they are short; the benchmark times functions that exist."""
+"""docs/walks.md leads along functions that exist, and they are short; the tools time and replace what exists."""
 
 import ast
 import re
 from itertools import pairwise
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 
 import stream_sfm
 from tests.helpers.places import ROOT
 from tests.laws.test_imports import LEVEL
+from tools.ablation import RULES
 from tools.bench_jobs import stages
 
 PACKAGE = Path(stream_sfm.__file__).parent
@@ -49,3 +51,10 @@ def test_a_walk_is_short_and_goes_down(walk, files, climbs):
 def test_the_benchmark_times_functions_that_exist() -> None:
     for stage, functions in stages().items():
         assert all(callable(getattr(owner, name, None)) for owner, name in functions), stage
+
+
+def test_the_ablation_switches_rules_that_exist() -> None:
+    page = (ROOT / "docs/rules.md").read_text(encoding="utf-8")
+    for rule, (name, instead) in RULES.items():
+        with patch(f"stream_sfm.{name}", instead):  # raises where there is nothing of that name
+            assert rule in page, f"docs/rules.md does not have the rule {rule!r}"
