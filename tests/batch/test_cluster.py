@@ -33,15 +33,21 @@ def dask(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
     scheduler = ["scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(contact)]
     worker = ["worker", "--scheduler-file", str(contact), "--nthreads", "1", "--no-nanny"]
     worker += ["--local-directory", str(folder)]
-    running = []
+    running: list[subprocess.Popen[bytes]] = []
+
+    def start(*command: str) -> None:
+        words = [sys.executable, "-m", "dask", *command, "--no-dashboard"]
+        running.append(subprocess.Popen(words, stderr=subprocess.DEVNULL))
+
     try:
-        for command in (scheduler, worker):
-            words = [sys.executable, "-m", "dask", *command, "--no-dashboard"]
-            running.append(subprocess.Popen(words, stderr=subprocess.DEVNULL))
+        start(*scheduler)
         deadline = time.monotonic() + 600  # ends only what hangs
-        while not contact.exists() and time.monotonic() < deadline:
+        said = ""
+        while not said.rstrip().endswith("}") and time.monotonic() < deadline:  # there, and wholly written
             time.sleep(0.05)
-        yield json.loads(contact.read_text())["address"], running
+            said = contact.read_text() if contact.exists() else ""
+        start(*worker)
+        yield json.loads(said)["address"], running
     finally:
         for process in reversed(running):
             process.terminate()
