@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from ..camera.rig import StereoRig
 from ..config import Config
-from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.point_views import PointViews
 from ..geometry.resection import MANY_VIEWS, MIN_SECOND_VIEWS, Resection
 from ..geometry.se3 import Array
@@ -28,7 +27,9 @@ from .tracks import Tracks
 # Share of the points whose left side agrees that agree on the right, too. Sample logs have .64 and more, at the end of
 # a bare corridor less; with one camera stopped, exchanged or turned it is below .3.
 _FIT = 0.5
-_GOOD_SHARE = 0.6  # of all points found, in a frame that is good
+# So many good frames in a row end a problem otherwise: in each this share of all points found agrees.
+_GOOD_FRAMES = 20
+_GOOD_SHARE = 0.6
 # In real calibrations rows are off by up to 1.9 px in a corner, and scatter around their polynomial by up to 0.3 px.
 _MAX_ROWS_PX = 2.5
 _MAX_SCATTER_PX = 0.5
@@ -104,7 +105,7 @@ class PairCheck:
         if (old & fit.both).sum() >= max(MIN_SECOND_VIEWS, _FIT * (old & fit.left).sum()):
             return PairCheck(), False
         good_frames = self.good_frames + 1 if fit.both.sum() > _GOOD_SHARE * len(fit.both) else 0
-        if good_frames < MEMORY_FRAMES:
+        if good_frames < _GOOD_FRAMES:
             return replace(self, good_frames=good_frames), False
         return PairCheck(), True
 
@@ -135,10 +136,8 @@ def problem_of(
         return problem
     if fit is None:
         return ""
-    n_left, n_both = (
-        np.count_nonzero(fit.left),
-        np.count_nonzero(fit.both),
-    )  # what agrees in both does in the left one
+    n_left = np.count_nonzero(fit.left)
+    n_both = np.count_nonzero(fit.both)  # these agree in the left image, too
     if n_left < MANY_VIEWS or n_both >= _FIT * n_left:
         return ""
     return (

@@ -78,10 +78,10 @@ def run(
     course = Course()
     try:
         recorded = log.frames(selection, all_calibrations=all_calibrations)
-        others = ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="lane")
-        with others, closing(recorded), closing(_by_rig(lanes, log.rig, recorded)) as frames:
+        pool = ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="lane")  # of lanes beside the first one
+        with pool, closing(recorded), closing(_by_rig(lanes, log.rig, recorded)) as frames:
             for frame, prepared, waited_ms in interruption.until_requested(_timed(frames)):
-                estimates = _step(frame, prepared, waited_ms, lanes, checks, others)
+                estimates = _step(frame, prepared, waited_ms, lanes, checks, pool)
                 if estimates is None:
                     continue
                 course.frames += 1
