@@ -13,11 +13,9 @@ import msgspec
 from msgspec import Meta
 
 from .errors import ConfigError
-from .inputs import parse_toml, read_small
+from .inputs import LIMITS, parse_toml, read_small
 from .wording import expected, first_line, invalid_setting
 
-_LEAST_VOXEL_M = 1e-4  # a tenth of a millimetre
-_MAX_BYTES = 2**16  # of a file: all settings with their comments are a tenth of it
 _FRAME_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_/]{0,99}")
 _FRAMES = {"world_frame": "map", "odom_frame": "odom", "base_frame": "base_link", "camera_frame": "left_camera"}
 
@@ -217,8 +215,8 @@ class DenseConfig(_Section, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if 0 < self.voxel_m < _LEAST_VOXEL_M:
-            raise ConfigError(f"dense.voxel_m is {self.voxel_m}; give at least {_LEAST_VOXEL_M}, or 0: automatic")
+        if 0 < self.voxel_m < (least_m := 1e-4):
+            raise ConfigError(f"dense.voxel_m is {self.voxel_m}; give at least {least_m}, or 0: automatic")
 
 
 class Config(_Section, frozen=True, kw_only=True):
@@ -263,7 +261,7 @@ def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] 
     if path is not None:
         where = f" in {path}"
         try:
-            data = parse_toml(read_small(path, _MAX_BYTES).decode("utf-8-sig"))
+            data = parse_toml(read_small(path, LIMITS.settings_bytes).decode("utf-8-sig"))
         except OSError as error:
             raise ConfigError(f"cannot read configuration {path}: {error.strerror}") from None
         except (ValueError, RecursionError) as error:

@@ -25,7 +25,7 @@ _KINDS = {
 
 
 class Limits(NamedTuple):
-    """What a recording may ask for. No real one reaches them, and one of kilobytes costs no gigabytes."""
+    """What a file may ask for. No real one reaches them, and one of kilobytes costs no gigabytes."""
 
     record_bytes: int = 128 * 2**20  # of a record, of a decompressed chunk, of a message; writers use 1–4 MiB
     small_bytes: int = 2**20  # of a parsed schema, a message with lists, an attachment: elements become objects
@@ -43,21 +43,22 @@ class Limits(NamedTuple):
     image_file_bytes: int = 2**28  # the largest image without any compression is half of it
     json_values: int = 2**22  # as many as a list of the pixels of a 4-megapixel image has
     json_text_bytes: int = 2**24  # that is not ASCII, which Python may widen to four bytes; base64 is ASCII
+    settings_bytes: int = 2**18  # of TOML or YAML, which take the parser seconds; settings and calibrations: kilobytes
+    depth: int = 32  # of brackets; settings and calibrations need four
+    indent: int = 128  # spaces in front of a line, each of which may be a level in YAML
+    dots: int = 100  # in a line: a 4×4 matrix has 16
+    merges: int = 8  # `<<` of YAML, which may double what there is
+    values: int = 100_000  # those that are repeated by an alias counted each time
 
 
 LIMITS = Limits()
 Decoder = Callable[[bytes], Any]
 INT64 = 2**63  # whole numbers are smaller: sizes, stamps in nanoseconds
-MAX_DEPTH = 32  # of brackets; settings and calibrations need four
-_MAX_INDENT = 128  # spaces in front of a line, each of which may be a level in YAML
-_MAX_DOTS = 100  # in a line: a 4×4 matrix has 16
-_MAX_MERGES = 8  # `<<` of YAML, which may double what there is
-_MAX_NODES = 100_000  # values, those that are repeated by an alias counted each time
 _STEP = re.compile(r"(?P<opens>[\[{]|<\w)|[\]}]|</|/>")
 _DEEP_LINE = re.compile(
-    rf"^(?: {{{_MAX_INDENT}}}|\t{{{MAX_DEPTH}}}|[ \t]*(?:[-?] +){{{MAX_DEPTH}}})[ \t]*\S", re.MULTILINE
+    rf"^(?: {{{LIMITS.indent}}}|\t{{{LIMITS.depth}}}|[ \t]*(?:[-?] +){{{LIMITS.depth}}})[ \t]*\S", re.MULTILINE
 )
-_DOTTED_LINE = re.compile(rf"^(?:[^.\n]*\.){{{_MAX_DOTS}}}", re.MULTILINE)
+_DOTTED_LINE = re.compile(rf"^(?:[^.\n]*\.){{{LIMITS.dots}}}", re.MULTILINE)
 
 
 def open_regular(path: str | Path, buffering: int = -1) -> IO[bytes]:
@@ -120,14 +121,14 @@ def check_text(text: str) -> None:
     depth = 0
     for step in _STEP.finditer(text):
         depth += 1 if step["opens"] else -1
-        if depth > MAX_DEPTH:
-            raise ValueError(f"its brackets are nested more than {MAX_DEPTH} deep")
+        if depth > LIMITS.depth:
+            raise ValueError(f"its brackets are nested more than {LIMITS.depth} deep")
     if _DEEP_LINE.search(text):
         raise ValueError("a line is indented or nested too deeply")
     if _DOTTED_LINE.search(text):
-        raise ValueError(f"a line holds {_MAX_DOTS} dots or more")
-    if text.count("<<") > _MAX_MERGES:
-        raise ValueError(f"it merges mappings (<<) more than {_MAX_MERGES} times")
+        raise ValueError(f"a line holds {LIMITS.dots} dots or more")
+    if text.count("<<") > LIMITS.merges:
+        raise ValueError(f"it merges mappings (<<) more than {LIMITS.merges} times")
 
 
 def check_values(data: Any) -> None:
@@ -136,8 +137,8 @@ def check_values(data: Any) -> None:
     while todo:
         value = todo.pop()
         count += 1
-        if count > _MAX_NODES:
-            raise ValueError(f"it holds more than {_MAX_NODES} values")
+        if count > LIMITS.values:
+            raise ValueError(f"it holds more than {LIMITS.values} values")
         if isinstance(value, dict):
             todo += value.values()
         elif isinstance(value, list | tuple):

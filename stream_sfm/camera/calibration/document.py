@@ -13,7 +13,7 @@ import numpy as np
 from ...errors import ConfigError
 from ...geometry import se3
 from ...geometry.se3 import Array
-from ...inputs import check_text, check_values, parse_toml
+from ...inputs import LIMITS, check_text, check_values, parse_toml
 from ...record import record
 from ..known_timing import KnownTiming
 from ..models import DISTORTION_COEFFICIENTS, DISTORTION_MODELS, Camera
@@ -24,9 +24,6 @@ Pair = tuple[Camera, Camera, Array, Refinement | None, KnownTiming | None]
 Size = tuple[int, int]  # width, height in pixels
 Where: TypeAlias = str | Path | Sequence[str | Path]  # a file, the files of left and right, or a folder
 
-MAX_BYTES = 2**20  # calibration files are kilobytes
-_MAX_TOML_BYTES = 2**16
-_MAX_YAML_CHARACTERS = 2**18  # which take the parser seconds
 _TOML_SECTION = re.compile(rb"^[ \t]*\[(left|right|right_from_left)\b", re.MULTILINE)
 _YAML_OF_OPENCV = re.compile(r"\s*%YAML:[\d.]+[ \t]*(?=[\r\n])")
 # KITTI: a name and at least three numbers.
@@ -155,7 +152,7 @@ def _fit_coefficients(model: str, given: tuple[float, ...]) -> tuple[float, ...]
 def load(content: bytes, name: str | Path) -> Document:
     """The document in the content of a file. Raises ConfigError where it is in no language that is known."""
     name = str(name)
-    if len(content) > MAX_BYTES:
+    if len(content) > LIMITS.small_bytes:
         raise ConfigError(f"calibration {name} has {len(content) / 1e6:.1f} MB: it is not a calibration file")
     if name.lower().endswith(".toml") or _TOML_SECTION.search(content):
         return Document(name, _load_toml(content, name), is_toml=True)
@@ -178,7 +175,7 @@ def load(content: bytes, name: str | Path) -> Document:
 
 def _load_toml(content: bytes, name: str) -> dict[str, Any]:
     try:
-        if len(content) > _MAX_TOML_BYTES:
+        if len(content) > LIMITS.settings_bytes:
             raise ValueError(f"it has {len(content)} bytes")
         return parse_toml(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
@@ -192,7 +189,7 @@ def _load_npz(content: bytes, name: str) -> dict[str, Any]:
 
     try:
         with zipfile.ZipFile(BytesIO(content)) as archive:
-            if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
+            if sum(entry.file_size for entry in archive.infolist()) > LIMITS.small_bytes:
                 raise ValueError("it holds large arrays")
         with np.load(BytesIO(content), allow_pickle=False) as arrays:
             return {key: arrays[key].tolist() for key in arrays.files}
@@ -205,7 +202,7 @@ def _load_yaml(text: str, name: str) -> dict[str, Any]:
     from ruamel.yaml.error import YAMLError
 
     try:
-        if len(text) > _MAX_YAML_CHARACTERS:
+        if len(text) > LIMITS.settings_bytes:
             raise ValueError(f"it has {len(text)} characters")
         check_text(text)
         data = YAML(typ="safe", pure=True).load(text)

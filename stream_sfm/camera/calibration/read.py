@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...errors import ConfigError
-from ...inputs import read_small
+from ...inputs import LIMITS, read_small
 from ..models import Camera
-from .document import MAX_BYTES, Document, Format, Pair, Size, Where, load
+from .document import Document, Format, Pair, Size, Where, load
 from .projections import KITTI, OPENCV, ROS
 from .slam import BASALT, EUROC, KALIBR, ORB_SLAM
 from .toml_file import TOML
@@ -21,7 +21,7 @@ _SIDES = (("left", "cam0", "camera0"), ("right", "cam1", "camera1"))
 def read_document(path: Path) -> Document:
     """The content of a file. Raises ConfigError."""
     try:
-        return load(read_small(path, MAX_BYTES), path)
+        return load(read_small(path, LIMITS.small_bytes), path)
     except OSError as error:
         raise ConfigError(f"cannot read calibration {path}: {error.strerror}") from None
 
