@@ -7,20 +7,9 @@ from ..geometry.linear import symmetric
 from ..geometry.se3 import Array
 from ..motion import Motion
 from ..types import FrameEstimate, Status
+from .settings import SETTINGS
 
-_MIN_FRAMES = 2  # between keyframes
-# Of the median depth, and of the view. At .1 and 8° a corridor has a fifth more keyframes and costs a third more.
-_MOVED_DEPTHS, _TURNED_RAD = 0.15, np.radians(11)
-_NEW_VIEW = 0.5  # share of the points in common with the last keyframe, below which much of the view is new
-# σ of a rotation beyond which a motion is not known: nothing is linear there, and of a graph with such motions beside
-# others of .1 mrad GTSAM finds no solution.
-_UNKNOWN_RAD = 0.3
 LEAST_VARIANCE = 1e-12  # m² and rad²: of a motion that is known by definition, so that it can be inverted
-
-
-# Factor on the variance of a motion's own error: successive motions see the same structure, so their errors add up to
-# more than independent ones. NEES of the way along a corridor, 6 expected: 9.4 without it.
-_SHARED_STRUCTURE = 2.0
 UNSEEN = 3  # common errors that come first: of lengths and axes, which turn and scale motions and loops alike
 
 
@@ -41,7 +30,7 @@ class Chain:
         """Take the next frame; whether it should be a keyframe, which an `eager` caller wants soon."""
         self.link = self._link(estimate)
         self._previous = estimate
-        if self.link is not None and self.link.cov[3:, 3:].trace() > _UNKNOWN_RAD**2:
+        if self.link is not None and self.link.cov[3:, 3:].trace() > SETTINGS.unknown_rad**2:
             self.link = None  # later frames may know the way round this one
         earliest = int(estimate.window_frame_indices[0]) if len(estimate.window_frame_indices) else 0
         for index in [i for i in self._links if i < earliest or estimate.status is Status.LOST]:
@@ -52,7 +41,7 @@ class Chain:
         if self.link is None:
             return False
         self._links[estimate.frame_index] = self.link
-        if self._keyframe is None or estimate.frame_index - self._keyframe < _MIN_FRAMES:
+        if self._keyframe is None or estimate.frame_index - self._keyframe < SETTINGS.min_frames:
             return False
         return eager or self._is_new_view(estimate)
 
@@ -71,9 +60,9 @@ class Chain:
         if not len(estimate.points_in_cam):
             return False
         motion = self.link.earlier_from_newest
-        moved = np.linalg.norm(motion[:3, 3]) > _MOVED_DEPTHS * np.median(estimate.points_in_cam[:, 2])
-        turned = np.linalg.norm(se3.log_so3(motion[:3, :3])) > _TURNED_RAD
-        return bool(moved or turned or np.isin(estimate.track_ids, self._ids).mean() < _NEW_VIEW)
+        moved = np.linalg.norm(motion[:3, 3]) > SETTINGS.moved_depths * np.median(estimate.points_in_cam[:, 2])
+        turned = np.linalg.norm(se3.log_so3(motion[:3, :3])) > SETTINGS.turned_rad
+        return bool(moved or turned or np.isin(estimate.track_ids, self._ids).mean() < SETTINGS.new_view)
 
     def _link(self, estimate: FrameEstimate) -> Motion | None:
         """Over the earliest frame of the window whose way from the keyframe is known; None if there is none."""
@@ -100,7 +89,7 @@ def _motion(estimate: FrameEstimate, frame_index: int) -> Motion:
     seen = slice(UNSEEN, None)
     return Motion(
         motion.earlier_from_newest,
-        _SHARED_STRUCTURE * positive(motion.cov_own),
+        SETTINGS.shared_structure * positive(motion.cov_own),
         motion.common_jacobian[:, seen],
         motion.mean[seen],
         motion.cov_common[seen, seen],

@@ -14,14 +14,11 @@ from ..frontend.templates import TemplateAtlas
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record
+from .settings import SETTINGS
 
 Image = NDArray[np.uint8]
-MAX_POINTS = 150  # with patches; an engine reports 60 to 140 of 200 on most sample logs, 20 on bare walls
-RADIUS_PX = 7  # of the patches that are aligned
-_SIDE_PX = TemplateAtlas.empty(1, RADIUS_PX).grey.shape[1]  # of those that are kept, with room for warps
-_COLUMNS = 10  # of the mosaic of patches
-_MAX_ROW_DIFFERENCE_PX = 1.5
-_MIN_INVERSE_DEPTH = 1e-3  # 1/m: nothing beyond a kilometre
+# Edge of the patches that are kept, with room for warps, and the columns of their mosaic.
+_SIDE_PX, _COLUMNS = TemplateAtlas.empty(1, SETTINGS.radius_px).grey.shape[1], 10
 
 
 @record
@@ -58,12 +55,12 @@ def make_keyframe(
     z = projection.project(points)
     last = projection.width - 1, projection.height - 1
     rows = np.flatnonzero((points[:, 2] > 0) & ((z[:, :2] >= 0) & (z[:, :2] <= last)).all(axis=1))
-    if len(rows) > MAX_POINTS:
-        rows = rows[np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int)]
+    if len(rows) > SETTINGS.max_points:
+        rows = rows[np.linspace(0, len(rows) - 1, SETTINGS.max_points).astype(int)]
     points, cov_points, z = points[rows], cov_points[rows], z[rows]
     px, feature_points, descriptors = _features(images, projection, z)
     depth_m = float(np.median(points[:, 2])) if len(points) else 1.0
-    filled = np.linspace(0, len(px) - 1, min(len(px), MAX_POINTS - len(points))).astype(int)
+    filled = np.linspace(0, len(px) - 1, min(len(px), SETTINGS.max_points - len(points))).astype(int)
     points = np.concatenate([points, feature_points[filled]])
     cov_points = np.concatenate([cov_points, _cov_features(projection, feature_points[filled])])
     z = np.concatenate([z[:, :2], px[filled]])
@@ -92,7 +89,7 @@ def smoothed(image: Image) -> NDArray[np.float32]:
 def are_patches(jpeg: bytes, count: int) -> bool:
     """Whether this is a mosaic of `count` patches."""
     shape = max(1, -(-count // _COLUMNS)) * _SIDE_PX, _COLUMNS * _SIDE_PX
-    return count <= MAX_POINTS and bool(jpeg) and getattr(_decoded(jpeg), "shape", None) == shape
+    return count <= SETTINGS.max_points and bool(jpeg) and getattr(_decoded(jpeg), "shape", None) == shape
 
 
 def _decoded(jpeg: bytes) -> NDArray[np.uint8] | None:
@@ -106,7 +103,7 @@ def templates(keyframe: Keyframe) -> TemplateAtlas:
         .reshape(-1, _SIDE_PX, _COLUMNS, _SIDE_PX)
         .transpose(0, 2, 1, 3)
     )
-    return TemplateAtlas(RADIUS_PX, np.ascontiguousarray(grey.reshape(-1, _SIDE_PX, _SIDE_PX)))
+    return TemplateAtlas(SETTINGS.radius_px, np.ascontiguousarray(grey.reshape(-1, _SIDE_PX, _SIDE_PX)))
 
 
 def _mosaic(image: NDArray[np.float32], px: Array) -> bytes:
@@ -148,8 +145,7 @@ def _features(
     )
     right, found = np.asarray(at, np.float32)[:, 0], np.asarray(status)[:, 0] > 0
     z = np.hstack([left, right]).astype(float)
-    found &= np.abs(left[:, 1] - right[:, 1]) < _MAX_ROW_DIFFERENCE_PX
-    found &= projection.inverse_depth(z) > _MIN_INVERSE_DEPTH
+    found &= projection.inverse_depth(z) > SETTINGS.min_inverse_depth
     points = projection.triangulate(z[found])
     return left[found], points.astype(np.float32), np.asarray(descriptors, np.uint8)[found]
 

@@ -17,6 +17,7 @@ from numpy.typing import DTypeLike, NDArray
 from .. import __version__
 from ..errors import InputError
 from ..geometry.stereo import StereoProjection
+from ..inputs import INT64
 from ..mcap_file.log_file import LogFile
 from ..mcap_file.message import Channel, Damage, Message
 from ..motion import Motion
@@ -25,8 +26,6 @@ from .graph import GraphState, Loop
 from .keyframes import Keyframe, are_patches
 
 SCHEMA_VERSION = 1
-_SAME_RIG = 1e-9  # px, m and rad: the calibration is the same, but for rounding
-_MAX_NUMBER = 2**53  # of a keyframe
 
 
 class MapRecord(msgspec.Struct):
@@ -144,15 +143,15 @@ def _loaded(
         raise ValueError("it is not a file that PlaceMap.save has written")
     rig = [*heads[0].rectified, *heads[0].rect_from_cam]
     ours = [*_numbers(projection), *rect_from_cam.ravel()]
-    if len(rig) != len(ours) or not np.allclose(rig, ours, rtol=0, atol=_SAME_RIG):
+    if len(rig) != len(ours) or not np.allclose(rig, ours, rtol=0, atol=1e-9):  # px, m and rad: but for rounding
         raise ValueError("it was made with another calibration; use the one it was made with")
     if (len(frames), len(motions)) != (heads[0].keyframes, heads[0].motions) or not frames:
         raise ValueError("it is not complete")
     numbers = [record.number for record in frames]
-    if numbers != sorted(set(numbers)) or not 0 <= numbers[0] <= numbers[-1] < _MAX_NUMBER:
+    if numbers != sorted(set(numbers)) or not 0 <= numbers[0] <= numbers[-1] < INT64 // 2:  # later ones follow
         raise ValueError("the numbers of its keyframes are not in order")
     segments, homes = [r.segment for r in frames], [r.home for r in frames]
-    if min(segments + homes) < 0 or max(segments + homes) >= _MAX_NUMBER or not set(homes) <= set(segments):
+    if min(segments + homes) < 0 or max(segments + homes) >= INT64 // 2 or not set(homes) <= set(segments):
         raise ValueError("it has a keyframe of no segment")
     known = set(numbers)
     links: dict[tuple[int, int], Motion] = {}
@@ -185,7 +184,7 @@ def _keyframe(record: KeyframeRecord) -> Keyframe:
     )
     features = {len(found.feature_px), len(found.feature_points), len(found.descriptors)}
     sound = len(found.points) == len(found.cov_points) and len(features) == 1 and 0 < record.depth_m < np.inf
-    if not sound or abs(record.stamp_ns) >= 2**63 or not are_patches(record.patches, len(found.points)):
+    if not sound or abs(record.stamp_ns) >= INT64 or not are_patches(record.patches, len(found.points)):
         raise ValueError(f"the content of keyframe {record.number} does not fit together")
     return found
 

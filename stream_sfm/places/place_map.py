@@ -2,13 +2,11 @@
 
 The engine's world drifts and never jumps: here it is called odom. The world of the map is the first keyframe's, and
 `world_from_odom` is what later knowledge has changed; it may jump. A loop counts only if it agrees with the prediction
-by both covariances and tells something; where the prediction is so uncertain that another place could be meant, several
-loops must agree.
+by both covariances; where the prediction is so uncertain that another place could be meant, several loops must agree.
 """
 
 import logging
 from bisect import bisect_left
-from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
+from scipy.special import chdtri
 
 from ..blas import one_thread
 from ..camera.pixels import GreyScaler, to_grey
@@ -25,7 +24,6 @@ from ..camera.rig import MonoRig, StereoRig
 from ..camera.unseen_errors import PhysicalAxes
 from ..config import Config
 from ..errors import ConfigError
-from ..estimators.ids import among
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..motion import Motion
@@ -35,26 +33,10 @@ from .finding import Words, apart, may_overlap, nearest_poses, offsets_m, stds
 from .graph import Loop, PoseGraph
 from .keyframes import Keyframe, make_keyframe
 from .map_file import load_map, save_map
+from .settings import SETTINGS
 from .verifying import Seen, Verifier
 
 MAX_KEYFRAMES = 1000  # some 60 MB
-_CANDIDATES = 3  # one of the nearest three was right for every keyframe tried
-_APART = 3  # keyframes: nearer ones show the same
-_IN_COMMON = 0.1  # of the points: more, and the loop would count them a second time
-# Of the way from an older keyframe, beyond the straight line: without a detour the same points are seen a second time,
-# as twice on the log backyard, which does not return.
-_MIN_DETOUR_DEPTHS = 0.25
-_GATE = 27.86  # χ² with six degrees of freedom, 0.9999
-# Nats that a loop must tell beyond all that is known by then. Right but useless loops, of .7 nats each, took
-# lab_forward from .7 to 4.5 mm: they count the same points twice. At 3 a corridor's end is off by 1.3 mm instead of .4.
-_MIN_GAIN = 2.0
-# What could be confused: as far as the gate reaches, 5 σ, lies another place that looks the same.
-_CONFUSED_SIGMAS, _CONFUSED_DEPTHS, _CONFUSED_RAD = 5.0, 0.25, np.radians(15)
-_AGREEING = 3  # loops, of different keyframes
-_MAX_PENDING = 30
-_SEARCH_FRAMES = 30  # after a loss, in which every other frame is a keyframe; later only if a place looks known
-_WAITING = 2  # keyframes, of which one is being worked on
-_THINNED = 0.1  # of all keyframes, at once
 
 
 class _Found(NamedTuple):
@@ -67,11 +49,10 @@ class _Found(NamedTuple):
 
 
 class _Node(NamedTuple):
-    """A keyframe, how far the camera had come by then, and which points were followed."""
+    """A keyframe, and how far the camera had come by then."""
 
     keyframe: Keyframe
     path_m: float
-    ids: NDArray[np.int64]
 
 
 class PlaceMap:
@@ -106,7 +87,9 @@ class PlaceMap:
         self._max_keyframes = max_keyframes
         self._rectifier = Rectifier(rig)
         self._rect_from_cam = se3.from_rotation_translation(self._rectifier.rect_from_cam, np.zeros(3))
-        errors, rect_from_cam = (config or Config()).rig, self._rectifier.rect_from_cam
+        config = config or Config()
+        self._gate = float(chdtri(6, 1 - config.robust.gate_probability))  # χ² of motions that are the same
+        errors, rect_from_cam = config.rig, self._rectifier.rect_from_cam
         self._axes = self._axes_with_unseen = PhysicalAxes(rect_from_cam)
         if not errors.exact:
             self._axes_with_unseen = PhysicalAxes(rect_from_cam, errors.std_baseline, errors.std_axes_rad)
@@ -120,7 +103,7 @@ class PlaceMap:
             keyframes, state = load_map(known, self._rectifier.projection, self._rectifier.rect_from_cam)
             self._graph.restore(state)
             for number, keyframe in zip(state.numbers, keyframes, strict=True):
-                self._nodes[number] = _Node(keyframe, -np.inf, np.array([-1]))
+                self._nodes[number] = _Node(keyframe, -np.inf)
                 self._words.add(number, keyframe.descriptors)
         self._number = self._first = max(self._nodes, default=-1) + 1
         self.world_from_odom, self.located = np.eye(4), False
@@ -156,7 +139,7 @@ class PlaceMap:
         self._before = estimate.world_from_cam
         if not self._wait:
             self._settle(False)
-        soon = self._hopeful or estimate.frame_index - self._lost_until < _SEARCH_FRAMES
+        soon = self._hopeful or estimate.frame_index - self._lost_until < SETTINGS.search_frames
         due = self._chain.step(estimate, eager=not self.located and soon)
         if self._chain.is_cut:
             self.located, self._lost_until = False, estimate.frame_index
@@ -164,7 +147,7 @@ class PlaceMap:
             return
         if self._wait:  # only here: so the result depends on no clock
             self._settle(True)
-        if len(self._jobs) >= _WAITING:
+        if len(self._jobs) >= SETTINGS.waiting:
             return
         images = tuple(np.array(image) for image in frame.images)  # a camera may write the next ones over them
         self._jobs.append(self._pool.submit(self._take, estimate, images, self._chain.link, self._path_m))
@@ -271,7 +254,7 @@ class PlaceMap:
         if (common := estimate.common) is not None:
             self._graph.know(common.mean[UNSEEN:], common.cov[UNSEEN:, UNSEEN:])
         self._graph.add(number, estimate.world_from_cam, link, cov=estimate.cov_pose)
-        self._nodes[number] = _Node(keyframe, path_m, estimate.track_ids)
+        self._nodes[number] = _Node(keyframe, path_m)
         self._find(number, Seen(keyframe, rectified))
         self._words.add(number, keyframe.descriptors)
         if len(self._nodes) > self._max_keyframes:
@@ -289,23 +272,20 @@ class PlaceMap:
         rows = np.flatnonzero(graph.in_world_of(number) & self._by_detour(number))
         rows = rows[nearest_poses(graph.poses[rows], graph.pose(number), keyframe.depth_m)]
         motions, covs = graph.predicted(number, rows)
-        gate = may_overlap(motions, covs, keyframe.depth_m)
+        gate = may_overlap(motions, covs, keyframe.depth_m, np.sqrt(self._gate))
         near = {
             graph.numbers[row]: Motion(*known)
             for row, *known in zip(rows[gate], motions[gate], covs[gate], strict=True)
         }
-        sure = {old: link for old, link in near.items() if not is_ambiguous(link.cov, keyframe.depth_m)}
-        for old in apart(filter(self._unseen_since(number), sure), _CANDIDATES, _APART):
-            if (loop := self._verified(old, number, seen, sure[old])) and agrees(sure[old], loop.motion):
-                if gain(sure[old], loop.motion) > _MIN_GAIN:
-                    self._graph.close([loop], doubtful=False)
+        sure = {old: link for old, link in near.items() if not self._is_ambiguous(link.cov, keyframe.depth_m)}
+        for old in apart(sure, SETTINGS.candidates, SETTINGS.apart):
+            if (loop := self._verified(old, number, seen, sure[old])) and self._same(sure[old], loop.motion):
+                self._graph.close([loop], doubtful=False)
                 return
         elsewhere = np.flatnonzero(~graph.in_world_of(number))
         doubtful = {*near} - {*sure} | {graph.numbers[row] for row in elsewhere}
-        alike = filter(
-            self._unseen_since(number), self._words.alike(keyframe.descriptors, doubtful) if doubtful else ()
-        )
-        found = [self._verified(old, number, seen) for old in apart(alike, _CANDIDATES, _APART)]
+        alike = self._words.alike(keyframe.descriptors, doubtful) if doubtful else ()
+        found = [self._verified(old, number, seen) for old in apart(alike, SETTINGS.candidates, SETTINGS.apart)]
         self._close_doubtful([loop for loop in found if loop is not None], keyframe.depth_m)
 
     def _by_detour(self, number: int) -> NDArray[np.bool_]:
@@ -313,16 +293,7 @@ class PlaceMap:
         nodes, new, graph = self._nodes, self._nodes[number], self._graph
         path_m = new.path_m - np.array([nodes[old].path_m for old in graph.numbers])
         straight_m = offsets_m(graph.poses, graph.pose(number))
-        return np.asarray(path_m > straight_m + _MIN_DETOUR_DEPTHS * new.keyframe.depth_m)
-
-    def _unseen_since(self, number: int) -> Callable[[int], bool]:
-        """Of which nodes hardly a point is followed any more."""
-        ids = self._nodes[number].ids
-
-        def test(old: int) -> bool:
-            return bool(len(ids)) and among(ids, self._nodes[old].ids).mean() < _IN_COMMON
-
-        return test
+        return np.asarray(path_m > straight_m + SETTINGS.min_detour_depths * new.keyframe.depth_m)
 
     def _verified(self, old: int, new: int, seen: Seen, known: Motion | None = None) -> Loop | None:
         turn = self._rect_from_cam
@@ -339,8 +310,8 @@ class PlaceMap:
             return
         loop = loops[0]
         agreeing = [other for other in self._pending if other.new != loop.new and self._agree(other, loop)]
-        self._pending = [*self._pending[-_MAX_PENDING:], loop]
-        if len({other.new for other in agreeing}) + 1 < _AGREEING:
+        self._pending = [*self._pending[-SETTINGS.max_pending :], loop]
+        if len({other.new for other in agreeing}) + 1 < SETTINGS.agreeing:
             return
         chosen = [*agreeing, loop]
         self._pending = [other for other in self._pending if other not in chosen]
@@ -349,21 +320,29 @@ class PlaceMap:
     def _agree(self, a: Loop, b: Loop) -> bool:
         """Whether two loops say the same, by the ways between their ends."""
         olds, news = self._graph.between(a.old, b.old), self._graph.between(a.new, b.new)
-        return olds is not None and news is not None and agrees(a.motion.then(news), olds.then(b.motion))
+        return olds is not None and news is not None and self._same(a.motion.then(news), olds.then(b.motion))
 
     def _are_rivals(self, a: Loop, b: Loop, depth_m: float) -> bool:
         """Whether two loops of one keyframe have it at different places."""
         olds = self._graph.between(a.old, b.old)
-        if olds is None or agrees(a.motion, olds.then(b.motion)):
+        if olds is None or self._same(a.motion, olds.then(b.motion)):
             return False
         apart = se3.log(se3.inverse(a.motion.earlier_from_newest) @ olds.then(b.motion).earlier_from_newest)
-        return bool(
-            np.linalg.norm(apart[:3]) > _CONFUSED_DEPTHS * depth_m or np.linalg.norm(apart[3:]) > _CONFUSED_RAD
-        )
+        return _is_elsewhere(np.linalg.norm(apart[:3]), np.linalg.norm(apart[3:]), depth_m)
+
+    def _same(self, one: Motion, other: Motion) -> bool:
+        """Whether two estimates of a motion, with independent errors, are the same by χ²."""
+        error = se3.log(se3.inverse(one.earlier_from_newest) @ other.earlier_from_newest)
+        return bool(error @ np.linalg.solve(one.cov + other.cov, error) < self._gate)
+
+    def _is_ambiguous(self, cov: Array, depth_m: float) -> bool:
+        """Whether another place may lie within a prediction's covariance (6, 6), as far as the gate reaches."""
+        (std_m,), (std_rad,) = np.sqrt(self._gate) * np.array(stds(cov[None]))
+        return _is_elsewhere(std_m, std_rad, depth_m)
 
     def _thin(self) -> None:
         """Let those keyframes go that lie closest to older ones."""
-        numbers = self._graph.numbers[:-_APART]
+        numbers = self._graph.numbers[: -SETTINGS.apart]
         depth_m = np.median([self._nodes[number].keyframe.depth_m for number in numbers])
         poses = self._graph.poses[: len(numbers)]
         where = np.hstack(
@@ -371,7 +350,7 @@ class PlaceMap:
         )  # depths and rad
         distance, neighbour = (column[:, 1] for column in KDTree(where).query(where, 2))
         distance[neighbour >= np.arange(len(numbers))] = np.inf  # of two that are close the newer one goes
-        count = max(1, int(_THINNED * self._max_keyframes))
+        count = max(1, int(SETTINGS.thinned * self._max_keyframes))
         gone = [numbers[row] for row in np.argsort(distance, kind="stable")[:count].tolist()]
         self._graph.remove(gone)
         self._pending = [loop for loop in self._pending if loop.old not in gone and loop.new not in gone]
@@ -380,18 +359,6 @@ class PlaceMap:
             self._words.forget(number)
 
 
-def is_ambiguous(cov: Array, depth_m: float) -> bool:
-    """Whether another place may lie within a prediction's covariance (6, 6)."""
-    (std_m,), (std_rad,) = stds(cov[None])
-    return bool(_CONFUSED_SIGMAS * std_m > _CONFUSED_DEPTHS * depth_m or _CONFUSED_SIGMAS * std_rad > _CONFUSED_RAD)
-
-
-def gain(known: Motion, loop: Motion) -> float:
-    """What a loop tells beyond a prediction, nats."""
-    return float(0.5 * np.linalg.slogdet(np.eye(6) + np.linalg.solve(loop.cov, known.cov))[1])
-
-
-def agrees(one: Motion, other: Motion) -> bool:
-    """Whether two estimates of a motion, with independent errors, are the same by χ²."""
-    error = se3.log(se3.inverse(one.earlier_from_newest) @ other.earlier_from_newest)
-    return bool(error @ np.linalg.solve(one.cov + other.cov, error) < _GATE)
+def _is_elsewhere(offset_m: float | np.floating, angle_rad: float | np.floating, depth_m: float) -> bool:
+    """Whether what is so far away is another place."""
+    return bool(offset_m > SETTINGS.max_offset_depths * depth_m or angle_rad > SETTINGS.max_angle_rad)

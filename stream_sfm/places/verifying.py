@@ -18,20 +18,8 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection
 from ..motion import Motion
 from ..record import record
-from .finding import MAX_ANGLE_RAD, MAX_OFFSET_DEPTHS
-from .keyframes import RADIUS_PX, Image, Keyframe, smoothed, templates
-
-_MAX_HAMMING = 64  # of 256 bits
-_MAX_RATIO = 0.85  # to the second best match
-_MIN_VIEWS = 15  # at 25 a corridor there and back has a recall of .69 instead of .88
-_MIN_SHARE = 0.8  # of the views that must agree: views from afar that fit by chance have less
-_MIN_CELLS = 5  # of the 4 × 4 cells of the image that must hold accepted views: not one poster alone
-_PASSES = 3  # each warps the patches by the motion of the last
-_SETTLED_DEPTHS = 0.003  # a motion that changes by less warps no patch differently
-_MAX_MOVED_PX = 4.0  # of the alignment from its start, as in the front-end
-_MAX_ROW_PX = 1.0  # difference between left and right
-_STD_PX = 0.2  # of a view: the patch's plane faces the camera here, its slope is not known; NEES of loops 1 to 6
-_EDGE_ON = 1e-3  # area of a pixel of the old view in the new one
+from .keyframes import Image, Keyframe, smoothed, templates
+from .settings import SETTINGS
 
 
 @record
@@ -61,27 +49,24 @@ class Verifier:
             return None
         images, atlas = [smoothed(image) for image in new.images], templates(old)
         found: Resection | None = None
-        for _ in range(_PASSES):
+        for _ in range(SETTINGS.passes):
             found = self._refined(old, atlas, images, start)
             if found is None:
                 return None
-            moved = np.linalg.norm(found.cam_from_ref[:3, 3] - start[:3, 3])
             start = found.cam_from_ref
-            if moved < _SETTLED_DEPTHS * old.depth_m:
-                break
         assert found is not None
-        if found.accepted.sum() < _MIN_VIEWS or found.share < _MIN_SHARE or found.ambiguous is not None:
+        if found.accepted.sum() < SETTINGS.min_views or found.ambiguous is not None:
             return None
         motion = se3.inverse(found.cam_from_ref)
-        far = np.linalg.norm(motion[:3, 3]) > MAX_OFFSET_DEPTHS * old.depth_m
-        if far or np.linalg.norm(se3.log_so3(motion[:3, :3])) > MAX_ANGLE_RAD:
+        far = np.linalg.norm(motion[:3, 3]) > SETTINGS.max_offset_depths * old.depth_m
+        if far or np.linalg.norm(se3.log_so3(motion[:3, :3])) > SETTINGS.max_angle_rad:
             return None
         return Motion(motion, found.cov_pose * max(1.0, found.chi2 / max(found.dof, 1)))
 
     def _rough(self, old: Keyframe, new: Keyframe) -> Array | None:
         """New camera from old one, by PnP of features that match."""
         pairs = matches(old.descriptors, new.descriptors)
-        if len(pairs) < _MIN_VIEWS:
+        if len(pairs) < SETTINGS.min_views:
             return None
         points = old.feature_points[pairs[:, 0]].astype(float)
         px = new.feature_px[pairs[:, 1]].astype(float)
@@ -95,7 +80,7 @@ class Verifier:
             confidence=0.999,
             flags=cv2.SOLVEPNP_AP3P,
         )
-        if not ok or inliers is None or len(inliers) < _MIN_VIEWS:
+        if not ok or inliers is None or len(inliers) < SETTINGS.min_views:
             return None
         new_from_old = se3.exp(np.zeros(6))
         new_from_old[:3, :3] = se3.exp_so3(rotation[:, 0])
@@ -112,24 +97,22 @@ class Verifier:
         ahead = here[:, 2] > MIN_DEPTH
         z = p.project(np.where(ahead[:, None], here, (0.0, 0.0, 1.0)))
         warps = self._old_from_new(points, new_from_old)
-        margin = RADIUS_PX + 1
+        margin = SETTINGS.radius_px + 1
         visible = ahead & (z[:, 0] > margin) & (z[:, 0] < p.width - margin)
         visible &= (z[:, 1] > margin) & (z[:, 1] < p.height - margin)
         visible &= atlas.fits(warps)
         rows = np.flatnonzero(visible)
-        if len(rows) < _MIN_VIEWS:
+        if len(rows) < SETTINGS.min_views:
             return None
         patches = atlas.warped(rows, warps[rows])
         z = z[rows]
         left, found, _ = patches.align(images[0], z[:, :2])
-        found &= np.abs(left - z[:, :2]).max(axis=1) < _MAX_MOVED_PX
         right, both, _ = patches.align(images[1], left + z[:, 2:] - z[:, :2])
-        both &= np.abs(right[:, 1] - left[:, 1]) < _MAX_ROW_PX
         views = np.hstack([left, np.where(both[:, None], right, np.nan)])[found]
         rows = rows[found]
-        if len(rows) < _MIN_VIEWS:
+        if len(rows) < SETTINGS.min_views:
             return None
-        cov_px = np.broadcast_to(_STD_PX**2 * np.eye(4), (len(rows), 4, 4))
+        cov_px = np.broadcast_to(SETTINGS.std_px**2 * np.eye(4), (len(rows), 4, 4))
         motion = resect(p, points[rows], old.cov_points[rows].astype(float), views, cov_px, new_from_old)
         return motion if motion.ok and self._is_spread(views[motion.accepted]) else None
 
@@ -140,13 +123,14 @@ class Verifier:
         here = se3.transform(new_from_old, shifted)
         z = self._projection.f_px * here[..., :2] / np.maximum(here[..., 2:], MIN_DEPTH)
         new_from_old_px = np.stack([z[1] - z[0], z[2] - z[0]], axis=2)
-        new_from_old_px[np.abs(np.linalg.det(new_from_old_px)) < _EDGE_ON] = _EDGE_ON * np.eye(2)
+        edge_on = 1e-3  # area of a pixel of the old view in the new one
+        new_from_old_px[np.abs(np.linalg.det(new_from_old_px)) < edge_on] = edge_on * np.eye(2)
         return np.concatenate([np.linalg.inv(new_from_old_px), np.zeros((len(points), 1, 2))], axis=1)
 
     def _is_spread(self, z_px: Array) -> bool:
         """Whether views (n, 4) are over enough of the image."""
         cells = (4 * z_px[:, :2] / (self._projection.width, self._projection.height)).astype(int)
-        return len(np.unique(cells[:, 0] + 4 * cells[:, 1])) >= _MIN_CELLS
+        return len(np.unique(cells[:, 0] + 4 * cells[:, 1])) >= SETTINGS.min_cells
 
 
 def matches(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.intp]:
@@ -154,7 +138,7 @@ def matches(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.intp]:
     if len(a) < 2 or len(b) < 2:
         return np.zeros((0, 2), np.intp)
     bits, nearest = cv2.batchDistance(a, b, cv2.CV_32S, None, None, cv2.NORM_HAMMING, 2)
-    rows = np.flatnonzero((bits[:, 0] <= _MAX_HAMMING) & (bits[:, 0] < _MAX_RATIO * bits[:, 1]))
+    rows = np.flatnonzero(bits[:, 0] < SETTINGS.max_ratio * bits[:, 1])
     rows = rows[np.argsort(bits[rows, 0], kind="stable")]
     rows = np.sort(rows[np.unique(nearest[rows, 0], return_index=True)[1]])
     return np.stack([rows, nearest[rows, 0]], axis=1)

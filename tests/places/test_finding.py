@@ -12,7 +12,7 @@ def test_places_within_reach_of_the_predicted_pose_by_its_covariance() -> None:
     covs = np.tile(1e-6 * np.eye(6), (6, 1, 1))
     covs[2, 0, 0] = 4.0  # so uncertain that it may be near
     assert nearest_poses(motions, np.eye(4), depth_m=1.0).tolist() == [3, 0, 4, 5, 1, 2]
-    assert may_overlap(motions, covs, depth_m=1.0).tolist() == [True, False, True, True, True, False]
+    assert may_overlap(motions, covs, depth_m=1.0, sigmas=3.0).tolist() == [True, False, True, True, True, False]
     assert apart([8, 7, 10, 20, 30, 11], count=3, distance=3) == [8, 20, 30]
 
 
