@@ -43,7 +43,9 @@ class Limits(NamedTuple):
     image_file_bytes: int = 2**28  # the largest image without any compression is half of it
     json_values: int = 2**22  # as many as a list of the pixels of a 4-megapixel image has
     json_text_bytes: int = 2**24  # that is not ASCII, which Python may widen to four bytes; base64 is ASCII
-    settings_bytes: int = 2**18  # of TOML or YAML, which take the parser seconds; settings and calibrations: kilobytes
+    settings_bytes: int = (
+        2**18
+    )  # of TOML or YAML, which take the parser seconds; settings and calibrations: kilobytes
     depth: int = 32  # of brackets; settings and calibrations need four
     indent: int = 128  # spaces in front of a line, each of which may be a level in YAML
     dots: int = 100  # in a line: a 4×4 matrix has 16
