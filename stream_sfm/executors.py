@@ -19,8 +19,6 @@ ONE_THREAD = dict.fromkeys(
 _ANSWER_S = 8.0  # a running scheduler answers in milliseconds
 _WORKER_S = 20.0  # workers that have just been started need some seconds
 _LOST_S = 15.0  # without any worker: one that is started again needs as long
-_CLOSE_S = 5.0  # to cancel what is left
-_POLL_S = 1.0
 T = TypeVar("T")
 
 
@@ -80,7 +78,7 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
 
     def watch() -> None:
         nonlocal seen_s
-        while not ended.wait(_POLL_S):
+        while not ended.wait(1.0):
             with suppress(Exception):  # waits, perhaps forever, for the scheduler's answer
                 if client.scheduler_info()["workers"]:
                     seen_s = time.monotonic()
@@ -101,7 +99,7 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
     finally:
         ended.set()
         with suppress(Exception):
-            _within(_CLOSE_S, close)
+            _within(5.0, close)
 
 
 def _within(seconds: float, call: Callable[[], T]) -> T:

@@ -46,6 +46,15 @@ class Limits(NamedTuple):
     settings_bytes: int = (
         2**18
     )  # of TOML or YAML, which take the parser seconds; settings and calibrations: kilobytes
+    raw_image_bytes: int = 2**25  # several are in memory at a time: as recorded, decompressed, and as a message
+    jpeg_scans: int = 64  # progressive images have about ten, and each costs a pass over the whole image
+    # A log without an index is scanned this far at most, once cameras and calibrations have been met: some seconds of
+    # reading, and enough for calibrations that are sent every few seconds.
+    scanned_bytes: int = 2**28
+    decoders: int = 64  # held; channels of one topic may each have a schema of their own
+    # Of an array of messages or strings, for each of which rosbags generates code; those of a camera, a pose or a
+    # transform have none.
+    array_elements: int = 64
     depth: int = 32  # of brackets; settings and calibrations need four
     indent: int = 128  # spaces in front of a line, each of which may be a level in YAML
     dots: int = 100  # in a line: a 4×4 matrix has 16

@@ -5,8 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
 
-_LISTED = 20  # names in one sentence
-_SIMILAR = 0.7  # of 1 for equal names: one letter wrong in four
+LISTED = 20  # names in one sentence, notes of one reading: a hostile file could give one per record
 _KINDS = {
     "int": "a whole number",
     "float": "a number",
@@ -42,8 +41,8 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
 
 def some_of(names: Sequence[str], separator: str = ", ") -> str:
     """Names in a sentence: all of them, or the first and how many more there are."""
-    more = len(names) - _LISTED
-    return separator.join(names[:_LISTED]) + (f"{separator}and {more} more" if more > 0 else "")
+    more = len(names) - LISTED
+    return separator.join(names[:LISTED]) + (f"{separator}and {more} more" if more > 0 else "")
 
 
 def counted(n: int, thing: str) -> str:
@@ -53,7 +52,7 @@ def counted(n: int, thing: str) -> str:
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """The end of a sentence that suggests the known name nearest to `name`; empty where none is near."""
-    nearest = get_close_matches(name, list(known), n=1, cutoff=_SIMILAR)
+    nearest = get_close_matches(name, list(known), n=1, cutoff=0.7)  # one letter wrong in four
     return f"; did you mean {nearest[0]}?" if nearest else ""
 
 

@@ -7,8 +7,6 @@ import numpy as np
 from ..errors import ConfigError
 from ..geometry.se3 import Array
 
-_LONGEST_S = 1.0  # larger values are milliseconds given as seconds
-
 
 @dataclass(frozen=True, slots=True)
 class KnownTiming:
@@ -25,8 +23,8 @@ class KnownTiming:
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):
             value = getattr(self, name)
-            if not -_LONGEST_S <= value <= _LONGEST_S:
-                raise ConfigError(f"{name} is {value!r}: give seconds, at most {_LONGEST_S:g}")
+            if not -1 <= value <= 1:  # larger ones are milliseconds given as seconds
+                raise ConfigError(f"{name} is {value!r}: give seconds, at most 1")
             if name.startswith("std") and value <= 0:
                 raise ConfigError(f"{name} is {value!r}: give the σ of what is known, above 0")
 

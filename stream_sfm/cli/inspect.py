@@ -8,7 +8,6 @@ from . import options
 from .printing import broken_at, number, output_width, print_json, print_notes, print_table
 
 _MAX_TOPICS = 200  # shown; --json lists all
-_MAX_GAPS = 5  # listed; more would hide the rest of the table
 
 
 def inspect(
@@ -82,8 +81,9 @@ def _facts(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
             f"{frames['paired']}{rate}, {frames['paired_exactly']} with equal stamps, median offset {offset} ms",
         )
         yield "unpaired", f"{frames['unpaired_left']} left and {frames['unpaired_right']} right images"
-        gaps = [f"{g['length_s']:.2f} s after {g['after_s']:.2f} s" for g in frames["gaps"][:_MAX_GAPS]]
-        more = frames["gap_count"] - _MAX_GAPS
+        few = 5  # more would hide the rest of the table
+        gaps = [f"{g['length_s']:.2f} s after {g['after_s']:.2f} s" for g in frames["gaps"][:few]]
+        more = frames["gap_count"] - few
         yield "gaps", "; ".join(gaps) + (f" and {more} more" if more > 0 else "") if gaps else "none"
     if rig := found["rig"]:
         kind = "rectified" if rig["rectified_images"] else "unrectified"

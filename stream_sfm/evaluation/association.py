@@ -11,8 +11,7 @@ from ..geometry.se3 import Array
 from ..types import Trajectory
 
 MAX_GAP_NS = 150_000_000  # between two truths that are interpolated: 10 Hz with half a period of jitter
-NEAREST_NS = 1_000_000  # in wider gaps: a camera moving at 30 m/s travels 3 cm in this time
-_ROTATION_TOLERANCE = 1e-2  # of R Rᵀ from the identity: files give as few as four digits
+SAME_STAMP_NS = 1_000_000  # in wider gaps, and of depth images: at 30 m/s a camera travels 3 cm in this time
 
 
 def check_rigid(truth: Trajectory) -> None:
@@ -20,10 +19,10 @@ def check_rigid(truth: Trajectory) -> None:
     poses = truth.world_from_cam
     known = np.atleast_1d(np.isfinite(poses).all(axis=(1, 2)))
     rotations = np.where(known[:, None, None], poses, np.eye(4))[:, :3, :3]
-    wrong = np.flatnonzero(~se3.is_rotation(rotations, _ROTATION_TOLERANCE))
+    wrong = np.flatnonzero(~se3.is_rotation(rotations))
     if len(wrong):
         row = int(wrong[0])
-        mirrored = se3.is_rotation(-rotations[row], _ROTATION_TOLERANCE)
+        mirrored = se3.is_rotation(-rotations[row])
         what = "all zeros" if not rotations[row].any() else "mirrored" if mirrored else "not a rotation"
         raise LogError(
             f"ground truth: the rotation of pose {row} (stamp {truth.stamps_ns[row]} ns) is {what}; give poses in "
@@ -50,7 +49,7 @@ def matched(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64],
     gap = stamps[after] - stamps[before]
     inside = (stamps[before] <= wanted) & (wanted <= stamps[after]) & (gap > 0) & (gap <= MAX_GAP_NS)
     between = inside & (offset > 0)
-    found = between | (offset <= NEAREST_NS)
+    found = between | (offset <= SAME_STAMP_NS)
 
     result = poses[nearest].copy()
     if between.any():

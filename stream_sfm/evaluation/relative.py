@@ -17,15 +17,12 @@ from ..geometry.se3 import Array
 from ..record import record
 
 _BLOCKS = 10  # long blocks keep the correlation of the errors, many give a stable interval
-_SPANS_PER_BLOCK = 2  # the longest span fits twice, so that few spans reach from one block into the next
 _SPANS = 12  # at most, evenly spaced in the logarithm
-_MIN_SPANS_OF_GROWTH = 3  # two points are always on a line
 _LEAST_KNOWN = 0.8  # of the frames: leaves at least a third of the starts of the longest span, a quarter of them
 _CONFIDENCE, _OF_BOTH = 0.95, 0.975  # of each of two intervals, so that position and rotation hold together
 # Which blocks are exchanged (blocks, exchanges): none at first, and never the last, as only the size of a ratio counts.
 _EXCHANGES = (np.arange(2 ** (_BLOCKS - 1)) >> np.arange(_BLOCKS)[:, None] & 1).astype(float)
 _SHORTEST, _LONGEST = 1e-4, 20.0  # half an interval of a ratio's logarithm
-_HALVINGS = 10
 _TURNING_RAD_S = np.radians(5.0)  # faster counts as turning; a convention of the report
 
 
@@ -67,8 +64,11 @@ def spans_for(frames: int) -> list[int]:
 
 
 def tested_spans(frames: int) -> list[int]:
-    """Return the spans for figures with intervals, from 1 to a twentieth of the frames, so that there are many."""
-    return _spans(frames // (_SPANS_PER_BLOCK * _BLOCKS))
+    """Return the spans for figures with intervals, from 1 to a twentieth of the frames, so that there are many.
+
+    The longest one fits twice into a block, so that few spans reach from one block into the next.
+    """
+    return _spans(frames // (2 * _BLOCKS))
 
 
 def _spans(longest: int) -> list[int]:
@@ -87,7 +87,7 @@ def growth_exponents(estimate: Array, truth: Array) -> tuple[Interval, Interval]
     Of position and of rotation; 1: a random walk, 2: a constant bias.
     """
     spans = tested_spans(int(known_frames(truth).sum()))
-    if len(spans) < _MIN_SPANS_OF_GROWTH:
+    if len(spans) < 3:  # two points are always on a line
         return None
     pairs = [relative_errors(estimate, truth, s) for s in spans]
     if any(not np.nansum(p) or not np.nansum(r) for p, r in pairs):
@@ -156,7 +156,7 @@ def _end(plausible: Callable[[float], bool], value: float, sign: int) -> float:
     inside, outside = 0.0, _SHORTEST
     while plausible(value + sign * outside) and outside < _LONGEST:
         inside, outside = outside, 2 * outside
-    for _ in range(_HALVINGS):
+    for _ in range(10):  # 2⁻¹⁰ is 0.1 %
         middle = 0.5 * (inside + outside)
         inside, outside = (middle, outside) if plausible(value + sign * middle) else (inside, middle)
     return value + sign * outside

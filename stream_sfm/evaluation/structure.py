@@ -26,7 +26,6 @@ _DESIGN = np.stack(
     [np.ones(25), np.tile(_OFFSETS, 5).astype(float), np.repeat(_OFFSETS, 5).astype(float)], axis=1
 )  # columns: 1, du, dv
 _FIT = np.linalg.pinv(_DESIGN)
-_MANY_SIGMAS = 3.0  # 0.27 % of Gaussian errors are larger
 STRUCTURE_FIGURES = (
     "local_structure_rms_m", "local_structure_median_m", "local_structure_error_over_sigma",
     "local_structure_error_over_sigma_median", "local_structure_beyond_3_sigma_percent",
@@ -115,5 +114,5 @@ class StructureComparison:
         if not len(ratios):
             return dict.fromkeys(STRUCTURE_FIGURES, np.nan)
         of_both = [f(x) for x in (errors_m, ratios) for f in (lambda x: np.sqrt(np.mean(x**2)), np.median)]
-        beyond = 100 * np.mean(ratios > _MANY_SIGMAS)
+        beyond = 100 * np.mean(ratios > 3)
         return dict(zip(STRUCTURE_FIGURES, map(float, (*of_both, beyond)), strict=True))

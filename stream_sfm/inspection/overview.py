@@ -20,6 +20,7 @@ from ..recording.ground_truth import depth_topic, read_truth, truth_topic
 from ..recording.images import UndecodableImage, decode_grey, image_size
 from ..recording.messages import ImageMessage
 from ..recording.pair_reader import PairReader, StereoPair
+from ..recording.pairing import gaps_after
 from ..recording.rig import check_rig, find_rig
 from ..recording.stereo_log import choose_cameras
 from ..recording.survey import Survey, survey_log
@@ -27,6 +28,7 @@ from ..recording.topics import PairChoice, is_rectified
 from ..sources.joined import JoinedSource
 from ..sources.recognise import open_source
 from ..sources.source import Source
+from ..wording import LISTED
 from .calibration_check import (
     Images,
     calibration_findings,
@@ -38,9 +40,6 @@ from .calibration_check import (
 
 _CHECKED_PLACES = 4  # spread over the log; at each, two consecutive frames are looked at
 _KEPT_BYTES = 256 * 2**20  # of images kept for it, recorded and decoded; of larger ones fewer are looked at
-# Frames further apart than this many median periods have a gap between them: one frame is missing
-_GAP_PERIODS = 1.6
-_LISTED_GAPS = 20
 
 
 def inspect_log(
@@ -236,7 +235,7 @@ def _timing(stamps_ns: list[int], offsets_ns: list[int]) -> dict[str, Any]:
     """Rate and gaps of the pairs, and the median offset of the right stamps from the left ones."""
     periods_s = np.diff(np.array(stamps_ns, dtype=np.int64)) / 1e9
     period_s = float(np.median(periods_s)) if len(periods_s) else None
-    gaps = [i for i in range(len(periods_s)) if period_s and periods_s[i] > _GAP_PERIODS * period_s]
+    gaps = gaps_after(stamps_ns)
     return {
         "rate_hz": 1 / period_s if period_s else None,
         "span_s": float(periods_s[periods_s > 0].sum()) if stamps_ns else None,
@@ -244,8 +243,7 @@ def _timing(stamps_ns: list[int], offsets_ns: list[int]) -> dict[str, Any]:
         "gap_count": len(gaps),
         "longest_gap_s": float(max(periods_s[gaps])) if gaps else None,
         "gaps": [
-            {"after_s": (stamps_ns[i] - stamps_ns[0]) / 1e9, "length_s": float(periods_s[i])}
-            for i in gaps[:_LISTED_GAPS]
+            {"after_s": (stamps_ns[i] - stamps_ns[0]) / 1e9, "length_s": float(periods_s[i])} for i in gaps[:LISTED]
         ],
     }
 

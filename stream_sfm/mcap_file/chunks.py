@@ -10,7 +10,6 @@ from ..deflate import zlib
 from ..inputs import LIMITS
 from .records import CHUNK_HEAD, BrokenRecord
 
-_STEP_BYTES = 1 << 14  # of a cut-off stream decompressed at a time: what comes before the cut is kept
 # What a chunk may unpack to by its bytes, more than real ones do: a record of a camera's log has thousands of bytes,
 # and black images are what compresses best. What all chunks of a reading may hold beyond that is some seconds of work.
 _RECORDS_PER_BYTE, _FREE_RECORDS = 1, 2**20
@@ -112,7 +111,8 @@ def _decompress_zstd(data: bytes | memoryview, size: int, whole: bool) -> bytes:
             return reader.read(size) if size else b""
         parts: list[Any] = []
         try:
-            while size > 0 and (part := reader.read(min(size, _STEP_BYTES))):
+            # little at a time, so that what comes before the cut is kept
+            while size > 0 and (part := reader.read(min(size, 2**14))):
                 parts.append(part)
                 size -= len(part)
         except zstandard.ZstdError:

@@ -4,8 +4,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from ..record import record
-
-_MAX_NOTES = 20  # of one reading; a hostile file could give one per record
+from ..wording import LISTED
 
 
 @record
@@ -50,5 +49,5 @@ class Damage:
 
     def note(self, note: str) -> None:
         """Record that something is wrong that has cost nothing."""
-        if len(self.notes) < _MAX_NOTES and note not in self.notes:
+        if len(self.notes) < LISTED and note not in self.notes:
             self.notes.append(note)

@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, LogError
+from ..evaluation.association import SAME_STAMP_NS
 from ..mcap_file.message import Message
 from ..sources.source import Source
 from ..types import Trajectory
+from ..wording import LISTED
 from .depth import decode_depth_m
 from .messages import MessageDecoder, decoded
 from .survey import Survey
@@ -26,8 +28,6 @@ Depth = NDArray[np.float32]  # (h, w) metres along the optical axis, NaN where u
 _DEPTH_TOPICS = ("/ground_truth/depth", "/ground_truth/depth/compressedDepth")  # the second by image_transport
 _TRUTH = re.compile(r"ground_?truth|(?<![a-z])gt(?![a-z])|mocap|vicon", re.IGNORECASE)
 _LEFT_CAMERA = re.compile(r"(?<![a-z])(left|cam_?0|camera_?0|camera|cam)(?![a-z])", re.IGNORECASE)
-_MAX_NAMED = 20  # frames of reference listed in a warning
-_SAME_STAMP_NS = 1_000_000  # stamps of a depth image and of its frame may differ by rounding to 1 ms
 
 
 def truth_topic(survey: Survey) -> str | None:
@@ -49,7 +49,7 @@ def read_truth(source: Source, topic: str, camera_frame: str, warnings: list[str
             if not pose.child or pose.child == camera_frame or _LEFT_CAMERA.search(pose.child):
                 stamps_ns.append(pose.stamp_ns)
                 poses.frombytes(pose.parent_from_child.tobytes())
-            elif len(other_frames) < _MAX_NAMED:
+            elif len(other_frames) < LISTED:
                 other_frames.add(pose.child)
     except LogError as error:
         warnings.append(f"ground truth is not used: {error}")
@@ -96,14 +96,14 @@ class DepthImages:
         self.problem = ""
 
     def at(self, stamp_ns: int) -> Depth | None:
-        """The depth image of this moment (within 1 ms), or None."""
+        """The depth image of this moment (within 1 ms, to which stamps may be rounded), or None."""
         with self._lock:
-            while not self._exhausted and (self._current is None or self._current[0] < stamp_ns - _SAME_STAMP_NS):
+            while not self._exhausted and (self._current is None or self._current[0] < stamp_ns - SAME_STAMP_NS):
                 try:
                     self._current = next(self._images, None)
                 except InputError as error:
                     self._current, self.problem = None, f"ground-truth depth is not compared: {error}"
                 self._exhausted = self._current is None
-            if self._current is None or abs(self._current[0] - stamp_ns) > _SAME_STAMP_NS:
+            if self._current is None or abs(self._current[0] - stamp_ns) > SAME_STAMP_NS:
                 return None
             return self._current[1]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..camera.models import MAX_PIXELS
 from ..camera.pixels import Grey
 from ..errors import LogError
+from ..inputs import LIMITS
 from ..sources import image_header
 from .messages import ImageMessage, UndecodableMessage
 from .png import decode_plain_png
@@ -39,8 +40,6 @@ _TO_RGB = {
 _LUMA_BYTE = {"yuv422": 1, "uyvy": 1, "yuv422_uyvy": 1, "yuyv": 0, "yuv422_yuy2": 0, "yuy2": 0}
 _LUMA_PLANE = ("nv12", "nv21", "nv24", "i420", "yuv420")  # luma first, one byte a pixel
 
-_MAX_RAW_BYTES = 32 * 2**20  # several are in memory at a time: as recorded, decompressed, and as a message
-
 RAW_ENCODINGS = (*_PLAIN, *_LUMA_BYTE, *_LUMA_PLANE)
 
 
@@ -60,10 +59,10 @@ def check_encoding(message: ImageMessage, path: object) -> None:
     where = f"{path}: topic {message.topic}"
     if not message.compressed:
         name = message.encoding.lower()
-        if len(message.data) > _MAX_RAW_BYTES:
+        if len(message.data) > LIMITS.raw_image_bytes:
             raise LogError(
                 f"{where}: raw images of {len(message.data) / 2**20:.0f} MiB are not read, only those of up to "
-                f"{_MAX_RAW_BYTES // 2**20} MiB: record them in grey, compressed, or smaller"
+                f"{LIMITS.raw_image_bytes // 2**20} MiB: record them in grey, compressed, or smaller"
             )
         if name not in RAW_ENCODINGS:
             raise LogError(
@@ -133,7 +132,7 @@ def decode_rgb(message: ImageMessage) -> NDArray[np.uint8] | None:
 
 
 def _decode_raw(message: ImageMessage) -> Grey:
-    if len(message.data) > _MAX_RAW_BYTES:
+    if len(message.data) > LIMITS.raw_image_bytes:
         raise UndecodableImage(f"{message.topic}: a raw image of {len(message.data) / 2**20:.0f} MiB")
     pixels, to_grey = _raw_pixels(message)
     grey: Grey = pixels if to_grey is None else cv2.cvtColor(pixels, to_grey)

@@ -32,9 +32,7 @@ _KINDS = {
     "TFMessage": "transform", "tfMessage": "transform",
 }  # fmt: skip
 
-_MAX_DECODERS = 64  # held; channels of one topic may each have a schema of their own
 _QUATERNION_NORMS = (0.5, 2.0)  # beyond any rounding error; outside it the numbers are not a rotation
-_ROUNDING = 1e-6  # of the numbers of a calibration that was sent twice
 
 
 class UndecodableMessage(Exception):
@@ -81,7 +79,7 @@ class CalibrationMessage:
         sizes = (self.width, self.height), (other.width, other.height)
         fields: list[tuple[str, Any, Any]] = [("the image size", *sizes), ("D", self.D, other.D)]
         fields += [("K", self.K, other.K), ("R", self.R, other.R), ("P", self.P, other.P)]
-        found = [name for name, a, b in fields if not _same_numbers(a, b)]
+        found = [name for name, a, b in fields if not same_numbers(a, b)]
         return found + (["the distortion model"] if self.distortion_model != other.distortion_model else [])
 
 
@@ -115,7 +113,7 @@ class MessageDecoder:
             )
         decoder = self._decoders.get(message.channel)
         if decoder is None:
-            if len(self._decoders) >= _MAX_DECODERS:
+            if len(self._decoders) >= LIMITS.decoders:
                 self._decoders.clear()
             decoder = self._decoders[message.channel] = self._find(message.channel)
         try:
@@ -215,13 +213,16 @@ def _poses(topic: str, m: Any) -> list[PoseMessage]:
     return [_pose(t) for t in _get(m, "transforms")] if _has(m, "transforms") else [_pose(m)]
 
 
-def _same_numbers(a: Any, b: Any) -> bool:
-    """Return whether two lists of numbers are equal up to rounding."""
+def same_numbers(a: Any, b: Any) -> bool:
+    """Return whether two lists of numbers that were sent twice are equal up to rounding.
+
+    That of a double sent as text is far smaller, and any change that matters far larger.
+    """
     a, b = np.asarray(a, float), np.asarray(b, float)
     if a.shape != b.shape:
         return False
     # nearly always the same bytes, with every frame; `allclose` takes fifty times as long to see it
-    return a.tobytes() == b.tobytes() or np.allclose(a, b, rtol=_ROUNDING, atol=_ROUNDING, equal_nan=True)
+    return a.tobytes() == b.tobytes() or np.allclose(a, b, rtol=1e-6, atol=1e-6, equal_nan=True)
 
 
 def _by_definition(channel: Channel) -> Decoder | None:

@@ -13,11 +13,6 @@ from .images import check_encoding
 from .messages import CalibrationMessage, ImageMessage, MessageDecoder, UndecodableMessage
 from .pairing import Pairer
 
-# Recorders start and stop between two images of a pair: one or two without a partner are normal
-_USUAL_UNPAIRED = 2
-# Of a message of ROS, before its frame: the stamp and what precedes it, which differ from one message to the next.
-_STAMP_BYTES = 12
-
 
 @record
 class StereoPair:
@@ -154,7 +149,8 @@ class PairReader:
 
         Most cameras send one with every image: the same bytes of ROS need not be decoded again.
         """
-        content, topic = message.data[_STAMP_BYTES:], message.channel.topic
+        behind_stamp = 12  # bytes of ROS, before the frame; they differ from one message to the next
+        content, topic = message.data[behind_stamp:], message.channel.topic
         if message.channel.message_encoding in ("cdr", "ros1") and self._heard.get(topic) == content:
             return
         self._heard[topic] = content
@@ -215,7 +211,8 @@ class PairReader:
                 f"{stats.dropped_backwards} images were dropped: their stamps repeat, go backwards, or are far from "
                 "those of the images around them"
             )
-        if stats.unpaired_within or stats.unpaired_left + stats.unpaired_right > _USUAL_UNPAIRED:
+        usual = 2  # without a partner: recorders start and stop between two images of a pair
+        if stats.unpaired_within or stats.unpaired_left + stats.unpaired_right > usual:
             stats.warnings.append(
                 f"{stats.unpaired_left} left and {stats.unpaired_right} right images have no partner within half a "
                 "frame period"

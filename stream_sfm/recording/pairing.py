@@ -8,7 +8,7 @@ sides are merged; no stamp is ever used twice.
 """
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from statistics import median
@@ -26,6 +26,16 @@ _MAX_OVERTAKEN = 8  # a frame overtaken by more later arrivals than this has a w
 _FAR_NS = 60_000_000_000  # from the other frames, at the ends of a recording: the stamp is wrong
 _FEWEST = 3  # frames that show which stamps are wrong, or a clock set back
 _RECENT = 32  # released stamps remembered, for the period and for repeats
+
+
+def gaps_after(stamps_ns: Sequence[int]) -> list[int]:
+    """Return the frames behind which another one is missing.
+
+    The next one then comes after two periods, not one; 1.6 is chosen by hand.
+    """
+    periods = [b - a for a, b in pairwise(stamps_ns)]
+    longest = 1.6 * median(periods) if periods else 0
+    return [n for n, period in enumerate(periods) if period > longest > 0]
 
 
 @dataclass(slots=True)

@@ -13,20 +13,17 @@ from ..inputs import LIMITS, Decoder, bounded
 _SEPARATOR = re.compile(r"^={3,}[ \t]*$", re.MULTILINE)  # between the definitions of a type and of its parts
 _NOT_IDL = re.compile(r"^\s*(IDL:|#).*$", re.MULTILINE)  # the name of a part; preprocessor lines such as #include
 # rosbags generates Python code from a definition, so a hostile one could ask for any amount of it, or endless loops.
-_MAX_ELEMENTS = 64  # of an array of messages or strings; those of a camera, a pose or a transform have none
-_MAX_LENGTH = 2**27  # of an array of numbers; those of messages have 36 at most
 # In IDL, of what is left without texts, comments and annotations. The time that rosbags takes for brackets in
 # brackets is exponential in their number, and numbers may grow without limit in a few lines of constants.
 _IDL_TEXT = re.compile(r'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 _IDL_ANNOTATION = re.compile(r"@[\w:]+\s*\([^()]*\)")
-_MAX_NESTED_SEQUENCES = 4
 _IDL_HOSTILE = (
     (re.compile(r"[(*]"), "a constant that is computed with brackets or products"),
     # shifted by a number of three digits, or by an expression
     (re.compile(r"<<(?!\s*\d{1,2}\b)"), "a constant that would fill the memory"),
     (re.compile(r"\d{21}|0[xX][\da-fA-F]{17}"), "a number of more digits than 64 bits have"),
     (re.compile(r"\[\s*\["), "brackets in brackets"),
-    (re.compile(rf"(?:<[^<>;]*){{{_MAX_NESTED_SEQUENCES + 1}}}"), "sequences nested too deeply"),
+    (re.compile(r"(?:<[^<>;]*){5}"), "sequences nested too deeply"),
 )
 _SUPPORTED = (
     (MessageEncoding.CDR, SchemaEncoding.ROS2),
@@ -109,6 +106,6 @@ def _refuse_endless(types: dict[str, Any]) -> None:
             if kind != Nodetype.ARRAY:
                 continue
             (element, what), length = of
-            most = _MAX_LENGTH if _is_number(element, what) else _MAX_ELEMENTS
+            most = LIMITS.record_bytes if _is_number(element, what) else LIMITS.array_elements
             if not 1 <= length <= most:
                 raise ValueError(f"field {field} of type {name} has {length} elements")

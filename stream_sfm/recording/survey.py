@@ -7,10 +7,6 @@ from ..mcap_file.message import Channel, Damage
 from ..sources.source import Source
 from .messages import kind_of
 
-# A log without an index is scanned this far at most, once cameras and calibrations have been met: some seconds of
-# reading, and enough for calibrations that are sent every few seconds.
-_SCAN_BYTES = 256 * 2**20
-
 
 @dataclass(slots=True)
 class Topic:
@@ -71,7 +67,7 @@ def _scan(source: Source, damage: Damage) -> Survey:
         survey.start_ns = min(survey.start_ns or message.log_time_ns, message.log_time_ns)
         survey.end_ns = max(survey.end_ns, message.log_time_ns)
         cameras, calibrations = len(survey.of_kind("image")), len(survey.of_kind("calibration"))
-        if damage.bytes_read > _SCAN_BYTES and cameras > 1 and calibrations > 1:
+        if damage.bytes_read > LIMITS.scanned_bytes and cameras > 1 and calibrations > 1:
             survey.whole = False
             break
     return survey

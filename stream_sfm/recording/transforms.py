@@ -8,12 +8,8 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from ..inputs import LIMITS
 from ..sources.source import Source
-from .messages import MessageDecoder, decoded
+from .messages import MessageDecoder, decoded, same_numbers
 from .survey import Survey
-
-# A transform any of whose numbers (metres, or elements of the rotation) changes by more moves, and says nothing of how
-# two cameras are mounted. Far above the rounding of a double sent as text, far below any motion that matters.
-_FIXED_WITHIN = 1e-6
 
 
 def fixed_transform(source: Source, survey: Survey, target: str, origin: str) -> Array | None:
@@ -37,7 +33,7 @@ def fixed_edges(source: Source, topics: frozenset[str]) -> dict[tuple[str, str],
         edge = (pose.parent, pose.child)
         if edge in first or len(first) < LIMITS.named:
             known = first.setdefault(edge, pose.parent_from_child)
-            if not np.allclose(known, pose.parent_from_child, rtol=0, atol=_FIXED_WITHIN):
+            if not same_numbers(known, pose.parent_from_child):  # it says nothing of how two cameras are mounted
                 moving.add(edge)
     return {edge: pose for edge, pose in first.items() if edge not in moving}
 

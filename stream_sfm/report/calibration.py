@@ -11,7 +11,6 @@ from ..rig_model.model import disparity_over_image
 from ..rig_model.terms import DELAY, FOCAL, READOUT
 
 _SAMPLES = (5, 9)  # rows and columns of the places in the image over which errors are averaged
-_TELLING = 0.1  # relative error of a distance: the sentence says from which distance on it is exceeded
 
 
 def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, Any]:
@@ -25,10 +24,11 @@ def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, A
             f"{disparity_rms_px(estimate.mean - refined):.2f} px more, as these images show"
         )
     elif estimate.applied:
-        far_m = _TELLING * projection.f_px * projection.baseline_m / max(rms_px, 1e-9)
+        telling = 0.1  # relative error of a distance
+        far_m = telling * projection.f_px * projection.baseline_m / max(rms_px, 1e-9)
         text = (
             f"wrong by {rms_px:.2f} px of disparity, which is corrected: without that, distances beyond {far_m:.3g} m "
-            "would be off by 10 % and more"
+            f"would be off by {100 * telling:.0f} % and more"
         )
     elif refined is not None:
         text = (

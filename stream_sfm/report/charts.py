@@ -16,8 +16,6 @@ from .tables import NEES_INTERVAL, LengthUnit
 from .traces import Trace
 
 Traces = dict[str, Trace]
-_LEAST_NEES = 0.1  # least value drawn: the first poses are exact by definition
-_MOST_LIVES = 1200  # lines; more cannot be told apart
 
 
 def _line(look: Look, x: Array, y: Array, dots: bool = False) -> Series:
@@ -67,7 +65,8 @@ def rotation_errors(traces: Traces, looks: Looks = of_method) -> Markup:
 
 def nees(traces: Traces, gaps: Sequence[int] = (), looks: Looks = of_method) -> Markup:
     """NEES of the pose over the frames."""
-    series = _of_traces(traces, looks, lambda t: np.maximum(t.nees, _LEAST_NEES), lambda t: t.frames.astype(float))
+    least = 0.1  # drawn: the first poses are exact by definition
+    series = _of_traces(traces, looks, lambda t: np.maximum(t.nees, least), lambda t: t.frames.astype(float))
     note = "shaded: 95 % where the covariance holds; above: too small"
     return draw(
         Chart("NEES of the pose", "frame", "NEES", series, note, log_y=True, expected=NEES_INTERVAL, marks=gaps)
@@ -137,7 +136,8 @@ def lives(front: FrontRecord) -> Markup:
     if not spans:
         return Markup('<p class="none">No point was tracked.</p>')
     note = f"{len(spans)} points, one line each, seen in {front.tracks()['mean_frames']:.1f} frames in the mean"
-    return lifetimes("Track lifetimes", spans[:: max(1, -(-len(spans) // _MOST_LIVES))], note)
+    most = 1200  # lines; more cannot be told apart
+    return lifetimes("Track lifetimes", spans[:: max(1, -(-len(spans) // most))], note)
 
 
 def _per_frame(run: RunRecord, y: Array) -> Series:

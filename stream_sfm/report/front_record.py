@@ -6,28 +6,30 @@ from typing import Any
 import numpy as np
 
 from ..observer import Observed
+from ..recording.pairing import gaps_after
 from ..types import Frame, FrameEstimate
-
-_GAP = 1.6  # gap, in median steps of the latest frames; chosen by hand: one lost frame makes it 2
-_STEPS = 50  # frames over which the median is taken
 
 
 class FrontRecord:
     """Keeps, frame by frame, what all methods share.
 
-    `lives`: track id -> [first frame, last frame]; `gaps`: frames that follow a gap in time; `local_difference_m`: for
-    each frame the median distance of CC and WC local points.
+    `lives`: track id -> [first frame, last frame]; `local_difference_m`: for each frame the median distance of CC and
+    WC local points.
     """
 
     def __init__(self) -> None:
         self.times_ms: dict[str, list[float]] = {"decode": [], "rectify": [], "frontend": []}
         self.lives: dict[int, list[int]] = {}
-        self.gaps: list[int] = []
         self.local_difference_m: list[float] = []
-        self._stamps_ns: list[int] = []  # the latest
+        self._stamps_ns: list[int] = []
 
     def __len__(self) -> int:
         return len(self.times_ms["decode"])
+
+    @property
+    def gaps(self) -> list[int]:
+        """Frames that follow a gap in time."""
+        return [frame + 1 for frame in gaps_after(self._stamps_ns)]
 
     def add(self, observed: Observed, frame: Frame, estimates: Mapping[str, FrameEstimate]) -> None:
         """Keep one frame; `estimates`: by method."""
@@ -36,10 +38,7 @@ class FrontRecord:
             times.append(observed.timings_ms[stage])
         for track in observed.observations.track_ids.tolist():
             self.lives.setdefault(track, [index, index])[1] = index
-        self._stamps_ns = [*self._stamps_ns[1 - _STEPS :], frame.stamp_ns]
-        steps = np.diff(self._stamps_ns)
-        if len(steps) > 2 and steps[-1] > _GAP * np.median(steps):
-            self.gaps.append(index)
+        self._stamps_ns.append(frame.stamp_ns)
         self._compare_points(estimates.get("cross-frame-cc"), estimates.get("cross-frame-wc"))
 
     def _compare_points(self, cc: FrameEstimate | None, wc: FrameEstimate | None) -> None:

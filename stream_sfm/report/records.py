@@ -29,7 +29,6 @@ _WIDTH = _COV.stop + len(_NUMBERS)
 # Frames; real calibrations are corrected within the first two or three, with little effect on the poses.
 _AT_THE_START = 10
 NO_LOOPS: Array = np.zeros((0, 2, 3))
-_MANY_DEGRADED = 0.5  # share of the frames beyond which the recording, rather than the scene, is at fault
 
 
 class RunRecord:
@@ -147,7 +146,7 @@ class RunRecord:
             notes.append(f"{counted(self.refused, 'frame')} refused, the first: {self.first_refusal}")
         if lost := self.count(Status.LOST):
             notes.append(f"tracking was lost in {counted(lost, 'frame')}, {self._first(Status.LOST)}")
-        if (degraded := self.count(Status.DEGRADED)) > _MANY_DEGRADED * len(self):
+        if 2 * (degraded := self.count(Status.DEGRADED)) > len(self):  # the recording is at fault, not the scene
             notes.append(f"{degraded} of {counted(len(self), 'frame')} degraded, {self._first(Status.DEGRADED)}")
         return [*notes, *([self.failure] if self.failure else [])]
 

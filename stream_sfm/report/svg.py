@@ -18,7 +18,6 @@ from ..record import record
 _WIDTH_PX, _HEIGHT_PX, _TEXT_PX = 480, 270, 11
 _VARIABLES = (*(f"c{k}" for k in range(1, 9)), "other", "truth", "soft", "axis", "line", "ok", "lost", "card")
 _COLOUR = {name: f"#1234{k:02x}" for k, name in enumerate(_VARIABLES)}
-_MANY_TICKS = 300  # of the ends of a logarithmic axis: from here on only powers of ten are named
 
 
 @record
@@ -155,7 +154,8 @@ def _svg(canvas: Any, title: str) -> Markup:
     for axis in (canvas.axes[0].xaxis, canvas.axes[0].yaxis):
         if axis.get_scale() == "log":
             low, high = axis.get_view_interval()
-            axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < _MANY_TICKS * low else (1,), numticks=9))
+            wide = high >= 300 * low  # only powers of ten are named
+            axis.set_major_locator(LogLocator(subs=(1,) if wide else (1, 2, 5), numticks=9))
             axis.set_major_formatter(StrMethodFormatter("{x:g}"))
             axis.set_minor_formatter("")
     file = io.StringIO()

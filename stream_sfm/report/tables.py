@@ -8,7 +8,6 @@ from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 NEES_INTERVAL = (1.24, 14.45)  # 95 % of one pose, 6 expected: poses of a log share their errors and say hardly more
-_LARGE = 1000  # from here on all digits before the point are shown
 
 
 class LengthUnit(NamedTuple):
@@ -115,4 +114,5 @@ def text_of(value: Any, factor: float = 1.0) -> str:
     if isinstance(value, str | int):
         return value if isinstance(value, str) else str(value)
     x = factor * value
-    return (f"{x:.0f}" if _LARGE <= abs(x) < 1e6 else f"{x:#.3g}").rstrip(".").replace("-", "−")
+    # of large numbers all digits before the point
+    return (f"{x:.0f}" if 1000 <= abs(x) < 1e6 else f"{x:#.3g}").rstrip(".").replace("-", "−")

@@ -7,7 +7,6 @@ from pathlib import Path
 from ..files import json_bytes
 
 NAME = "metadata.yaml"
-_VERSION = 5  # of ROS 2 Humble; later ones read it
 
 
 def bag_metadata(file: str, topics: Mapping[str, tuple[str, str, int]], first_ns: int, last_ns: int) -> bytes:
@@ -26,7 +25,7 @@ def bag_metadata(file: str, topics: Mapping[str, tuple[str, str, int]], first_ns
         for topic, (kind, quality, messages) in topics.items()
     ]
     information = {
-        "version": _VERSION,
+        "version": 5,  # of ROS 2 Humble; later ones read it
         "storage_identifier": "mcap",
         "relative_file_paths": [file],
         **of_all,

@@ -42,7 +42,6 @@ TOPICS = {
 }
 _LEVELS = {Status.OK: 0, Status.INITIALISING: 0, Status.DEGRADED: 1, Status.LOST: 2}  # of diagnostic_msgs
 _MAX_POSES = 4096  # of the path in one message; beyond it every other pose is dropped
-_GROWTH = 1.05  # the path is published again when it is 5 % longer
 Stamped = Iterator[tuple[str, Any]]  # topic and message
 
 
@@ -189,7 +188,7 @@ class PathSoFar:
         self._frames += 1
         if self._frames < self._due_at:
             return False
-        self._due_at = self._frames * _GROWTH
+        self._due_at = 1.05 * self._frames
         return True
 
     def poses(self) -> list[Any]:

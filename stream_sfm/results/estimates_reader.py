@@ -20,7 +20,6 @@ from .own_messages import SCHEMA_VERSION, estimate_of
 from .ros_messages import COVARIANCE_FIELDS, POINT_DTYPE
 
 _OURS = "/stream_sfm/"  # how most topics of a run's file begin
-_FEW_MESSAGES = 100  # of a file, enough to recognise it
 _MATRIX_FROM_UPPER = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
 Result = TypeVar("Result")
 
@@ -132,7 +131,8 @@ def _decoded(stored: Message, topic: str) -> Any:
 
 def _check_it_is_ours(path: Path, topic: str) -> None:
     """Raise LogError where a file has messages, but none of a run: a topic of ours may be empty, as in a short run."""
-    topics = {message.channel.topic for message in islice(LogFile(path).messages(Damage()), _FEW_MESSAGES)}
+    few = 100  # messages, enough to recognise it
+    topics = {message.channel.topic for message in islice(LogFile(path).messages(Damage()), few)}
     ours = any(name.startswith(_OURS) for name in topics) and topic.startswith(_OURS)
     if topics and not ours:
         others = ", ".join(sorted(topics))

@@ -32,7 +32,6 @@ from .own_messages import SCHEMA_VERSION
 
 _CHUNK_NS = 500_000_000  # a chunk is closed after this much log time: what a killed process loses at most
 _CHUNK_FRAMES = 20  # and after this many frames, at the latest
-_CHUNK_BYTES = 4 * 2**20  # and at this size; never reached by 20 frames of 200 points
 # Quality of service of /tf_static, without which subscribers do not get a message from before their time. The numbers
 # are those of ROS's enumerations: keep last, reliable, transient local, automatic. All versions of ROS 2 read them.
 _LATCHED = """\
@@ -63,7 +62,9 @@ class EstimatesWriter:
     ) -> None:
         self._messages = RosMessages(config.ros, map_from_world)
         self._file = PartFile(path)
-        self._writer = writer = Writer(cast(IO[Any], self._file), chunk_size=_CHUNK_BYTES)
+        self._writer = writer = Writer(
+            cast(IO[Any], self._file), chunk_size=2**22
+        )  # not reached by 20 frames of 200 points
         writer.start("ros2", library=f"stream_sfm {__version__}, mcap {mcap.__version__}")
         about = {"software_version": __version__, "schema_version": str(SCHEMA_VERSION), "method": config.method}
         writer.add_metadata("stream_sfm", about | {"unscaled": str(rig.unscaled).lower()})

@@ -19,7 +19,6 @@ from .estimates_writer import EstimatesWriter
 from .trajectory_files import NAMES, first_lines, lines_of, tum_line
 
 UNIT_WITHOUT_SCALE = "unscaled: the distance between the first two views that show depths (one camera)"
-_STEM = 60  # characters of a log's name in that of a folder: in UTF-8 it fits the 255 bytes of file systems
 
 
 class ResultFolder:
@@ -134,7 +133,8 @@ def close_all(sinks: Iterable[Closed]) -> None:
 
 def new_run_folder(log_path: str | Path, root: str | Path = "runs") -> Path:
     """Return a name that is not in use, `<root>/<log>-<local time>`; the folder is not made."""
-    root, stem = Path(root), Path(log_path).stem[:_STEM] or "log"
+    most = 60  # characters, which in UTF-8 fit the 255 bytes of file systems
+    root, stem = Path(root), Path(log_path).stem[:most] or "log"
     name = f"{stem}-{time.strftime('%Y%m%d-%H%M%S')}"
     folder, number = root / name, 1
     while os.path.exists(folder):

@@ -40,7 +40,6 @@ _STYLE: Any = {
     "legend.frameon": False,
     "svg.hashsalt": "stream-sfm",  # equal bytes for equal results
 }
-_DPI = 160  # legible on a screen of high density; a smaller file than for print
 _BATCH_COLOURS = ("#9ecae1", "#4f97c8", "#2171b5", "#08306b")
 _OTHERS = {
     "frame-to-frame": ("frame to frame", "#d95f02", "-"),
@@ -97,6 +96,6 @@ def draw(report: Report, folder: Path) -> None:
             axis.set_ylabel(f"RMS error\n{label}")
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
         figure.suptitle(f"Errors of motion and structure, {report['trials']} random scenes", fontsize=11)
-        figure.savefig(folder / "figure6.png", dpi=_DPI)
+        figure.savefig(folder / "figure6.png", dpi=160)  # legible on a dense screen, and smaller than for print
         figure.savefig(folder / "figure6.svg", metadata={"Date": None})
     plt.close(figure)

@@ -15,11 +15,10 @@ from ..camera.pixels import to_grey
 from ..camera.rig import StereoRig
 from ..errors import LogError, StreamSfmError
 from ..mcap_file.message import Damage, Message
-from .devices import Device
+from .devices import WAIT_S, Device
 from .profile import ProfileEncoder
 from .source import Contents, Source
 
-_LAST_PICTURE_S = 6.0  # longest wait for it at the end: the makers' packages wait five
 WAITING_PAIRS = 4  # pairs of pictures that wait; older ones are left out, because a late estimate is of no use live
 
 
@@ -110,7 +109,7 @@ class _Grabber:
     def stop(self) -> None:
         """End after the current picture."""
         self._stopped = True
-        self._thread.join(_LAST_PICTURE_S)
+        self._thread.join(WAIT_S + 1)
 
     def _run(self) -> None:
         try:

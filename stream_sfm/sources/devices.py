@@ -21,7 +21,7 @@ Image = NDArray[np.uint8]
 Grab = Callable[[], tuple[int, Image, Image] | None]
 _RATE_HZ = 30
 _OAK_SIZE = 640, 400  # half the resolution of its sensors, binned
-_WAIT_MS = 5000  # longest wait for a picture; a camera that gives none for so long is gone
+WAIT_S = 5  # longest wait for a picture; a camera that gives none for so long is gone
 
 
 class Device(NamedTuple):
@@ -121,7 +121,7 @@ def _realsense() -> Device:
     rig = StereoRig(cameras[0], cameras[1], se3.from_rotation_translation(rotation, pose.translation))
 
     def grab() -> tuple[int, Image, Image] | None:
-        frames = pipeline.wait_for_frames(_WAIT_MS)
+        frames = pipeline.wait_for_frames(1000 * WAIT_S)
         left, right = (np.array(frames.get_infrared_frame(n).get_data(), np.uint8) for n in (1, 2))
         return round(frames.get_timestamp() * 1e6), left, right  # from milliseconds
 

@@ -2,10 +2,11 @@
 
 import struct
 
+from ..inputs import LIMITS
+
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _MAGIC = ((PNG_SIGNATURE, "png"), (b"\xff\xd8\xff", "jpeg"), (b"RIFF", "webp"))
 PNG_CHUNK = struct.Struct(">I4s")  # length of the content, kind; a checksum of 4 bytes follows the content
-_MAX_SCANS = 64  # of a JPEG: progressive ones have about ten, and each costs a pass over the whole image
 
 
 _TIFF = ((b"II*\0", "<"), (b"MM\0*", ">"))  # with the order of bytes
@@ -61,7 +62,7 @@ def problem(data: bytes) -> str:
     """
     if data.startswith(b"\xff\xd8"):
         scans = data.count(b"\xff\xda")
-        return f"it has {scans} scans" if scans > _MAX_SCANS else ""
+        return f"it has {scans} scans" if scans > LIMITS.jpeg_scans else ""
     if not data.startswith(b"\x89PNG"):
         return ""
     at = len(PNG_SIGNATURE)

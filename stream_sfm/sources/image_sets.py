@@ -16,9 +16,7 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff")
 # Names that are times since 1970: digits of a whole number (as now and for 200 years) -> nanoseconds of its unit.
 _UNITS_NS = {19: 1, 16: 1_000, 13: 1_000_000}
 _SECONDS = re.compile(r"\d{10}\.\d{1,9}")
-_MAX_RATE_HZ = 1e6
 DEFAULT_RATE_HZ = 10.0
-_MOST_ALONE = 0.5  # share of all numbers found on one side only, beyond which they are not frame numbers
 
 
 def open_images(
@@ -77,7 +75,7 @@ def _at_rate(count: int, rate_hz: float | None, notes: list[str]) -> list[int]:
     if rate_hz is None:
         rate_hz = DEFAULT_RATE_HZ
         notes.append(f"no stamps and no rate were given: frames are put {1 / rate_hz:g} s apart")
-    if not 0 < rate_hz < _MAX_RATE_HZ:
+    if not 0 < rate_hz < 1e6:
         raise ConfigError(f"the rate must be a positive number of frames per second, got {rate_hz:g}")
     return [round(n * 1e9 / rate_hz) for n in range(count)]
 
@@ -132,7 +130,7 @@ def _places(left: list[Path], right: list[Path]) -> tuple[list[list[int]], int]:
     alone = of_left ^ of_right
     if all(len(set(n)) == len(n) for n in numbers) and alone and of_left & of_right:
         every = list(of_left | of_right)
-        if not all(n.isdecimal() for n in every) or len(alone) > _MOST_ALONE * len(every):
+        if not all(n.isdecimal() for n in every) or 2 * len(alone) > len(every):  # they are no numbers of frames
             first = next(p for p in (*left, *right) if _number(p) in alone)
             raise LogError(
                 f"{len(alone)} of {len(left)} left and {len(right)} right images have no partner of the same number, "

@@ -22,7 +22,6 @@ from ..inputs import INT64, LIMITS, read_small, reading
 from ..types import Trajectory
 
 _UNIT_NORMS = (0.9, 1.1)  # of a quaternion: files give as few as four digits
-_ROTATION_TOLERANCE = 1e-2  # of R Rᵀ from the identity, for the same reason
 _KITTI = "a pose of 12 numbers"
 _NANOSECOND_DIGITS = 13  # a whole number of so many digits is in nanoseconds: in seconds it would be the year 31690
 
@@ -189,10 +188,10 @@ def _matrices(path: Path, rows: _Rows) -> Array:
     poses = np.tile(np.eye(4), (len(rows.lines), 1, 1))
     poses[:, :3] = rows.values.reshape(-1, 3, 4)
     rotations = poses[:, :3, :3]
-    if not np.allclose(rotations @ rotations.swapaxes(1, 2), np.eye(3), atol=_ROTATION_TOLERANCE):
-        raise LogError(f"{path}: the first 3×3 numbers of a line are not a rotation: is it KITTI's format?")
-    if (mirrored := np.flatnonzero(np.linalg.det(rotations) < 0)).size:
+    if (mirrored := np.flatnonzero(se3.is_rotation(-rotations))).size:
         raise LogError(
             f"{path}, line {rows.lines[mirrored[0]]}: the pose is mirrored: give poses in right-handed axes"
         )
+    if not se3.is_rotation(rotations).all():
+        raise LogError(f"{path}: the first 3×3 numbers of a line are not a rotation: is it KITTI's format?")
     return se3.orthonormalise(poses)

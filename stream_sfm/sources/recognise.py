@@ -20,7 +20,6 @@ _OTHER_FILES = (
     ((b"RRF",), "a Rerun recording: give the log that it was made from"),
     ((b"\x28\xb5\x2f\xfd",), "compressed with zstd: decompress it with `zstd -d`"),
 )
-_START_BYTES = 16
 _RESULT = "estimates.mcap"  # of a run
 SUFFIXES = (".mcap", ".bag", ".db3")
 SUPPORTED = (
@@ -59,7 +58,7 @@ def is_recording(path: Path) -> bool:
 
 def _open_file(path: Path) -> Source:
     with reading(path), open_regular(path) as stream:
-        start = stream.read(_START_BYTES)
+        start = stream.read(16)  # as many as the longest of these beginnings has
         stream.seek(max(stream.seek(0, os.SEEK_END) - len(MCAP_MAGIC), 0))
         end = stream.read()
     if start.startswith(MCAP_MAGIC):

@@ -23,7 +23,6 @@ from .sqlite_bag import SqliteBagSource, connect
 _SUFFIXES = (".mcap", ".db3")
 # What the compressed files of a bag may hold in all: images hardly shrink, numbers to a tenth.
 _FREE_BYTES, _MAX_RATIO = 2**29, 20
-_SQLITE_VERSIONS_AT = 18  # two bytes: 1 with a rollback journal, 2 with a write-ahead log
 # What is read of metadata.yaml, as recorders write it: a YAML parser would take minutes for a long one, and aliases
 # can make it take forever.
 _FILES = re.compile(r"^ *relative_file_paths: *\n((?: *- +[^\n]*\n?)+)", re.MULTILINE)
@@ -118,7 +117,8 @@ class _Decompressor:
             size = self._decompress(path, copy)
             if database is None:
                 return McapSource(path, os.dup(copy.fileno()))
-            os.pwrite(copy.fileno(), b"\1\1", _SQLITE_VERSIONS_AT)  # there is no write-ahead log beside a copy
+            # SQLite's two versions: 1 with a rollback journal, 2 with a write-ahead log, which is not beside a copy
+            os.pwrite(copy.fileno(), b"\1\1", 18)
             return SqliteBagSource(path, database, size)
 
     def _decompress(self, path: Path, copy: IO[bytes]) -> int:

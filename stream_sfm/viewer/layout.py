@@ -25,11 +25,8 @@ SERIES_COLOURS = [(90, 160, 255), (120, 220, 120), (255, 190, 80), (240, 90, 90)
 _RELATIVE_SIGMA = (1e-3, 1e-1)
 _STOPS = np.array([(90, 90, 255), (70, 120, 255), (50, 150, 240), (40, 170, 200), (31, 158, 137), (53, 183, 121),
                    (110, 206, 88), (181, 222, 43), (253, 231, 37)], dtype=float)  # fmt: skip
-_STEPS = 256
-_RGB = [
-    np.interp(np.linspace(0, len(_STOPS) - 1, _STEPS), range(len(_STOPS)), c).astype(np.uint32) for c in _STOPS.T
-]
-# (_STEPS,) as 0xRRGGBBAA, from the first stop to the last: Rerun logs packed ones three times faster.
+_RGB = [np.interp(np.linspace(0, len(_STOPS) - 1, 256), range(len(_STOPS)), c).astype(np.uint32) for c in _STOPS.T]
+# (256,) as 0xRRGGBBAA, from the first stop to the last: Rerun logs packed ones three times faster.
 _COLOURS = _RGB[0] << 24 | _RGB[1] << 16 | _RGB[2] << 8 | np.uint32(255)
 
 
@@ -39,7 +36,7 @@ def colours_of(points_in_cam: Array, cov_points: Array) -> NDArray[np.uint32]:
     relative = sigma / np.maximum(np.linalg.norm(points_in_cam, axis=1), 1e-9)
     low, high = np.log(_RELATIVE_SIGMA)
     place = (np.log(np.clip(relative, *_RELATIVE_SIGMA)) - low) / (high - low)
-    return _COLOURS[(place * (_STEPS - 1)).astype(int)]
+    return _COLOURS[(place * (len(_COLOURS) - 1)).astype(int)]
 
 
 def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Blueprint:

@@ -15,10 +15,10 @@ import rerun.blueprint as rrb
 from ..errors import ConfigError, OutputError
 
 _LOCAL = "127.0.0.1"  # a viewer listens on every interface unless it is told otherwise
-_START_S = 30.0  # for a viewer to listen; on a loaded machine it takes seconds
-_FLUSH_S = 30.0  # for the last data to reach a slow disk
+_WAIT_S = (
+    30.0  # for a viewer to listen, which takes seconds on a loaded machine, and for the last data on a slow disk
+)
 _FOR_FILES = rr.ChunkBatcherConfig(flush_tick=10.0, flush_num_bytes=16 * 2**20)  # seconds; bytes held in memory
-_COPY_BYTES = 2**20
 
 
 class Recording:
@@ -60,7 +60,7 @@ class Recording:
         problem = ""
         try:
             if self.watched:
-                self.stream.flush(timeout_sec=_FLUSH_S)
+                self.stream.flush(timeout_sec=_WAIT_S)
         except Exception as error:  # Rerun raises exceptions of its own
             problem = str(error).partition("\n")[0]
         self.stream.disconnect()
@@ -96,12 +96,12 @@ class _File:
 
     def close(self) -> str:
         """Wait for the last data; why the file is incomplete, if it is."""
-        self._thread.join(_FLUSH_S)
+        self._thread.join(_WAIT_S)
         return "the disk is too slow" if self._thread.is_alive() else self._problem
 
     def _copy(self, source: int, file: IO[bytes]) -> None:
         with open(source, "rb", buffering=0) as pipe, file:
-            while data := memoryview(pipe.read(_COPY_BYTES)):
+            while data := memoryview(pipe.read(2**20)):
                 try:
                     while data and not self._problem:
                         data = data[file.write(data) :]
@@ -132,7 +132,7 @@ def _start_viewer() -> tuple["subprocess.Popen[bytes]", int]:
         stderr=subprocess.DEVNULL,
         start_new_session=True,  # Ctrl-C ends the run, not the window
     )
-    deadline_s = time.monotonic() + _START_S
+    deadline_s = time.monotonic() + _WAIT_S
     while viewer.poll() is None and time.monotonic() < deadline_s:
         with socket.socket() as trial:
             if trial.connect_ex((_LOCAL, port)) == 0:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..camera.lens import project_into_image
 from ..camera.rig import MonoRig, StereoRig
+from ..evaluation.association import MAX_GAP_NS
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..sources.image_header import image_format
@@ -24,9 +25,7 @@ if TYPE_CHECKING:
     from ..places.place_map import PlaceMap
 
 _LEVELS = {Status.OK: "INFO", Status.INITIALISING: "INFO", Status.DEGRADED: "WARN", Status.LOST: "ERROR"}
-_TRUTH_TOLERANCE_NS = 50_000_000  # half a period at 10 Hz
 _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]  # of images that are not compressed: a fifth to a tenth of their bytes
-_IMAGE_BASELINES = 3  # distance at which an image is shown in front of its camera
 
 
 class RerunSink:
@@ -48,7 +47,7 @@ class RerunSink:
         self._cams_from_left, self._image_distance, self._unit = [np.eye(4)], 1.0, "first baselines"
         if isinstance(rig, StereoRig):
             self._cams_from_left, self._unit = [np.eye(4), rig.right_from_left], "metres"
-            self._image_distance = _IMAGE_BASELINES * rig.baseline_m
+            self._image_distance = 3 * rig.baseline_m  # in front of its camera
         self._truth = ground_truth if ground_truth is not None and len(ground_truth) else None
         self._world_from_truth: Array | None = None
         self._previous: Array | None = None
@@ -152,7 +151,7 @@ class RerunSink:
         """Distance to the ground truth at this stamp, NaN where there is none; the first one is aligned and drawn."""
         off_ns = np.abs(truth.stamps_ns - estimate.stamp_ns)
         nearest = int(off_ns.argmin())
-        if off_ns[nearest] > _TRUTH_TOLERANCE_NS:
+        if off_ns[nearest] > MAX_GAP_NS / 2:
             return float("nan")
         pose = truth.world_from_cam[nearest]
         if self._world_from_truth is None:
