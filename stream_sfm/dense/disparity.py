@@ -18,7 +18,6 @@ Grey = NDArray[np.uint8]
 Image = NDArray[np.float32]
 _SEARCH_WIDTH_PX = 320  # about the width of the small copy: enough for the range, at a fraction of the cost
 _SLOPE_RADIUS_PX = 3  # half width of the patch in which the slope of the disparity is fitted
-_MAX_SLOPE = 1.0  # pixels per pixel; a steeper disparity is an edge
 
 
 @record
@@ -121,7 +120,7 @@ def std_along_ray(
 
 
 def cosine_of_incidence(projection: StereoProjection, ray: Array, disparity_px: Image) -> Array:
-    """Return the cosine (h, w) of the angle between viewing ray and surface normal; at edges, of a frontal plane.
+    """Return the cosine (h, w) of the angle between viewing ray and surface normal; of a frontal plane where unknown.
 
     Where the disparity is d = a u + b v + …, the surface is a plane with n ∝ (f a, f b, d − a (u − cx) − b (v − cy))
     and n · ray ∝ d in the same unit.
@@ -130,9 +129,7 @@ def cosine_of_incidence(projection: StereoProjection, ray: Array, disparity_px: 
     slope, mean = offset / (offset**2).sum(), np.full(len(offset), 1 / len(offset))
     f = projection.f_px
     across, down = (cv2.sepFilter2D(disparity_px, cv2.CV_64F, *k) for k in ((slope, mean), (mean, slope)))
-    with np.errstate(invalid="ignore"):
-        smooth = np.hypot(across, down) < _MAX_SLOPE
-    across, down = (np.where(smooth, f * s, 0.0) for s in (across, down))
+    across, down = (np.where(np.isfinite(s), f * s, 0.0) for s in (across, down))
     length = np.linalg.norm(ray, axis=-1)
     facing = disparity_px - across * ray[..., 0] - down * ray[..., 1]
     return disparity_px / (length * np.sqrt(across**2 + down**2 + facing**2))

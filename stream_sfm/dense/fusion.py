@@ -20,11 +20,8 @@ from .mesh import Mesh
 
 _REACH = 2  # voxels on either side of a surface in which its distance is kept (the truncation distance)
 _VOXEL_FOOTPRINTS = 2.0  # edge of a voxel in pixels at the median depth: finer ones would not all be hit
-_VOXEL_STD = 0.75  # least edge of a voxel in median σ: finer ones would only show noise
 _MAX_STD_VOXELS = 3.0  # in voxels; distances with a larger σ would be truncated by the reach and so be biased
-_MIN_STD_VOXELS = 1e-3  # in voxels; keeps the weight of a perfect match finite
 _WEIGHT, _DISTANCE, _SHARED, _FRAMES, _COLOUR = 0, 1, 2, 3, slice(4, 7)
-_COLUMNS = 7
 
 
 class Fusion:
@@ -42,7 +39,7 @@ class Fusion:
         self._slots = np.empty(0, np.int32)  # rows of the sums that belong to the keys
         # Sums over frames: weight; weight × (distance, shared variance); frames; weight × colour. Zeros take no
         # memory before they are written to.
-        self._sums = np.zeros((config.max_voxels, _COLUMNS), np.float32)
+        self._sums = np.zeros((config.max_voxels, _COLOUR.stop), np.float32)
 
     def add(
         self, found: DisparityMap, colours: NDArray[np.uint8], world_from_rect: Array, cov_position: Array
@@ -55,7 +52,7 @@ class Fusion:
         depth = p.f_px * p.baseline_m / found.disparity_px.astype(float)
         std_noise = std_along_ray(p, self._rays, found.disparity_px, found.std_noise_px)
         if not self.voxel_m:
-            self.voxel_m = self._fitting_voxel(depth, std_noise)
+            self.voxel_m = self._fitting_voxel(depth)
         with np.errstate(invalid="ignore"):
             certain = (std_noise < _MAX_STD_VOXELS * self.voxel_m) & (depth < _REACH * p.f_px * self.voxel_m)
         if not certain.any():
@@ -70,11 +67,11 @@ class Fusion:
         near = certain[v, u] & (np.abs(distance) < _REACH * self.voxel_m)
         keys, points, u, v, distance = keys[near], points[near], u[near], v[near], distance[near]
 
-        weight = 1 / np.square(np.maximum(std_noise[v, u], _MIN_STD_VOXELS * self.voxel_m))
+        weight = 1 / np.square(std_noise[v, u])
         disparity = found.disparity_px[v, u]
         bias = std_along_ray(p, self._rays[v, u], disparity, np.full(disparity.shape, found.std_bias_px))
         shared = bias**2 + _variance_along(points, cov_position)
-        sums = np.empty((len(keys), _COLUMNS), np.float32)
+        sums = np.empty((len(keys), _COLOUR.stop), np.float32)
         sums[:, _WEIGHT], sums[:, _FRAMES] = weight, 1
         sums[:, _DISTANCE], sums[:, _SHARED] = weight * distance, weight * shared
         sums[:, _COLOUR] = weight[:, None] * colours[v, u]
@@ -101,12 +98,11 @@ class Fusion:
             np.sqrt(surface.attributes[:, 3]).astype(np.float32),
         )
 
-    def _fitting_voxel(self, depth: Array, std_noise: Array) -> float:
-        """Return the edge of a voxel that fits the pixels and the σ at the median depth; 0 where nothing is seen."""
+    def _fitting_voxel(self, depth: Array) -> float:
+        """Return the edge of a voxel that fits the pixels at the median depth; 0 where nothing is seen."""
         if not np.isfinite(depth).any():
             return 0.0
-        footprint = _VOXEL_FOOTPRINTS * np.nanmedian(depth) / self.projection.f_px
-        return float(max(footprint, _VOXEL_STD * np.nanmedian(std_noise)))
+        return float(_VOXEL_FOOTPRINTS * np.nanmedian(depth) / self.projection.f_px)
 
     def _voxels_in_view(
         self, surface: Array, world_from_rect: Array

@@ -10,8 +10,6 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from .disparity import DisparityMap, rays, std_along_ray
 
-_MAX_RELATIVE_STEP = 0.1  # of the disparity between neighbours: at far range, noise would be drawn out into spikes
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Mesh:
@@ -52,9 +50,8 @@ def mesh_of_frame(
     a, b, c, e = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]  # above a b, below c e
     faces = np.concatenate([np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, c, b), (b, c, e))])
     corners = d.ravel()[faces]
-    step, nearest = np.ptp(corners, axis=1), corners.max(axis=1)
     with np.errstate(invalid="ignore"):  # NaN compares false
-        faces = faces[(step <= max_step_px) & (step <= _MAX_RELATIVE_STEP * nearest)]
+        faces = faces[np.ptp(corners, axis=1) <= max_step_px]
     used = np.zeros(d.size, bool)
     used[faces] = True
     kept = np.flatnonzero(used)

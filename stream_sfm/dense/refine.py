@@ -19,12 +19,8 @@ from numpy.typing import NDArray
 from ..config import DenseConfig
 
 Image = NDArray[np.float32]
-_ITERATIONS = 2  # the start is within a pixel, and each step corrects most of what is left
-_BILATERAL_PX = 1.0  # disparities that differ by more belong to different surfaces
 _MIN_NOISE_GREY = 1.0  # grey levels: rounding, which smoothing hides
-_MAX_STEP_PX = 1.0  # of one iteration; the linearisation does not hold further away
 _OWN_PX = 5  # edge of the window in which a pixel beside a depth edge must have texture
-_FAR_BELOW_PX = 10.0  # below all disparities: marks unknown pixels, which the bilateral filter must not average in
 _MIN_GRADIENT = 1e-3  # grey²/px², keeps the σ of a window without texture finite
 
 
@@ -41,7 +37,9 @@ def refine(
     soft_left, soft_right = (_smoothed(image, smoothing) for image in (left, right))
     slope_left, slope_right = (_slope(image) for image in (soft_left, soft_right))
     v, u = np.mgrid[: left.shape[0], : left.shape[1]].astype(np.float32)
-    unknown = np.float32(np.nanmin(start_px) - _FAR_BELOW_PX)
+    surface_px = config.max_disparity_step_px  # disparities that differ by more belong to different surfaces
+    # Far below all disparities: the bilateral filter must not average unknown pixels in.
+    unknown = np.float32(np.nanmin(start_px) - 10 * surface_px)
 
     def total(values: NDArray[Any], size: int = size) -> Image:
         masked = np.where(known, values, 0).astype(np.float32)
@@ -49,8 +47,8 @@ def refine(
 
     n = np.maximum(total(known), 1)
     disparity = np.where(known, start_px, unknown)
-    for _ in range(_ITERATIONS):
-        disparity = cv2.bilateralFilter(disparity, size, _BILATERAL_PX, config.window_radius_px)
+    for _ in range(2):  # the start is within a pixel, and each step corrects most of what is left
+        disparity = cv2.bilateralFilter(disparity, size, surface_px, config.window_radius_px)
         disparity = np.where(known, disparity, unknown)
         warped, slope = (
             cv2.remap(image, u - disparity, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -62,8 +60,7 @@ def refine(
         gr = total(g * r) - n * mean_g * mean_r
         rr = total(r * r) - n * mean_r**2
         noise = shared_pixels * np.maximum((rr - gr**2 / gg) / np.maximum(n - 2, 1), _MIN_NOISE_GREY**2)
-        step = -gr / (gg + noise / config.std_start_px**2)
-        disparity = disparity + np.clip(step, -_MAX_STEP_PX, _MAX_STEP_PX)
+        disparity = disparity - gr / (gg + noise / config.std_start_px**2)
     own = np.maximum(
         total(g * g, _OWN_PX) - total(g, _OWN_PX) ** 2 / np.maximum(total(known, _OWN_PX), 1), _MIN_GRADIENT
     )
