@@ -32,12 +32,12 @@ _MAX_SHIFT_PX = 1e-2  # of any pixel by rectification: smaller ones, a third of 
 # Depth after the rotation of a ray that had depth 1: at less an edge of the image lies beside or behind the
 # rectified camera, as with a lens of 180°.
 _MIN_RAY_DEPTH = 0.2
-_EXCHANGED = -0.5  # x of the direction from left to right camera: below, within 60° of left, they are exchanged
-_BESIDE = 0.7  # the same: below, the right camera is above, below, in front or behind rather than beside
+# x of the direction from left to right camera: below, the right camera is above, below, in front or behind rather than
+# beside; within as much of the other direction they are exchanged.
+_BESIDE = 0.7
 _PARALLEL = 1e-3  # sine of the angle between baseline and view: below, both cameras look along one line
 _ROW_DEGREE = 7  # of the polynomial in each coordinate for rows of the camera's image, and how many places it fits
 _ROW_NODES = 21
-_ROW_REACH = 0.6  # shares of the image from its middle: what lies further out was not seen
 _MIN_VALID = 0.02  # of the rectified image's area: with less image content there is nothing to track
 
 
@@ -96,7 +96,7 @@ class Rectifier:
             rays = np.column_stack([places_px, np.ones(len(places_px))]) @ np.linalg.inv(k_rectified).T @ rotation
             ahead = rays[:, 2] > 0
             raw = project_into_image(camera, rays[ahead])
-            inside = (np.abs(raw / (camera.width, camera.height) - 0.5) < _ROW_REACH).all(axis=1)
+            inside = (np.abs(raw / (camera.width, camera.height) - 0.5) < 0.5).all(axis=1)  # what else was not seen
             row = raw[inside, 1] / (camera.height - 1) - 0.5
             found.append(np.linalg.lstsq(products[ahead][inside], row, rcond=None)[0].reshape(x.shape[1], -1))
         return ExposedRows((p.width, p.height), np.stack(found))
@@ -126,7 +126,7 @@ def _rectifying_rotations(rig: StereoRig | MonoRig) -> tuple[Array, ...]:
     rotation, translation = rig.right_from_left[:3, :3], rig.right_from_left[:3, 3]
     right_in_left = -rotation.T @ translation
     x = right_in_left / np.linalg.norm(right_in_left)
-    if x[0] < _EXCHANGED:
+    if x[0] < -_BESIDE:
         raise RigError(
             f"the right camera stands {-right_in_left[0]:.3f} m to the left of the left one: "
             "exchange left and right, or the sign of the baseline in the calibration",

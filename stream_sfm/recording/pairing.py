@@ -19,13 +19,12 @@ T = TypeVar("T")
 _PENDING_FRAMES = 128  # frames of one side waiting for the other: 4 s at 30 Hz, more than any writer buffers
 _UNKNOWN_PERIOD_NS = 10_000_000  # where a side has one frame only: 100 Hz, as fast as stereo cameras usually are
 # Frames held back to be sorted, so many that a few wrong stamps are never most of them; of large frames as many as
-# recorders with several threads swap.
+# recorders with several threads swap. A frame that is overtaken by more later arrivals has a wrong stamp; as many stamps
+# are remembered when they are released, for the period and for repeats.
 _WINDOW, _WINDOW_OF_LARGE = 12, 4
 _LARGE_BYTES, _MAX_BYTES = 32 * 2**20, 128 * 2**20  # in the window: more are large, and are never held
-_MAX_OVERTAKEN = 8  # a frame overtaken by more later arrivals than this has a wrong stamp
 _FAR_NS = 60_000_000_000  # from the other frames, at the ends of a recording: the stamp is wrong
 _FEWEST = 3  # frames that show which stamps are wrong, or a clock set back
-_RECENT = 32  # released stamps remembered, for the period and for repeats
 
 
 def gaps_after(stamps_ns: Sequence[int]) -> list[int]:
@@ -71,7 +70,7 @@ class _Side(Generic[T]):
         self.dropped = 0  # that have no place in the order
         self._held, self._segment = held, 0
         self._last_ns: int | None = None
-        self._recent: deque[int] = deque(maxlen=_RECENT)
+        self._recent: deque[int] = deque(maxlen=_WINDOW)
 
     @property
     def full(self) -> bool:
@@ -112,7 +111,7 @@ class _Side(Generic[T]):
         for frame in self.window[: self.window.index(first)]:
             frame.overtaken += 1
         self._take(first)
-        self._drop([f for f in self.window if f.overtaken > _MAX_OVERTAKEN or f.stamp_ns == first.stamp_ns])
+        self._drop([f for f in self.window if f.overtaken > _WINDOW or f.stamp_ns == first.stamp_ns])
 
     def period_ns(self) -> float | None:
         """The median period of the frames released last; None before the second one."""
