@@ -13,13 +13,11 @@ from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import ConfigError, LogError
 from ..recording.stereo_log import open_log
-from ..rig_model.estimate import RigEstimate
+from ..rig_model.estimate import CERTAIN, RigEstimate
 from ..rig_model.terms import DELAY, READOUT, prior_std
 from ..rig_model.terms import TERMS as TERMS_OF_RIG
 from ..types import Frame, FrameEstimate, Selection
 from .replay import replay
-
-_CERTAIN = 5.0  # σ from which on a delay or a readout is written down
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -89,7 +87,7 @@ def timing_of(estimates: Sequence[RigEstimate], config: Config) -> KnownTiming |
     values, certain = [], False
     for term in (TERMS_OF_RIG.index(DELAY), TERMS_OF_RIG.index(READOUT)):
         mean, var = np.array([(e.mean[term], e.cov[term, term]) for e in estimates]).T
-        told = mean**2 > _CERTAIN**2 * var
+        told = mean**2 > CERTAIN**2 * var
         information = (1 / var[told]).sum()
         if told.any():
             values += [float((mean[told] / var[told]).sum() / information), float(information**-0.5)]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..geometry.stereo import StereoProjection
+from ..geometry.stereo import MIN_DEPTH, StereoProjection
 from ..types import Observations
 
 WIDTH, HEIGHT = 512, 480  # px; paper
@@ -22,7 +22,6 @@ FRAME_NS = 100_000_000  # ours: ten frames per second
 _MAX_DRAWS = 50  # rounds of drawing points before less image support is asked for
 _LESS_SUPPORT = 0.95  # factor of the support in each round after that
 _BEYOND_ENDS = 12  # frames: the scene goes on before the first and after the last camera, half a track and more
-_NEAREST_M = 0.1  # depth from which a point can be in view at all; the scene begins twenty times as far
 _CENTRE = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
 _TOE_IN_RAD = float(np.arctan(BASELINE_M / 2 / CROSSING_M))
 
@@ -244,7 +243,7 @@ def _in_view(points_in_cam: Array) -> NDArray[np.bool_]:
     """Return whether both physical images hold the points (…, 3)."""
     pixels = physical_views(points_in_cam)
     inside = (pixels >= -0.5) & (pixels < [WIDTH - 0.5, HEIGHT - 0.5])
-    return (points_in_cam[..., 2] > _NEAREST_M) & inside.all(axis=(-1, -2))
+    return (points_in_cam[..., 2] > MIN_DEPTH) & inside.all(axis=(-1, -2))
 
 
 def _draw_in_view(rng: np.random.Generator, n: int) -> Array:
