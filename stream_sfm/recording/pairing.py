@@ -19,8 +19,8 @@ T = TypeVar("T")
 _PENDING_FRAMES = 128  # frames of one side waiting for the other: 4 s at 30 Hz, more than any writer buffers
 _UNKNOWN_PERIOD_NS = 10_000_000  # where a side has one frame only: 100 Hz, as fast as stereo cameras usually are
 # Frames held back to be sorted, so many that a few wrong stamps are never most of them; of large frames as many as
-# recorders with several threads swap. A frame that is overtaken by more later arrivals has a wrong stamp; as many stamps
-# are remembered when they are released, for the period and for repeats.
+# recorders with several threads swap. A frame that is overtaken by more later arrivals has a wrong stamp; as many
+# released stamps are remembered, for the period and for repeats.
 _WINDOW, _WINDOW_OF_LARGE = 12, 4
 _LARGE_BYTES, _MAX_BYTES = 32 * 2**20, 128 * 2**20  # in the window: more are large, and are never held
 _FAR_NS = 60_000_000_000  # from the other frames, at the ends of a recording: the stamp is wrong
