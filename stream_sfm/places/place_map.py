@@ -286,7 +286,7 @@ class PlaceMap:
         doubtful = {*near} - {*sure} | {graph.numbers[row] for row in elsewhere}
         alike = self._words.alike(keyframe.descriptors, doubtful) if doubtful else ()
         found = [self._verified(old, number, seen) for old in apart(alike, SETTINGS.candidates, SETTINGS.apart)]
-        self._close_doubtful([loop for loop in found if loop is not None], keyframe.depth_m)
+        self._close_doubtful([loop for loop in found if loop is not None])
 
     def _by_detour(self, number: int) -> NDArray[np.bool_]:
         """Which nodes (n,) the camera has come from by a detour."""
@@ -304,9 +304,9 @@ class PlaceMap:
         poses, covs, _ = self._axes.motions(found.earlier_from_newest[None], found.cov[None])
         return Loop(old, new, Motion(poses[0], covs[0]))
 
-    def _close_doubtful(self, loops: list[Loop], depth_m: float) -> None:
+    def _close_doubtful(self, loops: list[Loop]) -> None:
         """Keep a loop until others agree with it; then close them all. What looks like two places says nothing."""
-        if not loops or any(self._are_rivals(loops[0], other, depth_m) for other in loops[1:]):
+        if not loops or any(self._are_rivals(loops[0], other) for other in loops[1:]):
             return
         loop = loops[0]
         agreeing = [other for other in self._pending if other.new != loop.new and self._agree(other, loop)]
@@ -322,13 +322,10 @@ class PlaceMap:
         olds, news = self._graph.between(a.old, b.old), self._graph.between(a.new, b.new)
         return olds is not None and news is not None and self._same(a.motion.then(news), olds.then(b.motion))
 
-    def _are_rivals(self, a: Loop, b: Loop, depth_m: float) -> bool:
+    def _are_rivals(self, a: Loop, b: Loop) -> bool:
         """Whether two loops of one keyframe have it at different places."""
         olds = self._graph.between(a.old, b.old)
-        if olds is None or self._same(a.motion, olds.then(b.motion)):
-            return False
-        apart = se3.log(se3.inverse(a.motion.earlier_from_newest) @ olds.then(b.motion).earlier_from_newest)
-        return _is_elsewhere(np.linalg.norm(apart[:3]), np.linalg.norm(apart[3:]), depth_m)
+        return olds is not None and not self._same(a.motion, olds.then(b.motion))
 
     def _same(self, one: Motion, other: Motion) -> bool:
         """Whether two estimates of a motion, with independent errors, are the same by χ²."""
@@ -338,7 +335,7 @@ class PlaceMap:
     def _is_ambiguous(self, cov: Array, depth_m: float) -> bool:
         """Whether another place may lie within a prediction's covariance (6, 6), as far as the gate reaches."""
         (std_m,), (std_rad,) = np.sqrt(self._gate) * np.array(stds(cov[None]))
-        return _is_elsewhere(std_m, std_rad, depth_m)
+        return bool(std_m > SETTINGS.max_offset_depths * depth_m or std_rad > SETTINGS.max_angle_rad)
 
     def _thin(self) -> None:
         """Let those keyframes go that lie closest to older ones."""
@@ -357,8 +354,3 @@ class PlaceMap:
         for number in gone:
             del self._nodes[number]
             self._words.forget(number)
-
-
-def _is_elsewhere(offset_m: float | np.floating, angle_rad: float | np.floating, depth_m: float) -> bool:
-    """Whether what is so far away is another place."""
-    return bool(offset_m > SETTINGS.max_offset_depths * depth_m or angle_rad > SETTINGS.max_angle_rad)
