@@ -1,6 +1,6 @@
 """Goes through the records of an MCAP file, whole or damaged: behind damage at the next record that can be recognised.
 
-What is found twice is taken once, in bounded time: a file can make it look again at about as many bytes as it has.
+What is found twice is taken once, in bounded time: a file can make it look again at as many bytes as it has.
 """
 
 import errno
@@ -17,8 +17,6 @@ from .search import PEEK_BYTES, Search, Wanted, can_follow, chunk_length
 
 READ = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHANNEL, Opcode.SCHEMA)
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
-_SECOND_LOOKS_BYTES = 64 * 2**20  # beyond the size of the file
-_MAX_RESUMPTIONS = 100_000  # some seconds
 
 
 class Record(NamedTuple):
@@ -61,8 +59,7 @@ class Walk:
         self._unconfirmed: int | None = None  # the record before `_at`, if nothing but what follows can confirm it
         self._has_chunks: bool | None = None  # not known
         self._data_ended = False
-        self._second_looks = size + _SECOND_LOOKS_BYTES
-        self._resumptions_left = _MAX_RESUMPTIONS
+        self._second_looks = size
 
     def __iter__(self) -> Iterator[Record]:
         """Yield the records. Raises OSError where the file cannot be read."""
@@ -136,11 +133,6 @@ class Walk:
 
     def _resume(self, at: int, problem: str) -> None:
         """Go on at the next record behind damage."""
-        self._resumptions_left -= 1
-        if self._resumptions_left < 0:
-            self._damage.add(f"{self._path} is not read from byte {at} on: it is damaged everywhere")
-            self._at = None
-            return
         start = at + 1
         if self._unconfirmed is not None and self._allows(at - self._unconfirmed):
             start = self._unconfirmed + 1  # it may have been taken for longer than it is
