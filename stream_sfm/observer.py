@@ -221,7 +221,7 @@ class Observer:
 
     def _std_shared(self, track_ids: NDArray[np.int64]) -> Array:
         """Return σ (n,) of inverse depths, 1/m, by the disparity error that all views of a point share, eq. (18)."""
-        return self.state.bias.std_px(track_ids) / (self.projection.f_px * self.projection.baseline_m)
+        return self.state.errors.std_disparity_px(track_ids) / (self.projection.f_px * self.projection.baseline_m)
 
     def _check_images(self, frame: Frame, where: str) -> None:
         """Raise a FrameError where the images are not those of the cameras; `where`: which frame it is."""

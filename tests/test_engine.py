@@ -14,7 +14,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.camera.pixels import to_grey
-from stream_sfm.frontend.disparity_bias import MIN_BIAS_PX
+from stream_sfm.frontend.template_errors import MIN_STD_PX
 from stream_sfm.geometry import se3
 from tests.helpers.estimators import nees
 from tests.helpers.wall import Wall, camera_path, rig
@@ -57,7 +57,7 @@ def test_poses_and_structure_follow_the_truth(frames, method: str) -> None:
 def test_points_now_and_ended_keep_the_error_that_all_their_views_share(frames, method: str) -> None:
     engine = sfm.Engine(rig(0.03), sfm.Config(method=method))
     projection = engine.observer.projection
-    shift = MIN_BIAS_PX / (projection.f_px * projection.baseline_m)  # of 1/Z
+    shift = MIN_STD_PX / (projection.f_px * projection.baseline_m)  # of 1/Z
     count = 0
     for estimate in map(engine.step, frames):
         cam = estimate.window_world_from_cam[0]

@@ -3,9 +3,9 @@
     python -m tools.track_errors logs/room.mcap LOG... --frames 150
 
 For each log: the autocorrelation of the row differences v_left − v_right of a match, in units of its σ, from frame to
-frame and the factor per frame at which it falls beyond (`_DECAY` of `frontend/persistence.py`); the learnt ratio of
-lasting to white variance. Where the log has exact poses and depth images, how far left positions are from where the
-point of the first view must be seen, after 1 to 20 frames: of each coordinate, 1.48 times the median.
+frame and the factor per frame at which it falls beyond; what `frontend/template_errors.py` has learnt of white and
+lasting variance and of the decay. Where the log has exact poses and depth images, how far left positions are from where
+the point of the first view must be seen, after 1 to 20 frames: of each coordinate, 1.48 times the median.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from rich.table import Table
 from stream_sfm import Engine, open_log
 from stream_sfm.camera.lens import project_into_image
 from stream_sfm.evaluation.association import matched
-from stream_sfm.frontend.persistence import Persistence
+from stream_sfm.frontend.template_errors import TemplateErrors
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.recording.stereo_log import StereoLog
@@ -45,7 +45,7 @@ class Rows:
 
     def add(self, seen: Observations) -> None:
         """Take in the views of a frame."""
-        rows = Persistence().after(seen.track_ids, seen.z_px, seen.cov_px).rows
+        rows = TemplateErrors().after(seen.track_ids, seen.z_px, seen.cov_px).rows[:, 0]
         now = {int(i): float(r) for i, r in zip(seen.track_ids, rows, strict=True) if np.isfinite(r)}
         self._past.append(now)
         for lag, sums in self._sums.items():
@@ -128,7 +128,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=150)
     args = parser.parse_args()
     lags, ages = (f"after {lag}" for lag in LAGS), (f"px after {age}" for age in AGES)
-    table = Table("log", *lags, "per frame", "ratio", *ages)
+    table = Table("log", *lags, "per frame", "white", "lasting", "decay", *ages)
     for path in args.logs:
         log = open_log(path)
         engine = Engine(log.stereo_rig)
@@ -140,7 +140,8 @@ def main() -> None:
                 slides.add(engine.observations)
         found = np.array(rows.correlations())
         decay = (found[-1] / found[0]) ** (1 / (LAGS[-1] - LAGS[0])) if (found[[0, -1]] > 0).all() else None
-        numbers = [*found, decay, engine.observer.state.persistence.ratio, *slides.spread_px()]
+        learnt = engine.observer.state.errors
+        numbers = [*found, decay, *learnt.parts, learnt.decay, *slides.spread_px()]
         table.add_row(path.stem, *("–" if x is None else f"{x:.2f}" for x in numbers))
     Console(width=140).print(table)
 

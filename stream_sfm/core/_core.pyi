@@ -232,13 +232,15 @@ def row_errors_of_tracks(
     z_px: Array,
     cov_px: Array,
     counts: bool,
-) -> tuple[NDArray[np.int64], Array, float, int]:
-    """Return the ages (n,) of tracks in views, at most 59, and the row differences (n,) of their views, eq. (68).
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return ages (n,) of tracks in views, at most 59, and their row differences (n, k), the latest first, eq. (68).
 
     Tracks `ids` (n,) with views (n, 4) and covariances (n, 4, 4); those of the frame before, `known` (m,), with ages
-    and row differences (m,). All ids ascend; `counts`: whether this frame adds to the ages. Differences are in standard
-    deviations, at most 3, without what a whole frame shares, and NaN without a right side. Also returns the sum of
-    products with the differences of the frame before, and of how many.
+    and row differences (m, k). All ids ascend; `counts`: whether this frame adds to the ages. Differences are in
+    standard deviations, at most 3, without what a whole frame shares, and NaN without a right side. Also returns sums
+    (6,): of squares of the differences of two successive frames, half of both, of their products, and of how many; and
+    of tracks that were seen k frames ago, too: of these products, of the products of the differences now and then, and
+    of how many.
     """
 
 def view_inflation(ages: NDArray[np.int64], ratio_left: float, ratio_right: float, decay: float) -> Array:

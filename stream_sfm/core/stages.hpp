@@ -179,15 +179,14 @@ struct PlacedPoints {  // rows of those that are kept, their views, and their po
 PlacedPoints place_new_points(const RightSides& right_sides, const Timing& timing, const View<double, 2>& seen,
                               const View<double, 3>& cov, double scale, double least_sigmas, double max_std);
 
-// persistence.cpp
+// lasting.cpp
 struct RowErrors {
     Array<std::int64_t, 1> ages;
-    Array<double, 1> rows;
-    double product;
-    std::int64_t pairs;
-    auto parts() { return std::tie(ages, rows, product, pairs); }
+    Array<double, 2> rows;
+    Array<double, 1> sums;
+    auto parts() { return std::tie(ages, rows, sums); }
 };
-RowErrors row_errors_of_tracks(const Indices& known, const Indices& ages, const View<double, 1>& rows, const Indices& ids,
+RowErrors row_errors_of_tracks(const Indices& known, const Indices& ages, const View<double, 2>& rows, const Indices& ids,
                                const View<double, 2>& z, const View<double, 3>& cov, bool counts);
 Array<double, 2> view_inflation(const Indices& ages, double ratio_left, double ratio_right, double decay);
 

@@ -20,11 +20,9 @@ constexpr double UNKNOWN_ERROR_GREY = 255.0;  // of a side that was not found: i
 // Added to the gradient matrix, relative to its trace and absolutely (grey²): along an edge the σ of a position stays within 32
 // times the σ across it, and that of a patch without texture finite.
 constexpr double EDGE_DAMPING = 1e-3, MIN_GRADIENT = 1e-6;
-// s of eq. (17), for the part of the motion across the line of sight and along it. A change of direction shears a patch, which
-// its slope mostly describes; a change of distance also changes its detail and what is beside it. With 0.3 for both the mean
-// NEES of the pose, 6 expected, is 1.8 driving sideways and 12 to 15 driving forward; with these 2.3 and 7 to 11. Smaller ones
-// make poses more accurate and claim too much.
-constexpr double ACROSS = 0.2, ALONG = 0.42;
+// s of eq. (17): of how much a patch changes, what its position slides. Measured where poses and depths are exact, by
+// `python -m tools.track_errors`: a tenth to two tenths, along the line of sight as across it.
+constexpr double SLIDE = 0.15;
 
 // The warp (3, 2), W above h, of the maps A (2, 2) and n (2,): W = A⁻¹ and h = −Wᵀn; W is finite also where A is singular.
 void warp(const double* a, const double* by_depth, double* out) {
@@ -196,15 +194,11 @@ Array<double, 1> template_drift(const View<double, 2>& points, const View<double
     require_shape(points, {n, 4}, "points");
     require_shape(cam_from_previous, {4, 4}, "cam_from_previous");
     require_shape(scale, {n}, "scale");
-    double t[3] = {cam_from_previous[0][3], cam_from_previous[1][3], cam_from_previous[2][3]};
-    double squared = t[0] * t[0] + t[1] * t[1] + t[2] * t[2];
+    double moved = std::sqrt(cam_from_previous[0][3] * cam_from_previous[0][3] + cam_from_previous[1][3] * cam_from_previous[1][3] +
+                             cam_from_previous[2][3] * cam_from_previous[2][3]);
     Array<double, 1> result({n});
-    for (std::size_t i = 0; i < n; i++) {
-        const double* p = points[i];
-        double along = (p[0] * t[0] + p[1] * t[1] + p[2] * t[2]) / std::sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
-        double across2 = std::max(squared - along * along, 0.0);
-        result.data[i] = radius * static_cast<double>(scale.data[i]) * std::max(p[3], 0.0) * std::sqrt(ACROSS * ACROSS * across2 + ALONG * ALONG * along * along);
-    }
+    for (std::size_t i = 0; i < n; i++)
+        result.data[i] = SLIDE * radius * static_cast<double>(scale.data[i]) * std::max(points[i][3], 0.0) * moved;
     return result;
 }
 

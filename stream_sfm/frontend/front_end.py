@@ -24,11 +24,11 @@ from .alignment import WIDE, TemplateAligner
 from .image_checks import are_alike, image_note
 from .new_points import begin_points, renews
 from .pair_check import PairFit, problem_of
-from .persistence import Persistence
 from .prepared import Image, PreparedImages
 from .right_turn import RightTurn, TurnWatch, rig_change, root_of_turn, shift_of_turn, with_turn
 from .rows import Rows
 from .state import FrontEndState, Setup
+from .template_errors import TemplateErrors
 from .timing import Timing
 from .tracker import Followed, follow, learn_timing, lose, may_wait
 
@@ -62,7 +62,7 @@ class StereoFrontEnd:
             rows=Rows.unknown(projection, config),
             turn=RightTurn(projection),
             turn_watch=None if config.rig.exact else TurnWatch(projection),
-            persistence=Persistence(config.estimate_every),
+            errors=TemplateErrors(config.estimate_every),
         )
 
     def prepare(
@@ -164,7 +164,7 @@ class StereoFrontEnd:
         """Observations of all tracks, views (n, 4) with covariances (n, 4, 4), or of none."""
         n = len(z_px)
         ids, points = state.tracks.ids[:n], state.tracks.points[:n]
-        persistence, timing = state.persistence.after(ids, z_px, cov_px), state.timing
+        errors, timing = state.errors.after(ids, z_px, cov_px), state.timing
         timing_px = np.zeros((n, 4)) if timing.twist is None else timing.taken_out(points, timing.twist)
         observed = Observations(
             frame_index=state.frame_index,
@@ -174,12 +174,12 @@ class StereoFrontEnd:
             cov_px=cov_px,
             note=self._turn_note(state.turn_watch) or note or _misfit(state),
             ambiguity=_ambiguity(None, state),
-            lasting=LastingErrors(np.zeros(n), persistence.inflation),
+            lasting=LastingErrors(np.zeros(n), errors.inflation),
             rig=None
             if self.setup.config.rig.exact
             else RigView(self.rig, state.rows.field_std_px, timing_px, state.rows.delay),
         )
-        return replace(state, persistence=persistence), observed
+        return replace(state, errors=errors), observed
 
     def _note(self, state: FrontEndState, images: PreparedImages, z_px: Array) -> str:
         """What is wrong with the images, from the views (n, 4) of all tracks."""

@@ -136,8 +136,8 @@ def _begin(
     )
     cov_px, slopes = cov_px[rows], slopes[rows] / setup.projection.baseline_m
     begun = z_px[:, :2], cov_px[:, :2, :2], points, var_rho, slopes, scale
-    bias = state.bias.learnt(state.next_id + np.arange(len(rows), dtype=np.int64), apart_px[rows])
-    return begin_tracks(replace(state, bias=bias), slots[rows], *begun), z_px, cov_px
+    errors = state.errors.with_new(state.next_id + np.arange(len(rows), dtype=np.int64), apart_px[rows])
+    return begin_tracks(replace(state, errors=errors), slots[rows], *begun), z_px, cov_px
 
 
 def _learn_rows(state: FrontEndState, z_px: Array, twist: Array) -> tuple[FrontEndState, RightSides]:

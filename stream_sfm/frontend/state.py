@@ -12,14 +12,13 @@ from ..geometry.stereo import StereoProjection
 from ..record import record
 from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
-from .disparity_bias import DisparityBias
 from .pair_check import PairCheck
-from .persistence import Persistence
 from .prepared import PreparedImages
 from .right_turn import RightTurn, TurnWatch
 from .rows import Rows, RowsOfCore
 from .start_check import StartCheck
 from .stereo_depth import RowMatches
+from .template_errors import TemplateErrors
 from .timing import Timing
 from .tracks import Tracks
 
@@ -71,7 +70,7 @@ class FrontEndState:
     - `turn_watch`: of the right camera, None where it cannot turn; `pair`: whether left and right fit each other;
       `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions; `start`:
       whether the map has started with the motion of the camera.
-    - `bias` and `persistence`: errors that views of a point share.
+    - `errors`: what is learnt of errors that views of a point share.
     - `map`: with one camera, how far the map has come.
     """
 
@@ -80,7 +79,7 @@ class FrontEndState:
     rows: Rows
     turn: RightTurn
     turn_watch: TurnWatch | None
-    persistence: Persistence
+    errors: TemplateErrors
     frame_index: int = 0
     stamp_ns: int | None = None
     grey_bits: int = FEWEST_BITS
@@ -95,7 +94,6 @@ class FrontEndState:
     start: StartCheck = field(default_factory=StartCheck)
     rows_waiting: RowMatches | None = None
     pair: PairCheck = field(default_factory=PairCheck)
-    bias: DisparityBias = field(default_factory=DisparityBias)
     map: MapState = field(default_factory=MapState)
 
     @property

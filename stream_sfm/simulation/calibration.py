@@ -14,7 +14,7 @@ from ..camera.refinement import TERMS
 from ..config import Config
 from ..estimators import make_estimator
 from ..estimators.baselines.full_batch import cramer_rao_bound
-from ..frontend.persistence import Persistence
+from ..frontend.template_errors import TemplateErrors
 from ..geometry.se3 import Array
 from ..rig_model.model import RigModel
 from ..types import LastingErrors, Observations, RigView, Solution
@@ -56,15 +56,15 @@ _OF_EXACT_RIG = tuple(replace(w, rig=False) for w in WINDOWS[:2])  # where assum
 def seen_by_wrong_rig(sequence: Sequence, error: Array) -> tuple[Observations, ...]:
     """Return the observations by a rig with errors (m,), in σ of its prior, with everything that a front-end adds."""
     model = RigModel.of(sequence.projection, Config().rig)
-    persistence, result = Persistence(), []
+    errors, result = TemplateErrors(), []
     amplitudes = np.concatenate([error, np.zeros(len(model) - len(error))])
     for o in sequence.observations:
         z_px = o.z_px
         # Steps towards where a view is seen with the rig's errors; each is a hundredth of the one before.
         for _ in range(4 if error.any() else 0):
             z_px = o.z_px + model.effects(z_px) @ amplitudes
-        persistence = persistence.after(o.track_ids, z_px, o.cov_px)
-        result.append(replace(o, z_px=z_px, rig=RigView(model), lasting=LastingErrors(None, persistence.inflation)))
+        errors = errors.after(o.track_ids, z_px, o.cov_px)
+        result.append(replace(o, z_px=z_px, rig=RigView(model), lasting=LastingErrors(None, errors.inflation)))
     return tuple(result)
 
 

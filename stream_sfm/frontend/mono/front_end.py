@@ -18,14 +18,13 @@ from ...geometry.stereo import KNOWN_DEPTH_SIGMAS, StereoProjection
 from ...rig_model.estimate import RigEstimate
 from ...types import LastingErrors, MapStart, Observations
 from ..alignment import TemplateAligner
-from ..disparity_bias import DisparityBias
 from ..image_checks import image_note
 from ..new_points import begin_tracks, detect_missing
-from ..persistence import Persistence
 from ..prepared import Image, PreparedImages
 from ..right_turn import RightTurn
 from ..rows import Rows
 from ..state import FrontEndState, Setup
+from ..template_errors import TemplateErrors
 from ..timing import Timing
 from ..tracker import Followed, follow, lose
 from .map_start import MIN_TRACKS, begin_map, open_map
@@ -58,8 +57,7 @@ class MonoFrontEnd:
             rows=Rows.unknown(projection, config),
             turn=RightTurn(projection),
             turn_watch=None,
-            persistence=Persistence(),
-            bias=DisparityBias(least_px=0.0),  # there is no other patch
+            errors=TemplateErrors(least_px=0.0),  # there is no other patch
         )
 
     def prepare(

@@ -1,7 +1,8 @@
-// How long the errors of a track persist, from its row differences, and what a further view of it adds, eqs. (68) and (69).
+// How long the errors of a track last, from its row differences, and what a further view of it adds, eqs. (68) and (69).
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "algebra.hpp"
@@ -47,22 +48,35 @@ std::vector<double> inflation_by_age(double ratio, double decay) {
 
 }  // namespace
 
-RowErrors row_errors_of_tracks(const Indices& known, const Indices& ages, const View<double, 1>& rows, const Indices& ids,
+RowErrors row_errors_of_tracks(const Indices& known, const Indices& ages, const View<double, 2>& rows, const Indices& ids,
                                const View<double, 2>& z, const View<double, 3>& cov, bool counts) {
-    std::size_t n = ids.shape[0], m = known.shape[0];
+    std::size_t n = ids.shape[0], m = known.shape[0], kept = rows.shape[1];
     require_shape(ages, {m}, "ages");
-    require_shape(rows, {m}, "rows");
+    require_shape(rows, {m, kept}, "rows");
+    require(kept > 1, "rows must be of two frames or more");
     require_shape(z, {n, 4}, "z_px");
     require_shape(cov, {n, 4, 4}, "cov_px");
-    RowErrors result{Array<std::int64_t, 1>({n}), whitened_rows(z, cov), 0.0, 0};
+    RowErrors result{Array<std::int64_t, 1>({n}), Array<double, 2>({n, kept}), Array<double, 1>({6})};
+    Array<double, 1> now = whitened_rows(z, cov);
+    double* sums = result.sums.data.get();
     for (std::size_t i = 0, j = 0; i < n; i++) {
+        double* row = result.rows[i];
+        std::fill_n(row, kept, std::numeric_limits<double>::quiet_NaN());
+        row[0] = now.data[i];
         while (j < m && known.data[j] < ids.data[i]) j++;
         if (j == m || known.data[j] != ids.data[i]) continue;
+        const double* before = rows[j];
+        std::copy_n(before, kept - 1, row + 1);
         result.ages.data[i] = std::min(std::clamp<std::int64_t>(ages.data[j], 0, MAX_AGE) + (counts ? 1 : 0), MAX_AGE - 1);
-        double product = rows.data[j] * result.rows.data[i];
+        double product = row[0] * before[0], later = row[0] * before[kept - 1];
         if (!std::isfinite(product)) continue;
-        result.product += product;
-        result.pairs++;
+        sums[0] += 0.5 * (row[0] * row[0] + before[0] * before[0]);
+        sums[1] += product;
+        sums[2] += 1;
+        if (!std::isfinite(later)) continue;
+        sums[3] += product;
+        sums[4] += later;
+        sums[5] += 1;
     }
     return result;
 }
