@@ -43,7 +43,7 @@ class Lane:
         self.record = RunRecord(config.method, projection.f_px * projection.baseline_m)
         self.error: Exception | None = None
         self.folder = None if folder is None else ResultFolder(folder, observer.rig, config)
-        self._latest: Solution | None = None  # of a frame that the observer has not learnt from yet
+        self.solution: Solution | None = None  # of the latest frame
         self.rig: RigEstimate | None = None  # the estimator's latest knowledge of the rig's errors
         self.observer, self._depth = observer, depth
         self._estimator = make_estimator(config.method, observer.projection, config)
@@ -58,11 +58,11 @@ class Lane:
 
     def take(self, observed: Observed, frame: RecordedFrame) -> FrameEstimate | None:
         """Estimate a frame and write it; None if the lane has failed, now or before."""
-        solved = self._solve(observed)
+        self.solution, solved = None, self._solve(observed)
         if solved is None:
             return None
         solution, estimate = solved
-        self._latest, self.rig = solution, solution.rig or self.rig
+        self.solution, self.rig = solution, solution.rig or self.rig
         began_s = time.thread_time()
         if self.folder is not None:
             self.folder.write(estimate, frame)
@@ -73,12 +73,6 @@ class Lane:
         self.record.add(estimate, total_ms, of_points)
         self._compare_depth(estimate)
         return estimate
-
-    def teach(self) -> None:
-        """Tell the observer what the lane has found out about the cameras in the last frame, if anything."""
-        if self._latest is not None:
-            self.observer.learn(self._latest)
-        self._latest = None
 
     def _solve(self, observed: Observed) -> tuple[Solution, FrameEstimate] | None:
         if self.error is not None:

@@ -79,6 +79,15 @@ def test_numbers_and_files_are_those_of_replay(whole: Any, tmp_path: Path, metho
     assert (out / key / "estimates.mcap").exists()
 
 
+def test_methods_that_find_the_rig_do_not_disturb_each_other(whole: Any, tmp_path: Path) -> None:
+    """One front-end learns from one of them only, so that this one estimates as it would alone."""
+    log, *_ = whole
+    run(log, tmp_path / "out", "--methods", "cross-frame,iterated-ekf")
+    replay(log, tmp_path, read_config(None, [FEW]))
+    name = "trajectory.csv"
+    assert (tmp_path / "out" / "cross_frame" / name).read_bytes() == (tmp_path / name).read_bytes()
+
+
 def test_without_ground_truth_there_is_a_report_all_the_same(tmp_path: Path) -> None:
     numbers, html = run(write_log(tmp_path / "log.mcap", spec()), tmp_path / "out")
     assert "no ground truth" in html
