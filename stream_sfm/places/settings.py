@@ -7,17 +7,15 @@ from ..record import record
 
 @record
 class PlaceSettings:
-    """Depths are the median of those in a view; `m²` and `rad²` as in covariances."""
+    """For all rigs: lengths are in units of the median depth of a view."""
 
     # A keyframe is due. At .1 and 8° a corridor has a fifth more keyframes and costs a third more.
     moved_depths: float = 0.15
     turned_rad: float = math.radians(11)
     # Share of the points in common with the last keyframe, below which much of the view is new. Without it a camera put
-    # back into a map of a block is off by 68 mm instead of 17.
+    # back into a map of a block is off by 70 mm instead of 17.
     new_view: float = 0.5
-    min_frames: int = (
-        2  # between keyframes: after a loss each frame is wanted, and each costs as much as the estimate
-    )
+    min_frames: int = 2  # between keyframes; at 1 a corridor there and back has, and costs, a sixth more
     # σ of a rotation beyond which a motion is not known: nothing is linear there, and of a graph with such motions
     # beside others of .1 mrad GTSAM finds no solution.
     unknown_rad: float = 0.3
@@ -48,13 +46,13 @@ class PlaceSettings:
     # What is verified.
     max_ratio: float = 0.85  # of the distances of features to the best and to the second best match
     min_views: int = 15  # at 25 a corridor there and back has a recall of .69 instead of .88
-    min_cells: int = 5  # of the 4 × 4 cells of the image that must hold accepted views: not one poster alone
-    passes: int = (
-        3  # each warps the patches by the motion of the last; with 2 the NEES of kitti00_mid is 287, not 225
-    )
-    std_px: float = (
-        0.2  # of a view: the patch's plane faces the camera here, its slope is not known; NEES of loops 1 to 6
-    )
+    # Of the 4 × 4 cells of the image, that must hold accepted views: not one poster alone. Without it one of 26 pairs
+    # that are taken for the same place in a corridor is not.
+    min_cells: int = 5
+    # Each warps the patches by the motion of the last; with 2 the NEES of kitti00_mid is 287 instead of 225.
+    passes: int = 3
+    # Of a view: the patch's plane faces the camera here, and its slope is not known. NEES of loops is 1 to 6.
+    std_px: float = 0.2
 
     # What counts as a loop.
     agreeing: int = 3  # loops of different keyframes, where another place could be meant
