@@ -19,10 +19,10 @@ def check_rigid(truth: Trajectory) -> None:
     poses = truth.world_from_cam
     known = np.atleast_1d(np.isfinite(poses).all(axis=(1, 2)))
     rotations = np.where(known[:, None, None], poses, np.eye(4))[:, :3, :3]
-    wrong = np.flatnonzero(~se3.is_rotation(rotations))
+    wrong = np.flatnonzero(~se3.is_rotation(rotations, se3.ROUNDED))
     if len(wrong):
         row = int(wrong[0])
-        mirrored = se3.is_rotation(-rotations[row])
+        mirrored = se3.is_rotation(-rotations[row], se3.ROUNDED)
         what = "all zeros" if not rotations[row].any() else "mirrored" if mirrored else "not a rotation"
         raise LogError(
             f"ground truth: the rotation of pose {row} (stamp {truth.stamps_ns[row]} ns) is {what}; give poses in "

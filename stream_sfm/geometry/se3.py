@@ -94,6 +94,9 @@ def point_in_source_jacobian(points_in_source: Array) -> Array:
     return np.concatenate([minus_eye, skew(points_in_source)], axis=-1)
 
 
+ROUNDED = 1e-2  # of R Rᵀ from the identity, where poses were written with three digits
+
+
 def is_rotation(matrices: ArrayLike, tolerance: float = 1e-3) -> NDArray[np.bool_]:
     """Return whether matrices (…, 3, 3) are rotations, R Rᵀ within a tolerance: files give as few as four digits."""
     r = np.asarray(matrices, dtype=float)

@@ -188,10 +188,10 @@ def _matrices(path: Path, rows: _Rows) -> Array:
     poses = np.tile(np.eye(4), (len(rows.lines), 1, 1))
     poses[:, :3] = rows.values.reshape(-1, 3, 4)
     rotations = poses[:, :3, :3]
-    if (mirrored := np.flatnonzero(se3.is_rotation(-rotations))).size:
+    if (mirrored := np.flatnonzero(se3.is_rotation(-rotations, se3.ROUNDED))).size:
         raise LogError(
             f"{path}, line {rows.lines[mirrored[0]]}: the pose is mirrored: give poses in right-handed axes"
         )
-    if not se3.is_rotation(rotations).all():
+    if not se3.is_rotation(rotations, se3.ROUNDED).all():
         raise LogError(f"{path}: the first 3×3 numbers of a line are not a rotation: is it KITTI's format?")
     return se3.orthonormalise(poses)
