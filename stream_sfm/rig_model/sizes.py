@@ -18,10 +18,10 @@ from .terms import DELAY, FOCAL, FOCUSING, READOUT, TERMS, TURNING
 _SIZES = np.geomspace(0.025, 3.0, 41)
 _FOCAL = TERMS.index(FOCAL)
 # What noise shows of the other terms is considered only: each of these groups is 0 or not, and beforehand the odds that
-# it is not are _ODDS. With rarer errors the turn, focus and focal length of hard renders are found later (ATE 10 to
-# 25 % larger); at 1 : 1 exact rigs and kitti06 lose half of their accuracy.
+# it is not are _ODDS. At 1 : 5 the focus of an exact camera that looks down on a lawn seems to move, and the run fails:
+# a rendered mower, every frame or every other, ends up to 15 m off instead of .03. KITTI would be 3 to 12 % better.
 _MAY_BE_ZERO = ((FOCAL,), (DELAY,), (READOUT,), TURNING, (FOCUSING,))
-_ODDS = 0.2
+_ODDS = 0.05
 _COMBINATIONS = list(product((False, True), repeat=len(_MAY_BE_ZERO)))
 _IS_ZERO = np.array(  # (32, 7): which terms are 0 in each combination
     [[zero for terms, zero in zip(_MAY_BE_ZERO, zeros, strict=True) for _ in terms] for zeros in _COMBINATIONS]

@@ -41,7 +41,7 @@ class Views:
 
 
 MAY_BE_ZERO = ((FOCAL,), (DELAY,), (READOUT,), TURNING, (FOCUSING,))
-ODDS = 0.2  # of each, that it is not
+ODDS = 0.05  # of each, that it is not
 
 
 def considered(views: "Views", size: Array) -> tuple[Array, Array]:
