@@ -97,7 +97,7 @@ class Rectifier:
             ahead = rays[:, 2] > 0
             raw = project_into_image(camera, rays[ahead])
             inside = (np.abs(raw / (camera.width, camera.height) - 0.5) < 0.5).all(axis=1)  # what else was not seen
-            row = raw[inside, 1] / (camera.height - 1) - 0.5
+            row = (raw[inside, 1] + 0.5) / camera.height - 0.5  # a readout is that of `height` rows
             found.append(np.linalg.lstsq(products[ahead][inside], row, rcond=None)[0].reshape(x.shape[1], -1))
         return ExposedRows((p.width, p.height), np.stack(found))
 

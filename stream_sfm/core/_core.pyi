@@ -52,8 +52,9 @@ MovingPoints = tuple[Array, Array]
 # A rig's errors: of which pair, its size, units of the terms per amplitude (t, t), and the field.
 RigModel = tuple[Pinholes, tuple[float, float], Array, Field]
 # Homogeneous points (n, 4) of tracks at unit depth, variances (n,) of 1/Z, covariances (n, 2, 2) px² of left positions,
-# anchor cameras (n, 4, 4), slopes (n, 2) of 1/Z there, and image pixels (n,) per pixel of the template.
-Tracks = tuple[Array, Array, Array, Array, Array, Pixels]
+# anchor cameras (n, 4, 4), velocities (n, 2) px/s on the left and slopes (n, 2) of 1/Z there, and image pixels (n,) per
+# pixel of the template.
+Tracks = tuple[Array, Array, Array, Array, Array, Array, Pixels]
 # The state of a window: poses (F, 4, 4); of the points ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the rig's
 # errors (m,).
 WindowState = tuple[Array, Pixels, Array, Array, Array]
@@ -186,7 +187,14 @@ def align_tracks(
     """
 
 def predict_tracks(
-    pinholes: Pinholes, tracks: Tracks, cam_from_previous: Array, cam_from_start: Array, left_px: Array, agree: Mask
+    pinholes: Pinholes,
+    timing: Timing,
+    twist: Array,
+    tracks: Tracks,
+    cam_from_previous: Array,
+    cam_from_start: Array,
+    left_px: Array,
+    agree: Mask,
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Return where a motion (4, 4) puts tracks (n), and how their patches look in the camera `cam_from_start` (4, 4).
 
@@ -194,7 +202,8 @@ def predict_tracks(
     (n,) with the motion, or where it puts them. And warps (n, 3, 2) of pixel offsets, now to anchor, for the left and
     for the right image. Around the anchor the surface is P(δ) = (x + δ₁, y + δ₂, 1, ρ + slopes·δ), and its image now is
     u = A δ / (1 + n·δ) with n the relative change of depth: exact for a plane. Inverted, δ = W u / (1 + h·u) with
-    W = A⁻¹ and h = −Wᵀn; a warp is W above h.
+    W = A⁻¹ and h = −Wᵀn; a warp is W above h. Points now move with a `twist` (6,): a shutter that reads out shears
+    patches, eq. (14b).
     """
 
 def update_depths(
@@ -374,23 +383,24 @@ def rig_mixture(
     have errors. Raises LinAlgError where the arguments are not finite.
     """
 
-def twists(poses: Array, seconds: Array) -> Array:
-    """Return the velocities (n, 6) with which points move in each of a few cameras, ξ per second of Exp(ξ) X.
+def point_motions(poses: Array, seconds: Array) -> Array:
+    """Return how points move in each of a few cameras: twists ξ̇ and their change ξ̈ per second (n, 2, 6).
 
-    Poses (n, 4, 4), camera from reference, at ascending `seconds` (n,); from polynomials through the poses of the
-    frames around each. Zero for a single one.
+    A point X at the time of a pose is Exp(t ξ̇ + ½ t² ξ̈) X after t seconds. Poses (n, 4, 4), camera from reference, at
+    ascending `seconds` (n,); from polynomials through the poses of the frames around each. Zero for a single one.
     """
 
 def velocities(pinholes: Pinholes, points_in_cam: Array, twists: Array) -> Array:
     """Return how views of homogeneous points (n, 4) move (n, 4), px/s, with `twists` (n, 6), or (1, 6) for all."""
 
 def timed_views(
-    pinholes: Pinholes, exposed: ExposedRows, points_in_cam: Array, twists: Array, z_px: Array | None
+    pinholes: Pinholes, exposed: ExposedRows, points_in_cam: Array, motion: Array, timing: Array, z_px: Array | None
 ) -> Array:
-    """Return what delay and readout do to views of homogeneous points (n, 4): (n, 4, 2) px/s, eq. (70a).
+    """Return what delay and readout do to views of homogeneous points (n, 4): (n, 4, 2) px/s, eqs. (70a) and (70c).
 
-    `twists` of the points (n, 6), or (1, 6) for all; `z_px` (n, 4): at places whose rows count, where the points are
-    projected if there are none; to a side with NaN nothing is done.
+    `motion` (2, 6) of the points, as of `point_motions`; `timing` (2,) s: delay and readout for which the result is
+    exact to second order. `z_px` (n, 4): at places whose rows count, where the points are projected if there are none;
+    to a side with NaN nothing is done.
     """
 
 def shifts_by_timing(pinholes: Pinholes, exposed: ExposedRows, points: Array, twist: Array, mean: Array) -> Array:
@@ -493,9 +503,10 @@ def timing_of_views(
     state: WindowState,
     views: WindowViews,
     expected_px: Array,
-    twists: Array,
+    motions: Array,
+    timing: Array,
 ) -> Array:
-    """Return the `timed_views` (V, 4, 2) of the used ones, expected at (V, 4), with `twists` (F, 6) of their frames."""
+    """Return the `timed_views` (V, 4, 2) of the used ones, expected at (V, 4), with `motions` (F, 2, 6) of frames."""
 
 def q_by_reference(ref_from_anchor: Array, q: Array) -> Array:
     """Return ∂q/∂ξ (n, 3, 6) where points P in the reference camera become Exp(ξ)·P and their anchors stay, eq. (31).

@@ -165,7 +165,8 @@ AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, 
     std::size_t n = tracks.points.shape[0];
     require_shape(slots, {n}, "slots");
     require_shape(right_sides.turn, {3}, "turn");
-    PredictedTracks now = predict_tracks(right_sides.pinholes, tracks, cam_from_previous, cam_from_start, left, agree);
+    PredictedTracks now = predict_tracks(right_sides.pinholes, timing, right_sides.twist, tracks, cam_from_previous, cam_from_start,
+                                         left, agree);
     Array<bool, 1> expected({n});
     FoundViews all{Array<bool, 1>({n}), Array<double, 2>({n, 4}), Array<double, 2>({n, 4}), Array<double, 3>({n, 4, 4})};
     auto align = [&](const auto& templates) {

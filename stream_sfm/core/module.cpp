@@ -139,7 +139,7 @@ template <>
 struct Argument<ResectionRules> : RecordArgument<ResectionRules, std::array<double, 2>, double, double, std::size_t, double, bool, bool> {};
 template <>
 struct Argument<TrackTable> : RecordArgument<TrackTable, View<double, 2>, View<double, 1>, View<double, 3>, View<double, 3>,
-                                             View<double, 2>, Indices> {};
+                                             View<double, 2>, View<double, 2>, Indices> {};
 template <class T>
 struct Argument<Templates<T>>
     : RecordArgument<Templates<T>, ImageOf<T>, std::optional<ImageOf<T>>, View<T, 3>, View<bool, 2>, TemplateKind> {};
@@ -228,7 +228,7 @@ NB_MODULE(_core, m) {
     m.def("on_one_row", &Bound<&on_one_row>::call);
     m.def("gradient_matrices", &Bound<&gradient_matrices>::call);
     m.def("effects_of_turn", &Bound<&effects_of_turn>::call);
-    m.def("twists", &Bound<&twists>::call);
+    m.def("point_motions", &Bound<&point_motions>::call);
     m.def("scaled_by_diagonal", &Bound<&scaled_by_diagonal>::call);
     m.def("among", &Bound<&among>::call);
     m.def("times_among", &Bound<&times_among>::call);
@@ -247,7 +247,7 @@ NB_MODULE(_core, m) {
     m.def("field_basis", &Bound<&field_basis>::call);
     m.def("rig_mixture", &Bound<&rig_mixture>::call);
     m.def("velocities", &Bound<&velocities>::call);
-    m.def("timed_views", &Bound<&timed_views>::call, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none());
+    m.def("timed_views", &Bound<&timed_views>::call, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none());
     m.def("timing_unknowns", &Bound<&timing_unknowns>::call);
     m.def("unknown_errors", &Bound<&unknown_errors>::call);
     m.def("shifts_by_timing", &Bound<&shifts_by_timing>::call);

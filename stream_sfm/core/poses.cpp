@@ -131,24 +131,31 @@ Array<double, 3> pose_adjoint(const View<double, 3>& poses) {
 }
 
 // By derivatives of Lagrange's polynomials through the poses around each; where the times are that of the pose, the value is 0.
-Array<double, 2> twists(const View<double, 3>& poses, const View<double, 1>& seconds) {
+// The newest acceleration is that of the frame before: extrapolated, the noise of the newest pose would be in it seven times.
+Array<double, 3> point_motions(const View<double, 3>& poses, const View<double, 1>& seconds) {
     std::size_t n = poses.shape[0], nodes = std::min(NODES, n);
     require_shape(seconds, {n}, "seconds");
-    Array<double, 3> inverse = pose_inverse(poses);
-    Array<double, 2> result({n, 6});
+    Array<double, 3> inverse = pose_inverse(poses), result({n, 2, 6});
     for (std::size_t i = 0; n > 1 && i < n; i++) {
         std::size_t first = std::min(i < REACH ? 0 : i - REACH, n - nodes), end = std::max(std::min(i + REACH + 1, n), first + nodes);
         auto apart = [&](std::size_t a, std::size_t b) { return seconds.data[a] - seconds.data[b]; };
         for (std::size_t a = first; a < end; a++) {
             if (apart(a, i) == 0) continue;
-            double slope = 1 / apart(a, i), moved[16];
-            for (std::size_t b = first; b < end; b++)
-                if (apart(b, i) != 0 && apart(a, b) != 0) slope *= apart(i, b) / apart(a, b);
+            double slope = 1 / apart(a, i), bend = 0, moved[16];
+            for (std::size_t b = first; b < end; b++) {
+                if (apart(b, i) == 0 || apart(a, b) == 0) continue;
+                slope *= apart(i, b) / apart(a, b);
+                bend += 2 / apart(i, b);
+            }
             multiply(poses[a], inverse[i], moved);
             Array<double, 2> xi = pose_log({moved, {1, 4, 4}});
-            for (int k = 0; k < 6; k++) result[i][k] += slope * xi[0][k];
+            for (int k = 0; k < 6; k++) {
+                result[i][k] += slope * xi[0][k];
+                result[i][6 + k] += bend * slope * xi[0][k];
+            }
         }
     }
+    if (n > 1) std::copy_n(result[n - 2] + 6, 6, result[n - 1] + 6);
     return result;
 }
 

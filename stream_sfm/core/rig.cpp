@@ -1,6 +1,7 @@
 // What errors of the rig do to views, eqs. (70) to (72d): columns of its terms, the field over the image, velocities.
 
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "algebra.hpp"
@@ -44,6 +45,15 @@ void velocity_of(const double* by_twist, const double* twist, double* out) {
     }
 }
 
+// A homogeneous point (4,) after a short time with a twist.
+void moved_by(const double* point, const double* twist, double seconds, double* out) {
+    for (int k = 0; k < 3; k++) {
+        int i = (k + 1) % 3, j = (k + 2) % 3;
+        out[k] = point[k] + seconds * (twist[k] * point[3] + twist[3 + i] * point[j] - twist[3 + j] * point[i]);
+    }
+    out[3] = point[3];
+}
+
 double share(double row) { return std::isnan(row) ? 0.0 : row; }  // of a side that was not seen
 
 // In which rows both sides of a view (4,) are exposed (4,): Σ c x^a y^b, x and y from −1 to 1 over the image.
@@ -66,6 +76,14 @@ void timing_by_twist(const Pinholes& pinholes, const ExposedRows& exposed, const
     velocity_by_twist(pinholes, point, by_twist);
     project(pinholes, point, z);
     rows_of_view(exposed, z, rows);
+}
+
+// A motion (2, 6) of this twist (6,) all the time.
+Array<double, 2> without_acceleration(const View<double, 1>& twist) {
+    require_shape(twist, {6}, "twist");
+    Array<double, 2> motion({2, 6});
+    std::copy_n(twist.data, 6, motion.data.get());
+    return motion;
 }
 
 // What amplitudes of 1 of the terms do to a view: (4, TERMS).
@@ -123,14 +141,35 @@ void check(const ExposedRows& exposed) {
     require(sides > 0, "there are no coefficients");
 }
 
-void timing_of_view(const Pinholes& pinholes, const ExposedRows& exposed, const double* point, const double* twist, const double* z,
-                    double* out) {
-    double by_twist[24], velocity[4], rows[4];
-    velocity_by_twist(pinholes, point, by_twist);
-    velocity_of(by_twist, twist, velocity);
+void slopes_of_rows(const ExposedRows& of, const double* z, double* out) {
+    double at[4], rows[4];
+    rows_of_view(of, z, at);
+    for (int along = 0; along < 2; along++) {
+        double aside[4];
+        for (int c = 0; c < 4; c++) aside[c] = z[c] + (c % 2 == along ? 1 : 0);
+        rows_of_view(of, aside, rows);
+        for (int side = 0; side < 4; side += 2) out[side + along] = rows[side] - at[side];
+    }
+}
+
+// An exposure some time after the stamp moves a view by that times its velocity halfway, where acceleration counts as well.
+void timing_of_view(const Pinholes& pinholes, const ExposedRows& exposed, const double* point, const double* motion,
+                    const double* timing, const double* z, double* out) {
+    double rows[4], velocity[4], at = std::numeric_limits<double>::quiet_NaN();
     rows_of_view(exposed, z, rows);
-    if (!std::isnan(rows[LATE])) out[2 * LATE] = velocity[LATE];
-    for (int c = 0; c < 4; c++) out[2 * c + 1] = velocity[c] * share(rows[c]);
+    for (int c = 0; c < 4; c++) {
+        double late = c == LATE && !std::isnan(rows[c]), row = share(rows[c]), half = 0.5 * (late * timing[0] + row * timing[1]);
+        if (half != at) {
+            double twist[6], halfway[4], by_twist[24];
+            for (int k = 0; k < 6; k++) twist[k] = motion[k] + half * motion[6 + k];
+            moved_by(point, twist, half, halfway);
+            velocity_by_twist(pinholes, halfway, by_twist);
+            velocity_of(by_twist, twist, velocity);
+            at = half;
+        }
+        out[2 * c] = late * velocity[c];
+        out[2 * c + 1] = row * velocity[c];
+    }
 }
 
 RigEffects rig_effects(const RigModel& model, const View<double, 2>& z, const View<double, 1>& age) {
@@ -184,27 +223,26 @@ Array<double, 1> row_speeds(const Pinholes& pinholes, const View<double, 2>& poi
 }
 
 Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,
-                             const View<double, 2>& twists, const std::optional<View<double, 2>>& z) {
-    std::size_t n = points.shape[0], of_all = twists.shape[0] == 1;
+                             const View<double, 2>& motion, const View<double, 1>& timing, const std::optional<View<double, 2>>& z) {
+    std::size_t n = points.shape[0];
     check(exposed);
     require_shape(points, {n, 4}, "points");
-    require_shape(twists, {of_all ? 1 : n, 6}, "twists");
+    require_shape(motion, {2, 6}, "motion");
+    require_shape(timing, {2}, "timing");
     if (z) require_shape(*z, {n, 4}, "z_px");
     Array<double, 3> result({n, 4, 2});
     for (std::size_t i = 0; i < n; i++) {
         double expected[4];
         project(pinholes, points[i], expected);
-        timing_of_view(pinholes, exposed, points[i], twists[of_all ? 0 : i], z ? (*z)[i] : expected, result[i]);
+        timing_of_view(pinholes, exposed, points[i], motion.data, timing.data, z ? (*z)[i] : expected, result[i]);
     }
     return result;
 }
 
 Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,
                                   const View<double, 1>& twist, const View<double, 1>& mean) {
-    require_shape(twist, {6}, "twist");
-    require_shape(mean, {2}, "mean");
-    Array<double, 2> result({points.shape[0], 4});
-    Array<double, 3> moved = timed_views(pinholes, exposed, points, {twist.data, {1, 6}}, std::nullopt);
+    Array<double, 2> result({points.shape[0], 4}), steady = without_acceleration(twist);
+    Array<double, 3> moved = timed_views(pinholes, exposed, points, steady.view(), mean, std::nullopt);
     for (std::size_t i = 0; i < 4 * points.shape[0]; i++)
         result.data[i] = moved.data[2 * i] * mean.data[0] + moved.data[2 * i + 1] * mean.data[1];
     return result;
@@ -214,8 +252,8 @@ Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& ex
                                  const MovingPoints& now, const View<double, 1>& mean, const View<double, 2>& cov,
                                  const View<double, 1>& std_twist) {
     auto timed = [&](const MovingPoints& of) {
-        require_shape(of.twist, {6}, "twist");
-        return timed_views(pinholes, exposed, of.points, {of.twist.data, {1, 6}}, std::nullopt);
+        Array<double, 2> steady = without_acceleration(of.twist);
+        return timed_views(pinholes, exposed, of.points, steady.view(), mean, std::nullopt);
     };
     Array<double, 3> then = timed(before), moved = timed(now);
     std::size_t n = now.points.shape[0];

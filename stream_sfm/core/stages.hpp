@@ -100,7 +100,7 @@ struct TrackTable {
     View<double, 2> points;  // at unit depth
     View<double, 1> var_rho;
     View<double, 3> cov_left, anchor_from_start;
-    View<double, 2> slopes;
+    View<double, 2> anchor_velocity, slopes;
     Indices scale;
 };
 struct PredictedTracks {
@@ -109,8 +109,9 @@ struct PredictedTracks {
     Array<double, 3> left_warps, right_warps;
     auto parts() { return std::tie(points, left, right_u, left_warps, right_warps); }
 };
-PredictedTracks predict_tracks(const Pinholes& pinholes, const TrackTable& tracks, const View<double, 2>& cam_from_previous,
-                               const View<double, 2>& cam_from_start, const View<double, 2>& left, const View<bool, 1>& agree);
+PredictedTracks predict_tracks(const Pinholes& pinholes, const Timing& timing, const View<double, 1>& twist, const TrackTable& tracks,
+                               const View<double, 2>& cam_from_previous, const View<double, 2>& cam_from_start,
+                               const View<double, 2>& left, const View<bool, 1>& agree);
 struct UpdatedTracks {
     Array<double, 2> points;
     Array<double, 1> var_rho;
@@ -348,11 +349,13 @@ Array<double, 2> field_basis(const Field& field, const View<double, 2>& at);
 Array<double, 2> polynomial_rows(const ExposedRows& exposed, const View<double, 2>& z);
 Array<double, 2> velocities(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists);
 Array<double, 1> row_speeds(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 1>& twist);
-// To a view at z of a homogeneous point that moves, per second of delay and of readout (4, 2); `out` is zero before.
-void timing_of_view(const Pinholes& pinholes, const ExposedRows& exposed, const double* point, const double* twist, const double* z,
-                    double* out);
+// ∂(row)/∂(u, v) on the left and on the right (4,) of a view.
+void slopes_of_rows(const ExposedRows& of, const double* z, double* out);
+// To a view at z of a homogeneous point with a motion (2, 6), per second of delay and of readout (4, 2), near a `timing` (2,).
+void timing_of_view(const Pinholes& pinholes, const ExposedRows& exposed, const double* point, const double* motion,
+                    const double* timing, const double* z, double* out);
 Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,
-                             const View<double, 2>& twists, const std::optional<View<double, 2>>& z);
+                             const View<double, 2>& motion, const View<double, 1>& timing, const std::optional<View<double, 2>>& z);
 Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,
                                   const View<double, 1>& twist, const View<double, 1>& mean);
 struct MovingPoints {  // homogeneous points (n, 4), and their twist (6,)
@@ -392,7 +395,7 @@ Array<double, 3> pose_exp(const View<double, 2>& xi);
 Array<double, 2> pose_log(const View<double, 3>& poses);
 Array<double, 3> pose_inverse(const View<double, 3>& poses);
 Array<double, 3> pose_adjoint(const View<double, 3>& poses);
-Array<double, 2> twists(const View<double, 3>& poses, const View<double, 1>& seconds);
+Array<double, 3> point_motions(const View<double, 3>& poses, const View<double, 1>& seconds);
 Array<double, 2> rotation_vectors(const View<double, 3>& rotations);
 Array<double, 2> quaternions(const View<double, 3>& rotations);
 Array<double, 3> orthonormalise(const View<double, 3>& poses);
@@ -445,7 +448,7 @@ Array<double, 2> expected_views(const Pinholes& pinholes, const WindowState& sta
                                 const View<bool, 1>& stereo, const View<double, 2>& expected);
 Array<double, 3> timing_of_views(const Pinholes& pinholes, const ExposedRows& exposed, const WindowState& state,
                                  const WindowViews& views, const View<double, 2>& expected,
-                                 const View<double, 2>& twists);
+                                 const View<double, 3>& motions, const View<double, 1>& timing);
 Array<double, 3> q_by_reference(const View<double, 3>& ref_from_anchor, const View<double, 2>& q);
 struct SeenAgain {
     Array<std::int64_t, 1> rows;

@@ -40,6 +40,7 @@ void check(const TrackTable& tracks) {
     require_shape(tracks.var_rho, {n}, "var_rho");
     require_shape(tracks.cov_left, {n, 2, 2}, "cov_left_px");
     require_shape(tracks.anchor_from_start, {n, 4, 4}, "anchor_from_start");
+    require_shape(tracks.anchor_velocity, {n, 2}, "anchor_velocity_px_s");
     require_shape(tracks.slopes, {n, 2}, "slopes");
     require_shape(tracks.scale, {n}, "scale");
 }
@@ -67,6 +68,11 @@ void warps_of(const Pinholes& pinholes, const double* point, const double* slope
     warp(right, by_depth, of_right);
 }
 
+// I − ż ∇rᵀ seconds (2, 2): by what a patch has to be multiplied to be as at one time.
+void at_one_time(const double* velocity, const double* slope, double seconds, double* out) {
+    for (int k = 0; k < 4; k++) out[k] = (k % 3 ? 0.0 : 1.0) - seconds * velocity[k / 2] * slope[k % 2];
+}
+
 // A point (4,) carried into a new camera, at unit depth; returns by how much it was divided.
 double move_to_unit_depth(const double* motion, const double* point, double* out) {
     move(motion, point, out);
@@ -75,10 +81,38 @@ double move_to_unit_depth(const double* motion, const double* point, double* out
     return depth;
 }
 
+// The same warps between images of a shutter that reads out, with points that move now, eq. (14b).
+void shear_by_readout(const Pinholes& pinholes, const Timing& timing, const TrackTable& tracks, const View<double, 1>& twist,
+                      PredictedTracks& now) {
+    double readout = timing.mean.data[1];
+    if (readout == 0) return;
+    Array<double, 2> speeds = velocities(pinholes, now.points.view(), {twist.data, {1, 6}});
+    for (std::size_t i = 0; i < now.points.shape[0]; i++) {
+        double z[4], slopes[4], of_anchor[4];
+        project(pinholes, now.points[i], z);
+        slopes_of_rows(timing.exposed, z, slopes);
+        at_one_time(tracks.anchor_velocity[i], slopes, readout, of_anchor);  // rows are nearly parallel all over an image
+        double det = of_anchor[0] * of_anchor[3] - of_anchor[1] * of_anchor[2];
+        double anchor[4] = {of_anchor[3] / det, -of_anchor[1] / det, -of_anchor[2] / det, of_anchor[0] / det};
+        for (int side = 0; side < 2; side++) {
+            double of_now[4], *w = (side ? now.right_warps : now.left_warps)[i], sheared[6] = {};
+            at_one_time(speeds[i] + 2 * side, slopes + 2 * side, readout, of_now);
+            for (int row = 0; row < 3; row++)
+                for (int k = 0; k < 2; k++) sheared[2 * row + k] = w[2 * row] * of_now[k] + w[2 * row + 1] * of_now[2 + k];
+            for (int k = 0; k < 2; k++) {
+                w[k] = anchor[0] * sheared[k] + anchor[1] * sheared[2 + k];
+                w[2 + k] = anchor[2] * sheared[k] + anchor[3] * sheared[2 + k];
+                w[4 + k] = sheared[4 + k];
+            }
+        }
+    }
+}
+
 }  // namespace
 
-PredictedTracks predict_tracks(const Pinholes& pinholes, const TrackTable& tracks, const View<double, 2>& cam_from_previous,
-                               const View<double, 2>& cam_from_start, const View<double, 2>& left, const View<bool, 1>& agree) {
+PredictedTracks predict_tracks(const Pinholes& pinholes, const Timing& timing, const View<double, 1>& twist, const TrackTable& tracks,
+                               const View<double, 2>& cam_from_previous, const View<double, 2>& cam_from_start,
+                               const View<double, 2>& left, const View<bool, 1>& agree) {
     std::size_t n = tracks.points.shape[0];
     check(tracks);
     require_shape(cam_from_previous, {4, 4}, "cam_from_previous");
@@ -97,6 +131,7 @@ PredictedTracks predict_tracks(const Pinholes& pinholes, const TrackTable& track
         multiply(cam_from_start.data, start_from_anchor[i], now_from_anchor);
         warps_of(pinholes, result.points[i], tracks.slopes[i], now_from_anchor, result.left_warps[i], result.right_warps[i]);
     }
+    shear_by_readout(pinholes, timing, tracks, twist, result);
     return result;
 }
 

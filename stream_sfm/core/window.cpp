@@ -125,15 +125,17 @@ Array<double, 2> expected_views(const Pinholes& pinholes, const WindowState& sta
 }
 
 Array<double, 3> timing_of_views(const Pinholes& pinholes, const ExposedRows& exposed, const WindowState& state,
-                                 const WindowViews& views, const View<double, 2>& expected, const View<double, 2>& twists) {
+                                 const WindowViews& views, const View<double, 2>& expected, const View<double, 3>& motions,
+                                 const View<double, 1>& timing) {
     check(exposed);
     require_shape(expected, {views.ids.shape[0], 4}, "expected_px");
-    require_shape(twists, {state.cams_from_ref.shape[0], 6}, "twists");
+    require_shape(motions, {state.cams_from_ref.shape[0], 2, 6}, "motions");
+    require_shape(timing, {2}, "timing");
     Array<double, 3> result({views.ids.shape[0], 4, 2});
     for (const Seen& seen : seen_by(state, views)) {
         double in_cam[4];
         point_of(state, seen, in_cam);
-        timing_of_view(pinholes, exposed, in_cam, twists[seen.frame], expected[seen.view], result[seen.view]);
+        timing_of_view(pinholes, exposed, in_cam, motions[seen.frame], timing.data, expected[seen.view], result[seen.view]);
     }
     return result;
 }

@@ -97,10 +97,13 @@ def begin_tracks(
         var_rho=var_rho,
         anchor_from_start=np.broadcast_to(state.cam_from_start, (n, 4, 4)),
         anchor_rays=points[:, :2],
+        anchor_velocity_px_s=np.zeros((n, 2)),
         slopes=slopes,
         scale=np.full(n, scale, np.int64),
         agreed=np.zeros(n, np.int64),
     )
+    if state.timing.twist is not None:
+        new = new.begun_with(state.timing.projection, state.timing.twist)
     return replace(state, next_id=state.next_id + n, tracks=state.tracks.append(new))
 
 

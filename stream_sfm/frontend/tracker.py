@@ -101,6 +101,8 @@ def follow(
     twist = _twist_now(state.velocity, rough.cam_from_previous, dt_s)
     if state.rows_waiting is not None:
         state = replace(state, rows=learn_rows(state.rows, state.rows_waiting, twist), rows_waiting=None)
+    if state.timing.twist is None:  # the first frame did not know how its points moved
+        state = replace(state, tracks=state.tracks.begun_with(setup.projection, twist))
     views, expected = align(setup, state, images, state.tracks, rough, twist)
     known = _known(setup, state, expected, views, rough.cam_from_previous, twist, dt_s)
     motions = rough.cam_from_previous, predicted

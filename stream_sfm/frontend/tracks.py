@@ -10,6 +10,7 @@ from .. import core
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection
 from ..record import indices, record, rows_of
+from ..rig_model.velocities import velocities
 
 # Frames of agreement beyond which history no longer counts, half a second for most cameras: with more, the last old
 # tracks in a turn would outvote all new ones. Before a track has agreed once it counts a tenth of that, so that a body
@@ -29,8 +30,9 @@ class Tracks:
     `ids`; `slots` of the templates; `left_px` (n, 2): the last measured left position, with `cov_left_px` (n, 2, 2).
     `points` (n, 4): homogeneous (X/Z, Y/Z, 1, 1/Z) in the current rectified camera, and `var_rho` of the inverse depth.
     Of the frame where the template was cut, the anchor: `anchor_from_start` (n, 4, 4), its pose in the front-end's own
-    chain of motions; `anchor_rays` (n, 2): (X/Z, Y/Z) of the template's middle, exact by definition; `slopes` (n, 2):
-    ∂(1/Z)/∂(X/Z, Y/Z) of the surface, 1/m; `scale` (n,): image pixels per pixel of the template, 1 or `WIDE`.
+    chain of motions; `anchor_rays` (n, 2): (X/Z, Y/Z) of the template's middle, exact by definition;
+    `anchor_velocity_px_s` (n, 2): how that moved in the left image; `slopes` (n, 2): ∂(1/Z)/∂(X/Z, Y/Z) of the surface,
+    1/m; `scale` (n,): image pixels per pixel of the template, 1 or `WIDE`.
     `agreed` (n,): in how many frames the track agreed with the motion, halved each time it did not.
     """
 
@@ -42,6 +44,7 @@ class Tracks:
     var_rho: Array
     anchor_from_start: Array
     anchor_rays: Array
+    anchor_velocity_px_s: Array
     slopes: Array
     scale: NDArray[np.int64]
     agreed: NDArray[np.int64]
@@ -58,6 +61,7 @@ class Tracks:
             var_rho=np.empty(0),
             anchor_from_start=np.empty((0, 4, 4)),
             anchor_rays=np.empty((0, 2)),
+            anchor_velocity_px_s=np.empty((0, 2)),
             slopes=np.empty((0, 2)),
             scale=np.empty(0, np.int64),
             agreed=np.empty(0, np.int64),
@@ -74,10 +78,10 @@ class Tracks:
         return Tracks(*(rows_of(getattr(self, name), rows) for name in _COLUMNS))
 
     @property
-    def of_core(self) -> tuple[Array, Array, Array, Array, Array, NDArray[np.int64]]:
+    def of_core(self) -> tuple[Array, Array, Array, Array, Array, Array, NDArray[np.int64]]:
         """The tracks as the compiled core takes them."""
         of_points = self.points, self.var_rho, self.cov_left_px
-        return *of_points, self.anchor_from_start, self.slopes, self.scale
+        return *of_points, self.anchor_from_start, self.anchor_velocity_px_s, self.slopes, self.scale
 
     def drift_px(self, cam_from_previous: Array, radius_px: int) -> Array:
         """Standard deviation (n,) px of how far templates slid since the last frame, eq. (17).
@@ -116,6 +120,10 @@ class Tracks:
         points = self.points @ cam_from_previous.T
         depth = np.maximum(points[:, 2:3], MIN_DEPTH)
         return replace(self, points=points / depth, var_rho=self.var_rho / depth[:, 0] ** 2)
+
+    def begun_with(self, projection: StereoProjection, twist: Array) -> "Tracks":
+        """Tracks that have all begun in the current camera, in which points move with a twist (6,) per second."""
+        return replace(self, anchor_velocity_px_s=velocities(projection, self.points, twist)[:, :2])
 
     def shifted(self, projection: StereoProjection, px: Array) -> "Tracks":
         """Points after their views are corrected by a further (n, 4) px; `left_px` stays what was last measured."""

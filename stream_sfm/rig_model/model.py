@@ -111,14 +111,14 @@ class RigModel:
         """
         return core.rig_effects(self.of_core, z_px, np.atleast_1d(age_s))
 
-    def by_timing(self, points_in_cam: Array, twist: Array, z_px: Array) -> Array:
+    def by_timing(self, points_in_cam: Array, motion: Array, timing_s: Array, z_px: Array) -> Array:
         """Return what amplitudes of 1 of delay and readout do to views (n, 4) of homogeneous points (n, 4): (n, 4, 2).
 
-        `twist` (6,) of the points.
+        `motion` (2, 6) of the points; the result is exact to second order near a delay and readout `timing_s` (2,).
         """
         if self.row_of is None:
             return np.zeros((len(z_px), 4, 2))
-        moved = core.timed_views(*self.cameras, points_in_cam, twist[None], z_px)
+        moved = core.timed_views(*self.cameras, points_in_cam, motion, timing_s, z_px)
         return moved * self.units_of_timing
 
     def error_px(self, estimate: RigEstimate, z_px: Array) -> Array:

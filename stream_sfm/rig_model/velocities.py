@@ -10,12 +10,12 @@ from ..geometry.stereo import Pinholes, StereoProjection
 TimedCameras = tuple[Pinholes, tuple[tuple[int, int], Array]]
 
 
-def twists(cams_from_ref: Array, stamps_ns: list[int]) -> Array:
-    """Return the velocities (n, 6) with which points move in each of a few cameras, ξ per second of Exp(ξ) X.
+def point_motions(cams_from_ref: Array, stamps_ns: list[int]) -> Array:
+    """Return twists and their change per second (n, 2, 6) with which points move in each of a few cameras.
 
-    `cams_from_ref` (n, 4, 4) at ascending stamps; see `core.twists`.
+    `cams_from_ref` (n, 4, 4) at ascending stamps; see `core.point_motions`.
     """
-    return core.twists(cams_from_ref, np.array([(s - stamps_ns[0]) / 1e9 for s in stamps_ns]))
+    return core.point_motions(cams_from_ref, np.array([(s - stamps_ns[0]) / 1e9 for s in stamps_ns]))
 
 
 def velocities(projection: StereoProjection, points_in_cam: Array, twist: Array) -> Array:

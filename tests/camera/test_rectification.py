@@ -52,8 +52,8 @@ def test_rows_of_views_are_those_of_the_cameras_own_images(model: str) -> None:
     left, right = rectifier.rectify(own, own)
     u, v = (a.ravel() for a in np.meshgrid(np.arange(60, 260, 9), np.arange(60, 180, 9)))
     rows = rectifier.rows_of(np.stack([u, v, u, v], axis=1).astype(float))
-    expected = np.stack([left[v, u], left[v, u], right[v, u], right[v, u]], axis=1) / 239 - 0.5
-    assert np.abs(rows - expected).max() < 0.51 / 239  # grey values are whole rows
+    expected = (np.stack([left[v, u], left[v, u], right[v, u], right[v, u]], axis=1) + 0.5) / 240 - 0.5
+    assert np.abs(rows - expected).max() < 0.51 / 240  # grey values are whole rows
     one_side = rectifier.rows_of(np.array([[80.0, 90.0, np.nan, np.nan]]))
     assert np.isnan(one_side[0]).tolist() == [False, False, True, True]
 

@@ -33,7 +33,7 @@ RIGHT_SIDES = (PINHOLES, ROWS, np.ones(3), np.ones(6))
 TIMING = (EXPOSED, np.ones(2), np.eye(2), np.ones(6))
 TEMPLATES = (1, 4, 2, 3.0, 20.0, 4.0, 1.0)
 RULES = ((80.0, 60.0), 0.8, 2.0, 4, 0.1, False, False)
-TRACKS = (POINTS, np.ones(N), COV[:, :2, :2], MOTIONS, STARTS, np.ones(N, int))
+TRACKS = (POINTS, np.ones(N), COV[:, :2, :2], MOTIONS, STARTS, STARTS, np.ones(N, int))
 BYTES, BYTES_STORED = IMAGE.astype(np.uint8), STORED.astype(np.uint8)
 STATE = (MOTIONS[:2], SLOTS, MOTIONS, POINTS[:, :3], np.zeros(8))
 SEEN = (SLOTS % 2, SLOTS, SLOTS > 0, VIEWS, np.ones((N, 4)), COV, SHARED, np.zeros((N, 4, 0)), FIELD, MOVES)
@@ -52,7 +52,7 @@ CALLS = {
     "view_inflation": (SLOTS, 0.5, 1.0, 0.92),
     "warp_patches": (STORED, SLOTS, WARPS, 4, 2),
     "align_patches": (IMAGE, STARTS, *core.warp_patches(STORED, SLOTS, WARPS, 4, 2), 4, 2),
-    "predict_tracks": (PINHOLES, TRACKS, np.eye(4), np.eye(4), STARTS, np.ones(N, bool)),
+    "predict_tracks": (PINHOLES, TIMING, np.ones(6), TRACKS, np.eye(4), np.eye(4), STARTS, np.ones(N, bool)),
     "update_depths": (PINHOLES, TRACKS, np.eye(4), VIEWS, COV, 1.1),
     "templates_fit": (WARPS, 4.0, 10.0),
     "inside_area": (IMAGE > 100, STARTS),
@@ -69,7 +69,7 @@ CALLS = {
     "fit_turn": ((*OF_VIEWS[:5], SHARED[..., :0], np.ones(N)), np.eye(4), np.eye(3), 0.1),
     "rig_effects": ((PINHOLES, (80.0, 60.0), np.eye(20), GRID), VIEWS, np.ones(N)),
     "expected_views": (PINHOLES, STATE, SEEN, SLOTS > 2, VIEWS),
-    "timing_of_views": (PINHOLES, EXPOSED, STATE, SEEN, VIEWS, np.ones((2, 6))),
+    "timing_of_views": (PINHOLES, EXPOSED, STATE, SEEN, VIEWS, np.ones((2, 2, 6)), np.ones(2)),
     "field_basis": (GRID, STARTS),
     "row_terms": ((80.0, 60.0), GRID, STARTS, np.ones(N)),
     "row_offsets": (ROWS, STARTS, np.ones(N)),
@@ -79,7 +79,7 @@ CALLS = {
         *(
             RIGHT_SIDES,
             TIMING,
-            (*TRACKS[:5], 1 + 3 * (SLOTS % 2)),
+            (*TRACKS[:6], 1 + 3 * (SLOTS % 2)),
             SLOTS,
             np.eye(4),
             np.eye(4),
@@ -91,9 +91,9 @@ CALLS = {
     ),
     "place_new_points": (RIGHT_SIDES, TIMING, VIEWS, COV, 1.0, -2.0, 9.0),
     "effects_of_turn": (PINHOLES, STARTS),
-    "twists": (MOTIONS, np.arange(N) / 10),
+    "point_motions": (MOTIONS, np.arange(N) / 10),
     "velocities": (PINHOLES, POINTS, RNG.normal(size=(N, 6))),
-    "timed_views": (PINHOLES, EXPOSED, POINTS, np.ones((N, 6)), VIEWS),
+    "timed_views": (PINHOLES, EXPOSED, POINTS, np.ones((2, 6)), np.ones(2), VIEWS),
     "timing_unknowns": (
         *(PINHOLES, EXPOSED),
         *2 * ((POINTS, np.ones(6)),),

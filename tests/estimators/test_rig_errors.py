@@ -114,10 +114,8 @@ class Flight:
         depth_m = self.rng.uniform(2, 6, 200)
         self.points = np.c_[self.rng.uniform([-0.7, -0.5], [0.7, 0.5], (200, 2)) * depth_m[:, None], depth_m]
 
-    # v/(h − 1) − ½ of v = h (y + 1)/2
-    row_of = ExposedRows(
-        (P.width, P.height), np.array([[[0.5 / (P.height - 1), 0.5 * P.height / (P.height - 1)], [0.0, 0.0]]])
-    )
+    # (v + ½)/h − ½ of v = h (y + 1)/2
+    row_of = ExposedRows((P.width, P.height), np.array([[[0.5 / P.height, 0.5], [0.0, 0.0]]]))
 
     def world_from_cam(self, seconds: Array) -> Array:
         """Poses (n, 4, 4) at times (n,): half a metre per second, and 30° per second, that change in half a second."""

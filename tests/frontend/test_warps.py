@@ -1,14 +1,19 @@
 """Warps of patches against the images of a plane, point by point, and what they are worth to a turning camera."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.config import Config
+from stream_sfm.camera.exposed_rows import ExposedRows
+from stream_sfm.config import Config, RigConfig
 from stream_sfm.engine import Engine
+from stream_sfm.frontend.timing import Timing
 from stream_sfm.frontend.tracks import Tracks
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
+from stream_sfm.rig_model.velocities import velocities
 from tests.helpers.estimators import nees
 from tests.helpers.wall import Wall, rig
 
@@ -25,10 +30,10 @@ def images_of(offsets_px: np.ndarray) -> np.ndarray:
     return P.project_homogeneous(anchor @ CAM_FROM_ANCHOR.T)
 
 
-@pytest.mark.parametrize("side", [0, 1])
-def test_a_warp_is_the_plane_s_exact_map(side: int) -> None:
+def track(anchor_velocity_px_s: np.ndarray) -> Tracks:
+    """The point in the middle, seen in the camera."""
     point = CAM_FROM_ANCHOR @ np.array([*RAY, 1, RHO])
-    tracks = Tracks(
+    return Tracks(
         ids=np.array([0]),
         slots=np.array([0]),
         left_px=np.zeros((1, 2)),
@@ -37,18 +42,64 @@ def test_a_warp_is_the_plane_s_exact_map(side: int) -> None:
         var_rho=np.array([1e-6]),
         anchor_from_start=np.eye(4)[None],
         anchor_rays=RAY[None],
+        anchor_velocity_px_s=anchor_velocity_px_s[None],
         slopes=SLOPES[None],
         scale=np.ones(1, np.int64),
         agreed=np.zeros(1, np.int64),
     )
+
+
+def warps(tracks: Tracks, timing: Timing, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Its warps in the left and in the right image."""
     of_motion = np.eye(4), CAM_FROM_ANCHOR, np.zeros((1, 2)), np.array([False])
-    warp = core.predict_tracks(P.pinholes, tracks.of_core, *of_motion)[3 + side][0]
+    *_, left, right = core.predict_tracks(P.pinholes, timing.of_core(twist), twist, tracks.of_core, *of_motion)
+    return left[0], right[0]
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_warp_is_the_plane_s_exact_map(side: int) -> None:
+    warp = warps(track(np.zeros(2)), Timing.unknown(P, RigConfig(), None), np.zeros(6))[side]
     columns = slice(2 * side, 2 * side + 2)
     now_px = images_of(OFFSETS_PX)[:, columns] - images_of(np.zeros((1, 2)))[:, columns]
     back = (now_px @ warp[:2].T) / (1 + now_px @ warp[2])[:, None]
     assert np.abs(back - OFFSETS_PX).max() < 1e-9
     affine = now_px @ warp[:2].T
     assert np.abs(affine - OFFSETS_PX).max() > 0.05  # what the affine part alone would leave
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_warp_knows_how_a_readout_shears_patches(side: int) -> None:
+    """Images at the times of their rows, by points with a twist: small offsets now become those of the template.
+
+    What is left is that velocities differ over a patch, a tenth of the shear.
+    """
+    rows, readout_s, step_px = (
+        ExposedRows((P.width, P.height), np.array([[[0.5 / P.height, 0.5], [0, 0]]])),
+        0.02,
+        1.0,
+    )
+    timing = replace(Timing.unknown(P, RigConfig(), rows), mean=np.array([0.0, readout_s]))
+    then, now = np.array([0.2, 0.1, 0.4, 0.5, 0.9, -0.3]), np.array([-0.3, 0.2, 0.5, -0.6, -1.0, 0.4])
+
+    def seen(offset_px: np.ndarray, cam_from_anchor: np.ndarray, twist: np.ndarray, of: int) -> np.ndarray:
+        d, view = offset_px / P.f_px, np.zeros(4)
+        point = cam_from_anchor @ np.array([*(RAY + d), 1, RHO + d @ SLOPES])
+        for _ in range(8):
+            view = P.project_homogeneous((se3.exp(readout_s * rows(view[None])[0, 2 * of] * twist) @ point)[None])[
+                0
+            ]
+        return view[2 * of : 2 * of + 2]
+
+    offsets = step_px * np.array([[1.0, 0], [-1, 0], [0, 1], [0, -1]])
+    by_offset = [
+        np.stack([(seen(a, *at) - seen(b, *at)) / (2 * step_px) for a, b in (offsets[:2], offsets[2:])], axis=1)
+        for at in ((np.eye(4), then, 0), (CAM_FROM_ANCHOR, now, side))
+    ]
+    expected = by_offset[0] @ np.linalg.inv(by_offset[1])
+    anchor = np.array([[*RAY, 1, RHO]])
+    tracks = track(velocities(P, anchor, then)[0, :2])
+    found, unsheared = warps(tracks, timing, now)[side], warps(tracks, replace(timing, mean=np.zeros(2)), now)[side]
+    assert np.abs(found[:2] - expected).max() < 0.25 * np.abs(unsheared[:2] - expected).max()
 
 
 @pytest.mark.parametrize("axis", [(0, 1, 0), (1, 0, 0), (0, 0, 1), (0.6, 0.7, 0.4)], ids=str)

@@ -26,7 +26,7 @@ from stream_sfm.rig_model.terms import (
     terms_of_turn,
 )
 from stream_sfm.rig_model.turns import effects_of_turn
-from stream_sfm.rig_model.velocities import twists, velocities
+from stream_sfm.rig_model.velocities import point_motions, velocities
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 RNG = np.random.default_rng(3)
@@ -35,17 +35,21 @@ TWIST = np.array([0.4, -0.2, 0.9, 0.3, -0.5, 0.2])  # m/s and rad/s
 Z_PX = P.project_homogeneous(POINTS)
 
 
-# rows of images that are those of the rectified pair: v/(h − 1) − ½ of v = h (y + 1)/2
-SLOPE = 0.5 * P.height / (P.height - 1)
-row_of = ExposedRows((P.width, P.height), np.array([[[SLOPE - 0.5, SLOPE], [0.0, 0.0]]]))
+# rows of images that are those of the rectified pair: (v + ½)/h − ½ of v = h (y + 1)/2
+row_of = ExposedRows((P.width, P.height), np.array([[[0.5 / P.height, 0.5], [0.0, 0.0]]]))
 CAMERAS = P.pinholes, row_of.of_core
 
 
-def seen_after(seconds: Array, twist: Array = TWIST) -> Array:
-    """Views (n, 4) of points that move with a twist, each coordinate after its time: (n, 4) seconds."""
+STEADY, MOTION = np.stack([TWIST, np.zeros(6)]), np.stack([TWIST, [3.0, 2.0, -4.0, 2.0, 3.0, -1.5]])
+AT_ONCE = np.zeros(2)
+
+
+def seen_at(seconds: Array, motion: Array) -> Array:
+    """Views (n, 4) of points with a motion (2, 6), each coordinate after its time: (n, 4) seconds."""
     result = np.empty(Z_PX.shape)
     for k in range(4):
-        moved = se3.exp(twist * seconds[:, k : k + 1]) @ POINTS[..., None]
+        t = seconds[:, k : k + 1]
+        moved = se3.exp(t * motion[0] + 0.5 * t**2 * motion[1]) @ POINTS[..., None]
         result[:, k] = P.project_homogeneous(moved[..., 0])[:, k]
     return result
 
@@ -53,7 +57,8 @@ def seen_after(seconds: Array, twist: Array = TWIST) -> Array:
 def per_second(times: Array, twist: Array = TWIST) -> Array:
     """What a delay of `times` (n, 4), per second of an error of timing, does to views: by central differences."""
     step = 1e-5
-    return (seen_after(step * times, twist) - seen_after(-step * times, twist)) / (2 * step)
+    steady = np.stack([twist, np.zeros(6)])
+    return (seen_at(step * times, steady) - seen_at(-step * times, steady)) / (2 * step)
 
 
 LATE = np.broadcast_to([0.0, 0.0, 1.0, 0.0], Z_PX.shape)  # what is in the right row is taken out with the rows
@@ -68,8 +73,24 @@ def test_velocities_are_those_of_moving_points() -> None:
 @pytest.mark.parametrize(("term", "times"), [(DELAY, LATE), (READOUT, ROWS)])
 def test_columns_of_timing_are_views_taken_at_other_times(term: str, times: Array) -> None:
     expected = per_second(times)
-    views, at = core.timed_views(*CAMERAS, POINTS, TWIST[None], None), [DELAY, READOUT].index(term)
+    views, at = core.timed_views(*CAMERAS, POINTS, STEADY, AT_ONCE, None), [DELAY, READOUT].index(term)
     assert np.abs(views[:, :, at] - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(("delay_s", "readout_s"), [(0.008, 0.0), (0.0, 0.02), (0.004, 0.01)])
+def test_timing_is_exact_to_second_order(delay_s: float, readout_s: float) -> None:
+    """A view taken later, while its points accelerate: half the timing leaves an eighth of what is left."""
+
+    def left_px(share: float) -> float:
+        timing = share * np.array([delay_s, readout_s])
+        seconds = timing[0] * LATE + timing[1] * ROWS
+        views = core.timed_views(*CAMERAS, POINTS, MOTION, timing, Z_PX)
+        return float(np.abs(seen_at(seconds, MOTION) - Z_PX - views @ timing).max())
+
+    linear = core.timed_views(*CAMERAS, POINTS, STEADY, AT_ONCE, Z_PX) @ [delay_s, readout_s]
+    error_px = np.abs(seen_at(delay_s * LATE + readout_s * ROWS, MOTION) - Z_PX - linear).max()
+    assert left_px(1.0) < 0.05 * error_px
+    assert left_px(0.5) == pytest.approx(left_px(1.0) / 8, rel=0.2)
 
 
 def test_the_focal_length_is_that_of_both_cameras() -> None:
@@ -116,10 +137,10 @@ def test_without_velocities_or_rows_timing_does_nothing_and_a_missing_side_has_n
     model = RigModel.of(P, RigConfig(), row_of=row_of)
     timing = slice(TERMS.index(DELAY), TERMS.index(READOUT) + 1)
     assert not model.effects(Z_PX)[..., timing].any()
-    assert not replace(model, row_of=None).by_timing(POINTS, TWIST, Z_PX).any()
+    assert not replace(model, row_of=None).by_timing(POINTS, MOTION, AT_ONCE, Z_PX).any()
     z_px = Z_PX.copy()
     z_px[0, 2:] = np.nan
-    for effects in (model.effects(z_px), model.by_timing(POINTS, TWIST, z_px)):
+    for effects in (model.effects(z_px), model.by_timing(POINTS, MOTION, AT_ONCE, z_px)):
         assert not effects[0, 2:].any() and effects[0, :2].any() and np.isfinite(effects).all()
 
 
@@ -199,18 +220,22 @@ def test_units_and_amplitudes_of_a_model_are_the_same_errors() -> None:
 STAMPS = [0, 90_000_000, 210_000_000, 300_000_000, 380_000_000, 520_000_000]
 
 
-def test_a_steady_turn_and_a_polynomial_path_have_their_own_velocities() -> None:
+def test_a_steady_turn_and_a_polynomial_path_have_their_own_velocities_and_accelerations() -> None:
     t = np.array(STAMPS) / 1e9
     steady = se3.exp(TWIST * t[:, None]) @ se3.exp(np.array([0.3, 1, 2, 0.1, 0.2, 0.3]))
-    assert twists(steady, STAMPS) == pytest.approx(np.tile(TWIST, (6, 1)), abs=1e-9)
+    assert point_motions(steady, STAMPS) == pytest.approx(np.tile(STEADY, (6, 1, 1)), abs=1e-7)
     cubic = np.tile(np.eye(4), (6, 1, 1))
     cubic[:, 0, 3], cubic[:, 1, 3] = 2 * t**3 - t, t**2
-    found = twists(cubic, STAMPS)
-    assert found[:, 0] == pytest.approx(6 * t**2 - 1, abs=1e-9)
-    assert found[:, 1] == pytest.approx(2 * t, abs=1e-9)
+    found = point_motions(cubic, STAMPS)
+    assert found[:, 0, 0] == pytest.approx(6 * t**2 - 1, abs=1e-9)
+    assert found[:, 0, 1] == pytest.approx(2 * t, abs=1e-9)
+    assert found[:-1, 1, 0] == pytest.approx(12 * t[:-1], abs=1e-9)
+    assert found[:, 1, 1] == pytest.approx(np.full(6, 2.0), abs=1e-9)
+    assert found[-1, 1] == pytest.approx(found[-2, 1])  # not extrapolated
     for few in (2, 3):
-        assert twists(steady[:few], STAMPS[:few]) == pytest.approx(np.tile(TWIST, (few, 1)), abs=1e-9)
-    assert not twists(cubic[:1], STAMPS[:1]).any()
+        found = point_motions(steady[:few], STAMPS[:few])
+        assert found == pytest.approx(np.tile(STEADY, (few, 1, 1)), abs=1e-7)
+    assert not point_motions(cubic[:1], STAMPS[:1]).any()
 
 
 @pytest.mark.parametrize("mean", [(0.004, 0.0), (0.0, 0.02)])
@@ -219,7 +244,10 @@ def test_what_is_not_known_of_timing_has_the_covariance_of_its_causes(mean: tupl
     rng, draws = np.random.default_rng(4), 40_000
     cov, std_twist = np.diag([1e-3, 5e-3]) ** 2, np.repeat([0.3, 0.1], 3)
     points, then, now = POINTS[:5], TWIST, 0.5 * TWIST
-    before, after, *units = (core.timed_views(*CAMERAS, points, t[None], None) for t in (then, now, *np.eye(6)))
+    before, after, *units = (
+        core.timed_views(*CAMERAS, points, np.stack([t, np.zeros(6)]), np.array(mean), None)
+        for t in (then, now, *np.eye(6))
+    )
     by_unit = np.stack(units, axis=2)
     timing = np.array(mean), cov, std_twist
     unknown = core.timing_unknowns(*CAMERAS, (points, then), (points, now), *timing).reshape(20, -1)

@@ -134,14 +134,15 @@ def expected(state: State, views: WhitenedViews, rig: RigModel, age_s: float) ->
     return changed(views, expected_px=expected_px, terms=terms, field=field)
 
 
-def timed(state: State, views: WhitenedViews, rig: RigModel, twists: Array) -> WhitenedViews:
-    """Return views with what delay and readout do to them where they were expected, with `twists` (F, 6) of frames."""
+def timed(state: State, views: WhitenedViews, rig: RigModel, motions: Array, timing_s: Array) -> WhitenedViews:
+    """Return views with what delay and readout do to them where they were expected, with `motions` (F, 2, 6) of frames.
+
+    Exact to second order near a delay and readout `timing_s` (2,).
+    """
     if rig.row_of is None:
         return views
-    timing = (
-        core.timing_of_views(*rig.cameras, state, views.of_core, views.expected_px, twists) * rig.units_of_timing
-    )
-    return changed(views, timing=timing)
+    by_second = core.timing_of_views(*rig.cameras, state, views.of_core, views.expected_px, motions, timing_s)
+    return changed(views, timing=by_second * rig.units_of_timing)
 
 
 def linearise(projection: StereoProjection, state: State, views: WhitenedViews) -> NormalBlocks:

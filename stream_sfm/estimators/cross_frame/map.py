@@ -14,9 +14,9 @@ from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
 from ...record import changed, rows_of
-from ...rig_model.estimate import RigEstimate
+from ...rig_model.estimate import CERTAIN, RigEstimate
 from ...rig_model.model import RigModel
-from ...rig_model.velocities import twists
+from ...rig_model.velocities import point_motions
 from ...types import Solution
 from ..ids import among, times_among, union
 from .inverse_depth import State, WhitenedViews, expected, linearise, q_of_views, timed
@@ -57,7 +57,7 @@ class Map:
         self.frames: list[WindowFrame] = []
         self.views, self.cams_from_ref = views[:0], np.empty((0, 4, 4))
         self._twist_error = TwistError()
-        self._twists = np.zeros((1, 6))  # of the reference camera and of the window
+        self._motions = np.zeros((1, 2, 6))  # of points in the reference camera and in the window
         self.reference_index, self.reference_ns = frame.index, frame.stamp_ns
         self.rejections = RejectionCounts()
         self.begun_anew = self._dropped = np.empty(0, np.int64)
@@ -260,14 +260,16 @@ class Map:
             return views, None
         poses = [np.eye(4), *self.cams_from_ref, cam_from_previous @ self.newest_cam_from_ref]
         stamps = [*self._stamps_ns(), frame.stamp_ns]
-        *_, before, now = twists(np.array(poses), stamps)
+        *_, before, now = point_motions(np.array(poses), stamps)
         moved = clamp_depth(points @ cam_from_previous.T)
         by_timing = np.zeros_like(views.timing)
-        by_timing[rows] = frame.rig.by_timing(moved, now, views.expected_px[rows])
-        views = changed(views, timing=by_timing)
         timing = frame.rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
+        by_timing[rows] = frame.rig.by_timing(moved, now, timing[0], views.expected_px[rows])
+        views = changed(views, timing=by_timing)
         of_twist = std_acceleration * (stamps[-1] - stamps[-2]) / 1e9
-        return views, core.timing_unknowns(*frame.rig.cameras, (points, before), (moved, now), *timing, of_twist)
+        return views, core.timing_unknowns(
+            *frame.rig.cameras, (points, before[0]), (moved, now[0]), *timing, of_twist
+        )
 
     def renew_timing(self) -> None:
         """Take what delay and readout do to the used views of the window, with the velocities that are known now.
@@ -279,10 +281,23 @@ class Map:
         rig = self.frames[-1].rig
         if rig is None:
             return
-        self._twists = twists(np.array([np.eye(4), *self.cams_from_ref]), self._stamps_ns())
+        self._motions = point_motions(np.array([np.eye(4), *self.cams_from_ref]), self._stamps_ns())
         if self._first is not None:
-            self._renew_first(self._first, rig, self._twists[:1])
-        self.views = timed(self.state(), self.views, rig, self._twists[1:])
+            self._renew_first(self._first, rig)
+        self.views = timed(self.state(), self.views, rig, self._motions[1:], self._timing_s(rig))
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether delay or readout are certain to be there, so that velocities matter to the poses."""
+        rig = self.frames[-1].rig
+        if rig is None:
+            return False
+        mean, cov = rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
+        return bool((mean**2 > CERTAIN**2 * np.diag(cov)).any())
+
+    def _timing_s(self, rig: RigModel) -> Array:
+        """Return delay and readout (2,) as they are held."""
+        return rig.timing(self.prior.rig.held, self.prior.rig.cov_held)[0]
 
     def _stamps_ns(self) -> list[int]:
         """Return the stamps of the reference camera and of the window."""
@@ -293,14 +308,14 @@ class Map:
         rig, newest = self.frames[-1].rig, self.views[self.newest]
         if rig is None or not newest.used.any():
             return np.zeros((6, 6))
-        self._twist_error.add([self.reference_index, *(f.index for f in self.frames)], self._twists)
+        self._twist_error.add([self.reference_index, *(f.index for f in self.frames)], self._motions[:, 0])
         mean, cov = rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
         in_cam = core.points_of_views(self.state(), newest.of_core)
         stamps = self._stamps_ns()
         cov_twist = self._twist_error.cov(std_acceleration, (stamps[-1] - stamps[-2]) / 1e9)
         return core.cov_of_timed_pose(*rig.cameras, in_cam, np.sqrt(mean**2 + np.diag(cov)), cov_twist)
 
-    def _renew_first(self, views: WhitenedViews, rig: RigModel, twist: Array) -> None:
+    def _renew_first(self, views: WhitenedViews, rig: RigModel) -> None:
         """Begin the prior again with the first frame's views as they moved, which later frames tell better.
 
         Possible as long as nothing else is in the prior.
@@ -309,7 +324,7 @@ class Map:
         state = State(np.eye(4)[None], self.prior.ids, self.ref_from_anchor[at], self.q[at], rig_error)
         views = changed(views, used=among(views.ids, state.ids))
         views = expected(state, views, rig, self.prior.rig.age_s(self.reference_ns))
-        self._first = timed(state, views, rig, twist)
+        self._first = timed(state, views, rig, self._motions[:1], self._timing_s(rig))
         estimates = self._seen_alone(self._first, state, self.prior.rig.mean - rig_error)
         self.prior = self.prior.with_first_views(*estimates)
 

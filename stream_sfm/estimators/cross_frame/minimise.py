@@ -17,15 +17,18 @@ _CONVERGED = 1e4
 def minimise(current: Map, max_iterations: int, gate_probability: float) -> int:
     """Go to the joint minimum of the window and return the number of steps.
 
-    Views that contradict it have no part in the next step, of this frame or of the next one. The last factor stays in
+    Views that contradict it have no part in the next step, of this frame or of the next one. Where the timing is wrong,
+    a second step is made with the velocities that the first one has found. The last factor stays in
     the map for the covariances. Raises LinAlgError where the iteration diverges or no points are left.
     """
     before, steps = np.inf, 0
-    while steps < max_iterations and not before < _CONVERGED:
+    while steps < max_iterations and not (before < _CONVERGED and steps >= 1 + current.is_timed):
         current.drop_undetermined()
         if not len(current.ids):
             raise np.linalg.LinAlgError("no points are left")
         decrease = current.gauss_newton_step()
+        if current.is_timed:
+            current.renew_timing()
         if not decrease < before:  # a step that promises more than the one before it leads away from the minimum
             raise np.linalg.LinAlgError("Gauss-Newton diverges")
         _gate(current, gate_probability)
