@@ -136,10 +136,12 @@ class LastingErrors:
     `std_drift_px` (n,): how far a patch may have slid over its surface since the previous frame, where it is seen from
     a changing direction; None where points are exact. `inflation` (n, 2): factors on the variances of left and right
     side for an estimator that adds up the views of a track as if they were independent; None where they are.
+    `std_turn_rad`: σ about each axis of the turn since the previous frame that patches feign which slide alike.
     """
 
     std_drift_px: Array | None = None
     inflation: Array | None = None
+    std_turn_rad: float = 0.0
 
     def __repr__(self) -> str:
         return f"<LastingErrors of {0 if self.std_drift_px is None else len(self.std_drift_px)} views>"

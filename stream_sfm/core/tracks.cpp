@@ -22,7 +22,7 @@ constexpr double UNKNOWN_ERROR_GREY = 255.0;  // of a side that was not found: i
 constexpr double EDGE_DAMPING = 1e-3, MIN_GRADIENT = 1e-6;
 // s of eq. (17): of how much a patch changes, what its position slides. Measured where poses and depths are exact, by
 // `python -m tools.track_errors`: a tenth to two tenths, along the line of sight as across it.
-constexpr double SLIDE = 0.2;
+constexpr double SLIDE = 0.1;
 
 // The warp (3, 2), W above h, of the maps A (2, 2) and n (2,): W = A⁻¹ and h = −Wᵀn; W is finite also where A is singular.
 void warp(const double* a, const double* by_depth, double* out) {

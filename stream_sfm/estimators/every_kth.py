@@ -37,7 +37,7 @@ class EveryKth:
         """Forget what has come together since a frame of the method, which is the latest one."""
         self._between = 0  # frames since then
         self._previous_from_last = np.eye(4)  # motion from the method's last frame to the previous one
-        self._drift_ids, self._var_drift_px = np.empty(0, np.int64), np.empty(0)
+        self._drift_ids, self._var_drift_px, self._var_turn_rad2 = np.empty(0, np.int64), np.empty(0), 0.0
         self._rig_change_roots: list[Array] = []
         self._settled = False
 
@@ -64,6 +64,7 @@ class EveryKth:
         self._settled |= observations.settled
         if observations.lasting.std_drift_px is None:
             return
+        self._var_turn_rad2 += observations.lasting.std_turn_rad**2
         variances = observations.lasting.std_drift_px**2
         _, now, before = np.intersect1d(observations.track_ids, self._drift_ids, return_indices=True)
         variances[now] += self._var_drift_px[before]
@@ -78,7 +79,8 @@ class EveryKth:
             roots = self._rig_change_roots
             rig = replace(rig, change_root=np.concatenate(roots, axis=1) if roots else None)
         if lasting.std_drift_px is not None:
-            lasting = replace(lasting, std_drift_px=np.sqrt(self._var_drift_px))
+            of_turn = float(np.sqrt(self._var_turn_rad2))
+            lasting = replace(lasting, std_drift_px=np.sqrt(self._var_drift_px), std_turn_rad=of_turn)
         if observations.cam_from_previous is not None:
             start = se3.orthonormalise(observations.cam_from_previous @ self._previous_from_last)
         return replace(

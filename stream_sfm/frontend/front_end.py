@@ -28,7 +28,7 @@ from .prepared import Image, PreparedImages
 from .right_turn import RightTurn, TurnWatch, rig_change, root_of_turn, shift_of_turn, with_turn
 from .rows import Rows
 from .state import FrontEndState, Setup
-from .template_errors import TemplateErrors
+from .template_errors import TemplateErrors, turn_of_slides
 from .timing import Timing
 from .tracker import Followed, follow, learn_timing, lose, may_wait
 
@@ -129,7 +129,11 @@ class StereoFrontEnd:
             n_new=len(z_new),
             ambiguity=_ambiguity(followed.other, state),
             settled=followed.settled,
-            lasting=replace(observed.lasting, std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))])),
+            lasting=replace(
+                observed.lasting,
+                std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))]),
+                std_turn_rad=turn_of_slides(drift_px, self.setup.projection.f_px),
+            ),
         )
 
     def _fit(self, followed: Followed | None) -> PairFit | None:

@@ -88,10 +88,11 @@ def test_drift_and_motion_add_up(arc):
     for n, o in enumerate(arc.observations[: K + 1]):
         motion = None if n == 0 else se3.inverse(poses[n]) @ poses[n - 1]
         drift = np.full(len(o.track_ids), 0.1)
-        estimator.step(replace(o, cam_from_previous=motion, lasting=LastingErrors(drift)))
+        estimator.step(replace(o, cam_from_previous=motion, lasting=LastingErrors(drift, std_turn_rad=1e-4)))
     (first, last) = told
     both = np.isin(last.track_ids, first.track_ids)
     assert last.lasting.std_drift_px[both] == pytest.approx(np.sqrt(K) * 0.1)
+    assert last.lasting.std_turn_rad == pytest.approx(np.sqrt(K) * 1e-4)
     motion = se3.inverse(poses[K]) @ poses[0]
     # the motion that was found between, of noisy views
     assert se3.log(se3.inverse(motion) @ last.cam_from_previous) == pytest.approx(np.zeros(6), abs=0.02)

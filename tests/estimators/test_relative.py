@@ -1,5 +1,7 @@
 """Relative motions: their covariance against the scatter of many trials, over every span of the window."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from stream_sfm.geometry import se3
@@ -28,3 +30,22 @@ def test_covariances_of_relative_motions_are_those_of_their_errors() -> None:
         assert np.abs(again - relative.frame_from_newest[-3]).max() < 1e-9
     for span, values in by_span.items():
         assert abs(np.mean(values) - 6) < 3 * np.sqrt(12 / TRIALS), span
+
+
+def test_turns_that_patches_feign_add_up_in_the_pose_and_in_relative_motions() -> None:
+    """Eq. (17a): estimates stay as they are; a turn in frame k moves all later cameras about its place."""
+    sequence, std_rad = SCENE.sequence(np.random.SeedSequence(3)), 1e-3
+    told = [replace(o, lasting=replace(o.lasting, std_turn_rad=std_rad)) for o in sequence.observations]
+    before = run("cross-frame", sequence.projection, sequence.observations)[-1]
+    after = run("cross-frame", sequence.projection, told)[-1]
+    assert (after.world_from_cam == before.world_from_cam).all()
+    # the first camera is the world: the turns of all frames after it
+    cams_from_newest = se3.inverse(sequence.world_from_cam[1:]) @ sequence.world_from_cam[-1]
+    turned = std_rad * se3.adjoint(se3.inverse(cams_from_newest))[:, :, 3:]
+    each = turned @ np.swapaxes(turned, 1, 2)
+    added = after.cov_pose - before.cov_pose
+    assert np.abs(added - each.sum(axis=0)).max() < 0.02 * np.abs(added).max()  # estimated poses are off by that
+    assert before.relative is not None and after.relative is not None
+    for r, index in enumerate(after.relative.frame_indices.tolist()):
+        since = after.relative.cov[r] - before.relative.cov[r]
+        assert np.abs(since - each[index:].sum(axis=0)).max() < 0.02 * np.abs(since).max()

@@ -62,6 +62,7 @@ class Map:
         self.rejections = RejectionCounts()
         self.begun_anew = self._dropped = np.empty(0, np.int64)
         self._frames_ambiguous, self._cov_doubt = 0, np.zeros((6, 6))  # in axes of the reference camera
+        self._cov_slides = np.zeros((6, 6))  # of turns that patches have feigned which slid alike, in the same axes
         self.ids = first.track_ids
         views = changed(views, used=among(views.ids, self.ids))
         self._first: WhitenedViews | None = views  # of the reference camera, until another one is absorbed
@@ -113,7 +114,7 @@ class Map:
         self._first = None  # its views stay in the prior as they are
         self.reference_index, self.reference_ns = frame.index, frame.stamp_ns
         ad = se3.adjoint(cam_from_ref)
-        self._cov_doubt = ad @ self._cov_doubt @ ad.T
+        self._cov_doubt, self._cov_slides = ad @ self._cov_doubt @ ad.T, ad @ self._cov_slides @ ad.T
         self.ref_from_anchor = se3.orthonormalise(cam_from_ref @ self.ref_from_anchor)
         self.cams_from_ref = se3.orthonormalise(self.cams_from_ref[1:] @ se3.inverse(cam_from_ref))
         return frame, views
@@ -154,6 +155,8 @@ class Map:
         views = changed(views, frame=np.full(len(views), len(self.frames)), used=(known | new) & wanted)
         self.frames.append(frame)
         self.cams_from_ref = np.concatenate([self.cams_from_ref, cam_from_ref[None]])
+        turns = frame.std_turn_rad * se3.adjoint(se3.inverse(cam_from_ref))[:, 3:]
+        self._cov_slides = self._cov_slides + turns @ turns.T
         if frame.rig is not None:
             views = expected(self.state(), views, frame.rig, self.prior.rig.age_s(frame.stamp_ns))
         # views out of use stay so: only the drift of points that are in the map is asked for
@@ -210,9 +213,9 @@ class Map:
 
     @property
     def cov_doubt(self) -> Array:
-        """The covariance (6, 6) that alternative motions, which may have been the camera's, add to the newest pose."""
+        """What alternative motions, and patches that slide alike, add to the covariance (6, 6) of the newest pose."""
         ad = se3.adjoint(self.newest_cam_from_ref)
-        return np.asarray(ad @ self._cov_doubt @ ad.T)
+        return np.asarray(ad @ (self._cov_doubt + self._cov_slides) @ ad.T)
 
     def drop_undetermined(self) -> None:
         """Drop points that neither the prior nor an accepted stereo view of the window determines.
@@ -388,5 +391,5 @@ class Map:
             self.newest_cam_from_ref,
             len(self.frames) - 1,
         )
-        self.marginals = marginals.doubted(self.cov_doubt) if self._cov_doubt.any() else marginals
+        self.marginals = marginals.doubted(self.cov_doubt)
         return self.marginals

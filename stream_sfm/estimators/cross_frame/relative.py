@@ -33,7 +33,7 @@ def relative_motions(current: Map, cov_newest: Array) -> RelativeMotions:
     return RelativeMotions(
         frame_indices=np.array([current.reference_index, *(f.index for f in frames[:-1])], np.int64),
         frame_from_newest=se3.orthonormalise(from_newest),
-        cov=cov + _ambiguities(current) + cov_newest,
+        cov=cov + _of_motions(current) + cov_newest,
         common_jacobian=by_rig,
     )
 
@@ -49,15 +49,18 @@ def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
     return CommonErrors(current.rig_error, rig.cov, jacobian)
 
 
-def _ambiguities(current: Map) -> Array:
-    """Return what ambiguous motions between each earlier frame and the newest one add to the covariance (r, 6, 6)."""
-    if not any(frame.ambiguity.shape[1] for frame in current.frames):
-        return np.zeros((len(current.frames), 6, 6))
+def _of_motions(current: Map) -> Array:
+    """Return what the motions between each earlier frame and the newest one add to the covariance (r, 6, 6).
+
+    Where they are ambiguous, and as patches slide alike.
+    """
     together, apart, covs = np.zeros((6, 6)), np.zeros((6, 6)), []
     for frame, cam_from_ref in zip(reversed(current.frames), current.cams_from_ref[::-1], strict=True):
+        moved = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(cam_from_ref))
+        turned = frame.std_turn_rad * moved[:, 3:]
+        apart = apart + turned @ turned.T
         if frame.ambiguity.shape[1]:
-            moved = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(cam_from_ref)) @ frame.ambiguity
-            together = together + moved[:, :6]
-            apart = apart + moved[:, 6:] @ moved[:, 6:].T
+            other = moved @ frame.ambiguity
+            together, apart = together + other[:, :6], apart + other[:, 6:] @ other[:, 6:].T
         covs.append(together @ together.T + apart)
     return np.stack(covs[::-1])

@@ -16,6 +16,7 @@ from .inverse_depth import WhitenedViews
 class WindowFrame:
     """What is known of a frame beside its pose and its views.
 
+    `std_turn_rad`: σ of the turn since the frame before that patches feign which slide alike, about each axis.
     `ambiguity` (6, k): by what else the motion from the frame before may be wrong, in axes of this camera; frames in
     a row share the first six columns, the others are of each alone.
     """
@@ -23,6 +24,7 @@ class WindowFrame:
     index: int
     stamp_ns: int
     rig: RigModel | None
+    std_turn_rad: float = 0.0
     ambiguity: Array = field(default_factory=lambda: np.zeros((6, 0)))
 
 

@@ -24,7 +24,7 @@ from ..prepared import Image, PreparedImages
 from ..right_turn import RightTurn
 from ..rows import Rows
 from ..state import FrontEndState, Setup
-from ..template_errors import TemplateErrors
+from ..template_errors import TemplateErrors, turn_of_slides
 from ..timing import Timing
 from ..tracker import Followed, follow, lose
 from .map_start import MIN_TRACKS, begin_map, open_map
@@ -137,6 +137,7 @@ class MonoFrontEnd:
         z_new, cov_new = with_virtual_right(p, followed.z_px, followed.cov_px, rho, var_new)
         new = tracks.ids >= state.map.first_unseen_id
         state = replace(state, map=replace(state.map, rho_scene=rho_scene, first_unseen_id=state.next_id))
+        drift_px = tracks.drift_px(followed.cam_from_previous, self.setup.config.frontend.window_radius_px)
         z_all, cov_all = with_virtual_right(p, followed.z_px, followed.cov_px, rho, var_known)
         return state, replace(
             observed,
@@ -145,9 +146,7 @@ class MonoFrontEnd:
             cov_px=np.where(new[:, None, None], cov_new, followed.cov_px),
             cam_from_previous=followed.cam_from_previous,
             n_new=int(new.sum()),
-            lasting=LastingErrors(
-                tracks.drift_px(followed.cam_from_previous, self.setup.config.frontend.window_radius_px)
-            ),
+            lasting=LastingErrors(drift_px, std_turn_rad=turn_of_slides(drift_px, p.f_px)),
             start=MapStart(z_all, cov_all, se3.inverse(state.cam_from_start), state.map.cov_start),
         )
 
