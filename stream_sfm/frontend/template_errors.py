@@ -34,14 +34,17 @@ _DECAYS = 0.5, 0.98  # what is less is white; what lasts longer cannot be told w
 # σ₀ of eq. (18), of a patch whose halves agree. Measured on two rendered logs: with it the median error of local
 # structure is 0.5 and 1.6 times its σ, without it 2.6 and 2.8 times.
 MIN_STD_PX = 0.04
-# Of the slide of a patch, eq. (17), what all patches of a frame slide alike. Over 6 m of a rendered corridor pitch errs by
-# 0.4 mrad, three times its σ without that; in a rendered office of 256 px poses then have a NEES of 22, not 11.
+# Of the slide of a patch, eq. (17), what all patches of a frame slide alike. Over 6 m of a rendered corridor pitch errs
+# by 0.4 mrad, three times its σ without that; in a rendered office of 256 px poses then have a NEES of 22, not 11.
 _ALIKE = 0.75
 _REMEMBERED = 20_000  # points remembered, the latest; one older than all of them is given `MIN_STD_PX`
 
 
 def turn_of_slides(drift_px: Array, f_px: float) -> float:
-    """Return σ about each axis, radians, of a turn that patches feign which slide alike, by σ (n,) of drifts, eq. (17a)."""
+    """Return σ about each axis, radians, of a turn that patches feign which slide alike, eq. (17a).
+
+    `drift_px` (n,): σ of the slide of each.
+    """
     return _ALIKE * float(np.sqrt((drift_px**2).mean())) / f_px if len(drift_px) else 0.0
 
 

@@ -33,7 +33,7 @@ from .tracks import Tracks
 # Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a
 # sudden blur of 5 px 14 of 196 did, with a motion that was off by 7 cm.
 _MIN_AGREEMENT = 0.15
-# Of the usual slide of a template, eq. (17): for how much a track lives on. With less, 41 frames of KITTI 06 are degraded.
+# Of the usual slide of a template, eq. (17): for how much a track lives on. With 1, 41 frames of KITTI 06 are degraded.
 _SLIDES_MOST = 2.0
 # The background is hidden where fewer tracks agree that have ever agreed before than MANY_VIEWS and than half, while
 # as many new tracks agree on a motion that has jumped, or that came while it was hidden already: what agrees then moves
