@@ -27,11 +27,13 @@ def minimise(current: Map, max_iterations: int, gate_probability: float) -> int:
         if not len(current.ids):
             raise np.linalg.LinAlgError("no points are left")
         decrease = current.gauss_newton_step()
+        # A step that promises more than the one before it leads away from the minimum. Of little more no step is made
+        # but for new velocities, which may move the minimum farther than that.
+        if not decrease < max(before, _CONVERGED):
+            raise np.linalg.LinAlgError("Gauss-Newton diverges")
+        _gate(current, gate_probability)  # by the velocities that this minimum is of
         if current.is_timed:
             current.renew_timing()
-        if not decrease < before:  # a step that promises more than the one before it leads away from the minimum
-            raise np.linalg.LinAlgError("Gauss-Newton diverges")
-        _gate(current, gate_probability)
         before, steps = decrease, steps + 1
     return steps
 
