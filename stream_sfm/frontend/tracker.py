@@ -104,7 +104,7 @@ def follow(
     if state.rows_waiting is not None:
         state = replace(state, rows=learn_rows(state.rows, state.rows_waiting, twist), rows_waiting=None)
     if state.timing.twist is None:  # the first frame did not know how its points moved
-        state = replace(state, tracks=state.tracks.begun_with(setup.projection, twist))
+        state = _first_timed(setup.projection, state, twist)
     views, expected = align(setup, state, images, state.tracks, rough, twist)
     known = _known(setup, state, expected, views, rough.cam_from_previous, twist, dt_s)
     motions = rough.cam_from_previous, predicted
@@ -153,12 +153,21 @@ def learn_timing(projection: StereoProjection, state: FrontEndState, mean: Array
     return replace(state, tracks=state.tracks.shifted(projection, change_px))
 
 
+def _first_timed(projection: StereoProjection, state: FrontEndState, twist: Array) -> FrontEndState:
+    """Place the tracks of the first frame by a timing that is known, now that it is known how they moved there."""
+    tracks, timing = state.tracks.begun_with(projection, twist), state.timing.moved(twist)
+    if timing.mean.any():
+        tracks = tracks.shifted(projection, timing.taken_out(tracks.points, twist))
+    return replace(state, tracks=tracks, timing=timing)
+
+
 def lose(state: FrontEndState) -> FrontEndState:
     """Forget all tracks and the velocity."""
     return replace(
         state,
         tracks=Tracks.none(),
         velocity=np.zeros(6),
+        timing=replace(state.timing, twist=None),
         ambiguity=AmbiguityMemory(),
         start=StartCheck(),
         background_hidden=False,

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from stream_sfm.camera.exposed_rows import ExposedRows
+from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.config import RigConfig
 from stream_sfm.frontend.state import FrontEndState
 from stream_sfm.frontend.timing import Timing
-from stream_sfm.frontend.tracker import learn_timing
+from stream_sfm.frontend.tracker import learn_timing, lose
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.front_end import SteppedFrontEnd
@@ -33,6 +34,12 @@ def points(n: int = 60) -> np.ndarray:
 def told(delay_s: float, readout_s: float, std_s: float = 2e-4) -> Timing:
     prior = Timing.unknown(P, RigConfig(), row_of)
     return prior.told(np.array([delay_s, readout_s]), std_s**2 * np.eye(2))
+
+
+def late_path(n: int, steps: float) -> np.ndarray:
+    """The path of `camera_path` (n, 4, 4), each pose so many of its equal steps later."""
+    path = camera_path(n)
+    return path @ se3.exp(steps * se3.log(path[1]))
 
 
 def test_what_is_certain_is_told_and_what_is_near_zero_shrinks() -> None:
@@ -109,3 +116,25 @@ def test_what_is_told_places_the_tracks_of_a_run_anew() -> None:
     )  # views are handed out as they were seen; tracks are where they would be
     off = (projection.project_homogeneous(front.state.tracks.points) - without)[:, :2]
     assert np.abs(off).max() < 0.05 * np.abs(observed.rig.timing_px).max()
+
+
+@pytest.mark.parametrize("anew", [False, True], ids=["first frame", "after a loss"])
+def test_points_begun_before_any_motion_are_placed_by_a_timing_that_is_known(anew: bool) -> None:
+    """A right camera that does not move is not taken for one that has turned by what the delay does to all views."""
+    stereo, delay_s = rig(), 0.03
+    at_stamp = list(Wall(2).frames(stereo, camera_path(8)))
+    step_s = (at_stamp[1].stamp_ns - at_stamp[0].stamp_ns) / 1e9
+    between = Wall(2).frames(stereo, late_path(8, delay_s / step_s))
+    frames = [replace(f, right=late.right) for f, late in zip(at_stamp, between, strict=True)]
+    front = SteppedFrontEnd(stereo, known_timing=KnownTiming(delay_s, 1e-4, 0.0, 1e-4))
+    if anew:
+        for frame in frames[:3]:
+            front.step(frame)
+        front.state = lose(front.state)
+    begin = 3 * anew
+    front.step(frames[begin])
+    assert front.state.timing.twist is None and not front.state.timing.mean[1] and len(front.state.tracks) > 100
+    observed = front.step(frames[begin + 1])
+    assert "has moved against the left one" not in observed.note
+    in_both = np.isfinite(observed.z_px[: len(observed.z_px) - observed.n_new, 2])
+    assert in_both.mean() > 0.9

@@ -1,5 +1,6 @@
 """A front-end together with its state, for tests that show it frame after frame."""
 
+from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config
@@ -11,10 +12,14 @@ from stream_sfm.types import Observations, StereoFrame
 class SteppedFrontEnd:
     """The front-end of a rig, and its `state` after the frames that it was shown."""
 
-    def __init__(self, rig: StereoRig) -> None:
+    def __init__(self, rig: StereoRig, known_timing: KnownTiming | None = None) -> None:
         self.rectifier = Rectifier(rig)
         self.front_end = StereoFrontEnd(
-            self.rectifier.projection, Config(), self.rectifier.valid, row_of=self.rectifier.rows_of
+            self.rectifier.projection,
+            Config(),
+            self.rectifier.valid,
+            row_of=self.rectifier.rows_of,
+            known_timing=known_timing,
         )
         self.state: FrontEndState = self.front_end.start
 
