@@ -9,12 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from .. import core
 from ..config import Config
 from ..geometry import se3
 from ..geometry.linear import symmetric
 from ..geometry.resection import Resection
 from ..geometry.se3 import Array
-from ..geometry.stereo import StereoProjection
+from ..geometry.stereo import StereoProjection, clamp_depth
 from ..types import Estimator, Observations, Solution, Status
 from .initial_motion import initial_motion
 from .lifecycle import WorldPoints, frame_status, solution_of
@@ -30,6 +31,7 @@ class EveryKth:
         self._projection = projection
         self._config = config
         self._last: Solution | None = None  # of the method
+        self._last_ns = 0  # its stamp
         self._newest_id = -1  # that the method has seen
         self._begin_interval()
 
@@ -51,7 +53,7 @@ class EveryKth:
             if placed is not None:
                 return placed
         solution = self._estimator.step(self._since_last(observations))
-        self._last = None if solution.status is Status.LOST else solution
+        self._last, self._last_ns = None if solution.status is Status.LOST else solution, observations.stamp_ns
         if len(observations.track_ids):
             self._newest_id = int(observations.track_ids[-1])
         self._begin_interval()
@@ -92,6 +94,28 @@ class EveryKth:
             settled=self._settled,
         )
 
+    def _unknown_px(self, last: Solution, observations: Observations, points: Array) -> Array | None:
+        """Return what is not known of what timing does to views of points (n, 3): (n, 4, j) px of σ = 1, as a map does.
+
+        None where nothing is.
+        """
+        dt_s, motion = (
+            (observations.stamp_ns - self._last_ns) / 1e9,
+            self._since_last(observations).cam_from_previous,
+        )
+        if observations.rig is None or last.rig is None or motion is None or dt_s <= 0:
+            return None
+        model, config = observations.rig.model, self._config.motion
+        before, twist = np.column_stack([points, np.ones(len(points))]), se3.log(motion) / dt_s
+        std_acceleration = np.repeat([config.std_acceleration_m_s2, config.std_angular_acceleration_rad_s2], 3)
+        return core.timing_unknowns(
+            *model.cameras,
+            (before, twist),
+            (clamp_depth(before @ motion.T), twist),
+            *model.timing(last.rig.mean, last.rig.cov),
+            std_acceleration * dt_s,
+        )
+
     def _placed(self, last: Solution, observations: Observations) -> Solution | None:
         """The map of the last estimate, seen from a frame between; None where too few of its points agree."""
         _, rows, known = np.intersect1d(observations.track_ids, last.track_ids, return_indices=True)
@@ -105,6 +129,7 @@ class EveryKth:
             last.points_in_cam[known],
             last.cov_points[known],
             self._previous_from_last,
+            shared=self._unknown_px(last, observations, last.points_in_cam[known]),
         )
         if found is None:
             return None
@@ -138,7 +163,11 @@ def _seen_from(found: Resection, points: Array, cov: Array) -> tuple[Array, Arra
 
 
 def _without_rig_error(observations: Observations, last: Solution) -> Array:
-    """Return the views without the errors of the rig that the method has found."""
+    """Return the views without the errors of the rig that the method has found, and without what its timing does.
+
+    A map's first frame, and its points, have both: how its views moved was not known.
+    """
     if observations.rig is None or last.rig is None:
         return observations.z_px
-    return observations.z_px - observations.rig.model.error_px(last.rig, observations.z_px)
+    at_rest = observations.rig.model.error_px(last.rig, observations.z_px)
+    return observations.z_px - observations.rig.timing_px - at_rest

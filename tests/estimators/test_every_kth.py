@@ -1,5 +1,6 @@
 """Every k-th frame is estimated as if there were no others, and those between are placed with what is known."""
 
+import copy
 from dataclasses import replace
 
 import msgspec
@@ -11,8 +12,9 @@ from stream_sfm.errors import ConfigError
 from stream_sfm.estimators import METHODS, make_estimator
 from stream_sfm.estimators.every_kth import EveryKth
 from stream_sfm.geometry import se3
+from stream_sfm.rig_model.model import RigModel
 from stream_sfm.simulation.scenes import Scene
-from stream_sfm.types import LastingErrors, Status
+from stream_sfm.types import LastingErrors, RigView, Status
 from tests.helpers.estimators import nees, run, without_views
 
 K = 3
@@ -103,3 +105,22 @@ def test_one_camera_estimates_every_frame():
     with pytest.raises(ConfigError, match="estimate_every needs two cameras"):
         Config(mono=True, estimate_every=2)
     assert msgspec.structs.replace(Config(), estimate_every=2).estimate_every == 2
+
+
+def test_frames_between_are_placed_by_views_without_what_timing_does(arc):
+    """Views that timing has moved, as the front-end says, place frames where they do without it."""
+    model, still, moved = RigModel.of(arc.projection, Config().rig), [], []
+    for o in arc.observations:
+        timing_px = np.broadcast_to([6.0, 0.0, 6.0, 0.0], o.z_px.shape)
+        still.append(replace(o, rig=RigView(model)))
+        moved.append(replace(o, rig=RigView(model, timing_px=timing_px), z_px=o.z_px + timing_px))
+    estimator = make_estimator("cross-frame", arc.projection, THINNED)
+    for n in range(2 * K):
+        other = copy.deepcopy(estimator)
+        found = estimator.step(still[n])
+        if n > K:  # a map's first frame still has it
+            placed = other.step(moved[n])
+            assert placed.status is found.status
+            # m and rad; 6 px are 10 mrad, and errors at rest are those of where views were seen
+            apart = se3.log(se3.inverse(found.world_from_cam) @ placed.world_from_cam)
+            assert np.abs(apart).max() < 1e-3
