@@ -109,6 +109,11 @@ class MotionConfig(_Section, frozen=True, kw_only=True):
         float, _number("σ of the angular acceleration, rad/s²", 1e-3, 1e4)
     ] = 3.0
 
+    @property
+    def std_acceleration(self) -> tuple[float, ...]:
+        """σ (6,) of the acceleration about each axis, m/s², and of the angular one, rad/s²."""
+        return 3 * (self.std_acceleration_m_s2,) + 3 * (self.std_angular_acceleration_rad_s2,)
+
 
 class RigConfig(_Section, frozen=True, kw_only=True):
     """Errors of the calibration, and what is known of them beforehand."""

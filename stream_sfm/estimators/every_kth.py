@@ -76,44 +76,45 @@ class EveryKth:
         """Return the observations with motion, drift and new tracks since the method's last frame."""
         if self._between == 1:
             return observations
-        start, rig, lasting = None, observations.rig, observations.lasting
+        rig, lasting = observations.rig, observations.lasting
         if rig is not None:
             roots = self._rig_change_roots
             rig = replace(rig, change_root=np.concatenate(roots, axis=1) if roots else None)
         if lasting.std_drift_px is not None:
             of_turn = float(np.sqrt(self._var_turn_rad2))
             lasting = replace(lasting, std_drift_px=np.sqrt(self._var_drift_px), std_turn_rad=of_turn)
-        if observations.cam_from_previous is not None:
-            start = se3.orthonormalise(observations.cam_from_previous @ self._previous_from_last)
         return replace(
             observations,
-            cam_from_previous=start,
+            cam_from_previous=self._motion_since_last(observations),
             n_new=int((observations.track_ids > self._newest_id).sum()),
             lasting=lasting,
             rig=rig,
             settled=self._settled,
         )
 
+    def _motion_since_last(self, observations: Observations) -> Array | None:
+        """Return the motion (4, 4) since the method's last frame, if that since the previous one is known."""
+        motion = observations.cam_from_previous
+        if motion is None or self._between == 1:
+            return motion
+        return se3.orthonormalise(motion @ self._previous_from_last)
+
     def _unknown_px(self, last: Solution, observations: Observations, points: Array) -> Array | None:
         """Return what is not known of what timing does to views of points (n, 3): (n, 4, j) px of σ = 1, as a map does.
 
         None where nothing is.
         """
-        dt_s, motion = (
-            (observations.stamp_ns - self._last_ns) / 1e9,
-            self._since_last(observations).cam_from_previous,
-        )
+        dt_s, motion = (observations.stamp_ns - self._last_ns) / 1e9, self._motion_since_last(observations)
         if observations.rig is None or last.rig is None or motion is None or dt_s <= 0:
             return None
-        model, config = observations.rig.model, self._config.motion
-        before, twist = np.column_stack([points, np.ones(len(points))]), se3.log(motion) / dt_s
-        std_acceleration = np.repeat([config.std_acceleration_m_s2, config.std_angular_acceleration_rad_s2], 3)
+        model, twist = observations.rig.model, se3.log(motion) / dt_s
+        before = np.column_stack([points, np.ones(len(points))])
         return core.timing_unknowns(
             *model.cameras,
             (before, twist),
             (clamp_depth(before @ motion.T), twist),
             *model.timing(last.rig.mean, last.rig.cov),
-            std_acceleration * dt_s,
+            np.array(self._config.motion.std_acceleration) * dt_s,
         )
 
     def _placed(self, last: Solution, observations: Observations) -> Solution | None:

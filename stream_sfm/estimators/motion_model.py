@@ -52,8 +52,7 @@ class MotionModel:
         """Record that the camera has left its last pose in a way that no velocity explains."""
         self._velocity, self._velocity_known = np.zeros(6), False
         config, reach_s2 = self._config, _HELD_BACK_S * (0.5 * _HELD_BACK_S + _BUILD_UP_S)
-        std = reach_s2 * np.array([config.std_acceleration_m_s2, config.std_angular_acceleration_rad_s2])
-        self._cov = self._cov + np.diag(np.repeat(std, 3) ** 2)
+        self._cov = self._cov + np.diag((reach_s2 * np.array(config.std_acceleration)) ** 2)
 
     def covering(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Array:
         """Covariance (6, 6) of an estimated pose that may as well be where the model predicts it, eq. (43a)."""
@@ -71,13 +70,7 @@ class MotionModel:
         step = se3.exp(self._velocity * dt)
         ad = se3.adjoint(se3.inverse(step))
         time = np.sqrt(max(self._reach_s2(stamp_ns) ** 2 - self._reach_s2(self._stamp_ns) ** 2, 0.0))
-        std = np.repeat(
-            [
-                self._config.std_acceleration_m_s2 * time,
-                self._config.std_angular_acceleration_rad_s2 * time,
-            ],
-            3,
-        )
+        std = np.array(self._config.std_acceleration) * time
         return se3.orthonormalise(self._pose @ step), ad @ self._cov @ ad.T + np.diag(std**2)
 
     def _reach_s2(self, stamp_ns: int | None) -> float:

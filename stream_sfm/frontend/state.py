@@ -35,8 +35,7 @@ class Setup(NamedTuple):
     @property
     def std_acceleration(self) -> Array:
         """σ (6,) of the acceleration, m/s², and of the angular one, rad/s², that the camera may have."""
-        motion = self.config.motion
-        return np.array(3 * [motion.std_acceleration_m_s2] + 3 * [motion.std_angular_acceleration_rad_s2])
+        return np.array(self.config.motion.std_acceleration)
 
 
 @record

@@ -73,11 +73,8 @@ def test_a_warp_knows_how_a_readout_shears_patches(side: int) -> None:
 
     What is left is that velocities differ over a patch, a tenth of the shear.
     """
-    rows, readout_s, step_px = (
-        ExposedRows((P.width, P.height), np.array([[[0.5 / P.height, 0.5], [0, 0]]])),
-        0.02,
-        1.0,
-    )
+    rows = ExposedRows((P.width, P.height), np.array([[[0.5 / P.height, 0.5], [0, 0]]]))
+    readout_s, step_px = 0.02, 1.0
     timing = replace(Timing.unknown(P, RigConfig(), rows), mean=np.array([0.0, readout_s]))
     then, now = np.array([0.2, 0.1, 0.4, 0.5, 0.9, -0.3]), np.array([-0.3, 0.2, 0.5, -0.6, -1.0, 0.4])
 

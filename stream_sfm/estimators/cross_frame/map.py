@@ -266,7 +266,7 @@ class Map:
         *_, before, now = point_motions(np.array(poses), stamps)
         moved = clamp_depth(points @ cam_from_previous.T)
         by_timing = np.zeros_like(views.timing)
-        timing = frame.rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
+        timing = self._timing(frame.rig)
         by_timing[rows] = frame.rig.by_timing(moved, now, timing[0], views.expected_px[rows])
         views = changed(views, timing=by_timing)
         of_twist = std_acceleration * (stamps[-1] - stamps[-2]) / 1e9
@@ -287,7 +287,7 @@ class Map:
         self._motions = point_motions(np.array([np.eye(4), *self.cams_from_ref]), self._stamps_ns())
         if self._first is not None:
             self._renew_first(self._first, rig)
-        self.views = timed(self.state(), self.views, rig, self._motions[1:], self._timing_s(rig))
+        self.views = timed(self.state(), self.views, rig, self._motions[1:], self._timing(rig)[0])
 
     @property
     def is_timed(self) -> bool:
@@ -295,12 +295,12 @@ class Map:
         rig = self.frames[-1].rig
         if rig is None:
             return False
-        mean, cov = rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
+        mean, cov = self._timing(rig)
         return bool((mean**2 > CERTAIN**2 * np.diag(cov)).any())
 
-    def _timing_s(self, rig: RigModel) -> Array:
-        """Return delay and readout (2,) as they are held."""
-        return rig.timing(self.prior.rig.held, self.prior.rig.cov_held)[0]
+    def _timing(self, rig: RigModel) -> tuple[Array, Array]:
+        """Return delay and readout (2,) as they are held, seconds, and their covariance (2, 2)."""
+        return rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
 
     def _stamps_ns(self) -> list[int]:
         """Return the stamps of the reference camera and of the window."""
@@ -312,7 +312,7 @@ class Map:
         if rig is None or not newest.used.any():
             return np.zeros((6, 6))
         self._twist_error.add([self.reference_index, *(f.index for f in self.frames)], self._motions[:, 0])
-        mean, cov = rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
+        mean, cov = self._timing(rig)
         in_cam = core.points_of_views(self.state(), newest.of_core)
         stamps = self._stamps_ns()
         cov_twist = self._twist_error.cov(std_acceleration, (stamps[-1] - stamps[-2]) / 1e9)
@@ -327,7 +327,7 @@ class Map:
         state = State(np.eye(4)[None], self.prior.ids, self.ref_from_anchor[at], self.q[at], rig_error)
         views = changed(views, used=among(views.ids, state.ids))
         views = expected(state, views, rig, self.prior.rig.age_s(self.reference_ns))
-        self._first = timed(state, views, rig, self._motions[:1], self._timing_s(rig))
+        self._first = timed(state, views, rig, self._motions[:1], self._timing(rig)[0])
         estimates = self._seen_alone(self._first, state, self.prior.rig.mean - rig_error)
         self.prior = self.prior.with_first_views(*estimates)
 

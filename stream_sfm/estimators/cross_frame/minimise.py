@@ -18,21 +18,21 @@ def minimise(current: Map, max_iterations: int, gate_probability: float) -> int:
     """Go to the joint minimum of the window and return the number of steps.
 
     Views that contradict it have no part in the next step, of this frame or of the next one. Where the timing is wrong,
-    a second step is made with the velocities that the first one has found. The last factor stays in
-    the map for the covariances. Raises LinAlgError where the iteration diverges or no points are left.
+    a second step is made with the velocities that the first one has found. The last factor stays in the map for the
+    covariances. Raises LinAlgError where the iteration diverges or no points are left.
     """
-    before, steps = np.inf, 0
-    while steps < max_iterations and not (before < _CONVERGED and steps >= 1 + current.is_timed):
+    before, steps, timed = np.inf, 0, current.is_timed
+    while steps < max_iterations and not (before < _CONVERGED and steps >= 1 + timed):
         current.drop_undetermined()
         if not len(current.ids):
             raise np.linalg.LinAlgError("no points are left")
         decrease = current.gauss_newton_step()
-        # A step that promises more than the one before it leads away from the minimum. Of little more no step is made
-        # but for new velocities, which may move the minimum farther than that.
+        # A step that promises more than the one before it leads away from the minimum. After convergence the only step
+        # is that for new velocities, which may have moved the minimum a little.
         if not decrease < max(before, _CONVERGED):
             raise np.linalg.LinAlgError("Gauss-Newton diverges")
         _gate(current, gate_probability)  # by the velocities that this minimum is of
-        if current.is_timed:
+        if timed:
             current.renew_timing()
         before, steps = decrease, steps + 1
     return steps

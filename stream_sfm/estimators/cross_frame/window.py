@@ -56,9 +56,7 @@ class CrossFrame:
         self.map: Map | None = None
         self.rig: RigKnowledge | None = None  # of the latest map
         self.waiting = False  # for tracks of the map to return, since a frame without any view
-        self._std_acceleration = np.repeat(
-            [config.motion.std_acceleration_m_s2, config.motion.std_angular_acceleration_rad_s2], 3
-        )
+        self._std_acceleration = np.array(config.motion.std_acceleration)
         self._has_field = False
         self._said_by_rows = np.zeros(2)  # information about the delay and its weighted sum
         self._impossible = ""  # why the calibration cannot be right; stays as long as the rig is known
