@@ -1,12 +1,19 @@
-"""How many steps a window makes, and when they lead away from its minimum."""
+"""How many steps a window makes, when they lead away from its minimum, and what it says of views it refuses."""
 
 from typing import Any
 
 import numpy as np
 import pytest
 
+from stream_sfm.config import Config
 from stream_sfm.estimators.cross_frame import minimise as module
+from stream_sfm.estimators.cross_frame import window
+from stream_sfm.estimators.cross_frame.map import Map
 from stream_sfm.estimators.cross_frame.minimise import minimise
+from stream_sfm.estimators.ids import among
+from stream_sfm.record import changed
+from stream_sfm.types import Status
+from tests.helpers.estimators import run
 
 
 class Steps:
@@ -26,7 +33,7 @@ class Steps:
         self.done += "r"
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def gates(monkeypatch: pytest.MonkeyPatch) -> None:
     def gate(current: Any, _: float) -> None:
         current.done += "g"
@@ -34,6 +41,7 @@ def gates(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_gate", gate)
 
 
+@pytest.mark.usefixtures("gates")
 @pytest.mark.parametrize(
     ("decreases", "is_timed", "done"),
     [
@@ -50,6 +58,7 @@ def test_steps_end_where_they_promise_little(decreases: list[float], is_timed: b
     assert steps.done == done
 
 
+@pytest.mark.usefixtures("gates")
 @pytest.mark.parametrize(
     ("decreases", "is_timed"),
     [([1e5, 1e6], False), ([1e5, 1e6], True), ([5.0, 1e5], True), ([np.nan], False), ([5.0, np.nan], True)],
@@ -58,3 +67,23 @@ def test_steps_that_lead_away_end_the_map(decreases: list[float], is_timed: bool
     steps: Any = Steps(decreases, is_timed)
     with pytest.raises(np.linalg.LinAlgError, match="diverges"):
         minimise(steps, 10, 0.99)
+
+
+def test_a_frame_is_degraded_where_the_joint_minimum_refuses_its_views(arc, monkeypatch) -> None:
+    """The motion since the frame before agrees with nearly all; points that begin there say nothing about the pose."""
+    config, last = Config(), arc.observations[-1].frame_index
+
+    def refuse(current: Map, *settings: float) -> int:
+        steps = minimise(current, *settings)
+        if current.frames[-1].index == last:
+            known = among(current.views.ids, current.marginals.ids) & (
+                current.views.frame == len(current.frames) - 1
+            )
+            used = current.views.used & ~(known & (np.cumsum(known & current.views.used) > 12))
+            current.views = changed(current.views, used=used)
+        return steps
+
+    monkeypatch.setattr(window, "minimise", refuse)
+    *before, refused = run("cross-frame", arc.projection, arc.observations, config)
+    assert before[-1].status is Status.OK
+    assert refused.status is Status.DEGRADED and "only 12 accepted views" in refused.reason

@@ -228,8 +228,9 @@ class CrossFrame:
         if motion.ambiguous is None:  # otherwise it may be the motion that is wrong
             self._impossible = self._impossible or impossible(rig)
         observations = _with_misfit(observations, self._impossible)
-        status, reason = frame_status(int(motion.accepted.sum()), observations.note, self.config.robust, motion)
         ids, used = current.views.ids[current.newest], current.views.used[current.newest]
+        n_accepted = int(np.count_nonzero(used & among(ids, before.ids)))  # by the joint minimum, too
+        status, reason = frame_status(n_accepted, observations.note, self.config.robust, motion)
         shown = among(now.ids, ids[used]) & now.finite
         shown &= ~among(now.ids, current.begun_anew)
         solution = Solution(
