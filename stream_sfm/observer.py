@@ -272,6 +272,10 @@ class Observer:
 def _used_cameras(rig: StereoRig | MonoRig, config: Config) -> StereoRig | MonoRig:
     """Return the rig to estimate with. Only here is `Config.mono` asked; everything else asks the rig."""
     if config.mono:
+        if isinstance(rig, StereoRig) and rig.timing is not None:
+            logging.getLogger("stream_sfm").warning(
+                "the calibration's [timing] is not used with one camera: estimates do not know of its readout"
+            )
         return MonoRig(rig.left)
     if rig.unscaled:
         raise ConfigError("a rig of one camera needs Config(mono=True); its results have no scale")

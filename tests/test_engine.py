@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.camera.pixels import to_grey
 from stream_sfm.frontend.template_errors import MIN_STD_PX
 from stream_sfm.geometry import se3
@@ -148,6 +149,12 @@ def test_stamps_that_count_something_else_are_questioned_once(frames, caplog) ->
         engine.step(dataclasses.replace(frame, stamp_ns=33 * count))
     assert [record.name for record in caplog.records] == ["stream_sfm"]
     assert "33 ns after the first one: stamps are nanoseconds" in caplog.text
+
+
+def test_one_camera_says_that_it_does_not_know_the_readout(caplog) -> None:
+    timed = dataclasses.replace(rig(0.03), timing=KnownTiming(0.0, 1e-4, 0.02, 1e-4))
+    sfm.Engine(timed, sfm.Config(mono=True))
+    assert "[timing] is not used with one camera" in caplog.text
 
 
 def coloured(image: np.ndarray, channels: int) -> np.ndarray:

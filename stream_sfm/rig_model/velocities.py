@@ -1,21 +1,11 @@
 """How views move while the camera does: what a late camera and a rolling shutter turn into errors, eq. (70a)."""
 
-import numpy as np
-
 from .. import core
 from ..geometry.se3 import Array
 from ..geometry.stereo import Pinholes, StereoProjection
 
 # The rectified pair, and in which rows of the cameras' own images its views are exposed, as the core takes them.
 TimedCameras = tuple[Pinholes, tuple[tuple[int, int], Array]]
-
-
-def point_motions(cams_from_ref: Array, stamps_ns: list[int]) -> Array:
-    """Return twists and their change per second (n, 2, 6) with which points move in each of a few cameras.
-
-    `cams_from_ref` (n, 4, 4) at ascending stamps; see `core.point_motions`.
-    """
-    return core.point_motions(cams_from_ref, np.array([(s - stamps_ns[0]) / 1e9 for s in stamps_ns]))
 
 
 def velocities(projection: StereoProjection, points_in_cam: Array, twist: Array) -> Array:

@@ -8,6 +8,7 @@ import pytest
 from stream_sfm import core
 from stream_sfm.camera.exposed_rows import ExposedRows
 from stream_sfm.config import RigConfig
+from stream_sfm.estimators.cross_frame.exposure_clock import ExposureClock
 from stream_sfm.estimators.cross_frame.twist_error import TwistError
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
@@ -26,7 +27,7 @@ from stream_sfm.rig_model.terms import (
     terms_of_turn,
 )
 from stream_sfm.rig_model.turns import effects_of_turn
-from stream_sfm.rig_model.velocities import point_motions, velocities
+from stream_sfm.rig_model.velocities import velocities
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 RNG = np.random.default_rng(3)
@@ -217,25 +218,25 @@ def test_units_and_amplitudes_of_a_model_are_the_same_errors() -> None:
     assert model.root[:6, :6] @ root_of_turn[:6] == pytest.approx(1e-5 * terms_of_turn(P)[:6])
 
 
-STAMPS = [0, 90_000_000, 210_000_000, 300_000_000, 380_000_000, 520_000_000]
+SECONDS = np.array([0, 0.09, 0.21, 0.3, 0.38, 0.52])
 
 
 def test_a_steady_turn_and_a_polynomial_path_have_their_own_velocities_and_accelerations() -> None:
-    t = np.array(STAMPS) / 1e9
+    t = SECONDS
     steady = se3.exp(TWIST * t[:, None]) @ se3.exp(np.array([0.3, 1, 2, 0.1, 0.2, 0.3]))
-    assert point_motions(steady, STAMPS) == pytest.approx(np.tile(STEADY, (6, 1, 1)), abs=1e-7)
+    assert core.point_motions(steady, t) == pytest.approx(np.tile(STEADY, (6, 1, 1)), abs=1e-7)
     cubic = np.tile(np.eye(4), (6, 1, 1))
     cubic[:, 0, 3], cubic[:, 1, 3] = 2 * t**3 - t, t**2
-    found = point_motions(cubic, STAMPS)
+    found = core.point_motions(cubic, t)
     assert found[:, 0, 0] == pytest.approx(6 * t**2 - 1, abs=1e-9)
     assert found[:, 0, 1] == pytest.approx(2 * t, abs=1e-9)
     assert found[:-1, 1, 0] == pytest.approx(12 * t[:-1], abs=1e-9)
     assert found[:, 1, 1] == pytest.approx(np.full(6, 2.0), abs=1e-9)
     assert found[-1, 1] == pytest.approx(found[-2, 1])  # not extrapolated
     for few in (2, 3):
-        found = point_motions(steady[:few], STAMPS[:few])
+        found = core.point_motions(steady[:few], t[:few])
         assert found == pytest.approx(np.tile(STEADY, (few, 1, 1)), abs=1e-7)
-    assert not point_motions(cubic[:1], STAMPS[:1]).any()
+    assert not core.point_motions(cubic[:1], t[:1]).any()
 
 
 @pytest.mark.parametrize("mean", [(0.004, 0.0), (0.0, 0.02)])
@@ -285,12 +286,34 @@ def test_a_pose_is_as_uncertain_as_its_velocity_makes_views() -> None:
 def test_the_error_of_the_newest_velocity_is_learnt_from_how_velocities_change() -> None:
     rng, std, assumed = np.random.default_rng(6), np.repeat([0.2, 0.05], 3), np.ones(6)
     error = TwistError()
-    assert error.cov(assumed, 0.1) == pytest.approx(0.01 * np.eye(6))
+    at = np.arange(6) / 10
+    assert error.cov(assumed, at) == pytest.approx(0.01 * np.eye(6))
     extrapolated: dict[int, Array] = {}
     for newest in range(200):
         frames = list(range(max(0, newest - 5), newest + 1))
         extrapolated[newest] = TWIST + std * rng.normal(size=6)
         error.add(frames, np.array([extrapolated[k] if k == newest else TWIST for k in frames]))
-    found = error.cov(assumed, 0.1)
+    found = error.cov(assumed, at)
     # over 20 frames, with weights that fall: a variance is known to a factor of 1 ± 0.22
     assert np.diag(found) == pytest.approx(std**2, rel=4 * 0.23)
+    gap = np.array([0, 0.1, 0.2, 0.5, 0.6])  # two frames were dropped
+    assert error.cov(assumed, gap) == pytest.approx(3**4 * found)
+    assert error.cov(assumed, np.append(gap, [0.7, 0.8])) == pytest.approx(found)
+
+
+@pytest.mark.parametrize("uneven", ["stamps", "exposures"])
+def test_frames_were_exposed_when_the_motion_is_the_smoother_one(uneven: str) -> None:
+    """Frames come evenly and are stamped with a jitter of 1 ms, or are triggered with one; one is dropped."""
+    rng, clock, now = np.random.default_rng(7), ExposureClock(), dict[int, Array]()
+    even = np.delete(np.arange(60) / 30, 31)
+    jittered = even + rng.normal(size=len(even)) * 1e-3
+    exposed = even if uneven == "stamps" else jittered
+    swing = np.array([0.1, 0.05, 0.2, 0.1, 0.3, 0.05])
+    poses = se3.exp(swing * np.sin(3 * exposed[:, None]))
+    for newest in range(len(even)):
+        window = slice(max(0, newest - 9), newest + 1)
+        stamps = (jittered[window] * 1e9).astype(int).tolist()
+        now[newest] = clock.seconds(poses[window], stamps, np.ones(6)) - (exposed[window] - exposed[window][0])
+    wrong_s = np.concatenate([np.diff(now[k]) for k in range(20, len(even))])
+    # the period of an even clock is known to 1 ms/√82.5 from ten frames, intervals of stamps to √2 ms
+    assert np.abs(wrong_s).max() < (5e-3 / np.sqrt(82.5) if uneven == "stamps" else 1e-8)

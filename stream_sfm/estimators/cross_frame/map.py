@@ -16,9 +16,9 @@ from ...geometry.stereo import StereoProjection, clamp_depth
 from ...record import changed, rows_of
 from ...rig_model.estimate import CERTAIN, RigEstimate
 from ...rig_model.model import RigModel
-from ...rig_model.velocities import point_motions
 from ...types import Solution
 from ..ids import among, times_among, union
+from .exposure_clock import ExposureClock
 from .inverse_depth import State, WhitenedViews, expected, linearise, q_of_views, timed
 from .marginals import Marginals
 from .normal_equations import System
@@ -56,7 +56,8 @@ class Map:
         self.projection = projection
         self.frames: list[WindowFrame] = []
         self.views, self.cams_from_ref = views[:0], np.empty((0, 4, 4))
-        self._twist_error = TwistError()
+        self._clock, self._twist_error = ExposureClock(), TwistError()
+        self._seconds = np.zeros(1)  # when the reference camera and the window exposed
         self._motions = np.zeros((1, 2, 6))  # of points in the reference camera and in the window
         self.reference_index, self.reference_ns = frame.index, frame.stamp_ns
         self.rejections = RejectionCounts()
@@ -113,6 +114,7 @@ class Map:
         frame, cam_from_ref = self.frames.pop(0), self.cams_from_ref[0]
         self._first = None  # its views stay in the prior as they are
         self.reference_index, self.reference_ns = frame.index, frame.stamp_ns
+        self._seconds = self._seconds[1:]
         ad = se3.adjoint(cam_from_ref)
         self._cov_doubt, self._cov_slides = ad @ self._cov_doubt @ ad.T, ad @ self._cov_slides @ ad.T
         self.ref_from_anchor = se3.orthonormalise(cam_from_ref @ self.ref_from_anchor)
@@ -262,14 +264,14 @@ class Map:
         if frame.rig is None:
             return views, None
         poses = [np.eye(4), *self.cams_from_ref, cam_from_previous @ self.newest_cam_from_ref]
-        stamps = [*self._stamps_ns(), frame.stamp_ns]
-        *_, before, now = point_motions(np.array(poses), stamps)
+        self._seconds = self._clock.seconds(np.array(poses), [*self._stamps_ns(), frame.stamp_ns], std_acceleration)
+        *_, before, now = core.point_motions(np.array(poses), self._seconds)
         moved = clamp_depth(points @ cam_from_previous.T)
         by_timing = np.zeros_like(views.timing)
         timing = self._timing(frame.rig)
         by_timing[rows] = frame.rig.by_timing(moved, now, timing[0], views.expected_px[rows])
         views = changed(views, timing=by_timing)
-        of_twist = std_acceleration * (stamps[-1] - stamps[-2]) / 1e9
+        of_twist = std_acceleration * (self._seconds[-1] - self._seconds[-2])
         return views, core.timing_unknowns(
             *frame.rig.cameras, (points, before[0]), (moved, now[0]), *timing, of_twist
         )
@@ -284,7 +286,7 @@ class Map:
         rig = self.frames[-1].rig
         if rig is None:
             return
-        self._motions = point_motions(np.array([np.eye(4), *self.cams_from_ref]), self._stamps_ns())
+        self._motions = core.point_motions(np.array([np.eye(4), *self.cams_from_ref]), self._seconds)
         if self._first is not None:
             self._renew_first(self._first, rig)
         self.views = timed(self.state(), self.views, rig, self._motions[1:], self._timing(rig)[0])
@@ -311,11 +313,11 @@ class Map:
         rig, newest = self.frames[-1].rig, self.views[self.newest]
         if rig is None or not newest.used.any():
             return np.zeros((6, 6))
-        self._twist_error.add([self.reference_index, *(f.index for f in self.frames)], self._motions[:, 0])
+        indices = [self.reference_index, *(f.index for f in self.frames)]
+        self._twist_error.add(indices, self._motions[:, 0])
         mean, cov = self._timing(rig)
         in_cam = core.points_of_views(self.state(), newest.of_core)
-        stamps = self._stamps_ns()
-        cov_twist = self._twist_error.cov(std_acceleration, (stamps[-1] - stamps[-2]) / 1e9)
+        cov_twist = self._twist_error.cov(std_acceleration, self._seconds)
         return core.cov_of_timed_pose(*rig.cameras, in_cam, np.sqrt(mean**2 + np.diag(cov)), cov_twist)
 
     def _renew_first(self, views: WhitenedViews, rig: RigModel) -> None:

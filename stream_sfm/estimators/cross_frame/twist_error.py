@@ -31,8 +31,13 @@ class TwistError:
             self._frames += 1
             self._cov += (np.outer(change, change) - self._cov) / min(self._frames, MEMORY_FRAMES)
 
-    def cov(self, std_acceleration: Array, dt_s: float) -> Array:
-        """Return the covariance (6, 6); before anything is learnt that of an acceleration of σ (6,) during `dt_s`."""
-        assumed = np.diag((std_acceleration * dt_s) ** 2)
+    def cov(self, std_acceleration: Array, seconds: Array) -> Array:
+        """Return the covariance (6, 6), where the map has frames at times (n,).
+
+        As learnt; before, that of an acceleration of σ (6,) since the frame before. An extrapolation from frames that
+        are further apart than usual errs with the square of the time.
+        """
+        apart = np.diff(seconds)
+        further = (apart[-_LATER:].max() / np.median(apart)) ** 2
         weight = min(self._frames / _LATER, 1.0)
-        return weight * self._cov + (1 - weight) * assumed
+        return weight * further**2 * self._cov + (1 - weight) * np.diag((std_acceleration * apart[-1]) ** 2)
