@@ -11,7 +11,6 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from ..motion import Odometry
 from ..types import FrameEstimate, Status
-from . import cdr
 from .frames import RosFrames, fixed_axis_covariance
 from .own_messages import ESTIMATE, SCALARS, TIMING, estimate_fields, named
 from .ros_messages import (
@@ -21,7 +20,9 @@ from .ros_messages import (
     POSE,
     TRANSFORMS,
     cloud,
+    encode,
     header,
+    make,
     odometry,
     pose_of,
     transforms,
@@ -72,13 +73,13 @@ class RosMessages:
         yield "/stream_sfm/points", cloud(head, e.track_ids, e.points_in_cam, e.cov_points)
         if len(e.ended_ids):
             yield self._map(e, e.ended_ids, e.ended_points_in_world, e.ended_cov_points_in_world)
-        yield "/stream_sfm/estimate", cdr.make(ESTIMATE, header=head, **estimate_fields(e))
+        yield "/stream_sfm/estimate", make(ESTIMATE, header=head, **estimate_fields(e))
         timings = named("timings_ms", e.timings_ms)
-        yield "/stream_sfm/timing", cdr.make(TIMING, header=head, frame_index=e.frame_index, **timings)
+        yield "/stream_sfm/timing", make(TIMING, header=head, frame_index=e.frame_index, **timings)
 
     def encode(self, message: Any) -> bytes:
         """Return the bytes of a message in CDR, as ROS 2 sends them."""
-        return cdr.encode(message)
+        return encode(message)
 
     @property
     def last(self) -> FrameEstimate | None:
@@ -95,8 +96,8 @@ class RosMessages:
     def diagnostics(self, estimate: FrameEstimate) -> Any:
         """Make a DiagnosticArray of the status of a frame."""
         values = {**estimate.counts, "frame": estimate.frame_index}
-        pairs = [cdr.make("diagnostic_msgs/msg/KeyValue", key=k, value=str(v)) for k, v in values.items()]
-        status = cdr.make(
+        pairs = [make("diagnostic_msgs/msg/KeyValue", key=k, value=str(v)) for k, v in values.items()]
+        status = make(
             "diagnostic_msgs/msg/DiagnosticStatus",
             level=_LEVELS[estimate.status],
             name="stream_sfm: odometry",
@@ -105,7 +106,7 @@ class RosMessages:
             values=pairs,
         )
         head = header(estimate.stamp_ns, self._frames.camera)
-        return cdr.make("diagnostic_msgs/msg/DiagnosticArray", header=head, status=[status])
+        return make("diagnostic_msgs/msg/DiagnosticArray", header=head, status=[status])
 
     def _pose(self, estimate: FrameEstimate) -> Stamped:
         """Every message that states where the moving frame is, camera or robot: in the world, and on its own path."""
@@ -115,7 +116,7 @@ class RosMessages:
         in_map = self._map_from_world()
         pose, cov = frames.pose(in_map @ estimate.world_from_cam), frames.cov_pose(estimate.cov_pose)
         said, covariance = pose_of(pose), fixed_axis_covariance(pose[:3, :3], cov)
-        yield "/stream_sfm/pose", cdr.make(POSE, header=head, pose=with_covariance(said, covariance))
+        yield "/stream_sfm/pose", make(POSE, header=head, pose=with_covariance(said, covariance))
         on_path = frames.pose(now.odom_from_cam)
         moved = pose_of(on_path)
         stated = with_covariance(moved, fixed_axis_covariance(on_path[:3, :3], frames.cov_pose(now.cov)))
@@ -125,8 +126,8 @@ class RosMessages:
         yield "/stream_sfm/odometry", odometry(odom, frames.moving, stated, twist, cov_twist)
         corrected = pose_of(frames.between(in_map @ now.world_from_odom))
         yield "/tf", transforms((head, frames.odom, corrected), (odom, frames.moving, moved))
-        yield "/stream_sfm/scalars", cdr.make(SCALARS, header=head, **self._numbers(now, pose, covariance))
-        if self._path.add(cdr.make("geometry_msgs/msg/PoseStamped", header=head, pose=said)):
+        yield "/stream_sfm/scalars", make(SCALARS, header=head, **self._numbers(now, pose, covariance))
+        if self._path.add(make("geometry_msgs/msg/PoseStamped", header=head, pose=said)):
             yield self._path_now(head)
 
     def _numbers(self, odometry: Odometry, pose: Array, covariance: Array) -> dict[str, float]:
@@ -154,7 +155,7 @@ class RosMessages:
         }
 
     def _path_now(self, head: Any) -> tuple[str, Any]:
-        return "/stream_sfm/path", cdr.make(PATH, header=head, poses=self._path.poses())
+        return "/stream_sfm/path", make(PATH, header=head, poses=self._path.poses())
 
     def _map(
         self, estimate: FrameEstimate, ids: NDArray[Any], points_in_world: Array, cov: Array

@@ -26,9 +26,9 @@ from ..files import PartFile
 from ..geometry.se3 import Array
 from ..types import Frame, FrameEstimate
 from .bag_metadata import bag_metadata
-from .cdr import encode, schema_text
 from .estimate_messages import TOPICS, RosMessages, Stamped
 from .own_messages import SCHEMA_VERSION
+from .ros_messages import encode, schema_text
 
 _CHUNK_NS = 500_000_000  # a chunk is closed after this much log time: what a killed process loses at most
 _CHUNK_FRAMES = 20  # and after this many frames, at the latest

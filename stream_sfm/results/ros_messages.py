@@ -1,15 +1,20 @@
-"""The standard ROS 2 messages of `estimates.mcap`; our own are in `own_messages.py`."""
+"""ROS 2 messages without ROS: the standard ones and our own (`own_messages.py`), their bytes in CDR, their definitions.
 
+The standard messages used here are the same in every ROS 2.
+"""
+
+from collections.abc import Mapping
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ..geometry import se3
 from ..geometry.se3 import Array
-from .cdr import define, make
 from .own_messages import DEFINITIONS
 
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -25,9 +30,47 @@ _KINDS = {"<f4": 7, "<u4": 6}  # numbers of PointField
 # −1 as ROS says that a quantity is not estimated; the rest for filters that do not ask, and take its amount.
 _UNKNOWN_TWIST = np.diag([-1.0, *5 * [1e6]])
 
+_PART = "=" * 80  # between a definition and those of its parts
 
-for _name, _text in DEFINITIONS.items():
-    define(_name, _text)
+
+@cache
+def _types() -> Any:
+    """The types of ROS 2 and our own; made late, as it takes a tenth of a second."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in DEFINITIONS.items():
+        store.register(get_types_from_msg(text, name))
+    return store
+
+
+@cache
+def _arrays(name: str) -> Mapping[str, str]:
+    """The fields of a type that are arrays of numbers, and of which."""
+    lists = {
+        field: of[0]
+        for field, (kind, of) in _types().fielddefs[name][1]
+        if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+    }
+    return {
+        field: what[0] for field, (kind, what) in lists.items() if kind == Nodetype.BASE and what[0] != "string"
+    }
+
+
+def make(name: str, /, **fields: Any) -> Any:
+    """Make a message (package/msg/Name) of fields and parts, which are objects with fields, too; arrays become flat."""
+    for field, number in _arrays(name).items():
+        fields[field] = np.asarray(fields[field], number).ravel()
+    return _types().types[name](**fields)
+
+
+def encode(message: Any) -> bytes:
+    """Return the bytes of a message: little-endian CDR."""
+    return bytes(_types().serialize_cdr(message, message.__msgtype__, little_endian=True))
+
+
+def schema_text(name: str) -> str:
+    """Return the definition of a message with those of all its parts; our own with an explanation of each field."""
+    own, *parts = _types().generate_msgdef(name, ros_version=2)[0].split(_PART)
+    return _PART.join([DEFINITIONS.get(name, own), *parts])
 
 
 def header(stamp_ns: int, frame_id: str) -> Any:
