@@ -9,6 +9,7 @@ from functools import cached_property
 
 import cv2
 import numpy as np
+from numpy.polynomial.polynomial import polyvander2d
 from numpy.typing import NDArray
 
 from ..errors import RigError
@@ -90,24 +91,16 @@ class Rectifier:
         p = self.projection
         u, v = np.meshgrid(np.linspace(0, p.width - 1, _ROW_NODES), np.linspace(0, p.height - 1, _ROW_NODES))
         places_px = np.stack([u.ravel(), v.ravel()], axis=1)
-        x, y = self._powers(places_px)
-        products, found = (x[:, :, None] * y[:, None, :]).reshape(len(places_px), -1), []
+        x, y = (2 * places_px / (p.width, p.height) - 1).T
+        products, found = polyvander2d(x, y, (_ROW_DEGREE, _ROW_DEGREE)), []
         for camera, rotation, k_rectified in self._sides:
             rays = np.column_stack([places_px, np.ones(len(places_px))]) @ np.linalg.inv(k_rectified).T @ rotation
             ahead = rays[:, 2] > 0
             raw = project_into_image(camera, rays[ahead])
             inside = (np.abs(raw / (camera.width, camera.height) - 0.5) < 0.5).all(axis=1)  # what else was not seen
             row = (raw[inside, 1] + 0.5) / camera.height - 0.5  # a readout is that of `height` rows
-            found.append(np.linalg.lstsq(products[ahead][inside], row, rcond=None)[0].reshape(x.shape[1], -1))
+            found.append(np.linalg.lstsq(products[ahead][inside], row, rcond=None)[0].reshape(_ROW_DEGREE + 1, -1))
         return ExposedRows((p.width, p.height), np.stack(found))
-
-    def _powers(self, places_px: Array) -> tuple[Array, Array]:
-        """Powers (…, k) of the two coordinates of positions (…, 2) in a rectified image."""
-        at = 2 * places_px / (self.projection.width, self.projection.height) - 1
-        factors = np.repeat(at[..., None], _ROW_DEGREE + 1, axis=-1)
-        factors[..., 0] = 1.0
-        powers = np.asarray(np.cumprod(factors, axis=-1), np.float64)
-        return powers[..., 0, :], powers[..., 1, :]
 
     def _rectified(self, image: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
         maps = self._maps[side]

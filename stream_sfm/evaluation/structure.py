@@ -85,7 +85,6 @@ class StructureComparison:
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
-        self.frames = 0
         self._errors_m, self._sigmas_m = array("f"), array("f")
 
     def add(self, estimate: FrameEstimate, true_depth_m: NDArray[np.floating] | None) -> StructureErrors | None:
@@ -97,7 +96,6 @@ class StructureComparison:
         if true_depth_m is None or true_depth_m.shape != size or len(estimate.points_in_cam) == 0:
             return None
         found = structure_errors(self.camera, estimate.points_in_cam, estimate.cov_points, true_depth_m)
-        self.frames += 1
         self._errors_m.extend(found.errors_m.tolist())
         self._sigmas_m.extend(found.sigmas_m.tolist())
         return found

@@ -11,32 +11,18 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from ..motion import Odometry
 from ..types import FrameEstimate, Status
+from . import ros_messages as ros
 from .frames import RosFrames, fixed_axis_covariance
 from .own_messages import ESTIMATE, SCALARS, TIMING, estimate_fields, named
-from .ros_messages import (
-    CLOUD,
-    ODOMETRY,
-    PATH,
-    POSE,
-    TRANSFORMS,
-    cloud,
-    encode,
-    header,
-    make,
-    odometry,
-    pose_of,
-    transforms,
-    with_covariance,
-)
 
 TOPICS = {
-    "/stream_sfm/odometry": ODOMETRY,
-    "/stream_sfm/pose": POSE,
-    "/tf": TRANSFORMS,
-    "/tf_static": TRANSFORMS,
-    "/stream_sfm/path": PATH,
-    "/stream_sfm/points": CLOUD,
-    "/stream_sfm/map": CLOUD,
+    "/stream_sfm/odometry": ros.ODOMETRY,
+    "/stream_sfm/pose": ros.POSE,
+    "/tf": ros.TRANSFORMS,
+    "/tf_static": ros.TRANSFORMS,
+    "/stream_sfm/path": ros.PATH,
+    "/stream_sfm/points": ros.CLOUD,
+    "/stream_sfm/map": ros.CLOUD,
     "/stream_sfm/scalars": SCALARS,
     "/stream_sfm/estimate": ESTIMATE,
     "/stream_sfm/timing": TIMING,
@@ -66,20 +52,20 @@ class RosMessages:
         """Yield topic and message of all that a frame tells; with the first one, where the camera is on the robot."""
         stamp, frames, e = estimate.stamp_ns, self._frames, estimate
         if self._odometry is None and frames.base_from_cam is not None:
-            mounting = header(stamp, frames.moving), frames.camera, pose_of(frames.base_from_cam)
-            yield "/tf_static", transforms(mounting)
+            mounting = ros.header(stamp, frames.moving), frames.camera, ros.pose_of(frames.base_from_cam)
+            yield "/tf_static", ros.transforms(mounting)
         yield from self._pose(e)
-        head = header(stamp, frames.camera)
-        yield "/stream_sfm/points", cloud(head, e.track_ids, e.points_in_cam, e.cov_points)
+        head = ros.header(stamp, frames.camera)
+        yield "/stream_sfm/points", ros.cloud(head, e.track_ids, e.points_in_cam, e.cov_points)
         if len(e.ended_ids):
             yield self._map(e, e.ended_ids, e.ended_points_in_world, e.ended_cov_points_in_world)
-        yield "/stream_sfm/estimate", make(ESTIMATE, header=head, **estimate_fields(e))
+        yield "/stream_sfm/estimate", ros.make(ESTIMATE, header=head, **estimate_fields(e))
         timings = named("timings_ms", e.timings_ms)
-        yield "/stream_sfm/timing", make(TIMING, header=head, frame_index=e.frame_index, **timings)
+        yield "/stream_sfm/timing", ros.make(TIMING, header=head, frame_index=e.frame_index, **timings)
 
     def encode(self, message: Any) -> bytes:
         """Return the bytes of a message in CDR, as ROS 2 sends them."""
-        return encode(message)
+        return ros.encode(message)
 
     @property
     def last(self) -> FrameEstimate | None:
@@ -89,15 +75,15 @@ class RosMessages:
     def end(self) -> Stamped:
         """Yield what the last frame leaves to be told: the whole path, and the map's points that are still in view."""
         if (last := self.last) is not None:
-            yield self._path_now(header(last.stamp_ns, self._frames.world))
+            yield self._path_now(ros.header(last.stamp_ns, self._frames.world))
             if len(last.track_ids):
                 yield self._map(last, last.track_ids, last.points_in_world, last.cov_points_in_world)
 
     def diagnostics(self, estimate: FrameEstimate) -> Any:
         """Make a DiagnosticArray of the status of a frame."""
         values = {**estimate.counts, "frame": estimate.frame_index}
-        pairs = [make("diagnostic_msgs/msg/KeyValue", key=k, value=str(v)) for k, v in values.items()]
-        status = make(
+        pairs = [ros.make("diagnostic_msgs/msg/KeyValue", key=k, value=str(v)) for k, v in values.items()]
+        status = ros.make(
             "diagnostic_msgs/msg/DiagnosticStatus",
             level=_LEVELS[estimate.status],
             name="stream_sfm: odometry",
@@ -105,29 +91,29 @@ class RosMessages:
             hardware_id=self._frames.camera,
             values=pairs,
         )
-        head = header(estimate.stamp_ns, self._frames.camera)
-        return make("diagnostic_msgs/msg/DiagnosticArray", header=head, status=[status])
+        head = ros.header(estimate.stamp_ns, self._frames.camera)
+        return ros.make("diagnostic_msgs/msg/DiagnosticArray", header=head, status=[status])
 
     def _pose(self, estimate: FrameEstimate) -> Stamped:
         """Every message that states where the moving frame is, camera or robot: in the world, and on its own path."""
         frames = self._frames
         self._odometry = now = Odometry.after(self._odometry, estimate)
-        head, odom = header(estimate.stamp_ns, frames.world), header(estimate.stamp_ns, frames.odom)
+        head, odom = ros.header(estimate.stamp_ns, frames.world), ros.header(estimate.stamp_ns, frames.odom)
         in_map = self._map_from_world()
         pose, cov = frames.pose(in_map @ estimate.world_from_cam), frames.cov_pose(estimate.cov_pose)
-        said, covariance = pose_of(pose), fixed_axis_covariance(pose[:3, :3], cov)
-        yield "/stream_sfm/pose", make(POSE, header=head, pose=with_covariance(said, covariance))
+        said, covariance = ros.pose_of(pose), fixed_axis_covariance(pose[:3, :3], cov)
+        yield "/stream_sfm/pose", ros.make(ros.POSE, header=head, pose=ros.with_covariance(said, covariance))
         on_path = frames.pose(now.odom_from_cam)
-        moved = pose_of(on_path)
-        stated = with_covariance(moved, fixed_axis_covariance(on_path[:3, :3], frames.cov_pose(now.cov)))
+        moved = ros.pose_of(on_path)
+        stated = ros.with_covariance(moved, fixed_axis_covariance(on_path[:3, :3], frames.cov_pose(now.cov)))
         twist, cov_twist = now.twist, now.cov_twist
         if twist is not None and cov_twist is not None:
             twist, cov_twist = frames.twist(twist), frames.cov_pose(cov_twist)
-        yield "/stream_sfm/odometry", odometry(odom, frames.moving, stated, twist, cov_twist)
-        corrected = pose_of(frames.between(in_map @ now.world_from_odom))
-        yield "/tf", transforms((head, frames.odom, corrected), (odom, frames.moving, moved))
-        yield "/stream_sfm/scalars", make(SCALARS, header=head, **self._numbers(now, pose, covariance))
-        if self._path.add(make("geometry_msgs/msg/PoseStamped", header=head, pose=said)):
+        yield "/stream_sfm/odometry", ros.odometry(odom, frames.moving, stated, twist, cov_twist)
+        corrected = ros.pose_of(frames.between(in_map @ now.world_from_odom))
+        yield "/tf", ros.transforms((head, frames.odom, corrected), (odom, frames.moving, moved))
+        yield "/stream_sfm/scalars", ros.make(SCALARS, header=head, **self._numbers(now, pose, covariance))
+        if self._path.add(ros.make("geometry_msgs/msg/PoseStamped", header=head, pose=said)):
             yield self._path_now(head)
 
     def _numbers(self, odometry: Odometry, pose: Array, covariance: Array) -> dict[str, float]:
@@ -155,14 +141,14 @@ class RosMessages:
         }
 
     def _path_now(self, head: Any) -> tuple[str, Any]:
-        return "/stream_sfm/path", make(PATH, header=head, poses=self._path.poses())
+        return "/stream_sfm/path", ros.make(ros.PATH, header=head, poses=self._path.poses())
 
     def _map(
         self, estimate: FrameEstimate, ids: NDArray[Any], points_in_world: Array, cov: Array
     ) -> tuple[str, Any]:
-        head, in_map = header(estimate.stamp_ns, self._frames.world), self._map_from_world()
+        head, in_map = ros.header(estimate.stamp_ns, self._frames.world), self._map_from_world()
         moved = se3.transform(in_map, points_in_world), in_map[:3, :3] @ cov @ in_map[:3, :3].T
-        return "/stream_sfm/map", cloud(head, ids, *self._frames.points(*moved))
+        return "/stream_sfm/map", ros.cloud(head, ids, *self._frames.points(*moved))
 
 
 class PathSoFar:

@@ -3,6 +3,7 @@
 Matrices are written row by row. A dict of numbers by name is two arrays, `<field>_names` and `<field>`.
 """
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,113 +18,71 @@ from ..types import CommonErrors, FrameEstimate, RelativeMotions, Status
 
 SCHEMA_VERSION = 2
 ESTIMATE, SCALARS, TIMING = (f"stream_sfm_msgs/msg/{name}" for name in ("Estimate", "Scalars", "Timing"))
-DEFINITIONS = {
+# A field and its explanation per line.
+_FIELDS = {
     ESTIMATE: """\
-# One frame of /stream_sfm/estimate: everything except the points (/stream_sfm/points and /stream_sfm/map).
-std_msgs/Header header
-# raised when a field changes its meaning
-int64 schema_version
-# counts the frames given to the engine, from 0
-int64 frame_index
-# stamp of the left image, nanoseconds
-int64 stamp_ns
-# initialising, ok, degraded or lost
-string status
-# why the status is not ok; may be empty
-string reason
-# pose of the left camera in the world, 4×4 row by row, metres; z is forward
-float64[16] world_from_cam
-# 6×6 covariance of ξ in truth = world_from_cam·Exp(ξ), ξ = (translation m, rotation rad) in axes of the camera
-float64[36] cov_pose
-# frames in the estimator's window, oldest first
-int64[] window_frame_indices
-# their poses as re-estimated now, each 4×4 row by row
-float64[] window_world_from_cam
-# points tracked, new, used, rejected
-string[] counts_names
+std_msgs/Header header  # One frame of /stream_sfm/estimate: everything except the points (/stream_sfm/points and \
+/stream_sfm/map).
+int64 schema_version  # raised when a field changes its meaning
+int64 frame_index  # counts the frames given to the engine, from 0
+int64 stamp_ns  # stamp of the left image, nanoseconds
+string status  # initialising, ok, degraded or lost
+string reason  # why the status is not ok; may be empty
+float64[16] world_from_cam  # pose of the left camera in the world, 4×4 row by row, metres; z is forward
+float64[36] cov_pose  # 6×6 covariance of ξ in truth = world_from_cam·Exp(ξ), ξ = (translation m, rotation rad) in \
+axes of the camera
+int64[] window_frame_indices  # frames in the estimator's window, oldest first
+float64[] window_world_from_cam  # their poses as re-estimated now, each 4×4 row by row
+string[] counts_names  # points tracked, new, used, rejected
 int64[] counts
-# earlier frames, to which the motion from this one is known with its covariance
-int64[] relative_frame_indices
-# carry points of this camera into theirs, each 4×4, metres
-float64[] relative_frame_from_newest
-# the same under its former name, for programs that read it
-float64[] relative_frame_from_cam
-# 6×6 covariances of ξ in truth = frame_from_newest·Exp(ξ), as cov_pose
-float64[] relative_cov
-# how common errors move these motions, each 6×m row by row, one after the other
-float64[] relative_common_jacobian
-# errors c that all poses and motions share: of lengths, of the axes, of the rig; or empty
-float64[] common_mean
-# their covariance, m×m row by row
-float64[] common_cov
-# how they move the pose, 6×m row by row; c is in σ of what was assumed
-float64[] common_jacobian
-# errors of the calibration as known now, px; empty where it is taken for exact
-float64[] rig_error_px
-# their covariance, one matrix, or empty
-float64[] rig_cov_px2
-# delay of the right camera and its σ, seconds, or empty
-float64[] rig_delay_s
-# readout time of the shutters, from the top down, and its σ, seconds, or empty
-float64[] rig_readout_s
-# error of the common focal length as a share of it, and its σ, or empty
-float64[] rig_focal_length
-# whether the calibration is more probably wrong than right
-bool rig_applied
-# with one camera: lengths are in units of the first baseline, not in metres
-bool unscaled
-# whitened squared innovation of the accepted views
-float64 nis
-# its degrees of freedom; nis/nis_dof is 1 where the noise is as assumed
-int64 nis_dof
+int64[] relative_frame_indices  # earlier frames, to which the motion from this one is known with its covariance
+float64[] relative_frame_from_newest  # carry points of this camera into theirs, each 4×4, metres
+float64[] relative_frame_from_cam  # the same under its former name, for programs that read it
+float64[] relative_cov  # 6×6 covariances of ξ in truth = frame_from_newest·Exp(ξ), as cov_pose
+float64[] relative_common_jacobian  # how common errors move these motions, each 6×m row by row, one after the other
+float64[] common_mean  # errors c that all poses and motions share: of lengths, of the axes, of the rig; or empty
+float64[] common_cov  # their covariance, m×m row by row
+float64[] common_jacobian  # how they move the pose, 6×m row by row; c is in σ of what was assumed
+float64[] rig_error_px  # errors of the calibration as known now, px; empty where it is taken for exact
+float64[] rig_cov_px2  # their covariance, one matrix, or empty
+float64[] rig_delay_s  # delay of the right camera and its σ, seconds, or empty
+float64[] rig_readout_s  # readout time of the shutters, from the top down, and its σ, seconds, or empty
+float64[] rig_focal_length  # error of the common focal length as a share of it, and its σ, or empty
+bool rig_applied  # whether the calibration is more probably wrong than right
+bool unscaled  # with one camera: lengths are in units of the first baseline, not in metres
+float64 nis  # whitened squared innovation of the accepted views
+int64 nis_dof  # its degrees of freedom; nis/nis_dof is 1 where the noise is as assumed
 """,
     SCALARS: """\
-# One frame of /stream_sfm/scalars: numbers to plot, one field each.
-std_msgs/Header header
-# position in the world, as in /stream_sfm/pose
-float64 x
-# position
-float64 y
-# position
-float64 z
-# its standard deviation along the same axis
-float64 sigma_x
-# its standard deviation along the same axis
-float64 sigma_y
-# its standard deviation along the same axis
-float64 sigma_z
-# square root of the trace of the position's covariance
-float64 sigma_position
-# the same of the rotation, degrees
-float64 sigma_rotation_deg
-# since the previous frame, per second
-float64 speed
-# since the previous frame, degrees per second
-float64 angular_speed_deg_s
-# along the motions between frames so far
-float64 path_length
-# points that are followed
-int64 points_tracked
-# points seen for the first time
-int64 points_new
-# points whose views were accepted
-int64 points_used
-# points whose views were rejected
-int64 points_rejected
-# 1 on average where the noise is as assumed; NaN without views
-float64 nis_per_dof
-# 0 initialising, 1 ok, 2 degraded, 3 lost
-int64 status
+std_msgs/Header header  # One frame of /stream_sfm/scalars: numbers to plot, one field each.
+float64 x  # position in the world, as in /stream_sfm/pose
+float64 y  # position
+float64 z  # position
+float64 sigma_x  # its standard deviation along the same axis
+float64 sigma_y  # its standard deviation along the same axis
+float64 sigma_z  # its standard deviation along the same axis
+float64 sigma_position  # square root of the trace of the position's covariance
+float64 sigma_rotation_deg  # the same of the rotation, degrees
+float64 speed  # since the previous frame, per second
+float64 angular_speed_deg_s  # since the previous frame, degrees per second
+float64 path_length  # along the motions between frames so far
+int64 points_tracked  # points that are followed
+int64 points_new  # points seen for the first time
+int64 points_used  # points whose views were accepted
+int64 points_rejected  # points whose views were rejected
+float64 nis_per_dof  # 1 on average where the noise is as assumed; NaN without views
+int64 status  # 0 initialising, 1 ok, 2 degraded, 3 lost
 """,
     TIMING: """\
-# One frame of /stream_sfm/timing, the only topic that differs between two runs of one log.
-std_msgs/Header header
-# as in /stream_sfm/estimate
-int64 frame_index
-# stages, and the milliseconds that each took
-string[] timings_ms_names
+std_msgs/Header header  # One frame of /stream_sfm/timing, the only topic that differs between two runs of one log.
+int64 frame_index  # as in /stream_sfm/estimate
+string[] timings_ms_names  # stages, and the milliseconds that each took
 float64[] timings_ms
 """,
+}
+# As ROS reads them: an explanation above its field.
+DEFINITIONS = {
+    name: re.sub(r"^(.+)  # (.+)$", r"# \2\n\1", text, flags=re.MULTILINE) for name, text in _FIELDS.items()
 }
 _AS_IN_ESTIMATES = (
     *("frame_index", "stamp_ns", "reason", "world_from_cam", "cov_pose", "window_frame_indices"),
@@ -186,9 +145,6 @@ def estimate_of(m: Any, points: tuple[NDArray[Any], ...] | None = None) -> Frame
         cov_points_in_world=np.full((len(in_cam), 3, 3), np.nan),
         window_frame_indices=m.window_frame_indices,
         window_world_from_cam=m.window_world_from_cam.reshape(-1, 4, 4),
-        ended_ids=np.empty(0, np.int64),
-        ended_points_in_world=np.empty((0, 3)),
-        ended_cov_points_in_world=np.empty((0, 3, 3)),
         counts=dict(zip(m.counts_names, m.counts.tolist(), strict=True)),
         nis=m.nis,
         nis_dof=m.nis_dof,

@@ -103,12 +103,11 @@ def odometry(head: Any, child_frame_id: str, pose: Any, twist: Array | None, cov
 
 def transforms(*stamped: tuple[Any, str, Any]) -> Any:
     """Make a TFMessage of headers, child frames and their poses in the frames of the headers."""
-    kind = "geometry_msgs/msg/TransformStamped"
-    inside = [SimpleNamespace(translation=pose.position, rotation=pose.orientation) for _, _, pose in stamped]
-    found = [
-        make(kind, header=head, child_frame_id=child, transform=transform)
-        for (head, child, _), transform in zip(stamped, inside, strict=True)
-    ]
+    found = []
+    for head, child, pose in stamped:
+        moved = SimpleNamespace(translation=pose.position, rotation=pose.orientation)
+        kind = "geometry_msgs/msg/TransformStamped"
+        found.append(make(kind, header=head, child_frame_id=child, transform=moved))
     return make(TRANSFORMS, transforms=found)
 
 
