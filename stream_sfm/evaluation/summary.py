@@ -80,15 +80,11 @@ def evaluate_unscaled(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]
     """
     rows, true = matched(estimate, truth)
     e, t = estimate.world_from_cam[rows], true.world_from_cam
-    figures: dict[str, Any] = dict.fromkeys(("ate_rmse_sim3_m", "ate_sim3_percent", "metres_per_unit"))
-    path_m = path_length_m(t)
+    names, path_m = ("ate_rmse_sim3_m", "ate_sim3_percent", "metres_per_unit"), path_length_m(t)
+    figures: dict[str, Any] = dict.fromkeys(names)
     if len(rows) >= 2 and path_m > 0:
         error_m, scale = ate_rmse_sim3_m(e, t)
-        figures = {
-            "ate_rmse_sim3_m": error_m,
-            "ate_sim3_percent": 100 * error_m / path_m,
-            "metres_per_unit": scale,
-        }
+        figures = dict(zip(names, (error_m, 100 * error_m / path_m, scale), strict=True))
     figures |= {"true_path_length_m": path_m, "frames_compared": len(rows)}
     return {key: _or_none(value) for key, value in figures.items()}
 

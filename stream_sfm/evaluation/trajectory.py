@@ -121,10 +121,8 @@ class SegmentErrors(NamedTuple):
     lengths_m: tuple[float, ...]
 
 
-def segment_errors(
-    estimate: Array, truth: Array, lengths_m: tuple[float, ...] | None = None, step: int | None = None
-) -> SegmentErrors:
-    """Compute KITTI's t_rel and r_rel, eqs. (55) and (56); lengths and step follow from the path if not given.
+def segment_errors(estimate: Array, truth: Array) -> SegmentErrors:
+    """Compute KITTI's t_rel and r_rel, eqs. (55) and (56).
 
     As defined by Geiger, Lenz and Urtasun (CVPR 2012) and their devkit (`evaluate_odometry.cpp`): a segment begins at a
     frame and ends at the first frame *beyond* the length along the true path; its error is inverse(estimated
@@ -136,9 +134,9 @@ def segment_errors(
     along = distances_m(truth)
     path_m = float(along[-1]) if len(along) else 0.0
     unit_m, most = (100.0, 8) if path_m >= 200 else (10.0, 10) if path_m >= 20 else (path_m / 10, 9)
-    starts = np.arange(0, len(along), step or (10 if path_m >= 200 else 1))
+    starts = np.arange(0, len(along), 10 if path_m >= 200 else 1)
     translation, rotation, used = [], [], []
-    for length in lengths_m or tuple(unit_m * k for k in range(1, most + 1)):
+    for length in (unit_m * k for k in range(1, most + 1)):
         ends = np.searchsorted(along, along[starts] + length, side="right")
         inside = ends < len(along)
         if length <= 0 or not inside.any():

@@ -123,15 +123,11 @@ class RosMessages:
         self._path_length += distance
         variances = np.diag(covariance)
         with np.errstate(invalid="ignore"):
-            sigmas = np.sqrt([*variances[:3], variances[:3].sum(), variances[3:].sum()])
-        x, y, z, of_position, of_rotation = sigmas.tolist()
+            std = np.sqrt([*variances[:3], variances[:3].sum(), variances[3:].sum()]).tolist()
+        names = ("x", "y", "z", "sigma_x", "sigma_y", "sigma_z", "sigma_position")
         return {
-            **dict(zip("xyz", pose[:3, 3].tolist(), strict=True)),
-            "sigma_x": x,
-            "sigma_y": y,
-            "sigma_z": z,
-            "sigma_position": of_position,
-            "sigma_rotation_deg": np.degrees(of_rotation),
+            **dict(zip(names, [*pose[:3, 3].tolist(), *std[:4]], strict=True)),
+            "sigma_rotation_deg": np.degrees(std[4]),
             "speed": distance / seconds,
             "angular_speed_deg_s": np.degrees(np.linalg.norm(se3.log_so3(moved[:3, :3]))) / seconds,
             "path_length": self._path_length,

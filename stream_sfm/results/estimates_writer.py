@@ -22,10 +22,9 @@ from .. import __version__
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
 from ..errors import OutputError
-from ..files import PartFile
+from ..files import PartFile, json_bytes
 from ..geometry.se3 import Array
 from ..types import Frame, FrameEstimate
-from .bag_metadata import bag_metadata
 from .estimate_messages import TOPICS, RosMessages, Stamped
 from .own_messages import SCHEMA_VERSION
 from .ros_messages import encode, schema_text
@@ -62,9 +61,8 @@ class EstimatesWriter:
     ) -> None:
         self._messages = RosMessages(config.ros, map_from_world)
         self._file = PartFile(path)
-        self._writer = writer = Writer(
-            cast(IO[Any], self._file), chunk_size=2**22
-        )  # not reached by 20 frames of 200 points
+        # a size of chunks that 20 frames of 200 points do not reach
+        self._writer = writer = Writer(cast(IO[Any], self._file), chunk_size=2**22)
         writer.start("ros2", library=f"stream_sfm {__version__}, mcap {mcap.__version__}")
         about = {"software_version": __version__, "schema_version": str(SCHEMA_VERSION), "method": config.method}
         writer.add_metadata("stream_sfm", about | {"unscaled": str(rig.unscaled).lower()})
@@ -113,9 +111,33 @@ class EstimatesWriter:
         self._file.close()
 
     def metadata(self) -> bytes:
-        """Return the content of metadata.yaml, which makes the folder of the file a bag."""
-        topics = {topic: (TOPICS[topic], _quality(topic), count) for topic, count in self._counts.items()}
-        return bag_metadata(self._file.path.name, topics, *self._times_ns)
+        """Return the content of metadata.yaml, which makes the folder a ROS 2 bag: for `ros2 bag play`, and evo.
+
+        It is written as JSON, which is YAML as well.
+        """
+        first_ns, last_ns = self._times_ns
+        of_all = {
+            "starting_time": {"nanoseconds_since_epoch": first_ns},
+            "duration": {"nanoseconds": last_ns - first_ns},
+            "message_count": sum(self._counts.values()),
+        }
+        fields = ("name", "type", "serialization_format", "offered_qos_profiles")
+        kinds = {topic: (topic, TOPICS[topic], "cdr", _quality(topic)) for topic in self._counts}
+        counts = [
+            {"topic_metadata": dict(zip(fields, kinds[topic], strict=True)), "message_count": count}
+            for topic, count in self._counts.items()
+        ]
+        information = {
+            "version": 5,  # of ROS 2 Humble; later ones read it
+            "storage_identifier": "mcap",
+            "relative_file_paths": [self._file.path.name],
+            **of_all,
+            "topics_with_message_count": counts,
+            "compression_format": "",
+            "compression_mode": "",
+            "files": [{"path": self._file.path.name, **of_all}],
+        }
+        return json_bytes({"rosbag2_bagfile_information": information})
 
     def _add(self, estimate: FrameEstimate, messages: Stamped) -> None:
         stamp_ns = max(estimate.stamp_ns, 0)  # MCAP's times are unsigned

@@ -1,5 +1,6 @@
 """The folder of the results of a run, or of one method of a comparison."""
 
+import json
 import os
 import time
 from collections.abc import Callable, Iterable
@@ -14,7 +15,6 @@ from ..files import PartFile, json_bytes, make_folder, write_whole
 from ..geometry.se3 import Array
 from ..outputs import MAP_TRAJECTORY, RESULTS, only_writer
 from ..types import Frame, FrameEstimate, Trajectory
-from . import bag_metadata
 from .estimates_writer import EstimatesWriter
 from .trajectory_files import NAMES, first_lines, lines_of, tum_line
 
@@ -80,8 +80,8 @@ class ResultFolder:
         self._closed = self._estimates is not None  # where nothing was written nothing is closed
         try:
             close_all([*filter(None, [self._estimates]), *self._trajectories])
-            path = self.path / bag_metadata.NAME  # which makes the folder a bag, unless it is one that is not ours
-            if self._estimates is not None and bag_metadata.may_be_written(path, "estimates.mcap"):
+            path = self.path / "metadata.yaml"  # which makes the folder a bag, unless it is one that is not ours
+            if self._estimates is not None and _may_be_written(path):
                 write_whole(path, self._estimates.metadata())
         finally:
             self._lock.close()
@@ -109,6 +109,17 @@ def changed_results(folder: Path, config: Config) -> list[Path]:
         if known.is_file() and known.read_bytes() == config_to_toml(config).encode():
             files.remove(known)
     return files
+
+
+def _may_be_written(metadata: Path) -> bool:
+    """Whether this file does not exist or is of an earlier run; the metadata of another bag must not be replaced."""
+    try:
+        content = json.loads(metadata.read_bytes())
+        return bool(content["rosbag2_bagfile_information"]["relative_file_paths"] == ["estimates.mcap"])
+    except FileNotFoundError:
+        return True
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 class Closed(Protocol):

@@ -171,17 +171,22 @@ def test_ate_and_scale_are_those_of_evo(evo: SimpleNamespace):
     assert scale_error_percent(evo.e, evo.t) == pytest.approx(100 * (1 / scale - 1), rel=1e-9)
 
 
-def test_relative_errors_over_one_length_are_those_of_evo(evo: SimpleNamespace):
-    found = segment_errors(evo.e, evo.t, lengths_m=(10.0,), step=1)
-    along = distances_m(evo.t)
-    pairs = [(i, int(np.argmax(along > along[i] + 10.0))) for i in range(150) if (along > along[i] + 10).any()]
+def test_errors_of_segments_are_those_of_evo(evo: SimpleNamespace):
+    """A path of 30 m has segments of 10 and of 20 m, one of each from every frame that is far enough from the end."""
+    found, along = segment_errors(evo.e, evo.t), distances_m(evo.t)
+    pairs = [
+        (i, int(np.argmax(along > along[i] + length)), length)
+        for length in found.lengths_m
+        for i in range(150)
+        if (along > along[i] + length).any()
+    ]
     for relation, ours, tolerance in (
         (evo.m.PoseRelation.translation_part, found.t_rel_percent, 1e-9),
         (evo.m.PoseRelation.rotation_angle_rad, np.radians(found.r_rel_deg_per_100m), 1e-6),
     ):
         values = []
-        for pair in pairs:
+        for first, last, length in pairs:
             rpe = evo.m.RPE(relation, delta=1, delta_unit=evo.m.Unit.frames)
-            rpe.process_data((evo.path(evo.t[[*pair]]), evo.path(evo.e[[*pair]])))
-            values.append(rpe.error[0] / 10.0)
+            rpe.process_data((evo.path(evo.t[[first, last]]), evo.path(evo.e[[first, last]])))
+            values.append(rpe.error[0] / length)
         assert ours == pytest.approx(100 * np.mean(values), rel=tolerance)
