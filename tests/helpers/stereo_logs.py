@@ -6,7 +6,6 @@ two parallel cameras, so that disparity is 12 px everywhere.
 
 import base64
 import json
-import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -123,15 +122,14 @@ def encode(grey: np.ndarray, encoding: str) -> tuple[bytes, int, bool]:
         return (grey.astype(np.uint16) * 16).astype(">u2" if big else "<u2").tobytes(), 2 * width, big
     if encoding == "mono8-padded":
         return np.pad(grey, ((0, 0), (0, 5))).tobytes(), width + 5, False
-    if encoding in ("rgb8", "bgr8"):
-        return np.repeat(grey[..., None], 3, axis=2).tobytes(), 3 * width, False
+    if encoding in ("rgb8", "bgr8", "rgba8", "bgra8"):
+        channels = 4 if "a" in encoding else 3
+        return np.repeat(grey, channels, axis=1).tobytes(), channels * width, False
     if encoding == "bgr8-padded":
         colour = np.repeat(grey, 3, axis=1)
         return np.pad(colour, ((0, 0), (0, 7)), constant_values=255).tobytes(), 3 * width + 7, False
     if encoding == "nv12":
         return grey.tobytes() + b"\x80" * (grey.size // 2), width, False
-    if encoding in ("rgba8", "bgra8"):
-        return np.repeat(grey[..., None], 4, axis=2).tobytes(), 4 * width, False
     if encoding == "uyvy":
         return np.stack([np.full_like(grey, 128), grey], axis=2).tobytes(), 2 * width, False
     if encoding == "yuv422_yuy2":
@@ -163,15 +161,17 @@ class LogWriter:
         name = type(message).DESCRIPTOR.full_name
         self.add(topic, name, ("protobuf", "protobuf"), definition, time, message.SerializeToString())
 
-    def ros2(self, topic: str, name: str, message: dict[str, Any], time: int, by_idl: bool = False) -> None:
+    def ros(self, profile: str, topic: str, name: str, message: dict[str, Any], time: int) -> None:
+        """A message of ROS; `profile`: ros1, ros2, or ros2idl."""
         data = serialize_dynamic(name, ROS2[name])[name](message)
-        if by_idl:
+        if profile == "ros1":
+            old = name.replace("/msg/", "/")
+            content = bytes(_IN_ROS2.cdr_to_ros1(data, name))
+            self.add(topic, old, ("ros1", "ros1msg"), ROS1[old].encode(), time, content)
+        elif profile == "ros2idl":
             self.add(topic, name, ("cdr", "ros2idl"), idl.definition(name).encode(), time, data)
         else:
             self.add(topic, name, ("cdr", "ros2msg"), ROS2[name].encode(), time, data)
-
-    def ros1(self, topic: str, name: str, data: bytes, time: int) -> None:
-        self.add(topic, name, ("ros1", "ros1msg"), ROS1[name].encode(), time, data)
 
     def foxglove(self, profile: str, topic: str, kind: Any, fields: dict[str, Any], time: int) -> None:
         """A message of Foxglove's; `profile`: foxglove, in protobuf, or json."""
@@ -201,14 +201,10 @@ def write_image(
     kind = "Image" if step else "CompressedImage"
     if profile in ("foxglove", "json"):
         log.foxglove(profile, topic, RawImage if step else CompressedImage, fields | {"frame_id": frame_id}, time)
-    elif profile in ("ros2", "ros2idl"):
+    else:
         big_endian = {"is_bigendian": big} if step else {}
         message = {"header": _header(time, frame_id)} | fields | big_endian
-        log.ros2(topic, f"sensor_msgs/msg/{kind}", message, time, profile == "ros2idl")
-    else:
-        size = struct.pack("<II", height, width) if step else b""
-        body = size + _text(name) + (struct.pack("<BI", big, step) if step else b"")
-        log.ros1(topic, f"sensor_msgs/{kind}", _ros1_header(time, frame_id) + body + _text(data), time)
+        log.ros(profile, topic, f"sensor_msgs/msg/{kind}", message, time)
 
 
 def write_info(log: LogWriter, profile: str, topic: str, time: int, c: Calib, frame_id: str = "left") -> None:
@@ -218,15 +214,10 @@ def write_info(log: LogWriter, profile: str, topic: str, time: int, c: Calib, fr
     if profile in ("foxglove", "json"):
         fields = size | {"frame_id": frame_id, "distortion_model": c.model, "D": c.D, "K": k, "R": r, "P": p}
         log.foxglove(profile, topic, CameraCalibration, fields, time)
-    elif profile in ("ros2", "ros2idl"):
+    else:
         body = {"header": _header(time, frame_id)} | size | {"distortion_model": c.model}
         body |= {"d": list(c.D), "k": k, "r": r, "p": p, "binning_x": 0, "binning_y": 0, "roi": _NO_ROI}
-        log.ros2(topic, "sensor_msgs/msg/CameraInfo", body, time, profile == "ros2idl")
-    else:
-        data = _ros1_header(time, frame_id) + struct.pack("<II", c.height, c.width) + _text(c.model)
-        data += struct.pack(f"<I{len(c.D)}d", len(c.D), *c.D) + struct.pack("<30d", *k, *r, *p)
-        data += struct.pack("<6I?", 0, 0, 0, 0, 0, 0, False)  # binning and region of interest
-        log.ros1(topic, "sensor_msgs/CameraInfo", data, time)
+        log.ros(profile, topic, "sensor_msgs/msg/CameraInfo", body, time)
 
 
 def write_pair(
@@ -256,13 +247,9 @@ def write_transform(
     if profile in ("foxglove", "json"):
         fields = {"parent_frame_id": parent, "child_frame_id": child} | moved
         log.foxglove(profile, "/tf", FrameTransform, fields, time)
-    elif profile == "ros1":
-        data = struct.pack("<I", 1) + _ros1_header(time, parent) + _text(child) + struct.pack("<7d", *t, *q)
-        log.ros1("/tf_static", "tf2_msgs/TFMessage", data, time)
     else:
         stamped = {"header": _header(time, parent), "child_frame_id": child, "transform": moved}
-        name = "tf2_msgs/msg/TFMessage"
-        log.ros2("/tf_static", name, {"transforms": [stamped]}, time, profile == "ros2idl")
+        log.ros(profile, "/tf_static", "tf2_msgs/msg/TFMessage", {"transforms": [stamped]}, time)
 
 
 def write_truth(log: LogWriter, time: int, world_from_cam: np.ndarray, depth: np.ndarray) -> None:
@@ -275,17 +262,7 @@ def write_truth(log: LogWriter, time: int, world_from_cam: np.ndarray, depth: np
 
 
 def _header(time: int, frame_id: str) -> dict[str, Any]:
-    """Of ROS 2."""
     return {"stamp": {"sec": time // 10**9, "nanosec": time % 10**9}, "frame_id": frame_id}
-
-
-def _ros1_header(time: int, frame_id: str) -> bytes:
-    return struct.pack("<III", 0, *divmod(time, 10**9)) + _text(frame_id)
-
-
-def _text(text: str | bytes) -> bytes:
-    data = text.encode() if isinstance(text, str) else text
-    return struct.pack("<I", len(data)) + data
 
 
 def write_log(path: Path, spec: Spec | None = None, **container: Any) -> Path:
