@@ -14,24 +14,19 @@ from stream_sfm.recording.messages import ImageMessage
 from stream_sfm.recording.pair_reader import StereoPair
 from stream_sfm.results.estimates_reader import Cloud
 from stream_sfm.types import Ambiguity, LastingErrors, MapStart, Observations, Solution
-from tests.helpers.wall import Wall, camera_path, rig
+from tests.helpers.wall import rig
+from tests.results.test_estimates import estimate
 
 
-@pytest.fixture(scope="module")
-def estimate() -> sfm.FrameEstimate:
-    engine, wall = sfm.Engine(rig()), Wall(5)
-    return [engine.step(wall.frame(rig(), pose, n)) for n, pose in enumerate(camera_path(3))][-1]
+def test_an_estimate_says_pose_sigma_and_points_in_one_line() -> None:
+    one = estimate(2)
+    x, y, z = one.world_from_cam[:3, 3]
+    std_m = np.sqrt(np.trace(one.cov_pose[:3, :3]))
+    assert repr(one) == f"<FrameEstimate 2 ok t=({x:.3f}, {y:.3f}, {z:.3f}) m σ={std_m:.2g} m, 5 points>"
+    assert " units σ=" in repr(replace(one, unscaled=True))
 
 
-def test_an_estimate_says_pose_sigma_and_points_in_one_line(estimate: sfm.FrameEstimate) -> None:
-    x, y, z = estimate.world_from_cam[:3, 3]
-    std_m = np.sqrt(np.trace(estimate.cov_pose[:3, :3]))
-    n = len(estimate.track_ids)
-    assert repr(estimate) == f"<FrameEstimate 2 ok t=({x:.3f}, {y:.3f}, {z:.3f}) m σ={std_m:.2g} m, {n} points>"
-    assert " units σ=" in repr(replace(estimate, unscaled=True))
-
-
-def records(estimate: sfm.FrameEstimate) -> list[object]:
+def records() -> list[object]:
     image, views, cov = np.zeros((48, 64), np.uint8), np.zeros((5, 4)), np.zeros((5, 4, 4))
     start = MapStart(views, cov, np.eye(4), np.zeros((6, 6)))
     points, covs = np.zeros((5, 3)), np.zeros((5, 3, 3))
@@ -48,7 +43,7 @@ def records(estimate: sfm.FrameEstimate) -> list[object]:
         mesh,
         Surface(mesh, 3, 2, 0.01, np.zeros((3, 3))),
         cloud,
-        estimate,
+        estimate(2),
         solution,
         Observations(12, 7, ids, views, cov, start=start),
         LastingErrors(np.zeros(5), np.ones((5, 2))),
@@ -64,9 +59,9 @@ def records(estimate: sfm.FrameEstimate) -> list[object]:
     ]
 
 
-def test_every_record_has_a_short_repr_and_equals_itself_only(estimate: sfm.FrameEstimate) -> None:
+def test_every_record_has_a_short_repr_and_equals_itself_only() -> None:
     assert "str" in repr(sfm.StereoFrame(7, "left.png", np.zeros((48, 64), np.uint8)))  # type: ignore[arg-type]
-    for one, other in zip(records(estimate), records(replace(estimate)), strict=True):
+    for one, other in zip(records(), records(), strict=True):
         assert repr(one).startswith(f"<{type(one).__name__}") and len(repr(one)) < 250, repr(one)
         assert "\n" not in repr(one) and "array" not in repr(one)
         assert one == one and one != other

@@ -11,7 +11,7 @@ from stream_sfm.camera.calibration.document import make_camera
 from stream_sfm.camera.lens import project_into_image
 from stream_sfm.geometry import se3
 from tests.helpers.data_sets import kalibr, kitti_projection, matrix_rows, sensor_yaml
-from tests.helpers.stereo_logs import HEIGHT, WIDTH, Spec, write_log
+from tests.helpers.stereo_logs import HEIGHT, WIDTH, Spec, calibration_of, write_log
 
 RNG = np.random.default_rng(8)
 SIZE = (752, 480)
@@ -27,25 +27,21 @@ KALIBR = kalibr(BOTH, POSE)
 BODY_FROM_LEFT = se3.exp(RNG.normal(size=6) * 0.3)
 
 
-def camera_info(camera, name, r, p):
+OF_ROS = calibration_of(RIG, "plumb_bob")  # with R and P
+
+
+def camera_info(calib, p=None):
     def matrix(key, m, shape):
         return f"{key}:\n  rows: {shape[0]}\n  cols: {shape[1]}\n  data: {np.ravel(m).tolist()}\n"
 
-    d = [*camera.D, 0.0]
     return (
-        f"image_width: {camera.width}\nimage_height: {camera.height}\ncamera_name: {name}\n"
-        + matrix("camera_matrix", camera.K, (3, 3))
-        + "distortion_model: plumb_bob\n"
-        + matrix("distortion_coefficients", d, (1, 5))
-        + matrix("rectification_matrix", r, (3, 3))
-        + matrix("projection_matrix", p, (3, 4))
+        f"image_width: {calib.width}\nimage_height: {calib.height}\ncamera_name: stereo\n"
+        + matrix("camera_matrix", calib.K, (3, 3))
+        + f"distortion_model: {calib.model}\n"
+        + matrix("distortion_coefficients", [*calib.D, 0.0], (1, 5))
+        + matrix("rectification_matrix", calib.R, (3, 3))
+        + matrix("projection_matrix", calib.P if p is None else p, (3, 4))
     )
-
-
-def rectification():
-    r, t = POSE[:3, :3], POSE[:3, 3:]
-    r1, r2, p1, p2, *_ = cv2.stereoRectify(LEFT.K, np.zeros(4), RIGHT.K, np.zeros(4), SIZE, r, t)
-    return r1, r2, p1, p2
 
 
 def storage(path, **values):
@@ -90,14 +86,13 @@ def test_kalibr_with_an_imu_instead_of_a_chain(tmp_path):
 
 
 def test_ros_camera_info(tmp_path):
-    r1, r2, p1, p2 = rectification()
-    left = write(tmp_path / "left.yaml", camera_info(LEFT, "stereo/left", r1, p1))
-    right = write(tmp_path / "right.yaml", camera_info(RIGHT, "stereo/right", r2, p2))
+    left = write(tmp_path / "left.yaml", camera_info(OF_ROS[0]))
+    right = write(tmp_path / "right.yaml", camera_info(OF_ROS[1]))
     check((left, right))
     check(tmp_path)
     with pytest.raises(ConfigError, match=r"left\.yaml: this is the calibration of one camera"):
         StereoRig.from_calibration(left)
-    write(right, camera_info(RIGHT, "stereo/right", r2, p1))
+    write(right, camera_info(OF_ROS[1], OF_ROS[0].P))
     with pytest.raises(
         ConfigError, match=r"right\.yaml: projection_matrix of neither camera contains the baseline"
     ):
@@ -241,7 +236,7 @@ def test_arrays_of_numpy(tmp_path):
 
 @pytest.mark.parametrize("suffix", ["yml", "xml", "json"])
 def test_opencv_stereo_calibrate(tmp_path, suffix):
-    r1, r2, p1, p2 = rectification()
+    rectified = {f"{key}{n}": getattr(OF_ROS[n - 1], key) for n in (1, 2) for key in "RP"}
     pair = {"M1": LEFT.K, "D1": np.array([LEFT.D]), "M2": RIGHT.K, "D2": np.array([RIGHT.D])}
     pose = {"R": POSE[:3, :3], "T": POSE[:3, 3:]}
     size = {"image_width": SIZE[0], "image_height": SIZE[1]}
@@ -250,13 +245,13 @@ def test_opencv_stereo_calibrate(tmp_path, suffix):
     folder.mkdir()
     files = [
         storage(folder / f"intrinsics.{suffix}", **pair),
-        storage(folder / f"extrinsics.{suffix}", **pose, R1=r1, R2=r2, P1=p1, P2=p2),
+        storage(folder / f"extrinsics.{suffix}", **pose, **rectified),
     ]
     check(files, size=SIZE)
     check(folder, size=SIZE)
     with pytest.raises(ConfigError, match="the size of the images is missing: add image_width and image_height"):
         StereoRig.from_calibration(files)
-    check(storage(tmp_path / f"rectified.{suffix}", **pair, **size, R1=r1, R2=r2, P1=p1, P2=p2))
+    check(storage(tmp_path / f"rectified.{suffix}", **pair, **size, **rectified))
 
 
 def test_opencv_names_of_the_documentation(tmp_path):
@@ -282,10 +277,8 @@ def test_a_log_tells_the_size_that_a_calibration_does_not(tmp_path):
     values = {"M1": k, "D1": np.zeros(5), "M2": k, "D2": np.zeros(5), "R": np.eye(3), "T": np.array([-0.25, 0, 0])}
     path = storage(tmp_path / "stereo.yml", **values)
     log = open_log(write_log(tmp_path / "log.mcap", Spec(infos=(None, None))), calibration=path)
-    assert log.rig.baseline_m == pytest.approx(0.25) and (log.rig.left.width, log.rig.left.height) == (
-        WIDTH,
-        HEIGHT,
-    )
+    assert log.rig.baseline_m == pytest.approx(0.25)
+    assert (log.rig.left.width, log.rig.left.height) == (WIDTH, HEIGHT)
     assert len(list(log.frames())) == 12
 
 
@@ -314,11 +307,7 @@ def test_mistakes_are_named_with_the_file(tmp_path, name):
 
 
 def test_two_formats_are_no_pair_and_a_folder_has_one(tmp_path):
-    r1, _, p1, _ = rectification()
-    files = [
-        write(tmp_path / "left.yaml", camera_info(LEFT, "left", r1, p1)),
-        write(tmp_path / "c.yaml", KALIBR),
-    ]
+    files = [write(tmp_path / "left.yaml", camera_info(OF_ROS[0])), write(tmp_path / "c.yaml", KALIBR)]
     with pytest.raises(ConfigError, match=r"this is a Kalibr.*left\.yaml is a ROS"):
         StereoRig.from_calibration(files)
     with pytest.raises(ConfigError, match=r"several calibrations \(c\.yaml, left\.yaml\)"):

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stream_sfm.camera.lens import project_into_image
 from stream_sfm.camera.models import Camera
 from stream_sfm.evaluation.structure import StructureComparison, structure_errors
 
@@ -85,24 +84,3 @@ def test_median_and_tail_say_whether_few_points_decide_the_rms():
 def _along(rays: np.ndarray, sigma_m: float) -> np.ndarray:
     """Covariances of points that err along their rays only."""
     return sigma_m**2 * rays[:, :, None] * rays[:, None, :]
-
-
-@pytest.mark.parametrize(
-    ("model", "coefficients"),
-    [
-        ("plumb_bob", (-0.28, 0.07, 2e-4, 1e-4, 0.01)),
-        ("rational_polynomial", (0.5, 0.1, 1e-3, -1e-3, 0.02, 0.6, 0.2, 0.01)),
-        ("equidistant", (-0.01, 0.02, -0.003, 0.001)),
-        ("equidistant", ()),
-    ],
-)
-def test_projection_agrees_with_opencv(model: str, coefficients: tuple[float, ...]):
-    cv2 = pytest.importorskip("cv2")
-    camera = Camera(320, 240, CAMERA.K, coefficients, model)
-    points = plane_points(40)
-    d = np.array(coefficients or (0.0,) * 4)
-    if model == "equidistant":
-        expected, _ = cv2.fisheye.projectPoints(points[:, None], np.zeros(3), np.zeros(3), camera.K, d)
-    else:
-        expected, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera.K, d)
-    assert np.allclose(project_into_image(camera, points), expected.reshape(-1, 2), atol=1e-9)  # px: rounding
