@@ -364,7 +364,6 @@ class Estimator(Protocol):
 
     def step(self, observations: Observations) -> Solution:
         """Return the solution of the next frame; frames come in order."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False, kw_only=True)
@@ -395,11 +394,9 @@ class Sink(Protocol):
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
         """Take the estimate of the next frame, and the frame it was made from."""
-        ...
 
     def close(self) -> None:
         """Finish: no more frames will come."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 import stream_sfm as sfm
@@ -96,21 +95,15 @@ def test_its_covariance_and_that_of_the_velocity_are_those_of_its_errors() -> No
         assert abs(difference).max() < 5 * np.sqrt(2 / trials)  # standard errors of a variance
 
 
-@pytest.fixture(scope="module")
-def replayed() -> tuple[list[Odometry], sfm.Trajectory]:
-    """With the calibration taken for what it is in a rendered log, exact: else σ is of errors that are not there."""
+def test_on_a_recording_velocities_and_the_end_are_the_true_ones_within_their_covariances() -> None:
+    """Against finite differences of the truth; 24 frames of 6 numbers that are not all independent.
+
+    With the calibration taken for what it is in a rendered log, exact: else σ is of errors that are not there.
+    """
     log = sfm.open_log(ROOM)
     engine = sfm.Engine(log.rig, sfm.Config(rig=RigConfig(exact=True)))
-    truth = log.ground_truth()
+    found, truth = run([engine.step(f) for f in log.frames(sfm.Selection(max_frames=25))]), log.ground_truth()
     assert truth is not None
-    return run([engine.step(f) for f in log.frames(sfm.Selection(max_frames=25))]), truth
-
-
-def test_on_a_recording_the_velocity_is_the_true_one_within_its_covariance(
-    replayed: tuple[list[Odometry], sfm.Trajectory],
-) -> None:
-    """Against finite differences of the truth; 24 frames of 6 numbers that are not all independent."""
-    found, truth = replayed
     assert [odometry.estimate.stamp_ns for odometry in found] == truth.stamps_ns[: len(found)].tolist()
     squares = []
     for i in range(1, len(found)):
@@ -120,12 +113,6 @@ def test_on_a_recording_the_velocity_is_the_true_one_within_its_covariance(
         squares.append(error @ np.linalg.solve(found[i].cov_twist, error))
         assert np.linalg.norm(moved[:3]) > 20 * np.linalg.norm(error[:3])  # it moves, so σ alone cannot pass
     assert 1 < np.mean(squares) < 12  # 6 expected
-
-
-def test_on_a_recording_the_path_ends_where_it_should_within_its_covariance(
-    replayed: tuple[list[Odometry], sfm.Trajectory],
-) -> None:
-    found, truth = replayed
     end = se3.inverse(truth.world_from_cam[0]) @ truth.world_from_cam[len(found) - 1]
     error = se3.log(se3.inverse(found[-1].odom_from_cam) @ end)
     assert error @ np.linalg.solve(found[-1].cov, error) < 20  # beyond 99.7 % of six

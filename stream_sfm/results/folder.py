@@ -127,7 +127,6 @@ class Closed(Protocol):
 
     def close(self) -> None:
         """Finish."""
-        ...
 
 
 def close_all(sinks: Iterable[Closed]) -> None:
