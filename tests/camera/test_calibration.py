@@ -1,11 +1,75 @@
-"""Calibration files: there and back, and every mistake named with file and key."""
+"""Calibrations as this package and other tools write them give the rig that is in them; each mistake is named."""
 
+import json
+
+import cv2
 import numpy as np
 import pytest
 
-from stream_sfm import Camera, ConfigError, StereoRig
+from stream_sfm import Camera, ConfigError, MonoRig, StereoRig, open_log
+from stream_sfm.camera.calibration.document import make_camera
+from stream_sfm.camera.lens import project_into_image
+from stream_sfm.geometry import se3
+from tests.helpers.data_sets import kalibr, kitti_projection, matrix_rows, sensor_yaml
+from tests.helpers.stereo_logs import HEIGHT, WIDTH, Spec, calibration_of, write_log
 
-GOOD = """
+RNG = np.random.default_rng(8)
+SIZE = (752, 480)
+LEFT = Camera(
+    *SIZE, np.array([[458.654, 0, 367.215], [0, 457.296, 248.375], [0, 0, 1]]), (-0.28, 0.07, 2e-4, 1.8e-5)
+)
+RIGHT = Camera(
+    *SIZE, np.array([[457.587, 0, 379.999], [0, 456.134, 255.238], [0, 0, 1]]), (-0.28, 0.08, 1e-4, -3e-5)
+)
+POSE = se3.from_rotation_translation(se3.exp_so3(np.array([0.002, 0.014, -0.0007])), np.array([-0.11, 4e-4, -8e-4]))
+RIG, BOTH = StereoRig(LEFT, RIGHT, POSE), (LEFT, RIGHT)
+KALIBR = kalibr(BOTH, POSE)
+BODY_FROM_LEFT = se3.exp(RNG.normal(size=6) * 0.3)
+
+
+OF_ROS = calibration_of(RIG, "plumb_bob")  # with R and P
+
+
+def camera_info(calib, p=None):
+    def matrix(key, m, shape):
+        return f"{key}:\n  rows: {shape[0]}\n  cols: {shape[1]}\n  data: {np.ravel(m).tolist()}\n"
+
+    return (
+        f"image_width: {calib.width}\nimage_height: {calib.height}\ncamera_name: stereo\n"
+        + matrix("camera_matrix", calib.K, (3, 3))
+        + f"distortion_model: {calib.model}\n"
+        + matrix("distortion_coefficients", [*calib.D, 0.0], (1, 5))
+        + matrix("rectification_matrix", calib.R, (3, 3))
+        + matrix("projection_matrix", calib.P if p is None else p, (3, 4))
+    )
+
+
+def storage(path, **values):
+    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, value in values.items():
+        file.write(name, value)
+    file.release()
+    return path
+
+
+def write(path, text):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+def check(where, rig=RIG, size=None, atol=1e-9):
+    found = StereoRig.from_calibration(where, size)
+    np.testing.assert_allclose(found.right_from_left, rig.right_from_left, atol=atol)
+    for one, other in ((found.left, rig.left), (found.right, rig.right)):
+        np.testing.assert_allclose(one.K, other.K, atol=1e-9)
+        assert (one.width, one.height, one.distortion_model) == (other.width, other.height, other.distortion_model)
+        np.testing.assert_allclose(one.D[:4], other.D[:4], atol=1e-12)
+    left = MonoRig.from_calibration(where, size)
+    np.testing.assert_allclose(left.left.K, rig.left.K, atol=1e-9)
+
+
+TOML = """
 [left]
 width = 640
 height = 480
@@ -24,56 +88,293 @@ translation_m = [-0.12, 0.0, 0.0]
 """
 
 
-def test_both_forms_are_read(tmp_path):
-    path = tmp_path / "rig.toml"
-    path.write_text(GOOD)
-    rig = StereoRig.from_calibration(path)
-    assert rig.baseline_m == pytest.approx(0.12)
-    np.testing.assert_array_equal(rig.left.K, [[500, 0, 320], [0, 501, 240.5], [0, 0, 1]])
-    assert rig.left.distortion_model == "none" and rig.right.D == (-0.2, 0.03, 0.0, 0.001)
+def test_both_forms_of_our_own_are_read(tmp_path):
+    k = np.array([[500, 0, 320], [0, 501, 240.5], [0, 0, 1]])
+    right = Camera(640, 480, [[500.0, 0, 321], [0, 500, 240], [0, 0, 1]], (-0.2, 0.03, 0.0, 0.001))
+    rig = StereoRig(Camera(640, 480, k, (), "none"), right, se3.exp([-0.12, 0, 0, 0, 0, 0]))
+    check(write(tmp_path / "rig.toml", TOML), rig)
     matrix = "right_from_left = [[1, 0, 0, -0.12], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]\n"
-    path.write_text(matrix + GOOD.split("[right_from_left]")[0])
-    np.testing.assert_array_equal(StereoRig.from_calibration(path).right_from_left, rig.right_from_left)
+    check(write(tmp_path / "matrix.toml", matrix + TOML.split("[right_from_left]")[0]), rig)
 
 
-def test_there_and_back(tmp_path):
-    path = tmp_path / "rig.toml"
-    c, s = np.cos(0.05), np.sin(0.05)
-    pose = np.array([[c, 0, s, -0.2], [0, 1, 0, 0.01], [-s, 0, c, 0.003], [0, 0, 0, 1]])
-    k = np.array([[458.654, 0, 367.215], [0, 457.296, 248.375], [0, 0, 1]])
-    rig = StereoRig(Camera(752, 480, k, (0.1, 0.2, 0.3, 0.4), "equidistant"), Camera(752, 480, k), pose)
-    path.write_text(rig.to_toml())
-    again = StereoRig.from_calibration(path)
-    np.testing.assert_allclose(again.right_from_left, rig.right_from_left, atol=1e-15)
-    np.testing.assert_array_equal(again.left.K, k)
-    assert (again.left.D, again.left.distortion_model) == (rig.left.D, "equidistant")
+def test_our_own_is_written_and_read_back(tmp_path):
+    rig = StereoRig(
+        Camera(*SIZE, LEFT.K, (0.1, 0.2, 0.3, 0.4), "equidistant"), Camera(*SIZE, RIGHT.K, (), "none"), POSE
+    )
+    check(write(tmp_path / "rig.toml", rig.to_toml()), rig, atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("[left]", "[lefty]", ["'lefty'"]),
-        ("width = 640\nheight = 480\nfx", "height = 480\nfx", ["left.width", "whole number"]),
-        ("fx = 500.0", "fx = '500'", ["left.fx", "a number"]),
-        ("fx = 500.0", "", ["left.fx"]),
-        ("fx = 500.0", "fx = nan", ["left.fx", "finite"]),
-        ("fx = 500.0", "focal = 500.0", ["'focal'", "[left]"]),
-        ("fx = 500.0", "fx = 500.0\nK = [[1]]", ["either K or fx"]),
-        ("K = [[500.0, 0, 321], [0, 500, 240], [0, 0, 1]]", "K = [[500.0, 0], [0]]", ["right.K", "3×3"]),
-        ("D = [-0.2, 0.03, 0.0, 0.001]", "D = [1.0, 2.0]", ["right", "coefficients"]),
-        ('"plumb_bob"', '"mei"', ["right", "'mei'"]),
-        ("translation_m = [-0.12, 0.0, 0.0]", "translation = [-0.12, 0.0, 0.0]", ["'translation'"]),
-        ("translation_m = [-0.12, 0.0, 0.0]", "", ["translation_m", "3 numbers"]),
-        ("translation_m = [-0.12, 0.0, 0.0]", "translation_m = [0, 0, 0]", ["baseline"]),
-        ("[right_from_left]\ntranslation_m = [-0.12, 0.0, 0.0]", "", ["right_from_left is missing"]),
-        ("[left]", "[left", ["not TOML"]),
-    ],
-)
-def test_mistakes_are_named(tmp_path, old, new, words):
-    path = tmp_path / "rig.toml"
-    assert old in GOOD
-    path.write_text(GOOD.replace(old, new))
-    with pytest.raises(ConfigError) as caught:
+@pytest.mark.parametrize("name", ["radtan", "equi", "equidistant", "fisheye"])
+def test_kalibr(tmp_path, name):
+    rig = RIG
+    if name != "radtan":
+        rig = StereoRig(
+            *(Camera(*SIZE, c.K, (-0.01, 0.02, -3e-3, 1e-3), "equidistant") for c in (LEFT, RIGHT)), POSE
+        )
+    check(write(tmp_path / "camchain.yaml", kalibr((rig.left, rig.right), POSE, lens=name)), rig)
+
+
+def test_kalibr_with_an_imu_instead_of_a_chain(tmp_path):
+    cam_from_imu = se3.exp(RNG.normal(size=6) * 0.2)
+    text = kalibr(BOTH, from_imu=(cam_from_imu, POSE @ cam_from_imu))
+    check(write(tmp_path / "camchain.yaml", text))
+
+
+def test_ros_camera_info(tmp_path):
+    left = write(tmp_path / "left.yaml", camera_info(OF_ROS[0]))
+    right = write(tmp_path / "right.yaml", camera_info(OF_ROS[1]))
+    check((left, right))
+    check(tmp_path)
+    with pytest.raises(ConfigError, match=r"left\.yaml: this is the calibration of one camera"):
+        StereoRig.from_calibration(left)
+    write(right, camera_info(OF_ROS[1], OF_ROS[0].P))
+    with pytest.raises(
+        ConfigError, match=r"right\.yaml: projection_matrix of neither camera contains the baseline"
+    ):
+        StereoRig.from_calibration(tmp_path)
+
+
+@pytest.mark.parametrize("heads", [("", ""), ("%YAML:1.0\n", "%YAML:1.0\n---\n")], ids=["plain", "of OpenCV"])
+def test_euroc_sensor_files(tmp_path, heads):
+    bodies = (BODY_FROM_LEFT, BODY_FROM_LEFT @ se3.inverse(POSE))
+    texts = [head + sensor_yaml(c, body) for head, c, body in zip(heads, (LEFT, RIGHT), bodies, strict=True)]
+    check([write(tmp_path / "mav0" / f"cam{n}" / "sensor.yaml", text) for n, text in enumerate(texts)])
+    check(tmp_path)
+    check(tmp_path / "mav0")
+
+
+LENSES = {  # of a EuRoC camera, of TUM-VI, and of KITTI-360 at half its size: parameters, fx fy cx cy, size
+    "ds": ({"xi": -0.172, "alpha": 0.593}, (158.28, 158.3, 254.96, 256.3), (512, 512), ()),
+    "eucm": ({"alpha": 0.63, "beta": 1.04}, (190.9, 190.8, 254.9, 256.9), (512, 512), ()),
+    "omni": ({"xi": 2.2134}, (668.0, 667.9, 358.4, 352.8), (700, 700), (0.01666, 1.6588, 2e-4, 2e-4)),
+}
+
+
+def bent(model, points, values, f, d):
+    """Pixels of points by the papers: Usenko eq. 40, Khomutenko eq. 6, Mei section II."""
+    x, y, z = (points / np.linalg.norm(points, axis=1)[:, None]).T
+    if model == "ds":
+        xi, alpha = values.values()
+        below = alpha * np.sqrt(x**2 + y**2 + (xi + z) ** 2) + (1 - alpha) * (xi + z)
+    elif model == "eucm":
+        alpha, beta = values.values()
+        below = alpha * np.sqrt(beta * (x**2 + y**2) + z**2) + (1 - alpha) * z
+    else:
+        below = z + values["xi"]
+    m = np.stack([x / below, y / below, np.ones_like(x)], axis=1)
+    return cv2.projectPoints(m, np.zeros(3), np.zeros(3), np.array([[f[0], 0, f[2]], [0, f[1], f[3]], [0, 0, 1.0]]),
+                             np.array([*d, *4 * [0.0]][:4]))[0][:, 0]  # fmt: skip
+
+
+@pytest.mark.parametrize("model", LENSES)
+@pytest.mark.parametrize("tool", ["kalibr", "basalt"])
+def test_unified_lenses_are_the_fisheye_that_is_nearest(tmp_path, model, tool):
+    values, f, size, d = LENSES[model]
+    if tool == "basalt":
+        if model == "omni":
+            pytest.skip("Basalt has none")
+        path = write(
+            tmp_path / "calibration.json",
+            basalt([(model, dict(zip(("fx", "fy", "cx", "cy"), f, strict=True)) | values)] * 2, size),
+        )
+    else:
+        camera = f"  camera_model: {model}\n  intrinsics: {[*values.values(), *f]}\n  resolution: {list(size)}\n"
+        camera += f"  distortion_model: {'radtan' if d else 'none'}\n  distortion_coeffs: {list(d)}\n"
+        path = write(
+            tmp_path / "camchain.yaml", f"cam0:\n{camera}cam1:\n{camera}  T_cn_cnm1:\n{matrix_rows(POSE)}\n"
+        )
+    found = StereoRig.from_calibration(path)
+    np.testing.assert_allclose(found.right_from_left, POSE, atol=1e-9)
+    points = np.random.default_rng(1).uniform([-2, -2, 0.4], [2, 2, 1], (4000, 3))
+    expected = bent(model, points, values, f, d)
+    inside = ((expected > 0) & (expected < size)).all(axis=1)
+    assert inside.sum() > 1000
+    apart = np.linalg.norm(project_into_image(found.left, points) - expected, axis=1)[inside]
+    assert apart.max() < (0.2 if d else 0.001)  # pixels: a fisheye has no tangential coefficients
+
+
+def test_a_lens_that_no_fisheye_is_near_is_refused(tmp_path):
+    camera = "  camera_model: omni\n  intrinsics: [0.9, 832, 830, 376, 240]\n  resolution: [752, 480]\n"
+    camera += "  distortion_model: radtan\n  distortion_coeffs: [-0.2, 0.1, 0.01, 0.02]\n"
+    path = write(tmp_path / "c.yaml", f"cam0:\n{camera}cam1:\n{camera}  T_cn_cnm1:\n{matrix_rows(POSE)}\n")
+    with pytest.raises(ConfigError, match=r"cam0\.omni: this lens is up to .* px from every one that is supported"):
         StereoRig.from_calibration(path)
-    for word in (*words, str(path)):
-        assert word in str(caught.value)
+
+
+def basalt(cameras, size):
+    """As basalt_calibrate writes it; both cameras on an IMU."""
+    poses = [BODY_FROM_LEFT, BODY_FROM_LEFT @ se3.inverse(POSE)]
+    quats = [se3.quat_xyzw_from_matrix(pose[:3, :3]) for pose in poses]
+    imu = [
+        dict(zip(("px", "py", "pz"), p[:3, 3], strict=True)) | dict(zip(("qx", "qy", "qz", "qw"), q, strict=True))
+        for p, q in zip(poses, quats, strict=True)
+    ]
+    inside = [{"camera_type": name, "intrinsics": values} for name, values in cameras]
+    content = {"T_imu_cam": imu, "intrinsics": inside, "resolution": [list(size)] * 2, "calib_accel_bias": [0.1]}
+    return json.dumps({"value0": content}, default=float)
+
+
+def numbers(camera, names):
+    k = camera.K
+    return {"fx": k[0, 0], "fy": k[1, 1], "cx": k[0, 2], "cy": k[1, 2]} | dict(zip(names, camera.D, strict=True))
+
+
+def test_basalt_with_the_lenses_that_are_here(tmp_path):
+    fisheyes = [Camera(*SIZE, c.K, (0.01, -0.002, 0.003, -0.001), "equidistant") for c in (LEFT, RIGHT)]
+    cameras = [("kb4", numbers(c, ("k1", "k2", "k3", "k4"))) for c in fisheyes]
+    check(write(tmp_path / "kb4.json", basalt(cameras, SIZE)), StereoRig(*fisheyes, POSE))
+    names = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+    bent = [Camera(*SIZE, c.K, (*c.D, 0.01, 0.02, 0.03, 0.04), "rational_polynomial") for c in (LEFT, RIGHT)]
+    check(
+        write(tmp_path / "r.json", basalt([("pinhole-radtan8", numbers(c, names)) for c in bent], SIZE)),
+        StereoRig(*bent, POSE),
+    )
+    with pytest.raises(
+        ConfigError, match=r"intrinsics\[0\].camera_type 'ftheta' is not supported; supported are pinhole, kb4"
+    ):
+        StereoRig.from_calibration(write(tmp_path / "f.json", basalt([("ftheta", {})] * 2, SIZE)))
+
+
+@pytest.mark.parametrize("kind", ["PinHole", "KannalaBrandt8", "Rectified", "version 2"])
+def test_orb_slam_settings(tmp_path, kind):
+    """T_c1_c2 carries points of the right camera into the left one, as its examples of EuRoC say."""
+    lines = ["%YAML:1.0", "---", f'Camera.type: "{kind}"', f"Camera.width: {SIZE[0]}", f"Camera.height: {SIZE[1]}"]
+    rig = RIG
+    if kind in ("PinHole", "KannalaBrandt8"):
+        names = ("k1", "k2", "p1", "p2") if kind == "PinHole" else ("k1", "k2", "k3", "k4")
+        if kind != "PinHole":
+            rig = StereoRig(*(Camera(*SIZE, c.K, c.D, "equidistant") for c in (LEFT, RIGHT)), POSE)
+        for n, camera in ((1, rig.left), (2, rig.right)):
+            lines += [f"Camera{n}.{key}: {float(value)}" for key, value in numbers(camera, names).items()]
+        data = [float(x) for x in se3.inverse(POSE).ravel()]
+        lines += [f"Stereo.T_c1_c2: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: f\n   data: {data}"]
+    else:
+        straight = Camera(*SIZE, LEFT.K, (), "none")
+        rig = StereoRig(straight, straight, se3.exp([-0.11, 0, 0, 0, 0, 0]))
+        name = "Camera1" if kind == "Rectified" else "Camera"
+        lines += [f"{name}.{key}: {float(value)}" for key, value in numbers(straight, ()).items()]
+        lines += ["Stereo.b: 0.11"] if kind == "Rectified" else [f"Camera.bf: {0.11 * LEFT.K[0, 0]}"]
+        if kind != "Rectified":
+            lines.remove('Camera.type: "version 2"')
+    check(write(tmp_path / "EuRoC.yaml", "\n".join(lines) + "\n"), rig, atol=1e-6)  # floats of 32 bits
+
+
+def test_arrays_of_numpy(tmp_path):
+    pair = {"mtxL": LEFT.K, "distL": np.array([LEFT.D]), "mtxR": RIGHT.K, "distR": np.array([RIGHT.D])}
+    np.savez(tmp_path / "stereo.npz", **pair, R=POSE[:3, :3], T=POSE[:3, 3:], imageSize=np.array(SIZE))
+    check(tmp_path / "stereo.npz")
+    check(tmp_path)
+    np.savez(tmp_path / "objects.npz", M1=np.array([{}], dtype=object))
+    with pytest.raises(ConfigError, match=r"objects\.npz is not a file of np\.savez with arrays of numbers"):
+        StereoRig.from_calibration(tmp_path / "objects.npz")
+
+
+@pytest.mark.parametrize("suffix", ["yml", "xml", "json"])
+def test_opencv_stereo_calibrate(tmp_path, suffix):
+    rectified = {f"{key}{n}": getattr(OF_ROS[n - 1], key) for n in (1, 2) for key in "RP"}
+    pair = {"M1": LEFT.K, "D1": np.array([LEFT.D]), "M2": RIGHT.K, "D2": np.array([RIGHT.D])}
+    pose = {"R": POSE[:3, :3], "T": POSE[:3, 3:]}
+    size = {"image_width": SIZE[0], "image_height": SIZE[1]}
+    check(storage(tmp_path / f"all.{suffix}", **pair, **pose, **size))
+    folder = tmp_path / "two"
+    folder.mkdir()
+    files = [
+        storage(folder / f"intrinsics.{suffix}", **pair),
+        storage(folder / f"extrinsics.{suffix}", **pose, **rectified),
+    ]
+    check(files, size=SIZE)
+    check(folder, size=SIZE)
+    with pytest.raises(ConfigError, match="the size of the images is missing: add image_width and image_height"):
+        StereoRig.from_calibration(files)
+    check(storage(tmp_path / f"rectified.{suffix}", **pair, **size, **rectified))
+
+
+def test_opencv_names_of_the_documentation(tmp_path):
+    names = {"cameraMatrix1": LEFT.K, "distCoeffs1": np.array(LEFT.D), "cameraMatrix2": RIGHT.K}
+    names |= {"distCoeffs2": np.array(RIGHT.D), "R": POSE[:3, :3], "T": POSE[:3, 3:], "imageSize": list(SIZE)}
+    text = {k: np.asarray(v).tolist() for k, v in names.items()}
+    check(write(tmp_path / "stereo.json", json.dumps(text)))
+
+
+def test_kitti_projections_take_the_size_from_the_images(tmp_path):
+    k = np.array([[718.856, 0, 607.1928], [0, 718.856, 185.2157], [0, 0, 1]])
+    lines = [f"P{n}: {kitti_projection((x, 0, 0), k)}" for n, x in enumerate((0.0, -0.5372, 0.06, -0.47))]
+    path = write(tmp_path / "calib.txt", "\n".join([*lines, f"Tr: {' '.join(['0.1'] * 12)}"]) + "\n")
+    camera = Camera(1241, 376, k, (), "none")
+    pose = se3.from_rotation_translation(np.eye(3), np.array([-0.5372, 0, 0]))
+    check(path, StereoRig(camera, camera, pose), size=(1241, 376))
+    with pytest.raises(ConfigError, match="does not tell the size of the images"):
+        StereoRig.from_calibration(path)
+
+
+def test_a_log_tells_the_size_that_a_calibration_does_not(tmp_path):
+    k = np.array([[80.0, 0, WIDTH / 2], [0, 80.0, HEIGHT / 2], [0, 0, 1]])
+    values = {"M1": k, "D1": np.zeros(5), "M2": k, "D2": np.zeros(5), "R": np.eye(3), "T": np.array([-0.25, 0, 0])}
+    path = storage(tmp_path / "stereo.yml", **values)
+    log = open_log(write_log(tmp_path / "log.mcap", Spec(infos=(None, None))), calibration=path)
+    assert log.rig.baseline_m == pytest.approx(0.25)
+    assert (log.rig.left.width, log.rig.left.height) == (WIDTH, HEIGHT)
+    assert len(list(log.frames())) == 12
+
+
+BROKEN = {
+    "no rotation": (KALIBR.replace(repr(float(POSE[0, 0])), "3.5"), "T_cn_cnm1 is not a rotation"),
+    "model": (KALIBR.replace("pinhole", "fov", 1), "cam0.camera_model 'fov' is not supported"),
+    "lens": (kalibr(BOTH, POSE, lens="fov"), "distortion model 'fov' is not supported; supported are .*radtan"),
+    "one camera": (KALIBR.split("cam1:")[0], "cam1 is missing"),
+    "no chain": (KALIBR.split("  T_cn_cnm1")[0], "cam1.T_cn_cnm1.* is missing"),
+    "no number": (KALIBR.replace("752", "wide", 1), "cam0.resolution must be 2 numbers"),
+    "YAML": ("cam0: [1, 2", "neither TOML nor YAML"),
+    "a list": ("- 1\n- 2\n", "has no keys"),
+    "other keys": ("fx: 1\nfy: 2\n", "of no known format; known are TOML.*Kalibr.*ROS.*EuRoC.*KITTI.*OpenCV"),
+    "empty": ("", "has no keys"),
+    "storage": ("%YAML:1.0\nM1: !!opencv-matrix\n  rows: [", "OpenCV's FileStorage"),
+}  # fmt: skip
+OF_TOML = [  # what is changed, to what, and what the error says
+    ("[left]", "[lefty]", "'lefty'"),
+    ("width = 640\nheight = 480\nfx", "height = 480\nfx", "left.width .*whole number"),
+    ("fx = 500.0", "fx = '500'", "left.fx .*a number"),
+    ("fx = 500.0", "", "left.fx"),
+    ("fx = 500.0", "fx = nan", "left.fx .*finite"),
+    ("fx = 500.0", "focal = 500.0", r"'focal' at \[left\]"),
+    ("fx = 500.0", "fx = 500.0\nK = [[1]]", "either K or fx"),
+    ("K = [[500.0, 0, 321], [0, 500, 240], [0, 0, 1]]", "K = [[500.0, 0], [0]]", "right.K .*3×3"),
+    ("D = [-0.2, 0.03, 0.0, 0.001]", "D = [1.0, 2.0]", "right: .*coefficients"),
+    ('"plumb_bob"', '"mei"', "right: .*'mei'"),
+    ("translation_m = [-0.12, 0.0, 0.0]", "translation = [-0.12, 0.0, 0.0]", "'translation'"),
+    ("translation_m = [-0.12, 0.0, 0.0]", "", "translation_m .*3 numbers"),
+    ("translation_m = [-0.12, 0.0, 0.0]", "translation_m = [0, 0, 0]", "baseline"),
+    ("[right_from_left]\ntranslation_m = [-0.12, 0.0, 0.0]", "", "right_from_left is missing"),
+    ("[left]", "[left", "not TOML"),
+]
+assert all(old in TOML for old, _, _ in OF_TOML)
+BROKEN |= {
+    f"TOML: {new}" if new else f"TOML without {old}": (TOML.replace(old, new), words) for old, new, words in OF_TOML
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_mistakes_are_named_with_the_file(tmp_path, name):
+    text, words = BROKEN[name]
+    path = write(tmp_path / "rig.yaml", text)
+    with pytest.raises(ConfigError, match=words) as caught:
+        StereoRig.from_calibration(path)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_two_formats_are_no_pair_and_a_folder_has_one(tmp_path):
+    files = [write(tmp_path / "left.yaml", camera_info(OF_ROS[0])), write(tmp_path / "c.yaml", KALIBR)]
+    with pytest.raises(ConfigError, match=r"this is a Kalibr.*left\.yaml is a ROS"):
+        StereoRig.from_calibration(files)
+    with pytest.raises(ConfigError, match=r"several calibrations \(c\.yaml, left\.yaml\)"):
+        StereoRig.from_calibration(tmp_path)
+    with pytest.raises(ConfigError, match="holds no calibration"):
+        StereoRig.from_calibration(write(tmp_path / "empty" / "notes.txt", "nothing").parent)
+
+
+@pytest.mark.parametrize("model", ["none", "None"])
+def test_coefficients_of_no_model_are_not_dropped_in_silence(model):
+    k = np.array([[300.0, 0, 160], [0, 300, 120], [0, 0, 1]])
+    with pytest.raises(ConfigError, match=r"'[nN]one' comes with the coefficients \[-0\.1, 0\.0\]: name the model"):
+        make_camera((320, 240), k, model, (-0.1, 0.0))
+    assert make_camera((320, 240), k, model, (0.0, 0.0)).distortion_model == "none"

@@ -21,16 +21,13 @@ _FEWEST = 200  # of the rays that must be in the image
 
 
 def _double_sphere(x: Array, y: Array, z: Array, p: Mapping[str, float]) -> Array:
-    along = p["xi"] + z
-    return p["alpha"] * np.sqrt(x * x + y * y + along * along) + (1 - p["alpha"]) * along
+    """Of omni, too, which has one sphere: α is 0."""
+    alpha, along = p.get("alpha", 0.0), p["xi"] + z
+    return alpha * np.sqrt(x * x + y * y + along * along) + (1 - alpha) * along
 
 
 def _eucm(x: Array, y: Array, z: Array, p: Mapping[str, float]) -> Array:
     return p["alpha"] * np.sqrt(p["beta"] * (x * x + y * y) + z * z) + (1 - p["alpha"]) * z
-
-
-def _omni(x: Array, y: Array, z: Array, p: Mapping[str, float]) -> Array:
-    return p["xi"] + z
 
 
 # Name -> the parameters in front of Kalibr's focal lengths, and by what a unit ray is divided.
@@ -38,7 +35,7 @@ Divisor = Callable[[Array, Array, Array, Mapping[str, float]], Array]
 MODELS: dict[str, tuple[tuple[str, ...], Divisor]] = {
     "ds": (("xi", "alpha"), _double_sphere),
     "eucm": (("alpha", "beta"), _eucm),
-    "omni": (("xi",), _omni),
+    "omni": (("xi",), _double_sphere),
 }
 
 
