@@ -3,7 +3,6 @@
 import math
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -45,7 +44,7 @@ def test_a_number_has_two_ends_and_none_beyond_them_is_accepted(name: str) -> No
     number, least, most = NUMBERS[name]
     assert least is not None and most is not None and math.isfinite(least) and math.isfinite(most)
     for end in (least, most):
-        assert msgspec.structs.asdict(config_with(name, end)) != {}
+        config_with(name, end)
     beyond = [least - 1, most + 1] if number is int else [math.nextafter(least, -1e9), math.nextafter(most, 1e9)]
     for value in (*beyond, math.inf, -math.inf, math.nan, *([TINY] if least > 0 else [])):
         with pytest.raises(sfm.ConfigError, match="give"):

@@ -15,12 +15,7 @@ _MAX_K_PX = 1e6  # of any number in K: a telescope on the largest image has a te
 _MIN_FOCAL_FRACTION = 0.05  # of the longer edge: a pinhole sees 168° then, and a fisheye more than there is
 _MAX_SKEW_PX = 0.1  # of K: OpenCV's lens models have none, and this much moves no pixel by a tenth of one
 # How many coefficients each lens model takes, in OpenCV's order.
-DISTORTION_COEFFICIENTS = {
-    "none": (0,),
-    "plumb_bob": (0, 4, 5),
-    "rational_polynomial": (8,),
-    "equidistant": (4,),
-}
+DISTORTION_COEFFICIENTS = {"none": (0,), "plumb_bob": (0, 4, 5), "rational_polynomial": (8,), "equidistant": (4,)}
 # Other names of these models.
 DISTORTION_MODELS = {
     "plumb_bob": "plumb_bob", "radtan": "plumb_bob", "radial-tangential": "plumb_bob", "brown_conrady": "plumb_bob",

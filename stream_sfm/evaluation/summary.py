@@ -5,19 +5,10 @@ from typing import Any
 import numpy as np
 
 from ..types import Trajectory
+from . import trajectory as metrics
 from .association import check_rigid, matched
 from .relative_consistency import RelativeRecord, against_truth
 from .structure import STRUCTURE_FIGURES, StructureComparison
-from .trajectory import (
-    ate_rmse_aligned_m,
-    ate_rmse_m,
-    ate_rmse_sim3_m,
-    final_drift_percent,
-    nees_pose,
-    path_length_m,
-    scale_error_percent,
-    segment_errors,
-)
 
 FIGURES = (  # against ground truth, of every run
     "ate_rmse_m", "ate_rmse_aligned_m", "final_drift_percent", "t_rel_percent", "r_rel_deg_per_100m",
@@ -39,18 +30,18 @@ def evaluate(
     e, t = estimate.world_from_cam[rows], true.world_from_cam
     figures: dict[str, Any] = dict.fromkeys(FIGURES) | {"segment_lengths_m": [], "frames_compared": len(rows)}
     if len(rows) >= 2:
-        segments = segment_errors(e, t)
+        segments = metrics.segment_errors(e, t)
         figures |= {
-            "ate_rmse_m": ate_rmse_m(e, t),
-            "ate_rmse_aligned_m": ate_rmse_aligned_m(e, t),
-            "final_drift_percent": final_drift_percent(e, t),
+            "ate_rmse_m": metrics.ate_rmse_m(e, t),
+            "ate_rmse_aligned_m": metrics.ate_rmse_aligned_m(e, t),
+            "final_drift_percent": metrics.final_drift_percent(e, t),
             "t_rel_percent": segments.t_rel_percent,
             "r_rel_deg_per_100m": segments.r_rel_deg_per_100m,
             "segment_lengths_m": [float(length) for length in segments.lengths_m],
-            "scale_error_percent": scale_error_percent(e, t),
+            "scale_error_percent": metrics.scale_error_percent(e, t),
         }
         if estimate.cov_pose is not None and rows[0] == 0:
-            nees = nees_pose(e, estimate.cov_pose[rows], t)
+            nees = metrics.nees_pose(e, estimate.cov_pose[rows], t)
             figures["nees_pose_mean"] = float(nees[~np.isnan(nees)].mean()) if not np.isnan(nees).all() else None
     if structure is not None:
         figures |= structure.figures()
@@ -80,10 +71,10 @@ def evaluate_unscaled(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]
     """
     rows, true = matched(estimate, truth)
     e, t = estimate.world_from_cam[rows], true.world_from_cam
-    names, path_m = ("ate_rmse_sim3_m", "ate_sim3_percent", "metres_per_unit"), path_length_m(t)
+    names, path_m = ("ate_rmse_sim3_m", "ate_sim3_percent", "metres_per_unit"), metrics.path_length_m(t)
     figures: dict[str, Any] = dict.fromkeys(names)
     if len(rows) >= 2 and path_m > 0:
-        error_m, scale = ate_rmse_sim3_m(e, t)
+        error_m, scale = metrics.ate_rmse_sim3_m(e, t)
         figures = dict(zip(names, (error_m, 100 * error_m / path_m, scale), strict=True))
     figures |= {"true_path_length_m": path_m, "frames_compared": len(rows)}
     return {key: _or_none(value) for key, value in figures.items()}
@@ -101,7 +92,7 @@ def end_pose(trajectory: Trajectory) -> dict[str, Any] | None:
     if not len(trajectory) or trajectory.cov_pose is None:
         return None
     pose, cov = trajectory.world_from_cam[-1], trajectory.cov_pose[-1]
-    length_m = path_length_m(trajectory.world_from_cam)
+    length_m = metrics.path_length_m(trajectory.world_from_cam)
     std_m = float(np.sqrt(np.trace(cov[:3, :3])))
     up = pose[:3, :3].T @ (0, 1, 0)  # the axis that a change of heading turns about, in the camera
     return {
