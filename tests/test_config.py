@@ -69,9 +69,8 @@ OF_ENGINE = [name for name in NUMBERS if name.split(".")[0] not in ("ros", "dens
 @pytest.mark.slow
 @pytest.mark.parametrize("name", OF_ENGINE)
 def test_the_engine_works_at_both_ends_of_every_setting(name: str, frames: list[sfm.StereoFrame]) -> None:
-    for end in (*NUMBERS[name][1:], *([TINY] if NUMBERS[name][1:] == (0, NUMBERS[name][2]) else [])):
-        if NUMBERS[name][0] is int and end == TINY:
-            continue
+    number, least, most = NUMBERS[name]
+    for end in (least, most, *([TINY] if number is float and least == 0 else [])):
         engine = sfm.Engine(rig(width=160, height=120), config_with(name, end))
         for frame in frames:
             estimate = engine.step(frame)

@@ -45,14 +45,10 @@ def _types() -> Any:
 @cache
 def _arrays(name: str) -> Mapping[str, str]:
     """The fields of a type that are arrays of numbers, and of which."""
-    lists = {
-        field: of[0]
-        for field, (kind, of) in _types().fielddefs[name][1]
-        if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
-    }
-    return {
-        field: what[0] for field, (kind, what) in lists.items() if kind == Nodetype.BASE and what[0] != "string"
-    }
+    lists = (Nodetype.ARRAY, Nodetype.SEQUENCE)
+    elements = {field: of[0] for field, (kind, of) in _types().fielddefs[name][1] if kind in lists}
+    numbers = {field: base[0] for field, (kind, base) in elements.items() if kind == Nodetype.BASE}
+    return {field: number for field, number in numbers.items() if number != "string"}
 
 
 def make(name: str, /, **fields: Any) -> Any:
