@@ -18,10 +18,10 @@ from .errors import OutputError as OutputError
 from .errors import StreamSfmError as StreamSfmError
 from .evaluation.summary import evaluate as evaluate
 from .geometry.stereo import StereoProjection as StereoProjection
-from .importers.data_sets import import_euroc as import_euroc
-from .importers.data_sets import import_images as import_images
-from .importers.data_sets import import_kitti as import_kitti
-from .importers.recover import recover as recover
+from .importers import import_euroc as import_euroc
+from .importers import import_images as import_images
+from .importers import import_kitti as import_kitti
+from .importers import recover as recover
 from .inspection.overview import inspect_log as inspect
 from .motion import Motion as Motion
 from .motion import Odometry as Odometry

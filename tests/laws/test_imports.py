@@ -42,7 +42,6 @@ HOMES = {
         "dense",
         "recording",
         "sources",
-        "importers",
         "inspection",
         "report",
         "evaluation",

@@ -7,7 +7,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
-from stream_sfm.importers.data_sets import Imported, import_euroc, import_kitti
+from stream_sfm.importers import Imported, import_euroc, import_kitti
 from stream_sfm.recording.stereo_log import StereoLog
 from tests.helpers.data_sets import (
     BODY_FROM_LEFT,

@@ -1,19 +1,25 @@
-"""Data sets and folders of images as logs: each is opened as a source, whose messages are copied unchanged."""
+"""Copies in MCAP: data sets and folders of images as logs (docs/log-profile.md), and what is readable of damaged files.
+
+The data sets themselves are read in `sources/`, which `open_log` uses too: an import copies the messages of a source.
+"""
 
 import os
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..camera.rig import StereoRig, baseline_warnings
-from ..errors import InputError, OutputError
-from ..files import make_folder
-from ..mcap_file.message import Damage
-from ..outputs import refuse_overwriting
-from ..recording.log_writer import MessageWriter
-from ..sources.data_sets import open_euroc, open_kitti
-from ..sources.image_files import ImageFilesSource, size_of
-from ..sources.image_sets import first_image, open_images
+from .camera.rig import StereoRig, baseline_warnings
+from .errors import InputError, LogError, OutputError
+from .files import make_folder
+from .inputs import LIMITS
+from .mcap_file.message import Damage
+from .outputs import refuse_overwriting
+from .recording.log_writer import MessageWriter
+from .sources.data_sets import open_euroc, open_kitti
+from .sources.image_files import ImageFilesSource, size_of
+from .sources.image_sets import first_image, open_images
+from .sources.mcap import McapSource
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +30,21 @@ class Imported:
     left: int
     right: int
     poses: int
+    warnings: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Recovered:
+    """What was copied to `path`: messages by topic, attachments and metadata records.
+
+    `complete`: nothing was lost, as far as the file tells; `warnings` say what is wrong with it, and where.
+    """
+
+    path: Path
+    messages: dict[str, int]
+    attachments: int = 0
+    metadata: int = 0
+    complete: bool = True
     warnings: list[str] = field(default_factory=list)
 
 
@@ -69,6 +90,32 @@ def import_images(
     return _copy_to_log(open_images(left, right, rig, stamps, rate_hz), out, overwrite=overwrite)
 
 
+def recover(log: str | Path, out: str | Path, *, overwrite: bool = False) -> Recovered:
+    """Copy every readable message, attachment and metadata record of an MCAP file to `out`, in the order of the file.
+
+    The messages are not decoded: their bytes, times and sequence numbers, and the definitions of their channels, are
+    those of the log. `out` appears when it is whole; its folder is made if need be. `overwrite`: a file that is there
+    may be replaced, but not the log. Raises LogError where the log has no readable message, and OutputError.
+    """
+    out, source = Path(out), McapSource(log)
+    _check_free(out, [source.path], overwrite)
+    damage, counts = Damage(), Counter[str]()
+    with MessageWriter(out, compressed=True, profile=source.profile or "") as copy:
+        for message in source.messages(damage):
+            copy.write(message)
+            counts[message.channel.topic] += 1
+        if not counts:
+            raise LogError("; ".join([f"{source.path} has no message that can be read", *damage.notes[:3]]))
+        attachments = metadata = 0
+        for attachment in source.attachments(damage, LIMITS.record_bytes):
+            copy.attach(attachment)
+            attachments += 1
+        for record in source.metadata(damage):
+            copy.add_metadata(record)
+            metadata += 1
+    return Recovered(out, dict(sorted(counts.items())), attachments, metadata, damage.complete, damage.notes)
+
+
 def _copy_to_log(
     source: ImageFilesSource, out: str | Path, *, overwrite: bool = False, expects_poses: bool = False
 ) -> Imported:
@@ -77,7 +124,7 @@ def _copy_to_log(
     `overwrite`: a file that is there may be replaced, but no file of the source. `expects_poses`: the lack of ground
     truth is worth a warning. Raises InputError for an image that cannot be read, OutputError.
     """
-    check_free(Path(out), [source.path, *(image.path for side in source.images for image in side)], overwrite)
+    _check_free(Path(out), [source.path, *(image.path for side in source.images for image in side)], overwrite)
     damage = Damage()
     with MessageWriter(out) as log:
         for message in source.messages(damage):
@@ -93,7 +140,7 @@ def _copy_to_log(
     return Imported(Path(out), len(left), len(right), len(source.poses), warnings)
 
 
-def check_free(out: Path, inputs: Iterable[Path], overwrite: bool) -> None:
+def _check_free(out: Path, inputs: Iterable[Path], overwrite: bool) -> None:
     """Make the folder of `out`. Raises OutputError where something is there that is not to be replaced."""
     if os.path.lexists(out) and not overwrite:
         raise OutputError(
