@@ -13,13 +13,13 @@ from .camera.rig import StereoRig, baseline_warnings
 from .errors import InputError, LogError, OutputError
 from .files import make_folder
 from .inputs import LIMITS
+from .mcap_file.log_file import LogFile
 from .mcap_file.message import Damage
 from .outputs import refuse_overwriting
 from .recording.log_writer import MessageWriter
 from .sources.data_sets import open_euroc, open_kitti
 from .sources.image_files import ImageFilesSource, size_of
 from .sources.image_sets import first_image, open_images
-from .sources.mcap import McapSource
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ def recover(log: str | Path, out: str | Path, *, overwrite: bool = False) -> Rec
     those of the log. `out` appears when it is whole; its folder is made if need be. `overwrite`: a file that is there
     may be replaced, but not the log. Raises LogError where the log has no readable message, and OutputError.
     """
-    out, source = Path(out), McapSource(log)
+    out, source = Path(out), LogFile(log)
     _check_free(out, [source.path], overwrite)
     damage, counts = Damage(), Counter[str]()
     with MessageWriter(out, compressed=True, profile=source.profile or "") as copy:

@@ -14,7 +14,7 @@ from ..camera.pixels import GreyScaler
 from ..camera.refinement import disparity_rms_px
 from ..camera.rig import StereoRig, baseline_warnings
 from ..errors import LogError
-from ..mcap_file.message import Damage
+from ..mcap_file.message import Damage, Source
 from ..recording.both_sides import both_sides
 from ..recording.ground_truth import depth_topic, read_truth, truth_topic
 from ..recording.images import UndecodableImage, decode_grey, image_size
@@ -27,7 +27,6 @@ from ..recording.survey import Survey, survey_log
 from ..recording.topics import PairChoice, is_rectified
 from ..sources.joined import JoinedSource
 from ..sources.recognise import open_source
-from ..sources.source import Source
 from ..wording import LISTED
 from .calibration_check import (
     Images,

@@ -21,19 +21,21 @@ from ..inputs import LIMITS, open_regular, reading
 from .chunks import Allowance, decompress_chunk
 from .definitions import Definitions
 from .index import read_index
-from .message import Damage, Message
+from .message import Contents, Damage, Message, Source
 from .records import MAGIC, BrokenRecord, RecordTooLarge, ends_with_magic, parse_record, split_records
 from .search import MESSAGE_HEAD
 from .walk import READ, Record, Walk
 
 
-class LogFile:
+class LogFile(Source):
     """One MCAP file, opened anew for every reading, so that readings do not disturb each other.
 
     `index` is None where the file has none that can be trusted; `damage` then says why. `descriptor`: of an open file
     with the content, in place of what lies at `path`; it is closed with this object. Raises LogError where the path
     cannot be opened, is empty, or is not MCAP.
     """
+
+    format = "MCAP"
 
     def __init__(self, path: str | Path, descriptor: int | None = None) -> None:
         self.path = Path(path)
@@ -52,11 +54,35 @@ class LogFile:
                     raise LogError(f"{self.path} is not an MCAP file{version}; its first bytes are {start!r}")
                 self.damage.note("its first bytes are not those of an MCAP file, its last ones are")
             self.index = read_index(stream, self.damage)
+        found = self._records(Header, Opcode.HEADER, Damage(), LIMITS.header_bytes, first_only=True)
+        header = next((header for header, *_ in found), None)  # None where it is damaged
+        self.profile, self.library = (header.profile, header.library) if header else (None, None)
 
     def _open(self) -> IO[bytes]:
         with reading(self.path):
             descriptor = self._descriptor
             return open_regular(self.path if descriptor is None else f"/proc/self/fd/{descriptor}", 1 << 18)
+
+    @property
+    def indexed(self) -> bool:
+        """See `Source`."""
+        return self.index is not None
+
+    def contents(self) -> Contents | None:
+        """From the index, where there is one that can be trusted."""
+        if (index := self.index) is None:
+            return None
+        known = index.definitions
+        channels = [(known.channel(n), index.counts.get(n, 0) if index.counts else None) for n in known.channels]
+        return Contents(channels, index.start_ns, index.end_ns)
+
+    def drop_unverified_index(self) -> bool:
+        """See `Source`: where a recording seems unusable, such an index may be the cause."""
+        if self.index is None or self.index.checksummed:
+            return False
+        self.index = None
+        self.damage.note("its index is not used: it carries no checksum, and by it the log cannot be used")
+        return True
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all) in file order; what cannot be read is added to `damage`.
@@ -134,11 +160,6 @@ class LogFile:
         """Yield the metadata records of at most 1 MiB, in file order."""
         for record, *_ in self._records(Metadata, Opcode.METADATA, damage, LIMITS.small_bytes):
             yield record
-
-    def header(self) -> Header | None:
-        """The header record, or None where it is damaged."""
-        found = self._records(Header, Opcode.HEADER, Damage(), LIMITS.header_bytes, first_only=True)
-        return next((header for header, *_ in found), None)
 
     def _records(
         self, kind: Any, opcode: Opcode, damage: Damage, max_bytes: int, first_only: bool = False

@@ -1,7 +1,11 @@
-"""Messages as they are stored, of MCAP and of every other container, with what describes their bytes; what is lost."""
+"""Messages as they are stored, of MCAP and of every other container, what is lost, and the protocol of a source."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+from mcap.records import Attachment
 
 from ..record import record
 from ..wording import LISTED
@@ -51,3 +55,52 @@ class Damage:
         """Record that something is wrong that has cost nothing."""
         if len(self.notes) < LISTED and note not in self.notes:
             self.notes.append(note)
+
+
+@dataclass(slots=True)
+class Contents:
+    """What an index contains: each channel with its number of messages (None: unknown), and the span of log times."""
+
+    channels: Sequence[tuple[Channel, int | None]]
+    start_ns: int = 0
+    end_ns: int = 0
+
+
+class Source(Protocol):
+    """A recording as it lies on disk. Each reading starts anew, so that readings do not disturb each other.
+
+    `format`, `profile`, `library`: facts about the container, for people. Kinds that have no attachments and no index
+    beside their content inherit the defaults.
+    """
+
+    path: Path
+    size_bytes: int
+    format: str
+    profile: str | None = None
+    library: str | None = None
+    in_order: bool = False  # messages come as they were stamped: nothing is held back to be sorted
+
+    @property
+    def indexed(self) -> bool:
+        """Whether what the recording holds is known without reading it."""
+        return True
+
+    def contents(self) -> Contents | None:
+        """What the recording holds, where that is known without reading it; None: it has to be read."""
+        ...
+
+    def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
+        """Yield the messages of `topics` (None: all), about in order of time; what is lost is added to `damage`."""
+        ...
+
+    def attachments(self, damage: Damage) -> Iterator[Attachment]:
+        """Yield the files attached to the recording, of at most 1 MiB each."""
+        return iter(())
+
+    def close(self) -> None:
+        """Give back what is open: a camera, and what it is recorded in."""
+        return None
+
+    def drop_unverified_index(self) -> bool:
+        """Read without an index that carries no checksum from now on; False where there was none in use."""
+        return False

@@ -6,10 +6,9 @@ from dataclasses import replace
 from ..camera.calibration.document import Where
 from ..camera.rig import StereoRig
 from ..errors import LogError
-from ..mcap_file.message import Damage, Message
+from ..mcap_file.message import Contents, Damage, Message, Source
 from ..sources.devices import halves
 from ..sources.profile import ProfileEncoder
-from ..sources.source import Contents, Source
 from .images import UndecodableImage, check_encoding, decode_grey
 from .messages import MessageDecoder, UndecodableMessage
 from .rig import first_size

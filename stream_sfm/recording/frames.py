@@ -18,8 +18,6 @@ from .images import UndecodableImage, decode_grey, image_size
 from .messages import ImageMessage
 from .pair_reader import StereoPair
 
-_Pending = tuple[StereoPair, list[Future[Grey]]]
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RecordedFrame(StereoFrame):
@@ -59,18 +57,16 @@ class FrameDecoder:
     def frames(self, pairs: Iterator[StereoPair]) -> Generator[RecordedFrame, None, None]:
         """Yield the frame of each pair. Raises LogError where images have another size than the calibration."""
         with ThreadPoolExecutor(2, thread_name_prefix="decode") as pool:
-            pending: deque[_Pending] = deque()
+            pending: deque[tuple[StereoPair, list[Future[Grey]]]] = deque()
             ahead = all(camera.width * camera.height <= MANY_PIXELS for camera in self._cameras)
             for pair in pairs:
-                if not self._fits(pair):
-                    continue
-                images = pair.images[: len(self._cameras)]
-                pending.append((pair, [pool.submit(decode_grey, image) for image in images]))
-                if len(pending) > ahead and (frame := self._frame(*pending.popleft())) is not None:
-                    yield frame
+                if self._fits(pair):
+                    images = pair.images[: len(self._cameras)]
+                    pending.append((pair, [pool.submit(decode_grey, image) for image in images]))
+                    if len(pending) > ahead:
+                        yield from self._frame(*pending.popleft())
             while pending:
-                if (frame := self._frame(*pending.popleft())) is not None:
-                    yield frame
+                yield from self._frame(*pending.popleft())
 
     def _fits(self, pair: StereoPair) -> bool:
         """Whether both sizes are the calibrated ones; before decoding, so that a header cannot ask for gigabytes."""
@@ -93,13 +89,14 @@ class FrameDecoder:
         self._sizes_fit = True
         return True
 
-    def _frame(self, pair: StereoPair, images: list[Future[Grey]]) -> RecordedFrame | None:
+    def _frame(self, pair: StereoPair, images: list[Future[Grey]]) -> Iterator[RecordedFrame]:
+        """Yield the frame, unless an image cannot be decoded."""
         try:
             decoded = self._scaler.to_uint8(*[image.result() for image in images])
         except UndecodableImage as error:
             self._skip(str(error))
-            return None
-        return recorded_frame(pair, decoded)
+        else:
+            yield recorded_frame(pair, decoded)
 
     def _skip(self, problem: str) -> None:
         self.skipped += 1

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, LogError
 from ..evaluation.association import SAME_STAMP_NS
-from ..mcap_file.message import Message
-from ..sources.source import Source
+from ..mcap_file.message import Message, Source
 from ..types import Trajectory
 from ..wording import LISTED
-from .depth import decode_depth_m
+from .images import decode_depth_m
 from .messages import MessageDecoder, decoded
 from .survey import Survey
 

@@ -13,9 +13,8 @@ from ..errors import LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..inputs import INT64, LIMITS, Decoder
-from ..mcap_file.message import Channel, Damage, Message
+from ..mcap_file.message import Channel, Damage, Message, Source
 from ..record import record
-from ..sources.source import Source
 
 T = TypeVar("T")
 

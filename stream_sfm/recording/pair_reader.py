@@ -6,9 +6,8 @@ from itertools import chain
 
 from ..camera.rig import MonoRig, StereoRig
 from ..errors import LogError
-from ..mcap_file.message import Damage, Message
+from ..mcap_file.message import Damage, Message, Source
 from ..record import record
-from ..sources.source import Source
 from .images import check_encoding
 from .messages import CalibrationMessage, ImageMessage, MessageDecoder, UndecodableMessage
 from .pairing import Pairer

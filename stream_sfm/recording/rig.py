@@ -18,9 +18,8 @@ from ..camera.rig import MonoRig, StereoRig
 from ..errors import ConfigError, LogError, RigError
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..mcap_file.message import Damage
+from ..mcap_file.message import Damage, Source
 from ..record import record
-from ..sources.source import Source
 from .images import image_size
 from .messages import CalibrationMessage, MessageDecoder, UndecodableMessage, decoded
 from .survey import Survey

@@ -8,9 +8,8 @@ from pathlib import Path
 from ..camera.calibration.document import Where
 from ..camera.rig import MonoRig, StereoRig, baseline_warnings
 from ..errors import ConfigError, InputError, LogError
-from ..mcap_file.message import Damage
+from ..mcap_file.message import Damage, Source
 from ..sources.recognise import open_source
-from ..sources.source import Source
 from ..types import Selection, Trajectory
 from ..wording import counted
 from .frames import FrameDecoder, RecordedFrame
@@ -79,11 +78,7 @@ def open_camera(
 
 
 def _open(
-    source: Source,
-    left: str | None,
-    right: str | None,
-    calibration: Where | StereoRig | MonoRig | None,
-    mono: bool,
+    source: Source, left: str | None, right: str | None, calibration: Where | StereoRig | MonoRig | None, mono: bool
 ) -> "StereoLog":
     damage = Damage()
     survey = survey_log(source, damage)

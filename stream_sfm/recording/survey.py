@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 from ..inputs import LIMITS
-from ..mcap_file.message import Channel, Damage
-from ..sources.source import Source
+from ..mcap_file.message import Channel, Damage, Source
 from .messages import kind_of
 
 

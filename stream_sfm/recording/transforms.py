@@ -7,7 +7,7 @@ import numpy as np
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..inputs import LIMITS
-from ..sources.source import Source
+from ..mcap_file.message import Source
 from .messages import MessageDecoder, decoded, same_numbers
 from .survey import Survey
 

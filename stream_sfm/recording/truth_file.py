@@ -7,8 +7,8 @@ import numpy as np
 
 from ..errors import ConfigError
 from ..geometry.se3 import Array
+from ..mcap_file.message import Source
 from ..sources.pose_files import is_euroc_table, read_poses
-from ..sources.source import Source
 from ..types import Trajectory
 from .survey import Survey
 from .transforms import fixed_transform

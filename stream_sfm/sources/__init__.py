@@ -1,5 +1,5 @@
-"""Where the messages of a recording come from: one file for each kind of container, behind one small protocol.
+"""Where the messages of a recording come from: one file for each kind of container but MCAP, which `mcap_file/` reads.
 
-`source.py` is the protocol; `recognise.py` finds out what a path is. Nothing here knows which messages make a stereo
-pair.
+Their one protocol is in `mcap_file/message.py`; `recognise.py` finds out what a path is. Nothing here knows which
+messages make a stereo pair.
 """

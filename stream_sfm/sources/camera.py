@@ -14,10 +14,9 @@ import numpy as np
 from ..camera.pixels import to_grey
 from ..camera.rig import StereoRig
 from ..errors import LogError, StreamSfmError
-from ..mcap_file.message import Damage, Message
+from ..mcap_file.message import Contents, Damage, Message, Source
 from .devices import WAIT_S, Device
 from .profile import ProfileEncoder
-from .source import Contents, Source
 
 WAITING_PAIRS = 4  # pairs of pictures that wait; older ones are left out, because a late estimate is of no use live
 

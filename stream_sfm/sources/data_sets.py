@@ -22,11 +22,11 @@ from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..mcap_file.message import Source
 from .image_files import ImageFile, ImageFilesSource, size_of
 from .image_sets import IMAGE_SUFFIXES, images_in, open_images
 from .joined import JoinedSource
 from .pose_files import check_ascending, read_euroc, read_kitti, read_rows, read_table, read_text, read_times
-from .source import Source
 from .video import VideoSource
 
 _SIDES = (("left", "right"), ("l", "r"), ("cam0", "cam1"), ("image_0", "image_1"), ("image_2", "image_3"))

@@ -14,11 +14,10 @@ from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError, RigError
 from ..geometry.se3 import Array
 from ..inputs import LIMITS, read_small, reading
-from ..mcap_file.message import Channel, Damage, Message
+from ..mcap_file.message import Channel, Contents, Damage, Message, Source
 from ..record import record
 from .image_header import image_format, image_size, plain_size
 from .profile import ProfileEncoder
-from .source import Contents, Source
 
 
 @record

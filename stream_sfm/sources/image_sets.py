@@ -9,8 +9,8 @@ from pathlib import Path
 from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError
 from .image_files import ImageFile, ImageFilesSource
+from .joined import natural_order
 from .pose_files import check_ascending, read_times, stamp_ns
-from .source import natural_order
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff")
 # Names that are times since 1970: digits of a whole number (as now and for 200 years) -> nanoseconds of its unit.

@@ -1,18 +1,16 @@
 """Several files that form one recording: the splits of a bag, or files that were recorded at the same time."""
 
 import heapq
+import re
 from collections import deque
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import zstandard
 from mcap.records import Attachment
 
 from ..inputs import LIMITS
-from ..mcap_file.message import Damage, Message
-from .source import Contents, Source
-
-_Head = tuple[int, int, Message, Generator[Message, None, None]]  # log time, number of the part, message, the rest
+from ..mcap_file.message import Contents, Damage, Message, Source
 
 
 class JoinedSource(Source):
@@ -71,31 +69,29 @@ class JoinedSource(Source):
         for note in self._missing:
             damage.add(note)
         own = [Damage(notes=damage.notes) for _ in self._parts]  # one list: its limit is that of the whole reading
-        waiting = deque(range(len(self._parts)))
-        heads: list[_Head] = []
+        waiting, starts = deque(range(len(self._parts))), self._contents
+        heads: list[
+            tuple[int, int, Message, Iterator[Message]]
+        ] = []  # log time, number of the part, message, the rest
+
+        def advance(number: int, rest: Iterator[Message]) -> None:
+            if (message := next(rest, None)) is not None:
+                heapq.heappush(heads, (message.log_time_ns, number, message, rest))
+
         try:
             while waiting or heads:
-                while waiting and (not heads or self._begins_before(waiting[0], heads[0][0])):
+                # where it is not known when parts begin, one follows the other
+                while waiting and (not heads or (starts and starts[waiting[0]].start_ns <= heads[0][0])):
                     number = waiting.popleft()
-                    self._advance(heads, number, _generator(self._parts[number].messages(own[number], topics)))
+                    advance(number, self._parts[number].messages(own[number], topics))
                 if heads:
                     _, number, message, rest = heapq.heappop(heads)
                     damage.bytes_read = sum(d.bytes_read for d in own)
                     yield message
-                    self._advance(heads, number, rest)
+                    advance(number, rest)
         finally:
-            for *_, rest in heads:
-                rest.close()
             damage.bytes_read = sum(d.bytes_read for d in own)
             damage.complete &= all(d.complete for d in own)
-
-    def _begins_before(self, number: int, time_ns: int) -> bool:
-        return self._contents is not None and self._contents[number].start_ns <= time_ns
-
-    @staticmethod
-    def _advance(heads: list[_Head], number: int, rest: Generator[Message, None, None]) -> None:
-        if (message := next(rest, None)) is not None:
-            heapq.heappush(heads, (message.log_time_ns, number, message, rest))
 
     def attachments(self, damage: Damage) -> Iterator[Attachment]:
         """Yield the attachments of all parts."""
@@ -120,5 +116,6 @@ def _decompressed(data: bytes) -> bytes | str:
     return content if len(content) <= LIMITS.record_bytes else "it is larger than 128 MiB"
 
 
-def _generator(messages: Iterator[Message]) -> Generator[Message, None, None]:
-    yield from messages
+def natural_order(name: str) -> list[tuple[int, str]]:
+    """The key that sorts bag_2 before bag_10."""
+    return [(int(t), "") if t.isdecimal() else (-1, t) for t in re.split(r"(\d+)", name) if t]

@@ -10,16 +10,17 @@ from pathlib import Path
 
 from ..errors import LogError
 from ..inputs import open_regular, reading
+from ..mcap_file.log_file import LogFile
+from ..mcap_file.message import Source
 from ..mcap_file.records import MAGIC as MCAP_MAGIC
 from ..wording import some_of
-from .mcap import McapSource
-from .source import BAG_METADATA, Source
 
 _OTHER_FILES = (
     ((b"\x89PNG", b"\xff\xd8\xff"), "an image: give the folder of a recording, or import images into a log"),
     ((b"RRF",), "a Rerun recording: give the log that it was made from"),
     ((b"\x28\xb5\x2f\xfd",), "compressed with zstd: decompress it with `zstd -d`"),
 )
+_BAG_METADATA = "metadata.yaml"  # by which the folder of a ROS 2 bag is known
 _RESULT = "estimates.mcap"  # of a run
 SUFFIXES = (".mcap", ".bag", ".db3")
 SUPPORTED = (
@@ -49,7 +50,7 @@ def is_recording(path: Path) -> bool:
         return False
     from .data_sets import is_data_set
 
-    if (path / BAG_METADATA).is_file() or is_data_set(path):
+    if (path / _BAG_METADATA).is_file() or is_data_set(path):
         return True
     # As a recorder of ROS 2 leaves a bag that it could not close: files called after the folder, without metadata.
     files = [p.name for p in path.iterdir() if p.is_file()]
@@ -62,7 +63,7 @@ def _open_file(path: Path) -> Source:
         stream.seek(max(stream.seek(0, os.SEEK_END) - len(MCAP_MAGIC), 0))
         end = stream.read()
     if start.startswith(MCAP_MAGIC):
-        return McapSource(path)
+        return LogFile(path)
     if start.startswith(b"#ROSBAG"):
         from .ros1_bag import Ros1BagSource
 
@@ -71,10 +72,10 @@ def _open_file(path: Path) -> Source:
         from .sqlite_bag import SqliteBagSource
 
         return SqliteBagSource(path)
-    if path.name == BAG_METADATA:
+    if path.name == _BAG_METADATA:
         return _open_folder(path.parent)
     if end == MCAP_MAGIC:  # whose start is damaged
-        return McapSource(path)
+        return LogFile(path)
     for magics, kind in _OTHER_FILES:
         if start.startswith(magics):
             raise LogError(f"{path} is {kind}", hint=("import_images",))
@@ -92,7 +93,7 @@ def _open_folder(path: Path) -> Source:
     from .rosbag2 import bag_files, open_rosbag2
 
     with reading(path):
-        if (path / BAG_METADATA).is_file():
+        if (path / _BAG_METADATA).is_file():
             return open_rosbag2(path)
         if (found := open_folder(path)) is not None:
             return found

@@ -20,9 +20,8 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from ..errors import LogError
 from ..inputs import LIMITS, open_regular, reading
 from ..mcap_file.chunks import Allowance, decompress
-from ..mcap_file.message import Channel, Damage, Message
+from ..mcap_file.message import Channel, Contents, Damage, Message, Source
 from ..mcap_file.records import BrokenRecord
-from .source import Contents, Source
 
 MAGIC = b"#ROSBAG V2.0\n"
 _Kind = IntEnum("_Kind", {"MESSAGE": 2, "BAG_HEADER": 3, "CHUNK": 5, "CHUNK_INFO": 6, "CONNECTION": 7})

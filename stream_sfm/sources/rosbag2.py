@@ -14,10 +14,10 @@ import zstandard
 
 from ..errors import LogError
 from ..inputs import LIMITS, open_regular, read_small
+from ..mcap_file.log_file import LogFile
+from ..mcap_file.message import Source
 from ..wording import some_of
-from .joined import JoinedSource
-from .mcap import McapSource
-from .source import BAG_METADATA, Source, natural_order
+from .joined import JoinedSource, natural_order
 from .sqlite_bag import SqliteBagSource, connect
 
 _SUFFIXES = (".mcap", ".db3")
@@ -66,7 +66,7 @@ def open_rosbag2(folder: Path) -> Source:
 
 def _read_metadata(folder: Path) -> tuple[list[str], bool, list[str]]:
     """Names of the files, whether each message is compressed, and what is wrong with metadata.yaml."""
-    path = folder / BAG_METADATA
+    path = folder / "metadata.yaml"
     if not path.is_file():
         return [], False, []
     problem = "it lists no files"
@@ -88,7 +88,7 @@ def _open_plain(path: Path) -> Source:
         raise LogError(
             f"{path}: storage {path.suffix or path.name!r} of ROS 2 is not supported: convert it to mcap"
         )
-    return McapSource(path) if path.suffix == ".mcap" else SqliteBagSource(path)
+    return LogFile(path) if path.suffix == ".mcap" else SqliteBagSource(path)
 
 
 class _Decompressor:
@@ -116,7 +116,7 @@ class _Decompressor:
             os.unlink(name)
             size = self._decompress(path, copy)
             if database is None:
-                return McapSource(path, os.dup(copy.fileno()))
+                return LogFile(path, os.dup(copy.fileno()))
             # SQLite's two versions: 1 with a rollback journal, 2 with a write-ahead log, which is not beside a copy
             os.pwrite(copy.fileno(), b"\1\1", 18)
             return SqliteBagSource(path, database, size)

@@ -17,8 +17,7 @@ from mcap.well_known import MessageEncoding
 
 from ..errors import LogError
 from ..inputs import LIMITS, open_regular, reading
-from ..mcap_file.message import Channel, Damage, Message
-from .source import Contents, Source
+from ..mcap_file.message import Channel, Contents, Damage, Message, Source
 
 _TABLES = ("topics", "messages", "message_definitions")  # the last one since ROS 2 Iron
 _JOURNALS = ("-journal", "-wal")  # files beside the database, with changes that are not in it

@@ -8,9 +8,8 @@ import cv2
 
 from ..camera.pixels import to_grey
 from ..errors import LogError
-from ..mcap_file.message import Damage, Message
+from ..mcap_file.message import Contents, Damage, Message, Source
 from .profile import ProfileEncoder
-from .source import Contents, Source
 
 
 class VideoSource(Source):

@@ -200,5 +200,4 @@ def test_a_file_that_becomes_shorter_while_it_is_read(tmp_path, container, share
     list(reading)
     assert not damage.complete
     assert "became shorter while it was read" in " ".join(damage.notes)
-    assert file.header() is None or share
-    list(file.attachments(Damage()))
+    list(file.attachments(Damage()))  # raises nothing, too

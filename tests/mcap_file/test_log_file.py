@@ -74,5 +74,4 @@ def test_attachments_and_the_header(path: Path) -> None:
     file = LogFile(path)
     assert [(a.name, a.data) for a in file.attachments(Damage())] == [("notes.txt", b"hello")]
     assert list(file.attachments(Damage(), max_bytes=10)) == []
-    header = file.header()
-    assert header is not None and (header.profile, header.library) == ("test", "tests")
+    assert (file.profile, file.library) == ("test", "tests")

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.camera.pixels import GreyScaler
-from stream_sfm.recording.depth import decode_depth_m
-from stream_sfm.recording.images import UndecodableImage, decode_grey, image_size
+from stream_sfm.recording.images import UndecodableImage, decode_depth_m, decode_grey, image_size
 from stream_sfm.recording.messages import ImageMessage
 from stream_sfm.recording.png import decode_plain_png
 from tests.helpers.stereo_logs import scene
