@@ -14,9 +14,9 @@ from .errors import InputError, LogError, OutputError
 from .files import make_folder
 from .inputs import LIMITS
 from .mcap_file.log_file import LogFile
+from .mcap_file.log_writer import MessageWriter
 from .mcap_file.message import Damage
 from .outputs import refuse_overwriting
-from .recording.log_writer import MessageWriter
 from .sources.data_sets import open_euroc, open_kitti
 from .sources.image_files import ImageFilesSource, size_of
 from .sources.image_sets import first_image, open_images

@@ -51,9 +51,17 @@ def decompress_chunk(body: bytes, whole: bool, allowance: Allowance, verify: boo
     `verify`: compare the checksum, where the chunk has one and nothing of it is missing. Raises BrokenRecord for
     lengths that do not add up, a wrong checksum, an unknown compression, or more than `allowance` has left.
     """
-    size, crc, compression, data = _parse_chunk(body, whole)
+    if len(body) < CHUNK_HEAD.size:
+        raise BrokenRecord("its header is cut off")
+    _, _, size, crc, name_length = CHUNK_HEAD.unpack_from(body)
+    start = CHUNK_HEAD.size + name_length + 8
+    if start > len(body):
+        raise BrokenRecord("its header is cut off")
+    length, data = int.from_bytes(body[start - 8 : start], "little"), memoryview(body)[start:]
+    if whole and length > len(data):
+        raise BrokenRecord("its lengths do not add up")
     allowance.begin(len(body), size)
-    records = decompress(compression, data, size, whole)
+    records = decompress(body[CHUNK_HEAD.size : start - 8], data[:length], size, whole)
     if verify and crc and len(records) == size and zlib.crc32(records) != crc:
         raise BrokenRecord("its checksum does not match its content")
     return records
@@ -87,22 +95,6 @@ def decompress(compression: bytes, data: bytes | memoryview, size: int, whole: b
     if whole and len(records) != size:
         raise BrokenRecord(f"it decompresses to {len(records)} bytes but declares {size}")
     return records
-
-
-def _parse_chunk(body: bytes, whole: bool) -> tuple[int, int, bytes, memoryview]:
-    """Declared size, CRC (0: none), name of the compression, and the compressed data. Raises BrokenRecord."""
-    if len(body) < CHUNK_HEAD.size:
-        raise BrokenRecord("its header is cut off")
-    _, _, size, crc, name_length = CHUNK_HEAD.unpack_from(body)
-    start = CHUNK_HEAD.size + name_length + 8
-    if start > len(body):
-        raise BrokenRecord("its header is cut off")
-    compression = body[CHUNK_HEAD.size : start - 8]
-    data_length = int.from_bytes(body[start - 8 : start], "little")
-    data = memoryview(body)[start:]
-    if whole and data_length > len(data):
-        raise BrokenRecord("its lengths do not add up")
-    return size, crc, compression, data[:data_length]
 
 
 def _decompress_zstd(data: bytes | memoryview, size: int, whole: bool) -> bytes:

@@ -28,11 +28,6 @@ class Record(NamedTuple):
     available: int
 
     @property
-    def body_offset(self) -> int:
-        """Where its body begins in the file."""
-        return self.offset + RECORD_HEAD.size
-
-    @property
     def whole(self) -> bool:
         """Whether all of it is there."""
         return self.available == self.length
@@ -46,12 +41,7 @@ class Walk:
     """
 
     def __init__(
-        self,
-        path: Path,
-        stream: IO[bytes],
-        size: int,
-        damage: Damage,
-        knows_channel: Callable[[int], bool],
+        self, path: Path, stream: IO[bytes], size: int, damage: Damage, knows_channel: Callable[[int], bool]
     ) -> None:
         self._path, self._stream, self._size, self._damage = path, stream, size, damage
         self._search = Search(self._read, size, knows_channel)
@@ -93,7 +83,7 @@ class Walk:
 
     def body(self, record: Record) -> bytes:
         """The available bytes of the record that was yielded last. Raises OSError."""
-        return self._read(record.body_offset, record.available)
+        return self._read(record.offset + RECORD_HEAD.size, record.available)
 
     def reject(self, record: Record) -> None:
         """Look for records inside the one that was yielded last: its body is damaged, and so its length may be."""

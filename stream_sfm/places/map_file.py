@@ -19,9 +19,9 @@ from ..errors import InputError
 from ..geometry.stereo import StereoProjection
 from ..inputs import INT64
 from ..mcap_file.log_file import LogFile
+from ..mcap_file.log_writer import MessageWriter
 from ..mcap_file.message import Channel, Damage, Message
 from ..motion import Motion
-from ..recording.log_writer import MessageWriter
 from .graph import GraphState, Loop
 from .keyframes import Keyframe, are_patches
 

@@ -118,11 +118,8 @@ def rig_of_messages(
                     f"and no fixed transform leads from frame {frames[0]!r} to frame {frames[1]!r}"
                 )
             pose, by = found, f"the transform between {frames[0]} and {frames[1]}"
-        return FoundRig(
-            StereoRig(_camera(left, rectified), _camera(right, rectified), pose),
-            f"{origin}, baseline from {by}",
-            sent,
-        )
+        rig = StereoRig(_camera(left, rectified), _camera(right, rectified), pose)
+        return FoundRig(rig, f"{origin}, baseline from {by}", sent)
     except ConfigError as error:
         raise _error(f"{source.path}: topics {origin}: {error}") from None
 

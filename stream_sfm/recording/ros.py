@@ -61,9 +61,8 @@ def ros_decoder(message_encoding: str, schema_encoding: str, schema_name: str, d
 
 def _parse_types(text: str, schema_name: str, idl: bool) -> dict[str, Any]:
     if not idl:
-        return dict(
-            get_types_from_msg(_SEPARATOR.sub("=" * 80, text), schema_name)
-        )  # recorders differ in its length
+        text = _SEPARATOR.sub("=" * 80, text)  # recorders differ in its length
+        return dict(get_types_from_msg(text, schema_name))
     _refuse_hostile_idl(text)
     types: dict[str, Any] = {}
     for part in _SEPARATOR.split(text):

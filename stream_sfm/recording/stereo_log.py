@@ -60,9 +60,9 @@ def open_camera(
     or not it is estimated; it is complete when the frames end, however they do. Close the log in the end. Raises
     LogError where the camera cannot be opened, ConfigError, OutputError.
     """
+    from ..mcap_file.log_writer import MessageWriter
     from ..sources.camera import CameraSource
     from ..sources.devices import open_device
-    from .log_writer import MessageWriter
 
     if calibration is not None and not isinstance(calibration, StereoRig):
         calibration = StereoRig.from_calibration(calibration)

@@ -156,14 +156,11 @@ def _transport(topic: str, image_topics: Iterable[str]) -> str:
 def _check_named(path: Path, image_topics: Iterable[str], left: str | None, right: str | None) -> None:
     for side, topic in (("left", left), ("right", right)):
         if topic is not None and topic not in image_topics:
-            listed = _listed(image_topics)
-            raise LogError(
-                f"{path}: {topic} is not an image topic of this log; image topics are: {listed}", hint=(side,)
-            )
+            known = f"image topics are: {_listed(image_topics)}"
+            raise LogError(f"{path}: {topic} is not an image topic of this log; {known}", hint=(side,))
     if left is not None and left == right:
-        raise LogError(
-            f"{path}: left and right are both {left}: a stereo pair needs two topics", hint=("left", "right")
-        )
+        problem = f"left and right are both {left}: a stereo pair needs two topics"
+        raise LogError(f"{path}: {problem}", hint=("left", "right"))
 
 
 def _listed(topics: Iterable[str]) -> str:

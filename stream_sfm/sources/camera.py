@@ -7,30 +7,18 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
 from ..camera.pixels import to_grey
 from ..camera.rig import StereoRig
 from ..errors import LogError, StreamSfmError
+from ..mcap_file.log_writer import MessageWriter
 from ..mcap_file.message import Contents, Damage, Message, Source
 from .devices import WAIT_S, Device
 from .profile import ProfileEncoder
 
 WAITING_PAIRS = 4  # pairs of pictures that wait; older ones are left out, because a late estimate is of no use live
-
-
-class Recorder(Protocol):
-    """What records every picture, including those that are left out."""
-
-    def write(self, message: Message) -> None:
-        """Append one message."""
-        ...
-
-    def close(self) -> None:
-        """Finish the file."""
-        ...
 
 
 class CameraSource(Source):
@@ -43,7 +31,7 @@ class CameraSource(Source):
     in_order = True  # left, then right, and stamps ascend: nothing need be held back to be sorted
     format = "live camera"
 
-    def __init__(self, name: str, device: Device, rig: StereoRig, recorder: Recorder | None = None) -> None:
+    def __init__(self, name: str, device: Device, rig: StereoRig, recorder: MessageWriter | None = None) -> None:
         self.path, self.size_bytes = Path(name), 0
         self._device, self._rig, self._recorder = device, rig, recorder
 
@@ -85,7 +73,7 @@ class CameraSource(Source):
 class _Grabber:
     """A thread that takes every picture as it comes, records it, and keeps the newest ones for the reader."""
 
-    def __init__(self, device: Device, encoder: ProfileEncoder, recorder: Recorder | None) -> None:
+    def __init__(self, device: Device, encoder: ProfileEncoder, recorder: MessageWriter | None) -> None:
         self._device, self._encoder, self._recorder = device, encoder, recorder
         self._waiting: deque[list[Message]] = deque()
         self._news, self._ended, self._stopped = threading.Condition(), False, False

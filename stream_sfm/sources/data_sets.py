@@ -158,14 +158,14 @@ def _open_euroc(folder: Path, layout: Layout) -> ImageFilesSource:
     mav, images = cameras[0].parent, (_euroc_images(cameras[0]), _euroc_images(cameras[1]))
     rig, body_from_cam = _euroc_rig(mav, cameras)
     truth_file = next((mav / name for name in _EUROC_TRUTHS if (mav / name).is_file()), None)
-    if truth_file is None:
-        return ImageFilesSource(folder, layout.name, rig, images)
-    if body_from_cam is None:
-        note = f"{truth_file} is not used: no calibration says where the camera is on the body whose poses they are"
-        return ImageFilesSource(folder, layout.name, rig, images, notes=[note])
-    truth = read_euroc(truth_file)
-    poses = list(zip(truth.stamps_ns.tolist(), truth.world_from_cam @ body_from_cam, strict=True))
-    return ImageFilesSource(folder, layout.name, rig, images, poses)
+    poses, notes = list[tuple[int, Array]](), list[str]()
+    if truth_file is not None and body_from_cam is not None:
+        truth = read_euroc(truth_file)
+        poses += zip(truth.stamps_ns.tolist(), truth.world_from_cam @ body_from_cam, strict=True)
+    elif truth_file is not None:
+        where = "no calibration says where the camera is on the body whose poses they are"
+        notes.append(f"{truth_file} is not used: {where}")
+    return ImageFilesSource(folder, layout.name, rig, images, poses, notes)
 
 
 def _euroc_rig(mav: Path, cameras: Sequence[Path]) -> tuple[StereoRig | None, Array | None]:

@@ -164,11 +164,8 @@ def _zed() -> Device:
     """Both cameras of a ZED in grey, rectified by its own software; depth is not computed."""
     sl = _package("pyzed.sl", "zed")
     camera, settings = sl.Camera(), sl.InitParameters()
-    settings.camera_fps, settings.depth_mode, settings.coordinate_units = (
-        _RATE_HZ,
-        sl.DEPTH_MODE.NONE,
-        sl.UNIT.METER,
-    )
+    settings.camera_fps, settings.depth_mode = _RATE_HZ, sl.DEPTH_MODE.NONE
+    settings.coordinate_units = sl.UNIT.METER
     if (status := camera.open(settings)) != sl.ERROR_CODE.SUCCESS:
         raise LogError(f"ZED: {status}")
     factory = camera.get_camera_information().camera_configuration.calibration_parameters

@@ -78,6 +78,7 @@ class ImageFilesSource(Source):
         """Yield the messages of `topics` (None: all) in order of time: at one stamp the pose, then left, then right."""
         damage.notes += self.notes
         encoder = ProfileEncoder(self.rig)
+        cameras = (None, None) if self.rig is None else (self.rig.left, self.rig.right)
         events: Iterator[tuple[int, int, Path | Array]] = heapq.merge(
             ((stamp, 0, pose) for stamp, pose in self.poses),
             ((image.stamp_ns, 1, image.path) for image in self.images[0]),
@@ -96,15 +97,12 @@ class ImageFilesSource(Source):
                     yield message
             if topics is None or encoder.images[side].topic in topics:
                 try:
-                    data, encoding = read_image(item, self._camera(side))
+                    data, encoding = read_image(item, cameras[side])
                 except LogError as error:
                     damage.add(str(error))
                     continue
                 damage.bytes_read += len(data)
                 yield encoder.image(side, stamp_ns, data, encoding)
-
-    def _camera(self, side: int) -> Camera | None:
-        return None if self.rig is None else (self.rig.left, self.rig.right)[side]
 
 
 def read_image(path: Path, camera: Camera | None = None) -> tuple[bytes, str]:

@@ -41,13 +41,10 @@ def read_table(path: Path, what: str) -> Iterator[tuple[int, list[str]]]:
     Raises LogError.
     """
     for number, line in enumerate(StringIO(read_text(path, what)), start=1):
-        if number > LIMITS.indexed or len(line) > LIMITS.name:
-            many = (
-                f"more than {LIMITS.indexed} lines"
-                if number > LIMITS.indexed
-                else f"a line of {len(line)} characters"
-            )
-            raise LogError(f"{what} {path} has {many}: is it another file?")
+        if number > LIMITS.indexed:
+            raise LogError(f"{what} {path} has more than {LIMITS.indexed} lines: is it another file?")
+        if len(line) > LIMITS.name:
+            raise LogError(f"{what} {path} has a line of {len(line)} characters: is it another file?")
         if line.strip() and not line.lstrip().startswith("#"):
             cells = line.split(",") if "," in line else line.split()
             yield number, [cell.strip() for cell in cells]

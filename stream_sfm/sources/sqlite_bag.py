@@ -159,7 +159,7 @@ def connect(path: Path, option: str) -> sqlite3.Connection:
     database = sqlite3.connect(uri, uri=True, check_same_thread=False)
     database.setlimit(
         sqlite3.SQLITE_LIMIT_LENGTH, 2 * LIMITS.record_bytes
-    )  # of a row; images are bounded one by one
+    )  # of a row; each image has its own bound
     return database
 
 

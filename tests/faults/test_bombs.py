@@ -2,13 +2,11 @@
 
 import base64
 import json
-import sqlite3
 import struct
 import tempfile
 import tracemalloc
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -133,61 +131,6 @@ def test_topics_by_the_ten_thousand_are_listed_in_part(path, tmp_path, cli):
     for words in (["inspect", path], ["replay", path, "--out", tmp_path / "out"]):
         printed = "".join(cli(*words, code=3))
         assert len(printed) < 100_000 and "more" in printed  # characters, for 20 000 topics
-
-
-@pytest.fixture(scope="module")
-def bag(tmp_path_factory):
-    """The folder of a ROS 2 bag in SQLite."""
-    folder = tmp_path_factory.mktemp("bag")
-    return write_bag2(folder / "walk", messages_of(write_log(folder / "log.mcap", Spec(profile="ros2"))))
-
-
-def copied(bag: Path, folder: Path) -> Path:
-    (folder / "walk.db3").write_bytes((bag / "walk.db3").read_bytes())
-    return folder / "walk.db3"
-
-
-@pytest.mark.parametrize(
-    "metadata",
-    [
-        "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(f"b{n}: &b{n} [*a, *a, *a]\n" for n in range(30)),
-        "rosbag2_bagfile_information:\n  relative_file_paths: 5\n",
-        "rosbag2_bagfile_information:\n  relative_file_paths:\n    - *a\n",
-        "rosbag2_bagfile_information:\n  relative_file_paths: &a [*a, *a]\n",
-        "rosbag2_bagfile_information:\n  relative_file_paths:\n" + "    - a.db3\n" * 20_000,
-        "[" * 100_000,
-    ],
-)
-def test_metadata_that_is_not_a_list_of_files_leaves_the_files(bag, tmp_path, metadata):
-    copied(bag, tmp_path)
-    (tmp_path / "metadata.yaml").write_text(metadata)
-    log = sfm.open_log(tmp_path)
-    assert len(list(log.pairs())) == 12
-    assert "metadata.yaml is not used" in log.stats.warnings[0]
-
-
-ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i AS id, "
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        f"DROP TABLE messages; CREATE VIEW messages AS {ENDLESS}1 AS topic_id, i AS timestamp, x'00' AS data FROM n",
-        f"DROP TABLE topics; CREATE VIEW topics AS {ENDLESS}'/a' AS name, 'a/msg/B' AS type, 'cdr' AS"
-        " serialization_format FROM n",
-        "DROP TABLE message_definitions; CREATE VIEW message_definitions AS "
-        f"{ENDLESS}'a' AS topic_type, 'b' AS encoding, 'c' AS encoded_message_definition FROM n",
-        "DROP TABLE messages; CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp,"
-        " data BLOB AS (zeroblob(1000000000)))",
-        "DROP TABLE messages; CREATE VIRTUAL TABLE messages USING fts5(topic_id, timestamp, data)",
-    ],
-)
-def test_only_plain_tables_are_read(bag, tmp_path, change):
-    path = copied(bag, tmp_path)
-    with closing(sqlite3.connect(path)) as database:
-        database.executescript(change)
-    with pytest.raises(sfm.LogError, match="is not a plain table"):
-        sfm.open_log(path)
 
 
 @pytest.fixture

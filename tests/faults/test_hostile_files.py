@@ -11,7 +11,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.camera.calibration.document import load
-from stream_sfm.inputs import check_text, check_values, open_regular, read_small
+from stream_sfm.inputs import check_text, check_values, open_regular
 from stream_sfm.sources.pose_files import read_tum
 from tests.helpers.stereo_logs import write_log
 from tests.helpers.wall import rig
@@ -88,22 +88,6 @@ def test_names_of_no_file(path, says):
         sfm.open_log(path)
     with pytest.raises(OSError, match=says):
         open_regular(path)
-
-
-def test_a_pipe_in_the_folder_of_a_bag_does_not_hold_it_up(tmp_path):
-    write_log(tmp_path / "walk_0.mcap")
-    (tmp_path / "metadata.yaml").write_text(
-        "rosbag2_bagfile_information:\n  relative_file_paths:\n  - walk_0.mcap\n  - walk_1.mcap\n"
-    )
-    os.mkfifo(tmp_path / "walk_1.mcap")
-    log = sfm.open_log(tmp_path)
-    assert len(list(log.pairs())) > 1 and any("a pipe" in note for note in log.stats.warnings)
-
-
-def test_small_files_are_read_up_to_their_limit(tmp_path):
-    (tmp_path / "large.toml").write_bytes(b"#" * 2**24)
-    with pytest.raises(OSError, match="larger than 1048576 bytes"):
-        read_small(tmp_path / "large.toml", 2**20)
 
 
 HOSTILE: dict[str, Callable[[], str]] = {

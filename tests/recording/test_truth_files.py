@@ -5,7 +5,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
-from tests.helpers.data_sets import BODY_FROM_LEFT, write_euroc, write_euroc_truth
+from tests.helpers.data_sets import BODY_FROM_LEFT, numbers, write_euroc, write_euroc_truth
 from tests.helpers.stereo_logs import PERIOD_NS, START_NS, LogWriter, Spec, write_log, write_transform
 
 RNG = np.random.default_rng(3)
@@ -17,25 +17,19 @@ def seconds(stamp_ns):
     return f"{stamp_ns // 10**9}.{stamp_ns % 10**9:09d}"
 
 
-def columns(poses, stamps):
-    """Stamp, position and quaternion (x, y, z, w) of each pose."""
-    quats = se3.quat_xyzw_from_matrix(poses[:, :3, :3]).tolist()
-    return zip(stamps, poses[:, :3, 3].tolist(), quats, strict=True)
-
-
 def tum(path, stamps=STAMPS_NS):
-    rows = [" ".join([seconds(s), *map(repr, [*p, *q])]) for s, p, q in columns(POSES, stamps)]
-    path.write_text("# timestamp tx ty tz qx qy qz qw\n" + "\n".join(rows) + "\n")
+    rows = np.c_[POSES[:, :3, 3], se3.quat_xyzw_from_matrix(POSES[:, :3, :3])]
+    lines = [f"{seconds(stamp)} {numbers(row)}\n" for stamp, row in zip(stamps, rows, strict=True)]
+    path.write_text("# timestamp tx ty tz qx qy qz qw\n" + "".join(lines))
     return path
 
 
 def kitti(path, stamped):
-    rows = [" ".join(repr(float(x)) for x in p[:3].ravel()) for p in POSES]
-    if stamped:
-        rows = [f"{seconds(s)} {r}" for s, r in zip(STAMPS_NS, rows, strict=True)]
-    else:
-        (path.parent / "times.txt").write_text("\n".join(map(seconds, STAMPS_NS)))
-    path.write_text("\n".join(rows))
+    stamps = map(seconds, STAMPS_NS)
+    if not stamped:
+        (path.parent / "times.txt").write_text("\n".join(stamps))
+        stamps = [""] * len(POSES)
+    path.write_text("\n".join(f"{s} {numbers(pose[:3])}" for s, pose in zip(stamps, POSES, strict=True)))
     return path
 
 

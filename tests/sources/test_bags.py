@@ -1,5 +1,6 @@
 """Bags as they lie on disk give the frames of the MCAP log with the same messages."""
 
+import os
 import shutil
 import sqlite3
 from contextlib import closing
@@ -102,12 +103,13 @@ def test_files_recorded_side_by_side_are_merged_by_time(tmp_path, logs):
     check_same(tmp_path / "walk", logs["ros2"])
 
 
-def test_a_missing_or_empty_split_costs_its_frames_and_is_reported(tmp_path, logs):
+def test_a_split_that_is_missing_empty_or_a_pipe_costs_its_frames_and_is_reported(tmp_path, logs):
     files = split(tmp_path / "walk", messages_of(logs["ros2"]), "mcap")
     metadata(tmp_path / "walk", files, "mcap")
     for spoil, said in (
         (lambda: files[2].write_bytes(b""), "walk_2.mcap is empty"),
         (files[2].unlink, "cannot read"),
+        (lambda: os.mkfifo(files[2]), "a pipe"),
     ):
         spoil()
         found, log = frames(tmp_path / "walk")

@@ -9,7 +9,7 @@ from mcap.writer import CompressionType, Writer
 
 from .. import __version__
 from ..files import PartFile
-from ..mcap_file.message import Channel, Message
+from .message import Channel, Message
 
 
 class MessageWriter:
