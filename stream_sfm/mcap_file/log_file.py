@@ -65,7 +65,6 @@ class LogFile(Source):
 
     @property
     def indexed(self) -> bool:
-        """See `Source`."""
         return self.index is not None
 
     def contents(self) -> Contents | None:

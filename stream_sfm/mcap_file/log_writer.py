@@ -1,7 +1,6 @@
 """Writes logs: messages of any source into an MCAP file."""
 
 from pathlib import Path
-from types import TracebackType
 from typing import IO, cast
 
 from mcap.records import Attachment, Metadata
@@ -61,13 +60,11 @@ class MessageWriter:
     def __enter__(self) -> "MessageWriter":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if error is not None:
-            self._file.discard()
-        else:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
             self.close()
+        else:
+            self._file.discard()
 
     def close(self) -> None:
         """Finish the file and give it its name."""

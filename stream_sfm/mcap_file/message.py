@@ -87,11 +87,9 @@ class Source(Protocol):
 
     def contents(self) -> Contents | None:
         """What the recording holds, where that is known without reading it; None: it has to be read."""
-        ...
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all), about in order of time; what is lost is added to `damage`."""
-        ...
 
     def attachments(self, damage: Damage) -> Iterator[Attachment]:
         """Yield the files attached to the recording, of at most 1 MiB each."""

@@ -54,7 +54,7 @@ class _BothSides(Source):
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all); images that cannot be decoded are left out."""
-        encoder, decoder, checked = ProfileEncoder(None), MessageDecoder(self.path), False
+        encoder, decoder = ProfileEncoder(None), MessageDecoder(self.path)
         wanted = topics
         if topics is not None and topics & {channel.topic for channel in encoder.raw_images}:
             wanted = topics | {self._topic}
@@ -64,9 +64,7 @@ class _BothSides(Source):
                 continue
             try:
                 image = decoder.image(message)
-                if not checked:
-                    check_encoding(image, self.path)
-                    checked = True
+                check_encoding(image, self.path)
                 sides = halves(decode_grey(image), self._rig, image.topic)
             except (UndecodableMessage, UndecodableImage, LogError) as error:
                 damage.add(f"{self.path}: an image was skipped: {error}")

@@ -20,27 +20,20 @@ from ..sources import image_header
 from .messages import ImageMessage, UndecodableMessage
 from .png import decode_plain_png
 
-# encoding -> (bits per channel, channels, OpenCV conversion to grey, None where the channel is grey already)
-_PLAIN: dict[str, tuple[int, int, int | None]] = {
-    "mono8": (8, 1, None), "8uc1": (8, 1, None), "mono16": (16, 1, None), "16uc1": (16, 1, None),
-    "rgb8": (8, 3, cv2.COLOR_RGB2GRAY), "bgr8": (8, 3, cv2.COLOR_BGR2GRAY), "8uc3": (8, 3, cv2.COLOR_BGR2GRAY),
-    "rgba8": (8, 4, cv2.COLOR_RGBA2GRAY), "bgra8": (8, 4, cv2.COLOR_BGRA2GRAY), "8uc4": (8, 4, cv2.COLOR_BGRA2GRAY),
-    "rgb16": (16, 3, cv2.COLOR_RGB2GRAY), "bgr16": (16, 3, cv2.COLOR_BGR2GRAY),
-    "rgba16": (16, 4, cv2.COLOR_RGBA2GRAY), "bgra16": (16, 4, cv2.COLOR_BGRA2GRAY),
+# colours of a pixel -> (channels, OpenCV's conversions to grey and to red, green, blue; None where they are so already)
+_COLOURS: dict[str, tuple[int, int | None, int | None]] = {
+    "rgb": (3, cv2.COLOR_RGB2GRAY, None), "bgr": (3, cv2.COLOR_BGR2GRAY, cv2.COLOR_BGR2RGB),
+    "rgba": (4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2RGB), "bgra": (4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2RGB),
+    "bayer_rggb": (1, cv2.COLOR_BayerRGGB2GRAY, cv2.COLOR_BayerRGGB2RGB),
+    "bayer_bggr": (1, cv2.COLOR_BayerBGGR2GRAY, cv2.COLOR_BayerBGGR2RGB),
+    "bayer_gbrg": (1, cv2.COLOR_BayerGBRG2GRAY, cv2.COLOR_BayerGBRG2RGB),
+    "bayer_grbg": (1, cv2.COLOR_BayerGRBG2GRAY, cv2.COLOR_BayerGRBG2RGB),
 }  # fmt: skip
-_BAYER = {
-    "rggb": cv2.COLOR_BayerRGGB2GRAY, "bggr": cv2.COLOR_BayerBGGR2GRAY,
-    "gbrg": cv2.COLOR_BayerGBRG2GRAY, "grbg": cv2.COLOR_BayerGRBG2GRAY,
-}  # fmt: skip
-for _pattern, _code in _BAYER.items():
-    _PLAIN[f"bayer_{_pattern}8"] = (8, 1, _code)
-    _PLAIN[f"bayer_{_pattern}16"] = (16, 1, _code)
-_TO_RGB = {
-    cv2.COLOR_RGB2GRAY: None, cv2.COLOR_BGR2GRAY: cv2.COLOR_BGR2RGB,
-    cv2.COLOR_RGBA2GRAY: cv2.COLOR_RGBA2RGB, cv2.COLOR_BGRA2GRAY: cv2.COLOR_BGRA2RGB,
-    cv2.COLOR_BayerRGGB2GRAY: cv2.COLOR_BayerRGGB2RGB, cv2.COLOR_BayerBGGR2GRAY: cv2.COLOR_BayerBGGR2RGB,
-    cv2.COLOR_BayerGBRG2GRAY: cv2.COLOR_BayerGBRG2RGB, cv2.COLOR_BayerGRBG2GRAY: cv2.COLOR_BayerGRBG2RGB,
-}  # fmt: skip
+_GREY = (1, None, None)
+# encoding -> (bits per channel, and the same)
+_PLAIN = {f"{name}{bits}": (bits, *colours) for name, colours in _COLOURS.items() for bits in (8, 16)}
+_PLAIN |= {"mono8": (8, *_GREY), "8uc1": (8, *_GREY), "mono16": (16, *_GREY), "16uc1": (16, *_GREY)}
+_PLAIN |= {"8uc3": (8, *_COLOURS["bgr"]), "8uc4": (8, *_COLOURS["bgra"])}
 # which of the two bytes of a pixel is the luma
 _LUMA_BYTE = {"yuv422": 1, "uyvy": 1, "yuv422_uyvy": 1, "yuyv": 0, "yuv422_yuy2": 0, "yuy2": 0}
 _LUMA_PLANE = ("nv12", "nv21", "nv24", "i420", "yuv420")  # luma first, one byte a pixel
@@ -131,10 +124,9 @@ def decode_rgb(message: ImageMessage) -> NDArray[np.uint8] | None:
         if pixels is None or pixels.ndim == 2:
             return None
     else:
-        pixels, to_grey = _raw_pixels(message)
+        pixels, to_grey, conversion = _raw_pixels(message)
         if to_grey is None:
             return None
-        conversion = _TO_RGB[to_grey]
     if pixels.dtype != np.uint8:
         return None
     return np.asarray(pixels if conversion is None else cv2.cvtColor(pixels, conversion), np.uint8)
@@ -143,24 +135,26 @@ def decode_rgb(message: ImageMessage) -> NDArray[np.uint8] | None:
 def _decode_raw(message: ImageMessage) -> Grey:
     if len(message.data) > LIMITS.raw_image_bytes:
         raise UndecodableImage(f"{message.topic}: a raw image of {len(message.data) / 2**20:.0f} MiB")
-    pixels, to_grey = _raw_pixels(message)
+    pixels, to_grey, _ = _raw_pixels(message)
     grey: Grey = pixels if to_grey is None else cv2.cvtColor(pixels, to_grey)
     return grey
 
 
-def _raw_pixels(message: ImageMessage) -> tuple[Any, int | None]:
-    """Pixels (h, w) or (h, w, channels) and OpenCV's conversion to grey, None where they are grey."""
+def _raw_pixels(message: ImageMessage) -> tuple[Any, int | None, int | None]:
+    """Pixels (h, w) or (h, w, channels), and OpenCV's conversions as in `_COLOURS`."""
     name = message.encoding.lower()
     if name not in RAW_ENCODINGS:
         raise UndecodableImage(f"{message.topic}: image encoding {message.encoding!r} is not supported")
-    bits, channels, conversion = _PLAIN.get(name, (8, 2 if name in _LUMA_BYTE else 1, None))
+    bits, channels, to_grey, to_rgb = _PLAIN.get(name, (8, 2 if name in _LUMA_BYTE else 1, None, None))
     rows = raw_rows(message, channels * bits // 8)
     if name in _LUMA_BYTE:
-        return np.ascontiguousarray(rows[:, _LUMA_BYTE[name] :: 2]), None
+        return np.ascontiguousarray(rows[:, _LUMA_BYTE[name] :: 2]), None, None
     pixels: Any = np.ascontiguousarray(rows)
     if bits == 16:
         pixels = pixels.view(">u2" if message.big_endian else "<u2").astype(np.uint16)
-    return pixels.reshape(message.height, message.width, channels) if channels > 1 else pixels, conversion
+    if channels > 1:
+        pixels = pixels.reshape(message.height, message.width, channels)
+    return pixels, to_grey, to_rgb
 
 
 def raw_rows(message: ImageMessage, pixel_bytes: int) -> NDArray[np.uint8]:

@@ -3,6 +3,7 @@
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 
 from ..camera.calibration.document import Where
@@ -146,7 +147,6 @@ class StereoLog:
         self._reader = PairReader(source, choice.left, choice.right)
         self.expected_frames = survey.topics[choice.left].count if survey.whole else None
         self.duration_s = (survey.end_ns - survey.start_ns) / 1e9 if survey.whole else None
-        self._camera_frame = ""
         self._given_truth: Trajectory | None = None
         self._given_truth_name = ""
         self._read_span_ns: tuple[int, int] | None = None  # of the pairs read last
@@ -180,24 +180,22 @@ class StereoLog:
         selection = selection or Selection()
         decoder = FrameDecoder(self.path, self.rig)
         delivered = 0
-        with closing(self._selected(selection, all_calibrations)) as pairs:
-            try:
-                with closing(decoder.frames(pairs)) as frames:
-                    for frame in frames:
-                        delivered += 1
-                        yield frame
-                        if delivered == selection.max_frames:
-                            break
-            finally:
-                pairs.close()  # first: it completes `stats`
-                self.stats.warnings += baseline_warnings(self.rig)
-                self.stats.undecodable += decoder.skipped
-                if decoder.skipped:
-                    self.stats.complete = False
-                    self.stats.warnings.append(
-                        f"{counted(self.stats.undecodable, 'frame')} skipped that could not be decoded, the first: "
-                        f"{decoder.problem}"
-                    )
+        pairs = self._selected(selection, all_calibrations)
+        try:
+            with closing(decoder.frames(pairs)) as frames:
+                for delivered, frame in enumerate(frames, start=1):
+                    yield frame
+                    if delivered == selection.max_frames:
+                        break
+        finally:
+            pairs.close()  # first: it completes `stats`
+            stats = self.stats
+            stats.warnings += baseline_warnings(self.rig)
+            stats.undecodable += decoder.skipped
+            if decoder.skipped:
+                stats.complete = False
+                skipped = f"{counted(stats.undecodable, 'frame')} skipped that could not be decoded"
+                stats.warnings.append(f"{skipped}, the first: {decoder.problem}")
         if not delivered:
             raise LogError(f"{self.path}: no image could be decoded: {decoder.problem}")
 
@@ -220,9 +218,8 @@ class StereoLog:
                         break
                     zero_ns = pair.stamp_ns - since_ns
                 if any(now.calibration is not before for now, before in zip(pair.images, sent, strict=False)):
-                    sent = [image.calibration for image in pair.images if image.calibration is not None][
-                        : len(sent)
-                    ]
+                    images = pair.images[: len(sent)]
+                    sent = [image.calibration for image in images if image.calibration is not None]
                     try:
                         rig = self._changed_rig(sent, all_calibrations)
                     except InputError as error:
@@ -239,9 +236,8 @@ class StereoLog:
                     count += 1
         if ended:
             self.stats.complete = False
-            self.stats.warnings.append(
-                f"{self.path}: the frames behind {since_ns / 1e9:.2f} s were not read: {ended}"
-            )
+            where = f"the frames behind {since_ns / 1e9:.2f} s"
+            self.stats.warnings.append(f"{self.path}: {where} were not read: {ended}")
         if not count:
             until = "" if end_s is None else f" and before {end_s:g} s"
             raise LogError(
@@ -273,7 +269,7 @@ class StereoLog:
         topic = truth_topic(self.survey)
         if topic is None:
             return None
-        return read_truth(self._source, topic, self._left_frame(), self.stats.warnings)
+        return read_truth(self._source, topic, self._left_frame, self.stats.warnings)
 
     def close(self) -> None:
         """Give a camera back, and finish what it is recorded in; of a file nothing is open."""
@@ -285,15 +281,14 @@ class StereoLog:
             self._given_truth, self._given_truth_name = truth, "given by the caller"
             return
         file = truth if isinstance(truth, GroundTruthFile) else GroundTruthFile(truth)
-        self._given_truth = load_truth(file, self._source, self.survey, self._left_frame())
+        self._given_truth = load_truth(file, self._source, self.survey, self._left_frame)
         self._given_truth_name = str(file.path)
 
+    @cached_property
     def _left_frame(self) -> str:
         """The coordinate frame that the left images name."""
-        if not self._camera_frame:
-            images = decoded(self._source, [self.left_topic], MessageDecoder.image)
-            self._camera_frame = next((image.frame_id for image in images), "")
-        return self._camera_frame
+        images = decoded(self._source, [self.left_topic], MessageDecoder.image)
+        return next((image.frame_id for image in images), "")
 
     def depths(self) -> Iterator[tuple[int, Depth]]:
         """Yield (stamp_ns, depth (h, w) float32 in metres, NaN where unknown) of ground truth, if there is any."""

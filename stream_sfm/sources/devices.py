@@ -3,7 +3,6 @@
 A device is a rig and a function that waits for the next pair of images. To add one: a function, and a line in `OPEN`.
 """
 
-import sys
 import time
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -194,11 +193,10 @@ OPEN: dict[str, Callable[[], Device]] = {"realsense": _realsense, "oak": _oak, "
 def _package(name: str, extra: str) -> Any:
     """A package of a maker. Raises ConfigError where it is not installed."""
     try:
-        import_module(name)
+        return import_module(name)
     except ImportError:
         how = "comes with the ZED SDK" if extra == "zed" else f"is the extra [{extra}] of this one"
         raise ConfigError(f"{extra} needs the package {name}, which {how}") from None
-    return sys.modules[name]
 
 
 def _matrix(fx: float, fy: float, cx: float, cy: float) -> NDArray[np.float64]:

@@ -30,20 +30,18 @@ class JoinedSource(Source):
     ) -> None:
         self.path, self._compressed = Path(path), compressed
         self._missing, self._notes = list(missing), list(notes)
-        found = [part.contents() for part in parts]
-        known = [contents for contents in found if contents is not None]
-        order = list(range(len(parts)))
+        self._parts = list(parts)
+        self._contents: list[Contents] | None = None
+        known = [contents for part in parts if (contents := part.contents()) is not None]
         if len(known) == len(parts):  # else the order given is all there is to go by
-            order.sort(key=lambda n: known[n].start_ns)
-        self._parts = [parts[n] for n in order]
-        self._contents = [known[n] for n in order] if len(known) == len(parts) else None
+            order = sorted(range(len(parts)), key=lambda n: known[n].start_ns)
+            self._parts, self._contents = [parts[n] for n in order], [known[n] for n in order]
         self.size_bytes = sum(part.size_bytes for part in parts)
         first = self._parts[0]
         self.format, self.profile, self.library, self.files = first.format, first.profile, first.library, len(parts)
 
     @property
     def indexed(self) -> bool:
-        """See `Source`."""
         return all(part.indexed for part in self._parts)
 
     def contents(self) -> Contents | None:

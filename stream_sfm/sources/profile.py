@@ -18,12 +18,7 @@ from ..mcap_file.message import Channel, Message
 _SIDES = ("left", "right")
 _FRAME_IDS = ("left_camera_optical_frame", "right_camera_optical_frame")
 _CALIBRATION_PERIOD_NS = 1_000_000_000  # calibrations are repeated, so that a part of the log can be read alone
-_MODELS = {  # the names of Foxglove's CameraCalibration
-    "none": "plumb_bob",
-    "plumb_bob": "plumb_bob",
-    "rational_polynomial": "rational_polynomial",
-    "equidistant": "kannala_brandt",
-}
+_MODELS = {"none": "plumb_bob", "equidistant": "kannala_brandt"}  # other names in Foxglove's CameraCalibration
 
 
 class ProfileEncoder:
@@ -93,7 +88,7 @@ def _calibration(side: int, camera: Camera, rotation: Array, projection: Array) 
         frame_id=_FRAME_IDS[side],
         width=camera.width,
         height=camera.height,
-        distortion_model=_MODELS[camera.distortion_model],
+        distortion_model=_MODELS.get(camera.distortion_model, camera.distortion_model),
         D=camera.D if any(camera.D) else (0.0,) * 5,
         K=camera.K.ravel().tolist(),
         R=rotation.ravel().tolist(),

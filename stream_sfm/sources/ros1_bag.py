@@ -105,7 +105,6 @@ class Ros1BagSource(Source):
 
     @property
     def indexed(self) -> bool:
-        """See `Source`."""
         return self._index is not None
 
     def contents(self) -> Contents | None:

@@ -19,6 +19,7 @@ from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -222,10 +223,10 @@ ATTACKS = {f.__name__: f for f in (logs, definitions, images, texts, bags, resul
 class _Worker:
     """What one process attacks with, and where."""
 
-    def __init__(self, kind: str, folder: Path, max_cpu_seconds: float) -> None:
+    def __init__(self, kind: str, folder: Path) -> None:
         # image libraries write there what they think of damaged images
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-        self.kind, self.folder, self.max_cpu_seconds = kind, folder, max_cpu_seconds
+        self.kind, self.folder = kind, folder
         self.ammunition = Ammunition(folder / "ammunition")
         (folder / "beside").write_bytes(b"a file of somebody else")
 
@@ -257,19 +258,15 @@ class _Worker:
         return found
 
 
-_worker: _Worker  # of this process
+_worker = cache(_Worker)  # of this process
 
 
-def _prepare(kind: str, folder: Path, max_cpu_seconds: float) -> None:
-    global _worker
-    _worker = _Worker(kind, folder, max_cpu_seconds)
-
-
-def _attack(seed: int) -> tuple[int, float, str]:
+def _attack(kind: str, folder: Path, max_cpu_seconds: float, seed: int) -> tuple[int, float, str]:
+    worker = _worker(kind, folder)
     # The default of both signals ends the process, also inside a library that does not come back.
-    signal.setitimer(signal.ITIMER_PROF, _worker.max_cpu_seconds)
+    signal.setitimer(signal.ITIMER_PROF, max_cpu_seconds)
     signal.alarm(MAX_WAIT_S)
-    code, problem = _worker.attack(seed)
+    code, problem = worker.attack(seed)
     signal.setitimer(signal.ITIMER_PROF, 0)
     signal.alarm(0)
     rss_mib = peak_rss_mib() or 0.0
@@ -295,9 +292,9 @@ def fuzz(kind: str, first: int, count: int, folder: Path, max_cpu_seconds: float
     server = multiprocessing.get_context("forkserver")  # not a fork of this one: its memory is to be its own
     server.set_forkserver_preload(["tests.faults.attacks"])  # with everything imported
     for seed in range(first, first + count):
-        pool = pool or ProcessPoolExecutor(1, server, _prepare, (kind, folder, max_cpu_seconds))
+        pool = pool or ProcessPoolExecutor(1, server)
         try:
-            code, rss_mib, problem = pool.submit(_attack, seed).result()
+            code, rss_mib, problem = pool.submit(_attack, kind, folder, max_cpu_seconds, seed).result()
         except BrokenProcessPool:
             outcome.failures[seed], pool = "the worker died, or did not come back", None
             continue

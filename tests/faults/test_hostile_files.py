@@ -157,6 +157,7 @@ def test_what_people_write_passes():
     [
         ((999_000, 32), 300, "camera size"),
         ((640, 2**40), 300, "camera size"),
+        ((4096, 3052), 300, r"at most 12\.5 megapixels; reduce larger images"),
         ((640, 480), 1e30, "camera matrix K"),
     ],
 )

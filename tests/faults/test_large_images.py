@@ -44,12 +44,6 @@ def test_the_largest_images_take_less_than_a_gigabyte(tmp_path):
     assert max(peaks_mib(_COMMANDS, log, tmp_path / "out")) < 1024
 
 
-def test_the_limits_are_named():
-    k = np.array([[4000.0, 0, 2000], [0, 4000, 2000], [0, 0, 1]])
-    with pytest.raises(sfm.ConfigError, match=r"at most 12\.5 megapixels; reduce larger images"):
-        sfm.Camera(4096, 3052, k)
-
-
 def test_raw_images_of_too_many_bytes_are_refused_with_the_limit(tmp_path):
     log = write_raw(tmp_path / "log.mcap", 3000, 2900, "rgba8", frames=1)
     with pytest.raises(sfm.LogError, match=r"raw images of 33 MiB are not read, only those of up to 32 MiB"):
