@@ -107,11 +107,11 @@ def recover(log: str | Path, out: str | Path, *, overwrite: bool = False) -> Rec
         if not counts:
             raise LogError("; ".join([f"{source.path} has no message that can be read", *damage.notes[:3]]))
         attachments = metadata = 0
-        for attachment in source.attachments(damage, LIMITS.record_bytes):
-            copy.attach(attachment)
+        for a in source.attachments(damage, LIMITS.record_bytes):
+            copy.writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
             attachments += 1
         for record in source.metadata(damage):
-            copy.add_metadata(record)
+            copy.writer.add_metadata(record.name, record.metadata)
             metadata += 1
     return Recovered(out, dict(sorted(counts.items())), attachments, metadata, damage.complete, damage.notes)
 

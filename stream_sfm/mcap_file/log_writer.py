@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import IO, cast
 
-from mcap.records import Attachment, Metadata
 from mcap.writer import CompressionType, Writer
 
 from .. import __version__
@@ -12,7 +11,7 @@ from .message import Channel, Message
 
 
 class MessageWriter:
-    """Writes messages as they are; a context manager.
+    """Writes messages as they are; a context manager. Attachments and metadata go to its `writer` of the mcap library.
 
     The file appears under its name when it is finished; a run that fails leaves none, unless it is to `keep` what there
     is. `compressed`: by zstd, for messages that are not compressed themselves. Raises OutputError where it cannot be
@@ -28,8 +27,8 @@ class MessageWriter:
         self._file = PartFile(path, keep=keep)
         # Images are compressed already, as a rule; only the index of chunks is worth having then.
         compression = CompressionType.ZSTD if compressed else CompressionType.NONE
-        self._writer = Writer(cast("IO[bytes]", self._file), compression=compression)
-        self._writer.start(profile, f"stream_sfm {__version__}")
+        self.writer = Writer(cast("IO[bytes]", self._file), compression=compression)
+        self.writer.start(profile, f"stream_sfm {__version__}")
 
     def write(self, message: Message) -> None:
         """Append one message."""
@@ -37,24 +36,15 @@ class MessageWriter:
         if channel not in self._channels:
             self._channels[channel] = self._register(channel)
         published_ns = log_time_ns if publish_time_ns is None else publish_time_ns
-        self._writer.add_message(self._channels[channel], log_time_ns, data, published_ns, sequence)
-
-    def attach(self, attachment: Attachment) -> None:
-        """Append a file."""
-        times = attachment.create_time, attachment.log_time
-        self._writer.add_attachment(*times, attachment.name, attachment.media_type, attachment.data)
-
-    def add_metadata(self, record: Metadata) -> None:
-        """Append facts about the recording."""
-        self._writer.add_metadata(record.name, record.metadata)
+        self.writer.add_message(self._channels[channel], log_time_ns, data, published_ns, sequence)
 
     def _register(self, channel: Channel) -> int:
         schema = (channel.schema_name, channel.schema_encoding, channel.definition)
         if schema not in self._schemas:
-            self._schemas[schema] = self._writer.register_schema(*schema)
+            self._schemas[schema] = self.writer.register_schema(*schema)
         content = channel.topic, channel.message_encoding, self._schemas[schema], channel.metadata
         if content not in self._channels:
-            self._channels[content] = self._writer.register_channel(*content[:3], dict(channel.metadata))
+            self._channels[content] = self.writer.register_channel(*content[:3], dict(channel.metadata))
         return self._channels[content]
 
     def __enter__(self) -> "MessageWriter":
@@ -69,4 +59,4 @@ class MessageWriter:
     def close(self) -> None:
         """Finish the file and give it its name."""
         with self._file:
-            self._writer.finish()
+            self.writer.finish()

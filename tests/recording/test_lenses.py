@@ -8,14 +8,7 @@ import pytest
 
 from stream_sfm import Camera, StereoRig, open_log, read_config, replay
 from stream_sfm.geometry import se3
-from tests.helpers.stereo_logs import (
-    PERIOD_NS,
-    START_NS,
-    LogWriter,
-    calibration_of,
-    write_pair,
-    write_transform,
-)
+from tests.helpers.stereo_logs import PERIOD_NS, START_NS, LogWriter, calibration_of, write_pair, write_transform
 from tests.helpers.wall import Wall, camera_path, rig
 
 SIZE, FRAMES = (320, 240), 4

@@ -18,16 +18,7 @@ from stream_sfm.geometry import se3
 from stream_sfm.mcap_file.log_file import LogFile
 from stream_sfm.mcap_file.message import Damage
 from stream_sfm.results.estimates_writer import EstimatesWriter
-from tests.helpers.stereo_logs import (
-    PERIOD_NS,
-    START_NS,
-    LogWriter,
-    encode,
-    infos_of,
-    write_image,
-    write_info,
-    write_transform,
-)
+from tests.helpers.stereo_logs import PERIOD_NS, START_NS, LogWriter, encode, infos_of, write_pair, write_transform
 from tests.helpers.wall import Wall, camera_path, rig
 
 SIZE, FRAMES = (160, 120), 3
@@ -93,7 +84,7 @@ def run_live(stereo: StereoRig, frames: list[StereoFrame], config: Config) -> np
 def write(file: Path, recorded, profile: str, encoding: str, calibration: str) -> Path:
     stereo, frames = recorded
     log = LogWriter(file)
-    sent_at = {"often": range(FRAMES), "late": (FRAMES - 1,)}.get(calibration, (0,))
+    sent_at = {"once": (0,), "often": range(FRAMES), "late": (FRAMES - 1,), "transform": (0,)}.get(calibration, ())
     if calibration == "attached":
         log.writer.add_attachment(0, 0, "calibration.toml", "application/toml", stereo.to_toml().encode())
     if calibration == "attached by a run":
@@ -104,11 +95,8 @@ def write(file: Path, recorded, profile: str, encoding: str, calibration: str) -
         write_transform(log, profile, START_NS, "left", "right", se3.inverse(stereo.right_from_left))
     sent = infos_of(stereo, 0.0 if calibration == "transform" else None)
     for i, frame in enumerate(frames):
-        time = START_NS + i * PERIOD_NS
-        for side, grey, info in (("left", frame.left, sent[0]), ("right", frame.right, sent[1])):
-            write_image(log, profile, f"/camera/{side}/image", time, grey, encoding, side)
-            if i in sent_at and calibration not in ("attached", "attached by a run", "file"):
-                write_info(log, profile, f"/camera/{side}/camera_info", time + 1, info, side)
+        infos = sent if i in sent_at else None
+        write_pair(log, profile, START_NS + i * PERIOD_NS, (frame.left, frame.right), infos, encoding)
     log.close()
     return file
 
