@@ -2,7 +2,7 @@
 
 import heapq
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -85,16 +85,16 @@ class ImageFilesSource(Source):
             ((image.stamp_ns, 2, image.path) for image in self.images[1]),
             key=lambda event: event[:2],
         )
+
+        def wanted(messages: Iterable[Message]) -> Iterator[Message]:
+            return (m for m in messages if topics is None or m.channel.topic in topics)
+
         for stamp_ns, kind, item in events:
             if not isinstance(item, Path):
-                message = encoder.pose(stamp_ns, item)
-                if topics is None or message.channel.topic in topics:
-                    yield message
+                yield from wanted([encoder.pose(stamp_ns, item)])
                 continue
             side = kind - 1
-            for message in encoder.due_calibration(side, stamp_ns):
-                if topics is None or message.channel.topic in topics:
-                    yield message
+            yield from wanted(encoder.due_calibration(side, stamp_ns))
             if topics is None or encoder.images[side].topic in topics:
                 try:
                     data, encoding = read_image(item, cameras[side])

@@ -51,7 +51,12 @@ def open_images(
         if len(times) != count:
             raise LogError(f"{stamps} has {len(times)} times for {count} pairs of images; give one line for each")
     else:
-        times = _at_rate(count, rate_hz, notes)
+        if rate_hz is None:
+            rate_hz = DEFAULT_RATE_HZ
+            notes.append(f"no stamps and no rate were given: frames are put {1 / rate_hz:g} s apart")
+        if not 0 < rate_hz < 1e6:
+            raise ConfigError(f"the rate must be a positive number of frames per second, got {rate_hz:g}")
+        times = [round(n * 1e9 / rate_hz) for n in range(count)]
     left_images, right_images = (
         sorted(_stamped([times[n] for n in of_side], side), key=lambda image: image.stamp_ns)
         for of_side, side in zip(places, sides, strict=True)
@@ -69,15 +74,6 @@ def first_image(patterns: str | Sequence[str]) -> Path | None:
         return _matches("left", patterns)[0]
     except LogError:
         return None
-
-
-def _at_rate(count: int, rate_hz: float | None, notes: list[str]) -> list[int]:
-    if rate_hz is None:
-        rate_hz = DEFAULT_RATE_HZ
-        notes.append(f"no stamps and no rate were given: frames are put {1 / rate_hz:g} s apart")
-    if not 0 < rate_hz < 1e6:
-        raise ConfigError(f"the rate must be a positive number of frames per second, got {rate_hz:g}")
-    return [round(n * 1e9 / rate_hz) for n in range(count)]
 
 
 def images_in(folder: Path) -> list[Path]:

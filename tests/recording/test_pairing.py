@@ -18,12 +18,12 @@ def interleaved(left, right):
     return [(s, t) for t, s in sorted([(t, 0) for t in left] + [(t, 1) for t in right])]
 
 
-@pytest.mark.parametrize(("offset", "paired"), [(30, 10), (-30, 10), (49, 10)])
-def test_the_nearest_within_half_a_period(offset, paired):
+@pytest.mark.parametrize("offset", [30, -30, 49])
+def test_the_nearest_within_half_a_period(offset):
     left = range(1000, 2000, 100)
     pairs, counts = run(interleaved(left, [t + offset for t in left]))
     assert pairs == [(t, t + offset) for t in left]
-    assert counts.paired == paired and counts.largest_offset_ns == abs(offset)
+    assert counts.paired == 10 and counts.largest_offset_ns == abs(offset)
 
 
 def test_a_lone_frame_further_than_half_a_period_is_left_alone():
