@@ -13,9 +13,8 @@ from ..camera.models import MANY_PIXELS
 from ..camera.pixels import Grey, GreyScaler
 from ..camera.rig import MonoRig, StereoRig
 from ..errors import LogError
-from ..types import Picture, StereoFrame
+from ..types import StereoFrame
 from .images import UndecodableImage, decode_grey, image_size
-from .messages import ImageMessage
 from .pair_reader import StereoPair
 
 
@@ -32,12 +31,8 @@ def recorded_frame(pair: StereoPair, images: list[NDArray[np.uint8]]) -> Recorde
     A viewer gets compressed images as they were recorded, and the decoded grey values of raw ones.
     """
     left, right = images[0], images[-1]
-    pictures = _picture(pair.left, left), _picture(pair.right, right)
-    return RecordedFrame(pair.stamp_ns, left, right, pictures, recorded=pair)
-
-
-def _picture(message: ImageMessage, decoded: NDArray[np.uint8]) -> Picture:
-    return message.data if message.compressed else decoded
+    pictures = [m.data if m.compressed else image for m, image in zip(pair.images, (left, right), strict=True)]
+    return RecordedFrame(pair.stamp_ns, left, right, (pictures[0], pictures[1]), recorded=pair)
 
 
 class FrameDecoder:

@@ -136,8 +136,7 @@ def _decode_raw(message: ImageMessage) -> Grey:
     if len(message.data) > LIMITS.raw_image_bytes:
         raise UndecodableImage(f"{message.topic}: a raw image of {len(message.data) / 2**20:.0f} MiB")
     pixels, to_grey, _ = _raw_pixels(message)
-    grey: Grey = pixels if to_grey is None else cv2.cvtColor(pixels, to_grey)
-    return grey
+    return pixels if to_grey is None else cv2.cvtColor(pixels, to_grey)
 
 
 def _raw_pixels(message: ImageMessage) -> tuple[Any, int | None, int | None]:

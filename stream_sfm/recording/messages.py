@@ -233,8 +233,7 @@ def _by_definition(channel: Channel) -> Decoder | None:
 
     from .ros import ros_decoder
 
-    encodings = channel.message_encoding, channel.schema_encoding
-    return ros_decoder(*encodings, channel.schema_name, channel.definition)
+    return ros_decoder(channel.message_encoding, channel.schema_encoding, channel.schema_name, channel.definition)
 
 
 def _decode_json(data: bytes) -> Any:

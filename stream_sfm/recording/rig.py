@@ -160,8 +160,7 @@ def _rotation(message: CalibrationMessage) -> Array:
         return np.eye(3)
     if not se3.is_rotation(message.R):
         raise ConfigError(f"{message.topic}: R is not a rotation matrix: {message.R.tolist()}")
-    pose: Array = se3.orthonormalise(se3.from_rotation_translation(message.R, np.zeros(3)))
-    return pose[:3, :3]
+    return se3.orthonormalise(se3.from_rotation_translation(message.R, np.zeros(3)))[:3, :3]
 
 
 def _camera(message: CalibrationMessage, rectified: bool) -> Camera:

@@ -113,8 +113,7 @@ def _channel(topic: str, kind: str) -> Channel:
 def _definition(kind: str) -> bytes:
     from mcap_protobuf.schema import build_file_descriptor_set
 
-    definition: bytes = build_file_descriptor_set(_schema(kind)).SerializeToString()
-    return definition
+    return build_file_descriptor_set(_schema(kind)).SerializeToString()
 
 
 def _encoded(channel: Channel, message: Any, stamp_ns: int) -> Message:

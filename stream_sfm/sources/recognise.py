@@ -13,6 +13,7 @@ from ..inputs import open_regular, reading
 from ..mcap_file.log_file import LogFile
 from ..mcap_file.message import Source
 from ..mcap_file.records import MAGIC as MCAP_MAGIC
+from ..mcap_file.records import ends_with_magic
 from ..wording import some_of
 
 _OTHER_FILES = (
@@ -60,8 +61,7 @@ def is_recording(path: Path) -> bool:
 def _open_file(path: Path) -> Source:
     with reading(path), open_regular(path) as stream:
         start = stream.read(16)  # as many as the longest of these beginnings has
-        stream.seek(max(stream.seek(0, os.SEEK_END) - len(MCAP_MAGIC), 0))
-        end = stream.read()
+        ends_as_mcap = ends_with_magic(stream)
     if start.startswith(MCAP_MAGIC):
         return LogFile(path)
     if start.startswith(b"#ROSBAG"):
@@ -74,7 +74,7 @@ def _open_file(path: Path) -> Source:
         return SqliteBagSource(path)
     if path.name == _BAG_METADATA:
         return _open_folder(path.parent)
-    if end == MCAP_MAGIC:  # whose start is damaged
+    if ends_as_mcap:  # whose start is damaged
         return LogFile(path)
     for magics, kind in _OTHER_FILES:
         if start.startswith(magics):
