@@ -38,15 +38,10 @@ class Index:
 
 
 def read_index(stream: IO[bytes], damage: Damage) -> Index | None:
-    """Read the summary; None where the file has none, or none that can be trusted, which is added to `damage`."""
-    try:
-        return _read(stream, damage)
-    except BrokenRecord as error:
-        damage.note(f"its index is not used: {error}")
-        return None
+    """Read the summary; None where the file has none, or one at a wrong place, which is added to `damage`.
 
-
-def _read(stream: IO[bytes], damage: Damage) -> Index | None:
+    Raises BrokenRecord where it cannot be trusted.
+    """
     size = os.fstat(stream.fileno()).st_size
     tail = RECORD_HEAD.size + _FOOTER_BYTES + len(MAGIC)
     if size < 2 * len(MAGIC) + tail:

@@ -53,7 +53,11 @@ class LogFile(Source):
                     version = " of this version" if start.startswith(MAGIC[:5]) else ""
                     raise LogError(f"{self.path} is not an MCAP file{version}; its first bytes are {start!r}")
                 self.damage.note("its first bytes are not those of an MCAP file, its last ones are")
-            self.index = read_index(stream, self.damage)
+            try:
+                self.index = read_index(stream, self.damage)
+            except BrokenRecord as error:
+                self.index = None
+                self.damage.note(f"its index is not used: {error}")
         found = self._records(Header, Opcode.HEADER, Damage(), LIMITS.header_bytes, first_only=True)
         header = next((header for header, *_ in found), None)  # None where it is damaged
         self.profile, self.library = (header.profile, header.library) if header else (None, None)

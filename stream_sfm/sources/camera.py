@@ -109,10 +109,8 @@ class _Grabber:
             self._news.notify()
 
     def _take(self, stamp_ns: int, *images: np.ndarray) -> None:
-        if self._last_ns is not None and stamp_ns <= self._last_ns:
-            return  # the same picture once more
-        if self._stopped:  # the camera answered only after the recording was finished
-            return
+        if self._stopped or (self._last_ns is not None and stamp_ns <= self._last_ns):
+            return  # the camera answered only after the recording was finished, or with the same picture once more
         self._last_ns = stamp_ns
         messages: list[Message] = []
         for side, image in enumerate(images):
