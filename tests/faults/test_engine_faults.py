@@ -129,10 +129,6 @@ def exposed(image: np.ndarray, seed: int) -> np.ndarray:
     return np.clip(np.rint(gain * image + pedestal), 0, 255).astype(np.uint8)
 
 
-def poses_at(frames: list[sfm.StereoFrame]) -> np.ndarray:
-    return POSES[[f.stamp_ns // PERIOD_NS for f in frames]]
-
-
 NOTHING_SEEN: list[Edit] = [noise, featureless, np.zeros_like, lambda image: np.full_like(image, 255)]
 LOST = "io{9}l{4}o{6}"  # the view comes back, and the map goes on
 FAULTS: dict[str, Callable[[], Fault]] = {
@@ -189,7 +185,7 @@ def test_a_fault_has_a_defined_result(name):
     fault = FAULTS[name]()
     engine = sfm.Engine(STEREO)
     letters, reasons, estimates = "", [], []
-    truth = poses_at(fault.frames) if fault.truth is None else fault.truth
+    truth = POSES[[f.stamp_ns // PERIOD_NS for f in fault.frames]] if fault.truth is None else fault.truth
     kept = []
     for frame, pose in zip(fault.frames, truth, strict=True):
         try:
