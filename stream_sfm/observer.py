@@ -79,6 +79,7 @@ class Observer:
 
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self.state: FrontEndState = self._frontend.start
+        self._smoothing_px = config.frontend.smoothing_px
         self._exact = self.rig.unscaled or config.rig.exact  # with one camera no length is known anyway
         unseen = () if self._exact else (config.rig.std_baseline, config.rig.std_axes_rad)
         self._axes = PhysicalAxes(self.rectifier.rect_from_cam, *unseen)
@@ -96,7 +97,10 @@ class Observer:
         deep = any(image.dtype == np.uint16 for image in images)
         bits = bits_used(*images) if deep and grey_bits is None else grey_bits
         rectified = self.rectifier.rectify(*(to_uint8(image, bits or FEWEST_BITS) for image in images))
-        return self._frontend.prepare(rectified[0], rectified[-1], frame_index, frame.stamp_ns, bits)
+        prepared = PreparedImages.of(rectified[0], rectified[-1], self._smoothing_px, frame.stamp_ns, bits)
+        if frame_index is not None:
+            self._frontend.prepare(prepared, frame_index)
+        return prepared
 
     def observe(self, frame: Frame, prepared: PreparedImages | None = None) -> Observed:
         """Return the observations of the next frame; `prepared` is what `prepare` returned, if it was called.

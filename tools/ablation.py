@@ -54,7 +54,7 @@ RULES: dict[str, tuple[str, Any]] = {
         "frontend.tracker.resect_views",
         lambda *a, **k: replace(resect_views(*a, **k), spread=1.0),
     ),
-    "depths forget": ("frontend.stereo_depth.FORGETTING", 1.0),
+    "depths forget": ("frontend.tracks.FORGETTING", 1.0),
     "drift of templates": ("core.template_drift", lambda points, *_: np.zeros(len(points))),
 }
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from ..rig_model.estimate import RigEstimate
     from ..types import Observations
-    from .prepared import Image, PreparedImages
+    from .prepared import PreparedImages
     from .state import FrontEndState
 
 
@@ -24,19 +24,11 @@ class FrontEnd(Protocol):
 
     start: "FrontEndState"
 
-    def prepare(
-        self,
-        left: "Image",
-        right: "Image",
-        frame_index: int | None = None,
-        stamp_ns: int | None = None,
-        grey_bits: int | None = None,
-    ) -> "PreparedImages":
-        """Compute from rectified images (h, w) uint8 of a frame the forms that `step` needs.
+    def prepare(self, images: "PreparedImages", frame_index: int) -> None:
+        """Compute more forms of the images now that `step` would compute, for the index that the frame will have.
 
-        Any thread may call it at any time, in any order, also for frames that are never stepped. With the `frame_index`
-        that the frame is going to have, more is computed here and not in `step`; the observations are the same. Stamp
-        and bits are kept in the result.
+        Any thread may call it at any time, in any order, also for frames that are never stepped; the observations are
+        the same.
         """
         ...
 

@@ -8,6 +8,7 @@ docs/mathematics.md, section 3.
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +19,6 @@ from ..record import record
 from .noise import ViewNoise
 from .prepared import GreyImage, PreparedImages
 from .templates import SPACING_PX, TemplateAtlas
-from .valid_area import valid_area
 
 # Templates of one size as the compiled core takes them: kind, images, patches, area.
 Kind = tuple[int, int, int, float, float, float, float]
@@ -70,7 +70,7 @@ class TemplateAligner:
         return cls(
             config,
             scale,
-            valid_area(valid, scale * radius_px),
+            _valid_area(valid, scale * radius_px),
             TemplateAtlas.empty(config.max_tracks, radius_px, of_bytes=scale == 1),
             ViewNoise.unknown(config.smoothing_px, scale),
         )
@@ -98,6 +98,14 @@ class TemplateAligner:
         is_free[taken] = False
         free = np.flatnonzero(is_free)[: len(corners)]
         return replace(self, atlas=self.atlas.stored(images.grey(self.scale)[0], corners, free)), free
+
+
+def _valid_area(valid: NDArray[np.bool_], radius_px: int) -> NDArray[np.bool_]:
+    """Pixels (h, w) around which a patch of 2 `radius_px` + 1 lies within the image and its `valid` pixels (h, w)."""
+    r = radius_px
+    inside = np.zeros_like(valid)
+    inside[r:-r, r:-r] = True
+    return cv2.erode(valid.astype(np.uint8), np.ones((2 * r + 1, 2 * r + 1))).astype(bool) & inside
 
 
 # One aligner per size of templates, by scale.

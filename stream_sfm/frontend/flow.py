@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..geometry.se3 import Array
 from .alignment import WIDE, TemplateAligner
 from .prepared import Image, PreparedImages
-from .valid_area import contains
 
 # Limit of iterations, and the step in half-size pixels that ends them: OpenCV's defaults are 30 and 0.01; a start
 # needs less.
@@ -46,7 +46,7 @@ def track(
     at_px, found = _lucas_kanade(
         before_half, images.left_half, left_half_px, predicted_px, 2, radius_px, levels - 1
     )  # the lowest level is halved once already
-    return at_px, found & contains(aligner.area, at_px)
+    return at_px, found & core.inside_area(aligner.area, at_px)
 
 
 def track_wide(
@@ -56,7 +56,7 @@ def track_wide(
     radius_px = aligner.config.window_radius_px
     before, now = previous.quarter_flow, images.quarter_flow
     at_px, found = _lucas_kanade(before, now, left_px / WIDE, predicted_px, WIDE, radius_px, _WIDE_LEVELS)
-    return at_px, found & contains(aligner.area, at_px)
+    return at_px, found & core.inside_area(aligner.area, at_px)
 
 
 def _lucas_kanade(

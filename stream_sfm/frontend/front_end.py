@@ -24,13 +24,13 @@ from .alignment import WIDE, TemplateAligner
 from .image_checks import are_alike, image_note
 from .new_points import begin_points, renews
 from .pair_check import PairFit, problem_of
-from .prepared import Image, PreparedImages
-from .right_turn import RightTurn, TurnWatch, rig_change, root_of_turn, shift_of_turn, with_turn
+from .prepared import PreparedImages
+from .right_turn import STD_TURN_RAD, TurnWatch, rig_change, shift_of_turn, with_turn
 from .rows import Rows
 from .state import FrontEndState, Setup
 from .template_errors import TemplateErrors, turn_of_slides
 from .timing import Timing
-from .tracker import Followed, follow, learn_timing, lose, may_wait
+from .tracker import follow, learn_timing, lose, may_wait
 
 _JUMPED = "all of the view has changed at once: were images held back, or is this another place?"
 _HIDDEN = "the background is hidden: what can be followed has moved by itself"
@@ -60,24 +60,14 @@ class StereoFrontEnd:
             aligners={scale: TemplateAligner.empty(config.frontend, valid, scale) for scale in (1, WIDE)},
             timing=Timing.unknown(projection, config.rig, row_of, known_timing),
             rows=Rows.unknown(projection, config),
-            turn=RightTurn(projection),
             turn_watch=None if config.rig.exact else TurnWatch(projection),
             errors=TemplateErrors(config.estimate_every),
         )
 
-    def prepare(
-        self,
-        left: Image,
-        right: Image,
-        frame_index: int | None = None,
-        stamp_ns: int | None = None,
-        grey_bits: int | None = None,
-    ) -> PreparedImages:
-        """As `FrontEnd.prepare`; the corners are computed here, too, where the frame is going to need them."""
-        images = PreparedImages.of(left, right, self.setup.config.frontend.smoothing_px, stamp_ns, grey_bits)
-        if frame_index is not None and renews(frame_index):
+    def prepare(self, images: PreparedImages, frame_index: int) -> None:
+        """As `FrontEnd.prepare`: the corners, where the frame is going to need them."""
+        if renews(frame_index):
             _ = images.corner_strength  # computed now, kept for `step`
-        return images
 
     def step(
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int
@@ -88,7 +78,7 @@ class StereoFrontEnd:
         state = replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns)
         if change is None or observed.rig is None:
             return state, observed
-        rig = replace(observed.rig, change=change, change_root=root_of_turn(self.rig))
+        rig = replace(observed.rig, change=change, change_root=self.rig.root_of_turn(STD_TURN_RAD))
         return state, replace(observed, rig=rig)
 
     def _take_out_turn(self, state: FrontEndState) -> tuple[FrontEndState, RigChange | None]:
@@ -98,7 +88,7 @@ class StereoFrontEnd:
         if watch is None or rad is None:
             return state, None
         first = state.frame_index - len(watch.unusual)
-        state = replace(state, turn=state.turn.turned(rad), turn_watch=watch.calm())
+        state = replace(state, turn_rad=state.turn_rad + rad, turn_watch=watch.calm())
         return state, rig_change(self.setup.projection, first, rad)
 
     def _step(
@@ -106,7 +96,8 @@ class StereoFrontEnd:
     ) -> tuple[FrontEndState, Observations]:
         """Return the observations of the next frame, with the known turn of the right camera corrected."""
         state, followed = follow(self.setup, state, images, stamp_ns)
-        fit = self._fit(followed)
+        found = None if followed is None else followed.found
+        fit = None if found is None else PairFit.of(found, *self.setup)
         problem = self.problem or problem_of(
             images, state.previous, fit, state.rows, state.aligners[1].noise.factor
         )
@@ -135,12 +126,6 @@ class StereoFrontEnd:
                 std_turn_rad=turn_of_slides(drift_px, self.setup.projection.f_px),
             ),
         )
-
-    def _fit(self, followed: Followed | None) -> PairFit | None:
-        """How left and right fit each other, where tracks were followed."""
-        if followed is None or followed.found is None:
-            return None
-        return PairFit.of(followed.found, *self.setup)
 
     def _start_over(
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int, wait: bool
@@ -208,7 +193,7 @@ class StereoFrontEnd:
         """As `FrontEnd.rig_in_px`."""
         if estimate is None:
             return None
-        found, rad = self.rig.in_units(estimate), state.turn.rad
+        found, rad = self.rig.in_units(estimate), state.turn_rad
         return found if not rad.any() else with_turn(self.rig, found, rad)
 
 

@@ -14,8 +14,8 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS
 from .alignment import WIDE
 from .prepared import PreparedImages
+from .rows import RowMatches
 from .state import FrontEndState, RightSides, Setup
-from .stereo_depth import RowMatches, learn_rows
 from .tracks import Tracks
 
 # New points are sought in every second frame; in the others only where more than a fraction of the tracks is
@@ -150,7 +150,7 @@ def _learn_rows(state: FrontEndState, z_px: Array, twist: Array) -> tuple[FrontE
     """
     points = core.seen_points(state.rows.projection.pinholes, z_px)
     matches = RowMatches(z_px[:, :2], z_px[:, 1] - z_px[:, 3], points)
-    learnt = replace(state, rows=learn_rows(state.rows, matches, twist))
+    learnt = replace(state, rows=state.rows.after(matches, twist))
     now = replace(state, rows_waiting=matches) if state.timing.twist is None else learnt
     return now, learnt.right_sides(twist)
 
@@ -167,19 +167,16 @@ def _match_wide(
     setup: Setup, state: FrontEndState, images: PreparedImages, wanted: int
 ) -> tuple[NDArray[np.intp], Array]:
     """As `_match_along_row`, of faint corners, in pixels of the reduced images."""
-    p, cfg = setup.projection, setup.config.frontend
     left, right = images.quarter_grey
     corners = core.new_corners(
         core.corner_strength(left),
         state.aligners[WIDE].area[::WIDE, ::WIDE],
         state.tracks.left_px / WIDE,
         wanted,
-        cfg.min_corner_distance_px,
+        setup.config.frontend.min_corner_distance_px,
         _MIN_WIDE_STRENGTH,
     )
-    far = (p.cx_left_px - p.cx_right_px) / WIDE
-    near = far + cfg.max_disparity_fraction * p.width / WIDE
-    disparity, unique = core.match_along_rows(left, right, corners, int(np.floor(far)) - 1, int(np.ceil(near)))
+    disparity, unique = core.match_along_rows(left, right, corners, *_disparity_range(setup, state, 1 / WIDE))
     return corners[unique], disparity[unique]
 
 

@@ -23,22 +23,21 @@ _REDUCTION_PX = 0.6  # σ of the smoothing that halving twice leaves, in pixels 
 
 @record
 class ViewNoise:
-    """Covariances of views by templates whose pixels are `scale` image pixels wide.
+    """Covariances of views by templates of one size.
 
     `shared_pixels`: how many pixels share one noise value after smoothing; `factor`: the variance factor learnt over
     so many `frames`, 1 before anything is known.
     """
 
-    scale: int
     shared_pixels: float
     factor: float = 1.0
     frames: int = 0
 
     @classmethod
     def unknown(cls, smoothing_px: float, scale: int = 1) -> "ViewNoise":
-        """Return the noise before any frame."""
+        """Return the noise before any frame, of templates whose pixels are `scale` image pixels wide."""
         smoothing_px = smoothing_px if scale == 1 else _REDUCTION_PX
-        return cls(scale, max(1.0, 4 * np.pi * smoothing_px**2))
+        return cls(max(1.0, 4 * np.pi * smoothing_px**2))
 
     def learnt(self, chi2: float, dof: int) -> "ViewNoise":
         """Return the noise after a frame whose accepted views have these squared residuals, eq. (16)."""

@@ -19,12 +19,11 @@ from .. import core
 from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.point_views import PointViews
 from ..geometry.se3 import Array
-from ..geometry.stereo import StereoProjection
+from ..geometry.stereo import StereoProjection, places_over_image
 from ..record import record
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
-from ..rig_model.terms import TERMS, terms_of_turn
-from ..rig_model.turns import effects_of_turn, far_right_px
+from ..rig_model.terms import TERMS, effects_of_turn, terms_of_turn
 from ..types import RigChange
 
 _KNOCKS = 1e-5  # per frame, beforehand: one in an hour
@@ -41,7 +40,7 @@ _AGREE = 0.6  # share of the right views that a turn must explain; where a body 
 _GATE = 0.999  # share of good views that agree
 # Prior σ of the turn by a knock, about each axis. The measured turn is where the estimator starts; it is not used a
 # second time.
-_STD_TURN_RAD = 3e-3
+STD_TURN_RAD = 3e-3
 
 
 def shift_of_turn(projection: StereoProjection, rad: Array) -> float:
@@ -58,9 +57,7 @@ def rig_change(projection: StereoProjection, frame_index: int, rad: Array) -> Ri
 
 def _over_image(projection: StereoProjection, rad: Array) -> Array:
     """By how much (n, 2) a turn (3,) moves far points all over the image, px."""
-    u, v = np.linspace(0, projection.width - 1, 9), np.linspace(0, projection.height - 1, 9)
-    places_px = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2)
-    return np.asarray(effects_of_turn(projection, far_right_px(projection, places_px)) @ rad)
+    return np.asarray(effects_of_turn(projection, places_over_image(projection, 9, 9)) @ rad)
 
 
 def with_turn(rig: RigModel, estimate: RigEstimate, rad: Array) -> RigEstimate:
@@ -70,23 +67,6 @@ def with_turn(rig: RigModel, estimate: RigEstimate, rad: Array) -> RigEstimate:
     return replace(
         estimate, mean=estimate.mean + turned, mean_if_wrong=estimate.mean_if_wrong + turned, p_wrong=1.0
     )
-
-
-def root_of_turn(rig: RigModel) -> Array:
-    """Return a root (m, 3) of the covariance of what is left of a knock, in amplitudes of the rig's errors."""
-    return rig.root_of_turn(_STD_TURN_RAD)
-
-
-@record
-class RightTurn:
-    """The turn `rad` (3,) of the right camera since its calibration; right views are corrected for it."""
-
-    projection: StereoProjection
-    rad: Array = field(default_factory=lambda: np.zeros(3))
-
-    def turned(self, rad: Array) -> "RightTurn":
-        """Return the turn after a further one, by (3,)."""
-        return replace(self, rad=self.rad + rad)
 
 
 @record
@@ -133,11 +113,9 @@ class TurnWatch:
         n_seen = np.count_nonzero(np.isfinite(z_px[:, 2]))
         if n_seen < _MIN_VIEWS:
             return self.calm(), None
-        views, usual = (
-            PointViews(self.projection, points, cov_points, z_px, cov_px, _GATE),
-            self.usual + cov_expected,
-        )
-        rad, agree, log_factor, chi2 = core.fit_turn(views.of_core, cam_from_previous, usual, _STD_TURN_RAD)
+        views = PointViews(self.projection, points, cov_points, z_px, cov_px, _GATE)
+        usual = self.usual + cov_expected
+        rad, agree, log_factor, chi2 = core.fit_turn(views.of_core, cam_from_previous, usual, STD_TURN_RAD)
         possible = self.projection.f_px * math.hypot(*rad) < _MAX_TURN_PX
         possible = possible and bool(np.count_nonzero(agree) > _AGREE * n_seen)
         stands_out = possible and log_factor > -math.log(_KNOCKS)

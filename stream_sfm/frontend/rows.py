@@ -9,6 +9,7 @@ Only new matches count: a point's later views repeat its first error.
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,9 +18,9 @@ from ..config import Config
 from ..geometry.linear import symmetric_inverse
 from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
 from ..geometry.se3 import Array
-from ..geometry.stereo import StereoProjection
+from ..geometry.stereo import StereoProjection, places_over_image, velocities
 from ..record import record
-from ..rig_model.field import FieldGrid, field_over
+from ..rig_model.field import Field, field_over
 
 _PRIOR_STD_PX = 1.0  # of each coefficient: real calibrations were off by up to 0.8 px in the corners
 _STEP_PX = 2e-3  # of each coefficient per frame: lenses that warm up move rows by a pixel in some hundred frames
@@ -36,7 +37,15 @@ _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
 
 
 # What is known about rows as the compiled core takes it: size, field, mean, covariance, scatter, largest difference.
-RowsOfCore = tuple[tuple[int, int], FieldGrid, Array, Array, float, float]
+RowsOfCore = tuple[tuple[int, int], Field, Array, Array, float, float]
+
+
+class RowMatches(NamedTuple):
+    """New matches at `left_px` (n, 2), whose rows differ by `difference_px` (n,), of homogeneous `points` (n, 4)."""
+
+    left_px: Array
+    difference_px: Array
+    points: Array
 
 
 @record
@@ -60,7 +69,7 @@ class Rows:
     def unknown(cls, projection: StereoProjection, config: Config) -> "Rows":
         """Return the prior."""
         std_delay_s = 1e-9 if config.rig.exact else config.rig.std_delay_s
-        n_field = len(field_over(projection.width, projection.height))
+        n_field = field_over(projection.width, projection.height).size
         std = np.r_[np.full(_POLYNOMIAL, _PRIOR_STD_PX), std_delay_s, np.full(n_field, _LEAST_FIELD_PX)]
         max_px = config.frontend.max_vertical_disparity_px
         return cls(projection, max_px, np.zeros(len(std)), np.diag(std**2), std_delay_s)
@@ -68,7 +77,7 @@ class Rows:
     @property
     def largest_px(self) -> float:
         """The largest v_left − v_right of correct matches at rest, anywhere in the image."""
-        return float(np.abs(_terms_over_image(self.projection.width, self.projection.height) @ self.mean).max())
+        return float(np.abs(_terms_over_image(self.projection) @ self.mean).max())
 
     @property
     def delay(self) -> tuple[float, float]:
@@ -94,13 +103,18 @@ class Rows:
     def of_core(self) -> RowsOfCore:
         """The rows as the compiled core takes them."""
         size = self.projection.width, self.projection.height
-        return size, field_over(*size).of_core, self.mean, self.cov, self.scatter_px, self.max_px
+        return size, field_over(*size), self.mean, self.cov, self.scatter_px, self.max_px
+
+    def after(self, matches: RowMatches, twist: Array) -> "Rows":
+        """Return the knowledge after the matches of a frame whose points move with a twist (6,)."""
+        row_speed_px_s = velocities(self.projection, matches.points, twist)[:, 3]
+        return self.learnt(matches.left_px, matches.difference_px, row_speed_px_s)
 
     def learnt(self, left_px: Array, difference_px: Array, row_speed_px_s: Array) -> "Rows":
         """Return the knowledge after matches at (n, 2), whose rows differ by (n,) and move by (n,) px/s."""
         if len(left_px) < _POLYNOMIAL:
             return self
-        terms = self._terms(left_px, row_speed_px_s)
+        terms = row_terms(self.projection, left_px, row_speed_px_s)
         cov = self.cov.copy()
         cov[range(_POLYNOMIAL), range(_POLYNOMIAL)] += _STEP_PX**2
         before = symmetric_inverse(cov)
@@ -134,18 +148,14 @@ class Rows:
         std_px = np.sqrt(weight @ _FIELD_STD_PX**2 / (weight.sum() + np.exp(-largest)))
         return max(float(std_px), _LEAST_FIELD_PX)
 
-    def _terms(self, left_px: Array, row_speed_px_s: Array) -> Array:
-        """Return what amplitudes of 1 do to v_left − v_right (n, k)."""
-        return _terms(self.projection.width, self.projection.height, left_px, row_speed_px_s)
 
-
-def _terms(width: int, height: int, left_px: Array, row_speed_px_s: Array) -> Array:
-    """Return what amplitudes of 1 do to v_left − v_right (n, k) in images of this size."""
-    return core.row_terms((width, height), field_over(width, height).of_core, left_px, row_speed_px_s)
+def row_terms(projection: StereoProjection, left_px: Array, row_speed_px_s: Array) -> Array:
+    """Return what amplitudes of 1 do to v_left − v_right (n, k) of views at (n, 2), which move by (n,) px/s."""
+    size = projection.width, projection.height
+    return core.row_terms(size, field_over(*size), left_px, row_speed_px_s)
 
 
 @lru_cache
-def _terms_over_image(width: int, height: int) -> Array:
+def _terms_over_image(projection: StereoProjection) -> Array:
     """Return the terms of views at rest all over the image (25, k)."""
-    u, v = np.meshgrid(np.linspace(0, width - 1, 5), np.linspace(0, height - 1, 5))
-    return _terms(width, height, np.stack([u.ravel(), v.ravel()], axis=1), np.zeros(u.size))
+    return row_terms(projection, places_over_image(projection, 5, 5), np.zeros(25))

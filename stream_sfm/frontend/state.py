@@ -14,10 +14,9 @@ from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
 from .pair_check import PairCheck
 from .prepared import PreparedImages
-from .right_turn import RightTurn, TurnWatch
-from .rows import Rows, RowsOfCore
+from .right_turn import TurnWatch
+from .rows import RowMatches, Rows, RowsOfCore
 from .start_check import StartCheck
-from .stereo_depth import RowMatches
 from .template_errors import TemplateErrors
 from .timing import Timing
 from .tracks import Tracks
@@ -64,8 +63,9 @@ class FrontEndState:
     - `previous`: the images that the next frame is followed from, of a frame at `previous_ns`. `tracks` are the points
       that are followed, `next_id` is the id of the next new one. `cam_from_start` (4, 4): the front-end's own chain of
       motions, which predicts how patches look and is not an estimate; `velocity` (6,): ξ of the last motion per second.
-    - `aligners`: templates and noise of views; `rows`, `turn`, `timing`: what is known of the cameras; `rows_waiting`:
-      matches of a frame whose velocity is not known yet, which a late camera would turn into rows that are off.
+    - `aligners`: templates and noise of views; `rows`, `timing`: what is known of the cameras; `turn_rad` (3,): of the
+      right camera since its calibration, for which right views are corrected; `rows_waiting`: matches of a frame whose
+      velocity is not known yet, which a late camera would turn into rows that are off.
     - `turn_watch`: of the right camera, None where it cannot turn; `pair`: whether left and right fit each other;
       `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions; `start`:
       whether the map has started with the motion of the camera.
@@ -76,9 +76,9 @@ class FrontEndState:
     aligners: Aligners
     timing: Timing
     rows: Rows
-    turn: RightTurn
     turn_watch: TurnWatch | None
     errors: TemplateErrors
+    turn_rad: Array = field(default_factory=lambda: np.zeros(3))
     frame_index: int = 0
     stamp_ns: int | None = None
     grey_bits: int = FEWEST_BITS
@@ -102,4 +102,4 @@ class FrontEndState:
 
     def right_sides(self, twist: Array) -> RightSides:
         """Where right sides of points with a twist (6,) are sought, as the compiled core takes it."""
-        return self.rows.projection.pinholes, self.rows_told.of_core, self.turn.rad, twist
+        return self.rows.projection.pinholes, self.rows_told.of_core, self.turn_rad, twist

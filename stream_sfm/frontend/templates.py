@@ -34,11 +34,6 @@ class Patches:
     radius_px: int
     spacing_px: int
 
-    @property
-    def gradients(self) -> Array:
-        """Gradient matrices H (n, 2, 2), grey², eq. (14): information about position, gain and offset eliminated."""
-        return core.gradient_matrices(self.information, self.spacing_px)
-
     def align(self, image: GreyImage, starts_px: Array) -> tuple[Array, NDArray[np.bool_], Array]:
         """Find the patches in an image, from starts (n, 2).
 

@@ -16,7 +16,6 @@ from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record
-from ..rig_model.sizes import probability
 from .rows import Rows
 
 _STEP = 0.01  # of what is assumed: an estimator's σ is added to by so much, as velocities are extrapolated here
@@ -75,10 +74,6 @@ class Timing:
         at_first = twist if self.twist is None else self.twist  # nothing better is known of the first frame
         return self.row_of.of_core, self.mean, self.cov, at_first
 
-    def moved(self, twist: Array) -> "Timing":
-        """Return the same after a frame with a twist (6,)."""
-        return replace(self, twist=twist)
-
     def told(self, mean: Array, cov: Array) -> "Timing":
         """Return the knowledge with delay and readout N(`mean` (2,), `cov` (2, 2)), as an estimator has found them.
 
@@ -89,4 +84,5 @@ class Timing:
         var = cov.diagonal()
         gain = np.maximum(self.std**2 / var - 1, 0.0)
         log_odds = 0.5 * (mean**2 / var * gain / (1 + gain) - np.log1p(gain))
-        return replace(self, mean=probability(log_odds) * mean, cov=cov + np.diag((_STEP * self.std) ** 2))
+        probability = 0.5 + 0.5 * np.tanh(0.5 * log_odds)
+        return replace(self, mean=probability * mean, cov=cov + np.diag((_STEP * self.std) ** 2))

@@ -1,8 +1,8 @@
 """Tracking: where the points of the previous frame are in this one, and the motion that they agree on.
 
 Track by flow, find the robust motion, predict how patches look, align them with their templates, resect all views
-jointly and gate them, learn the noise, advance. Depths come from the right image (`stereo_depth.py`) or from the
-parallax of one camera (`mono/parallax.py`).
+jointly and gate them, learn the noise, advance. Depths come from the right image, or from the parallax of one
+camera (`mono/parallax.py`).
 """
 
 from dataclasses import replace
@@ -27,7 +27,6 @@ from .repetition import rival_motion, still_repeats
 from .rough_motion import RoughMotion, find_rough_motion
 from .start_check import StartCheck
 from .state import FrontEndState, Setup
-from .stereo_depth import learn_rows, update_depths
 from .tracks import Tracks
 
 # Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a
@@ -56,12 +55,6 @@ class Followed:
     found: Found | None = None
     other: SecondMotion | None = None
     settled: bool = False
-
-    def with_right_turned_back(self, views: AlignedViews, agree: NDArray[np.bool_]) -> "Followed":
-        """With right sides in `found` where they `agree` (n,) with a turn of the right camera: such a pair is whole."""
-        assert self.found is not None
-        z_px = np.where(agree[:, None], views.any_row_px, self.found.z_px)
-        return replace(self, found=replace(self.found, z_px=z_px))
 
     def keep(self, rows: NDArray[np.bool_]) -> "Followed":
         """The given rows."""
@@ -102,7 +95,7 @@ def follow(
     rough, rival = _likelier_of_alike(setup, state, state.previous, images, rough)
     twist = _twist_now(state.velocity, rough.cam_from_previous, dt_s)
     if state.rows_waiting is not None:
-        state = replace(state, rows=learn_rows(state.rows, state.rows_waiting, twist), rows_waiting=None)
+        state = replace(state, rows=state.rows.after(state.rows_waiting, twist), rows_waiting=None)
     if state.timing.twist is None:  # the first frame did not know how its points moved
         state = _first_timed(setup.projection, state, twist)
     views, expected = align(setup, state, images, state.tracks, rough, twist)
@@ -117,9 +110,10 @@ def follow(
     if motion is None:
         return state, None
     aligners = learn_noise(state.aligners, motion, known.before.scale, views.z_px)
-    state = replace(state, aligners=aligners, timing=state.timing.moved(twist))
-    state, followed = _advance(setup, state, known.before, views, motion, rival, dt_s)
-    return state, followed if turned is None else followed.with_right_turned_back(views, turned)
+    state = replace(state, aligners=aligners, timing=replace(state.timing, twist=twist))
+    # a pair whose right sides agree with a turn of the right camera is whole
+    found_px = views.z_px if turned is None else np.where(turned[:, None], views.any_row_px, views.z_px)
+    return _advance(setup, state, views, Found(known.before, found_px, views.cov_px, motion), rival, dt_s)
 
 
 def _likelier_of_alike(
@@ -155,7 +149,7 @@ def learn_timing(projection: StereoProjection, state: FrontEndState, mean: Array
 
 def _first_timed(projection: StereoProjection, state: FrontEndState, twist: Array) -> FrontEndState:
     """Place the tracks of the first frame by a timing that is known, now that it is known how they moved there."""
-    tracks, timing = state.tracks.begun_with(projection, twist), state.timing.moved(twist)
+    tracks, timing = state.tracks.begun_with(projection, twist), replace(state.timing, twist=twist)
     if timing.mean.any():
         tracks = tracks.shifted(projection, timing.taken_out(tracks.points, twist))
     return replace(state, tracks=tracks, timing=timing)
@@ -288,9 +282,8 @@ def _is_background_hidden(
 def _advance(
     setup: Setup,
     state: FrontEndState,
-    before: Tracks,
     views: AlignedViews,
-    motion: Resection,
+    found: Found,
     rival: SecondMotion | None,
     dt_s: float,
 ) -> tuple[FrontEndState, Followed]:
@@ -298,7 +291,7 @@ def _advance(
 
     Views are handed out as they were seen. `rival`: a motion that looks the same.
     """
-    projection = setup.projection
+    projection, before, motion = setup.projection, found.before, found.motion
     cam_from_start = se3.orthonormalise(motion.cam_from_ref @ state.cam_from_start)
     kept = motion.accepted if motion.second is None else motion.accepted | motion.second.views
     rows = kept.nonzero()[0]
@@ -308,11 +301,10 @@ def _advance(
     if projection.virtual_right:
         now = update_by_parallax(projection, now.moved(motion.cam_from_ref), z_px, cov_px, cam_from_start)
     else:
-        now = update_depths(projection, now, motion.cam_from_ref, z_px, cov_px)
+        now = now.updated(projection, motion.cam_from_ref, z_px, cov_px)
     now = replace(now, left_px=seen_px[:, :2].copy())
     start = state.start
     ambiguity, other, settled = state.ambiguity.after(motion, before.agreed, rival)
-    found = Found(before, views.z_px, views.cov_px, motion)
     if other is None and not start.is_over:  # of another motion it is said already that it may be that of a body
         # what lies before the points that agree may move by itself, and says nothing about them
         counts = motion.accepted | (depth_order(before, before.keep(motion.accepted)) >= 0)

@@ -8,19 +8,16 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..geometry.se3 import Array
-from ..geometry.stereo import MIN_DEPTH, StereoProjection
+from ..geometry.stereo import MIN_DEPTH, StereoProjection, velocities
 from ..record import indices, record, rows_of
-from ..rig_model.velocities import velocities
 
 # Frames of agreement beyond which history no longer counts, half a second for most cameras: with more, the last old
 # tracks in a turn would outvote all new ones. Before a track has agreed once it counts a tenth of that, so that a body
 # that enters the view is outvoted, but not for ever, once it is all that is left in most of the image.
 FULL_HISTORY = 10
-
-
-def takes_all(rows: NDArray[Any] | slice) -> bool:
-    """Whether rows (mask, indices or slice) are those of a mask without gaps, or of a slice without bounds."""
-    return rows == slice(None) if isinstance(rows, slice) else rows.dtype == bool and bool(rows.all())
+# Growth of the variance of inverse depth per frame: a tenth each time forgets depths that a wrong motion has carried
+# along. Chosen by hand: with less, recovery is slower; with more, earlier views are wasted.
+FORGETTING = 1.1
 
 
 @record
@@ -72,7 +69,7 @@ class Tracks:
 
     def keep(self, rows: NDArray[Any] | slice) -> "Tracks":
         """The given rows (mask, indices or slice)."""
-        if takes_all(rows):
+        if rows == slice(None) if isinstance(rows, slice) else rows.dtype == bool and rows.all():
             return self
         rows = indices(rows)  # once, not once per column
         return Tracks(*(rows_of(getattr(self, name), rows) for name in _COLUMNS))
@@ -120,6 +117,16 @@ class Tracks:
         points = self.points @ cam_from_previous.T
         depth = np.maximum(points[:, 2:3], MIN_DEPTH)
         return replace(self, points=points / depth, var_rho=self.var_rho / depth[:, 0] ** 2)
+
+    def updated(self, p: StereoProjection, cam_from_previous: Array, z_px: Array, cov_px: Array) -> "Tracks":
+        """Tracks moved by (4, 4) onto the rays of views (n, 4) with covariances (n, 4, 4); not yet their `left_px`.
+
+        1/Z by a scalar Kalman update where the right side is seen.
+        """
+        points, var_rho, cov_left_px = core.update_depths(
+            p.pinholes, self.of_core, cam_from_previous, z_px, cov_px, FORGETTING
+        )
+        return replace(self, cov_left_px=cov_left_px, points=points, var_rho=var_rho)
 
     def begun_with(self, projection: StereoProjection, twist: Array) -> "Tracks":
         """Tracks that have all begun in the current camera, in which points move with a twist (6,) per second."""

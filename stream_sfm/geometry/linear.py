@@ -51,7 +51,7 @@ def scaled_cholesky(covariance: Array) -> Array:
 class Cholesky:
     """Factor of a symmetric positive definite matrix A (n, n): `root` is R, upper triangular, with R Rᵀ = A⁻¹.
 
-    And `lower` is its inverse L = R⁻ᵀ, with L Lᵀ = A. Only the lower triangle of A is read.
+    Only the lower triangle of A is read.
 
     With `repair`, a matrix that has lost definiteness to rounding gets the smallest diagonal increase that restores it.
     Raises LinAlgError where A is not positive definite.
@@ -65,7 +65,6 @@ class Cholesky:
             with suppress(np.linalg.LinAlgError):
                 factor = np.asarray(np.linalg.cholesky(scaled), np.float64)
                 self.root = core.invert_triangle(factor, scale).T
-                self.lower: Array = factor / scale[:, None]
                 return
         raise np.linalg.LinAlgError("information matrix is not positive definite")
 

@@ -47,11 +47,6 @@ class SecondMotion:
     views: NDArray[np.bool_]
     odds: float
 
-    @property
-    def is_ambiguous(self) -> bool:
-        """Whether the views cannot tell which of the two motions is that of the background."""
-        return self.odds >= _AMBIGUOUS_SHARE
-
 
 @record
 class Resection:
@@ -80,7 +75,7 @@ class Resection:
     @property
     def ambiguous(self) -> SecondMotion | None:
         """The second motion where the views cannot tell which of the two is that of the background."""
-        return self.second if self.second and self.second.is_ambiguous else None
+        return self.second if self.second and self.second.odds >= _AMBIGUOUS_SHARE else None
 
 
 def homogeneous(points: Array, cov_points: Array | None) -> tuple[Array, Array | None]:
@@ -156,11 +151,6 @@ def rules_of(
     return size, CALM_SHARE, BEYOND, second_views, _AMBIGUOUS_SHARE, start_is_close, start_is_decided
 
 
-def refine(
-    views: PointViews, weights: Array, cam_from_ref: Array, amplitudes: Array, anneal: bool = False
-) -> Resection:
-    """Find the motion of the views that agree with one (4, 4), which is close to theirs, eq. (23).
-
-    `anneal`: it need not be close; Cauchy weights come first, eq. (22).
-    """
-    return Resection(*core.fit_motion(views.of_core, cam_from_ref, amplitudes, weights, anneal))
+def refine(views: PointViews, weights: Array, cam_from_ref: Array, amplitudes: Array) -> Resection:
+    """Find the motion of the views that agree with one (4, 4), which is close to theirs, eq. (23)."""
+    return Resection(*core.fit_motion(views.of_core, cam_from_ref, amplitudes, weights, False))  # without annealing

@@ -92,6 +92,17 @@ class StereoProjection:
         return np.stack([x, y, depth], axis=-1)
 
 
+def velocities(projection: StereoProjection, points_in_cam: Array, twist: Array) -> Array:
+    """Return the velocities (n, 4), px/s, of views of homogeneous points (n, 4) with a twist (6,), or one each."""
+    return core.velocities(projection.pinholes, points_in_cam, twist.reshape(-1, 6))
+
+
+def places_over_image(projection: StereoProjection, down: int, across: int) -> Array:
+    """Return `down` × `across` positions (n, 2) all over the left image, row by row."""
+    u, v = np.linspace(0, projection.width - 1, across), np.linspace(0, projection.height - 1, down)
+    return np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2)
+
+
 def clamp_depth(points_in_cam: Array) -> Array:
     """Return a copy of points (…, 3 or 4) whose third coordinate is at least MIN_DEPTH."""
     points = points_in_cam.copy()

@@ -3,7 +3,7 @@
 A view is z = h(P) + B(z, ż) c + Φ(z) a + noise. The terms c have physical names (`terms.py`): lenses and relative
 rotation, the focal length, the delay of the right camera, the readout of a rolling shutter. Φ a is a smooth field that
 is fixed in the image (`field.py`), for all that no physical term follows. `model.py` puts them together, `sizes.py`
-learns how large each is, `velocities.py` has the velocities of views.
+learns how large each is.
 
 Not here: who estimates the errors (`estimators/cross_frame/rig_knowledge.py`, `frontend/rows.py`).
 """

@@ -6,14 +6,12 @@ process is N(0, σ² k), k = exp(−d²/(2ℓ²)), known at a grid of inducing p
 """
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from .. import core
 from ..geometry.se3 import Array
-
-FieldGrid = tuple[Array, Array, float, Array]
-NO_FIELD: FieldGrid = (np.zeros(0), np.zeros(0), 1.0, np.zeros((0, 0)))
 
 _LENGTH = 0.1  # ℓ over the image's width; the evidence of three real logs is flat from .07 to .13
 # Of the inducing points, in ℓ. At 1.25 the field follows more of its own variance, with twice the amplitudes: measured,
@@ -23,33 +21,38 @@ _LEAST_ROWS = 3  # of the grid
 _JITTER = 1e-4  # relative: the grid's own covariance stays invertible
 
 
-class Field:
-    """The basis of a field over an image: K functions of independent amplitudes with σ = 1."""
+class Field(NamedTuple):
+    """The basis of a field over an image, as the compiled core takes it: K functions of amplitudes with σ = 1.
 
-    def __init__(self, width: int, height: int) -> None:
-        self._length_px = _LENGTH * width
-        across = max(2, round(1 / (_LENGTH * _SPACING)))
-        down = max(_LEAST_ROWS, round(across * height / width))
-        self._u, self._v = (np.arange(across) + 0.5) / across * width, (np.arange(down) + 0.5) / down * height
-        nodes = np.stack(np.meshgrid(self._u, self._v), axis=2).reshape(-1, 2)
-        self._root = np.eye(len(nodes))
-        own = self.at(nodes) + _JITTER * np.eye(len(nodes))
-        self._root = np.linalg.inv(np.linalg.cholesky(own)).T
+    `u_px` and `v_px`: columns and rows of the grid of inducing points; `length_px`: ℓ; `root` (K, K): what makes
+    amplitudes of the inducing points independent.
+    """
 
-    def __len__(self) -> int:
-        return len(self._root)
+    u_px: Array
+    v_px: Array
+    length_px: float
+    root: Array
+
+    @property
+    def size(self) -> int:
+        """K."""
+        return len(self.root)
 
     def at(self, left_px: Array) -> Array:
         """Return the basis (n, K) at positions (n, 2) of the left image; 0 where one is not finite."""
-        return core.field_basis(self.of_core, left_px)
+        return core.field_basis(self, left_px)
 
-    @property
-    def of_core(self) -> FieldGrid:
-        """The grid as the compiled core takes it."""
-        return self._u, self._v, self._length_px, self._root
+
+NO_FIELD = Field(np.zeros(0), np.zeros(0), 1.0, np.zeros((0, 0)))
 
 
 @lru_cache(maxsize=8)
 def field_over(width: int, height: int) -> Field:
     """Return the field over images of this size."""
-    return Field(width, height)
+    across = max(2, round(1 / (_LENGTH * _SPACING)))
+    down = max(_LEAST_ROWS, round(across * height / width))
+    u, v = (np.arange(across) + 0.5) / across * width, (np.arange(down) + 0.5) / down * height
+    nodes = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2)
+    grid = Field(u, v, _LENGTH * width, np.eye(len(nodes)))
+    own = grid.at(nodes) + _JITTER * np.eye(len(nodes))
+    return grid._replace(root=np.linalg.inv(np.linalg.cholesky(own)).T)

@@ -11,12 +11,11 @@ from ..camera.known_timing import KnownTiming
 from ..camera.refinement import Refinement
 from ..config import RigConfig
 from ..geometry.se3 import Array
-from ..geometry.stereo import Pinholes, StereoProjection
+from ..geometry.stereo import Pinholes, StereoProjection, places_over_image
 from ..record import record
 from .estimate import CERTAIN, RigEstimate
-from .field import NO_FIELD, Field, FieldGrid, field_over
+from .field import NO_FIELD, Field, field_over
 from .terms import AT_TIMING, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
-from .velocities import TimedCameras
 
 _FOCUSING_S = 1.0  # for about so long an autofocus moves
 _LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
@@ -63,15 +62,15 @@ class RigModel:
         return cls(projection, root, known, refinement is not None, row_of, known_timing)
 
     def __len__(self) -> int:
-        return len(TERMS) + (FIELD_MOVES.shape[1] * len(self._field) if self.has_field else 0)
+        return len(TERMS) + FIELD_MOVES.shape[1] * self._field.size
 
     @property
     def _field(self) -> Field:
-        return field_over(self.projection.width, self.projection.height)
+        return field_over(self.projection.width, self.projection.height) if self.has_field else NO_FIELD
 
     @property
-    def cameras(self) -> TimedCameras:
-        """The pair as delay and readout see it."""
+    def cameras(self) -> tuple[Pinholes, tuple[tuple[int, int], Array]]:
+        """The pair, and in which rows of the cameras' own images views are exposed, as the compiled core takes it."""
         rows = ExposedRows.unknown() if self.row_of is None else self.row_of
         return self.projection.pinholes, rows.of_core
 
@@ -81,10 +80,10 @@ class RigModel:
         return np.diag(self.root)[AT_TIMING]
 
     @property
-    def of_core(self) -> tuple[Pinholes, tuple[float, float], Array, FieldGrid]:
+    def of_core(self) -> tuple[Pinholes, tuple[float, float], Array, Field]:
         """The model as the compiled core takes it."""
         p = self.projection
-        return p.pinholes, (p.width, p.height), self.root, self._field.of_core if self.has_field else NO_FIELD
+        return p.pinholes, (p.width, p.height), self.root, self._field
 
     def without_field(self) -> "RigModel":
         """Return the terms alone."""
@@ -92,7 +91,7 @@ class RigModel:
 
     def field_at(self, z_px: Array) -> Array:
         """Return the field's basis (n, K) at views (n, 4); K is 0 without a field."""
-        return core.field_basis(self.of_core[-1], z_px[:, :2])
+        return self._field.at(z_px[:, :2])
 
     def effects(self, z_px: Array, age_s: Array | float = 0.0) -> Array:
         """Return what amplitudes of 1 do to views (n, 4) of cameras at rest: (n, 4, m) px; 0 for a missing side.
@@ -220,7 +219,5 @@ def disparity_over_image(
     projection: StereoProjection, estimate: RigEstimate, shape: tuple[int, int]
 ) -> tuple[Array, Array]:
     """Return the error of the disparity at (rows, columns) = `shape` places all over the left image, and its σ; px."""
-    u, v = np.linspace(0, projection.width - 1, shape[1]), np.linspace(0, projection.height - 1, shape[0])
-    places_px = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2)
-    error_px, std_px = disparity_error(projection, estimate, places_px)
+    error_px, std_px = disparity_error(projection, estimate, places_over_image(projection, *shape))
     return error_px.reshape(shape), std_px.reshape(shape)

@@ -64,8 +64,3 @@ def mixture(mean: Array, cov: Array, size: Array, known_wrong: bool = False) -> 
     covariance in full.
     """
     return Mixture(*core.rig_mixture(mean, cov, size, _FOCAL, _IS_ZERO, _LOG_PRIOR, _COUNTS, known_wrong))
-
-
-def probability(log_odds: Array) -> Array:
-    """Return the probabilities of log odds, both of any shape."""
-    return np.asarray(0.5 + 0.5 * np.tanh(0.5 * log_odds))

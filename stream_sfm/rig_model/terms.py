@@ -17,9 +17,8 @@ from .. import core
 from ..camera.refinement import TERMS as LENS_TERMS
 from ..config import RigConfig
 from ..geometry.se3 import Array
-from ..geometry.stereo import StereoProjection
+from ..geometry.stereo import StereoProjection, places_over_image
 from .field import NO_FIELD
-from .turns import effects_of_turn, far_right_px
 
 FOCAL, DELAY, READOUT = "focal length", "delay", "readout"
 TURNING, FOCUSING = ("turning x", "turning y", "turning z"), "focusing"
@@ -51,12 +50,20 @@ def columns(projection: StereoProjection, z_px: Array, age_s: Array | float = 0.
     return core.rig_effects(units, z_px, np.atleast_1d(np.asarray(age_s, np.float64)))[0]
 
 
+def effects_of_turn(projection: StereoProjection, left_px: Array) -> Array:
+    """What a turn of the right camera does there to points at infinity, seen at left positions (n, 2), eq. (72d).
+
+    (n, 2, 3) px per radian.
+    """
+    right_px = left_px + np.array([projection.cx_right_px - projection.cx_left_px, 0.0])
+    return core.effects_of_turn(projection.pinholes, right_px)
+
+
 @lru_cache(maxsize=8)
 def terms_of_turn(projection: StereoProjection) -> Array:
     """(t, 3) units of each term per radian of a turn of the right camera: of far points it is just these."""
-    u, v = np.linspace(0, projection.width - 1, 5), np.linspace(0, projection.height - 1, 5)
-    places_px = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2)
-    by_turn = effects_of_turn(projection, far_right_px(projection, places_px))[:, 0]
+    places_px = places_over_image(projection, 5, 5)
+    by_turn = effects_of_turn(projection, places_px)[:, 0]
     by_term = columns(projection, np.tile(places_px, 2))[:, 2, DISPARITY]
     terms = np.zeros((len(TERMS), 3))
     terms[DISPARITY] = np.linalg.lstsq(by_term, by_turn, rcond=None)[0]

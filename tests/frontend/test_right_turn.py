@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from stream_sfm import core
 from stream_sfm.config import RigConfig
 from stream_sfm.frontend.right_turn import TurnWatch, with_turn
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.estimate import RigEstimate
 from stream_sfm.rig_model.model import RigModel, disparity_error
-from stream_sfm.rig_model.turns import effects_of_turn
 
 P = StereoProjection(420.0, 255.0, 257.0, 190.0, 0.16, 512, 384)
 N, STD_PX = 150, 0.08
@@ -62,7 +62,7 @@ def test_the_effect_of_a_small_turn_is_that_of_a_rotated_camera() -> None:
     p = points(np.random.default_rng(1))
     still = right_view(p, np.zeros(3))
     numerical = np.stack([(right_view(p, 1e-5 * e) - right_view(p, -1e-5 * e)) / 2e-5 for e in np.eye(3)], axis=2)
-    assert np.abs(effects_of_turn(P, still) - numerical).max() < 1e-5 * P.f_px
+    assert np.abs(core.effects_of_turn(P.pinholes, still) - numerical).max() < 1e-5 * P.f_px
 
 
 def test_a_turn_is_part_of_the_calibrations_error() -> None:

@@ -1,17 +1,17 @@
 """Rows of left and right: what is learnt about their differences, from matches of which some are wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from stream_sfm import core
 from stream_sfm.config import Config, RigConfig
 from stream_sfm.frontend import rows as rows_of
-from stream_sfm.frontend.rows import Rows
+from stream_sfm.frontend.rows import Rows, row_terms
 from stream_sfm.frontend.timing import Timing
-from stream_sfm.geometry.stereo import StereoProjection
+from stream_sfm.geometry.stereo import StereoProjection, velocities
 from stream_sfm.rig_model.field import field_over
-from stream_sfm.rig_model.turns import effects_of_turn
-from stream_sfm.rig_model.velocities import velocities
 
 P = StereoProjection(600.0, 320.0, 320.0, 240.0, 0.2, 640, 480)
 STD_PX = 0.1  # of a match
@@ -45,7 +45,7 @@ def agree(rows: Rows, left_px: np.ndarray, right_px: np.ndarray, speed: np.ndarr
 
 def variance(rows: Rows) -> np.ndarray:
     """Of what is known at rest, over the grid."""
-    terms = rows_of._terms(P.width, P.height, GRID, np.zeros(len(GRID)))
+    terms = row_terms(P, GRID, np.zeros(len(GRID)))
     return np.einsum("ni,ij,nj->n", terms, rows.cov, terms)
 
 
@@ -64,7 +64,7 @@ def learnt(
     return rows
 
 
-NO_FIELD = np.zeros(len(field_over(P.width, P.height)))
+NO_FIELD = np.zeros(field_over(P.width, P.height).size)
 
 
 def test_the_filter_is_a_dense_gaussian(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,18 +196,19 @@ def test_errors_of_rows_are_those_of_the_right_sides() -> None:
     z_px = np.concatenate([places(rng), places(rng)], axis=1)
     z_px[::3, 2:] = np.nan
     points = np.column_stack([P.rays(z_px), np.ones(N), rng.uniform(0.05, 0.5, N)])
-    timing, std_twist = Timing.unknown(P, RigConfig(), None).moved(0.5 * twist), np.repeat([0.3, 0.1], 3)
+    timing = replace(Timing.unknown(P, RigConfig(), None), twist=0.5 * twist)
+    std_twist = np.repeat([0.3, 0.1], 3)
     unknown, cov_turn = timing.unknowns(rows, points, points, z_px, twist, std_twist)
     cameras, moving = (P.pinholes, timing.row_of.of_core), [(points, at) for at in (0.5 * twist, twist)]
     others = core.timing_unknowns(*cameras, *moving, timing.mean, timing.cov, std_twist)
     seen = np.isfinite(z_px[:, 2])
-    terms = rows_of._terms(P.width, P.height, z_px[:, :2], velocities(P, points, twist)[:, 3])
+    terms = row_terms(P, z_px[:, :2], velocities(P, points, twist)[:, 3])
     errors = seen[:, None] * (terms @ np.linalg.cholesky(rows.cov))
     dense = np.concatenate([others, np.zeros((N, 4, errors.shape[1]))], axis=2)
     dense[:, 3, others.shape[2] :] = errors
     dense, found = dense.reshape(4 * N, -1), unknown.reshape(4 * N, -1)
     assert found @ found.T == pytest.approx(dense @ dense.T, abs=0.02)  # px², but for what does not matter
-    by_turn = effects_of_turn(P, z_px[seen, 2:])
+    by_turn = core.effects_of_turn(P.pinholes, z_px[seen, 2:])
     turns = np.linalg.solve(np.einsum("nia,nib->ab", by_turn, by_turn), by_turn[:, 1].T @ errors[seen])
     by_delay = timing.cov[0, 0] * np.outer(twist[3:], twist[3:])
     assert cov_turn == pytest.approx(turns @ turns.T + by_delay, rel=1e-9)

@@ -12,8 +12,7 @@ from stream_sfm.engine import Engine
 from stream_sfm.frontend.timing import Timing
 from stream_sfm.frontend.tracks import Tracks
 from stream_sfm.geometry import se3
-from stream_sfm.geometry.stereo import StereoProjection
-from stream_sfm.rig_model.velocities import velocities
+from stream_sfm.geometry.stereo import StereoProjection, velocities
 from tests.helpers.estimators import nees
 from tests.helpers.wall import Wall, rig
 

@@ -5,6 +5,7 @@ from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config
 from stream_sfm.frontend.front_end import StereoFrontEnd
+from stream_sfm.frontend.prepared import PreparedImages
 from stream_sfm.frontend.state import FrontEndState
 from stream_sfm.types import Observations, StereoFrame
 
@@ -25,6 +26,7 @@ class SteppedFrontEnd:
 
     def step(self, frame: StereoFrame) -> Observations:
         """Observations of the next frame."""
-        images = self.front_end.prepare(*self.rectifier.rectify(frame.left, frame.right))
+        smoothing_px = self.front_end.setup.config.frontend.smoothing_px
+        images = PreparedImages.of(*self.rectifier.rectify(frame.left, frame.right), smoothing_px)
         self.state, observed = self.front_end.step(self.state, images, frame.stamp_ns)
         return observed

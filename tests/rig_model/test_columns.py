@@ -12,7 +12,7 @@ from stream_sfm.estimators.cross_frame.exposure_clock import ExposureClock
 from stream_sfm.estimators.cross_frame.twist_error import TwistError
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
-from stream_sfm.geometry.stereo import StereoProjection
+from stream_sfm.geometry.stereo import StereoProjection, velocities
 from stream_sfm.rig_model.estimate import RigEstimate
 from stream_sfm.rig_model.model import RigModel, disparity_over_image
 from stream_sfm.rig_model.terms import (
@@ -26,8 +26,6 @@ from stream_sfm.rig_model.terms import (
     prior_std,
     terms_of_turn,
 )
-from stream_sfm.rig_model.turns import effects_of_turn
-from stream_sfm.rig_model.velocities import velocities
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 RNG = np.random.default_rng(3)
@@ -106,7 +104,7 @@ def test_errors_that_grow_are_those_of_their_age() -> None:
     age_s = np.linspace(0, 3, len(Z_PX))
     found = columns(P, Z_PX, age_s=age_s)
     at = [TERMS.index(term) for term in TURNING]
-    assert found[:, 2, at] == pytest.approx(age_s[:, None] * effects_of_turn(P, Z_PX[:, 2:])[:, 0])
+    assert found[:, 2, at] == pytest.approx(age_s[:, None] * core.effects_of_turn(P.pinholes, Z_PX[:, 2:])[:, 0])
     focusing, focal = found[..., TERMS.index(FOCUSING)], found[..., TERMS.index(FOCAL)]
     assert focusing == pytest.approx(age_s[:, None] * focal)
     model, rates = RigModel.of(P, RigConfig()), np.zeros(len(RigModel.of(P, RigConfig())))

@@ -20,8 +20,7 @@ from ...types import LastingErrors, MapStart, Observations
 from ..alignment import TemplateAligner
 from ..image_checks import image_note
 from ..new_points import begin_tracks, detect_missing
-from ..prepared import Image, PreparedImages
-from ..right_turn import RightTurn
+from ..prepared import PreparedImages
 from ..rows import Rows
 from ..state import FrontEndState, Setup
 from ..template_errors import TemplateErrors, turn_of_slides
@@ -55,21 +54,12 @@ class MonoFrontEnd:
             aligners={1: TemplateAligner.empty(config.frontend, valid)},
             timing=Timing.unknown(projection, RigConfig(exact=True), None),  # one camera is not late
             rows=Rows.unknown(projection, config),
-            turn=RightTurn(projection),
             turn_watch=None,
             errors=TemplateErrors(least_px=0.0),  # there is no other patch
         )
 
-    def prepare(
-        self,
-        left: Image,
-        right: Image,
-        frame_index: int | None = None,
-        stamp_ns: int | None = None,
-        grey_bits: int | None = None,
-    ) -> PreparedImages:
-        """As `FrontEnd.prepare`, of the left image; corners are rarely wanted, and computed in `step`."""
-        return PreparedImages.of(left, left, self.setup.config.frontend.smoothing_px, stamp_ns, grey_bits)
+    def prepare(self, images: PreparedImages, frame_index: int) -> None:
+        """As `FrontEnd.prepare`: nothing, as corners are rarely wanted, and computed in `step`."""
 
     def step(
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int
@@ -164,11 +154,7 @@ class MonoFrontEnd:
         rho, left_px = np.full(n, state.map.rho_scene if mapped else 0.0), corners_px.astype(float)
         points = np.column_stack([self.setup.projection.rays(left_px), np.ones(n), rho])
         cov_px, var_rho = aligner.noise.typical_cov(n), (UNKNOWN_DEPTH_STD * rho) ** 2
-        state = replace(
-            state,
-            aligners={1: aligner},
-            map=state.map if mapped else replace(state.map, n_opened=n),
-        )
+        state = replace(state, aligners={1: aligner}, map=state.map if mapped else replace(state.map, n_opened=n))
         return begin_tracks(state, slots, left_px, cov_px, points, var_rho, np.zeros((n, 2)))
 
 

@@ -5,8 +5,7 @@ import numpy as np
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_DEPTH, StereoProjection
-from ..stereo_depth import FORGETTING
-from ..tracks import Tracks
+from ..tracks import FORGETTING, Tracks
 
 _NO_PARALLAX = 1e-12  # information about inverse depth of a view that shows none: keeps its variance finite
 
