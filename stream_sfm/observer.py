@@ -19,8 +19,8 @@ from .camera.rig import MonoRig, StereoRig
 from .camera.unseen_errors import PhysicalAxes
 from .config import Config
 from .errors import ConfigError, FrameError
-from .frontend import FrontEnd
 from .frontend.front_end import StereoFrontEnd
+from .frontend.mono.front_end import MonoFrontEnd
 from .frontend.pair_check import resolution_problem
 from .frontend.prepared import PreparedImages
 from .frontend.state import FrontEndState
@@ -67,7 +67,7 @@ class Observer:
         self.rig = _used_cameras(rig, config)
         self.rectifier = Rectifier(self.rig)
         self.projection: StereoProjection = self.rectifier.projection
-        self._frontend: FrontEnd
+        self._frontend: StereoFrontEnd | MonoFrontEnd
         if isinstance(self.rig, StereoRig):
             valid, refinement = self.rectifier.valid, self.rig.refinement
             row_of = self.rectifier.rows_of
@@ -75,8 +75,6 @@ class Observer:
                 self.projection, config, valid, refinement, row_of, self.rig.timing, resolution_problem(self.rig)
             )
         else:
-            from .frontend.mono.front_end import MonoFrontEnd
-
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self.state: FrontEndState = self._frontend.start
         self._smoothing_px = config.frontend.smoothing_px

@@ -23,7 +23,7 @@ from stream_sfm import Engine, Trajectory, open_log
 from stream_sfm.config import Config
 from stream_sfm.evaluation.summary import evaluate
 from stream_sfm.frontend.ambiguity import AmbiguityMemory
-from stream_sfm.geometry.resection import resect_views
+from stream_sfm.geometry.resection import resect
 from stream_sfm.recording.stereo_log import StereoLog
 
 WORSE = 1.1  # times the ATE: starting one frame later changes it by as much
@@ -39,7 +39,10 @@ RULES: dict[str, tuple[str, Any]] = {
     ),
     "history weights": ("frontend.tracks.Tracks.weights", property(lambda self: np.ones(len(self)))),
     "second motion": ("geometry.resection.MIN_SECOND_VIEWS", 10**9),
-    "one rigid body": ("frontend.tracker.resect_views", lambda *a, predicted: resect_views(*a)),
+    "one rigid body": (
+        "frontend.tracker.resect",
+        lambda views, start, weights, predicted: resect(views, start, weights),
+    ),
     "ambiguity lasts": (
         "frontend.ambiguity.AmbiguityMemory.after",
         lambda self, motion, agreed, rival=None: (AmbiguityMemory(), motion.ambiguous or rival, False),
@@ -51,8 +54,8 @@ RULES: dict[str, tuple[str, Any]] = {
     "repetition": ("frontend.tracker.rival_motion", lambda *_: None),
     "global search": ("geometry.resection.CALM_SHARE", -1.0),
     "noise of bad frames": (
-        "frontend.tracker.resect_views",
-        lambda *a, **k: replace(resect_views(*a, **k), spread=1.0),
+        "frontend.tracker.resect",
+        lambda *a, **k: replace(resect(*a, **k), spread=1.0),
     ),
     "depths forget": ("frontend.tracks.FORGETTING", 1.0),
     "drift of templates": ("core.template_drift", lambda points, *_: np.zeros(len(points))),

@@ -50,7 +50,7 @@ def stages() -> dict[str, list[tuple[Any, str]]]:
     return {
         "rectify": [(Rectifier, "rectify")],
         "track": [(rough_motion, "track"), (tracker, "align")],
-        "PnP": [(tracker, "resect_views"), (window, "initial_motion")],
+        "PnP": [(tracker, "resect"), (window, "initial_motion")],
         "detect": [(new_points, "detect_missing")],
         "stereo": [(front_end, "begin_points")],  # detect included
         "window": [(window, "absorb_oldest_frame"), (window, "minimise")],

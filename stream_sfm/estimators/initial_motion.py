@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ..config import RobustConfig
 from ..geometry import se3
+from ..geometry.point_views import PointViews
 from ..geometry.resection import Resection, SecondMotion, resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
@@ -29,22 +30,25 @@ def initial_motion(
     `points_in_previous` (n, 3) m or (n, 4) homogeneous with covariances: the local structure of the previous camera.
     The start is the front-end's own motion, else the prediction of the motion model; where few views agree with what it
     leads to, `resect` searches the whole space of motions, unless the front-end has decided between two. `weights`
-    (n,) and `shared` (n, 4, j): as in `resect`.
+    (n,): as in `resect`; `shared` (n, 4, j): as in `PointViews`.
     """
     start, ambiguity = observations.cam_from_previous, observations.ambiguity
     try:
-        found = resect(
+        views = PointViews(
             projection,
             points_in_previous,
             cov_points,
             observations.z_px[rows],
             observations.cov_px[rows],
-            cam_from_previous_predicted if start is None else start,
             config.gate_probability,
+            shared,
+        )
+        found = resect(
+            views,
+            cam_from_previous_predicted if start is None else start,
             weights,
-            start_is_close=start is not None,
             find_second=start is None,
-            shared=shared,
+            start_is_close=start is not None,
             start_is_decided=ambiguity is not None and ambiguity.other_from_previous is not None,
         )
     except np.linalg.LinAlgError:

@@ -37,7 +37,10 @@ _HIDDEN = "the background is hidden: what can be followed has moved by itself"
 
 
 class StereoFrontEnd:
-    """Follows points through rectified pairs; nothing in it changes (see `FrontEnd`).
+    """Follows points through rectified pairs.
+
+    Nothing in it changes: what is learnt from frames is in the `FrontEndState`, `start` before the first one, which
+    each step replaces. So a state can be kept, copied and gone on from more than once.
 
     `valid` (h, w): pixels of the left image that hold picture. `refinement`: errors of the calibration that are known,
     which the observations do not have any more. `row_of`, `known_timing`: as in `RigModel`. `problem`: what is wrong
@@ -65,14 +68,17 @@ class StereoFrontEnd:
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
-        """As `FrontEnd.prepare`: the corners, where the frame is going to need them."""
+        """Compute now what `step` would compute: corners, where a frame of this index needs them.
+
+        Any thread may call it at any time, in any order, also for frames that are never stepped.
+        """
         if renews(frame_index):
             _ = images.corner_strength  # computed now, kept for `step`
 
     def step(
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int
     ) -> tuple[FrontEndState, Observations]:
-        """As `FrontEnd.step`."""
+        """Return the state after the next frame, and the frame's observations; stamps ascend."""
         state, change = self._take_out_turn(state)
         state, observed = self._step(state, images, stamp_ns)
         state = replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns)
@@ -186,11 +192,11 @@ class StereoFrontEnd:
         )
 
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
-        """As `FrontEnd.learn`."""
+        """Take in what an estimator has found out about the rig with the latest frame, in units of σ."""
         return learn_timing(self.setup.projection, state, *self.rig.timing(estimate.mean, estimate.cov))
 
     def rig_in_px(self, state: FrontEndState, estimate: RigEstimate | None) -> RigEstimate | None:
-        """As `FrontEnd.rig_in_px`."""
+        """Return errors of the calibration in units of their σ, in pixels."""
         if estimate is None:
             return None
         found, rad = self.rig.in_units(estimate), state.turn_rad

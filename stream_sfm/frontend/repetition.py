@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.point_views import PointViews
 from ..geometry.resection import MIN_SECOND_VIEWS, MIN_VIEWS, SecondMotion, resect
 from ..geometry.se3 import Array
 from .prepared import Image, PreparedImages
@@ -33,16 +34,10 @@ def rival_motion(
         return None
     seen = np.isfinite(rivals_px[:, 0])
     alike = tracks.keep(rows[seen])
-    motion = resect(
-        setup.projection,
-        alike.points,
-        alike.cov_points(setup.projection),
-        rivals_px[seen],
-        np.broadcast_to(_STD_PX**2 * np.eye(4), (len(alike), 4, 4)),
-        np.eye(4),
-        setup.config.robust.gate_probability,
-        find_second=False,
-    )
+    points = alike.points, alike.cov_points(setup.projection)
+    cov_px = np.broadcast_to(_STD_PX**2 * np.eye(4), (len(alike), 4, 4))
+    views = PointViews(setup.projection, *points, rivals_px[seen], cov_px, setup.config.robust.gate_probability)
+    motion = resect(views, np.eye(4), find_second=False)
     if not motion.ok or motion.share < _SHARE:
         return None
     return SecondMotion(motion.cam_from_ref, motion.cov_pose, views=np.zeros(len(tracks), bool), odds=1.0)
@@ -81,12 +76,14 @@ def _rival(before: Image, now: Image, before_px: Array, at_px: Array) -> Array:
     """
     none = np.full(2, np.nan)
     from_px, to_px = np.rint(before_px / 2).astype(int), np.rint(at_px / 2).astype(int)
-    patch = _cut(before, from_px, _HALF)
     reach = now.shape[1] // _REACH + _HALF
     first = np.maximum(to_px - reach, 0)
     window = now[first[1] : to_px[1] + reach, first[0] : to_px[0] + reach]
-    if patch is None or min(window.shape) < 2 * _HALF + 3:
+    inside = (from_px >= _HALF).all() and (from_px + _HALF < before.shape[::-1]).all()
+    if not inside or min(window.shape) < 2 * _HALF + 3:
         return none
+    columns, rows = (slice(k - _HALF, k + _HALF + 1) for k in from_px)
+    patch = before[rows, columns]
     alike = cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED)
     u, v = to_px - first - _HALF  # where flow has found it
     near = tuple(slice(max(k - _HALF // 2, 0), k + _HALF // 2 + 1) for k in (v, u))  # no rivals
@@ -100,11 +97,3 @@ def _rival(before: Image, now: Image, before_px: Array, at_px: Array) -> Array:
         return none
     places_px = 2.0 * (at + first + _HALF)
     return np.asarray(places_px[np.argmin(np.linalg.norm(places_px - before_px, axis=1))])
-
-
-def _cut(image: Image, at_px: NDArray[np.intp], half: int) -> Image | None:
-    """The patch (2 half + 1)² around a pixel; None where it is not inside."""
-    u, v = at_px
-    if u < half or v < half or u + half >= image.shape[1] or v + half >= image.shape[0]:
-        return None
-    return image[v - half : v + half + 1, u - half : u + half + 1]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .. import core
 from ..geometry import se3
 from ..geometry.point_views import PointViews
-from ..geometry.resection import MANY_VIEWS, Resection, SecondMotion, resect_views
+from ..geometry.resection import MANY_VIEWS, Resection, SecondMotion, resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record, rows_of
@@ -245,7 +245,7 @@ def _resect(
     before, weights, gate_probability = known.before, known.weights, setup.config.robust.gate_probability
     seen = before.points, known.cov_points, views.z_px, views.cov_px
     point_views = PointViews(setup.projection, *seen, gate_probability, known.unknown_px)
-    motion = resect_views(point_views, start, weights, predicted=predicted)
+    motion = resect(point_views, start, weights, predicted)
     if motion.ok and not state.start.is_over:
         motion = decided(before, point_views, weights, motion)
     agree = motion.ok and weights[motion.accepted].sum() >= _MIN_AGREEMENT * known.weight

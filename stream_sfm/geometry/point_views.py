@@ -9,8 +9,9 @@ from .stereo import StereoProjection
 
 
 class PointViews:
-    """Homogeneous points (n, 4) in a reference camera with covariances (n, 4, 4) (None: exact), and their views.
+    """Points (n, 3) m, or (n, 4) homogeneous, in a reference camera, and their views.
 
+    `cov_points` (n, 3, 3) or (n, 4, 4) of the same dimension, None of exact points.
     `z_px` (n, 4) with NaN where the right side is missing, `cov_px` (n, 4, 4). `gate` (n,): the squared residual under
     which a share `gate_probability` of good views stays. `shared` (n, 4, j): what errors that all views share do to
     them, by unknown amplitudes of σ = 1.
@@ -23,11 +24,17 @@ class PointViews:
         cov_points: Array | None,
         z_px: Array,
         cov_px: Array,
-        gate_probability: float,
+        gate_probability: float = 0.999,
         shared: Array | None = None,
     ) -> None:
+        n = len(z_px)
+        if points.shape[-1] == 3:
+            points, cov_metric = np.concatenate([points, np.ones((n, 1))], axis=1), cov_points
+            if cov_metric is not None:
+                cov_points = np.zeros((n, 4, 4))
+                cov_points[:, :3, :3] = cov_metric
         self.projection = projection
-        self.shared = np.zeros((len(z_px), 4, 0)) if shared is None else shared
+        self.shared = np.zeros((n, 4, 0)) if shared is None else shared
         self.gate = core.gates_of_views(z_px, chi2_gate(2, gate_probability), chi2_gate(4, gate_probability))
         cov_points = np.empty((0, 4, 4)) if cov_points is None else cov_points
         # the arrays that the compiled core takes

@@ -78,64 +78,28 @@ class Resection:
         return self.second if self.second and self.second.odds >= _AMBIGUOUS_SHARE else None
 
 
-def homogeneous(points: Array, cov_points: Array | None) -> tuple[Array, Array | None]:
-    """Return points (n, 3) and covariances (n, 3, 3) as homogeneous ones (n, 4), (n, 4, 4)."""
-    n = len(points)
-    cov = None
-    if cov_points is not None:
-        cov = np.zeros((n, 4, 4))
-        cov[:, :3, :3] = cov_points
-    return np.concatenate([points, np.ones((n, 1))], axis=1), cov
-
-
 def resect(
-    projection: StereoProjection,
-    points_in_ref: Array,
-    cov_points: Array | None,
-    z_px: Array,
-    cov_px: Array,
-    cam_from_ref_start: Array,
-    gate_probability: float = 0.999,
-    weights: Array | None = None,
-    start_is_close: bool = False,
-    find_second: bool = True,
-    shared: Array | None = None,
-    start_is_decided: bool = False,
-) -> Resection:
-    """Find the motion `cam_from_ref` that brings points onto their views, eqs. (20)–(23).
-
-    `points_in_ref` (n, 3) metres or (n, 4) homogeneous, `cov_points` of the same dimension (None: exact),
-    `z_px` (n, 4) with NaN where the right side is missing, `cov_px` (n, 4, 4), start (4, 4). `weights` (n,): how much
-    each view counts where sets of views vote for different motions (None: all the same); among the views of one motion
-    only their noise counts. `start_is_close`: the start is already a motion that most of these views agree on, the best
-    of any; where nearly all of them do, neither another start nor annealing is needed. `find_second`: whether a second
-    motion is looked for. `shared` (n, 4, j): what errors of σ = 1 that all views share do to them; they are estimated
-    with the motion. `start_is_decided`: no motion of other views is looked for.
-    """
-    if points_in_ref.shape[-1] == 3:
-        points_in_ref, cov_points = homogeneous(points_in_ref, cov_points)
-    views = PointViews(projection, points_in_ref, cov_points, z_px, cov_px, gate_probability, shared)
-    weights = np.ones(len(views)) if weights is None else weights
-    rules = rules_of(projection, find_second, start_is_close, start_is_decided)
-    return resect_views(views, cam_from_ref_start, weights, rules)
-
-
-def resect_views(
     views: PointViews,
     cam_from_ref_start: Array,
-    weights: Array,
-    rules: Rules | None = None,
+    weights: Array | None = None,
     predicted: Array | None = None,
+    find_second: bool = True,
+    start_is_close: bool = False,
+    start_is_decided: bool = False,
 ) -> Resection:
-    """As `resect`; `rules`: as in `rules_of`, those of a start that need not be close where there are none.
+    """Find the motion `cam_from_ref` that brings points onto their views (n), eqs. (20)–(23), from a start (4, 4).
 
-    With a `predicted` motion (4, 4), that of one rigid scene: where a body and the background agree with a motion
-    between theirs, each view within its noise, halves of the views disagree, and the motion is sought again.
+    Errors that the views share are estimated with it. `weights` (n,): how much each view counts where sets of views
+    vote for different motions (None: all the same); among the views of one motion only their noise counts. With a
+    `predicted` motion (4, 4), that of one rigid scene: where a body and the background agree with a motion between
+    theirs, each view within its noise, halves of the views disagree, and the motion is sought again. `find_second`,
+    `start_is_close`, `start_is_decided`: as in `rules_of`.
     """
-    n, rules = len(views), rules_of(views.projection) if rules is None else rules
+    n, rules = len(views), rules_of(views.projection, find_second, start_is_close, start_is_decided)
     if n < MIN_VIEWS:
         unknown = np.full((6, 6), np.inf)
         return Resection(cam_from_ref_start, unknown, np.zeros(n, bool), 0.0, 0, 1.0, False, np.full(n, np.inf))
+    weights = np.ones(n) if weights is None else weights
     found, second = core.resect(views.of_core, cam_from_ref_start, weights, rules, predicted)
     return Resection(*found, None if second is None else SecondMotion(*second))
 
@@ -146,7 +110,12 @@ def rules_of(
     start_is_close: bool = False,
     start_is_decided: bool = False,
 ) -> Rules:
-    """Return the rules of a resection as the compiled core takes them; arguments as of `resect`."""
+    """Return the rules of a resection as the compiled core takes them.
+
+    `find_second`: whether a second motion is looked for. `start_is_close`: the start is already a motion that most of
+    the views agree on, the best of any; where nearly all of them do, neither another start nor annealing is needed.
+    `start_is_decided`: no motion of other views is looked for.
+    """
     size, second_views = (projection.width, projection.height), MIN_SECOND_VIEWS if find_second else sys.maxsize
     return size, CALM_SHARE, BEYOND, second_views, _AMBIGUOUS_SHARE, start_is_close, start_is_decided
 

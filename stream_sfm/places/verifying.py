@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..frontend.templates import TemplateAtlas
 from ..geometry import se3
+from ..geometry.point_views import PointViews
 from ..geometry.resection import Resection, resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection
@@ -113,7 +114,8 @@ class Verifier:
         if len(rows) < SETTINGS.min_views:
             return None
         cov_px = np.broadcast_to(SETTINGS.std_px**2 * np.eye(4), (len(rows), 4, 4))
-        motion = resect(p, points[rows], old.cov_points[rows].astype(float), views, cov_px, new_from_old)
+        of_points = PointViews(p, points[rows], old.cov_points[rows].astype(float), views, cov_px)
+        motion = resect(of_points, new_from_old)
         return motion if motion.ok and self._is_spread(views[motion.accepted]) else None
 
     def _old_from_new(self, points: Array, new_from_old: Array) -> Array:

@@ -41,7 +41,7 @@ _LOST = "the motion was lost; a new map needs parallax"
 
 
 class MonoFrontEnd:
-    """Follows points through the rectified images of one camera; nothing in it changes (see `FrontEnd`).
+    """Follows points through the rectified images of one camera; nothing in it changes (see `StereoFrontEnd`).
 
     `projection` has a virtual right camera.
     """
@@ -59,12 +59,12 @@ class MonoFrontEnd:
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
-        """As `FrontEnd.prepare`: nothing, as corners are rarely wanted, and computed in `step`."""
+        """As `StereoFrontEnd.prepare`: nothing, as corners are rarely wanted, and computed in `step`."""
 
     def step(
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int
     ) -> tuple[FrontEndState, Observations]:
-        """As `FrontEnd.step`; no views while depths are not observable."""
+        """As `StereoFrontEnd.step`; no views while depths are not observable."""
         if state.map.mapped:
             state, followed = self._follow(state, images, stamp_ns)
         else:
@@ -92,11 +92,11 @@ class MonoFrontEnd:
         return state, replace(observed, note=note)
 
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
-        """As `FrontEnd.learn`; one camera has no rig that could err."""
+        """As `StereoFrontEnd.learn`; one camera has no rig that could err."""
         return state
 
     def rig_in_px(self, state: FrontEndState, estimate: RigEstimate | None) -> RigEstimate | None:
-        """As `FrontEnd.rig_in_px`: None, because a single camera has no rig."""
+        """As `StereoFrontEnd.rig_in_px`: None, because a single camera has no rig."""
         return None
 
     def _follow(
