@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from stream_sfm.camera.exposed_rows import ExposedRows
 from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.config import Config, RigConfig, WindowConfig
 from stream_sfm.estimators import make_estimator
@@ -21,6 +20,7 @@ from stream_sfm.rig_model.terms import FOCAL, TERMS
 from stream_sfm.simulation.scenes import MOTIONS, Scene, Sequence
 from stream_sfm.types import Observations, RigView, Solution
 from tests.helpers.estimators import nees, run
+from tests.helpers.rectified import own_rows
 
 STD_PX = 0.15
 TRIALS = 8
@@ -106,16 +106,13 @@ class Flight:
     """A smooth path before points, seen by a right camera that is late, and shutters that read out row by row."""
 
     P = StereoProjection(600.0, 256.0, 256.0, 240.0, 0.25, 512, 480)
-    PERIOD_S = 0.05
+    PERIOD_S, row_of = 0.05, own_rows(P)
 
     def __init__(self, seed: int, delay_s: float, readout_s: float, frames: int) -> None:
         self.rng = np.random.default_rng(seed)
         self.delay_s, self.readout_s, self.frames = delay_s, readout_s, frames
         depth_m = self.rng.uniform(2, 6, 200)
         self.points = np.c_[self.rng.uniform([-0.7, -0.5], [0.7, 0.5], (200, 2)) * depth_m[:, None], depth_m]
-
-    # (v + ½)/h − ½ of v = h (y + 1)/2
-    row_of = ExposedRows((P.width, P.height), np.array([[[0.5 / P.height, 0.5], [0.0, 0.0]]]))
 
     def world_from_cam(self, seconds: Array) -> Array:
         """Poses (n, 4, 4) at times (n,): half a metre per second, and 30° per second, that change in half a second."""

@@ -6,37 +6,31 @@ import stream_sfm as sfm
 from stream_sfm.camera.models import Camera
 from stream_sfm.geometry import se3
 from tests.helpers.estimators import nees
-from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
+from tests.helpers.wall import Wall, camera_path, rig
 
 STEREO = rig()
 BODY_M = 1.5  # its distance; the wall is twice as far away
 HALF_VIEW_M = BODY_M * 160 / 260
 
 
-class Passing:
+class Passing(Wall):
     """A wall, and in front of it a flat body of some width whose right edge is at x = `edge_m` of the first camera."""
 
-    def __init__(self, width_m: float, body_m: float = BODY_M) -> None:
-        self.width_m, self.body_m = width_m, body_m
-        self.wall, self.body = Wall(0), Wall(7)
+    def __init__(self, width_m: float, body_m: float) -> None:
+        super().__init__(0)
+        self.width_m, self.body_m, self.edge_m, self.body = width_m, body_m, 0.0, Wall(7)
 
-    def frame(self, world_from_cam: np.ndarray, edge_m: float, index: int) -> sfm.StereoFrame:
-        """What both cameras see; the body's texture moves with its edge."""
-        self.body.world_from_wall = se3.exp([edge_m, 0, self.body_m, 0, 0, 0])
-        world_from_right = world_from_cam @ se3.inverse(STEREO.right_from_left)
-        return sfm.StereoFrame(
-            index * PERIOD_NS,
-            self.image(STEREO.left, world_from_cam, edge_m),
-            self.image(STEREO.right, world_from_right, edge_m),
-        )
-
-    def image(self, camera: Camera, world_from_cam: np.ndarray, edge_m: float) -> np.ndarray:
-        """The body's columns in front of the wall's."""
-        edges = np.array([[edge_m - self.width_m, 0, self.body_m], [edge_m, 0, self.body_m]])
+    def image(self, camera: Camera, world_from_cam: np.ndarray, noise: float = 1.0) -> np.ndarray:
+        """The body's columns in front of the wall's; its texture moves with its edge."""
+        self.body.world_from_wall = se3.exp([self.edge_m, 0, self.body_m, 0, 0, 0])
+        edges = np.array([[self.edge_m - self.width_m, 0, self.body_m], [self.edge_m, 0, self.body_m]])
         in_cam = se3.transform(se3.inverse(world_from_cam), edges)
         left, right = camera.K[0, 0] * in_cam[:, 0] / in_cam[:, 2] + camera.K[0, 2]
         columns = np.arange(camera.width)
-        behind, before = self.wall.image(camera, world_from_cam), self.body.image(camera, world_from_cam)
+        behind, before = (
+            super().image(camera, world_from_cam, noise),
+            self.body.image(camera, world_from_cam, noise),
+        )
         return np.where((columns > left) & (columns < right), before, behind)
 
 
@@ -46,8 +40,8 @@ def estimated(
     """Estimates of all frames, and how far off each pose is: χ² with six degrees of freedom where σ is right."""
     engine, scene, poses = sfm.Engine(STEREO), Passing(width_m, body_m), camera_path(len(edges_m))
     estimates, squares = [], []
-    for index, (pose, edge_m) in enumerate(zip(poses, edges_m, strict=True)):
-        estimates.append(engine.step(scene.frame(pose, edge_m, index)))
+    for index, (pose, scene.edge_m) in enumerate(zip(poses, edges_m, strict=True)):
+        estimates.append(engine.step(scene.frame(STEREO, pose, index)))
         squares.append(nees(estimates[-1].world_from_cam, estimates[-1].cov_pose, pose) if index else 0.0)
     return estimates, np.array(squares)
 

@@ -41,10 +41,6 @@ class Run:
     def problem(self) -> str:
         return self.check.problem
 
-    def learn_rows(self, at_px: np.ndarray, difference_px: np.ndarray) -> None:
-        """Of points far away, whose rows do not move."""
-        self.rows = self.rows.learnt(at_px, difference_px, np.zeros(len(at_px)))
-
     def show(self, fitting: PairFit | None, next_id: int = 1000, frozen: bool = False) -> bool:
         self.frame += 1
         now, before = images(self.frame), images(self.frame - (not frozen))
@@ -53,9 +49,10 @@ class Run:
         return start_anew
 
 
-def test_a_good_pair_is_no_problem():
+@pytest.mark.parametrize("seen", [[(95, 95), (95, 80), (95, 60)], [(11, 0)]], ids=["a good pair", "few points"])
+def test_a_good_pair_is_no_problem_and_few_points_are_no_evidence(seen: list[tuple[int, int]]):
     run = Run()
-    assert not any(run.show(fit(0, 95, both)) for both in (95, 80, 60))
+    assert not any(run.show(fit(0, left, both)) for left, both in seen)
     assert run.problem == ""
 
 
@@ -70,12 +67,6 @@ def test_right_sides_that_are_missing_are_a_problem_until_old_points_are_back():
     run.show(fit(1000, 95, 95))  # tracks that began meanwhile do not end it
     assert run.problem
     assert not run.show(fit(0, 40, 35))
-    assert run.problem == ""
-
-
-def test_few_points_are_no_evidence():
-    run = Run()
-    run.show(fit(0, 11, 0))
     assert run.problem == ""
 
 
@@ -100,14 +91,14 @@ def far_apart(run: Run) -> None:
     x, y = np.meshgrid(np.linspace(0, 319, 12), np.linspace(0, 239, 12))
     at = np.stack([x.ravel(), y.ravel()], axis=1)
     for _ in range(10):
-        run.learn_rows(at, 0.02 * (at[:, 0] - 160))
+        run.rows = run.rows.learnt(at, 0.02 * (at[:, 0] - 160), np.zeros(len(at)))
     assert 3.0 < run.rows.largest_px < 3.4
 
 
 def scattered(run: Run) -> None:
     at = np.random.default_rng(0).uniform((0, 0), (319, 239), (200, 2))
     for seed in range(40):
-        run.learn_rows(at, np.random.default_rng(seed).normal(scale=0.8, size=len(at)))
+        run.rows = run.rows.learnt(at, np.random.default_rng(seed).normal(scale=0.8, size=200), np.zeros(200))
 
 
 def noisy(run: Run) -> None:

@@ -10,17 +10,12 @@ from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.estimate import RigEstimate
 from stream_sfm.rig_model.model import RigModel, disparity_error
+from tests.helpers.rectified import scattered_points
 
 P = StereoProjection(420.0, 255.0, 257.0, 190.0, 0.16, 512, 384)
 N, STD_PX = 150, 0.08
 YAW = np.array([0.0, 1e-3, 0.0])
 NONE = np.zeros(3)
-
-
-def points(rng: np.random.Generator) -> np.ndarray:
-    """Homogeneous points (N, 4) all over the image, 2 to 20 m away."""
-    rays = np.stack([rng.uniform(-0.55, 0.55, N), rng.uniform(-0.4, 0.4, N), np.ones(N)], axis=1)
-    return np.concatenate([rays, 1 / rng.uniform(2, 20, (N, 1))], axis=1)
 
 
 def right_view(p: np.ndarray, rad: np.ndarray) -> np.ndarray:
@@ -32,7 +27,7 @@ def right_view(p: np.ndarray, rad: np.ndarray) -> np.ndarray:
 
 def frame(rng: np.random.Generator, rad: np.ndarray, motion: np.ndarray) -> tuple[np.ndarray, ...]:
     """What a watch is given of a frame: points and views with covariances, a motion that is nearly right."""
-    p = points(rng)
+    p = scattered_points(rng, N)
     cov_points = np.zeros((N, 4, 4))
     std_q = 0.03 / P.f_px * np.array([1, 1, 1 / P.baseline_m])
     cov_points[:, [0, 1, 3], [0, 1, 3]] = std_q**2
@@ -59,8 +54,8 @@ def watched(
 
 
 def test_the_effect_of_a_small_turn_is_that_of_a_rotated_camera() -> None:
-    p = points(np.random.default_rng(1))
-    still = right_view(p, np.zeros(3))
+    p = scattered_points(np.random.default_rng(1), N)
+    still = right_view(p, NONE)
     numerical = np.stack([(right_view(p, 1e-5 * e) - right_view(p, -1e-5 * e)) / 2e-5 for e in np.eye(3)], axis=2)
     assert np.abs(core.effects_of_turn(P.pinholes, still) - numerical).max() < 1e-5 * P.f_px
 
@@ -72,17 +67,16 @@ def test_a_turn_is_part_of_the_calibrations_error() -> None:
     zero, cov = np.zeros(len(model)), 1e-6 * np.eye(len(model))
     estimate = with_turn(model, RigEstimate(zero, cov, 0.0, zero, cov, np.ones(len(model))), rad)
     assert estimate.applied
-    p = points(np.random.default_rng(3))
+    p = scattered_points(np.random.default_rng(3), N)
     p[:, 3] = 0
     left_px = P.project_homogeneous(p)[:, :2]
-    moved_px = right_view(p, rad) - right_view(p, np.zeros(3))
+    moved_px = right_view(p, rad) - right_view(p, NONE)
     assert disparity_error(P, estimate, left_px)[0] == pytest.approx(-moved_px[:, 0], abs=2e-3)
 
 
 def test_turns_to_and_fro_are_not_believed_and_become_usual() -> None:
     """Cameras that are not quite of one moment seem to turn as the camera pair does."""
-    shaken = [YAW * (-1) ** k for k in range(40)]
-    watch, unusual = watched([np.zeros(3)] * 12 + shaken)
+    watch, unusual = watched([NONE] * 12 + [YAW * (-1) ** k for k in range(40)])
     assert watch.lasting_rad is None
     assert sum(unusual[-20:]) == 0
 
@@ -91,7 +85,7 @@ def test_a_run_with_large_turns_needs_a_larger_one() -> None:
     rng = np.random.default_rng(4)
     restless = list(2e-4 * rng.normal(size=(30, 3)))
     assert not watched([*restless, YAW])[1][-1]
-    assert watched([np.zeros(3)] * 30 + [YAW])[1][-1]
+    assert watched([NONE] * 30 + [YAW])[1][-1]
 
 
 def test_what_a_late_camera_may_have_done_is_no_knock() -> None:
@@ -104,8 +98,7 @@ def test_what_a_late_camera_may_have_done_is_no_knock() -> None:
 
 def test_few_views_and_impossible_turns_tell_nothing() -> None:
     rng, watch = np.random.default_rng(5), TurnWatch(P)
-    known, cov_points, z, cov_px, motion = frame(rng, YAW, np.eye(4))
-    z[25:, 2:] = np.nan
-    assert watch.judge(known, cov_points, z, cov_px, motion, NONE)[1] is None
-    known, cov_points, z, cov_px, motion = frame(rng, 20 * YAW, np.eye(4))
-    assert watch.judge(known, cov_points, z, cov_px, motion, NONE)[1] is None
+    few = frame(rng, YAW, np.eye(4))
+    few[2][25:, 2:] = np.nan
+    assert watch.judge(*few, NONE)[1] is None
+    assert watch.judge(*frame(rng, 20 * YAW, np.eye(4)), NONE)[1] is None

@@ -16,6 +16,7 @@ from stream_sfm.rig_model.field import field_over
 P = StereoProjection(600.0, 320.0, 320.0, 240.0, 0.2, 640, 480)
 STD_PX = 0.1  # of a match
 N = 40  # matches per frame
+AT_REST = np.zeros(1)
 GRID = np.stack(np.meshgrid(np.linspace(30, 610, 12), np.linspace(30, 450, 9)), axis=2).reshape(-1, 2)
 
 
@@ -23,24 +24,28 @@ def places(rng: np.random.Generator, n: int = N) -> np.ndarray:
     return rng.uniform((0, 0), (639, 479), (n, 2))
 
 
-def smooth(left_px: np.ndarray) -> np.ndarray:
-    """What a calibration leaves: a polynomial."""
+def polynomial(left_px: np.ndarray) -> np.ndarray:
     x, y = ((left_px - (319.5, 239.5)) / 319.5).T
-    return 0.3 - 0.2 * x + 0.1 * y - 0.5 * x * y
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+
+
+def smooth(left_px: np.ndarray) -> np.ndarray:
+    """What a calibration leaves."""
+    return polynomial(left_px) @ [0.3, -0.2, 0.1, 0.0, -0.5, 0.0]
 
 
 def field(left_px: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
     return field_over(P.width, P.height).at(left_px) @ amplitudes
 
 
-def offsets_px(rows: Rows, left_px: np.ndarray, speed: np.ndarray | None = None) -> np.ndarray:
-    """v_left − v_right (n,) of correct matches, at rest or with speeds (n,) across the rows."""
-    return core.row_offsets(rows.of_core, left_px, np.zeros(1) if speed is None else speed)
+def offsets_px(rows: Rows, left_px: np.ndarray, speed: np.ndarray = AT_REST) -> np.ndarray:
+    """v_left − v_right (n,) of correct matches, with speeds (n,) across the rows."""
+    return core.row_offsets(rows.of_core, left_px, speed)
 
 
-def agree(rows: Rows, left_px: np.ndarray, right_px: np.ndarray, speed: np.ndarray | None = None) -> np.ndarray:
+def agree(rows: Rows, left_px: np.ndarray, right_px: np.ndarray, speed: np.ndarray = AT_REST) -> np.ndarray:
     """Which matches lie on one row, the right sides corrected by `offsets_px`."""
-    return core.on_one_row(rows.of_core, left_px, right_px, np.zeros(1) if speed is None else speed, 1.0)
+    return core.on_one_row(rows.of_core, left_px, right_px, speed, 1.0)
 
 
 def variance(rows: Rows) -> np.ndarray:
@@ -85,11 +90,6 @@ def test_the_filter_is_a_dense_gaussian(monkeypatch: pytest.MonkeyPatch) -> None
     there = np.concatenate([polynomial(GRID), np.zeros((len(GRID), 1)), field_over(640, 480).at(GRID)], axis=1)
     assert offsets_px(rows, GRID) == pytest.approx(there @ gain @ seen, abs=1e-9)
     assert variance(rows) == pytest.approx(np.einsum("ni,ij,nj->n", there, cov, there), rel=1e-6)
-
-
-def polynomial(left_px: np.ndarray) -> np.ndarray:
-    x, y = ((left_px - (319.5, 239.5)) / 319.5).T
-    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
 
 
 @pytest.mark.parametrize("wrong", [0.0, 0.2])

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stream_sfm.camera.exposed_rows import ExposedRows
 from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.config import RigConfig
 from stream_sfm.frontend.state import FrontEndState
@@ -14,21 +13,13 @@ from stream_sfm.frontend.tracker import learn_timing, lose
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.front_end import SteppedFrontEnd
+from tests.helpers.rectified import own_rows, scattered_points
 from tests.helpers.wall import Wall, camera_path, rig
 
 P = StereoProjection(420.0, 255.0, 257.0, 190.0, 0.16, 512, 384)
 TWIST = np.array([0.5, 0.1, -1.0, 0.3, 0.6, -0.2])  # per second
-
-
-# Of cameras that are rectified already: as shares of the height from the middle.
-row_of = ExposedRows((P.width, P.height), np.array([[[0, 0.5], [0, 0]]]))
-
-
-def points(n: int = 60) -> np.ndarray:
-    """Homogeneous points (n, 4) all over the image, 2 to 20 m away."""
-    rng = np.random.default_rng(1)
-    rays = np.stack([rng.uniform(-0.5, 0.5, n), rng.uniform(-0.4, 0.4, n), np.ones(n)], axis=1)
-    return np.concatenate([rays, 1 / rng.uniform(2, 20, (n, 1))], axis=1)
+POINTS = scattered_points(np.random.default_rng(1), 60)
+row_of = own_rows(P)
 
 
 def told(delay_s: float, readout_s: float, std_s: float = 2e-4) -> Timing:
@@ -56,7 +47,7 @@ def test_what_is_certain_is_told_and_what_is_near_zero_shrinks() -> None:
 def test_an_exact_rig_takes_nothing_in() -> None:
     exact = Timing.unknown(P, RigConfig(exact=True), row_of)
     assert exact.told(np.array([8e-3, 0.0]), 1e-8 * np.eye(2)) is exact
-    assert (exact.taken_out(points(), TWIST) == 0).all()
+    assert (exact.taken_out(POINTS, TWIST) == 0).all()
 
 
 def test_what_is_taken_out_is_how_far_views_have_moved() -> None:
@@ -64,22 +55,21 @@ def test_what_is_taken_out_is_how_far_views_have_moved() -> None:
 
     What a delay does to the right row is not told from other rows, and taken out with them.
     """
-    delay_s, readout_s, p = 1e-4, 3e-4, points()
+    delay_s, readout_s = 1e-4, 3e-4
 
     def seen(seconds: np.ndarray) -> np.ndarray:
         """Views (n, 4) at times (n, 4) after the frame's."""
-        moved = [se3.exp(TWIST * s) for s in seconds.ravel()]
-        views = [P.project_homogeneous((np.repeat(p, 4, axis=0)[k] @ m.T)[None])[0] for k, m in enumerate(moved)]
-        return np.array(views).reshape(len(p), 4, 4)[:, range(4), range(4)]
+        moved = se3.exp(seconds[..., None] * TWIST) @ POINTS[:, None, :, None]
+        return P.project_homogeneous(moved[..., 0])[:, range(4), range(4)]
 
-    still = P.project_homogeneous(p)
+    still = P.project_homogeneous(POINTS)
     seconds = readout_s * row_of(still) + delay_s * np.array([0, 0, 1, 1])
     timing = replace(told(8e-3, 20e-3), mean=np.array([delay_s, readout_s]))
     expected = seen(seconds) - still
     in_row = seen(readout_s * row_of(still)) - still
     expected[:, 3] = in_row[:, 3]
     # of second order in the time
-    assert timing.taken_out(p, TWIST) == pytest.approx(expected, abs=2e-3 * np.abs(expected).max())
+    assert timing.taken_out(POINTS, TWIST) == pytest.approx(expected, abs=2e-3 * np.abs(expected).max())
 
 
 def test_what_is_told_places_the_tracks_of_a_run_anew() -> None:
@@ -111,9 +101,8 @@ def test_what_is_told_places_the_tracks_of_a_run_anew() -> None:
     front.state = told_once
     observed = front.step(later)
     assert np.abs(observed.rig.timing_px).max() > 0.2
-    without = (
-        observed.z_px - observed.rig.timing_px
-    )  # views are handed out as they were seen; tracks are where they would be
+    # views are handed out as they were seen; tracks are where they would be
+    without = observed.z_px - observed.rig.timing_px
     off = (projection.project_homogeneous(front.state.tracks.points) - without)[:, :2]
     assert np.abs(off).max() < 0.05 * np.abs(observed.rig.timing_px).max()
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.camera.exposed_rows import ExposedRows
 from stream_sfm.config import Config, RigConfig
 from stream_sfm.engine import Engine
 from stream_sfm.frontend.timing import Timing
@@ -14,6 +13,7 @@ from stream_sfm.frontend.tracks import Tracks
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection, velocities
 from tests.helpers.estimators import nees
+from tests.helpers.rectified import own_rows
 from tests.helpers.wall import Wall, rig
 
 P = StereoProjection(300.0, 160.0, 150.0, 120.0, 0.2, 320, 240)
@@ -72,8 +72,7 @@ def test_a_warp_knows_how_a_readout_shears_patches(side: int) -> None:
 
     What is left is that velocities differ over a patch, a tenth of the shear.
     """
-    rows = ExposedRows((P.width, P.height), np.array([[[0.5 / P.height, 0.5], [0, 0]]]))
-    readout_s, step_px = 0.02, 1.0
+    rows, readout_s, step_px = own_rows(P), 0.02, 1.0
     timing = replace(Timing.unknown(P, RigConfig(), rows), mean=np.array([0.0, readout_s]))
     then, now = np.array([0.2, 0.1, 0.4, 0.5, 0.9, -0.3]), np.array([-0.3, 0.2, 0.5, -0.6, -1.0, 0.4])
 
@@ -81,9 +80,8 @@ def test_a_warp_knows_how_a_readout_shears_patches(side: int) -> None:
         d, view = offset_px / P.f_px, np.zeros(4)
         point = cam_from_anchor @ np.array([*(RAY + d), 1, RHO + d @ SLOPES])
         for _ in range(8):
-            view = P.project_homogeneous((se3.exp(readout_s * rows(view[None])[0, 2 * of] * twist) @ point)[None])[
-                0
-            ]
+            moved = se3.exp(readout_s * rows(view[None])[0, 2 * of] * twist) @ point
+            view = P.project_homogeneous(moved[None])[0]
         return view[2 * of : 2 * of + 2]
 
     offsets = step_px * np.array([[1.0, 0], [-1, 0], [0, 1], [0, -1]])

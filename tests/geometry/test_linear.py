@@ -10,23 +10,15 @@ SCALE = np.array([1e6, 1e3, 1.0, 1e-3, 1e-4, 1e-5])  # units: a condition number
 ROUNDING = 1e-12  # relative to the diagonal; the scaled matrix has a condition number below 10³
 
 
-def covariance() -> np.ndarray:
-    a = RNG.normal(size=(6, 6))
-    return (a @ a.T + np.eye(6)) * np.outer(SCALE, SCALE)
-
-
-def assert_inverse(found: np.ndarray, matrix: np.ndarray) -> None:
-    scaled = found * np.outer(SCALE, SCALE) @ (matrix / np.outer(SCALE, SCALE))
-    assert np.abs(scaled - np.eye(6)).max() < ROUNDING
-    assert (found == found.T).all()
-
-
 def test_badly_scaled_matrices_are_factored_and_inverted() -> None:
-    cov = covariance()
+    a, scale = RNG.normal(size=(6, 6)), np.outer(SCALE, SCALE)
+    cov = (a @ a.T + np.eye(6)) * scale
     root = scaled_cholesky(cov)
     assert (np.triu(root, 1) == 0).all()
-    assert np.abs((root @ root.T - cov) / np.outer(SCALE, SCALE)).max() < ROUNDING * 100  # entries up to some tens
-    assert_inverse(Cholesky(cov).inverse(), cov)
+    assert np.abs((root @ root.T - cov) / scale).max() < ROUNDING * 100  # entries up to some tens
+    inverse = Cholesky(cov).inverse()
+    assert np.abs(inverse * scale @ (cov / scale) - np.eye(6)).max() < ROUNDING
+    assert (inverse == inverse.T).all()
     right = RNG.normal(size=6) / SCALE
     assert Cholesky(cov).solve(cov @ right) == pytest.approx(right, rel=1e-9)
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.camera.exposed_rows import ExposedRows
 from stream_sfm.config import RigConfig
 from stream_sfm.estimators.cross_frame.exposure_clock import ExposureClock
 from stream_sfm.estimators.cross_frame.twist_error import TwistError
@@ -26,19 +25,15 @@ from stream_sfm.rig_model.terms import (
     prior_std,
     terms_of_turn,
 )
+from tests.helpers.rectified import own_rows
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 RNG = np.random.default_rng(3)
 POINTS = np.c_[RNG.uniform(-1, 1, (60, 2)), RNG.uniform(2, 8, 60), RNG.uniform(0.2, 2, 60)]
 TWIST = np.array([0.4, -0.2, 0.9, 0.3, -0.5, 0.2])  # m/s and rad/s
 Z_PX = P.project_homogeneous(POINTS)
-
-
-# rows of images that are those of the rectified pair: (v + ½)/h − ½ of v = h (y + 1)/2
-row_of = ExposedRows((P.width, P.height), np.array([[[0.5 / P.height, 0.5], [0.0, 0.0]]]))
+row_of = own_rows(P)
 CAMERAS = P.pinholes, row_of.of_core
-
-
 STEADY, MOTION = np.stack([TWIST, np.zeros(6)]), np.stack([TWIST, [3.0, 2.0, -4.0, 2.0, 3.0, -1.5]])
 AT_ONCE = np.zeros(2)
 
