@@ -41,12 +41,6 @@ class AlignedViews:
     any_row_px: Array
     taken_px: Array
 
-    def left_only(self) -> "AlignedViews":
-        """Without right sides."""
-        z_px = self.z_px.copy()
-        z_px[:, 2:] = np.nan
-        return replace(self, z_px=z_px)
-
 
 @record
 class TemplateAligner:

@@ -14,7 +14,6 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS
 from .alignment import WIDE
 from .prepared import PreparedImages
-from .rows import RowMatches
 from .state import FrontEndState, RightSides, Setup
 from .tracks import Tracks
 
@@ -148,10 +147,8 @@ def _learn_rows(state: FrontEndState, z_px: Array, twist: Array) -> tuple[FrontE
 
     While the velocity is unknown, they also wait for that of the next frame: a late camera would look like wrong rows.
     """
-    points = core.seen_points(state.rows.projection.pinholes, z_px)
-    matches = RowMatches(z_px[:, :2], z_px[:, 1] - z_px[:, 3], points)
-    learnt = replace(state, rows=state.rows.after(matches, twist))
-    now = replace(state, rows_waiting=matches) if state.timing.twist is None else learnt
+    learnt = replace(state, rows=state.rows.after(z_px, twist))
+    now = replace(state, rows_waiting=z_px) if state.timing.twist is None else learnt
     return now, learnt.right_sides(twist)
 
 

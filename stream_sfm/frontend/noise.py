@@ -45,9 +45,8 @@ class ViewNoise:
             return self
         frames = self.frames + 1
         gain = 1 / min(frames + 1, MEMORY_FRAMES)
-        least, most = _FACTOR_RANGE
-        factor = min(max(self.factor * (1 + gain * (chi2 / dof - 1)), least), most)
-        return replace(self, factor=factor, frames=frames)
+        factor = np.clip(self.factor * (1 + gain * (chi2 / dof - 1)), *_FACTOR_RANGE)
+        return replace(self, factor=float(factor), frames=frames)
 
     def typical_cov(self, n: int) -> Array:
         """Covariances (n, 2, 2) px² of left positions where nothing has been measured yet."""

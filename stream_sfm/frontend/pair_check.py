@@ -69,10 +69,9 @@ class PairFit:
         inside = (right_px > margin_px) & (right_px < projection.width - 1 - margin_px)
         left, both = motion.accepted, motion.accepted & np.isfinite(found.z_px[:, 2])
         if np.count_nonzero(both & inside) < _GOOD_SHARE * np.count_nonzero(inside):
-            left_px, cov_points = found.z_px.copy(), before.cov_points(projection)
-            left_px[:, 2:] = np.nan
-            gate_probability = config.robust.gate_probability
-            views = PointViews(projection, before.points, cov_points, left_px, found.cov_px, gate_probability)
+            points = before.points, before.cov_points(projection)
+            left_px = np.where([True, True, False, False], found.z_px, np.nan)
+            views = PointViews(projection, *points, left_px, found.cov_px, config.robust.gate_probability)
             root, _ = views.linearise(motion.cam_from_ref)
             left = left | (views.squared_residuals(motion.cam_from_ref, root) < motion.spread * views.gate)
         return cls(before.ids[inside], left[inside], both[inside])

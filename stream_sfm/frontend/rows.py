@@ -9,7 +9,6 @@ Only new matches count: a point's later views repeat its first error.
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -38,14 +37,6 @@ _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
 
 # What is known about rows as the compiled core takes it: size, field, mean, covariance, scatter, largest difference.
 RowsOfCore = tuple[tuple[int, int], Field, Array, Array, float, float]
-
-
-class RowMatches(NamedTuple):
-    """New matches at `left_px` (n, 2), whose rows differ by `difference_px` (n,), of homogeneous `points` (n, 4)."""
-
-    left_px: Array
-    difference_px: Array
-    points: Array
 
 
 @record
@@ -105,10 +96,11 @@ class Rows:
         size = self.projection.width, self.projection.height
         return size, field_over(*size), self.mean, self.cov, self.scatter_px, self.max_px
 
-    def after(self, matches: RowMatches, twist: Array) -> "Rows":
-        """Return the knowledge after the matches of a frame whose points move with a twist (6,)."""
-        row_speed_px_s = velocities(self.projection, matches.points, twist)[:, 3]
-        return self.learnt(matches.left_px, matches.difference_px, row_speed_px_s)
+    def after(self, z_px: Array, twist: Array) -> "Rows":
+        """Return the knowledge after new views (n, 4) of a frame whose points move with a twist (6,)."""
+        points = core.seen_points(self.projection.pinholes, z_px)
+        row_speed_px_s = velocities(self.projection, points, twist)[:, 3]
+        return self.learnt(z_px[:, :2], z_px[:, 1] - z_px[:, 3], row_speed_px_s)
 
     def learnt(self, left_px: Array, difference_px: Array, row_speed_px_s: Array) -> "Rows":
         """Return the knowledge after matches at (n, 2), whose rows differ by (n,) and move by (n,) px/s."""

@@ -15,7 +15,7 @@ from .ambiguity import AmbiguityMemory
 from .pair_check import PairCheck
 from .prepared import PreparedImages
 from .right_turn import TurnWatch
-from .rows import RowMatches, Rows, RowsOfCore
+from .rows import Rows, RowsOfCore
 from .start_check import StartCheck
 from .template_errors import TemplateErrors
 from .timing import Timing
@@ -64,8 +64,8 @@ class FrontEndState:
       that are followed, `next_id` is the id of the next new one. `cam_from_start` (4, 4): the front-end's own chain of
       motions, which predicts how patches look and is not an estimate; `velocity` (6,): ξ of the last motion per second.
     - `aligners`: templates and noise of views; `rows`, `timing`: what is known of the cameras; `turn_rad` (3,): of the
-      right camera since its calibration, for which right views are corrected; `rows_waiting`: matches of a frame whose
-      velocity is not known yet, which a late camera would turn into rows that are off.
+      right camera since its calibration, for which right views are corrected; `rows_waiting` (n, 4): new views of a
+      frame whose velocity is not known yet, which a late camera would turn into rows that are off.
     - `turn_watch`: of the right camera, None where it cannot turn; `pair`: whether left and right fit each other;
       `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions; `start`:
       whether the map has started with the motion of the camera.
@@ -91,7 +91,7 @@ class FrontEndState:
     background_hidden: bool = False
     ambiguity: AmbiguityMemory = field(default_factory=AmbiguityMemory)
     start: StartCheck = field(default_factory=StartCheck)
-    rows_waiting: RowMatches | None = None
+    rows_waiting: Array | None = None
     pair: PairCheck = field(default_factory=PairCheck)
     map: MapState = field(default_factory=MapState)
 

@@ -56,10 +56,6 @@ class Followed:
     other: SecondMotion | None = None
     settled: bool = False
 
-    def keep(self, rows: NDArray[np.bool_]) -> "Followed":
-        """The given rows."""
-        return replace(self, z_px=self.z_px[rows], cov_px=self.cov_px[rows])
-
 
 @record
 class _Known:
@@ -105,7 +101,7 @@ def follow(
     start = rough.cam_from_previous if motion is None else motion.cam_from_ref
     state, turned = _judge_turn(state, known, views, start)
     if turned is not None:
-        views = views.left_only()
+        views = replace(views, z_px=np.where([True, True, False, False], views.z_px, np.nan))
         state, motion = _resect(setup, state, known, views, *motions, dt_s)
     if motion is None:
         return state, None

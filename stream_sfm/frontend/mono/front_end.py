@@ -110,7 +110,8 @@ class MonoFrontEnd:
         front = tracks.points[:, 3] > -KNOWN_DEPTH_SIGMAS * np.sqrt(tracks.var_rho)
         if front.mean() < _MIN_IN_FRONT:
             return open_map(state, _LOST), None
-        return replace(state, tracks=tracks.keep(front)), followed.keep(front)
+        followed = replace(followed, z_px=followed.z_px[front], cov_px=followed.cov_px[front])
+        return replace(state, tracks=tracks.keep(front)), followed
 
     def _with_right_sides(
         self, state: FrontEndState, observed: Observations, followed: Followed
