@@ -78,19 +78,17 @@ def test_views_stay_on_their_point_without_drifting(vergence_rad: float) -> None
     """After 20 frames a view is where the point of its first frame is; its covariance says how far it may be off."""
     stereo, wall, poses = rig(vergence_rad), Wall(3), camera_path(20)
     front = SteppedFrontEnd(stereo)
-    rectifier = front.rectifier
-    c = np.eye(4)
-    c[:3, :3] = rectifier.rect_from_cam
+    p, c = front.rectifier.projection, np.eye(4)
+    c[:3, :3] = front.rectifier.rect_from_cam
     normal, origin = wall.world_from_wall[:3, 2], wall.world_from_wall[:3, 3]
     born: dict[int, np.ndarray] = {}
     errors, squares = [], []
     for n, pose in enumerate(poses):
         observations = front.step(wall.frame(stereo, pose, n))
         world_from_rect = pose @ c.T
-        p = rectifier.projection
         for i, z, cov in zip(observations.track_ids, observations.z_px, observations.cov_px, strict=True):
             if int(i) not in born:
-                ray = world_from_rect[:3, :3] @ [(z[0] - p.cx_left_px) / p.f_px, (z[1] - p.cy_px) / p.f_px, 1]
+                ray = world_from_rect[:3, :3] @ [*p.rays(z), 1]
                 start = world_from_rect[:3, 3]
                 born[int(i)] = start + ray * (normal @ (origin - start)) / (normal @ ray)
             elif n >= 10:

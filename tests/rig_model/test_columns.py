@@ -32,6 +32,8 @@ RNG = np.random.default_rng(3)
 POINTS = np.c_[RNG.uniform(-1, 1, (60, 2)), RNG.uniform(2, 8, 60), RNG.uniform(0.2, 2, 60)]
 TWIST = np.array([0.4, -0.2, 0.9, 0.3, -0.5, 0.2])  # m/s and rad/s
 Z_PX = P.project_homogeneous(POINTS)
+FAR_PX = np.tile(Z_PX[:, :2], 2) + np.array([0, 0, P.cx_right_px - P.cx_left_px, 0])  # the same, infinitely far
+MODEL = RigModel.of(P, RigConfig())
 row_of = own_rows(P)
 CAMERAS = P.pinholes, row_of.of_core
 STEADY, MOTION = np.stack([TWIST, np.zeros(6)]), np.stack([TWIST, [3.0, 2.0, -4.0, 2.0, 3.0, -1.5]])
@@ -102,28 +104,24 @@ def test_errors_that_grow_are_those_of_their_age() -> None:
     assert found[:, 2, at] == pytest.approx(age_s[:, None] * core.effects_of_turn(P.pinholes, Z_PX[:, 2:])[:, 0])
     focusing, focal = found[..., TERMS.index(FOCUSING)], found[..., TERMS.index(FOCAL)]
     assert focusing == pytest.approx(age_s[:, None] * focal)
-    model, rates = RigModel.of(P, RigConfig()), np.zeros(len(RigModel.of(P, RigConfig())))
+    rates, cov = np.zeros(len(MODEL)), np.eye(len(MODEL))
     rates[: len(TERMS)] = np.random.default_rng(5).normal(size=len(TERMS))
-    cov = np.eye(len(model))
-    now = model.in_units(RigEstimate(rates, cov, 0.9, rates, cov, np.ones(len(model)), age_s=2.0))
-    far = np.tile(Z_PX[:, :2], 2) + np.array([0, 0, P.cx_right_px - P.cx_left_px, 0])
-    still = columns(P, far) @ now.mean[: len(TERMS)]
-    assert still[:, 2] == pytest.approx(
-        (model.effects(far, age_s=2.0) @ rates)[:, 2], abs=2e-3
-    )  # (72d) is a polynomial
+    now = MODEL.in_units(RigEstimate(rates, cov, 0.9, rates, cov, np.ones(len(MODEL)), age_s=2.0))
+    still = columns(P, FAR_PX) @ now.mean[: len(TERMS)]
+    grown = MODEL.effects(FAR_PX, age_s=2.0) @ rates
+    assert still[:, 2] == pytest.approx(grown[:, 2], abs=2e-3)  # (72d) is a polynomial
 
 
 def test_a_focus_that_moves_otherwise_from_now_on_leaves_the_focal_length_as_it_is_now() -> None:
     """What its root does to views is nothing now, and later as much as the rate may have changed: all of it in 1 s."""
-    model = RigModel.of(P, RigConfig())
-    at, mean, cov = TERMS.index(FOCUSING), np.zeros(len(model)), np.eye(len(model))
+    at, mean, cov = TERMS.index(FOCUSING), np.zeros(len(MODEL)), np.eye(len(MODEL))
     mean[at], cov[at, at] = 0.4, 0.1**2
-    assert not model.root_of_focusing(mean, cov, 3.0, 0.25).any()  # it may just as well stand still
+    assert not MODEL.root_of_focusing(mean, cov, 3.0, 0.25).any()  # it may just as well stand still
     cov[at, at] = 0.01**2
-    root = model.root_of_focusing(mean, cov, 3.0, 0.25)[:, 0]
-    now, later = (model.effects(Z_PX, age_s=age) @ root for age in (3.0, 5.0))
+    root = MODEL.root_of_focusing(mean, cov, 3.0, 0.25)[:, 0]
+    now, later = (MODEL.effects(Z_PX, age_s=age) @ root for age in (3.0, 5.0))
     assert np.abs(now).max() < 1e-9
-    by_rate = (model.effects(Z_PX, age_s=5.0) - model.effects(Z_PX, age_s=3.0)) @ mean
+    by_rate = (MODEL.effects(Z_PX, age_s=5.0) - MODEL.effects(Z_PX, age_s=3.0)) @ mean
     assert later == pytest.approx(np.sqrt(0.25) * by_rate)
 
 
@@ -172,7 +170,7 @@ def test_terms_of_a_turn_move_far_points_like_the_turn() -> None:
 def test_a_field_has_the_covariance_of_its_process() -> None:
     """exp(−d²/(2ℓ²)) with ℓ of a tenth of the width; what a grid of 1.6 ℓ cannot follow is missing."""
     at_px = np.random.default_rng(1).uniform([0, 0], [P.width, P.height], (80, 2))
-    basis = RigModel.of(P, RigConfig()).effects(np.tile(at_px, 2))[:, :, len(TERMS) :]
+    basis = MODEL.effects(np.tile(at_px, 2))[:, :, len(TERMS) :]
     disparity, u, v = basis[:, 0] - basis[:, 2], basis[:, 0], basis[:, 1]
     assert (basis[:, 3] == v).all()
     assert not any((a @ b.T).any() for a, b in ((disparity, u), (disparity, v), (u, v)))  # three processes
@@ -186,29 +184,26 @@ def test_a_field_has_the_covariance_of_its_process() -> None:
 
 def test_units_and_amplitudes_of_a_model_are_the_same_errors() -> None:
     """Also those of a map of the disparity over the image, to the last view."""
-    model = RigModel.of(P, RigConfig())
     rng, t = np.random.default_rng(2), len(TERMS)
-    mean, root = rng.normal(size=len(model)), rng.normal(size=(len(model), len(model)))
+    mean, root = rng.normal(size=len(MODEL)), rng.normal(size=(len(MODEL), len(MODEL)))
     cov = root @ root.T
-    found = model.in_units(RigEstimate(mean, cov, 0.9, mean, cov, np.ones(len(model))))
+    found = MODEL.in_units(RigEstimate(mean, cov, 0.9, mean, cov, np.ones(len(MODEL))))
     assert found.prior_std[:t] == pytest.approx(prior_std(RigConfig())) and found.refined is None
-    far = Z_PX.copy()
-    far[:, 2:] = far[:, :2] + [P.cx_right_px - P.cx_left_px, 0]
-    error = (model.effects(far) @ mean)[:, :2] - (model.effects(far)[..., t:] @ mean[t:])[:, :2]
-    assert error == pytest.approx((columns(P, far) @ found.mean[:t])[:, :2])
+    error = (MODEL.effects(FAR_PX) @ mean)[:, :2] - (MODEL.effects(FAR_PX)[..., t:] @ mean[t:])[:, :2]
+    assert error == pytest.approx((columns(P, FAR_PX) @ found.mean[:t])[:, :2])
     error_px, std_px = disparity_over_image(P, found, (5, 7))
     u, v = np.meshgrid(np.linspace(0, P.width - 1, 7), np.linspace(0, P.height - 1, 5))
     grid = np.stack([u.ravel(), v.ravel(), u.ravel() + 12.0, v.ravel()], axis=1)
-    of_disparity = model.effects(grid)[:, 0] - model.effects(grid)[:, 2]
+    of_disparity = MODEL.effects(grid)[:, 0] - MODEL.effects(grid)[:, 2]
     assert error_px.ravel() == pytest.approx(of_disparity @ mean, rel=1e-9)
     assert std_px.ravel() == pytest.approx(np.linalg.norm(of_disparity @ root, axis=1), rel=1e-9)
-    timing, cov_timing = model.timing(mean, cov)
+    timing, cov_timing = MODEL.timing(mean, cov)
     k = TERMS.index(DELAY)
     assert timing == pytest.approx(found.mean[k : k + 2])
     assert cov_timing == pytest.approx(found.cov[k : k + 2, k : k + 2], rel=1e-6)
     assert found.mean[0] == pytest.approx(mean[0] * RigConfig().std_disparity_px)
-    root_of_turn = model.root_of_turn(1e-5)
-    assert model.root[:6, :6] @ root_of_turn[:6] == pytest.approx(1e-5 * terms_of_turn(P)[:6])
+    root_of_turn = MODEL.root_of_turn(1e-5)
+    assert MODEL.root[:6, :6] @ root_of_turn[:6] == pytest.approx(1e-5 * terms_of_turn(P)[:6])
 
 
 SECONDS = np.array([0, 0.09, 0.21, 0.3, 0.38, 0.52])

@@ -65,9 +65,9 @@ def combinations(views: "Views", size: Array) -> tuple[list[float], list[Array]]
     return weights, sizes
 
 
-def with_size(which: slice, size: float) -> Array:
+def with_size(k: int, size: float) -> Array:
     changed = SIZE.copy()
-    changed[which] = size
+    changed[k] = size
     return changed
 
 
@@ -80,7 +80,7 @@ def test_a_likely_size_is_an_average_by_the_likelihood_of_each(errors: float) ->
     ends = np.geomspace(0.025 / half_step, 3.0 * half_step, 101)
     sizes = np.sqrt(ends[1:] * ends[:-1])
     for k in set(range(T)) - {AT_FOCAL}:
-        weight = np.exp([views.log_evidence(with_size(slice(k, k + 1), s)) for s in sizes])
+        weight = np.exp([views.log_evidence(with_size(k, s)) for s in sizes])
         expected = np.sqrt((weight * sizes**2).sum() / weight.sum())
         assert found[k] == pytest.approx(expected, rel=0.01)  # the step is 0.12
     assert found[AT_FOCAL] == SIZE[AT_FOCAL] and (found[T:] == SIZE[T:]).all()
@@ -88,12 +88,10 @@ def test_a_likely_size_is_an_average_by_the_likelihood_of_each(errors: float) ->
 
 def test_a_likely_size_does_not_depend_on_the_size_so_far() -> None:
     views = Views(5, SIZE, 0.5)
-    sizes = []
-    for so_far in (0.1, 3.0):
-        k = slice(0, 1)
-        size = with_size(k, so_far)
-        sizes.append(likely_sizes(*views.posterior(size), size)[0])
-    assert sizes[0] == pytest.approx(sizes[1], rel=1e-6)
+    small, large = (
+        likely_sizes(*views.posterior(size), size)[0] for size in (with_size(0, 0.1), with_size(0, 3.0))
+    )
+    assert small == pytest.approx(large, rel=1e-6)
 
 
 @pytest.mark.parametrize(("std", "errors"), [(0.5, 1.0), (8.0, 0.0), (30.0, 1.0), (0.5, 0.0)])
