@@ -5,7 +5,7 @@ leaves moves every patch of a turning camera the same way, by hundredths of a pi
 docs/mathematics.md, section 3.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import cv2
@@ -106,30 +106,16 @@ def _valid_area(valid: NDArray[np.bool_], radius_px: int) -> NDArray[np.bool_]:
 Aligners = Mapping[int, TemplateAligner]
 
 
-def split(
-    aligners: Aligners, scale: NDArray[np.int64]
-) -> Iterator[tuple[TemplateAligner, NDArray[np.bool_] | slice]]:
-    """The aligners of tracks with that `scale` (n,), each with its rows: mask (n,), or a slice of all."""
-    for size, aligner in aligners.items():
-        rows = scale == size
-        if rows.all():
-            yield aligner, slice(None)
-            return
-        if rows.any():
-            yield aligner, rows
-
-
 def learn_noise(aligners: Aligners, motion: Resection, scale: NDArray[np.int64], z_px: Array) -> Aligners:
     """The aligners after a frame: each size's noise by the squared residuals of its accepted views.
 
     Tracks with that `scale` (n,), their views (n, 4).
     """
-    learnt = dict(aligners)
-    for aligner, rows in split(aligners, scale):
-        used = np.zeros(len(scale), bool)
-        used[rows] = motion.accepted[rows]
+    learnt = {}
+    for size, aligner in aligners.items():
+        used = motion.accepted & (scale == size)
         n = int(np.count_nonzero(np.isfinite(z_px[used])))
         fitted = round(6 * n / max(1, motion.dof + 6))  # their share of the motion
         noise = aligner.noise.learnt(float(motion.squared_residuals[used].sum()), n - fitted)
-        learnt[aligner.scale] = replace(aligner, noise=noise)
+        learnt[size] = replace(aligner, noise=noise)
     return learnt

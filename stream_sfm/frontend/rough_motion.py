@@ -17,7 +17,7 @@ from ..geometry.medians import median
 from ..geometry.resection import MANY_VIEWS, rules_of
 from ..geometry.se3 import Array
 from ..record import record
-from .alignment import Aligners, split
+from .alignment import Aligners
 from .flow import as_exposed, track, track_wide
 from .prepared import PreparedImages
 from .state import Setup
@@ -67,9 +67,12 @@ def find_rough_motion(
     for (start, levels, zoom), before_half in product(attempts, before_halves):
         at_px = projection.project_homogeneous(tracks.points @ start.T)[:, :2].copy()
         found = np.zeros(len(tracks), bool)
-        for aligner, rows in split(aligners, tracks.scale):
+        for scale, aligner in aligners.items():
+            rows = (tracks.scale == scale).nonzero()[0]
+            if not len(rows):
+                continue
             before_px, near_px = tracks.left_px[rows], at_px[rows]
-            if aligner.scale == 1:
+            if scale == 1:
                 by_flow = track(aligner, before_half, images, before_px, near_px, levels, zoom)
             else:
                 by_flow = track_wide(aligner, previous, images, before_px, near_px)

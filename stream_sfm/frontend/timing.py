@@ -16,7 +16,6 @@ from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record
-from .rows import Rows
 
 _STEP = 0.01  # of what is assumed: an estimator's σ is added to by so much, as velocities are extrapolated here
 
@@ -56,18 +55,6 @@ class Timing:
         if not self.mean.any():
             return np.zeros((len(points), 4))
         return core.shifts_by_timing(self.projection.pinholes, self.row_of.of_core, points, twist, self.mean)
-
-    def unknowns(
-        self, rows: Rows, before: Array, now: Array, z_px: Array, twist: Array, std_twist: Array
-    ) -> tuple[Array, Array]:
-        """Return what is not known of views (n, 4) and how they have changed: (n, 4, j) px of σ = 1.
-
-        By delay and readout, from points `before` (n, 4) to `now` (n, 4), and by the rows of right sides. `std_twist`
-        (6,): how far off the twist may be. Also returns the covariance (3, 3) of turns of the right camera that
-        delay and rows feign. Of an exact rig nothing is unknown, and this is not asked.
-        """
-        of_core = self.projection.pinholes, self.of_core(twist), rows.of_core
-        return core.unknown_errors(*of_core, before, now, z_px, twist, std_twist)
 
     def of_core(self, twist: Array) -> tuple[tuple[tuple[int, int], Array], Array, Array, Array]:
         """The timing as the compiled core takes it; `twist` (6,): of the points now."""

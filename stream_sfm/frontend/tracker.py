@@ -220,9 +220,9 @@ def _known(
     known = before, cov_points, weights[views.rows], float(weights[expected].sum())
     if state.turn_watch is None:
         return _Known(*known)
-    seen = before.points, views.points, views.z_px
-    std_twist = setup.std_acceleration * dt_s
-    return _Known(*known, *state.timing.unknowns(state.rows_told, *seen, twist, std_twist))
+    of_rig = setup.projection.pinholes, state.timing.of_core(twist), state.rows_told.of_core
+    seen, std_twist = (before.points, views.points, views.z_px), setup.std_acceleration * dt_s
+    return _Known(*known, *core.unknown_errors(*of_rig, *seen, twist, std_twist))
 
 
 def _resect(

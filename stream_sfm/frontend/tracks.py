@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from .. import core
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection, velocities
-from ..record import indices, record, rows_of
+from ..record import record, rows_of
 
 # Frames of agreement beyond which history no longer counts, half a second for most cameras: with more, the last old
 # tracks in a turn would outvote all new ones. Before a track has agreed once it counts a tenth of that, so that a body
@@ -67,11 +67,12 @@ class Tracks:
     def __len__(self) -> int:
         return len(self.ids)
 
-    def keep(self, rows: NDArray[Any] | slice) -> "Tracks":
-        """The given rows (mask, indices or slice)."""
-        if rows == slice(None) if isinstance(rows, slice) else rows.dtype == bool and rows.all():
-            return self
-        rows = indices(rows)  # once, not once per column
+    def keep(self, rows: NDArray[Any]) -> "Tracks":
+        """The given rows (mask or indices)."""
+        if rows.dtype == bool:
+            if rows.all():
+                return self
+            rows = rows.nonzero()[0]  # once, not once per column
         return Tracks(*(rows_of(getattr(self, name), rows) for name in _COLUMNS))
 
     @property

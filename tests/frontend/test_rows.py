@@ -198,7 +198,8 @@ def test_errors_of_rows_are_those_of_the_right_sides() -> None:
     points = np.column_stack([P.rays(z_px), np.ones(N), rng.uniform(0.05, 0.5, N)])
     timing = replace(Timing.unknown(P, RigConfig(), None), twist=0.5 * twist)
     std_twist = np.repeat([0.3, 0.1], 3)
-    unknown, cov_turn = timing.unknowns(rows, points, points, z_px, twist, std_twist)
+    of_core = P.pinholes, timing.of_core(twist), rows.of_core
+    unknown, cov_turn = core.unknown_errors(*of_core, points, points, z_px, twist, std_twist)
     cameras, moving = (P.pinholes, timing.row_of.of_core), [(points, at) for at in (0.5 * twist, twist)]
     others = core.timing_unknowns(*cameras, *moving, timing.mean, timing.cov, std_twist)
     seen = np.isfinite(z_px[:, 2])
