@@ -119,7 +119,7 @@ class StereoFrontEnd:
         z_px = np.concatenate([followed.z_px, z_new])
         cov_px = np.concatenate([followed.cov_px, cov_new])
         note = self._note(state, images, z_px)
-        state, observed = self._observed(_remember(state, images, stamp_ns), stamp_ns, z_px, cov_px, note)
+        state, observed = self._observed(state.followed_from(images, stamp_ns), stamp_ns, z_px, cov_px, note)
         return state, replace(
             observed,
             cam_from_previous=followed.cam_from_previous,
@@ -150,7 +150,7 @@ class StereoFrontEnd:
         jumped = wait and state.previous is not None and are_alike(images, state.previous)
         if jumped:
             note = note or _JUMPED
-        state, observed = self._observed(_remember(anew, images, stamp_ns), stamp_ns, z_px, cov_px, note)
+        state, observed = self._observed(anew.followed_from(images, stamp_ns), stamp_ns, z_px, cov_px, note)
         return state, replace(observed, n_new=len(z_px), jumped=jumped)
 
     def _observed(
@@ -214,8 +214,3 @@ def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | 
 def _misfit(state: FrontEndState) -> str:
     """Say why what agrees may not be the scene; empty where nothing suggests so."""
     return state.pair.problem or state.start.problem
-
-
-def _remember(state: FrontEndState, images: PreparedImages, stamp_ns: int) -> FrontEndState:
-    """End the frame: the next one is followed from these images."""
-    return replace(state, previous=images.shrunk(), previous_ns=stamp_ns)

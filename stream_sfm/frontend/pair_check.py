@@ -131,10 +131,10 @@ def problem_of(
             f"views are off by {np.sqrt(factor):.1f} times what their images explain: is the calibration of these "
             "cameras and of this resolution?"
         )
-    if fit is not None and (problem := frozen(images, previous)):
-        return problem
     if fit is None:
         return ""
+    if problem := frozen(images, previous):
+        return problem
     n_left = np.count_nonzero(fit.left)
     n_both = np.count_nonzero(fit.both)  # these agree in the left image, too
     if n_left < MANY_VIEWS or n_both >= _FIT * n_left:

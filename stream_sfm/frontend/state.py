@@ -1,6 +1,6 @@
 """What the front-end knows between two frames: one record, which a step replaces and never changes."""
 
-from dataclasses import field
+from dataclasses import field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -103,3 +103,7 @@ class FrontEndState:
     def right_sides(self, twist: Array) -> RightSides:
         """Where right sides of points with a twist (6,) are sought, as the compiled core takes it."""
         return self.rows.projection.pinholes, self.rows_told.of_core, self.turn_rad, twist
+
+    def followed_from(self, images: PreparedImages, stamp_ns: int) -> "FrontEndState":
+        """The state after a frame from whose images the next one is followed."""
+        return replace(self, previous=images.shrunk(), previous_ns=stamp_ns)

@@ -100,7 +100,7 @@ def follow(
     state, motion = _resect(setup, state, known, views, *motions, dt_s)
     start = rough.cam_from_previous if motion is None else motion.cam_from_ref
     state, turned = _judge_turn(state, known, views, start)
-    if turned is not None:
+    if turned is not None:  # the left sides alone
         views = replace(views, z_px=np.where([True, True, False, False], views.z_px, np.nan))
         state, motion = _resect(setup, state, known, views, *motions, dt_s)
     if motion is None:

@@ -14,7 +14,7 @@ from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.front_end import SteppedFrontEnd
 from tests.helpers.rectified import own_rows, scattered_points
-from tests.helpers.wall import Wall, camera_path, rig
+from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 
 P = StereoProjection(420.0, 255.0, 257.0, 190.0, 0.16, 512, 384)
 TWIST = np.array([0.5, 0.1, -1.0, 0.3, 0.6, -0.2])  # per second
@@ -25,12 +25,6 @@ row_of = own_rows(P)
 def told(delay_s: float, readout_s: float, std_s: float = 2e-4) -> Timing:
     prior = Timing.unknown(P, RigConfig(), row_of)
     return prior.told(np.array([delay_s, readout_s]), std_s**2 * np.eye(2))
-
-
-def late_path(n: int, steps: float) -> np.ndarray:
-    """The path of `camera_path` (n, 4, 4), each pose so many of its equal steps later."""
-    path = camera_path(n)
-    return path @ se3.exp(steps * se3.log(path[1]))
 
 
 def test_what_is_certain_is_told_and_what_is_near_zero_shrinks() -> None:
@@ -110,10 +104,10 @@ def test_what_is_told_places_the_tracks_of_a_run_anew() -> None:
 @pytest.mark.parametrize("anew", [False, True], ids=["first frame", "after a loss"])
 def test_points_begun_before_any_motion_are_placed_by_a_timing_that_is_known(anew: bool) -> None:
     """A right camera that does not move is not taken for one that has turned by what the delay does to all views."""
-    stereo, delay_s = rig(), 0.03
-    at_stamp = list(Wall(2).frames(stereo, camera_path(8)))
-    step_s = (at_stamp[1].stamp_ns - at_stamp[0].stamp_ns) / 1e9
-    between = Wall(2).frames(stereo, late_path(8, delay_s / step_s))
+    stereo, path, delay_s = rig(), camera_path(8), 0.03
+    at_stamp = Wall(2).frames(stereo, path)
+    of_step = delay_s / (PERIOD_NS / 1e9)  # the path has equal steps
+    between = Wall(2).frames(stereo, path @ se3.exp(of_step * se3.log(path[1])))
     frames = [replace(f, right=late.right) for f, late in zip(at_stamp, between, strict=True)]
     front = SteppedFrontEnd(stereo, known_timing=KnownTiming(delay_s, 1e-4, 0.0, 1e-4))
     if anew:

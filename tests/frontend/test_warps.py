@@ -32,19 +32,15 @@ def images_of(offsets_px: np.ndarray) -> np.ndarray:
 def track(anchor_velocity_px_s: np.ndarray) -> Tracks:
     """The point in the middle, seen in the camera."""
     point = CAM_FROM_ANCHOR @ np.array([*RAY, 1, RHO])
-    return Tracks(
-        ids=np.array([0]),
-        slots=np.array([0]),
-        left_px=np.zeros((1, 2)),
+    return replace(
+        Tracks.none(),
         cov_left_px=0.01 * np.eye(2)[None],
         points=(point / point[2])[None],
         var_rho=np.array([1e-6]),
         anchor_from_start=np.eye(4)[None],
-        anchor_rays=RAY[None],
         anchor_velocity_px_s=anchor_velocity_px_s[None],
         slopes=SLOPES[None],
         scale=np.ones(1, np.int64),
-        agreed=np.zeros(1, np.int64),
     )
 
 

@@ -69,27 +69,16 @@ class MonoFrontEnd:
             state, followed = self._follow(state, images, stamp_ns)
         else:
             state, followed = begin_map(self.setup, state, images)
-        observed = Observations(
-            frame_index=state.frame_index,
-            stamp_ns=stamp_ns,
-            track_ids=np.empty(0, np.int64),
-            z_px=np.empty((0, 4)),
-            cov_px=np.empty((0, 4, 4)),
-        )
+        none = np.empty(0, np.int64), np.empty((0, 4)), np.empty((0, 4, 4))
+        observed = Observations(state.frame_index, stamp_ns, *none)
         if followed is not None:
             state, observed = self._with_right_sides(state, observed, followed)
         state = self._add_points(state, images)
         n = len(state.tracks)
         note = image_note(images, state.previous, n, n, self.setup.config.robust.min_inliers)
         note = note or ("" if state.map.mapped else state.map.waiting)
-        state = replace(
-            state,
-            frame_index=state.frame_index + 1,
-            stamp_ns=stamp_ns,
-            previous=images.shrunk(),
-            previous_ns=stamp_ns,
-        )
-        return state, replace(observed, note=note)
+        state = replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns)
+        return state.followed_from(images, stamp_ns), replace(observed, note=note)
 
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
         """As `StereoFrontEnd.learn`; one camera has no rig that could err."""
