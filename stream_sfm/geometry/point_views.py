@@ -11,10 +11,10 @@ from .stereo import StereoProjection
 class PointViews:
     """Points (n, 3) m, or (n, 4) homogeneous, in a reference camera, and their views.
 
-    `cov_points` (n, 3, 3) or (n, 4, 4) of the same dimension, None of exact points.
-    `z_px` (n, 4) with NaN where the right side is missing, `cov_px` (n, 4, 4). `gate` (n,): the squared residual under
-    which a share `gate_probability` of good views stays. `shared` (n, 4, j): what errors that all views share do to
-    them, by unknown amplitudes of σ = 1.
+    `cov_points` (n, 3, 3) or (n, 4, 4) of the same dimension, None of exact points; `z_px` (n, 4) with NaN where the
+    right side is missing, `cov_px` (n, 4, 4). `gate` (n,): the squared residual under which a share `gate_probability`
+    of good views stays. `shared` (n, 4, j): what errors that all views share do to them, by unknown amplitudes of
+    σ = 1. `of_core`: all of it as the compiled core takes it.
     """
 
     def __init__(
@@ -37,7 +37,6 @@ class PointViews:
         self.shared = np.zeros((n, 4, 0)) if shared is None else shared
         self.gate = core.gates_of_views(z_px, chi2_gate(2, gate_probability), chi2_gate(4, gate_probability))
         cov_points = np.empty((0, 4, 4)) if cov_points is None else cov_points
-        # the arrays that the compiled core takes
         self.of_core = projection.pinholes, points, cov_points, z_px, cov_px, self.shared, self.gate
 
     def __len__(self) -> int:
