@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from .. import core
 from ..config import Config
 from ..estimators import make_estimator
-from ..estimators.ids import among
 from ..evaluation.structure import StructureComparison
 from ..geometry.medians import median
 from ..observer import Observed, Observer
@@ -99,8 +99,8 @@ class Lane:
 
     def _reprojection_px(self, solution: Solution, observations: Observations) -> float:
         """The RMS residual of the current views against the current points, pixels; NaN without points."""
-        rows = np.flatnonzero(among(observations.track_ids, solution.track_ids))
-        points = solution.points_in_cam[among(solution.track_ids, observations.track_ids)]
+        rows = np.flatnonzero(core.among(observations.track_ids, solution.track_ids))
+        points = solution.points_in_cam[core.among(solution.track_ids, observations.track_ids)]
         front = points[:, 2] > 1e-3
         if not front.any():
             return float("nan")

@@ -51,10 +51,11 @@ def test_marginals_are_the_joint_covariance_propagated() -> None:
     z = P.project_homogeneous((cams[frame] @ in_reference(anchors, q)[point][..., None])[..., 0])
     roots = np.broadcast_to(3 * np.eye(4), (len(z), 4, 4))
     views = window_views(frame, point, z, roots, rng.normal(size=(len(z), 4, RIG)))
-    lin = linearise(P, State(cams, np.arange(POINTS), anchors, q, np.zeros(RIG)), views)
+    state = State(cams, np.arange(POINTS), anchors, q, np.zeros(RIG))
+    lin = linearise(P, state, views)
     system = System(prior, np.arange(POINTS), lin, q, np.zeros(MODES))
     newest = FRAMES - 1
-    marginals = Marginals.compute(system, np.arange(POINTS), anchors, q, world, cams[newest], newest)
+    marginals = Marginals.compute(system, state, world)
     information = dense_information(lin, prior)
     cov, cov_given = np.linalg.inv(information), np.zeros((SIZE, SIZE))
     cov_given[:-RIG, :-RIG] = np.linalg.inv(information[:-RIG, :-RIG])

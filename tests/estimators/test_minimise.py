@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from stream_sfm import core
 from stream_sfm.config import Config
 from stream_sfm.estimators.cross_frame import minimise as module
 from stream_sfm.estimators.cross_frame import window
 from stream_sfm.estimators.cross_frame.map import Map
 from stream_sfm.estimators.cross_frame.minimise import minimise
-from stream_sfm.estimators.ids import among
 from stream_sfm.record import changed
 from stream_sfm.types import Status
 from tests.helpers.estimators import run
@@ -76,7 +76,7 @@ def test_a_frame_is_degraded_where_the_joint_minimum_refuses_its_views(arc, monk
     def refuse(current: Map, *settings: float) -> int:
         steps = minimise(current, *settings)
         if current.frames[-1].index == last:
-            known = among(current.views.ids, current.marginals.ids) & (
+            known = core.among(current.views.ids, current.marginals.ids) & (
                 current.views.frame == len(current.frames) - 1
             )
             used = current.views.used & ~(known & (np.cumsum(known & current.views.used) > 12))

@@ -113,7 +113,9 @@ def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> Non
     """What views say about errors of the rig is kept; the rest is what it is with these where they are held."""
     rng = np.random.default_rng(6)
     y, x = rng.normal(size=K), se3.exp(0.05 * rng.normal(size=6))
-    q = prior.points(y)  # linearised at the prior's own prediction, so that means can be compared linearly
+    q = (
+        prior.mean + prior.modes @ y
+    )  # linearised at the prior's own prediction, so that means can be compared linearly
     blocks = blocks_of(rng)
     mean, cov = absorbed_densely(prior, y, x, q, blocks)
     after = prior.absorb_frame(y, x, se3.orthonormalise(x @ ANCHORS), q, blocks, np.ones(N, bool), NO_POINTS)

@@ -4,7 +4,6 @@ import numpy as np
 
 from ... import core
 from ...record import changed, rows_of
-from ..ids import among, times_among
 from .inverse_depth import NormalBlocks, State
 from .map import Map
 from .prior import Prior
@@ -16,7 +15,7 @@ def absorb_oldest_frame(current: Map) -> None:
     cam_from_ref = current.cams_from_ref[0]
     frame, views = current.remove_oldest()
     prior, later = current.prior, current.views if current.frames else views
-    seen_later = times_among(current.ids, later.ids, later.used) > 0
+    seen_later = core.times_among(current.ids, later.ids, later.used) > 0
     known = np.searchsorted(current.ids, prior.ids)
     in_reference = State(np.eye(4)[None], *current.state()[1:])
     pinholes, seen = current.projection.pinholes, (views.of_core, views.stereo, views.var_drift)
@@ -31,7 +30,7 @@ def absorb_oldest_frame(current: Map) -> None:
     )
     current.prior = _refocused(posterior.truncate_modes(), current, frame)
     current.amplitudes = np.zeros(current.prior.modes.shape[2])
-    current.select(seen_later if current.frames else among(current.ids, current.prior.ids))
+    current.select(seen_later if current.frames else core.among(current.ids, current.prior.ids))
 
 
 def _refocused(prior: Prior, current: Map, frame: WindowFrame) -> Prior:

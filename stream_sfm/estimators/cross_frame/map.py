@@ -17,7 +17,6 @@ from ...record import changed, rows_of
 from ...rig_model.estimate import CERTAIN, RigEstimate
 from ...rig_model.model import RigModel
 from ...types import Solution
-from ..ids import among, times_among, union
 from .exposure_clock import ExposureClock
 from .inverse_depth import State, WhitenedViews, expected, linearise, q_of_views, timed
 from .marginals import Marginals
@@ -34,9 +33,9 @@ class Map:
 
     `ids` (P,) ascending, `q` (P, 3) and `ref_from_anchor` (P, 4, 4): every point; `begun_anew`: those that the newest
     frame began a second time, by one view. `frames`: the window, oldest first, and `views`: all of theirs, one after
-    the other, used or not; `cams_from_ref` (F, 4, 4): their poses. `reference_index`: which frame the reference camera
-    is. `prior`, and the `amplitudes` (k,) of its modes. `system`: the latest normal equations, factored. `marginals`:
-    of the latest frame.
+    the other, used or not; `cams_from_ref` (F, 4, 4): their poses. `reference`: the frame of the reference camera.
+    `prior`, and the `amplitudes` (k,) of its modes. `system`: the latest normal equations, factored. `marginals`: of
+    the latest frame.
     """
 
     def __init__(
@@ -59,13 +58,13 @@ class Map:
         self._clock, self._twist_error = ExposureClock(), TwistError()
         self._seconds = np.zeros(1)  # when the reference camera and the window exposed
         self._motions = np.zeros((1, 2, 6))  # of points in the reference camera and in the window
-        self.reference_index, self.reference_ns = frame.index, frame.stamp_ns
+        self.reference = frame
         self.rejections = RejectionCounts()
         self.begun_anew = self._dropped = np.empty(0, np.int64)
         self._frames_ambiguous, self._cov_doubt = 0, np.zeros((6, 6))  # in axes of the reference camera
         self._cov_slides = np.zeros((6, 6))  # of turns that patches have feigned which slid alike, in the same axes
         self.ids = first.track_ids
-        views = changed(views, used=among(views.ids, self.ids))
+        views = changed(views, used=core.among(views.ids, self.ids))
         self._first: WhitenedViews | None = views  # of the reference camera, until another one is absorbed
         self.q = q_of_views(projection, corrected_px[views.used])
         self.ref_from_anchor = np.tile(np.eye(4), (len(self.ids), 1, 1))
@@ -113,7 +112,7 @@ class Map:
         self.views = changed(later, frame=later.frame - 1)
         frame, cam_from_ref = self.frames.pop(0), self.cams_from_ref[0]
         self._first = None  # its views stay in the prior as they are
-        self.reference_index, self.reference_ns = frame.index, frame.stamp_ns
+        self.reference = frame
         self._seconds = self._seconds[1:]
         ad = se3.adjoint(cam_from_ref)
         self._cov_doubt, self._cov_slides = ad @ self._cov_doubt @ ad.T, ad @ self._cov_slides @ ad.T
@@ -143,10 +142,10 @@ class Map:
         """
         if not ambiguous:
             self._count_rejected(rejected)
-        wanted = ~(self.rejections.excluded(views.ids) | among(views.ids, rejected))
-        known = among(views.ids, self.ids)
+        wanted = ~(self.rejections.excluded(views.ids) | core.among(views.ids, rejected))
+        known = core.among(views.ids, self.ids)
         new = ~known & views.stereo & wanted
-        again = among(self._dropped, views.ids[new])
+        again = core.among(self._dropped, views.ids[new])
         self.begun_anew, self._dropped = self._dropped[again], self._dropped[~again]
         ids = np.concatenate([self.ids, views.ids[new]])
         order = np.argsort(ids)
@@ -162,7 +161,7 @@ class Map:
         if frame.rig is not None:
             views = expected(self.state(), views, frame.rig, self.prior.rig.age_s(frame.stamp_ns))
         # views out of use stay so: only the drift of points that are in the map is asked for
-        kept = np.flatnonzero(self.views.used | among(self.views.ids, self.ids))
+        kept = np.flatnonzero(self.views.used | core.among(self.views.ids, self.ids))
         self.views = WhitenedViews.concatenate([self.views[kept], views])
 
     def _count_rejected(self, rejected: NDArray[np.int64]) -> None:
@@ -171,21 +170,20 @@ class Map:
         Of a track with one view in the map that one view may be the wrong one, as well as the one rejected: the point
         is dropped, and begins anew with the track's next view.
         """
-        seen = times_among(rejected, self.views.ids, self.views.used)
-        young = rejected[(seen <= 1) & ~among(rejected, self.prior.ids)]
-        for track_id in rejected.tolist():
-            self.rejections.add(track_id)
-        self.views = changed(self.views, used=self.views.used & ~among(self.views.ids, young))
-        self.select(~among(self.ids, young))
-        self._dropped = union(self._dropped, young)
+        seen = core.times_among(rejected, self.views.ids, self.views.used)
+        young = rejected[(seen <= 1) & ~core.among(rejected, self.prior.ids)]
+        self.rejections.add(rejected)
+        self.views = changed(self.views, used=self.views.used & ~core.among(self.views.ids, young))
+        self.select(~core.among(self.ids, young))
+        self._dropped = core.union_of(np.concatenate([self._dropped, young]))
 
     def frames_agreed(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return in how many frames after their first one points `ids` (n,) agreed with the map.
 
         Those of the window, and as many again if a point is older than that.
         """
-        count = times_among(ids, self.views.ids, self.views.used)
-        return np.maximum(count + np.where(among(ids, self.prior.ids), len(self.frames), -1), 0)
+        count = core.times_among(ids, self.views.ids, self.views.used)
+        return np.maximum(count + np.where(core.among(ids, self.prior.ids), len(self.frames), -1), 0)
 
     def consider_other(self, motion: Resection) -> None:
         """Add to the world's uncertainty that the second of two plausible motions may be the true one.
@@ -225,12 +223,14 @@ class Map:
         Those that ended after a single view go too: it says nothing about anything else.
         """
         views = self.views
-        keep = times_among(self.ids, views.ids, views.used & views.stereo) > 0
-        keep &= (times_among(self.ids, views.ids, views.used) > 1) | among(self.ids, views.ids[self.newest])
-        keep |= among(self.ids, self.prior.ids)
+        keep = core.times_among(self.ids, views.ids, views.used & views.stereo) > 0
+        keep &= (core.times_among(self.ids, views.ids, views.used) > 1) | core.among(
+            self.ids, views.ids[self.newest]
+        )
+        keep |= core.among(self.ids, self.prior.ids)
         if not keep.all():
             self.select(keep)
-            self.views = changed(views, used=views.used & among(views.ids, self.ids))
+            self.views = changed(views, used=views.used & core.among(views.ids, self.ids))
 
     def gauss_newton_step(self) -> float:
         """Move poses, points and modes by one step, and return the decrease of the sum of squares that it promised."""
@@ -264,7 +264,8 @@ class Map:
         if frame.rig is None:
             return views, None
         poses = [np.eye(4), *self.cams_from_ref, cam_from_previous @ self.newest_cam_from_ref]
-        self._seconds = self._clock.seconds(np.array(poses), [*self._stamps_ns(), frame.stamp_ns], std_acceleration)
+        stamps_ns = [f.stamp_ns for f in (self.reference, *self.frames, frame)]
+        self._seconds = self._clock.seconds(np.array(poses), stamps_ns, std_acceleration)
         *_, before, now = core.point_motions(np.array(poses), self._seconds)
         moved = clamp_depth(points @ cam_from_previous.T)
         by_timing = np.zeros_like(views.timing)
@@ -304,16 +305,12 @@ class Map:
         """Return delay and readout (2,) as they are held, seconds, and their covariance (2, 2)."""
         return rig.timing(self.prior.rig.held, self.prior.rig.cov_held)
 
-    def _stamps_ns(self) -> list[int]:
-        """Return the stamps of the reference camera and of the window."""
-        return [self.reference_ns, *(f.stamp_ns for f in self.frames)]
-
     def cov_of_timing(self, std_acceleration: Array) -> Array:
         """Return the covariance (6, 6) of the newest pose by its velocity, which delay and readout turn into errors."""
         rig, newest = self.frames[-1].rig, self.views[self.newest]
         if rig is None or not newest.used.any():
             return np.zeros((6, 6))
-        indices = [self.reference_index, *(f.index for f in self.frames)]
+        indices = [f.index for f in (self.reference, *self.frames)]
         self._twist_error.add(indices, self._motions[:, 0])
         mean, cov = self._timing(rig)
         in_cam = core.points_of_views(self.state(), newest.of_core)
@@ -327,8 +324,8 @@ class Map:
         """
         at, rig_error = np.searchsorted(self.ids, self.prior.ids), self.rig_error
         state = State(np.eye(4)[None], self.prior.ids, self.ref_from_anchor[at], self.q[at], rig_error)
-        views = changed(views, used=among(views.ids, state.ids))
-        views = expected(state, views, rig, self.prior.rig.age_s(self.reference_ns))
+        views = changed(views, used=core.among(views.ids, state.ids))
+        views = expected(state, views, rig, self.prior.rig.age_s(self.reference.stamp_ns))
         self._first = timed(state, views, rig, self._motions[:1], self._timing(rig)[0])
         estimates = self._seen_alone(self._first, state, self.prior.rig.mean - rig_error)
         self.prior = self.prior.with_first_views(*estimates)
@@ -384,14 +381,6 @@ class Map:
 
     def update_marginals(self) -> Marginals:
         """Compute the marginals of the newest frame from the latest system."""
-        marginals = Marginals.compute(
-            self.system,
-            self.ids,
-            self.ref_from_anchor,
-            self.q,
-            self.world_from_ref,
-            self.newest_cam_from_ref,
-            len(self.frames) - 1,
-        )
+        marginals = Marginals.compute(self.system, self.state(), self.world_from_ref)
         self.marginals = marginals.doubted(self.cov_doubt)
         return self.marginals

@@ -15,8 +15,8 @@ from ...geometry.linear import symmetric
 from ...geometry.se3 import Array
 from ...geometry.stereo import KNOWN_DEPTH_SIGMAS
 from ...record import record
-from ..ids import among
 from ..lifecycle import WorldPoints
+from .inverse_depth import State
 from .normal_equations import System
 
 _NO_IDS = np.empty(0, np.int64)
@@ -43,18 +43,11 @@ class Marginals:
     finite: NDArray[np.bool_]
 
     @classmethod
-    def compute(
-        cls,
-        system: System,
-        ids: NDArray[np.int64],
-        ref_from_anchor: Array,
-        q: Array,
-        world_from_ref: Array,
-        cam_from_ref: Array,
-        newest: int,
-    ) -> "Marginals":
-        """Marginalise the factored system; `newest` is the row of the newest frame, −1 where that is the reference."""
-        own, by_rig = system.covariances(newest)
+    def compute(cls, system: System, state: State, world_from_ref: Array) -> "Marginals":
+        """Marginalise the factored system; the newest camera is the last one of the state, or else the reference."""
+        cams_from_ref, ids, ref_from_anchor, q, _ = state
+        cam_from_ref = cams_from_ref[-1] if len(cams_from_ref) else np.eye(4)
+        own, by_rig = system.covariances(len(cams_from_ref) - 1)
         by_both = np.concatenate([-np.eye(6), se3.adjoint(cam_from_ref)], axis=1)
         return cls(
             ids,
@@ -78,5 +71,5 @@ class Marginals:
 
     def ended(self, still_in_map: NDArray[np.int64] = _NO_IDS) -> WorldPoints:
         """Return the points that are not in the map any more and have a position in metres; ids ascending."""
-        rows = ~among(self.ids, still_in_map) & self.finite
+        rows = ~core.among(self.ids, still_in_map) & self.finite
         return WorldPoints(self.ids[rows], self.points_in_world[rows], self.cov_points_in_world[rows])

@@ -42,6 +42,5 @@ def _gate(current: Map, gate_probability: float) -> None:
     """Take the views that the joint minimum contradicts out of use, each by its own covariance."""
     gates = chi2_gate(2, gate_probability), chi2_gate(4, gate_probability)
     used = core.views_within_gates(current.projection.pinholes, current.state(), current.views.of_core, *gates)
-    for track_id in current.views.ids[current.views.used & ~used].tolist():
-        current.rejections.add(track_id)
+    current.rejections.add(current.views.ids[current.views.used & ~used])
     current.views = changed(current.views, used=used)

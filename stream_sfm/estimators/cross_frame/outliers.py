@@ -1,9 +1,11 @@
 """Which tracks contradicted the motion, and how often: those that did so too often are excluded for good."""
 
+from collections import Counter
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ..ids import among
+from ... import core
 
 # Rejections, in any frame, after which a track is never used again. Trades the views of a good track that was unlucky
 # (a gate of 99.9 % makes six of them unlikely) against those of one on a slowly moving thing.
@@ -14,18 +16,18 @@ class RejectionCounts:
     """The number of rejections of every live track that has any."""
 
     def __init__(self) -> None:
-        self._counts: dict[int, int] = {}
+        self._counts: Counter[int] = Counter()
 
-    def add(self, track_id: int) -> None:
-        """Count one rejection."""
-        self._counts[track_id] = self._counts.get(track_id, 0) + 1
+    def add(self, ids: NDArray[np.int64]) -> None:
+        """Count one rejection of each track."""
+        self._counts.update(ids.tolist())
 
     def excluded(self, ids: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return which of `ids` (n,) are excluded."""
         often = sorted(i for i, n in self._counts.items() if n >= _MAX_REJECTIONS)
-        return among(ids, np.array(often, np.int64))
+        return core.among(ids, np.array(often, np.int64))
 
     def forget_all_but(self, ids: NDArray[np.int64]) -> None:
         """Drop the counts of tracks that have ended; `ids` are alive."""
-        alive = set(ids.tolist())
-        self._counts = {i: n for i, n in self._counts.items() if i in alive}
+        for ended in self._counts.keys() - set(ids.tolist()):
+            del self._counts[ended]

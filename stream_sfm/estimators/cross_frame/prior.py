@@ -86,10 +86,6 @@ class Prior:
         modes[..., modes.shape[2] - len(self.rig) :] = by_rig
         return changed(self, mean=mean, cov=cov, modes=modes)
 
-    def points(self, amplitudes: Array) -> Array:
-        """Return q (N, 3) at the given amplitudes (k,) of the modes."""
-        return self.mean + self.modes @ amplitudes
-
     def world(self, amplitudes: Array) -> Array:
         """Return world_from_ref (4, 4) at the given amplitudes (k,) of the modes."""
         return se3.orthonormalise(self.world_from_ref @ se3.exp(self.world_modes @ amplitudes))
@@ -117,7 +113,8 @@ class Prior:
         information S = P + Σ FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less what the rig's modes do to the views.
         """
         own, c = len(amplitudes) - len(self.rig) + 6, amplitudes[len(amplitudes) - len(self.rig) :]
-        world_modes = _insert(se3.adjoint(cam_from_ref) @ self.world_modes, own - 6, -np.eye(6))
+        world_modes = se3.adjoint(cam_from_ref) @ self.world_modes
+        world_modes = np.concatenate([world_modes[:, : own - 6], -np.eye(6), world_modes[:, own - 6 :]], axis=1)
         world = self.world(amplitudes) @ se3.inverse(cam_from_ref)
         known = np.arange(len(q)), self.mean, self.cov, self.modes, self.rig.information, self.rig.weighted
         s, whitened_modes, std, half, given, right = core.absorbing_system(blocks, known, anchors, q, amplitudes)
@@ -184,8 +181,3 @@ class Prior:
             modes=np.concatenate([modes[..., :6], shared[..., ~small], self.modes[..., own:]], axis=2),
             world_modes=np.concatenate([r.T[:, :6], np.zeros((6, kept)), self.world_modes[:, own:]], axis=1),
         )
-
-
-def _insert(modes: Array, at: int, more: Array) -> Array:
-    """Return modes (…, k) with `more` (…, j) before those from `at` on."""
-    return np.concatenate([modes[..., :at], more, modes[..., at:]], axis=-1)

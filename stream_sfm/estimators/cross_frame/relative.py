@@ -31,7 +31,7 @@ def relative_motions(current: Map, cov_newest: Array) -> RelativeMotions:
     half, by_rig = apart(system.root[: system.poses]), apart(system.by_rig[: system.poses])
     cov = half @ np.swapaxes(half, 1, 2) + product(by_rig, system.cov_rig) @ np.swapaxes(by_rig, 1, 2)
     return RelativeMotions(
-        frame_indices=np.array([current.reference_index, *(f.index for f in frames[:-1])], np.int64),
+        frame_indices=np.array([f.index for f in (current.reference, *frames[:-1])], np.int64),
         frame_from_newest=se3.orthonormalise(from_newest),
         cov=cov + _of_motions(current) + cov_newest,
         common_jacobian=by_rig,

@@ -122,18 +122,15 @@ class RigKnowledge:
     def with_field(self, n: int) -> "RigKnowledge":
         """Return the knowledge with n more errors, of a field of which nothing has been seen."""
         m, none, least = len(self), np.zeros(n), np.full(n, _LEAST_FIELD_PX)
-        information, cov = np.zeros((2, m + n, m + n))
-        information[:m, :m], cov[:m, :m] = self.information, self.cov_held
-        information[range(m, m + n), range(m, m + n)] = least**-2.0
-        cov[range(m, m + n), range(m, m + n)] = least**2
+        apart = np.zeros((m, n))
         return changed(
             self,
             mean=np.concatenate([self.mean, none]),
-            information=information,
+            information=np.block([[self.information, apart], [apart.T, np.diag(least**-2.0)]]),
             weighted=np.concatenate([self.weighted, none]),
             size=np.concatenate([self.size, least]),
             held=np.concatenate([self.held, none]),
-            cov_held=cov,
+            cov_held=np.block([[self.cov_held, apart], [apart.T, np.diag(least**2)]]),
             sizes_unknown=np.concatenate([np.broadcast_to(self.sizes_unknown, m), none == 0]),
         )
 

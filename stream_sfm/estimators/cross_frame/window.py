@@ -18,7 +18,6 @@ from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...rig_model.terms import DELAY, TERMS
 from ...types import Ambiguity, Observations, Solution
-from ..ids import among
 from ..initial_motion import initial_motion
 from ..lifecycle import (
     LostError,
@@ -175,15 +174,11 @@ class CrossFrame:
             self.motion.jump()
         pose, cov_pose = self.motion.predict(observations.stamp_ns)
         if current is None or not current.frames:
-            self._forget_rig()
+            self.rig, self._said_by_rows, self._impossible = None, np.zeros(2), ""
         else:
             self.rig = current.prior.rig
         ended = None if current is None else current.marginals.ended()
         return lost_solution(observations, reason, pose, cov_pose, ended)
-
-    def _forget_rig(self) -> None:
-        """Forget all that is known about the rig, as before the first frame."""
-        self.rig, self._said_by_rows, self._impossible = None, np.zeros(2), ""
 
     def _initial_motion(
         self, current: Map, observations: Observations, frame: WindowFrame, views: WhitenedViews
@@ -229,10 +224,10 @@ class CrossFrame:
             self._impossible = self._impossible or impossible(rig)
         observations = _with_misfit(observations, self._impossible)
         ids, used = current.views.ids[current.newest], current.views.used[current.newest]
-        n_accepted = int(np.count_nonzero(used & among(ids, before.ids)))  # by the joint minimum, too
+        n_accepted = int(np.count_nonzero(used & core.among(ids, before.ids)))  # by the joint minimum, too
         status, reason = frame_status(n_accepted, observations.note, self.config.robust, motion)
-        shown = among(now.ids, ids[used]) & now.finite
-        shown &= ~among(now.ids, current.begun_anew)
+        shown = core.among(now.ids, ids[used]) & now.finite
+        shown &= ~core.among(now.ids, current.begun_anew)
         solution = Solution(
             status=status,
             reason=reason,
