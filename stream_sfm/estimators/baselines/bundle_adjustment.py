@@ -194,7 +194,6 @@ class Adjustment:
     cost: float
     squares: Array
     iterations: int
-    converged: bool
 
 
 def adjust(
@@ -210,8 +209,7 @@ def adjust(
     """Minimise by Gauss-Newton from a start, with steps halved until they lower the sum of squares.
 
     Ends where that falls by less than `tolerance` of itself, or where no step lowers it, which is the minimum to
-    rounding; `converged` is False where the iterations ran out first. Raises LinAlgError where the views do not
-    determine the poses.
+    rounding, or where the iterations run out. Raises LinAlgError where the views do not determine the poses.
     """
     best, squares = cost(projection, ref_from_cam, points, views, priors)
     done, converged = 0, False
@@ -226,4 +224,4 @@ def adjust(
                 ref_from_cam, points, best, squares = poses, points + scale * delta, value, new_squares
                 break
         converged = before - best <= tolerance * before + _LEAST_DECREASE
-    return Adjustment(ref_from_cam, points, best, squares, done, converged)
+    return Adjustment(ref_from_cam, points, best, squares, done)

@@ -30,7 +30,6 @@ _FREE, _FREE_OF_DRIFT = 1e4, 300.0
 class Ekf(Baseline):
     """Joint covariance (6 + 3m, 6 + 3m) of the pose and the m visible points; world-centred."""
 
-    name = "ekf"
     _at_prediction = False  # where the update is linearised: otherwise at the resection
 
     def _begin(self, obs: Observations, first: Solution) -> WorldPoints:
@@ -160,5 +159,4 @@ def _blocks(cov: Array) -> Array:
 class EkfConstantVelocity(Ekf):
     """The same filter linearised where constant velocity predicts the camera: weaker where motion is uneven."""
 
-    name = "ekf-cv"
     _at_prediction = True

@@ -67,8 +67,6 @@ class _Pair(NamedTuple):
 class FrameToFrame(Baseline):
     """Two-frame motion and structure, concatenated."""
 
-    name = "frame-to-frame"
-
     def _begin(self, obs: Observations, first: Solution) -> WorldPoints:
         self._previous = obs
         self._world_from_previous, self._cov_previous = first.world_from_cam, first.cov_pose

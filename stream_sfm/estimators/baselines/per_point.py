@@ -13,16 +13,203 @@ of its points; correlations between points are dropped, as in the paper. There a
 b = 1 is the classical depth filter.
 """
 
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ...config import Config
 from ...geometry import se3
+from ...geometry.gates import chi2_gates
+from ...geometry.se3 import Array
+from ...geometry.stereo import StereoProjection
+from ...record import record
 from ...types import Observations, Solution
 from ..lifecycle import WorldPoints, frame_status, solution_of
+from ..triangulation import compose_cov, points_to_world, triangulate, usable_births
 from .baseline import Baseline
-from .per_point_map import PerPointMap
-from .per_point_priors import LeavingRule, camera_centred, camera_centred_literal, world_centred
+from .bundle_adjustment import Adjustment, PointPriors, Reduced, WeightedViews, adjust
+from .per_point_priors import Leaving, LeavingRule, camera_centred, camera_centred_literal, world_centred
+
+_TOLERANCE = 1e-6  # relative decrease of the sum of squares: a few hundredths of a σ at a thousand views
+
+
+@record
+class PerPointFrame:
+    """A frame of the window: its pose, whether that is held, and its accepted views of points of the map."""
+
+    index: int
+    ref_from_cam: Array
+    held: bool
+    ids: NDArray[np.int64]
+    z_px: Array
+    cov_px: Array
+
+    def select(self, rows: NDArray[np.bool_]) -> "PerPointFrame":
+        """Return the frame with the views of a mask only."""
+        return replace(self, ids=self.ids[rows], z_px=self.z_px[rows], cov_px=self.cov_px[rows])
+
+
+class PerPointMap:
+    """Everything that exists only while the camera is being followed. `ref` is the world, or the last camera that left.
+
+    `ids` (n,) ascending: points with a prior or a view in the window; `points` (n, 3) m in ref; `priors` of them, zero
+    for none; `covariances`: of the last solve, the poses of the window and the points.
+    """
+
+    def __init__(self, projection: StereoProjection, config: Config, obs: Observations, first: Solution) -> None:
+        """Begin a map in the camera of `first`, which is ref and is held."""
+        self._projection = projection
+        self._config = config
+        self.window: list[PerPointFrame] = []
+        self.world_from_ref, self._cov_ref = first.world_from_cam, first.cov_pose
+        self.ids = np.empty(0, np.int64)
+        self._points = np.empty((0, 3))
+        self._priors = PointPriors(np.empty((0, 3)), np.empty((0, 3, 3)))
+        self.append(obs, np.eye(4), np.empty(0, np.int64), np.empty(0, np.intp), held=True)
+        self.solve()
+
+    def append(
+        self,
+        obs: Observations,
+        ref_from_cam: Array,
+        shared: NDArray[np.int64],
+        accepted: NDArray[np.intp],
+        held: bool,
+    ) -> None:
+        """Add the newest frame with its accepted views (rows of obs), and start the points seen first."""
+        births = usable_births(self._projection, obs.z_px, obs.cov_px)
+        births &= ~np.isin(obs.track_ids, self.ids) & ~np.isin(obs.track_ids, shared)
+        in_cam, _ = triangulate(self._projection, obs.z_px[births], obs.cov_px[births])
+        n = len(in_cam)
+        self.ids = np.concatenate([self.ids, obs.track_ids[births]])
+        self._points = np.concatenate([self._points, se3.transform(ref_from_cam, in_cam)])
+        self._priors = PointPriors(
+            np.concatenate([self._priors.mean, np.zeros((n, 3))]),
+            np.concatenate([self._priors.information, np.zeros((n, 3, 3))]),
+        )
+        rows = np.union1d(accepted[np.isin(obs.track_ids[accepted], self.ids)], np.flatnonzero(births))
+        ids, z_px, cov_px = obs.track_ids[rows], obs.z_px[rows], obs.cov_px[rows]
+        self.window.append(PerPointFrame(obs.frame_index, ref_from_cam, held, ids, z_px, cov_px))
+        self._drop_undetermined()
+
+    def _drop_undetermined(self) -> None:
+        """Keep the points that the window sees and that a prior or a complete view locates; ascending by id."""
+        seen = np.concatenate([f.ids for f in self.window])
+        stereo = np.concatenate([f.ids[np.isfinite(f.z_px).all(axis=1)] for f in self.window])
+        located = np.isin(self.ids, stereo) | self._has_prior()
+        keep = np.flatnonzero(np.isin(self.ids, seen) & located)
+        keep = keep[np.argsort(self.ids[keep])]
+        self.ids, self._points = self.ids[keep], self._points[keep]
+        self._priors = PointPriors(self._priors.mean[keep], self._priors.information[keep])
+        self.window = [f.select(np.isin(f.ids, self.ids)) for f in self.window]
+
+    def _has_prior(self) -> NDArray[np.bool_]:
+        return np.asarray((self._priors.information != 0).any(axis=(1, 2)))
+
+    def solve(self) -> Adjustment:
+        """Estimate all motions and points of the window at once; views that do not fit leave, once.
+
+        Raises LinAlgError where no points are left.
+        """
+        for last in (False, True):
+            if not len(self.ids):
+                raise np.linalg.LinAlgError("no points are left")
+            poses = np.stack([f.ref_from_cam for f in self.window])
+            free = np.array([not f.held for f in self.window])
+            views = _views(self.window, self.ids)
+            result = adjust(
+                self._projection,
+                poses,
+                self._points,
+                views,
+                free,
+                self._priors,
+                self._config.window.max_iterations,
+                tolerance=_TOLERANCE,
+            )
+            self._points = result.points
+            self.window = [
+                replace(f, ref_from_cam=p) for f, p in zip(self.window, result.ref_from_cam, strict=True)
+            ]
+            dof = 2 * (views.information[:, [0, 2], [0, 2]] > 0).sum(axis=1)
+            bad = result.squares > chi2_gates(dof, self._config.robust.gate_probability)
+            if last or not bad.any():
+                break
+            for k, frame in enumerate(self.window):
+                out = self.ids[views.point[bad & (views.frame == k)]]
+                self.window[k] = frame.select(~np.isin(frame.ids, out))
+            self._drop_undetermined()
+        reduced = Reduced.build(self._projection, result.ref_from_cam, self._points, views, free, self._priors)
+        self.covariances = reduced.covariances()
+        return result
+
+    def let_oldest_leave(self, rule: LeavingRule) -> Array:
+        """Turn the oldest frame into priors of its points, and return new_from_ref.
+
+        Where that frame becomes the reference, the pose in the world is composed with its motion.
+        """
+        frame = self.window.pop(0)
+        ref_from_cam, cov_pose = frame.ref_from_cam, self.covariances.cov_pose(0)
+        # one side alone would leave the depth of a point without prior open
+        known = np.isin(frame.ids, self.ids[self._has_prior()])
+        frame = frame.select(known | np.isfinite(frame.z_px).all(axis=1))
+        rows = np.flatnonzero(np.isin(self.ids, frame.ids) | self._has_prior())
+        priors, moved = rule(
+            Leaving(
+                projection=self._projection,
+                ref_from_cam=ref_from_cam,
+                cov_pose=cov_pose,
+                held=frame.held,
+                points=self._points[rows],
+                priors=PointPriors(self._priors.mean[rows], self._priors.information[rows]),
+                views=_views([frame], self.ids[rows]),
+            )
+        )
+        if moved is not None:
+            self._cov_ref = compose_cov(self._cov_ref, ref_from_cam, cov_pose)
+            self.world_from_ref = se3.orthonormalise(self.world_from_ref @ ref_from_cam)
+        new_from_ref = np.eye(4) if moved is None else moved
+        self._points = se3.transform(new_from_ref, self._points)
+        mean, information = np.zeros_like(self._points), np.zeros((len(self._points), 3, 3))
+        mean[rows], information[rows] = priors.mean, priors.information
+        self._priors = PointPriors(mean, information)
+        self.window = [
+            replace(f, ref_from_cam=se3.orthonormalise(new_from_ref @ f.ref_from_cam)) for f in self.window
+        ]
+        return new_from_ref
+
+    def newest_pose(self) -> tuple[Array, Array]:
+        """Return world_from_cam (4, 4) of the newest camera and its covariance (6, 6)."""
+        ref_from_cam = self.window[-1].ref_from_cam
+        cov = compose_cov(self._cov_ref, ref_from_cam, self.covariances.cov_pose(len(self.window) - 1))
+        return se3.orthonormalise(self.world_from_ref @ ref_from_cam), cov
+
+    def points_in_newest_camera(self) -> tuple[Array, Array]:
+        """Return points (n, 3) and covariances (n, 3, 3) in the newest camera."""
+        newest = self.window[-1].ref_from_cam
+        in_cam = se3.transform(se3.inverse(newest), self._points)
+        return in_cam, self.covariances.cov_points_in_cam(len(self.window) - 1, newest, in_cam)
+
+    def points_in_world(self) -> WorldPoints:
+        """Return all points with their covariances in the world."""
+        cov_points = self.covariances.cov_points
+        return WorldPoints(self.ids, *points_to_world(self.world_from_ref, self._cov_ref, self._points, cov_points))
+
+    def degrees_of_freedom(self) -> int:
+        """Return measurements and priors less unknowns of the last solve."""
+        views = sum(int(np.isfinite(f.z_px).sum()) for f in self.window)
+        moving = sum(not f.held for f in self.window)
+        return views + 3 * int(self._has_prior().sum()) - 3 * len(self.ids) - 6 * moving
+
+
+def _views(frames: list[PerPointFrame], ids: NDArray[np.int64]) -> WeightedViews:
+    """Return the views of frames, all of points in `ids` (ascending)."""
+    frame = np.repeat(np.arange(len(frames)), [len(f.ids) for f in frames])
+    point = np.searchsorted(ids, np.concatenate([f.ids for f in frames]))
+    z = np.concatenate([f.z_px for f in frames])
+    return WeightedViews.sorted_by_point(frame, point, z, np.concatenate([f.cov_px for f in frames]))
 
 
 class _PerPointWindow(Baseline):
@@ -71,19 +258,16 @@ class _PerPointWindow(Baseline):
 class CrossFrameWC(_PerPointWindow):
     """Window with per-point priors in the world frame."""
 
-    name = "cross-frame-wc"
     rule = world_centred
 
 
 class CrossFrameCC(_PerPointWindow):
     """Window with per-point priors in the last camera that left it."""
 
-    name = "cross-frame-cc"
     rule = camera_centred
 
 
 class CrossFrameCCLiteral(_PerPointWindow):
     """Window with per-point priors in the last camera that left it, by the paper's two-frame transform."""
 
-    name = "cross-frame-cc-literal"
     rule = camera_centred_literal
