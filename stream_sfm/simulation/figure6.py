@@ -8,15 +8,15 @@ The scene is the paper's own: natural visibility, about 200 mm per frame, round-
 stand the default estimator, two EKFs, frame-to-frame concatenation, and the bound.
 """
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 
-from .measure import QUANTITIES, Method, measure
+from .measure import QUANTITIES, Method
 from .scenes import Scene
+from .studies import judged
 from .trials import Job, Measured, Report, Study
 
 BATCHES = (1, 2, 4, 8)  # paper: the batch sizes b of its figure
@@ -52,7 +52,7 @@ _ROWS = ("pose: rotation, mrad", "pose: position, mm", "global structure, mm", "
 
 
 def _jobs() -> dict[str, Job]:
-    return {"figure6": Job(partial(measure, scene=SCENE, methods=METHODS, frames=FRAMES))}
+    return {"figure6": judged(SCENE, FRAMES, METHODS)}
 
 
 def _report(measured: dict[str, Measured]) -> Report:

@@ -4,14 +4,12 @@ For every entry: the measured exponents, and that of the Cramér–Rao bound of 
 paper's beside them. Simple: a point is seen in L = 2 frames; general: L = 8; non-transitory: in all. k = L/2.
 """
 
-from functools import partial
-
-import msgspec
 import numpy as np
 
 from .figure6 import BATCHES
-from .measure import QUANTITIES, Method, bound_of, bound_variances, measure
+from .measure import QUANTITIES, Method, bound_of, bound_variances
 from .scenes import MOTIONS, Scene
+from .studies import Condition, judged
 from .trials import Job, Measured, Report, Study, exponent, mean, ratio, trials_of
 
 # The joint window; the paper's WC and CC.
@@ -23,15 +21,11 @@ _DRIFT_FRAMES = (32, 96)  # between them drift is measured: twice the longest sp
 _BOUND_FRACTION = 0.08  # of the trials: the bound is costly, and varies little between scenes
 
 
-class Run(msgspec.Struct, frozen=True):
-    """A sequence of the table: exponents are fitted over `frames` of a scene."""
-
-    scene: Scene
-    frames: range
-
-
-def _run(motion: str, length: int, frames: range) -> Run:
-    return Run(Scene(frames=frames[-1] + 1, motion=MOTIONS[motion], track_length=length), frames)
+def _run(motion: str, length: int, frames: range) -> Condition:
+    """A sequence of the table: exponents are fitted over `frames`."""
+    return judged(
+        Scene(frames=frames[-1] + 1, motion=MOTIONS[motion], track_length=length), tuple(frames), READINGS
+    )
 
 
 _SLOW, _LATERAL = MOTIONS["slow"], MOTIONS["lateral"]
@@ -45,16 +39,13 @@ RUNS = {
 
 
 def _jobs() -> dict[str, Job]:
-    jobs = {
-        name: Job(partial(measure, scene=run.scene, methods=READINGS, frames=run.frames))
-        for name, run in RUNS.items()
-    }
+    jobs: dict[str, Job] = {**RUNS}
     for length in SPANS:  # one image support for all L
         scene = Scene(motion=_SLOW, track_length=length, support_frames=max(SPANS))
-        jobs[f"L={length}"] = Job(partial(measure, scene=scene, methods=READINGS, frames=LAST_FRAMES, bound=False))
+        jobs[f"L={length}"] = judged(scene, LAST_FRAMES, READINGS, bound=False)
     windows = tuple(Method(m.name, b, f"{m.name} b={b}") for m in READINGS for b in BATCHES)
     scene = Scene(motion=_LATERAL, track_length=8)
-    jobs["windows"] = Job(partial(measure, scene=scene, methods=windows, frames=LAST_FRAMES))
+    jobs["windows"] = judged(scene, LAST_FRAMES, windows)
     jobs["drift"] = Job(drift_rates, _BOUND_FRACTION)
     jobs["structure"] = Job(structure_over_window, _BOUND_FRACTION)
     return jobs
@@ -89,7 +80,7 @@ def _report(measured: dict[str, Measured]) -> Report:
     }
 
 
-def _row(run: Run, quantity: str, data: Measured) -> Report:
+def _row(run: Condition, quantity: str, data: Measured) -> Report:
     x = np.array(run.frames)
     return {
         "frames": [run.frames[0], run.frames[-1]],

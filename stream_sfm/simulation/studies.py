@@ -53,17 +53,18 @@ def of_conditions(
 def judged(
     scene: Scene,
     frames: tuple[int, ...],
-    methods: Sequence[str] = tuple(METHODS),
+    methods: Sequence[Method] = tuple(map(Method, METHODS)),
     bound: bool = True,
     share: float = 1.0,
 ) -> Condition:
     """A condition in which methods are judged, with the bound or not."""
-    of_each = tuple(map(Method, methods))
-    trial = partial(measure, scene=scene, methods=of_each, frames=frames, bound=bound)
+    trial = partial(measure, scene=scene, methods=methods, frames=frames, bound=bound)
     return Condition(trial, share, scene=scene, frames=frames)
 
 
-_OF_LONG_RUNS = (REFERENCE, "cross-frame-wc", "cross-frame-cc", "ekf", "iterated-ekf", "frame-to-frame")
+_OF_LONG_RUNS = tuple(
+    map(Method, (REFERENCE, "cross-frame-wc", "cross-frame-cc", "ekf", "iterated-ekf", "frame-to-frame"))
+)
 _FRAMES, _LATE_FRAMES = tuple(range(10, 31)), tuple(range(20, 201, 20))
 CONDITIONS = {
     "nominal": judged(Scene(track_length=8), _FRAMES),

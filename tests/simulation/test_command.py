@@ -10,6 +10,7 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.cli import simulate
 from stream_sfm.simulation import calibration, figure6, rates, studies
+from stream_sfm.simulation.measure import Method
 from stream_sfm.simulation.scenes import Scene
 
 TRIALS = ("--trials", "2", "--workers", "1", "--out")
@@ -20,7 +21,7 @@ def short(monkeypatch):
     """The same studies on short scenes."""
     small = Scene(frames=6, track_length=4)
     for name in studies.CONDITIONS:
-        compared = studies.judged(small, (3, 5), ("cross-frame", "ekf"), bound=name != "200_frames")
+        compared = studies.judged(small, (3, 5), (Method("cross-frame"), Method("ekf")), bound=name != "200_frames")
         monkeypatch.setitem(studies.CONDITIONS, name, compared)
     noisy = dataclasses.replace(small, std_px=0.15, round_off=False, autocorrelation=0.75)
     for name in calibration.CONDITIONS:
@@ -28,7 +29,7 @@ def short(monkeypatch):
         monkeypatch.setitem(calibration.CONDITIONS, name, short)
     monkeypatch.setattr(figure6, "SCENE", dataclasses.replace(small, frames=4))
     monkeypatch.setattr(figure6, "FRAMES", (1, 2, 3))
-    monkeypatch.setattr(rates, "RUNS", {"general_slow": rates.Run(small, range(3, 6))})
+    monkeypatch.setattr(rates, "RUNS", {"general_slow": studies.judged(small, (3, 4, 5), rates.READINGS)})
     monkeypatch.setattr(rates, "LAST_FRAMES", (3, 5))
     monkeypatch.setattr(rates, "BATCHES", (1, 2))
 
