@@ -7,7 +7,7 @@ from .camera.rig import StereoRig as StereoRig
 from .config import Config as Config
 from .config import config_to_toml as config_to_toml
 from .config import read_config as read_config
-from .dense.ply import write_ply as write_ply
+from .dense.mesh import write_ply as write_ply
 from .dense.surface import surface as surface
 from .engine import Engine as Engine
 from .errors import ConfigError as ConfigError

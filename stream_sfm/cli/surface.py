@@ -42,7 +42,7 @@ def surface(
         all: fuse all frames
     """
     from ..dense import surface as dense
-    from ..dense.ply import write_ply
+    from ..dense.mesh import write_ply
     from ..recording.stereo_log import open_log
     from .progress import frame_progress
 

@@ -15,7 +15,6 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from . import voxels
 from .disparity import DisparityMap, cosine_of_incidence, rays, std_along_ray
-from .isosurface import isosurface
 from .mesh import Mesh
 
 _REACH = 2  # voxels on either side of a surface in which its distance is kept (the truncation distance)
@@ -88,14 +87,14 @@ class Fusion:
         keys, sums = self._keys[seen], sums[seen]
         weight = sums[:, _WEIGHT]
         variance = (1 + sums[:, _SHARED]) / weight
-        attributes = np.column_stack([sums[:, _COLOUR] / weight[:, None], variance])
-        surface = isosurface(keys, sums[:, _DISTANCE] / weight, attributes)
+        means = np.column_stack([sums[:, _COLOUR] / weight[:, None], variance])
+        points, faces, normals, attributes = voxels.isosurface(keys, sums[:, _DISTANCE] / weight, means)
         return Mesh(
-            ((surface.points + 0.5) * (self.voxel_m or 1.0)).astype(np.float32),
-            surface.faces,
-            surface.normals.astype(np.float32),
-            np.clip(np.rint(surface.attributes[:, :3]), 0, 255).astype(np.uint8),
-            np.sqrt(surface.attributes[:, 3]).astype(np.float32),
+            ((points + 0.5) * (self.voxel_m or 1.0)).astype(np.float32),
+            faces,
+            normals.astype(np.float32),
+            np.clip(np.rint(attributes[:, :3]), 0, 255).astype(np.uint8),
+            np.sqrt(attributes[:, 3]).astype(np.float32),
         )
 
     def _fitting_voxel(self, depth: Array) -> float:

@@ -1,14 +1,22 @@
-"""Meshes of triangles, and the mesh of one disparity map."""
+"""Meshes of triangles: that of one disparity map, and binary PLY files of any."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..files import write_whole
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..wording import printable
 from .disparity import DisparityMap, rays, std_along_ray
+
+_VERTEX = np.dtype([(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
+                   + [(name, "u1") for name in ("red", "green", "blue")] + [("std_m", "<f4")])  # fmt: skip
+_FACE = np.dtype([("count", "u1"), ("vertices", "<i4", 3)])
+_TYPES = {"<f4": "float", "|u1": "uchar"}
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -54,10 +62,7 @@ def mesh_of_frame(
         faces = faces[np.ptp(corners, axis=1) <= max_step_px]
     used = np.zeros(d.size, bool)
     used[faces] = True
-    kept = np.flatnonzero(used)
-    renumber = np.full(d.size, -1, np.int32)
-    renumber[kept] = np.arange(len(kept), dtype=np.int32)
-    faces = renumber[faces]
+    kept, faces = np.flatnonzero(used), (np.cumsum(used, dtype=np.int32) - 1)[faces]
 
     ray, disparity = rays(projection).reshape(-1, 3)[kept], d.ravel()[kept].astype(float)
     vertices = ray * (projection.f_px * projection.baseline_m / disparity)[:, None]
@@ -79,3 +84,30 @@ def normals_of(vertices: Array, faces: NDArray[np.int32]) -> NDArray[np.float32]
     )
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return (normals / np.maximum(length, 1e-30)).astype(np.float32)
+
+
+def write_ply(path: str | Path, mesh: Mesh, comment: str) -> None:
+    """Write a mesh, with position, normal, colour and `std_m` of each vertex; `comment` states its axes.
+
+    Raises OutputError.
+    """
+    vertices = np.empty(len(mesh.vertices), _VERTEX)
+    for i, axis in enumerate("xyz"):
+        vertices[axis], vertices[f"n{axis}"] = mesh.vertices[:, i], mesh.normals[:, i]
+    for i, name in enumerate(("red", "green", "blue")):
+        vertices[name] = mesh.colours[:, i]
+    vertices["std_m"] = mesh.std_m
+    faces = np.empty(len(mesh.faces), _FACE)
+    faces["count"], faces["vertices"] = 3, mesh.faces
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"comment {printable(comment)}",
+        "comment metres; std_m: standard deviation of the vertex along its viewing ray",
+        f"element vertex {len(vertices)}",
+        *(f"property {_TYPES[_VERTEX[name].str]} {name}" for name in _VERTEX.names or ()),
+        f"element face {len(faces)}",
+        "property list uchar int vertex_indices",
+        "end_header\n",
+    ]
+    write_whole(path, "\n".join(header).encode("ascii", "replace"), vertices.tobytes(), faces.tobytes())

@@ -102,16 +102,16 @@ def _reduction(pixels: int) -> int:
 
 def _reduced_projection(projection: StereoProjection, factor: int) -> StereoProjection:
     """Return the projection of images whose pixels are `factor` times as wide, with pixel 0 centred on the first."""
-    cx_left, cx_right, cy = (
-        (centre + 0.5) / factor - 0.5
-        for centre in (projection.cx_left_px, projection.cx_right_px, projection.cy_px)
-    )
+
+    def centre(px: float) -> float:
+        return (px + 0.5) / factor - 0.5
+
     return replace(
         projection,
         f_px=projection.f_px / factor,
-        cx_left_px=cx_left,
-        cx_right_px=cx_right,
-        cy_px=cy,
+        cx_left_px=centre(projection.cx_left_px),
+        cx_right_px=centre(projection.cx_right_px),
+        cy_px=centre(projection.cy_px),
         width=projection.width // factor,
         height=projection.height // factor,
     )

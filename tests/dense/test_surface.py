@@ -11,12 +11,9 @@ from stream_sfm import Camera, StereoRig, import_images, open_log
 from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.config import DenseConfig
 from stream_sfm.dense import voxels
-from stream_sfm.dense.disparity import DenseStereo, DisparityMap
+from stream_sfm.dense.disparity import DenseStereo, DisparityMap, refine
 from stream_sfm.dense.fusion import Fusion
-from stream_sfm.dense.isosurface import isosurface
-from stream_sfm.dense.mesh import Mesh, mesh_of_frame
-from stream_sfm.dense.ply import write_ply
-from stream_sfm.dense.refine import refine
+from stream_sfm.dense.mesh import Mesh, mesh_of_frame, write_ply
 from stream_sfm.dense.surface import surface
 from stream_sfm.evaluation.structure import structure_errors
 from stream_sfm.geometry import se3
@@ -120,14 +117,14 @@ def test_a_sphere_comes_out_whole():
     keys = np.sort(voxels.keys_of(grid + 0.5, 1.0))
     cells = voxels.cells_of(keys)
     radius = np.linalg.norm(cells, axis=1)
-    found = isosurface(keys, radius - 10.3, radius[:, None])
-    mesh = trimesh.Trimesh(found.points, found.faces, process=False)
+    points, faces, normals, attributes = voxels.isosurface(keys, radius - 10.3, radius[:, None])
+    mesh = trimesh.Trimesh(points, faces, process=False)
     assert mesh.is_watertight
     # Positive: faces look outwards. Chords of one voxel at a radius of ten cut off 1 %.
     assert mesh.volume == pytest.approx(4 / 3 * np.pi * 10.3**3, rel=0.02)
-    outwards = found.points / np.linalg.norm(found.points, axis=1, keepdims=True)
-    assert np.einsum("ni,ni->n", outwards, found.normals).min() > 0.99  # within 8°, one voxel at that radius
-    assert np.abs(found.attributes[:, 0] - 10.3).max() < 1  # voxels
+    outwards = points / np.linalg.norm(points, axis=1, keepdims=True)
+    assert np.einsum("ni,ni->n", outwards, normals).min() > 0.99  # within 8°, one voxel at that radius
+    assert np.abs(attributes[:, 0] - 10.3).max() < 1  # voxels
 
 
 def fused(frames: int, config: DenseConfig, cov_position: np.ndarray, seed: int = 8) -> tuple[Fusion, Mesh]:
