@@ -13,10 +13,8 @@ from ..geometry.stereo import StereoProjection
 from ..wording import printable
 from .disparity import DisparityMap, rays, std_along_ray
 
-_VERTEX = np.dtype([(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
-                   + [(name, "u1") for name in ("red", "green", "blue")] + [("std_m", "<f4")])  # fmt: skip
+_VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3), ("std_m", "<f4")])
 _FACE = np.dtype([("count", "u1"), ("vertices", "<i4", 3)])
-_TYPES = {"<f4": "float", "|u1": "uchar"}
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -92,11 +90,8 @@ def write_ply(path: str | Path, mesh: Mesh, comment: str) -> None:
     Raises OutputError.
     """
     vertices = np.empty(len(mesh.vertices), _VERTEX)
-    for i, axis in enumerate("xyz"):
-        vertices[axis], vertices[f"n{axis}"] = mesh.vertices[:, i], mesh.normals[:, i]
-    for i, name in enumerate(("red", "green", "blue")):
-        vertices[name] = mesh.colours[:, i]
-    vertices["std_m"] = mesh.std_m
+    vertices["position"], vertices["normal"] = mesh.vertices, mesh.normals
+    vertices["colour"], vertices["std_m"] = mesh.colours, mesh.std_m
     faces = np.empty(len(mesh.faces), _FACE)
     faces["count"], faces["vertices"] = 3, mesh.faces
     header = [
@@ -105,7 +100,9 @@ def write_ply(path: str | Path, mesh: Mesh, comment: str) -> None:
         f"comment {printable(comment)}",
         "comment metres; std_m: standard deviation of the vertex along its viewing ray",
         f"element vertex {len(vertices)}",
-        *(f"property {_TYPES[_VERTEX[name].str]} {name}" for name in _VERTEX.names or ()),
+        *(f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")),
+        *(f"property uchar {name}" for name in ("red", "green", "blue")),
+        "property float std_m",
         f"element face {len(faces)}",
         "property list uchar int vertex_indices",
         "end_header\n",

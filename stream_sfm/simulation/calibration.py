@@ -18,10 +18,9 @@ from ..frontend.template_errors import TemplateErrors
 from ..geometry.se3 import Array
 from ..rig_model.model import RigModel
 from ..types import LastingErrors, Observations, RigView, Solution
-from .measure import bound_variances, errors, followed
+from .measure import Measured, bound_variances, errors, followed
 from .scenes import Scene, Sequence
-from .studies import Condition, of_conditions
-from .trials import Measured, Report, mean, ratio
+from .studies import Condition, Report, mean, of_conditions, ratio
 
 QUANTITIES = ("rotation", "position", "local_structure")
 EXPECTED = dict.fromkeys(QUANTITIES, 1.0) | {"nees_pose": 6.0, "nees_rig": float(len(TERMS))}

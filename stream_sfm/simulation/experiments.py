@@ -11,8 +11,7 @@ from ..files import json_bytes, make_folder, write_whole
 from . import figure6
 from .calibration import CALIBRATION
 from .rates import RATES
-from .studies import CONSISTENCY, EFFICIENCY
-from .trials import Progress, Report
+from .studies import CONSISTENCY, EFFICIENCY, Progress, Report
 
 EXPERIMENTS = {
     "efficiency": EFFICIENCY,

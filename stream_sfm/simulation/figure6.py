@@ -14,10 +14,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from .measure import QUANTITIES, Method
+from .measure import QUANTITIES, Measured, Method
 from .scenes import Scene
-from .studies import judged
-from .trials import Job, Measured, Report, Study
+from .studies import Job, Report, Study, judged
 
 BATCHES = (1, 2, 4, 8)  # paper: the batch sizes b of its figure
 FRAMES = tuple(range(1, 31))  # paper: 31 frames

@@ -16,9 +16,9 @@ from ..geometry.linear import mahalanobis2
 from ..geometry.se3 import Array
 from ..types import Estimator, Observations, Solution, Status
 from .scenes import Scene, Sequence
-from .trials import Measured
 
 QUANTITIES = ("rotation", "position", "global_structure", "local_structure")
+Measured = dict[str, dict[str, Array]]  # label -> quantity -> values (k,) of one trial, (trials, k) of all
 NORMALISED = ("nees_pose", "nees_point", "nees_point_in_world")  # closed form: 6, 3 and 3 are expected
 
 
@@ -29,11 +29,6 @@ class Method:
     name: str
     frames: int = 8
     key: str = ""  # empty: the name
-
-    @property
-    def label(self) -> str:
-        """The key of its results."""
-        return self.key or self.name
 
     def make(self, sequence: Sequence) -> Estimator:
         """Make the estimator for a sequence."""
@@ -62,7 +57,7 @@ def measure(
         return found
 
     observations = sequence.observations[: max(frames) + 1]
-    result = {m.label: followed(m.make(sequence), observations, frames, names, figures) for m in methods}
+    result = {m.key or m.name: followed(m.make(sequence), observations, frames, names, figures) for m in methods}
     return result | ({"bound": bound_variances(list(bounds.values()))} if bound else {})
 
 

@@ -7,10 +7,9 @@ paper's beside them. Simple: a point is seen in L = 2 frames; general: L = 8; no
 import numpy as np
 
 from .figure6 import BATCHES
-from .measure import QUANTITIES, Method, bound_of, bound_variances
+from .measure import QUANTITIES, Measured, Method, bound_of, bound_variances
 from .scenes import MOTIONS, Scene
-from .studies import Condition, judged
-from .trials import Job, Measured, Report, Study, exponent, mean, ratio, trials_of
+from .studies import Condition, Job, Report, Study, exponent, judged, mean, ratio, trials_of
 
 # The joint window; the paper's WC and CC.
 READINGS = tuple(map(Method, ("cross-frame", "cross-frame-wc", "cross-frame-cc")))
@@ -60,12 +59,12 @@ def _report(measured: dict[str, Measured]) -> Report:
     """
     by_length = [measured[f"L={length}"] for length in SPANS]
     over_span = {
-        m.label: {q: [ratio(data[m.label][q], by_length[0][m.label][q]) for data in by_length] for q in QUANTITIES}
+        m.name: {q: [ratio(data[m.name][q], by_length[0][m.name][q]) for data in by_length] for q in QUANTITIES}
         for m in READINGS
     }
     windows = measured["windows"]
     over_window = {
-        m.label: {
+        m.name: {
             q: [ratio(windows[f"{m.name} b={b}"][q], windows[f"{m.name} b={b}"][f"bound_{q}"]) for b in BATCHES]
             for q in QUANTITIES
         }
@@ -84,7 +83,7 @@ def _row(run: Condition, quantity: str, data: Measured) -> Report:
     x = np.array(run.frames)
     return {
         "frames": [run.frames[0], run.frames[-1]],
-        "exponents": {m.label: exponent(x, data[m.label][quantity]) for m in READINGS},
+        "exponents": {m.name: exponent(x, data[m.name][quantity]) for m in READINGS},
         "bound_exponent": exponent(x, data["bound"][quantity]).value,
     }
 

@@ -11,7 +11,7 @@ from stream_sfm.estimators.baselines.full_batch import cramer_rao_bound, gather_
 from stream_sfm.simulation import calibration
 from stream_sfm.simulation.calibration import seen_by_wrong_rig
 from stream_sfm.simulation.scenes import Scene, Sequence
-from stream_sfm.simulation.trials import run_trials
+from stream_sfm.simulation.studies import run_trials
 
 RHO = 0.75
 SMALL = Scene(frames=5, track_length=4, visible=12, std_px=0.2, round_off=False)

@@ -9,7 +9,7 @@ from stream_sfm.executors import processes
 from stream_sfm.simulation.measure import Method, measure
 from stream_sfm.simulation.rates import SPANS, WINDOWS, drift_rates, structure_law, structure_over_window
 from stream_sfm.simulation.scenes import Scene
-from stream_sfm.simulation.trials import Job, Study, exponent, mean, ratio, run_trials, stacked
+from stream_sfm.simulation.studies import Job, Study, exponent, mean, ratio, run_trials, stacked
 
 SCENE = Scene(track_length=8)
 
