@@ -47,12 +47,12 @@ class EveryKth:
         """Take the next frame; see `Estimator.step`."""
         self._accumulate(observations)
         self._between += 1
-        last = self._last
+        since, last = self._since_last(observations), self._last
         if last is not None and self._between < self._config.estimate_every:
-            placed = self._placed(last, observations)
+            placed = self._placed(last, since)
             if placed is not None:
                 return placed
-        solution = self._estimator.step(self._since_last(observations))
+        solution = self._estimator.step(since)
         self._last, self._last_ns = None if solution.status is Status.LOST else solution, observations.stamp_ns
         if len(observations.track_ids):
             self._newest_id = int(observations.track_ids[-1])
@@ -76,7 +76,9 @@ class EveryKth:
         """Return the observations with motion, drift and new tracks since the method's last frame."""
         if self._between == 1:
             return observations
-        rig, lasting = observations.rig, observations.lasting
+        rig, lasting, motion = observations.rig, observations.lasting, observations.cam_from_previous
+        if motion is not None:
+            motion = se3.orthonormalise(motion @ self._previous_from_last)
         if rig is not None:
             roots = self._rig_change_roots
             rig = replace(rig, change_root=np.concatenate(roots, axis=1) if roots else None)
@@ -85,29 +87,22 @@ class EveryKth:
             lasting = replace(lasting, std_drift_px=np.sqrt(self._var_drift_px), std_turn_rad=of_turn)
         return replace(
             observations,
-            cam_from_previous=self._motion_since_last(observations),
+            cam_from_previous=motion,
             n_new=int((observations.track_ids > self._newest_id).sum()),
             lasting=lasting,
             rig=rig,
             settled=self._settled,
         )
 
-    def _motion_since_last(self, observations: Observations) -> Array | None:
-        """Return the motion (4, 4) since the method's last frame, if that since the previous one is known."""
-        motion = observations.cam_from_previous
-        if motion is None or self._between == 1:
-            return motion
-        return se3.orthonormalise(motion @ self._previous_from_last)
-
-    def _unknown_px(self, last: Solution, observations: Observations, points: Array) -> Array | None:
+    def _unknown_px(self, last: Solution, since: Observations, points: Array) -> Array | None:
         """Return what is not known of what timing does to views of points (n, 3): (n, 4, j) px of σ = 1, as a map does.
 
         None where nothing is.
         """
-        dt_s, motion = (observations.stamp_ns - self._last_ns) / 1e9, self._motion_since_last(observations)
-        if observations.rig is None or last.rig is None or motion is None or dt_s <= 0:
+        dt_s, motion = (since.stamp_ns - self._last_ns) / 1e9, since.cam_from_previous
+        if since.rig is None or last.rig is None or motion is None or dt_s <= 0:
             return None
-        model, twist = observations.rig.model, se3.log(motion) / dt_s
+        model, twist = since.rig.model, se3.log(motion) / dt_s
         before = np.column_stack([points, np.ones(len(points))])
         return core.timing_unknowns(
             *model.cameras,
@@ -117,25 +112,25 @@ class EveryKth:
             np.array(self._config.motion.std_acceleration) * dt_s,
         )
 
-    def _placed(self, last: Solution, observations: Observations) -> Solution | None:
+    def _placed(self, last: Solution, since: Observations) -> Solution | None:
         """The map of the last estimate, seen from a frame between; None where too few of its points agree."""
-        _, rows, known = np.intersect1d(observations.track_ids, last.track_ids, return_indices=True)
+        _, rows, known = np.intersect1d(since.track_ids, last.track_ids, return_indices=True)
         if len(rows) < self._config.robust.min_inliers:
             return None
         found = initial_motion(
             self._projection,
             self._config.robust,
-            replace(self._since_last(observations), z_px=_without_rig_error(observations, last)),
+            replace(since, z_px=_without_rig_error(since, last)),
             rows,
             last.points_in_cam[known],
             last.cov_points[known],
             self._previous_from_last,
-            shared=self._unknown_px(last, observations, last.points_in_cam[known]),
+            shared=self._unknown_px(last, since, last.points_in_cam[known]),
         )
         if found is None:
             return None
         self._previous_from_last = found.cam_from_ref
-        known, rejected = known[found.accepted], observations.track_ids[rows[~found.accepted]]
+        known, rejected = known[found.accepted], since.track_ids[rows[~found.accepted]]
         last_from_cam = se3.inverse(found.cam_from_ref)
         world_from_cam = se3.orthonormalise(last.world_from_cam @ last_from_cam)
         in_cam = WorldPoints(
@@ -143,8 +138,8 @@ class EveryKth:
         )
         in_world = se3.transform(world_from_cam, in_cam.points)
         return solution_of(
-            observations,
-            frame_status(int(found.accepted.sum()), observations.note, self._config.robust, found),
+            since,
+            frame_status(int(found.accepted.sum()), since.note, self._config.robust, found),
             world_from_cam,
             compose_cov(last.cov_pose, last_from_cam, found.cov_pose),
             in_cam,

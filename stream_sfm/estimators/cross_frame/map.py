@@ -17,14 +17,13 @@ from ...record import changed, rows_of
 from ...rig_model.estimate import CERTAIN, RigEstimate
 from ...rig_model.model import RigModel
 from ...types import Solution
-from .exposure_clock import ExposureClock
 from .inverse_depth import State, WhitenedViews, expected, linearise, q_of_views, timed
 from .marginals import Marginals
 from .normal_equations import System
 from .outliers import RejectionCounts
 from .prior import Prior
 from .rig_knowledge import RigKnowledge
-from .twist_error import TwistError
+from .timing import ExposureClock, TwistError
 from .window_frame import WindowFrame
 
 
