@@ -20,7 +20,7 @@ class MotionModel:
     """The last estimated pose, its covariance, and the velocity that led to it. Frames come in order of time."""
 
     def __init__(self, config: MotionConfig) -> None:
-        self._config = config
+        self._std_acceleration = np.array(config.std_acceleration)
         self._pose = np.eye(4)
         self._cov = np.zeros((6, 6))
         self._stamp_ns: int | None = None
@@ -51,8 +51,8 @@ class MotionModel:
     def jump(self) -> None:
         """Record that the camera has left its last pose in a way that no velocity explains."""
         self._velocity, self._velocity_known = np.zeros(6), False
-        config, reach_s2 = self._config, _HELD_BACK_S * (0.5 * _HELD_BACK_S + _BUILD_UP_S)
-        self._cov = self._cov + np.diag((reach_s2 * np.array(config.std_acceleration)) ** 2)
+        reach_s2 = _HELD_BACK_S * (0.5 * _HELD_BACK_S + _BUILD_UP_S)
+        self._cov = self._cov + np.diag((reach_s2 * self._std_acceleration) ** 2)
 
     def covering(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Array:
         """Covariance (6, 6) of an estimated pose that may as well be where the model predicts it, eq. (43a)."""
@@ -70,7 +70,7 @@ class MotionModel:
         step = se3.exp(self._velocity * dt)
         ad = se3.adjoint(se3.inverse(step))
         time = np.sqrt(max(self._reach_s2(stamp_ns) ** 2 - self._reach_s2(self._stamp_ns) ** 2, 0.0))
-        std = np.array(self._config.std_acceleration) * time
+        std = self._std_acceleration * time
         return se3.orthonormalise(self._pose @ step), ad @ self._cov @ ad.T + np.diag(std**2)
 
     def _reach_s2(self, stamp_ns: int | None) -> float:

@@ -95,7 +95,10 @@ class Words:
     def _bag(self, descriptors: NDArray[np.uint8]) -> NDArray[np.float32]:
         """How often each word occurs (words,), with a norm of 1."""
         assert self._words is not None
-        counts = np.bincount(nearest(descriptors, self._words), minlength=SETTINGS.words).astype(np.float32)
+        counts = np.zeros(SETTINGS.words, np.float32)
+        if len(descriptors):
+            _, nearest = cv2.batchDistance(descriptors, self._words, cv2.CV_32S, None, None, cv2.NORM_HAMMING, 1)
+            counts = np.bincount(nearest[:, 0], minlength=SETTINGS.words).astype(np.float32)
         return counts / max(float(np.linalg.norm(counts)), 1.0)
 
     def _choose_words(self) -> None:
@@ -105,11 +108,3 @@ class Words:
         self._words = every[np.linspace(0, len(every) - 1, SETTINGS.words).astype(int)]
         self._chosen_at = len(self._descriptors)
         self._bags = {number: self._bag(d) for number, d in self._descriptors.items()}
-
-
-def nearest(descriptors: NDArray[np.uint8], words: NDArray[np.uint8]) -> NDArray[np.intp]:
-    """The nearest of the words (m, 32) to each descriptor (n, 32) by Hamming distance."""
-    if not len(descriptors):
-        return np.empty(0, np.intp)
-    _, index = cv2.batchDistance(descriptors, words, cv2.CV_32S, None, None, cv2.NORM_HAMMING, 1)
-    return np.asarray(index[:, 0], np.intp)

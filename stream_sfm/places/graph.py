@@ -61,8 +61,9 @@ class GraphState:
 class PoseGraph:
     """Poses of nodes, in the world of the oldest segment that each is joined to.
 
-    Of the nodes (n), in the order they came: their `numbers`, ascending; `segments`; world from camera, `poses`
-    (n, 4, 4). `links`: odometry between nodes, by their numbers. Raises ConfigError where GTSAM is not installed.
+    Of the nodes (n), in the order they came: their `numbers`, ascending; `segments`, and `homes`, those in whose worlds
+    they are; world from camera, `poses` (n, 4, 4). `links`: odometry between nodes, by their numbers. Raises
+    ConfigError where GTSAM is not installed.
     """
 
     def __init__(self) -> None:
@@ -73,20 +74,16 @@ class PoseGraph:
         self.numbers: list[int] = []
         self.loops: list[Loop] = []
         self.links: dict[tuple[int, int], Motion] = {}
-        self.segments = np.zeros(0, np.int64)
+        self.segments = self.homes = np.zeros(0, np.int64)
         self.poses = np.zeros((0, 4, 4))
         self._chain = np.zeros((0, 6, 6))  # own covariance of a pose in its segment by odometry alone
         self._jacobian = np.zeros((0, 6, 0))  # of the same poses by the common errors
         self._mean, self._cov_common = np.zeros(0), np.zeros((0, 0))  # what the engine knows of them
-        self._home: dict[int, int] = {}  # of a segment: the one whose world it is in
         self._began: dict[int, tuple[Array, Array]] = {}  # of a segment: its first pose, with covariance
         self._bridges: list[Loop] = []  # that joined segments, and the last one: ways of short covariance
         self._isam: Any = None
         self._solved = 0  # nodes that the solver knows
         self._asked: list[Loop] = []  # loops that it does not know
-
-    def __len__(self) -> int:
-        return len(self.numbers)
 
     def _row(self, number: int) -> int:
         return bisect_left(self.numbers, number)
@@ -101,12 +98,7 @@ class PoseGraph:
 
     def home(self, number: int) -> int:
         """The segment in whose world a node's pose is."""
-        return self._home[self.segment(number)]
-
-    @property
-    def homes(self) -> NDArray[np.int64]:
-        """The segment (n,) in whose world each pose is."""
-        return np.array([self._home[segment] for segment in self.segments.tolist()], np.int64)
+        return int(self.homes[self._row(number)])
 
     def in_world_of(self, number: int) -> NDArray[np.bool_]:
         """Which nodes (n,) are in the same world as one."""
@@ -134,7 +126,7 @@ class PoseGraph:
         """Begin with a graph that was kept; what is added next begins a segment."""
         self.numbers, self.segments = list(state.numbers), np.array(state.segments, np.int64)
         self.poses, self._chain, self._jacobian = state.poses, state.covs, np.zeros((len(state.numbers), 6, 0))
-        self._home = dict(zip(state.segments, state.homes, strict=True))
+        self.homes = np.array(state.homes, np.int64)
         first = dict(zip(reversed(state.segments), state.poses[::-1], strict=True))
         self._began = {segment: (pose, np.zeros((6, 6))) for segment, pose in first.items()}
         self.links, self.loops, self._asked = dict(state.links), list(state.loops), list(state.loops)
@@ -147,11 +139,10 @@ class PoseGraph:
         """
         chain, jacobian = np.zeros((6, 6)), np.zeros((6, len(self._mean)))
         if link is None or not self.numbers:
-            segment = max(self._home, default=-1) + 1
-            self._home[segment] = segment
+            segment = home = int(self.segments.max(initial=-1)) + 1
             self._began[segment] = pose, chain if cov is None else cov
         else:
-            segment = int(self.segments[-1])
+            segment, home = int(self.segments[-1]), int(self.homes[-1])
             self.links[self.numbers[-1], number] = link
             motion = link.given(self._mean, self._cov_common)
             turn = se3.adjoint(se3.inverse(motion.earlier_from_newest))
@@ -159,7 +150,7 @@ class PoseGraph:
             chain = turn @ self._chain[-1] @ turn.T + link.cov_own
             jacobian = turn @ self._jacobian[-1] + motion.common_jacobian
         self.numbers.append(number)
-        self.segments = np.append(self.segments, segment)
+        self.segments, self.homes = np.append(self.segments, segment), np.append(self.homes, home)
         self.poses = np.concatenate([self.poses, pose[None]])
         self._chain = np.concatenate([self._chain, chain[None]])
         self._jacobian = np.concatenate([self._jacobian, jacobian[None]])
@@ -167,7 +158,7 @@ class PoseGraph:
     def know(self, mean: Array, cov: Array) -> None:
         """Take the engine's present knowledge of the errors c (m,) common to this run's motions."""
         if len(mean) != len(self._mean):
-            self._jacobian = np.zeros((len(self), 6, len(mean)))
+            self._jacobian = np.zeros((len(self.numbers), 6, len(mean)))
         elif not self.loops:  # else the next solution says how the poses change
             self.poses = se3.orthonormalise(self.poses @ se3.exp(self._jacobian @ (mean - self._mean)))
         self._mean, self._cov_common = mean, symmetric(cov)
@@ -244,7 +235,7 @@ class PoseGraph:
             shift = se3.inverse(shift)
         moved = self.homes == move
         self.poses[moved] = se3.orthonormalise(shift @ self.poses[moved])
-        self._home.update({segment: keep for segment, home in self._home.items() if home == move})
+        self.homes[moved] = keep
         return True
 
     def solve(self) -> None:
@@ -273,7 +264,7 @@ class PoseGraph:
         These have σ that are `spread` times as large. A world whose first node is new is held there.
         """
         factors, values, new = gtsam.NonlinearFactorGraph(), gtsam.Values(), self.numbers[solved:]
-        held = {self._home[segment] for segment in self.segments[:solved].tolist()}
+        held = set(self.homes[:solved].tolist())
         for number in new:
             values.insert(number, _pose3(self.pose(number)))
             if (home := self.home(number)) not in held:
@@ -337,7 +328,7 @@ class PoseGraph:
             moved = factors.linearize(values).optimize()
             solutions.append([moved.at(number)[_ORDER] for number in self.numbers])
         self._mean = mean
-        return np.moveaxis(np.array(solutions[1:]).reshape(-1, len(self), 6) - np.array(solutions[0]), 0, 2)
+        return np.moveaxis(np.array(solutions[1:]).reshape(-1, len(self.numbers), 6) - np.array(solutions[0]), 0, 2)
 
     def remove(self, numbers: Iterable[int]) -> None:
         """Remove nodes; motions to and from each pass to its best-linked neighbour by odometry."""
@@ -359,7 +350,7 @@ class PoseGraph:
                 for loops in (self.loops, self._bridges)
             )
             row = self._row(number)
-            for name in ("segments", "poses", "_chain", "_jacobian"):
+            for name in ("segments", "homes", "poses", "_chain", "_jacobian"):
                 setattr(self, name, np.delete(getattr(self, name), row, axis=0))
             self.numbers.pop(row)
         self.solve()

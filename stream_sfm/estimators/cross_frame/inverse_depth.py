@@ -77,11 +77,7 @@ class WhitenedViews:
         return cls(*columns)
 
     @property
-    def of_core(
-        self,
-    ) -> tuple[
-        NDArray[np.intp], NDArray[np.int64], NDArray[np.bool_], Array, Array, Array, Array, Array, Array, Array
-    ]:
+    def of_core(self) -> tuple[Any, ...]:
         """The arrays that the compiled core takes."""
         seen = self.frame, self.ids, self.used, self.z_px, self.weight, self.root
         return *seen, self.terms, self.timing, self.field, FIELD_MOVES

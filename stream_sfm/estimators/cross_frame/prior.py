@@ -136,7 +136,7 @@ class Prior:
             *core.absorbed_points(self.ids, std, carried(half), given, q, stays, new),
             world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[:, -1])),
             world_modes=world_modes[:, :-1],
-            rig=self.rig.after(c, others.left, weighted),
+            rig=changed(self.rig, mean=self.rig.at(c), information=others.left, weighted=weighted),
         )
 
     def with_field(self, n: int) -> "Prior":

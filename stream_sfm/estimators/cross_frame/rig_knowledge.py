@@ -134,13 +134,6 @@ class RigKnowledge:
             sizes_unknown=np.concatenate([np.broadcast_to(self.sizes_unknown, m), none == 0]),
         )
 
-    def after(self, amplitudes: Array, information: Array, weighted: Array) -> "RigKnowledge":
-        """Return the knowledge after a frame was absorbed at the given amplitudes (m,).
-
-        Of what is left of them: the information (m, m), and the weighted sum (m,).
-        """
-        return changed(self, mean=self.at(amplitudes), information=information, weighted=weighted)
-
 
 def impossible(rig: RigEstimate | None) -> str:
     """Say that the errors of the calibration are larger than those of any; empty where they are not, or not known."""

@@ -77,16 +77,20 @@ class CrossFrame:
         views = views_of(observations, self.projection, age_s)
         if observations.rig is not None and observations.rig.change_root is not None:
             self._change_rig(observations.rig.change_root)
-        if self.map is None:
+        current = self.map
+        if current is None:
             return self._start(observations, frame, views)
         try:
-            return self._advance(self.map, observations, frame, views)
+            return self._advance(current, observations, frame, views)
         except LostError as lost:
-            if not len(observations.track_ids):
-                return self._pass_over(observations, str(lost))
-            if self.waiting:
-                return self._start_anew(self.map, observations, frame, views)
-            return self._lose(observations, str(lost))
+            if not len(observations.track_ids):  # the map goes on where its tracks return
+                self.waiting = True
+                return lost_solution(observations, str(lost), *self.motion.predict(observations.stamp_ns))
+            if not self.waiting:
+                return self._lose(observations, str(lost))
+            # its tracks did not return: another map begins with what has come instead
+            self.map, self.rig = None, current.prior.rig
+            return with_ended(self._start(observations, frame, views), current.marginals.ended())
 
     def _start(self, observations: Observations, frame: WindowFrame, views: WhitenedViews) -> Solution:
         """Begin a map in this camera: at the world's origin in the very first frame, else at the predicted pose."""
@@ -154,31 +158,18 @@ class CrossFrame:
             self._said_by_rows = said
         return more, weighted
 
-    def _pass_over(self, observations: Observations, reason: str) -> Solution:
-        """Predict the pose of a frame without any view; the map goes on where its tracks return."""
-        self.waiting = True
-        pose, cov_pose = self.motion.predict(observations.stamp_ns)
-        return lost_solution(observations, reason, pose, cov_pose)
-
-    def _start_anew(
-        self, current: Map, observations: Observations, frame: WindowFrame, views: WhitenedViews
-    ) -> Solution:
-        """End a map whose tracks did not return, and begin another one with what has come instead."""
-        self.map, self.rig = None, current.prior.rig
-        return with_ended(self._start(observations, frame, views), current.marginals.ended())
-
     def _lose(self, observations: Observations, reason: str) -> Solution:
         """End the map, and predict the pose; the rig is unknown again where a map could not begin or not go on once."""
         current, self.map = self.map, None
         if observations.jumped:
             self.motion.jump()
-        pose, cov_pose = self.motion.predict(observations.stamp_ns)
+        predicted = self.motion.predict(observations.stamp_ns)
         if current is None or not current.frames:
             self.rig, self._said_by_rows, self._impossible = None, np.zeros(2), ""
         else:
             self.rig = current.prior.rig
         ended = None if current is None else current.marginals.ended()
-        return lost_solution(observations, reason, pose, cov_pose, ended)
+        return lost_solution(observations, reason, *predicted, ended)
 
     def _initial_motion(
         self, current: Map, observations: Observations, frame: WindowFrame, views: WhitenedViews
