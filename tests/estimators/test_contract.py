@@ -164,35 +164,31 @@ def test_views_that_are_wrong_or_missing_cost_centimetres_at_most(method, spoilt
     assert np.isfinite(s[-1].cov_points).all()
 
 
+def assert_consistent(method, scene, seed, trials):
+    """NEES of the last pose and its points: within three standard errors of what is expected."""
+    pose, points = [], []
+    for trial in range(trials):
+        s = scene.sequence(np.random.SeedSequence([seed, trial]))
+        found = run(method, s.projection, s.observations)[-1]
+        pose.append(nees(found.world_from_cam, found.cov_pose, s.world_from_cam[-1]))
+        points.append(nees_of_points(found, s))
+    assert abs(np.mean(pose) - 6) < 3 * np.sqrt(12 / trials)
+    assert abs(np.mean(points) - 3) < 3 * np.sqrt(6 / trials)  # the points of a scene share the error of its pose
+
+
 @pytest.mark.parametrize("method", [m for m in METHODS if m not in ("ekf-cv", "depth-filter")])
 def test_covariances_of_poses_and_points_are_those_of_their_errors(method):
     """Monte Carlo over 24 scenes of six frames, of which the first views are gone: NEES 6 and 3.
 
     A constant velocity is not what cameras do, and a depth filter takes points of other frames for independent.
     """
-    pose, points = [], []
-    for seed in range(24):
-        scene = Scene(track_length=4, frames=6, visible=60, std_px=0.2, round_off=False)
-        s = scene.sequence(np.random.SeedSequence([3, seed]))
-        found = run(method, s.projection, s.observations)[-1]
-        pose.append(nees(found.world_from_cam, found.cov_pose, s.world_from_cam[-1]))
-        points.append(nees_of_points(found, s))
-    # three standard errors; the points of a scene share the error of its pose
-    assert abs(np.mean(pose) - 6) < 3 * np.sqrt(12 / 24)
-    assert abs(np.mean(points) - 3) < 3 * np.sqrt(6 / 24)
+    assert_consistent(method, Scene(track_length=4, frames=6, visible=60, std_px=0.2, round_off=False), 3, 24)
 
 
 @pytest.mark.slow
 def test_concatenated_motions_are_consistent():
     """30 scenes, after 20 pairs, of which neighbours share the noise of a frame: else NEES were 2 to 4."""
-    pose, points = [], []
-    for seed in range(30):
-        s = Scene(track_length=8, frames=21).sequence(np.random.SeedSequence([11, seed]))
-        found = run("frame-to-frame", s.projection, s.observations)[-1]
-        pose.append(nees(found.world_from_cam, found.cov_pose, s.world_from_cam[20]))
-        points.append(nees_of_points(found, s))
-    assert abs(np.mean(pose) - 6) < 3 * np.sqrt(12 / 30)
-    assert abs(np.mean(points) - 3) < 3 * np.sqrt(6 / 30)  # the points of a scene share the error of its pose
+    assert_consistent("frame-to-frame", Scene(track_length=8, frames=21), 11, 30)
 
 
 def test_unknown_method(arc):

@@ -3,7 +3,6 @@
 import copy
 from dataclasses import replace
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -73,19 +72,15 @@ def test_a_frame_that_cannot_be_placed_goes_to_the_method(arc):
 
 def test_drift_and_motion_add_up(arc):
     """What the method is told of the time since its last frame: drift in quadrature, motions one after the other."""
-    told = []
+    told, inner = [], make_estimator("cross-frame", arc.projection, Config())
+    take = inner.step
 
-    class Recording:
-        name = "recording"
+    def recorded(observations):
+        told.append(observations)
+        return take(observations)
 
-        def __init__(self, projection, config):
-            self._inner = make_estimator("cross-frame", projection, config)
-
-        def step(self, observations):
-            told.append(observations)
-            return self._inner.step(observations)
-
-    estimator = EveryKth(Recording(arc.projection, Config()), arc.projection, THINNED)
+    inner.step = recorded
+    estimator = EveryKth(inner, arc.projection, THINNED)
     poses = arc.world_from_cam
     for n, o in enumerate(arc.observations[: K + 1]):
         motion = None if n == 0 else se3.inverse(poses[n]) @ poses[n - 1]
@@ -104,7 +99,6 @@ def test_drift_and_motion_add_up(arc):
 def test_one_camera_estimates_every_frame():
     with pytest.raises(ConfigError, match="estimate_every needs two cameras"):
         Config(mono=True, estimate_every=2)
-    assert msgspec.structs.replace(Config(), estimate_every=2).estimate_every == 2
 
 
 def test_frames_between_are_placed_by_views_without_what_timing_does(arc):

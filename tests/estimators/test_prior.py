@@ -156,7 +156,7 @@ def expected(prior: Prior) -> np.ndarray:
 
 
 def measured(
-    prior: Prior, rows: list[int], information: np.ndarray, z: np.ndarray
+    prior: Prior, rows: np.ndarray, information: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean and covariance after some errors of the rig were measured, with Kalman's gain."""
     before, h = dense(prior), np.eye(3 * N + 6 + M)[-M:][rows]
@@ -171,22 +171,21 @@ def assert_known(prior: Prior, mean: np.ndarray, cov: np.ndarray) -> None:
     assert np.abs((expected(prior) - mean) / scale).max() < 1e-9
 
 
-def test_errors_of_another_size_are_more_or_less_information_about_them(prior) -> None:
-    """As a measurement of each that says zero; with negative information where it may be larger than was assumed."""
-    size = np.array([0.2, 2.0])
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ((0.2**-2 - 1, 2.0**-2 - 1), (0.0, 0.0)),  # σ of .2 and 2 instead of 1
+        ((0.0, 3.0), (0.0, 0.7)),
+        ((0.0, 1e6), (0.0, 0.7)),
+        ((0.0, -0.2), (0.0, 0.7)),  # where rows say less than before
+    ],
+)
+def test_information_about_errors_is_a_measurement_of_them(prior, more, said) -> None:
+    """Of negative information where an error may be larger than was assumed, or rows say less than before."""
     prior = replace(prior, rig=replace(prior.rig, weighted=np.array([0.3, -0.8])))
-    known = measured(prior, [0, 1], size**-2.0 - prior.rig.size**-2.0, np.zeros(M))
-    rig = prior.rig.informed(size**-2.0 - prior.rig.size**-2.0, np.zeros(M))
-    assert_known(replace(prior, rig=rig), *known)
-
-
-@pytest.mark.parametrize("more", [3.0, 1e6, -0.2])
-def test_what_rows_say_is_a_measurement_of_one_error(prior, more) -> None:
-    """And where they say less than before, of negative information."""
-    prior = replace(prior, rig=replace(prior.rig, weighted=np.array([0.3, -0.8])))
-    known = measured(prior, [1], np.array([more]), np.array([0.7]))
-    of_one = np.array([0.0, more])
-    assert_known(replace(prior, rig=prior.rig.informed(of_one, 0.7 * of_one)), *known)
+    (rows,), information = np.nonzero(more), np.array(more)
+    known = measured(prior, rows, information[rows], np.array(said)[rows])
+    assert_known(replace(prior, rig=prior.rig.informed(information, information * said)), *known)
 
 
 @pytest.mark.parametrize("weighted", [(0.0, 0.0), (0.3, -0.8)])
