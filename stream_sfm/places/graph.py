@@ -340,11 +340,9 @@ class PoseGraph:
             link = self.links.pop(pair)
             neighbour, onward = (pair[1], link) if pair[0] == number else (pair[0], link.back())
             for first, second in [p for p in ends if p != pair]:
-                other = self.links.pop((first, second))
-                moved = other.then(onward) if second == number else onward.back().then(other)
-                a, b = (first, neighbour) if second == number else (neighbour, second)
-                if a != b:
-                    self.links[a, b] = moved
+                way = _moved(Loop(first, second, self.links.pop((first, second))), number, neighbour, onward)
+                if way is not None:
+                    self.links[way.old, way.new] = way.motion
             self.loops, self._bridges = (
                 [m for loop in loops if (m := _moved(loop, number, neighbour, onward)) is not None]
                 for loops in (self.loops, self._bridges)
@@ -357,7 +355,7 @@ class PoseGraph:
 
 
 def _moved(loop: Loop, number: int, neighbour: int, neighbour_link: Motion) -> Loop | None:
-    """Return a loop moved from a removed node to a neighbour; None if nothing is left of it."""
+    """Return a motion moved from a removed node to a neighbour; None if nothing is left of it."""
     if number not in (loop.old, loop.new):
         return loop
     if neighbour in (loop.old, loop.new):

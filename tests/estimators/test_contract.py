@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
-from stream_sfm.errors import ConfigError
 from stream_sfm.estimators import METHODS, make_estimator
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene
@@ -14,7 +13,6 @@ from stream_sfm.types import Observations, Status
 from tests.helpers.estimators import nees, nees_of_points, run, without_views
 
 methods = pytest.mark.parametrize("method", list(METHODS))
-CONFIG = Config()
 
 
 def with_new_ids(o: Observations, offset: int) -> Observations:
@@ -191,14 +189,9 @@ def test_concatenated_motions_are_consistent():
     assert_consistent("frame-to-frame", Scene(track_length=8, frames=21), 11, 30)
 
 
-def test_unknown_method(arc):
-    with pytest.raises(ConfigError, match="cross-frame"):
-        make_estimator("magic", arc.projection, CONFIG)
-
-
 @methods
 def test_a_frame_without_a_solution_is_lost_and_the_next_one_begins_anew(method, arc, monkeypatch):
-    estimator = make_estimator(method, arc.projection, CONFIG)
+    estimator = make_estimator(method, arc.projection, Config())
     followed = [estimator.step(o) for o in arc.observations[:4]][-1]
 
     def fail(*_, **__):

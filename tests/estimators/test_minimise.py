@@ -7,7 +7,6 @@ import pytest
 
 from stream_sfm import core
 from stream_sfm.config import Config
-from stream_sfm.estimators.cross_frame import minimise as module
 from stream_sfm.estimators.cross_frame import window
 from stream_sfm.estimators.cross_frame.map import Map
 from stream_sfm.estimators.cross_frame.minimise import minimise
@@ -29,19 +28,13 @@ class Steps:
         self.done += "s"
         return self.decreases[self.done.count("s") - 1]
 
+    def gate(self, _: float) -> None:
+        self.done += "g"
+
     def renew_timing(self) -> None:
         self.done += "r"
 
 
-@pytest.fixture
-def gates(monkeypatch: pytest.MonkeyPatch) -> None:
-    def gate(current: Any, _: float) -> None:
-        current.done += "g"
-
-    monkeypatch.setattr(module, "_gate", gate)
-
-
-@pytest.mark.usefixtures("gates")
 @pytest.mark.parametrize(
     ("decreases", "is_timed", "done"),
     [
@@ -58,7 +51,6 @@ def test_steps_end_where_they_promise_little(decreases: list[float], is_timed: b
     assert steps.done == done
 
 
-@pytest.mark.usefixtures("gates")
 @pytest.mark.parametrize(
     ("decreases", "is_timed"),
     [([1e5, 1e6], False), ([1e5, 1e6], True), ([5.0, 1e5], True), ([np.nan], False), ([5.0, np.nan], True)],

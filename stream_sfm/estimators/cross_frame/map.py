@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...geometry import se3
+from ...geometry.gates import chi2_gate
 from ...geometry.linear import scaled_cholesky
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
@@ -239,6 +240,13 @@ class Map:
         *change, decrease = self.system.step()
         self._move(*change)
         return decrease
+
+    def gate(self, probability: float) -> None:
+        """Take the views that the joint minimum contradicts out of use, each by its own covariance."""
+        gates = chi2_gate(2, probability), chi2_gate(4, probability)
+        used = core.views_within_gates(self.projection.pinholes, self.state(), self.views.of_core, *gates)
+        self.rejections.add(self.views.ids[self.views.used & ~used])
+        self.views = changed(self.views, used=used)
 
     def _move(self, dx: Array, dq: Array, dy: Array) -> None:
         """Move poses (F, 6), points (P, 3) and amplitudes (k,)."""

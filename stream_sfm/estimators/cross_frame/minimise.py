@@ -2,9 +2,6 @@
 
 import numpy as np
 
-from ... import core
-from ...geometry.gates import chi2_gate
-from ...record import changed
 from .map import Map
 
 # Decrease of the sum of squares that a step promises, in squared standard deviations. Measured on simulated and real
@@ -31,16 +28,8 @@ def minimise(current: Map, max_iterations: int, gate_probability: float) -> int:
         # is that for new velocities, which may have moved the minimum a little.
         if not decrease < max(before, _CONVERGED):
             raise np.linalg.LinAlgError("Gauss-Newton diverges")
-        _gate(current, gate_probability)  # by the velocities that this minimum is of
+        current.gate(gate_probability)  # by the velocities that this minimum is of
         if timed:
             current.renew_timing()
         before, steps = decrease, steps + 1
     return steps
-
-
-def _gate(current: Map, gate_probability: float) -> None:
-    """Take the views that the joint minimum contradicts out of use, each by its own covariance."""
-    gates = chi2_gate(2, gate_probability), chi2_gate(4, gate_probability)
-    used = core.views_within_gates(current.projection.pinholes, current.state(), current.views.of_core, *gates)
-    current.rejections.add(current.views.ids[current.views.used & ~used])
-    current.views = changed(current.views, used=used)
