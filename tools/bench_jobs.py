@@ -53,7 +53,7 @@ def stages() -> dict[str, list[tuple[Any, str]]]:
         "PnP": [(tracker, "resect"), (window, "initial_motion")],
         "detect": [(new_points, "detect_missing")],
         "stereo": [(front_end, "begin_points")],  # detect included
-        "window": [(window, "absorb_oldest_frame"), (window, "minimise")],
+        "window": [(Map, "absorb_oldest"), (window, "minimise")],
         "covariance": [(Map, "update_marginals")],
         "write": [(EstimatesWriter, "write")],
     }

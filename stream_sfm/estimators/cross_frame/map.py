@@ -18,7 +18,7 @@ from ...record import changed, rows_of
 from ...rig_model.estimate import CERTAIN, RigEstimate
 from ...rig_model.model import RigModel
 from ...types import Solution
-from .inverse_depth import State, WhitenedViews, expected, linearise, q_of_views, timed
+from .inverse_depth import NormalBlocks, State, WhitenedViews, expected, linearise, q_of_views, timed
 from .marginals import Marginals
 from .normal_equations import System
 from .outliers import RejectionCounts
@@ -105,7 +105,37 @@ class Map:
         """The rows of the newest frame's views."""
         return slice(int(np.searchsorted(self.views.frame, len(self.frames) - 1)), len(self.views))
 
-    def remove_oldest(self) -> tuple[WindowFrame, WhitenedViews]:
+    def absorb_oldest(self) -> None:
+        """Marginalise the oldest frame, eqs. (31)–(36): all that earlier frames say is in the prior again."""
+        cam_from_ref = self.cams_from_ref[0]
+        frame, views = self._remove_oldest()
+        prior, later = self.prior, self.views if self.frames else views
+        seen_later = core.times_among(self.ids, later.ids, later.used) > 0
+        known = np.searchsorted(self.ids, prior.ids)
+        in_reference = State(np.eye(4)[None], *self.state()[1:])
+        pinholes, seen = self.projection.pinholes, (views.of_core, views.stereo, views.var_drift)
+        rows, stays, cov, anchors, q, blocks, new_ids, alone = core.leaving_views(
+            pinholes, in_reference, *seen, seen_later, known, prior.cov
+        )
+        if len(rows) < len(known):
+            prior = changed(prior, ids=prior.ids[rows], mean=prior.mean[rows], modes=rows_of(prior.modes, rows))
+        prior = changed(prior, cov=cov).absorb_frame(
+            self.amplitudes, cam_from_ref, anchors, q, NormalBlocks(*blocks), stays, (new_ids, *alone)
+        )
+        self.prior = self._refocused(prior.truncate_modes(), frame)
+        self.amplitudes = np.zeros(self.prior.modes.shape[2])
+        self.select(seen_later if self.frames else core.among(self.ids, self.prior.ids))
+
+    def _refocused(self, prior: Prior, frame: WindowFrame) -> Prior:
+        """Return the prior with a focus that may have moved faster or slower since `frame`, if it moves at all."""
+        if frame.rig is None or not self.frames:
+            return prior
+        passed_s = (self.frames[0].stamp_ns - frame.stamp_ns) / 1e9
+        age_s = prior.rig.age_s(frame.stamp_ns)
+        root = frame.rig.root_of_focusing(prior.rig.held, prior.rig.cov_held, age_s, passed_s)
+        return prior.with_rig_change(root) if root.any() else prior
+
+    def _remove_oldest(self) -> tuple[WindowFrame, WhitenedViews]:
         """Take the oldest frame out of the window, with its views; it becomes the reference camera."""
         n = int(np.searchsorted(self.views.frame, 1))
         views, later = self.views[:n], self.views[n:]

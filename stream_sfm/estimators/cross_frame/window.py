@@ -29,7 +29,6 @@ from ..lifecycle import (
     with_ended,
 )
 from ..motion_model import MotionModel
-from .absorb import absorb_oldest_frame
 from .inverse_depth import WhitenedViews
 from .map import Map
 from .minimise import minimise
@@ -110,7 +109,7 @@ class CrossFrame:
         motion, rejected, views, corrected_px = self._initial_motion(current, observations, frame, views)
         current.rejections.forget_all_but(views.ids)
         if len(current.frames) == self.config.window.frames:
-            absorb_oldest_frame(current)
+            current.absorb_oldest()
         self.waiting = False
         cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
         current.enter(frame, cam_from_ref, views, corrected_px, rejected, ambiguous=motion.ambiguous is not None)
@@ -127,7 +126,7 @@ class CrossFrame:
             self.rig = None if self.rig is None else self.rig.changed(root)[0]
             return
         while self.map.frames:
-            absorb_oldest_frame(self.map)
+            self.map.absorb_oldest()
         self.map.change_rig(root)
 
     def _with_errors_in_use(self, observations: Observations) -> Observations:
