@@ -1,4 +1,4 @@
-"""The factored prior and the window's system against the same Gaussians written out densely."""
+"""The factored prior, the window's system and its marginals against the same Gaussians written out densely."""
 
 from dataclasses import replace
 
@@ -7,6 +7,7 @@ import pytest
 
 from stream_sfm import core
 from stream_sfm.estimators.cross_frame.inverse_depth import NormalBlocks, State, linearise
+from stream_sfm.estimators.cross_frame.marginals import Marginals
 from stream_sfm.estimators.cross_frame.normal_equations import CovariancePart, System
 from stream_sfm.estimators.cross_frame.prior import Prior
 from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
@@ -16,6 +17,7 @@ from tests.helpers.estimators import dense_system, in_reference, point_blocks, q
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
 N, K, M = 9, 10, 2  # points, modes, of which those of the rig
+FRAMES, TOTAL = 2, N + 3  # of a window, with three points that the prior does not know
 NO_POINTS = np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3, M))
 ANCHORS = se3.exp(0.1 * np.random.default_rng(4).normal(size=(N, 6)))
 
@@ -208,18 +210,12 @@ def test_a_change_of_the_rig_adds_to_its_errors_alone(prior, weighted) -> None:
     assert not after.rig.steady
 
 
-@pytest.mark.parametrize("own", [True, False])
-def test_system_is_the_dense_solution(prior, own) -> None:
-    """Errors c of the rig are held at their estimate or elsewhere, and count with what views say or a covariance of
-    their `own`, eq. (72): Σ = Σ_x|c + K Σ_held Kᵀ."""
-    rng = np.random.default_rng(8)
-    held = prior.rig.mean + rng.normal(size=M)
-    prior = replace(prior, rig=replace(prior.rig, held=held, weighted=rng.normal(size=M)))
-    frames, total = 2, N + 3  # three points that the prior does not know
-    cams = se3.exp(0.05 * rng.normal(size=(frames, 6)))
+def window_of(prior: Prior, rng: np.random.Generator) -> tuple[State, NormalBlocks, System]:
+    """Views of all points by two cameras, linearised."""
+    cams = se3.exp(0.05 * rng.normal(size=(FRAMES, 6)))
     anchors = np.concatenate([ANCHORS, np.broadcast_to(np.eye(4), (3, 4, 4))])
     q = np.concatenate([prior.mean, [[0.1, 0.2, 0.3], [-0.2, 0.1, 0.25], [0.0, -0.1, 0.4]]])
-    frame, point = np.divmod(np.arange(frames * total), total)
+    frame, point = np.divmod(np.arange(FRAMES * TOTAL), TOTAL)
     z = P.project_homogeneous((cams[frame] @ in_reference(anchors, q)[point][..., None])[..., 0])
     views = window_views(
         frame,
@@ -228,19 +224,69 @@ def test_system_is_the_dense_solution(prior, own) -> None:
         np.broadcast_to(2 * np.eye(4), (len(z), 4, 4)),
         rng.normal(size=(len(z), 4, M)),
     )
-    lin = linearise(P, State(cams, np.arange(total), anchors, q, np.zeros(M)), views)
-    known = np.arange(N)
-    system = System(prior, known, lin, q, np.zeros(K))
-    dx, dq, dy, decrease = system.step()
+    state = State(cams, np.arange(TOTAL), anchors, q, np.zeros(M))
+    lin = linearise(P, state, views)
+    return state, lin, System(prior, np.arange(N), lin, q, np.zeros(K))
 
-    a, b = 6 * frames, 3 * total
-    h, g = np.zeros((a + b + 6 + M, a + b + 6 + M)), np.zeros(a + b + 6 + M)  # poses, points, world, rig
+
+def dense_window(prior: Prior, lin: NormalBlocks) -> tuple[np.ndarray, np.ndarray]:
+    """Information and right side of poses, points, world and rig, eqs. (26) and (30)."""
+    a, b = 6 * FRAMES, 3 * TOTAL
+    h, g = np.zeros((a + b + 6 + M, a + b + 6 + M)), np.zeros(a + b + 6 + M)
     seen = np.r_[: a + b, a + b + 6 : a + b + 6 + M]
     h[np.ix_(seen, seen)], g[seen] = dense_system(lin)
     with_prior = np.concatenate([a + np.arange(3 * N), a + b + np.arange(6 + M)])
     information = np.linalg.inv(dense(prior))
     h[np.ix_(with_prior, with_prior)] += information
     g[with_prior] += information @ _estimated(prior)
+    return h, g
+
+
+def test_marginals_are_the_joint_covariance_propagated(prior) -> None:
+    """WC and CC come from one joint covariance: against numerical propagation of the same, written out densely."""
+    state, lin, system = window_of(prior, np.random.default_rng(9))
+    marginals = Marginals.compute(system, state, prior.world_from_ref)
+    information, points = dense_window(prior, lin)[0], slice(6 * FRAMES, 6 * FRAMES + 3 * TOTAL)
+    cov, cov_given = np.linalg.inv(information), np.zeros_like(information)
+    cov_given[:-M, :-M] = np.linalg.inv(information[:-M, :-M])
+    world_from_cam = prior.world_from_ref @ se3.inverse(state.cams_from_ref[-1])
+    assert np.allclose(marginals.world_from_cam, world_from_cam, atol=1e-12)
+    assert marginals.finite.all()
+
+    def read(delta: np.ndarray) -> np.ndarray:
+        """Pose error, points in the newest camera, in the world, and q in the camera, of a disturbed state."""
+        cam = se3.exp(delta[points.start - 6 : points.start]) @ state.cams_from_ref[-1]
+        in_ref = in_reference(state.ref_from_anchor, state.q + delta[points].reshape(TOTAL, 3))
+        in_ref = in_ref[:, :3] / in_ref[:, 3:]
+        world_from_ref = prior.world_from_ref @ se3.exp(delta[points.stop : points.stop + 6])
+        xi = se3.log(se3.inverse(world_from_cam) @ world_from_ref @ se3.inverse(cam))
+        in_cam, in_world = se3.transform(cam, in_ref), se3.transform(world_from_ref, in_ref)
+        q_in_cam = q_from_homogeneous(np.c_[in_cam, np.ones(TOTAL)])
+        return np.concatenate([xi, in_cam.ravel(), in_world.ravel(), q_in_cam.ravel()])
+
+    j = np.stack([(read(d) - read(-d)) / 2e-6 for d in 1e-6 * np.eye(len(cov))], axis=1)
+    carried = j @ cov @ j.T
+    blocks, blocks_given = point_blocks(carried[6:, 6:]), point_blocks((j @ cov_given @ j.T)[6:, 6:])
+    for mine, theirs in (
+        (marginals.cov_pose, carried[:6, :6]),
+        (marginals.cov_points, blocks[:TOTAL]),
+        (marginals.cov_points_in_world, blocks[TOTAL : 2 * TOTAL]),
+        (marginals.cov_q_in_cam, blocks_given[2 * TOTAL :]),
+    ):
+        assert np.abs(mine - theirs).max() < 1e-6 * np.abs(theirs).max()
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_system_is_the_dense_solution(prior, own) -> None:
+    """Errors c of the rig are held at their estimate or elsewhere, and count with what views say or a covariance of
+    their `own`, eq. (72): Σ = Σ_x|c + K Σ_held Kᵀ."""
+    rng = np.random.default_rng(8)
+    held = prior.rig.mean + rng.normal(size=M)
+    prior = replace(prior, rig=replace(prior.rig, held=held, weighted=rng.normal(size=M)))
+    _, lin, system = window_of(prior, rng)
+    dx, dq, dy, decrease = system.step()
+    a, b = 6 * FRAMES, 3 * TOTAL
+    h, g = dense_window(prior, lin)
     cov = np.linalg.inv(h)
     delta = cov @ g
     gain = cov[:, -M:] @ np.linalg.inv(cov[-M:, -M:])
@@ -263,7 +309,7 @@ def test_system_is_the_dense_solution(prior, own) -> None:
     found = np.concatenate([dx.ravel(), dq.ravel(), prior.world_modes @ dy, dy[-M:]])
     assert np.abs((found - delta) / scale).max() < 1e-6
     assert decrease == pytest.approx(g @ delta, rel=1e-9)
-    own, by_rig_errors = system.covariances(frames - 1)
+    own, by_rig_errors = system.covariances(FRAMES - 1)
     qq_given, of_both_given, both_given = _joint(system, own)
     qq, of_both, both = map(np.add, _joint(system, own), _joint(system, by_rig_errors, 0.0))
     x, w = slice(a - 6, a), slice(a + b, a + b + 6)
