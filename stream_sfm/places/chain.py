@@ -79,7 +79,7 @@ class Chain:
         # The method has no joint covariance: what the pose's own has grown by, which leaves out what both share.
         motion = se3.inverse(before.world_from_cam) @ estimate.world_from_cam
         turn = se3.adjoint(se3.inverse(motion))
-        return known.then(Motion(motion, growth(turn @ before.cov_pose @ turn.T, estimate.cov_pose)))
+        return known.then(Motion(motion, positive(estimate.cov_pose - turn @ before.cov_pose @ turn.T)))
 
 
 def _motion(estimate: FrameEstimate, frame_index: int) -> Motion:
@@ -94,11 +94,6 @@ def _motion(estimate: FrameEstimate, frame_index: int) -> Motion:
         motion.mean[seen],
         motion.cov_common[seen, seen],
     )
-
-
-def growth(before: Array, after: Array) -> Array:
-    """Return the growth of covariances (…, 6, 6); zero where they have shrunk."""
-    return positive(after - before)
 
 
 def positive(cov: Array) -> Array:

@@ -22,7 +22,7 @@ from ..geometry.linear import symmetric
 from ..geometry.se3 import Array
 from ..motion import Motion
 from ..record import record
-from .chain import LEAST_VARIANCE, growth
+from .chain import LEAST_VARIANCE, positive
 
 try:
     import gtsam
@@ -201,7 +201,8 @@ class PoseGraph:
         jacobian = self._jacobian[to] - turn @ self._jacobian[rows]
         turned = turn @ self._chain[rows] @ np.swapaxes(turn, 1, 2)
         later = (rows > to)[:, None, None]
-        return growth(np.where(later, self._chain[to], turned), np.where(later, turned, self._chain[to])), jacobian
+        grown = np.where(later, turned, self._chain[to]) - np.where(later, self._chain[to], turned)
+        return positive(grown), jacobian
 
     def close(self, loops: Sequence[Loop], doubtful: bool) -> list[Loop]:
         """Add loops and solve; `doubtful`: they may be false, and all are judged. Returns those that were refused."""

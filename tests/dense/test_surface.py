@@ -41,10 +41,6 @@ def noisy(image: np.ndarray, rng: np.random.Generator, std: float) -> np.ndarray
     return np.clip(np.rint(image + rng.normal(scale=std, size=image.shape)), 0, 255).astype(np.uint8)
 
 
-def match(left: np.ndarray, right: np.ndarray) -> DisparityMap:
-    return DenseStereo(PAIR, DenseConfig(), np.ones(left.shape, bool)).match(left, right)
-
-
 def plane_map(depth_m: np.ndarray | float, std_px: float = 0.1) -> DisparityMap:
     disparity = np.broadcast_to(PAIR.f_px * PAIR.baseline_m / np.asarray(depth_m), (120, 160)).astype(np.float32)
     return DisparityMap(disparity.copy(), np.full((120, 160), std_px, np.float32), 0.0)
@@ -101,7 +97,8 @@ def test_a_step_is_not_bridged_and_nothing_floats_between():
     left, right = back.copy(), shifted(back, 10 + 9)
     left[30:90, 70:120] = front[30:90, 70:120]
     right[30:90, 70 - 33 : 120 - 33] = front[30:90, 70:120]
-    found = match(noisy(left, rng, 1), noisy(right, rng, 1))
+    stereo = DenseStereo(PAIR, DenseConfig(), np.ones(left.shape, bool))
+    found = stereo.match(noisy(left, rng, 1), noisy(right, rng, 1))
     mesh = mesh_of_frame(PAIR, found, GREY, 1.0)
     depths = mesh.vertices[:, 2]
     on_near, on_far = np.abs(depths - near) < 0.1, np.abs(depths - far) < 0.4

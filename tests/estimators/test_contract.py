@@ -9,14 +9,10 @@ from stream_sfm.config import Config
 from stream_sfm.estimators import METHODS, make_estimator
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene
-from stream_sfm.types import Observations, Status
+from stream_sfm.types import Status
 from tests.helpers.estimators import nees, nees_of_points, run, without_views
 
 methods = pytest.mark.parametrize("method", list(METHODS))
-
-
-def with_new_ids(o: Observations, offset: int) -> Observations:
-    return dataclasses.replace(o, track_ids=o.track_ids + offset, n_new=len(o.track_ids))
 
 
 def assert_covariances(cov, what):
@@ -91,7 +87,10 @@ def test_lost_and_resume(method, arc):
     observations = [
         *arc.observations[:6],
         without_views(arc.observations[6]),
-        *(with_new_ids(o, 1000) for o in arc.observations[7:]),
+        *(
+            dataclasses.replace(o, track_ids=o.track_ids + 1000, n_new=len(o.track_ids))
+            for o in arc.observations[7:]
+        ),
     ]
     s = run(method, arc.projection, observations)
     assert s[5].status is Status.OK

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stream_sfm.estimators.baselines.bundle_adjustment import Adjustment, Covariances, Reduced, adjust
+from stream_sfm.estimators.baselines.bundle_adjustment import Adjustment, Covariances, Problem
 from stream_sfm.estimators.baselines.full_batch import gather_views
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.geometry.stereo import StereoProjection
@@ -22,7 +22,7 @@ def batch_adjust(
     `world_from_cam_start` (n, 4, 4); `points_start` (p, 3) in the world, by ascending track id.
     """
     _, views = gather_views(observations)
-    free = np.arange(len(observations)) > 0
+    problem = Problem(projection, views, np.arange(len(observations)) > 0)
     # to a relative decrease of the squares for which figures agree with those of other solvers to 1e-7
-    found = adjust(projection, world_from_cam_start, points_start, views, free, None, 50, tolerance=1e-14)
-    return found, Reduced.build(projection, found.ref_from_cam, found.points, views, free).covariances()
+    found = problem.minimum(world_from_cam_start, points_start, 50, tolerance=1e-14)
+    return found, problem.linearised(found.ref_from_cam, found.points).covariances()

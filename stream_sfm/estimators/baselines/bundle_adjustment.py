@@ -63,27 +63,6 @@ def residuals_and_jacobians(
     return views.z_px - projection.project(in_cam), j_pose, a @ cam_from_ref[:, :3, :3]
 
 
-def cost(
-    projection: StereoProjection,
-    ref_from_cam: Array,
-    points: Array,
-    views: WeightedViews,
-    priors: PointPriors | None,
-) -> tuple[float, Array]:
-    """Return the sum of squares, inf where a point is behind its camera, and the part of each view (k,)."""
-    cam_from_ref = se3.inverse(ref_from_cam)[views.frame]
-    in_cam = matvec(cam_from_ref[:, :3, :3], points[views.point]) + cam_from_ref[:, :3, 3]
-    if not (in_cam[:, 2] > MIN_DEPTH).all():
-        return np.inf, np.full(len(in_cam), np.inf)
-    r = views.z_px - projection.project(in_cam)
-    squares = np.einsum("ki,kij,kj->k", r, views.information, r)
-    total = float(squares.sum())
-    if priors is not None:
-        d = points - priors.mean
-        total += float(np.einsum("pi,pij,pj->", d, priors.information, d))
-    return total, squares
-
-
 @record
 class Reduced:
     """The normal equations without the points, S = U − W V⁻¹ Wᵀ (n, n), and their right side `g` (n,).
@@ -108,31 +87,6 @@ class Reduced:
         flat = reach.reshape(3 * len(v), len(u))
         given = matvec(np.swapaxes(root, 1, 2), g_point)
         return cls(free, symmetric(u - flat.T @ flat), g - flat.T @ given.ravel(), root, reach, g_point)
-
-    @classmethod
-    def build(
-        cls,
-        projection: StereoProjection,
-        ref_from_cam: Array,
-        points: Array,
-        views: WeightedViews,
-        free: NDArray[np.bool_],
-        priors: PointPriors | None = None,
-    ) -> "Reduced":
-        """Linearise at the given poses (b, 4, 4) and points (p, 3)."""
-        b, p, n = len(ref_from_cam), len(points), 6 * int(free.sum())
-        r, j_pose, j_point = residuals_and_jacobians(projection, ref_from_cam, points, views)
-        j = np.concatenate([j_pose, j_point, r[..., None]], axis=2)
-        blocks = np.zeros((p, b, 10, 10))  # of each view: pose, point and residual
-        blocks[views.point, views.frame] = np.swapaxes(j, 1, 2) @ views.information @ j
-        of_poses, of_points = blocks.sum(axis=0)[free], blocks.sum(axis=1)
-        u = np.zeros((n // 6, 6, n // 6, 6))
-        u[np.arange(n // 6), :, np.arange(n // 6), :] = of_poses[:, :6, :6]
-        w = blocks[:, free, 6:9, :6].swapaxes(1, 2).reshape(p, 3, n)
-        v, g_point = of_points[:, 6:9, 6:9].copy(), of_points[:, 6:9, 9]
-        if priors is not None:
-            v, g_point = v + priors.information, g_point + matvec(priors.information, priors.mean - points)
-        return cls.eliminate(free, u.reshape(n, n), w, v, of_poses[:, :6, 9].ravel(), g_point)
 
     def solve(self) -> tuple[Array, Array]:
         """Return steps of poses (b, 6) and points (p, 3). Raises LinAlgError where S is not positive definite."""
@@ -196,32 +150,66 @@ class Adjustment:
     iterations: int
 
 
-def adjust(
-    projection: StereoProjection,
-    ref_from_cam: Array,
-    points: Array,
-    views: WeightedViews,
-    free: NDArray[np.bool_],
-    priors: PointPriors | None = None,
-    max_iterations: int = 20,
-    tolerance: float = 1e-10,
-) -> Adjustment:
-    """Minimise by Gauss-Newton from a start, with steps halved until they lower the sum of squares.
+@record
+class Problem:
+    """Poses and points that are sought by their views: of the poses those marked `free` (b,), the others are held."""
 
-    Ends where that falls by less than `tolerance` of itself, or where no step lowers it, which is the minimum to
-    rounding, or where the iterations run out. Raises LinAlgError where the views do not determine the poses.
-    """
-    best, squares = cost(projection, ref_from_cam, points, views, priors)
-    done, converged = 0, False
-    while done < max_iterations and np.isfinite(best) and not converged:
-        xi, delta = Reduced.build(projection, ref_from_cam, points, views, free, priors).solve()
-        done, before = done + 1, best
-        for scale in 0.5 ** np.arange(_MAX_HALVINGS):
-            poses = ref_from_cam.copy()
-            poses[free] = se3.orthonormalise(ref_from_cam[free] @ se3.exp(scale * xi))
-            value, new_squares = cost(projection, poses, points + scale * delta, views, priors)
-            if value <= best * (1 + _ROUNDING):
-                ref_from_cam, points, best, squares = poses, points + scale * delta, value, new_squares
-                break
-        converged = before - best <= tolerance * before + _LEAST_DECREASE
-    return Adjustment(ref_from_cam, points, best, squares, done)
+    projection: StereoProjection
+    views: WeightedViews
+    free: NDArray[np.bool_]
+    priors: PointPriors | None = None
+
+    def cost(self, ref_from_cam: Array, points: Array) -> tuple[float, Array]:
+        """Return the sum of squares, inf where a point is behind its camera, and the part of each view (k,)."""
+        views, priors = self.views, self.priors
+        cam_from_ref = se3.inverse(ref_from_cam)[views.frame]
+        in_cam = matvec(cam_from_ref[:, :3, :3], points[views.point]) + cam_from_ref[:, :3, 3]
+        if not (in_cam[:, 2] > MIN_DEPTH).all():
+            return np.inf, np.full(len(in_cam), np.inf)
+        r = views.z_px - self.projection.project(in_cam)
+        squares = np.einsum("ki,kij,kj->k", r, views.information, r)
+        total = float(squares.sum())
+        if priors is not None:
+            d = points - priors.mean
+            total += float(np.einsum("pi,pij,pj->", d, priors.information, d))
+        return total, squares
+
+    def linearised(self, ref_from_cam: Array, points: Array) -> Reduced:
+        """Return the normal equations at the given poses (b, 4, 4) and points (p, 3)."""
+        views, free, priors = self.views, self.free, self.priors
+        b, p, n = len(ref_from_cam), len(points), 6 * int(free.sum())
+        r, j_pose, j_point = residuals_and_jacobians(self.projection, ref_from_cam, points, views)
+        j = np.concatenate([j_pose, j_point, r[..., None]], axis=2)
+        blocks = np.zeros((p, b, 10, 10))  # of each view: pose, point and residual
+        blocks[views.point, views.frame] = np.swapaxes(j, 1, 2) @ views.information @ j
+        of_poses, of_points = blocks.sum(axis=0)[free], blocks.sum(axis=1)
+        u = np.zeros((n // 6, 6, n // 6, 6))
+        u[np.arange(n // 6), :, np.arange(n // 6), :] = of_poses[:, :6, :6]
+        w = blocks[:, free, 6:9, :6].swapaxes(1, 2).reshape(p, 3, n)
+        v, g_point = of_points[:, 6:9, 6:9].copy(), of_points[:, 6:9, 9]
+        if priors is not None:
+            v, g_point = v + priors.information, g_point + matvec(priors.information, priors.mean - points)
+        return Reduced.eliminate(free, u.reshape(n, n), w, v, of_poses[:, :6, 9].ravel(), g_point)
+
+    def minimum(
+        self, ref_from_cam: Array, points: Array, max_iterations: int, tolerance: float = 1e-10
+    ) -> Adjustment:
+        """Minimise by Gauss-Newton from a start, with steps halved until they lower the sum of squares.
+
+        Ends where that falls by less than `tolerance` of itself, or where no step lowers it, which is the minimum to
+        rounding, or where the iterations run out. Raises LinAlgError where the views do not determine the poses.
+        """
+        best, squares = self.cost(ref_from_cam, points)
+        done, converged = 0, False
+        while done < max_iterations and np.isfinite(best) and not converged:
+            xi, delta = self.linearised(ref_from_cam, points).solve()
+            done, before = done + 1, best
+            for scale in 0.5 ** np.arange(_MAX_HALVINGS):
+                poses = ref_from_cam.copy()
+                poses[self.free] = se3.orthonormalise(ref_from_cam[self.free] @ se3.exp(scale * xi))
+                value, new_squares = self.cost(poses, points + scale * delta)
+                if value <= best * (1 + _ROUNDING):
+                    ref_from_cam, points, best, squares = poses, points + scale * delta, value, new_squares
+                    break
+            converged = before - best <= tolerance * before + _LEAST_DECREASE
+        return Adjustment(ref_from_cam, points, best, squares, done)

@@ -17,7 +17,7 @@ from ...types import Observations, Solution
 from ..lifecycle import LostError, WorldPoints, frame_status, solution_of, too_few_inliers
 from ..triangulation import compose_cov, points_to_world, triangulate, usable_births
 from .baseline import Baseline
-from .bundle_adjustment import Covariances, Reduced, WeightedViews, adjust, residuals_and_jacobians
+from .bundle_adjustment import Covariances, Problem, Reduced, WeightedViews, residuals_and_jacobians
 
 _FREE = np.array([False, True])  # the previous camera is the reference, the current one moves
 _MAX_ITERATIONS = 10  # measured: five to eight are needed with 1 px of noise
@@ -102,9 +102,8 @@ class FrameToFrame(Baseline):
             views = WeightedViews.sorted_by_point(
                 np.repeat([0, 1], n), np.tile(np.arange(n), 2), z.reshape(-1, 4), cov.reshape(-1, 4, 4)
             )
-            result = adjust(
-                self._projection, poses, shared.points[kept], views, _FREE, max_iterations=_MAX_ITERATIONS
-            )
+            problem = Problem(self._projection, views, _FREE)
+            result = problem.minimum(poses, shared.points[kept], _MAX_ITERATIONS)
             dof = np.isfinite(z).sum(axis=(0, 2)) - 3
             chi2 = result.squares.reshape(n, 2).sum(axis=1)
             good = chi2 < chdtri(dof, 1 - robust.gate_probability)
@@ -113,7 +112,7 @@ class FrameToFrame(Baseline):
                 break
             kept = kept.copy()
             kept[np.flatnonzero(kept)[~good]] = False
-        reduced = Reduced.build(self._projection, poses, result.points, views, _FREE)
+        reduced = problem.linearised(poses, result.points)
         covariances = reduced.covariances()
         _, j_pose, j_point = residuals_and_jacobians(self._projection, poses, result.points, views)
         gains = _gains(shared.ids[kept], covariances.cov_pose(1), reduced, j_pose, j_point, views.information)

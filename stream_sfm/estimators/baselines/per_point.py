@@ -27,7 +27,7 @@ from ...types import Observations, Solution
 from ..lifecycle import WorldPoints, frame_status, solution_of
 from ..triangulation import compose_cov, points_to_world, triangulate, usable_births
 from .baseline import Baseline
-from .bundle_adjustment import Adjustment, PointPriors, Reduced, WeightedViews, adjust
+from .bundle_adjustment import Adjustment, PointPriors, Problem, WeightedViews
 from .per_point_priors import Leaving, LeavingRule, camera_centred, camera_centred_literal, world_centred
 
 _TOLERANCE = 1e-6  # relative decrease of the sum of squares: a few hundredths of a σ at a thousand views
@@ -151,16 +151,8 @@ class _PerPointWindow(Baseline):
             poses = np.stack([f.ref_from_cam for f in self._window])
             free = np.array([not f.held for f in self._window])
             views = _views(self._window, self._ids)
-            result = adjust(
-                self._projection,
-                poses,
-                self._points,
-                views,
-                free,
-                self._priors,
-                self._config.window.max_iterations,
-                tolerance=_TOLERANCE,
-            )
+            problem = Problem(self._projection, views, free, self._priors)
+            result = problem.minimum(poses, self._points, self._config.window.max_iterations, _TOLERANCE)
             self._points = result.points
             self._window = [
                 replace(f, ref_from_cam=p) for f, p in zip(self._window, result.ref_from_cam, strict=True)
@@ -173,8 +165,7 @@ class _PerPointWindow(Baseline):
                 out = self._ids[views.point[bad & (views.frame == k)]]
                 self._window[k] = frame.select(~np.isin(frame.ids, out))
             self._drop_undetermined()
-        reduced = Reduced.build(self._projection, result.ref_from_cam, self._points, views, free, self._priors)
-        self._covariances = reduced.covariances()
+        self._covariances = problem.linearised(result.ref_from_cam, self._points).covariances()
         return result
 
     def _let_oldest_leave(self, rule: LeavingRule) -> Array:

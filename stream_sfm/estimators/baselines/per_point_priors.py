@@ -12,7 +12,7 @@ from ...geometry.linear import symmetric
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...record import record
-from .bundle_adjustment import PointPriors, Reduced, WeightedViews, residuals_and_jacobians
+from .bundle_adjustment import PointPriors, Problem, WeightedViews, residuals_and_jacobians
 
 
 @record
@@ -61,8 +61,8 @@ def camera_centred(leaving: Leaving) -> tuple[PointPriors, Array | None]:
     That covariance is of priors and leaving views alone, linearised at the estimate of the window.
     """
     free = np.array([not leaving.held])
-    poses = leaving.ref_from_cam[None]
-    reduced = Reduced.build(leaving.projection, poses, leaving.points, leaving.views, free, leaving.priors)
+    problem = Problem(leaving.projection, leaving.views, free, leaving.priors)
+    reduced = problem.linearised(leaving.ref_from_cam[None], leaving.points)
     xi, delta = reduced.solve()  # how far their minimum is from the estimate
     cam_from_ref = se3.inverse(leaving.ref_from_cam)
     in_cam = se3.transform(cam_from_ref, leaving.points)
@@ -84,7 +84,7 @@ def camera_centred_literal(leaving: Leaving) -> tuple[PointPriors, Array | None]
     cov = r @ cov @ r.T + j @ leaving.cov_pose @ np.swapaxes(j, 1, 2)
     carried = PointPriors(mean, np.where(known, np.linalg.inv(cov), 0.0))
     in_cam = se3.transform(cam_from_ref, leaving.points)  # where the view is linearised
-    held = np.array([False])
-    reduced = Reduced.build(leaving.projection, np.eye(4)[None], in_cam, leaving.views, held, carried)
+    problem = Problem(leaving.projection, leaving.views, np.array([False]), carried)
+    reduced = problem.linearised(np.eye(4)[None], in_cam)
     information = np.asarray(np.linalg.inv(reduced.covariances().cov_points))
     return PointPriors(in_cam + reduced.solve()[1], information), cam_from_ref
