@@ -22,7 +22,7 @@ from ..files import json_bytes, make_folder, write_whole
 from ..interrupts import deferred_interrupts
 from ..outputs import only_writer, refuse_overwriting
 from ..recording.truth_file import GroundTruthFile
-from ..report.batch_page import render_batch
+from ..report.pages import render_batch
 from ..types import Selection
 from .job import FILES, POLL_S, Job, JobResult, read_summary, run_job
 from .logs import find_logs, names_for, truth_files

@@ -32,7 +32,7 @@ def evaluate(
     """
     from ..evaluation.association import without_frames
     from ..files import write_whole
-    from ..report.evaluation_page import Evaluated, render_evaluation
+    from ..report.pages import Evaluated, render_evaluation
     from ..results.run_results import read_results
     from .summaries import print_evaluation
 

@@ -66,7 +66,7 @@ def print_evaluation(runs: Iterable[dict[str, Any]]) -> None:
 
 def print_batch(content: dict[str, Any], folder: Path) -> None:
     """Print the logs of batch.json, one row each, how many are done, and where the page is."""
-    from ..report.batch_page import conclusion
+    from ..report.pages import conclusion
 
     rows = []
     for log in content["logs"]:

@@ -22,8 +22,8 @@ from ..evaluation.summary import FIGURES, end_pose, evaluate_run
 from ..evaluation.trajectory import path_length_m
 from ..geometry.se3 import Array
 from ..types import Trajectory
-from .methods import REFERENCE, of_method
 from .records import Comparison, RunRecord, Truth, quantiles
+from .tables import REFERENCE, of_method
 
 SCHEMA_VERSION = 1
 _AGAINST_TRUTH = (

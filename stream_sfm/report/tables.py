@@ -1,12 +1,19 @@
-"""The figures of runs as tables of a page: their names and units, which value is best, and how numbers are written."""
+"""How pages name methods and runs and write numbers, which values of a table are marked, and templates filled in."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from markupsafe import Markup
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 from numpy.typing import ArrayLike
 
+from .. import __version__
+
+REFERENCE = "cross-frame"  # errors of the others are given over its errors
 NEES_INTERVAL = (1.24, 14.45)  # 95 % of one pose, 6 expected: poses of a log share their errors and say hardly more
 
 
@@ -53,8 +60,6 @@ FURTHER = (
     Figure("local_structure_median_m", "local structure", "structure"),
     Figure("local_structure_error_over_sigma", "… over σ", "1 expected"),
 )
-TIME = Figure("ms_per_frame_p50", "time", "ms per frame")
-FRAMES = Figure("frames", "frames")
 
 
 class Name(NamedTuple):
@@ -116,3 +121,60 @@ def text_of(value: Any, factor: float = 1.0) -> str:
     x = factor * value
     # of large numbers all digits before the point
     return (f"{x:.0f}" if 1000 <= abs(x) < 1e6 else f"{x:#.3g}").rstrip(".").replace("-", "−")
+
+
+class Look(NamedTuple):
+    """The name of a line in a chart, and its colour, a variable of page.css."""
+
+    name: str
+    colour: str
+
+
+Looks = Callable[[str], Look]
+_LOOKS = {
+    "cross-frame": Look("cross-frame", "c1"),
+    "ekf": Look("EKF", "c2"),
+    "iterated-ekf": Look("iterated EKF", "c3"),
+    "frame-to-frame": Look("frame-to-frame", "c4"),
+    "cross-frame-wc": Look("per-point WC", "c5"),
+    "cross-frame-cc": Look("per-point CC", "c6"),
+    "ekf-cv": Look("constant-velocity EKF", "c7"),
+    "cross-frame-loops": Look("cross-frame with loops", "c8"),
+}
+
+
+def of_method(name: str) -> Look:
+    """How a method is named and drawn."""
+    return _LOOKS.get(name.replace("_", "-"), Look(name, "other"))
+
+
+def of_runs(names: Sequence[str]) -> Looks:
+    """How runs are drawn, by the names of their folders: in the colours of the methods one after the other."""
+    colours = [look.colour for look in _LOOKS.values()]
+    last = [Path(name).name for name in names]
+    told = [name if last.count(name) == 1 else whole for name, whole in zip(last, names, strict=True)]
+    return {name: Look(told[k], colours[k % len(colours)]) for k, name in enumerate(names)}.__getitem__
+
+
+def render(template: str, /, **values: Any) -> str:
+    """Fill in a template of this folder; inserted text is escaped, and an unknown name in the template is an error."""
+    return _environment().get_template(template).render(version=__version__, **values)
+
+
+@cache
+def _environment() -> Environment:
+    """Templates are compiled once per process: that takes longer than to fill them in."""
+    environment = Environment(
+        loader=PackageLoader("stream_sfm.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"number": text_of, "breakable": breakable}
+    return environment
+
+
+def breakable(name: str) -> Markup:
+    """A long name, which a browser may break after its separators."""
+    return Markup(re.sub(r"([/._-]+)", r"\1<wbr>", str(escape(name))))

@@ -19,10 +19,9 @@ from ..outputs import RESULTS, refuse_overwriting
 from ..recording.ground_truth import DepthImages
 from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration import describe
-from ..report.front_record import FrontRecord
 from ..report.numbers import numbers
-from ..report.page import REPORT, write_report
-from ..report.records import Comparison, Truth
+from ..report.pages import REPORT, write_report
+from ..report.records import Comparison, FrontRecord, Truth
 from ..types import Selection, Sink
 from .lane import Lane
 from .loop import Course, run

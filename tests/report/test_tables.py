@@ -3,8 +3,17 @@
 import numpy as np
 import pytest
 
-from stream_sfm.report.tables import ACCURACY, METRES, MILLIMETRES, Figure, Name, table, text_of, unit_for
-from stream_sfm.report.template import breakable
+from stream_sfm.report.tables import (
+    ACCURACY,
+    METRES,
+    MILLIMETRES,
+    Figure,
+    Name,
+    breakable,
+    table,
+    text_of,
+    unit_for,
+)
 
 
 @pytest.mark.parametrize(

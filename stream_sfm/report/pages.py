@@ -1,0 +1,227 @@
+"""The pages, one HTML file each: a comparison, finished runs against ground truth, and all logs of a batch."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple
+
+from markupsafe import Markup
+
+from ..errors import InputError
+from ..files import json_bytes, write_whole
+from ..sources.pose_files import read_tum
+from ..types import Status, Trajectory
+from ..wording import counted
+from . import charts
+from .charts import Traces, traces_of
+from .records import Comparison
+from .svg import Chart, Series, draw
+from .tables import ACCURACY, FURTHER, Figure, LengthUnit, Name, of_method, of_runs, render, table, unit_for
+
+REPORT = ("report.json", "report.html")  # the files of a report
+_RATIO_AND_TIME = (
+    Figure("ratio", "position error", "over cross-frame"),
+    Figure("ms_per_frame_p50", "time", "ms per frame"),
+)
+_WITHOUT_TRUTH = (
+    Figure("divergence_from_cross_frame_m", "away from cross-frame", "errors"),
+    Figure("end_std_position_m", "σ at the end", "errors"),
+    Figure("end_std_heading_deg", "σ of the heading", "°"),
+    Figure("nis_over_dof", "NIS", "1 expected"),
+)
+_FURTHER = (
+    *FURTHER,
+    Figure("rpe_position_rms_m", "error per frame", "errors"),
+    Figure("rpe_rotation_rms_deg", "rotation per frame", "°"),
+    Figure("growth_exponent", "growth", "1 random, 2 bias"),
+    Figure("nis_over_dof", "NIS", "1 expected"),
+    Figure("reprojection_rms_px", "reprojection", "px"),
+)
+_OF_BATCH = (Figure("frames", "frames"), Figure("path_length_m", "path", "m"), *ACCURACY, *FURTHER)
+_COSTS = (
+    Figure("degraded", "degraded"),
+    Figure("lost", "lost"),
+    Figure("dropped", "dropped"),
+    Figure("p50", "time", "ms, median"),
+    Figure("p95", "time", "ms, 95 %"),
+    Figure("frames_per_s", "frames/s"),
+    Figure("cpu_ms", "CPU", "ms per frame"),
+    Figure("peak_rss_mib", "memory", "MiB"),
+)
+_NOT_DONE = {
+    "incomplete": "only partly read",
+    "failed": "failed",
+    "interrupted": "interrupted or not started",
+}
+
+
+def write_report(comparison: Comparison, content: dict[str, Any], folder: Path) -> None:
+    """Write report.json, the `content`, and report.html to a folder. Raises OutputError."""
+    write_whole(folder / "report.json", json_bytes(content))
+    write_whole(folder / "report.html", render_comparison(comparison, content).encode())
+
+
+def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
+    """Render a comparison and its figures, the content of report.json, as HTML."""
+    traces = traces_of((run.name, run.trajectory(), c.truth.poses) for run in c.runs)
+    ratios = content["error_over_cross_frame"]
+    methods = [content["methods"][r.key] | {"ratio": ratios.get(r.key, {}).get("position")} for r in c.runs]
+    looks = [of_method(run.name) for run in c.runs]
+    names = [Name(look.name, run.failure, look.colour) for look, run in zip(looks, c.runs, strict=True)]
+    away_m = content["divergence_from_cross_frame_m"].values()
+    errors = unit_for(*(t.position_m for t in traces.values())) if traces else unit_for(list(away_m))
+    local = unit_for([m["local_sigma_median_m"] or 0.0 for m in methods])
+    units = {"errors": errors, "structure": local}
+    more = []
+    if traces:
+        more = [charts.rotation_errors(traces), charts.growth(traces, errors), charts.structure(c.runs, local)]
+    return render(
+        "compare.html.j2",
+        title=c.log,
+        c=c,
+        n=content,
+        notes=_notes(c, content),
+        path_m=float(next(iter(traces.values())).distance_m[-1]) if traces else methods[0]["path_length_m"],
+        main=table((*(ACCURACY if traces else _WITHOUT_TRUTH), *_RATIO_AND_TIME), names, methods, units),
+        further=table(_FURTHER, names, methods, units),
+        charts=_charts(c, content, traces, errors),
+        more_charts=more,
+        lives=charts.lives(c.front),
+        statuses=[(look.name, {s: r.count(s) for s in Status}) for look, r in zip(looks, c.runs, strict=True)],
+        warnings=list(dict.fromkeys([*(content["health"].get("problems") or ()), *content["warnings"]])),
+    )
+
+
+def _charts(c: Comparison, content: dict[str, Any], traces: Traces, unit: LengthUnit) -> list[Markup]:
+    """The four that are always shown."""
+    gaps, path = c.front.gaps, charts.path({r.name: r.poses for r in c.runs if len(r)}, traces, loops=c.loops)
+    if not traces:
+        return [
+            path,
+            charts.structure(c.runs, unit),
+            charts.apart(c.runs, gaps, unit),
+            charts.innovations(c.runs, gaps),
+        ]
+    told = charts.ratios(content) if content["error_over_cross_frame"] else charts.rotation_errors(traces)
+    return [charts.errors(traces, unit), told, charts.nees(traces, gaps), path]
+
+
+def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:
+    """What a reader must know before looking at the figures."""
+    notes = []
+    frames, known = content["frames"], content["frames_with_ground_truth"]
+    if c.truth.poses is not None and known < frames:
+        if known:
+            notes.append(f"Ground truth covers {known} of {frames} frames; all errors refer to these frames only.")
+        else:
+            notes.append("The log has ground truth, but none at the time stamp of any frame.")
+    if c.truth.ignored:
+        where = ", ".join(f"{first} to {end - 1}" for first, end in c.truth.ignored)
+        notes.append(f"The ground truth of frames {where} was not used, as asked for.")
+    if c.front.gaps:
+        where = ", ".join(str(g) for g in c.front.gaps[:8])
+        notes.append(f"Time gap before frame {where}{' …' if len(c.front.gaps) > 8 else ''}.")
+    if not c.complete:
+        notes.append(f"This report does not cover the whole log{': ' + c.warnings[-1] if c.warnings else ''}.")
+    for run in c.runs:
+        if lost := run.count(Status.LOST):
+            notes.append(f"{of_method(run.name).name}: tracking was lost in {lost} of {len(run)} frames.")
+    return notes
+
+
+class Evaluated(NamedTuple):
+    """A run with its figures against ground truth, as `evaluate` returns them."""
+
+    name: str
+    method: str
+    figures: dict[str, Any]
+    trajectory: Trajectory
+    truth: Trajectory
+
+
+def render_evaluation(runs: Sequence[Evaluated]) -> str:
+    """Render runs as HTML; one of a single camera, whose lengths have no unit, is in the table alone."""
+    scaled = [run for run in runs if "ate_rmse_m" in run.figures]
+    traces = traces_of((run.name, run.trajectory, run.truth) for run in scaled)
+    unit = unit_for(*(trace.position_m for trace in traces.values()))
+    looks = of_runs([run.name for run in runs])
+    names = [Name(run.name, of_method(run.method).name, looks(run.name).colour) for run in runs]
+    figures = (Figure("frames_compared", "frames"), *ACCURACY, *FURTHER[:2])
+    return render(
+        "evaluation.html.j2",
+        title=counted(len(runs), "run"),
+        accuracy=table(figures, names, [run.figures for run in runs], {"errors": unit}),
+        charts=[
+            charts.errors(traces, unit, looks),
+            charts.rotation_errors(traces, looks),
+            charts.nees(traces, looks=looks),
+            charts.path({r.name: r.trajectory.world_from_cam for r in scaled if len(r.trajectory)}, traces, looks),
+        ],
+    )
+
+
+def render_batch(content: dict[str, Any], folder: Path) -> str:
+    """Render the content of batch.json as HTML; the paths are read from the result folders of the logs."""
+    estimated = [log for log in content["logs"] if log["summary"]]
+    unfinished = [log for log in content["logs"] if log["status"] != "done"]
+    summaries = [log["summary"] for log in estimated]
+    names = [
+        Name(log["name"], "" if log["status"] == "done" else log["status"], href=log["name"]) for log in estimated
+    ]
+    rows = [s | s.get("ground_truth", {}) | {"frames": s["frames"]["estimated"]} for s in summaries]
+    # Lengths do not compare, as paths differ.
+    compared = [f for f in _OF_BATCH[2:] if f.unit not in ("errors", "structure")]
+    middle = [{f.key: _median([row.get(f.key) for row in rows]) for f in compared}] if len(rows) > 1 else []
+    units = {
+        "errors": unit_for([row.get(key) or 0.0 for row in rows for key in ("ate_rmse_aligned_m", "ate_rmse_m")]),
+        "structure": unit_for([row.get("local_structure_median_m") or 0.0 for row in rows]),
+    }
+    costs = [
+        s | s["frames"] | s["timing_ms"]["total"] | {"cpu_ms": 1000 * s["cpu_s"] / s["frames"]["estimated"]}
+        for s in summaries
+    ]
+    return render(
+        "batch.html.j2",
+        title=f"{counted(len(content['logs']), 'log')}, method {content['method']}",
+        n=content,
+        conclusion=conclusion(content),
+        estimated=estimated,
+        unfinished=table(
+            (Figure("status", "status"), Figure("reason", "reason")),
+            [Name(log["name"], log["log"]) for log in unfinished],
+            unfinished,
+            {},
+        ),
+        accuracy=table(_OF_BATCH, [*names, *(Name("median") for _ in middle)], [*rows, *middle], units),
+        costs=table(_COSTS, names, costs, {}),
+        statuses=[(log["name"], log["summary"]["statuses"]) for log in estimated],
+        warnings=[(log["name"], warning) for log in estimated for warning in log["summary"]["warnings"]],
+        frames=sum(s["frames"]["estimated"] for s in summaries),
+        path_m=sum(s["path_length_m"] for s in summaries),
+        paths=[_path(log["name"], folder) for log in estimated],
+    )
+
+
+def conclusion(content: dict[str, Any]) -> str:
+    """A sentence that says how many logs were completed, and what became of the others."""
+    counts = content["counts"]
+    parts = [f"{counts.get('done', 0)} of {counted(len(content['logs']), 'log')} done"]
+    parts += [f"{counts[status]} {words}" for status, words in _NOT_DONE.items() if counts.get(status)]
+    if content["reused"]:
+        parts.append(f"{content['reused']} reused from an earlier batch")
+    return ", ".join(parts) + "."
+
+
+def _median(values: list[float | None]) -> float | None:
+    """The median of what is known, of two logs at least."""
+    known = [value for value in values if value is not None]
+    return median(known) if len(known) > 1 else None
+
+
+def _path(name: str, folder: Path) -> Markup:
+    """The path seen from above, empty where there is no file of it."""
+    try:
+        t = read_tum(folder / name / "trajectory.tum").world_from_cam[:, :3, 3]
+    except InputError:
+        return Markup()
+    return draw(Chart(name, "x, m (right)", "z, m (forward)", [Series(name, t[:, 0], t[:, 2], "c1")], path=True))
