@@ -28,8 +28,8 @@ from .usage import hint, rewritten, usage_error
 COMMANDS = {
     "replay": "replay:replay",
     "live": "replay:live",
-    "evaluate": "evaluate:evaluate",
-    "view": "view:view",
+    "evaluate": "finished_runs:evaluate",
+    "view": "finished_runs:view",
     "compare": "compare:compare",
     "batch": "batch:batch",
     "inspect": "inspect:inspect",

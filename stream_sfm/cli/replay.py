@@ -1,8 +1,8 @@
 """`stream-sfm replay` and `stream-sfm live`: a log or a camera in, a folder of results out."""
 
 import os
-from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +15,24 @@ from .printing import print_error, print_json, print_notes
 if TYPE_CHECKING:
     from ..config import Config
     from ..recording.stereo_log import StereoLog
-    from ..run.replay import ReplayResult
+    from ..types import Selection
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class _Shown:
+    """What is shown and printed of a run.
+
+    Attributes:
+        rrd: write a recording for the Rerun viewer
+        view: show the run in a Rerun window
+    """
+
+    rrd: options.ResultFile = None
+    view: options.ResultFlag = False
+    json: options.Json = False
+    quiet: options.Quiet = False
+    verbose: options.Verbose = False
 
 
 def replay(
@@ -23,8 +40,7 @@ def replay(
     /,
     *,
     out: options.MaybeFolder = None,
-    rrd: options.ResultFile = None,
-    view: options.ResultFlag = False,
+    shown: _Shown = _Shown(),
     strict: options.ResultFlag = False,
     self_test: options.ResultFlag = False,
     loops: options.ResultFlag = False,
@@ -36,9 +52,6 @@ def replay(
     settings: options.Settings = options.Settings(),
     method: options.MethodName = None,
     truth: Annotated[options.TruthFile, Parameter(show=False)] = options.TruthFile(),
-    json: options.Json = False,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = False,
 ) -> int:
     """Estimate the camera's motion and the local structure in every frame of a log.
 
@@ -48,8 +61,6 @@ def replay(
 
     Args:
         out: result folder; runs/LOG-TIME if not given
-        rrd: write a recording for the Rerun viewer
-        view: show the run in a Rerun window
         strict: exit with code 3 if there was any warning
         self_test: check the covariances without any truth: disjoint halves of the tracks, and of the image, must agree
         loops: find places again and correct the poses, in trajectory_map.tum; needs the extra map
@@ -59,15 +70,16 @@ def replay(
     """
     from ..outputs import MAP_TRAJECTORY
     from ..recording.stereo_log import open_log
+    from ..results.folder import changed_results, new_run_folder
 
     config, selection = settings.read(method=method, mono=mono), frames.selection()
     inputs = (log, truth.ground_truth, settings.config, cameras.calibration)
-    run = _Run("replay", log, out, config, quiet, verbose, json, strict)
-    run.protect([rrd, run.folder / MAP_TRAJECTORY], *inputs, map)
+    folder = Path(out) if out else new_run_folder(log)
+    options.protect([shown.rrd, folder / MAP_TRAJECTORY, *changed_results(folder, config)], *inputs, map)
     options.protect([save_map], *inputs)
     recording = open_log(log, *cameras.chosen, mono=config.mono, ground_truth=truth.read())
-    known = {"selection": selection, "self_test": self_test, "loops": loops, "known_map": map, "save_map": save_map}
-    return run(recording, selection.count(recording.expected_frames), rrd, view, **known)
+    known = {"self_test": self_test, "loops": loops, "known_map": map, "save_map": save_map}
+    return _run("replay", recording, folder, config, selection, shown, is_latest=not out, strict=strict, **known)
 
 
 def live(
@@ -77,15 +89,11 @@ def live(
     *,
     out: options.MaybeFolder = None,
     record: options.ResultFile = None,
-    rrd: options.ResultFile = None,
-    view: options.ResultFlag = False,
+    shown: _Shown = _Shown(),
     calibration: options.Calibration = None,
     max_frames: options.MaybeCount = None,
     settings: options.Settings = options.Settings(),
     method: options.MethodName = None,
-    json: options.Json = False,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = False,
 ) -> int:
     """Estimate the camera's motion and the local structure live, until Ctrl-C.
 
@@ -99,85 +107,70 @@ def live(
         right: the right camera, where it is another one
         out: result folder as of a replay; runs/CAMERA-TIME if not given
         record: write a log of every picture, for later replays
-        rrd: write a recording for the Rerun viewer
-        view: show the run in a Rerun window
         calibration: of the pair, instead of the factory's: a file, the files of left and right, or their folder
         max_frames: end after N frames
     """
     from ..recording.stereo_log import open_camera
+    from ..results.folder import changed_results, new_run_folder
     from ..types import Selection
 
     names = [camera] if right is None else [camera, right]
     name = "-".join(name.rsplit("/", 1)[-1] for name in names)
-    run = _Run("live", name, out, settings.read(method=method), quiet, verbose, json)
-    run.protect([record, rrd], settings.config, calibration)
+    config, folder = settings.read(method=method), Path(out) if out else new_run_folder(name)
+    options.protect([record, shown.rrd, *changed_results(folder, config)], settings.config, calibration)
     given = options.calibration_files(calibration)
     with closing(open_camera(*names, calibration=given, record=record)) as log:
-        return run(log, max_frames, rrd, view, selection=Selection(max_frames=max_frames))
+        return _run("live", log, folder, config, Selection(max_frames=max_frames), shown, is_latest=not out)
 
 
-class _Run:
-    """One run into the folder `out`, or a new one named after what it is of, and what is printed about it."""
+def _run(
+    label: str,
+    log: "StereoLog",
+    folder: Path,
+    config: "Config",
+    selection: "Selection",
+    shown: _Shown,
+    *,
+    is_latest: bool,
+    strict: bool = False,
+    **known: Any,
+) -> int:
+    """Estimate the selected frames of a log into a folder, tell of it, and return the exit code.
 
-    def __init__(
-        self,
-        label: str,
-        name: str,
-        out: str | None,
-        config: "Config",
-        quiet: bool,
-        verbose: bool,
-        json: bool,
-        strict: bool = False,
-    ) -> None:
-        from ..results.folder import new_run_folder
+    `is_latest`: runs/latest shall lead there; `known`: options of `run.replay`.
+    """
+    from ..results.folder import point_latest_to
+    from ..run import replay as run
+    from .progress import frame_progress
 
-        self.folder = Path(out) if out else new_run_folder(name)
-        self._label, self._is_latest, self._config = label, not out, config
-        self._quiet, self._verbose, self._json, self._strict = quiet, verbose, json, strict
+    viewers = []
+    if shown.rrd or shown.view:
+        from ..viewer import open_viewer
 
-    def protect(self, outputs: Sequence[str | Path | None], *inputs: str | list[str] | None) -> None:
-        """Raise an OutputError where one of the outputs, or a file of the folder, is an input."""
-        from ..results.folder import changed_results
+        truth = None if config.mono else log.ground_truth()
+        viewers.append(open_viewer(log.rig, shown.rrd, shown.view, truth, log.path.stem))
+    interrupted = False
+    try:
+        total = selection.count(log.expected_frames)
+        with frame_progress(label, total, shown.quiet, shown.verbose) as progress:
+            result = run.replay(log, folder, config, selection, sinks=[*viewers, progress], **known)
+    except run.ReplayInterrupted as stop:
+        result, interrupted = stop.result, True
+    finally:
+        if is_latest and os.path.exists(folder):
+            point_latest_to(folder)
+    summary = result.summary
+    if not shown.quiet or not summary["complete"]:
+        print_notes("warning", summary["warnings"])
+    if shown.json:
+        print_json({**summary, "out": str(folder)})
+    elif not shown.quiet:
+        from .summaries import print_summary
 
-        options.protect([*outputs, *changed_results(self.folder, self._config)], *inputs)
-
-    def __call__(self, log: "StereoLog", total: int | None, rrd: str | None, view: bool, **known: Any) -> int:
-        """Estimate `total` frames of a log (None: unknown), and return the exit code; `known`: options of `replay`."""
-        from ..results.folder import point_latest_to
-        from ..run import replay as run
-        from .progress import frame_progress
-
-        viewers = []
-        if rrd or view:
-            from ..viewer import open_viewer
-
-            truth = None if self._config.mono else log.ground_truth()
-            viewers.append(open_viewer(log.rig, rrd, view, truth, log.path.stem))
-        interrupted = False
-        try:
-            with frame_progress(self._label, total, self._quiet, self._verbose) as progress:
-                result = run.replay(log, self.folder, self._config, sinks=[*viewers, progress], **known)
-        except run.ReplayInterrupted as stop:
-            result, interrupted = stop.result, True
-        finally:
-            if self._is_latest and os.path.exists(self.folder):
-                point_latest_to(self.folder)
-        self._print(result)
-        if interrupted:
-            return ExitCode.INTERRUPTED
-        summary = result.summary
-        wanting = result.problems or not summary["complete"] or (self._strict and summary["warnings"])
-        return ExitCode.INPUT if wanting else ExitCode.DONE
-
-    def _print(self, result: "ReplayResult") -> None:
-        if not self._quiet or not result.summary["complete"]:
-            print_notes("warning", result.summary["warnings"])
-        if self._json:
-            print_json({**result.summary, "out": str(result.out_dir)})
-        elif not self._quiet:
-            from .summaries import print_summary
-
-            print_summary(result.summary, result.out_dir, stages=self._verbose)
-        for problem in result.problems:
-            print_error(problem)
+        print_summary(summary, folder, stages=shown.verbose)
+    for problem in result.problems:
+        print_error(problem)
+    if interrupted:
+        return ExitCode.INTERRUPTED
+    wanting = result.problems or not summary["complete"] or (strict and summary["warnings"])
+    return ExitCode.INPUT if wanting else ExitCode.DONE
