@@ -14,7 +14,7 @@ from msgspec import Meta
 
 from .errors import ConfigError
 from .inputs import LIMITS, parse_toml, read_small
-from .wording import expected, first_line, invalid_setting
+from .wording import expected, invalid_setting
 
 _FRAME_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_/]{0,99}")
 _FRAMES = {"world_frame": "map", "odom_frame": "odom", "base_frame": "base_link", "camera_frame": "left_camera"}
@@ -351,7 +351,8 @@ def _section_lines(name: str, section: _Section, keys: list[str]) -> list[str]:
     if not keys:
         return []
     metas = _keys(section)
-    lines = ["", f"[{name}]  # {first_line(type(section))}"] if name else []
+    purpose = (type(section).__doc__ or "").partition("\n")[0]  # empty where Python has removed docstrings (-OO)
+    lines = ["", f"[{name}]  # {purpose}"] if name else []
     for key in keys:
         lines += [f"# {metas[key].description}", f"{key} = {json.dumps(getattr(section, key), ensure_ascii=False)}"]
     return lines

@@ -13,10 +13,8 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-
 GRACE_S = 1.0  # for the current frame; most take a tenth
-# The terminal is closed or the connection lost with the last one, which not every system has.
-_TERMINATION = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+_TERMINATION = (signal.SIGTERM, signal.SIGHUP)  # with the last one a terminal is closed or a connection lost
 ENDING = (signal.SIGINT, *_TERMINATION)
 
 

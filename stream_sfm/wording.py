@@ -19,11 +19,6 @@ _UNKNOWN = re.compile(r"Object contains unknown field `(.*?)`")
 _PATH = re.compile(r" - at `\$\.?(.*)`$")
 
 
-def first_line(kind: type) -> str:
-    """The first line of a docstring; empty where Python has removed it (-OO)."""
-    return (kind.__doc__ or "\n").splitlines()[0]
-
-
 def printable(text: str) -> str:
     """A text in one line whose every character can be seen: others, such as escapes of terminals, by their code.
 
@@ -36,7 +31,9 @@ def printable(text: str) -> str:
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
     """A sentence that a name is not known, with the nearest known one, or else with all of them."""
     known = list(known)
-    return f"unknown {kind} {name!r}{did_you_mean(name, known) or '; known are ' + ', '.join(known)}"
+    nearest = get_close_matches(name, known, n=1, cutoff=0.7)  # one letter wrong in four
+    told = f"did you mean {nearest[0]}?" if nearest else f"known are {', '.join(known)}"
+    return f"unknown {kind} {name!r}; {told}"
 
 
 def some_of(names: Sequence[str], separator: str = ", ") -> str:
@@ -48,12 +45,6 @@ def some_of(names: Sequence[str], separator: str = ", ") -> str:
 def counted(n: int, thing: str) -> str:
     """A number of things: 1 frame, 2 frames."""
     return f"{n} {thing}{'' if n == 1 else 's'}"
-
-
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The end of a sentence that suggests the known name nearest to `name`; empty where none is near."""
-    nearest = get_close_matches(name, list(known), n=1, cutoff=0.7)  # one letter wrong in four
-    return f"; did you mean {nearest[0]}?" if nearest else ""
 
 
 def invalid_setting(problem: str, data: Mapping[str, Any], known: Mapping[str, Any]) -> str:

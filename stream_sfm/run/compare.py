@@ -16,7 +16,6 @@ from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..interrupts import deferred_interrupts
 from ..observer import Observer
 from ..outputs import RESULTS, refuse_overwriting
-from ..recording.ground_truth import DepthImages
 from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration import describe
 from ..report.numbers import numbers
@@ -24,7 +23,7 @@ from ..report.pages import REPORT, write_report
 from ..report.records import Comparison, FrontRecord, Truth
 from ..types import Selection, Sink
 from .lane import Lane
-from .loop import Course, run
+from .loop import run
 from .self_test import SelfTest
 from .summary import summarise
 
@@ -92,14 +91,23 @@ def compare(
     if (poses := log.ground_truth()) is not None:
         check_rigid(poses)
     depth, front = log.depth_images(), FrontRecord()
-    observer, lanes = _lanes(log.stereo_rig, config, methods, depth, folder)
+    with one_thread:
+        observer = Observer(log.stereo_rig, config)
+        of_methods = [msgspec.structs.replace(config, method=name) for name in methods]
+        lanes = [Lane(c, observer, depth, folder and folder / _key(c.method), True) for c in of_methods]
     tests = [SelfTest(observer.projection, config)] if self_test else []
-    places = _places(log.stereo_rig, lanes[0].config) if loops else []
+    places = []
+    if loops:
+        from ..places.place_map import PlaceMap  # as in a replay
+
+        places.append(PlaceMap(log.stereo_rig, lanes[0].config, wait=True))
     with deferred_interrupts() as interruption:
         course = run(log, lanes, [*places, *sinks], [front, *tests], selection=selection, interruption=interruption)
     if course.error is not None and not course.frames:
         raise course.error
-    runs, warnings = [lane.record for lane in lanes], _warnings(log, lanes, course, depth)
+    runs = [lane.record for lane in lanes]
+    changes = map(str, runs[0].rig_changes)
+    warnings = list(dict.fromkeys(filter(None, [*log.stats.warnings, depth.problem, *changes, *course.warnings])))
     if poses is not None:
         stamps_ns = max(runs, key=len).stamps_ns
         truth = truth._replace(poses=without_frames(poses, stamps_ns, truth.ignored))
@@ -131,12 +139,6 @@ def compare(
     return ComparisonResult(report, folder, found)
 
 
-def _places(rig: StereoRig, config: Config) -> "list[PlaceMap]":
-    from ..places.place_map import PlaceMap  # as in a replay
-
-    return [PlaceMap(rig, config, wait=True)]
-
-
 def _add_corrected(found: Comparison, places: "PlaceMap") -> None:
     """Add the first run with loops closed, and the lines of the loops."""
     first = found.runs[0]
@@ -148,16 +150,6 @@ def _add_corrected(found: Comparison, places: "PlaceMap") -> None:
         found.loops = positions_m[joined]
 
 
-def _lanes(
-    rig: StereoRig, config: Config, methods: Sequence[str], depth: DepthImages, folder: Path | None
-) -> tuple[Observer, list[Lane]]:
-    """The observer that all methods share, and a lane of each."""
-    with one_thread:
-        observer = Observer(rig, config)
-        of_methods = [msgspec.structs.replace(config, method=name) for name in methods]
-        return observer, [Lane(c, observer, depth, folder and folder / _key(c.method), True) for c in of_methods]
-
-
 def outputs(folder: Path, methods: Sequence[str]) -> list[Path]:
     """All files that a comparison writes."""
     results = [folder / _key(method) / name for method in methods for name in RESULTS]
@@ -167,8 +159,3 @@ def outputs(folder: Path, methods: Sequence[str]) -> list[Path]:
 def _key(method: str) -> str:
     """The folder of a method."""
     return method.replace("-", "_")
-
-
-def _warnings(log: StereoLog, lanes: Sequence[Lane], course: Course, depth: DepthImages) -> list[str]:
-    changes = [str(change) for lane in lanes[:1] for change in lane.record.rig_changes]
-    return list(dict.fromkeys(filter(None, [*log.stats.warnings, depth.problem, *changes, *course.warnings])))

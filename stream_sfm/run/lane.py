@@ -46,7 +46,7 @@ class Lane:
         self.solution: Solution | None = None  # of the latest frame
         self.rig: RigEstimate | None = None  # the estimator's latest knowledge of the rig's errors
         self.observer, self._depth = observer, depth
-        self._estimator = make_estimator(config.method, observer.projection, config)
+        self._estimator = make_estimator(config.method, projection, config)
         self._structure = StructureComparison(observer.rig.left)
         self._world = World(config.motion)
 
@@ -58,11 +58,19 @@ class Lane:
 
     def take(self, observed: Observed, frame: RecordedFrame) -> FrameEstimate | None:
         """Estimate a frame and write it; None if the lane has failed, now or before."""
-        self.solution, solved = None, self._solve(observed)
-        if solved is None:
+        self.solution = None
+        if self.error is not None:
             return None
-        solution, estimate = solved
+        began_s = time.thread_time()  # CPU: other lanes run beside this one
+        try:
+            solution = self._estimator.step(observed.observations)
+        except np.linalg.LinAlgError as error:
+            self.error = error
+            self.record.failure = f"stopped at frame {observed.observations.frame_index}: {error}"
+            return None
         self.solution, self.rig = solution, solution.rig or self.rig
+        estimate = self.observer.estimate(observed, solution, 1e3 * (time.thread_time() - began_s))
+        estimate = self._world.place(estimate, observed.observations)
         began_s = time.thread_time()
         if self.folder is not None:
             self.folder.write(estimate, frame)
@@ -73,19 +81,6 @@ class Lane:
         self.record.add(estimate, total_ms, of_points)
         self._compare_depth(estimate)
         return estimate
-
-    def _solve(self, observed: Observed) -> tuple[Solution, FrameEstimate] | None:
-        if self.error is not None:
-            return None
-        began_s = time.thread_time()  # CPU: other lanes run beside this one
-        try:
-            solution = self._estimator.step(observed.observations)
-        except np.linalg.LinAlgError as error:
-            self.error = error
-            self.record.failure = f"stopped at frame {observed.observations.frame_index}: {error}"
-            return None
-        estimate = self.observer.estimate(observed, solution, 1e3 * (time.thread_time() - began_s))
-        return solution, self._world.place(estimate, observed.observations)
 
     def _compare_depth(self, estimate: FrameEstimate) -> None:
         """Compare the points with the depth image of their moment, if there is one."""

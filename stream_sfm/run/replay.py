@@ -135,12 +135,12 @@ class _Replay:
             observer = Observer(log.rig, config)
             self.lane = Lane(config, observer, self._depth, folder)
         self.checks = [SelfTest(observer.projection, config)] if self_test else []
-        self._calibration = None if config.mono else CalibrationSink(log)
+        self._calibration = CalibrationSink(log)
         self._places: PlaceMap | None = None
         self._save_map: Path | None = None
         # Where the calibration changes; not with one camera, whose unit of length would change, too.
         self.starts_anew = not (config.mono or self_test)
-        self.sinks: list[Sink] = [s for s in (self._calibration,) if s is not None]
+        self.sinks: list[Sink] = [] if config.mono else [self._calibration]
 
     def find_places(self, known: str | Path | None, save: Path | None, sinks: Sequence[Sink]) -> None:
         """Make a map beside the estimates, starting from the file `known` if one is given."""
@@ -167,7 +167,7 @@ class _Replay:
         further: dict[str, Any] = {
             "cpu_s": time.process_time() - self._began_cpu_s,
             "peak_rss_mib": peak_rss_mib(),
-            "problems": (self._calibration.problems if self._calibration is not None else []) or problems,
+            "problems": self._calibration.problems or problems,
         }
         if record.rig is not None:
             further["rig"] = describe(lane.observer.projection, record.rig)

@@ -1,5 +1,7 @@
 """Makes summary.json, for `replay` and for every method of `compare`."""
 
+import resource
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -68,18 +70,11 @@ def _frame_counts(log: StereoLog, selection: Selection, record: RunRecord) -> di
     }
 
 
-def peak_rss_mib() -> float | None:
-    """The largest resident memory of this process so far, MiB; None where the system does not know it."""
+def peak_rss_mib() -> float:
+    """The largest resident memory of this process so far, MiB."""
     try:  # Linux; getrusage would count what the process that started this one had needed
         lines = Path("/proc/self/status").read_text().splitlines()
         return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM:")) / 2**10
     except (OSError, StopIteration):
-        pass
-    try:
-        import resource
-    except ImportError:
-        return None
-    import sys
-
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (2**20 if sys.platform == "darwin" else 2**10)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        return peak / (2**20 if sys.platform == "darwin" else 2**10)
