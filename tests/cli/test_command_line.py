@@ -38,18 +38,10 @@ def test_an_environment_that_other_packages_trip_over_is_put_right(monkeypatch, 
 @pytest.mark.parametrize(
     "error, code, says",
     [
-        (
-            OSError(errno.EMFILE, "too many"),
-            2,
-            "too many open files; raise the limit, for example by ulimit -n 256",
-        ),
+        (OSError(errno.EMFILE, "too many"), 2, "too many open files; raise the limit, for example by ulimit"),
         (OSError(errno.ENOSPC, "full", "a.csv"), 3, "cannot write a.csv: full"),
         (KeyboardInterrupt(), 130, "interrupted"),
-        (
-            ModuleNotFoundError(name="filterpy.kalman"),
-            2,
-            "the package filterpy.kalman is missing, which stream-sfm",
-        ),
+        (ModuleNotFoundError(name="lz4.frame"), 2, "the package lz4.frame is missing, which stream-sfm needs"),
         (ModuleNotFoundError("no such", name="stream_sfm.x"), 1, "ModuleNotFoundError: no such"),
         (ZeroDivisionError("a\nb"), 1, "ZeroDivisionError: a\nthis is a defect of stream-sfm; please report"),
     ],
@@ -112,11 +104,7 @@ HINT = "hint: `stream-sfm"  # of usage errors: where to read on
         ("simulate effciency", 'Did you mean "efficiency"?', HINT),
         ("replay x.mcap y.mcap", "unused Tokens: ['y.mcap']", HINT),
         ("replay x.mcap --method crossframe", 'Did you mean "cross-frame"?', HINT),
-        (
-            "replay x.mcap --stride 0",
-            'invalid value "0" for --stride. give a whole number of at least 1',
-            HINT,
-        ),
+        ("replay x.mcap --stride 0", 'invalid value "0" for --stride. give a whole number of at least 1', HINT),
         ("replay x.mcap --out=", "--out: the name is empty", HINT),  # a variable of a script that was never set
         ("replay x.mcap --left", "parameter --left requires an argument", HINT),
         ("replay", 'command "replay" parameter LOG requires an argument', HINT),
@@ -174,10 +162,6 @@ def test_json_is_one_object_and_nothing_else_and_tables_say_what_matters(wall_lo
     said = cli("replay", wall_log, "--out", tmp_path / "o", "-v", *FAST)
     assert "12 estimated of 12 paired" in said.out and "final drift" in said.out
     assert "frame 0: initialising" in said.err and "frame 1: ok" in said.err
-    found = cli("inspect", wall_log, "--json").json
-    assert found["pair"]["left"] == "/camera/left/image"
-    assert "right within" in found["rig_errors"]["text"] and not found["rig_errors"]["applied"]
-    assert "/camera/left/image" in cli("inspect", wall_log).out
 
 
 def test_a_cut_log_is_3_with_everything_written(wall_log, tmp_path, cli):

@@ -17,20 +17,14 @@ from tools.api_reference import write_reference
 
 PACKAGE = Path(stream_sfm.__file__).parent
 PUBLIC = [name for name in stream_sfm.__all__ if name != "__version__"]
-# What a command does, Python can do.
+# What a command does, Python can do: by a function of the same name, or by these.
 OF_COMMAND = {
-    "replay": {"replay"},
     "live": {"open_camera"},
     "batch": {"replay_batch"},
-    "compare": {"compare"},
     "evaluate": {"read_results", "evaluate"},
     "view": {"open_viewer"},
     "surface": {"surface", "write_ply"},
-    "simulate": {"simulate"},
-    "inspect": {"inspect"},
     "import": {"import_kitti", "import_euroc", "import_images"},
-    "refine": {"refine"},
-    "recover": {"recover"},
     "convert-calibration": {"StereoRig"},
     "config": {"read_config", "config_to_toml"},
 }
@@ -49,8 +43,6 @@ PROGRAMS = [
 
 def test_names_resolve():
     assert sorted(stream_sfm.__all__) == stream_sfm.__all__ == dir(stream_sfm)
-    for name in PUBLIC:
-        assert getattr(stream_sfm, name) is not None
     with pytest.raises(AttributeError, match="nothing_like_it"):
         stream_sfm.nothing_like_it  # noqa: B018
 
@@ -121,8 +113,8 @@ def test_the_reference_is_made_without_a_warning(tmp_path):
 
 
 def test_every_command_has_its_function():
-    assert set(OF_COMMAND) == set(COMMANDS)
-    assert all(names <= set(PUBLIC) for names in OF_COMMAND.values())
+    assert set(OF_COMMAND) <= set(COMMANDS)
+    assert all(OF_COMMAND.get(command, {command}) <= set(PUBLIC) for command in COMMANDS)
 
 
 @pytest.mark.parametrize("path", PROGRAMS, ids=lambda path: path.relative_to(ROOT).as_posix())

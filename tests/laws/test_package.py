@@ -1,7 +1,9 @@
-"""The package as it is installed: one version everywhere, types shipped."""
+"""The package: one version everywhere, types shipped, and messages in which only the command line names its options."""
 
+import ast
 import re
 import tomllib
+from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 
@@ -9,6 +11,9 @@ import pytest
 
 import stream_sfm
 from tests.helpers.places import ROOT
+
+PACKAGE = Path(stream_sfm.__file__).parent
+RUN_OTHER_PROGRAMS = ("batch/job.py", "viewer/recording.py")  # ours, and Rerun
 
 
 @pytest.mark.parametrize(
@@ -33,4 +38,28 @@ def test_the_container_is_built_of_files_that_are_there():
 
 
 def test_types_are_shipped():
-    assert (Path(stream_sfm.__file__).parent / "py.typed").exists()
+    assert (PACKAGE / "py.typed").exists()
+
+
+def messages(path: Path) -> Iterator[str]:
+    """Literal texts of a file, but for its docstrings."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    documentation = {
+        id(node.body[0].value)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+        and node.body
+        and isinstance(node.body[0], ast.Expr)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documentation:
+            yield node.value
+
+
+def test_no_message_of_the_library_names_an_option():
+    """It states facts and remedies in words."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        name = path.relative_to(PACKAGE).as_posix()
+        if not name.startswith("cli/") and name not in RUN_OTHER_PROGRAMS:
+            for text in messages(path):
+                assert not re.search(r"(^|[ (`])--[a-z]|stream-sfm [a-z]", text), f"{name}: {text}"

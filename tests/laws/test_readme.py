@@ -30,7 +30,7 @@ NOT_RUN = {
     "python -m pytest": "is this",
     "dask": "needs a cluster; tests/batch/test_cluster.py has one",
     "--scheduler": "needs a cluster",
-    "--view": "needs a display; tests/viewer/test_window.py has one",
+    "--view": "needs a display; tests/viewer/test_viewer.py has one",
     "view runs/latest": "the same",
     "docker": "needs Docker",
     "stream-sfm live": "needs a camera; tests/recording/test_cameras.py has stand-ins",

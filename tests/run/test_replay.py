@@ -9,7 +9,6 @@ from itertools import islice
 from pathlib import Path
 from unittest import mock
 
-import numpy as np
 import pytest
 
 import stream_sfm as sfm
@@ -17,14 +16,12 @@ from stream_sfm.config import read_config
 from stream_sfm.recording.stereo_log import StereoLog, open_log
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.run.replay import ReplayInterrupted, replay
-from stream_sfm.sources.pose_files import read_tum
 from tests.helpers.places import ROOM
 from tests.helpers.same_results import assert_same_results, estimate_messages
 from tests.helpers.wall_log import write_wall_log
 
-FILES = {"estimates.mcap", "summary.json", "config.toml", "metadata.yaml"} | {
-    f"trajectory.{kind}" for kind in ("tum", "kitti", "csv")
-}
+FILES = {"estimates.mcap", "summary.json", "config.toml", "metadata.yaml"}
+FILES |= {f"trajectory.{kind}" for kind in ("tum", "kitti", "csv")}
 FAST = sfm.Config(method="frame-to-frame")
 
 
@@ -47,16 +44,14 @@ def test_a_replay_writes_its_files_and_nothing_else(replayed):
     summary = json.loads((replayed.out_dir / "summary.json").read_text())
     assert summary == json.loads(json.dumps(replayed.summary))
     assert summary["frames"] == dict(read=12, paired=12, estimated=12, degraded=0, lost=0, backwards=0, dropped=0)
-    assert summary["complete"] and summary["warnings"] == []
+    assert summary["complete"] and summary["warnings"] == summary["problems"] == replayed.problems == []
     assert read_config(replayed.out_dir / "config.toml") == sfm.Config()
 
 
 def test_the_files_hold_the_poses_of_the_run(replayed):
     exact, ours = sfm.read_results(replayed.out_dir), replayed.trajectory
-    assert not exact.warnings
     for name in ("stamps_ns", "world_from_cam", "cov_pose"):
         assert (getattr(exact, name) == getattr(ours, name)).all()
-    assert np.allclose(read_tum(replayed.out_dir / "trajectory.tum").world_from_cam, ours.world_from_cam, atol=1e-9)
 
 
 def test_replay_is_repeatable_and_equal_to_live_to_the_byte(replayed, wall_log: Path, tmp_path: Path):
@@ -91,10 +86,8 @@ def test_missing_right_images_are_counted_and_not_fatal(tmp_path: Path):
 def test_a_failing_sink_loses_nothing_and_does_not_take_the_others_with_it(
     error: Exception, wall_log: Path, tmp_path: Path
 ):
-    failing, other = (
-        mock.Mock(**{"write.side_effect": [None, None, error], "close.side_effect": error}),
-        mock.Mock(),
-    )
+    failing = mock.Mock(**{"write.side_effect": [None, None, error], "close.side_effect": error})
+    other = mock.Mock()
     with pytest.raises(type(error), match=str(error)):
         replay(wall_log, tmp_path / "out", FAST, sinks=[failing, other])
     assert {p.name for p in (tmp_path / "out").iterdir()} == FILES and other.close.call_count == 1

@@ -1,4 +1,4 @@
-"""A camera that sends another calibration during a log: the run goes on with it, in a new map in the same world."""
+"""Calibrations that change during a log, which goes on in the same world, and those that are as wrong as real ones."""
 
 from dataclasses import fields, replace
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.config import MotionConfig
+from stream_sfm.config import MotionConfig, RigConfig
 from stream_sfm.geometry import se3
 from stream_sfm.run.world import World
 from stream_sfm.types import Observations
@@ -15,8 +15,10 @@ from tests.helpers.estimators import nees
 from tests.helpers.stereo_logs import LogWriter, infos_of, write_pair
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 from tests.helpers.wall_log import START_NS
+from tools.decalibrated import KINDS, poses_nees
 
 FRAMES, CHANGE = 20, 10
+SEEN = 24  # frames of the rig whose calibration is wrong
 ZOOM = 1.15
 
 
@@ -83,3 +85,23 @@ def test_covariances_in_the_world_follow_from_where_the_map_begins() -> None:
     expected = here.cov_points_in_world + points @ some @ np.swapaxes(points, 1, 2)
     assert np.allclose(found.cov_points_in_world, expected, rtol=1e-4, atol=1e-9)
     assert found.frame_index == 2 and {f.name for f in fields(found)} == {f.name for f in fields(estimate)}
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[sfm.StereoFrame]:
+    return Wall(7).frames(rig(), camera_path(SEEN))
+
+
+def mean_nees(frames: list[sfm.StereoFrame], kind: str, sign: int, exact: bool) -> float:
+    engine = sfm.Engine(KINDS[kind](rig(), sign), sfm.Config(rig=RigConfig(exact=exact)))
+    return float(poses_nees([engine.step(frame) for frame in frames], camera_path(SEEN)).mean())
+
+
+@pytest.mark.parametrize(("kind", "sign"), [(kind, (-1) ** n) for n, kind in enumerate(KINDS)])
+def test_a_wrong_calibration_leaves_the_covariance_true(
+    frames: list[sfm.StereoFrame], kind: str, sign: int
+) -> None:
+    """6 is expected of the mean NEES, and 12 is √2 in σ; taken for exact the same calibration has up to 59 000."""
+    assert mean_nees(frames, kind, sign, exact=False) < 12
+    if kind in ("yaw", "right centre x", "baseline"):  # so the bound can fail
+        assert mean_nees(frames, kind, sign, exact=True) > 12
