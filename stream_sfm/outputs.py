@@ -94,8 +94,6 @@ def try_lock(descriptor: int) -> bool:
     """Lock an open file or folder; False where another one holds the lock."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:  # a file system without locks
-        return True
+    except OSError as error:  # or a file system without locks
+        return not isinstance(error, BlockingIOError)
     return True

@@ -75,11 +75,10 @@ def _facts(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield "images", " and ".join(dict.fromkeys(kinds))
     if frames := found["frames"]:
         rate = f" at {frames['rate_hz']:.2f} Hz" if frames["rate_hz"] else ""
-        offset = number(frames["median_offset_ms"])
-        yield (
-            "stereo frames",
-            f"{frames['paired']}{rate}, {frames['paired_exactly']} with equal stamps, median offset {offset} ms",
+        offset = (
+            f"{frames['paired_exactly']} with equal stamps, median offset {number(frames['median_offset_ms'])} ms"
         )
+        yield "stereo frames", f"{frames['paired']}{rate}, {offset}"
         yield "unpaired", f"{frames['unpaired_left']} left and {frames['unpaired_right']} right images"
         few = 5  # more would hide the rest of the table
         gaps = [f"{g['length_s']:.2f} s after {g['after_s']:.2f} s" for g in frames["gaps"][:few]]
@@ -90,18 +89,13 @@ def _facts(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
         refined = rig["refined_by_px"]
         by = "" if refined is None else f"; refined by {refined:.2f} px of disparity"
         yield "calibration", f"{rig['source']}; for {kind} images{by}"
-        yield (
-            "rig",
-            f"baseline {rig['baseline_m']:.4f} m, focal length {rig['focal_px'][0]:.1f} px, vergence "
-            f"{rig['vergence_deg']:.2f}°, distortion {rig['distortion_model'][0]}",
-        )
+        lengths = f"baseline {rig['baseline_m']:.4f} m, focal length {rig['focal_px'][0]:.1f} px"
+        yield "rig", f"{lengths}, vergence {rig['vergence_deg']:.2f}°, distortion {rig['distortion_model'][0]}"
     check = found["calibration_check"]
     if check and check["vertical_px"] is not None:
-        yield (
-            "calibration check",
-            f"{check['matches']} matched corners: vertical difference {check['vertical_px']:+.2f} ± "
-            f"{check['vertical_spread_px']:.2f} px, median disparity {check['median_disparity_px']:.1f} px",
-        )
+        rows = f"vertical difference {check['vertical_px']:+.2f} ± {check['vertical_spread_px']:.2f} px"
+        disparity = f"median disparity {check['median_disparity_px']:.1f} px"
+        yield "calibration check", f"{check['matches']} matched corners: {rows}, {disparity}"
     if errors := found.get("rig_errors"):
         yield "first frames", errors["text"]
     depth = f", depth on {found['ground_truth_depth']}" if found["ground_truth_depth"] else ""

@@ -35,16 +35,14 @@ def print_error(message: str) -> None:
     print(f"stream-sfm: {printable(message)}", file=sys.stderr)
 
 
-def number(value: float | str | None, form: str = ".2f") -> str:
+def number(value: float | None, form: str = ".2f") -> str:
     """A number in the given format; a dash for None."""
-    if value is None:
-        return "–"
-    return value if isinstance(value, str) else format(value, form)
+    return "–" if value is None else format(value, form)
 
 
-def interval(value: float, ends: Sequence[float] | None) -> str:
-    """A number with the ends of its 95 % interval, if it has one."""
-    return f"{value:.2f}" + ("" if ends is None else f" [{ends[0]:.2f}, {ends[1]:.2f}]")
+def interval(value: float, low: float, high: float) -> str:
+    """A number with the ends of its 95 % interval."""
+    return f"{value:.2f} [{low:.2f}, {high:.2f}]"
 
 
 def factors_text(spans: list[dict[str, Any]]) -> str:

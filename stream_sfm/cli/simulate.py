@@ -72,7 +72,7 @@ def simulate(
 def _intervals(found: Any, *names: str) -> Iterator[tuple[str, dict[str, str]]]:
     """Of each part of a report its numbers with their 95 % intervals, by the names that lead to it."""
     if isinstance(found, dict):
-        told = {k: interval(v["value"], (v["low"], v["high"])) for k, v in found.items() if _is_interval(v)}
+        told = {k: interval(v["value"], v["low"], v["high"]) for k, v in found.items() if _is_interval(v)}
         if told:
             yield " ".join(names).replace("_", " "), told
         for name, part in found.items():

@@ -3,7 +3,7 @@
 import os
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -11,9 +11,6 @@ from ..errors import ConfigError, ExitCode, OutputError
 from ..wording import printable
 from . import options
 from .printing import print_json, print_notes
-
-if TYPE_CHECKING:
-    from ..dense.surface import Surface
 
 
 def surface(
@@ -41,9 +38,12 @@ def surface(
         frame: use frame N, from 0 (0)
         all: fuse all frames
     """
+    import numpy as np
+
     from ..dense import surface as dense
     from ..dense.mesh import write_ply
     from ..recording.stereo_log import open_log
+    from ..run.summary import peak_rss_mib
     from .progress import frame_progress
 
     started_s = time.process_time()
@@ -60,16 +60,29 @@ def surface(
     write_ply(out, found.mesh, f"{Path(log).name}: {axes}; x right, y down, z forward")
     if not quiet:
         print_notes("warning", found.warnings)
-    figures = {"log": log, "out": out, "frame": number, **_figures(found)}
-    figures["cpu_s"] = time.process_time() - started_s
+    mesh = found.mesh
+    low_m, median_m, high_m = map(float, np.percentile(mesh.std_m, [5, 50, 95]))
     if json:
+        figures = {
+            "log": log,
+            "out": out,
+            "frame": number,
+            "frames": {"read": found.read, "used": found.used},
+            "complete": found.complete,
+            "warnings": found.warnings,
+            "vertices": len(mesh.vertices),
+            "faces": len(mesh.faces),
+            "std_m": {"p5": low_m, "p50": median_m, "p95": high_m},
+            "voxel_m": found.voxel_m or None,
+            "peak_rss_mib": peak_rss_mib(),
+            "cpu_s": time.process_time() - started_s,
+        }
         print_json(figures)
     elif not quiet:
-        std_mm, out = {key: 1e3 * std_m for key, std_m in figures["std_m"].items()}, printable(out)
-        frames_used = f"{found.used} frames" if all else f"frame {number}"
+        used = f"{found.used} frames" if all else f"frame {number}"
         voxel = f", voxels of {1e3 * found.voxel_m:.1f} mm" if found.voxel_m else ""
-        print(f"{out}: {figures['vertices']} vertices and {figures['faces']} triangles from {frames_used}{voxel}")
-        print(f"σ {std_mm['p50']:.1f} mm (median), {std_mm['p5']:.1f} to {std_mm['p95']:.1f} mm (5 to 95 %)")
+        print(f"{printable(out)}: {len(mesh.vertices)} vertices and {len(mesh.faces)} triangles from {used}{voxel}")
+        print(f"σ {1e3 * median_m:.1f} mm (median), {1e3 * low_m:.1f} to {1e3 * high_m:.1f} mm (5 to 95 %)")
     if found.interrupted:
         return ExitCode.INTERRUPTED
     return ExitCode.DONE if found.complete else ExitCode.INPUT
@@ -84,21 +97,3 @@ def _check_file(name: str) -> None:
         raise OutputError(f"cannot write {name}: the folder {path.parent} does not exist")
     if not os.access(path.parent, os.W_OK):
         raise OutputError(f"cannot write {name}: no permission to write to {path.parent}")
-
-
-def _figures(found: "Surface") -> dict[str, Any]:
-    import numpy as np
-
-    from ..run.summary import peak_rss_mib
-
-    low, median, high = (float(p) for p in np.percentile(found.mesh.std_m, [5, 50, 95]))
-    return {
-        "frames": {"read": found.read, "used": found.used},
-        "complete": found.complete,
-        "warnings": found.warnings,
-        "vertices": len(found.mesh.vertices),
-        "faces": len(found.mesh.faces),
-        "std_m": {"p5": low, "p50": median, "p95": high},
-        "voxel_m": found.voxel_m or None,
-        "peak_rss_mib": peak_rss_mib(),
-    }

@@ -38,10 +38,8 @@ def rewritten(words: Sequence[str]) -> list[str]:
 def usage_error(app: App, words: Sequence[str], error: CycloptsError) -> tuple[str, str]:
     """What is wrong with a command line, and where to read on."""
     chain, _, _ = app.parse_commands(list(words))
-    problem = str(error)
-    return problem[:1].lower() + problem[
-        1:
-    ], f"hint: `{' '.join(['stream-sfm', *chain])} --help` lists all arguments"
+    problem, command = str(error), " ".join(["stream-sfm", *chain])
+    return problem[:1].lower() + problem[1:], f"hint: `{command} --help` lists all arguments"
 
 
 def hint(app: App, words: Sequence[str], error: StreamSfmError) -> str:

@@ -168,9 +168,7 @@ class RerunSink:
         """Log a status that is new; not a new reason: it contains numbers that change with every frame."""
         if estimate.status != self._status:
             self._status = estimate.status
-            said = f"frame {estimate.frame_index}: {estimate.status}" + f": {estimate.reason}" * bool(
-                estimate.reason
-            )
+            said = ": ".join(filter(None, (f"frame {estimate.frame_index}", estimate.status, estimate.reason)))
             self._stream.log(layout.STATUS, rr.TextLog(said, level=_LEVELS[estimate.status]))
 
 
