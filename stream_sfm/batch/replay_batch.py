@@ -86,7 +86,13 @@ def replay_batch(
                 "skipped": skipped,
                 "interrupted": interrupted,
                 "wall_s": time.monotonic() - started_s,
-                **_of_results(jobs, results),
+                "complete": all(result.status == "done" for result in results),
+                "counts": dict(Counter(result.status for result in results)),
+                "reused": sum(result.reused for result in results),
+                "logs": [
+                    msgspec.to_builtins(result) | {"summary": read_summary(job.folder) if result.key else None}
+                    for job, result in zip(jobs, results, strict=True)
+                ],
             }
             write_whole(out / RECORD, json_bytes(content))
             write_whole(out / PAGE, render_batch(content, out).encode())
@@ -109,19 +115,6 @@ def _options(left: str | None, right: str | None, chosen: Selection, truth: Grou
         "ground-truth-offset": (truth.offset_s or None) if truth is not None else None,
     }
     return [f"--{name}={value}" for name, value in values.items() if value is not None]
-
-
-def _of_results(jobs: Sequence[Job], results: Sequence[JobResult]) -> dict[str, Any]:
-    """The part of batch.json that follows from the results of the jobs."""
-    return {
-        "complete": all(result.status == "done" for result in results),
-        "counts": dict(Counter(result.status for result in results)),
-        "reused": sum(result.reused for result in results),
-        "logs": [
-            msgspec.to_builtins(result) | {"summary": read_summary(job.folder) if result.key else None}
-            for job, result in zip(jobs, results, strict=True)
-        ],
-    }
 
 
 def _run_jobs(

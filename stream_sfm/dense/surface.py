@@ -17,12 +17,12 @@ from ..frontend.prepared import Image
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..inspection.calibration_check import images_of, log_problems
 from ..interrupts import deferred_interrupts
 from ..observer import Observer
 from ..recording.frames import RecordedFrame
 from ..recording.images import decode_rgb
 from ..recording.stereo_log import StereoLog, open_log
-from ..run.calibration import images_of, log_problems
 from ..run.lane import Lane
 from ..run.loop import run
 from ..types import Frame, FrameEstimate, Selection, Sink, Status
@@ -159,7 +159,7 @@ def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Select
     mesh = mesh_of_frame(view.projection, found, picture, config.dense.max_disparity_step_px)
     if not len(mesh.faces):
         raise LogError(f"{log.path}: frame {number}: {_NOTHING_SEEN}", hint=("inspect",))
-    warnings = [*log.stats.warnings, *log_problems(log, [images_of(frame)])]
+    warnings = [*log.stats.warnings, *log_problems(log, [frame])]
     return Surface(mesh.moved(view.cam_from_rect), read, 1, 0.0, np.zeros((1, 3)), warnings)
 
 
@@ -206,7 +206,7 @@ class _Fused:
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
         """Add a frame."""
         assert isinstance(frame, RecordedFrame)  # of a log
-        self.problems = log_problems(self._log, [images_of(frame)]) if self.problems is None else self.problems
+        self.problems = log_problems(self._log, [frame]) if self.problems is None else self.problems
         if estimate.status is not Status.LOST:
             cov_position = self._rect_from_cam @ estimate.cov_pose[:3, :3] @ self._rect_from_cam.T
             world_from_rect = estimate.world_from_cam @ self._view.cam_from_rect

@@ -4,6 +4,7 @@ Nine well-calibrated logs (KITTI, EuRoC, rendered) have row offsets of at most 0
 0.2 % of negative disparities. The thresholds stand clear of that.
 """
 
+import logging
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -18,7 +19,9 @@ from ..geometry.medians import MAD_TO_STD, median
 from ..geometry.se3 import Array
 from ..record import record
 from ..recording.rig import REMEDY, right_is_left
+from ..recording.stereo_log import StereoLog
 from ..recording.topics import PairChoice
+from ..types import Frame, FrameEstimate
 
 Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]  # left, right, (h, w)
 Corners = tuple[Array, Array]  # pixels (n, 2) of corners in the left image and in the right one
@@ -49,6 +52,7 @@ class _Rules(NamedTuple):
     # Offsets of stamps beyond both are reported: at 50 px of motion per frame, 0.02 periods are one pixel.
     stamp_offset_ms: float = 1.0
     stamp_offset_periods: float = 0.02
+    confirmed_by: int = 4  # frames: a problem in the first one must be there in all of these together
     equal_scales: float = 0.01  # width and height that changed by factors this close were resized, not cropped
 
 
@@ -183,10 +187,48 @@ def calibration_findings(
     return problems, warnings
 
 
-def quick_problems(rig: StereoRig, choice: PairChoice, frames: Sequence[Images]) -> list[str]:
-    """Return what prevents a replay with this calibration, as `inspect_log` would report it of these frames."""
-    corners = [matched_corners(*images) for images in frames]
-    return calibration_findings(rig, check_calibration(rig, corners), corners, choice)[0]
+def images_of(frame: Frame) -> Images:
+    """The first and the last image of a frame of a log, which have 8 bits."""
+    images = [np.asarray(image, np.uint8) for image in frame.images]
+    return images[0], images[-1]
+
+
+def log_problems(log: StereoLog, frames: Sequence[Frame]) -> list[str]:
+    """Return what, as far as these frames show, prevents a replay of a log with its calibration."""
+    rig, choice = log.stereo_rig, PairChoice(log.left_topic, log.right_topic, log.choice_reason)
+    corners = [matched_corners(*images_of(frame)) for frame in frames]
+    problems, _ = calibration_findings(rig, check_calibration(rig, corners), corners, choice)
+    return [f"{log.path}: {problem}" for problem in problems]
+
+
+class CalibrationSink:
+    """A sink that checks the calibration of a log against its first frames; `problems` is what it found.
+
+    A problem is logged as a warning as soon as it is certain, not after hours; the run goes on.
+    """
+
+    def __init__(self, log: StereoLog) -> None:
+        self._log = log
+        self._frames: list[Frame] | None = []  # None once it is decided
+        self.problems: list[str] = []
+
+    def write(self, estimate: FrameEstimate, frame: Frame) -> None:
+        """Check the first frame, and a few more if something is wrong with it."""
+        if self._frames is None:
+            return
+        self._frames.append(frame)
+        if len(self._frames) == 1 and not log_problems(self._log, self._frames):
+            self._frames = None
+        elif len(self._frames) == _RULES.confirmed_by:
+            self.close()
+
+    def close(self) -> None:
+        """Decide by the frames seen so far."""
+        frames, self._frames = self._frames, None
+        if frames:
+            self.problems = log_problems(self._log, frames)
+            for problem in self.problems:
+                logging.getLogger("stream_sfm").warning(problem)
 
 
 def stamp_warning(offset_ms: float, period_ms: float, right: str) -> str | None:

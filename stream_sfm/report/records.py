@@ -216,16 +216,11 @@ class FrontRecord:
         for track in observed.observations.track_ids.tolist():
             self.lives.setdefault(track, [index, index])[1] = index
         self._stamps_ns.append(frame.stamp_ns)
-        self._compare_points(estimates.get("cross-frame-cc"), estimates.get("cross-frame-wc"))
-
-    def _compare_points(self, cc: FrameEstimate | None, wc: FrameEstimate | None) -> None:
-        """Keep the median distance between the points that two methods have in common."""
-        if cc is None or wc is None:
-            return
-        _, i, j = np.intersect1d(cc.track_ids, wc.track_ids, return_indices=True)
-        if len(i):
-            apart_m = np.linalg.norm(cc.points_in_cam[i] - wc.points_in_cam[j], axis=1)
-            self.local_difference_m.append(float(np.median(apart_m)))
+        if (cc := estimates.get("cross-frame-cc")) and (wc := estimates.get("cross-frame-wc")):
+            _, i, j = np.intersect1d(cc.track_ids, wc.track_ids, return_indices=True)
+            if len(i):
+                apart_m = np.linalg.norm(cc.points_in_cam[i] - wc.points_in_cam[j], axis=1)
+                self.local_difference_m.append(float(np.median(apart_m)))
 
     def tracks(self) -> dict[str, Any]:
         """How many points were tracked, and over how many frames."""

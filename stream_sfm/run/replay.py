@@ -12,6 +12,7 @@ from ..config import Config
 from ..errors import InputError, OutputError
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..evaluation.summary import evaluate
+from ..inspection.calibration_check import CalibrationSink
 from ..interrupts import deferred_interrupts
 from ..observer import Observer
 from ..outputs import MAP_TRAJECTORY, RESULTS, refuse_overwriting
@@ -19,7 +20,6 @@ from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration import describe
 from ..report.records import Truth
 from ..types import Selection, Sink, Trajectory
-from .calibration import CalibrationSink
 from .lane import Lane
 from .loop import Course, run
 from .self_test import SelfTest
