@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 import pytest
@@ -48,35 +48,26 @@ def test_in_another_thread_signals_are_left_alone() -> None:
     assert handlers == [(signal.getsignal(signal.SIGINT), False)]
 
 
-@pytest.fixture
-def short_grace(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("frames_before", [1, 0])
+def test_a_frame_that_does_not_come_is_not_waited_for(frames_before: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where not even the first one comes the run is interrupted."""
     monkeypatch.setattr("stream_sfm.interrupts.GRACE_S", 0.05)
 
-
-def test_a_frame_that_does_not_come_is_not_waited_for(short_grace: None) -> None:
     def frames() -> Iterator[int]:
-        yield 1
+        yield from range(frames_before)
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(60)
-        yield 2
+        yield frames_before
 
     with deferred_interrupts() as interruption:
-        assert list(interruption.until_requested(frames())) == [1]  # had it been waited for, 2 would be there
-    assert interruption.requested
+        with nullcontext() if frames_before else pytest.raises(KeyboardInterrupt):
+            assert list(interruption.until_requested(frames())) == [0]  # had it been waited for, 1 would be there
+        assert interruption.requested
     assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)
 
 
-def test_where_not_even_the_first_frame_comes_the_run_is_interrupted(short_grace: None) -> None:
-    def frames() -> Iterator[int]:
-        os.kill(os.getpid(), signal.SIGINT)
-        time.sleep(60)
-        yield 1
-
-    with deferred_interrupts() as interruption, pytest.raises(KeyboardInterrupt):
-        list(interruption.until_requested(frames()))
-
-
-def test_the_frame_in_hand_is_finished_however_long_it_takes(short_grace: None) -> None:
+def test_the_frame_in_hand_is_finished_however_long_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stream_sfm.interrupts.GRACE_S", 0.05)
     taken = []
     with deferred_interrupts() as interruption:
         for item in interruption.until_requested([1, 2]):

@@ -75,10 +75,8 @@ def _facts(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield "images", " and ".join(dict.fromkeys(kinds))
     if frames := found["frames"]:
         rate = f" at {frames['rate_hz']:.2f} Hz" if frames["rate_hz"] else ""
-        offset = (
-            f"{frames['paired_exactly']} with equal stamps, median offset {number(frames['median_offset_ms'])} ms"
-        )
-        yield "stereo frames", f"{frames['paired']}{rate}, {offset}"
+        exactly, offset = frames["paired_exactly"], number(frames["median_offset_ms"])
+        yield "stereo frames", f"{frames['paired']}{rate}, {exactly} with equal stamps, median offset {offset} ms"
         yield "unpaired", f"{frames['unpaired_left']} left and {frames['unpaired_right']} right images"
         few = 5  # more would hide the rest of the table
         gaps = [f"{g['length_s']:.2f} s after {g['after_s']:.2f} s" for g in frames["gaps"][:few]]

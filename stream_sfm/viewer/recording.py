@@ -41,10 +41,10 @@ class Recording:
             self.url = f"rerun+http://{_LOCAL}:{port}/proxy"
             sinks.append(rr.GrpcSink(self.url))
         if self._file is not None:
-            sinks.append(self._file.sink())
+            sinks.append(rr.FileSink(f"/dev/fd/{self._file.sink_fd}"))
         self.stream.set_sinks(*sinks, default_blueprint=blueprint)
         if self._file is not None:
-            self._file.begun()
+            os.close(self._file.sink_fd)  # Rerun has opened it
         self.stream.set_log_time_enabled(False)
         self.stream.send_recording_name(name)
 
@@ -69,7 +69,7 @@ class Recording:
 
 
 class _File:
-    """A file that a thread of ours writes, from a pipe that Rerun fills.
+    """A file that a thread of ours writes, from a pipe whose end `sink_fd` Rerun opens as a file.
 
     Rerun's own file sink may wait forever for a disk that is full, deaf to signals.
     """
@@ -80,17 +80,9 @@ class _File:
             file = open(path, "wb", buffering=0)  # noqa: SIM115 the thread closes it
         except OSError as error:
             raise OutputError(f"cannot write {path}: {error.strerror}") from None
-        source, self._sink_fd = os.pipe()
+        source, self.sink_fd = os.pipe()
         self._thread = threading.Thread(target=self._copy, args=(source, file), daemon=True)
         self._thread.start()
-
-    def sink(self) -> rr.FileSink:
-        """The end of the pipe that Rerun opens as a file."""
-        return rr.FileSink(f"/dev/fd/{self._sink_fd}")
-
-    def begun(self) -> None:
-        """Leave the pipe to Rerun, once it has opened it."""
-        os.close(self._sink_fd)
 
     def close(self) -> str:
         """Wait for the last data; why the file is incomplete, if it is."""

@@ -18,9 +18,7 @@ PAGES = sorted(
 )
 CODE = sorted(path for kind in ("py", "cpp", "hpp") for path in (ROOT / "stream_sfm").rglob(f"*.{kind}"))
 MATHEMATICS = (ROOT / "docs/mathematics.md").read_text(encoding="utf-8")
-NUMBERED = re.compile(
-    r"^    .*\((\d+)\)$", re.MULTILINE
-)  # an equation stands alone, its number at the end of the line
+NUMBERED = re.compile(r"^    .*\((\d+)\)$", re.MULTILINE)  # an equation stands alone, its number at the end
 STEP = re.compile(r"^\| \d+ \| `([\w/.]+)` \| `([\w.]+)` \|", re.MULTILINE)
 WALKS = (ROOT / "docs/walks.md").read_text(encoding="utf-8")
 STEPS = STEP.findall(WALKS)
