@@ -26,16 +26,9 @@ PARALLEL, GENERAL = Group("Parallel work", sort_key=6), Group("General", sort_ke
 
 # The names of `estimators.METHODS`, which a command line must know without importing the estimators.
 Method = Literal[
-    "cross-frame",
-    "cross-frame-wc",
-    "cross-frame-cc",
-    "cross-frame-cc-literal",
-    "ekf",
-    "iterated-ekf",
-    "ekf-cv",
-    "frame-to-frame",
-    "depth-filter",
-]
+    "cross-frame", "cross-frame-wc", "cross-frame-cc", "cross-frame-cc-literal", "ekf", "iterated-ekf", "ekf-cv",
+    "frame-to-frame", "depth-filter",
+]  # fmt: skip
 
 
 def each(parse: Callable[[str], T]) -> Callable[[Any, Sequence[Token]], Any]:

@@ -48,11 +48,7 @@ _COSTS = (
     Figure("cpu_ms", "CPU", "ms per frame"),
     Figure("peak_rss_mib", "memory", "MiB"),
 )
-_NOT_DONE = {
-    "incomplete": "only partly read",
-    "failed": "failed",
-    "interrupted": "interrupted or not started",
-}
+_NOT_DONE = {"incomplete": "only partly read", "failed": "failed", "interrupted": "interrupted or not started"}
 
 
 def write_report(comparison: Comparison, content: dict[str, Any], folder: Path) -> None:

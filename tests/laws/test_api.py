@@ -53,15 +53,6 @@ def test_no_public_name_is_that_of_a_module():
     assert not modules & set(PUBLIC)
 
 
-@pytest.mark.parametrize("name", PUBLIC)
-def test_every_public_name_and_its_methods_are_documented(name):
-    value = getattr(stream_sfm, name)
-    assert inspect.getdoc(value), name
-    for method, inside in vars(value).items() if inspect.isclass(value) else ():
-        if inspect.isroutine(inside) and not method.startswith("_") and inside.__module__.startswith("stream_sfm"):
-            assert inspect.getdoc(inside), f"{name}.{method}"
-
-
 def classes_in(annotation: object) -> Iterator[type]:
     """The classes of this package that an annotation names."""
     if inspect.isclass(annotation) and annotation.__module__.startswith("stream_sfm"):
@@ -90,10 +81,12 @@ def returned(function: object) -> object:
 
 
 @pytest.mark.parametrize("name", PUBLIC)
-def test_what_public_names_take_is_public_and_what_they_return_documented(name):
+def test_public_names_and_what_they_return_are_documented_and_what_they_take_is_public(name):
     """What is returned need not be named: attributes lead to it."""
     public = {getattr(stream_sfm, other) for other in PUBLIC}
+    assert inspect.getdoc(getattr(stream_sfm, name))
     for function in functions_of(name):
+        assert function.__name__.startswith("_") or inspect.getdoc(function), f"{name}.{function.__name__}"
         hints = get_type_hints(function)
         for kind in classes_in(hints.pop("return", None)):
             assert inspect.getdoc(kind), kind
