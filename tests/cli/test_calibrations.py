@@ -73,8 +73,3 @@ def test_the_log_stays_the_log(arguments: list[str], calibration: object) -> Non
     _, bound, _ = build_app().parse_args(rewritten(["replay", *arguments]))
     assert bound.args[0] in ("LOG", "log.mcap")
     assert bound.kwargs["cameras"].chosen[2] == calibration
-
-
-def test_three_are_refused(cli) -> None:
-    said = cli("replay", "LOG", *(3 * ["--calibration", "a.yaml"]), code=2)
-    assert "give one file, or two: left and right" in said.err

@@ -106,6 +106,7 @@ HINT = "hint: `stream-sfm"  # of usage errors: where to read on
         ("replay x.mcap --method crossframe", 'Did you mean "cross-frame"?', HINT),
         ("replay x.mcap --stride 0", 'invalid value "0" for --stride. give a whole number of at least 1', HINT),
         ("replay x.mcap --out=", "--out: the name is empty", HINT),  # a variable of a script that was never set
+        (f"replay x.mcap {3 * '--calibration a.yaml '}", "give one file, or two: left and right", HINT),
         ("replay x.mcap --left", "parameter --left requires an argument", HINT),
         ("replay", 'command "replay" parameter LOG requires an argument', HINT),
         ("surface x.mcap", "parameter --out requires an argument", HINT),

@@ -9,20 +9,10 @@ import pytest
 import stream_sfm as sfm
 from tests.helpers.places import ROOM
 
-# A finder in front of all others: as if the package were not there.
-WITHOUT = """
-import sys
-class Hidden:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] == "rerun":
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-sys.meta_path.insert(0, Hidden())
-import importlib.util
-found = importlib.util.find_spec
-importlib.util.find_spec = lambda name, package=None: None if name == "rerun" else found(name, package)
-from stream_sfm.cli.main import main
-raise SystemExit(main(sys.argv[1:]))
-"""
+# What is None there cannot be imported: as if the package were not installed.
+WITHOUT = (
+    "import sys; sys.modules['rerun'] = None; from stream_sfm.cli.main import main; sys.exit(main(sys.argv[1:]))"
+)
 
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
