@@ -51,7 +51,13 @@ def surface(
         raise ConfigError("--frame and --all exclude each other: leave one out")
     number = None if all else frame or 0
     config, selection = settings.read(method=method), frames.selection()
-    _check_file(out)
+    path = Path(out)  # checked before the work is done, rather than after
+    if path.suffix.lower() != ".ply":
+        raise ConfigError(f"--out {out}: the name must end in .ply")
+    if not os.path.isdir(path.parent):
+        raise OutputError(f"cannot write {out}: the folder {path.parent} does not exist")
+    if not os.access(path.parent, os.W_OK):
+        raise OutputError(f"cannot write {out}: no permission to write to {path.parent}")
     options.protect([out], log, settings.config, cameras.calibration)
     recording = open_log(log, *cameras.chosen)
     with frame_progress("surface", selection.count(recording.expected_frames), quiet or not all) as progress:
@@ -86,14 +92,3 @@ def surface(
     if found.interrupted:
         return ExitCode.INTERRUPTED
     return ExitCode.DONE if found.complete else ExitCode.INPUT
-
-
-def _check_file(name: str) -> None:
-    """Before the work is done, rather than after. Raises ConfigError, OutputError."""
-    path = Path(name)
-    if path.suffix.lower() != ".ply":
-        raise ConfigError(f"--out {name}: the name must end in .ply")
-    if not os.path.isdir(path.parent):
-        raise OutputError(f"cannot write {name}: the folder {path.parent} does not exist")
-    if not os.access(path.parent, os.W_OK):
-        raise OutputError(f"cannot write {name}: no permission to write to {path.parent}")

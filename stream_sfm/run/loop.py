@@ -171,19 +171,16 @@ def prepared_ahead(observer: Observer, frames: Frames) -> PreparedFrames:
             yield from ((frame, None) for frame in frames)
         return
     coming: list[tuple[RecordedFrame, Future[PreparedImages]]] = []
-    failure = None
     with ThreadPoolExecutor(1, thread_name_prefix="prepare") as pool, closing(frames):
         try:
             for index, frame in enumerate(frames):
                 coming.append((frame, pool.submit(_prepare, observer, frame, index)))
                 if len(coming) > 1:
                     yield _finished(*coming.pop(0))
-        except InputError as error:
-            failure = error
-        for frame, future in coming:
-            yield _finished(frame, future)
-        if failure is not None:
-            raise failure
+        except InputError:
+            yield from (_finished(*ahead) for ahead in coming)
+            raise
+        yield from (_finished(*ahead) for ahead in coming)
 
 
 def _prepare(observer: Observer, frame: RecordedFrame, index: int) -> PreparedImages:
