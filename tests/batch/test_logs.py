@@ -8,14 +8,17 @@ from stream_sfm.batch.logs import find_logs, names_for, truth_files
 from stream_sfm.errors import ConfigError, LogError
 
 
+def touch(folder: Path, names: str) -> None:
+    """Make these files, whose names stand between blanks."""
+    for name in names.split():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).touch()
+
+
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
-    for name in (
-        "a/run.mcap", "a/second.mcap", "b/run.mcap", "b/deep/run.mcap", "b/.cache/x.mcap", "b/notes.txt",
-        "out/a-run/estimates.mcap",
-    ):  # fmt: skip
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).touch()
+    touch(tmp_path, "a/run.mcap a/second.mcap b/run.mcap b/deep/run.mcap b/.cache/x.mcap b/notes.txt")
+    touch(tmp_path, "out/a-run/estimates.mcap")
     (tmp_path / "none").mkdir()
     return tmp_path
 
@@ -28,13 +31,10 @@ def test_a_folder_is_its_logs_but_not_results_or_hidden_files(tree: Path):
 
 
 def test_a_recording_that_is_a_folder_is_one_log(tmp_path: Path):
-    for name in (
-        "bags/walk/metadata.yaml", "bags/walk/walk_0.db3", "bags/crashed/crashed_0.mcap", "bags/crashed/crashed_1.mcap",
-        "bags/old.bag", "bags/single.db3", "seq/00/calib.txt", "seq/00/image_0/000000.png", "seq/00/image_1/000000.png",
-        "MH/mav0/cam0/data.csv", "MH/mav0/cam1/data.csv", "notes/readme.txt",
-    ):  # fmt: skip
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).touch()
+    touch(tmp_path, "bags/walk/metadata.yaml bags/walk/walk_0.db3 bags/old.bag bags/single.db3 notes/readme.txt")
+    touch(tmp_path, "bags/crashed/crashed_0.mcap bags/crashed/crashed_1.mcap")
+    touch(tmp_path, "seq/00/calib.txt seq/00/image_0/000000.png seq/00/image_1/000000.png")
+    touch(tmp_path, "MH/mav0/cam0/data.csv MH/mav0/cam1/data.csv")
     (tmp_path / "linked").symlink_to(tmp_path / "seq", target_is_directory=True)
     skipped: list[str] = []
     names = ["MH", "bags/crashed", "bags/old.bag", "bags/single.db3", "bags/walk", "seq/00"]
@@ -45,8 +45,7 @@ def test_a_recording_that_is_a_folder_is_one_log(tmp_path: Path):
 
 def test_names_stay_when_a_folder_grows(tree: Path):
     before = names_for(find_logs([str(tree / "b")]))
-    (tree / "b" / "new").mkdir()
-    (tree / "b" / "new" / "run.mcap").touch()
+    touch(tree, "b/new/run.mcap")
     after = names_for(find_logs([str(tree / "b")]))
     assert before.items() < after.items()
 
@@ -87,10 +86,8 @@ def test_no_two_logs_have_one_name(logs: list[str], names: list[str]):
 def test_truth_is_found_by_the_name_of_the_log_or_of_its_results(tmp_path: Path) -> None:
     a, b, c = (tmp_path / name for name in ("x/a.mcap", "y/a.mcap", "c.bag"))
     names, folder, empty = {a: "x-a", b: "y-a", c: "c"}, tmp_path / "truth", tmp_path / "x"
-    for path in (folder, empty):
-        path.mkdir()
-    for name in ("a.txt", "y-a.tum", "other.csv", "c.png"):
-        (folder / name).touch()
+    empty.mkdir()
+    touch(folder, "a.txt y-a.tum other.csv c.png")
     assert truth_files(folder, names) == {a: folder / "a.txt", b: folder / "y-a.tum"}
     assert truth_files(folder / "a.txt", names) == dict.fromkeys(names, folder / "a.txt")
     for given, others, said in (
