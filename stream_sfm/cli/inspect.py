@@ -34,15 +34,10 @@ def inspect(
             found["rig_errors"] = look.summary.get("rig")
         except StreamSfmError as error:
             found["warnings"].append(f"the first frames cannot be estimated: {error}")
+    code = ExitCode.INPUT if found["problems"] else ExitCode.DONE
     if json:
         print_json(found)
-    else:
-        print_inspection(found)
-    return ExitCode.INPUT if found["problems"] else ExitCode.DONE
-
-
-def print_inspection(found: dict[str, Any]) -> None:
-    """Print the description that `inspect_log` returns."""
+        return code
     headings = ("topic", "schema", "kind", "messages", "rate")
     print_table(_topics(found), headings, title=found["log"], text_columns=3)
     if (more := len(found["topics"]) - _MAX_TOPICS) > 0:
@@ -52,6 +47,7 @@ def print_inspection(found: dict[str, Any]) -> None:
     print_notes("problem", found["problems"], stderr=False)
     if not found["problems"]:
         print("this log can be replayed")
+    return code
 
 
 def _topics(found: dict[str, Any]) -> Iterator[list[str]]:

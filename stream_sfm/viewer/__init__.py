@@ -11,8 +11,6 @@ from ..camera.rig import MonoRig, StereoRig
 from ..errors import ConfigError
 from ..types import Sink, Trajectory
 
-__all__ = ["open_viewer", "require_rerun"]
-
 
 def require_rerun() -> None:
     """Raise a ConfigError where Rerun is not installed, and keep its raw escapes off standard error where it is."""
