@@ -21,18 +21,12 @@ struct Part {
     Part(const WindowState& of, const std::vector<std::size_t>& rows)
         : ids(rows_of(of.ids, rows)), anchors(rows_of(of.ref_from_anchor, rows)), q(rows_of(of.q, rows)) {}
     WindowState in(const WindowState& all) const {
-        return {all.cams_from_ref, ids.view(), anchors.view(), q.view(), all.rig_error};
+        return {all.cams_from_ref, ids, anchors, q, all.rig_error};
     }
 };
 
-Array<std::int64_t, 1> numbers(const std::vector<std::size_t>& rows) {
-    Array<std::int64_t, 1> result({rows.size()});
-    std::copy(rows.begin(), rows.end(), result.data.get());
-    return result;
-}
-
 // Which points are seen: the views that count, one each.
-std::vector<char> points_seen(const Indices& ids, const Indices& seen, const bool* counts) {
+std::vector<char> points_seen(Indices ids, Indices seen, const bool* counts) {
     std::vector<char> result(ids.shape[0]);
     Lookup points{ids};
     for (std::size_t i = 0; i < seen.shape[0]; i++)
@@ -42,14 +36,14 @@ std::vector<char> points_seen(const Indices& ids, const Indices& seen, const boo
 
 }  // namespace
 
-PointsAlone points_alone(const View<double, 3>& v, const View<double, 2>& g_point, const View<double, 3>& rig_point,
-                         const View<double, 2>& q, const View<double, 1>& rig_step) {
+PointsAlone points_alone(Matrices v, Matrix g_point, Matrices rig_point,
+                         Matrix q, Vector rig_step) {
     std::size_t n = q.shape[0], m = rig_step.shape[0];
     require_shape(v, {n, 3, 3}, "v");
     require_shape(g_point, {n, 3}, "g_point");
     require_shape(rig_point, {n, 3, m}, "rig_point");
     require_shape(q, {n, 3}, "q");
-    PointsAlone result{Array<double, 2>({n, 3}), Array<double, 3>({n, 3, 3}), Array<double, 3>({n, 3, m})};
+    PointsAlone result{{n, 3}, {n, 3, 3}, {n, 3, m}};
     for (std::size_t i = 0; i < n; i++) {
         double* cov = result.cov[i];
         invert_positive<3>(v[i], cov);
@@ -66,9 +60,9 @@ PointsAlone points_alone(const View<double, 3>& v, const View<double, 2>& g_poin
     return result;
 }
 
-LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, const View<bool, 1>& stereo,
-                           const View<double, 2>& var_drift, const View<bool, 1>& seen_later, const Indices& known,
-                           const View<double, 3>& cov) {
+LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Flags stereo,
+                           Matrix var_drift, Flags seen_later, Indices known,
+                           Matrices cov) {
     std::size_t points = state.ids.shape[0], n = views.ids.shape[0];
     require_shape(views.used, {n}, "used");
     require_shape(stereo, {n}, "stereo");
@@ -79,7 +73,7 @@ LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, c
         require(static_cast<std::uint64_t>(known.data[i]) < points, "the prior knows a point that is not of the window");
         in_prior[static_cast<std::size_t>(known.data[i])] = 1;
     }
-    Array<bool, 1> counts({n});
+    Array<bool, 1> counts(n);
     Lookup of_map{state.ids};
     for (std::size_t i = 0; i < n; i++) {  // a point enters with a stereo view: one side alone would leave its depth open
         std::size_t at = of_map.row(views.ids.data[i]);
@@ -92,30 +86,30 @@ LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, c
     for (std::size_t at = 0; at < points; at++)
         if (seen[at] && seen_later.data[at] && !in_prior[at]) fresh.push_back(at);
     WindowViews counted = views;
-    counted.used = counts.view();
+    counted.used = counts;
     Part absorbed(state, at_rows), begun(state, fresh);
     NormalBlocks own = normal_blocks(pinholes, begun.in(state), counted);
     Array<double, 3> drifted = rows_of(cov, rows);
-    Array<double, 3> drift = drift_covariances(absorbed.ids.view(), absorbed.anchors.view(), absorbed.q.view(), views.ids, var_drift);
+    Array<double, 3> drift = drift_covariances(absorbed.ids, absorbed.anchors, absorbed.q, views.ids, var_drift);
     add(1.0, drift.data.get(), 9 * rows.size(), drifted.data.get());
-    Array<bool, 1> stays({rows.size()});
+    Array<bool, 1> stays(rows.size());
     for (std::size_t i = 0; i < rows.size(); i++) stays.data[i] = seen_later.data[at_rows[i]];
-    Array<double, 1> held({state.rig_error.shape[0]});  // errors of the rig stay where they are
-    PointsAlone alone = points_alone(own.v.view(), own.g_point.view(), own.rig_point.view(), begun.q.view(), held.view());
+    Array<double, 1> held(state.rig_error.shape[0]);  // errors of the rig stay where they are
+    PointsAlone alone = points_alone(own.v, own.g_point, own.rig_point, begun.q, held);
     NormalBlocks blocks = normal_blocks(pinholes, absorbed.in(state), counted);
     return {numbers(rows), std::move(stays), std::move(drifted), std::move(absorbed.anchors), std::move(absorbed.q),
             std::move(blocks), std::move(begun.ids), std::move(alone)};
 }
 
-WindowSystem absorbing_system(const BlockViews& blocks, const PriorViews& prior, const View<double, 3>& anchors, const View<double, 2>& q,
-                              const View<double, 1>& amplitudes) {
+WindowSystem absorbing_system(const BlockViews& blocks, const PriorViews& prior, Matrices anchors, Matrix q,
+                              Vector amplitudes) {
     std::size_t n = q.shape[0], k = prior.modes.shape[2], m = blocks.rig.shape[0];
     require_shape(prior.modes, {n, 3, k}, "modes");
     require_shape(amplitudes, {k}, "amplitudes");
     require(m <= k, "there are fewer modes than errors of the rig");
     std::size_t own = k - m;
-    Array<double, 3> by_pose = q_by_reference(anchors, q), modes({n, 3, k + 6});
-    Array<double, 1> at({k + 6});
+    Array<double, 3> by_pose = q_by_reference(anchors, q), modes(n, 3, k + 6);
+    Array<double, 1> at(k + 6);
     auto with_pose = [&](const double* before, const double* pose, double* out) {
         std::copy(before, before + own, out);
         std::copy(pose, pose + 6, out + own);
@@ -128,13 +122,13 @@ WindowSystem absorbing_system(const BlockViews& blocks, const PriorViews& prior,
     BlockViews exact = blocks;  // of a pose that is the reference
     exact.u.shape = {0, 6, 6}, exact.w.shape = {n, 3, 0}, exact.g_pose.shape = {0, 6}, exact.rig_pose.shape = {0, 6, m};
     WindowSystem result = window_system(
-        exact, {prior.known, prior.mean, prior.cov, modes.view(), prior.information, prior.weighted}, q, at.view());
+        exact, {prior.known, prior.mean, prior.cov, modes, prior.information, prior.weighted}, q, at);
     for (std::size_t x = own; x < own + 6; x++) result.h[x][x] -= 1;  // the new modes have no prior information
     return result;
 }
 
-AbsorbedPoints absorbed_points(const Indices& ids, const View<double, 3>& std_given, const View<double, 3>& moved,
-                               const View<double, 2>& given, const View<double, 2>& q, const View<bool, 1>& stays,
+AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved,
+                               Matrix given, Matrix q, Flags stays,
                                const NewPriorPoints& fresh) {
     std::size_t n = ids.shape[0], more = fresh.ids.shape[0], m = fresh.by_rig.shape[2];
     require(moved.shape[2] > m, "there are fewer modes than errors of the rig");
@@ -148,8 +142,8 @@ AbsorbedPoints absorbed_points(const Indices& ids, const View<double, 3>& std_gi
     require_shape(fresh.cov, {more, 3, 3}, "cov");
     require_shape(fresh.by_rig, {more, 3, m}, "by_rig");
     std::size_t total = more + static_cast<std::size_t>(std::count(stays.data, stays.data + n, true)), at = 0, j = 0;
-    AbsorbedPoints result{Array<std::int64_t, 1>({total}), Array<double, 2>({total, 3}), Array<double, 3>({total, 3, 3}),
-                          Array<double, 3>({total, 3, k})};
+    AbsorbedPoints result{{total}, {total, 3}, {total, 3, 3},
+                          {total, 3, k}};
     auto begin = [&] {
         result.ids.data[at] = fresh.ids.data[j];
         std::copy(fresh.mean[j], fresh.mean[j] + 3, result.mean[at]);

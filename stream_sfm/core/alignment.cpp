@@ -35,29 +35,29 @@ class Alignment {
     }
 
     // The tracks with templates of this size that can be warped as predicted and start where a whole patch shows the scene.
-    Sought visible(const TrackTable& tracks, const Indices& slots, const PredictedTracks& now) const {
+    Sought visible(const TrackTable& tracks, Indices slots, const PredictedTracks& now) const {
         Array<double, 3> left_warps = in_template_pixels(now.left_warps), right_warps = in_template_pixels(now.right_warps);
         double half = (static_cast<double>(of.stored.shape[1]) - 1) / 2;
-        Array<bool, 1> left_fits = templates_fit(left_warps.view(), kind.radius, half);
-        Array<bool, 1> right_fits = templates_fit(right_warps.view(), kind.radius, half);
-        Array<bool, 1> inside = inside_area(of.area, now.left.view());
+        Array<bool, 1> left_fits = templates_fit(left_warps, kind.radius, half);
+        Array<bool, 1> right_fits = templates_fit(right_warps, kind.radius, half);
+        Array<bool, 1> inside = inside_area(of.area, now.left);
         std::vector<std::size_t> rows;
         for (std::size_t i = 0; i < slots.shape[0]; i++)
             if (tracks.scale.data[i] == kind.scale && left_fits.data[i] && right_fits.data[i] && inside.data[i]) rows.push_back(i);
         return {rows,
                 rows_of(slots, rows),
-                rows_of(now.points.view(), rows),
+                rows_of(now.points, rows),
                 rows_of(tracks.slopes, rows),
-                rows_of(now.left.view(), rows),
-                rows_of(now.right_u.view(), rows),
-                rows_of(left_warps.view(), rows),
-                rows_of(right_warps.view(), rows)};
+                rows_of(now.left, rows),
+                rows_of(now.right_u, rows),
+                rows_of(left_warps, rows),
+                rows_of(right_warps, rows)};
     }
 
     FoundViews find(const Sought& sought, const RightSides& right_sides) const {
-        Patches patches = warp_patches(of.stored, sought.slots.view(), sought.left_warps.view(), kind.radius, kind.spacing);
-        Array<double, 3> gradients = gradient_matrices(patches.information.view(), kind.spacing);
-        AlignedPatches left = find_left(patches, sought.left.view());
+        Patches patches = warp_patches(of.stored, sought.slots, sought.left_warps, kind.radius, kind.spacing);
+        Array<double, 3> gradients = gradient_matrices(patches.information, kind.spacing);
+        AlignedPatches left = find_left(patches, sought.left);
         if (of.right) return find_right(sought, patches, gradients, left, right_sides);
         std::vector<double> missing(sought.rows.size(), std::numeric_limits<double>::quiet_NaN());
         return views(left, gradients, {missing.data(), {missing.size()}});
@@ -72,20 +72,20 @@ class Alignment {
     }
 
     // Positions in image pixels of patches, from such starts (n, 2), in an image of templates' pixels.
-    AlignedPatches aligned(const ImageOf<T>& image, const Patches& patches, const View<double, 2>& starts) const {
+    AlignedPatches aligned(const ImageOf<T>& image, const Patches& patches, Matrix starts) const {
         std::size_t n = starts.shape[0];
-        Array<double, 2> of_template({n, 2});
+        Array<double, 2> of_template(n, 2);
         for (std::size_t i = 0; i < 2 * n; i++) of_template.data[i] = starts.data[i] / kind.scale;
-        AlignedPatches result = align_patches(image, of_template.view(), patches.inverse.view(), patches.information.view(),
-                                              patches.level.view(), kind.radius, kind.spacing);
+        AlignedPatches result = align_patches(image, of_template, patches.inverse, patches.information,
+                                              patches.level, kind.radius, kind.spacing);
         for (std::size_t i = 0; i < 2 * n; i++) result.at.data[i] *= kind.scale;
         return result;
     }
 
     // What stays near its start, fits, and lies where a whole patch shows the scene.
-    AlignedPatches find_left(const Patches& patches, const View<double, 2>& starts) const {
+    AlignedPatches find_left(const Patches& patches, Matrix starts) const {
         AlignedPatches left = aligned(of.left, patches, starts);
-        Array<bool, 1> inside = inside_area(of.area, left.at.view());
+        Array<bool, 1> inside = inside_area(of.area, left.at);
         for (std::size_t i = 0; i < starts.shape[0]; i++) {
             double du = left.at[i][0] - starts[i][0], dv = left.at[i][1] - starts[i][1];
             left.found.data[i] = left.found.data[i] && std::sqrt(du * du + dv * dv) < kind.scale * kind.farthest &&
@@ -98,24 +98,24 @@ class Alignment {
     FoundViews find_right(const Sought& sought, Patches& patches, const Array<double, 3>& gradients, AlignedPatches& left,
                           const RightSides& by) const {
         std::size_t n = sought.rows.size();
-        Array<double, 2> start({n, 2});
-        Array<double, 1> speed = row_speeds(by.pinholes, sought.points.view(), by.twist);
-        Array<double, 1> vertical = row_offsets(by.rows, left.at.view(), speed.view());
+        Array<double, 2> start(n, 2);
+        Array<double, 1> speed = row_speeds(by.pinholes, sought.points, by.twist);
+        Array<double, 1> vertical = row_offsets(by.rows, left.at, speed);
         for (std::size_t i = 0; i < n; i++) {
-            start[i][0] = sought.right_u.data[i] + left.at[i][0] - sought.left.view()[i][0];
+            start[i][0] = sought.right_u.data[i] + left.at[i][0] - sought.left[i][0];
             start[i][1] = left.at[i][1] - vertical.data[i];
         }
         turn_by(by.pinholes, by.turn, 1, start);
         turn_right(patches, sought);
-        AlignedPatches right = aligned(*of.right, patches, start.view());
+        AlignedPatches right = aligned(*of.right, patches, start);
         double margin = kind.scale * kind.radius, last = by.rows.size[0] - 1 - margin;
         for (std::size_t i = 0; i < n; i++)
             right.found.data[i] =
                 right.found.data[i] && right.at[i][0] > margin && right.at[i][0] < last && right.error.data[i] < kind.max_error;
         turn_by(by.pinholes, by.turn, -1, right.at);
         for (std::size_t i = 0; i < n; i++) right.at[i][1] += vertical.data[i];
-        Array<bool, 1> on_row = on_one_row(by.rows, left.at.view(), right.at.view(), speed.view(), kind.scale);
-        FoundViews result = views(left, gradients, right.error.view());
+        Array<bool, 1> on_row = on_one_row(by.rows, left.at, right.at, speed, kind.scale);
+        FoundViews result = views(left, gradients, right.error);
         for (std::size_t i = 0; i < n; i++) {
             if (!right.found.data[i]) continue;
             std::copy_n(right.at[i], 2, result.any_row[i] + 2);
@@ -125,10 +125,10 @@ class Alignment {
     }
 
     // Left sides as views whose right sides are missing; deviations (n,) of grey differences in both images.
-    FoundViews views(AlignedPatches& left, const Array<double, 3>& gradients, const View<double, 1>& error_right) const {
+    FoundViews views(AlignedPatches& left, const Array<double, 3>& gradients, Vector error_right) const {
         std::size_t n = left.found.shape[0];
-        FoundViews result{std::move(left.found), Array<double, 2>({n, 4}), Array<double, 2>({n, 4}),
-                          view_covariances(gradients.view(), left.error.view(), error_right, kind.shared_pixels, kind.scale, kind.factor)};
+        FoundViews result{std::move(left.found), {n, 4}, {n, 4},
+                          view_covariances(gradients, left.error, error_right, kind.shared_pixels, kind.scale, kind.factor)};
         double missing = std::numeric_limits<double>::quiet_NaN();
         for (std::size_t i = 0; i < n; i++)
             for (Array<double, 2>* z : {&result.z, &result.any_row})
@@ -138,13 +138,13 @@ class Alignment {
 
     // Patches as the right image shows them: those of slanted surfaces look different there.
     void turn_right(Patches& patches, const Sought& sought) const {
-        std::size_t samples = patches.inverse.row_size();
+        std::size_t samples = row_size(patches.inverse.shape);
         std::vector<std::size_t> slanted;
-        View<double, 2> slopes = sought.slopes.view();
+        Matrix slopes = sought.slopes;
         for (std::size_t i = 0; i < sought.rows.size(); i++)
             if (slopes[i][0] != 0 || slopes[i][1] != 0) slanted.push_back(i);
-        Patches right = warp_patches(of.stored, rows_of(sought.slots.view(), slanted).view(),
-                                     rows_of(sought.right_warps.view(), slanted).view(), kind.radius, kind.spacing);
+        Patches right = warp_patches(of.stored, rows_of(sought.slots, slanted),
+                                     rows_of(sought.right_warps, slanted), kind.radius, kind.spacing);
         for (std::size_t k = 0; k < slanted.size(); k++) {
             std::copy_n(right.inverse[k], samples, patches.inverse[slanted[k]]);
             std::copy_n(right.information[k], 9, patches.information[slanted[k]]);
@@ -158,17 +158,17 @@ class Alignment {
 
 }  // namespace
 
-AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, const TrackTable& tracks, const Indices& slots,
-                           const View<double, 2>& cam_from_previous, const View<double, 2>& cam_from_start, const View<double, 2>& left,
-                           const View<bool, 1>& agree, const Templates<std::uint8_t>& ordinary,
+AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, const TrackTable& tracks, Indices slots,
+                           Matrix cam_from_previous, Matrix cam_from_start, Matrix left,
+                           Flags agree, const Templates<std::uint8_t>& ordinary,
                            const std::optional<Templates<float>>& wide) {
     std::size_t n = tracks.points.shape[0];
     require_shape(slots, {n}, "slots");
     require_shape(right_sides.turn, {3}, "turn");
     PredictedTracks now = predict_tracks(right_sides.pinholes, timing, right_sides.twist, tracks, cam_from_previous, cam_from_start,
                                          left, agree);
-    Array<bool, 1> expected({n});
-    FoundViews all{Array<bool, 1>({n}), Array<double, 2>({n, 4}), Array<double, 2>({n, 4}), Array<double, 3>({n, 4, 4})};
+    Array<bool, 1> expected(n);
+    FoundViews all{{n}, {n, 4}, {n, 4}, {n, 4, 4}};
     auto align = [&](const auto& templates) {
         Alignment alignment(templates);
         Sought sought = alignment.visible(tracks, slots, now);
@@ -187,10 +187,10 @@ AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, 
     std::vector<std::size_t> kept;
     for (std::size_t i = 0; i < n; i++)
         if (all.found.data[i]) kept.push_back(i);
-    Array<double, 2> points = rows_of(now.points.view(), kept);
-    Array<double, 2> taken = shifts_by_timing(right_sides.pinholes, timing.exposed, points.view(), right_sides.twist, timing.mean);
-    AlignedTracks result{std::move(expected),           Array<std::int64_t, 1>({kept.size()}), std::move(points),
-                         rows_of(all.z.view(), kept),   rows_of(all.cov.view(), kept),         rows_of(all.any_row.view(), kept),
+    Array<double, 2> points = rows_of(now.points, kept);
+    Array<double, 2> taken = shifts_by_timing(right_sides.pinholes, timing.exposed, points, right_sides.twist, timing.mean);
+    AlignedTracks result{std::move(expected),           {kept.size()}, std::move(points),
+                         rows_of(all.z, kept),   rows_of(all.cov, kept),         rows_of(all.any_row, kept),
                          std::move(taken)};
     std::copy(kept.begin(), kept.end(), result.rows.data.get());
     for (Array<double, 2>* z : {&result.z, &result.any_row})

@@ -11,9 +11,15 @@
 #include <numeric>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 namespace core {
+
+template <std::size_t N>
+std::size_t row_size(const std::array<std::size_t, N>& shape) {
+    return std::accumulate(shape.begin() + 1, shape.end(), std::size_t{1}, std::multiplies<>());
+}
 
 // An array of another owner, C order. `a[i]` is its i-th row along the first axis.
 template <class T, std::size_t N>
@@ -21,13 +27,14 @@ struct View {
     const T* data;
     std::array<std::size_t, N> shape;
 
-    std::size_t row_size() const {
-        std::size_t size = 1;
-        for (std::size_t i = 1; i < N; i++) size *= shape[i];
-        return size;
-    }
-    const T* operator[](std::size_t i) const { return data + i * row_size(); }
+    const T* operator[](std::size_t i) const { return data + i * row_size(shape); }
 };
+using Vector = View<double, 1>;
+using Matrix = View<double, 2>;
+using Matrices = View<double, 3>;
+using Flags = View<bool, 1>;
+using Indices = View<std::int64_t, 1>;
+using Pixels = View<std::int64_t, 2>;  // (n, 2): column, row
 
 struct Unset {};
 
@@ -37,17 +44,24 @@ struct Array {
     std::array<std::size_t, N> shape;
     std::unique_ptr<T[]> data;
 
+    template <class... Extents, std::enable_if_t<sizeof...(Extents) == N && (std::is_integral_v<Extents> && ...), int> = 0>
+    Array(Extents... extents) : Array(std::array<std::size_t, N>{static_cast<std::size_t>(extents)...}) {}
     explicit Array(const std::array<std::size_t, N>& shape) : shape(shape), data(std::make_unique<T[]>(size())) {}
     Array(const std::array<std::size_t, N>& shape, Unset) : shape(shape), data(new T[size()]) {}
-    std::size_t size() const { return std::accumulate(shape.begin(), shape.end(), std::size_t{1}, std::multiplies<>()); }
-    std::size_t row_size() const {
-        std::size_t size = 1;
-        for (std::size_t i = 1; i < N; i++) size *= shape[i];
-        return size;
-    }
-    T* operator[](std::size_t i) { return data.get() + i * row_size(); }
-    View<T, N> view() const { return {data.get(), shape}; }
+    std::size_t size() const { return shape[0] * row_size(shape); }
+    T* operator[](std::size_t i) { return data.get() + i * row_size(shape); }
+    const T* operator[](std::size_t i) const { return data.get() + i * row_size(shape); }
+    operator View<T, N>() const { return {data.get(), shape}; }
 };
+
+// The rows of n that are `wanted`.
+template <class Wanted>
+std::vector<std::size_t> rows_where(std::size_t n, const Wanted& wanted) {
+    std::vector<std::size_t> rows;
+    for (std::size_t i = 0; i < n; i++)
+        if (wanted(i)) rows.push_back(i);
+    return rows;
+}
 
 // Some rows of an array.
 template <class T, std::size_t N>
@@ -57,19 +71,25 @@ Array<T, N> rows_of(const View<T, N>& array, const std::vector<std::size_t>& row
     Array<T, N> result(shape);
     for (std::size_t k = 0; k < rows.size(); k++) {
         if (rows[k] >= array.shape[0]) throw std::invalid_argument("arrays of views have different lengths");
-        std::copy_n(array[rows[k]], array.row_size(), result[k]);
+        std::copy_n(array[rows[k]], row_size(shape), result[k]);
     }
     return result;
 }
+template <class T, std::size_t N>
+Array<T, N> rows_of(const Array<T, N>& array, const std::vector<std::size_t>& rows) {
+    return rows_of(View<T, N>(array), rows);
+}
 
-// Columns of a matrix: one, or two from one on.
-inline Array<double, 1> column_of(const View<double, 2>& array, std::size_t column) {
-    Array<double, 1> result({array.shape[0]});
-    for (std::size_t i = 0; i < array.shape[0]; i++) result.data[i] = array[i][column];
+// Row numbers as Python is given them.
+inline Array<std::int64_t, 1> numbers(const std::vector<std::size_t>& rows) {
+    Array<std::int64_t, 1> result(rows.size());
+    std::copy(rows.begin(), rows.end(), result.data.get());
     return result;
 }
-inline Array<double, 2> two_columns_of(const View<double, 2>& array, std::size_t first) {
-    Array<double, 2> result({array.shape[0], 2});
+
+// Two columns of a matrix, from one on.
+inline Array<double, 2> two_columns_of(Matrix array, std::size_t first) {
+    Array<double, 2> result(array.shape[0], 2);
     for (std::size_t i = 0; i < array.shape[0]; i++) std::copy_n(array[i] + first, 2, result[i]);
     return result;
 }
@@ -78,7 +98,7 @@ constexpr std::size_t NONE = std::numeric_limits<std::size_t>::max();
 
 // Rows of points by their ids, both ascending; fast where they are asked for in that order.
 struct Lookup {
-    const View<std::int64_t, 1>& ids;
+    Indices ids;
     std::size_t at = 0;
     std::int64_t before = std::numeric_limits<std::int64_t>::min();
 

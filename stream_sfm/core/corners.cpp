@@ -77,7 +77,7 @@ private:
 // Pixels that are taken around a point: a disc, row by row.
 class Discs {
 public:
-    Discs(const View<bool, 2>& allowed, int radius)
+    Discs(View<bool, 2> allowed, int radius)
         : free(allowed.data, allowed.data + allowed.shape[0] * allowed.shape[1]),
           height(static_cast<std::int64_t>(allowed.shape[0])),
           width(static_cast<std::int64_t>(allowed.shape[1])),
@@ -139,7 +139,7 @@ std::vector<Corner> peaks(const Image& strength, const std::vector<char>& free, 
 
 // The order in which corners are taken. The image is cut into cells. A cell's corners are ranked by strength, after the
 // points (m, 2) that are there already; all first ranks come before all second ranks.
-void order(std::vector<Corner>& corners, const View<double, 2>& taken, double cell, double width) {
+void order(std::vector<Corner>& corners, Matrix taken, double cell, double width) {
     const double columns = std::floor(width / cell) + 1;
     auto cell_of = [&](double u, double v) { return std::floor(v / cell) * columns + std::floor(u / cell); };
     std::unordered_map<double, std::int64_t> ranks;  // of a cell: how many points are before the next one
@@ -181,7 +181,7 @@ Array<float, 2> corner_strength(const ImageOf<T>& image) {
 template Array<float, 2> corner_strength(const Image&);
 template Array<float, 2> corner_strength(const ImageOf<std::uint8_t>&);
 
-Array<std::int64_t, 2> new_corners(const Image& strength, const View<bool, 2>& allowed, const View<double, 2>& taken,
+Array<std::int64_t, 2> new_corners(const Image& strength, View<bool, 2> allowed, Matrix taken,
                                    std::int64_t wanted, double distance, double min_strength) {
     std::size_t width = static_cast<std::size_t>(strength.width), pixels = width * static_cast<std::size_t>(strength.height);
     require(pixels > 0, "the image is empty");
@@ -189,7 +189,7 @@ Array<std::int64_t, 2> new_corners(const Image& strength, const View<bool, 2>& a
     require_shape(taken, {taken.shape[0], 2}, "taken_px");
     require(distance > 0 && distance < 1e6, "distance_px is not within 0 and 10⁶");
     std::size_t most = static_cast<std::size_t>(std::clamp<std::int64_t>(wanted, 0, static_cast<std::int64_t>(pixels)));
-    if (most == 0) return Array<std::int64_t, 2>({0, 2});
+    if (most == 0) return Array<std::int64_t, 2>(0, 2);
     int radius = static_cast<int>(std::nearbyint(distance));
     Discs discs(allowed, radius);
     auto whole = [](double at) { return static_cast<std::int64_t>(std::clamp(std::nearbyint(at), -1e9, 1e9)); };
@@ -212,7 +212,7 @@ Array<std::int64_t, 2> new_corners(const Image& strength, const View<bool, 2>& a
         chosen.insert(chosen.end(), {corner.u, corner.v});
         discs.take(corner.u, corner.v);
     }
-    Array<std::int64_t, 2> result({chosen.size() / 2, 2});
+    Array<std::int64_t, 2> result(chosen.size() / 2, 2);
     std::copy(chosen.begin(), chosen.end(), result.data.get());
     return result;
 }

@@ -8,11 +8,11 @@
 
 namespace core {
 
-Array<double, 3> whiten_blocks(const View<double, 3>& cov, const View<double, 3>& b) {
+Array<double, 3> whiten_blocks(Matrices cov, Matrices b) {
     std::size_t n = cov.shape[0], k = b.shape[2];
     require_shape(cov, {n, 3, 3}, "cov");
     require_shape(b, {n, 3, k}, "b");
-    Array<double, 3> result({n, 3, k});
+    Array<double, 3> result(n, 3, k);
     for (std::size_t i = 0; i < n; i++) {
         double lower[9], *x = result[i], *y = x + k, *z = y + k;
         require_definite(cholesky<3>(cov[i], lower), "cov is not positive definite");
@@ -25,11 +25,11 @@ Array<double, 3> whiten_blocks(const View<double, 3>& cov, const View<double, 3>
     return result;
 }
 
-Array<double, 2> invert_triangle(const View<double, 2>& lower, const View<double, 1>& scale) {
+Array<double, 2> invert_triangle(Matrix lower, Vector scale) {
     std::size_t n = lower.shape[0];
     require_shape(lower, {n, n}, "lower");
     require_shape(scale, {n}, "scale");
-    Array<double, 2> result({n, n});
+    Array<double, 2> result(n, n);
     for (std::size_t i = 0; i < n; i++) {
         const double* of = lower[i];
         double* out = result[i];
@@ -48,10 +48,10 @@ Array<double, 2> invert_triangle(const View<double, 2>& lower, const View<double
     return result;
 }
 
-Scaled scaled_by_diagonal(const View<double, 2>& matrix) {
+Scaled scaled_by_diagonal(Matrix matrix) {
     std::size_t n = matrix.shape[0];
     require_shape(matrix, {n, n}, "matrix");
-    Scaled result{Array<double, 2>({n, n}), Array<double, 1>({n})};
+    Scaled result{{n, n}, {n}};
     double* scale = result.scale.data.get();
     for (std::size_t i = 0; i < n; i++) scale[i] = 1 / std::sqrt(matrix[i][i] > 0 ? matrix[i][i] : 1.0);
     for (std::size_t i = 0; i < n; i++)

@@ -35,7 +35,7 @@ void add_rows(const double* rows, const double* x, std::size_t k, double* out) {
     for (std::size_t i = 0; i < 3; i++) add(x[i], rows + i * k, k, out);
 }
 
-void check(const BlockViews& blocks, const PriorViews& prior, const View<double, 2>& q, const View<double, 1>& amplitudes) {
+void check(const BlockViews& blocks, const PriorViews& prior, Matrix q, Vector amplitudes) {
     std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], n = prior.known.shape[0], m = blocks.rig.shape[0];
     std::size_t k = prior.modes.shape[2];
     require_shape(blocks.u, {frames, 6, 6}, "u");
@@ -61,11 +61,11 @@ void check(const BlockViews& blocks, const PriorViews& prior, const View<double,
 
 }  // namespace
 
-EliminatedPoints eliminate_points(const View<double, 3>& v, const View<double, 3>& w) {
+EliminatedPoints eliminate_points(Matrices v, Matrices w) {
     std::size_t points = v.shape[0], size = w.shape[2];
     require_shape(v, {points, 3, 3}, "v");
     require_shape(w, {points, 3, size}, "w");
-    EliminatedPoints result{Array<double, 3>({points, 3, 3}), Array<double, 3>({points, 3, size}, Unset{})};
+    EliminatedPoints result{{points, 3, 3}, {{points, 3, size}, Unset{}}};
     for (std::size_t i = 0; i < points; i++) {
         root_of_inverse(v[i], result.root[i]);
         reach_of(result.root[i], w[i], size, result.reach[i], size);
@@ -73,13 +73,13 @@ EliminatedPoints eliminate_points(const View<double, 3>& v, const View<double, 3
     return result;
 }
 
-WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, const View<double, 2>& q,
-                           const View<double, 1>& amplitudes) {
+WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Matrix q,
+                           Vector amplitudes) {
     check(blocks, prior, q, amplitudes);
     std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], m = blocks.rig.shape[0], n = prior.known.shape[0];
     std::size_t k = prior.modes.shape[2], poses = 6 * frames, size = poses + k;
-    WindowSystem result{Array<double, 2>({size, size}), Array<double, 3>({n, 3, k}),       Array<double, 3>({points, 3, 3}),
-                        Array<double, 3>({points, 3, size}, Unset{}), Array<double, 2>({points, 3}), Array<double, 1>({size})};
+    WindowSystem result{{size, size}, {n, 3, k},       {points, 3, 3},
+                        {{points, 3, size}, Unset{}}, {points, 3}, {size}};
     double* g = result.g.data.get();
     for (std::size_t f = 0; f < frames; f++)
         for (std::size_t x = 0; x < 6; x++) std::copy(blocks.u[f] + 6 * x, blocks.u[f] + 6 * x + 6, result.h[6 * f + x] + 6 * f);
@@ -101,7 +101,7 @@ WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, co
 
     std::vector<double> information(blocks.v.data, blocks.v.data + 9 * points), of_modes(3 * k);
     std::vector<std::size_t> row_in_prior(points, n);
-    Array<double, 2> right({points, 3});
+    Array<double, 2> right(points, 3);
     std::copy(blocks.g_point.data, blocks.g_point.data + 3 * points, right.data.get());
     std::vector<double> inverse_root(9 * n);  // L⁻¹ with L Lᵀ = D
     for (std::size_t i = 0; i < n; i++) {

@@ -32,10 +32,10 @@ double spread_of(const double* squares, const double* gate, std::size_t n) {
 
 class Fit {
    public:
-    Fit(const PointViews& views, const View<double, 2>& start, const View<double, 1>& amplitudes)
+    Fit(const PointViews& views, Matrix start, Vector amplitudes)
         : views(views), n(views.points.shape[0]), size(6 + amplitudes.shape[0]), motion(start.data, start.data + 16),
           shared(amplitudes.data, amplitudes.data + amplitudes.shape[0]), weights(n),
-          linear{Array<double, 3>({0, 4, 4}), Array<double, 3>({0, 4, 6})}, seen{Array<double, 3>({0, 0, 4}), Array<double, 2>({0, 0})} {}
+          linear{Array<double, 3>(0, 4, 4), Array<double, 3>(0, 4, 6)}, seen{Array<double, 3>(0, 0, 4), Array<double, 2>(0, 0)} {}
 
     // Gauss-Newton with Cauchy weights relative to the spread of the residuals, eq. (22).
     void anneal() {
@@ -96,7 +96,7 @@ class Fit {
     }
 
     void linearise() {
-        View<double, 2> at{motion.data(), {4, 4}};
+        Matrix at{motion.data(), {4, 4}};
         linear = linearise_views(views, at);
     }
 
@@ -116,7 +116,7 @@ class Fit {
     }
 
     void look() {
-        View<double, 3> root{linear.root.data.get(), {n, 4, 4}}, at{motion.data(), {1, 4, 4}};
+        Matrices root{linear.root.data.get(), {n, 4, 4}}, at{motion.data(), {1, 4, 4}};
         seen = view_residuals(views, root, {shared.data(), {size - 6}}, at);
     }
 
@@ -149,8 +149,8 @@ class Fit {
 
 }  // namespace
 
-Fitted fit_motion(const PointViews& views, const View<double, 2>& start, const View<double, 1>& amplitudes,
-                  const View<double, 1>& votes, bool anneal) {
+Fitted fit_motion(const PointViews& views, Matrix start, Vector amplitudes,
+                  Vector votes, bool anneal) {
     require_shape(start, {4, 4}, "cam_from_ref");
     require_shape(amplitudes, {views.shared.shape[2]}, "amplitudes");
     require_shape(votes, {views.points.shape[0]}, "votes");
@@ -162,8 +162,8 @@ Fitted fit_motion(const PointViews& views, const View<double, 2>& start, const V
 }
 
 // The motions of halves of the views: those of near points, and those on one side or in the upper part of the image.
-Halves motions_of_halves(const PointViews& views, const View<double, 2>& motion, const View<double, 1>& amplitudes,
-                         const View<bool, 1>& accepted, double shared_noise) {
+Halves motions_of_halves(const PointViews& views, Matrix motion, Vector amplitudes,
+                         Flags accepted, double shared_noise) {
     std::size_t all = views.points.shape[0], m = 6 + amplitudes.shape[0], size = m + 6;
     require_shape(accepted, {all}, "accepted");
     require_shape(amplitudes, {views.shared.shape[2]}, "amplitudes");
@@ -172,7 +172,7 @@ Halves motions_of_halves(const PointViews& views, const View<double, 2>& motion,
     LinearisedViews linear = linearise_views(views, motion);
     ViewResiduals seen =
         view_residuals(views, {linear.root.data.get(), {all, 4, 4}}, amplitudes, {motion.data, {1, 4, 4}});
-    Halves result{0.0, Array<double, 3>({6, 4, 4})};
+    Halves result{0.0, {6, 4, 4}};
     std::vector<std::size_t> rows;
     for (std::size_t i = 0; i < all; i++)
         if (accepted.data[i]) rows.push_back(i);

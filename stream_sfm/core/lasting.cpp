@@ -15,9 +15,9 @@ constexpr double MAX_ROW = 3.0;       // standard deviations: beyond, a row diff
 constexpr std::int64_t MAX_AGE = 60;  // views; by then information grows at a steady rate
 
 // Row differences (n,) in standard deviations, without what a whole frame shares; NaN without a right side.
-Array<double, 1> whitened_rows(const View<double, 2>& z, const View<double, 3>& cov) {
+Array<double, 1> whitened_rows(Matrix z, Matrices cov) {
     std::size_t n = z.shape[0];
-    Array<double, 1> rows({n});
+    Array<double, 1> rows(n);
     std::vector<double> seen;
     for (std::size_t i = 0; i < n; i++) {
         rows.data[i] = z[i][1] - z[i][3];
@@ -48,15 +48,15 @@ std::vector<double> inflation_by_age(double ratio, double decay) {
 
 }  // namespace
 
-RowErrors row_errors_of_tracks(const Indices& known, const Indices& ages, const View<double, 2>& rows, const Indices& ids,
-                               const View<double, 2>& z, const View<double, 3>& cov, bool counts) {
+RowErrors row_errors_of_tracks(Indices known, Indices ages, Matrix rows, Indices ids,
+                               Matrix z, Matrices cov, bool counts) {
     std::size_t n = ids.shape[0], m = known.shape[0], kept = rows.shape[1];
     require_shape(ages, {m}, "ages");
     require_shape(rows, {m, kept}, "rows");
     require(kept > 1, "rows must be of two frames or more");
     require_shape(z, {n, 4}, "z_px");
     require_shape(cov, {n, 4, 4}, "cov_px");
-    RowErrors result{Array<std::int64_t, 1>({n}), Array<double, 2>({n, kept}), Array<double, 1>({6})};
+    RowErrors result{{n}, {n, kept}, {6}};
     Array<double, 1> now = whitened_rows(z, cov);
     double* sums = result.sums.data.get();
     for (std::size_t i = 0, j = 0; i < n; i++) {
@@ -81,9 +81,9 @@ RowErrors row_errors_of_tracks(const Indices& known, const Indices& ages, const 
     return result;
 }
 
-Array<double, 2> view_inflation(const Indices& ages, double ratio_left, double ratio_right, double decay) {
+Array<double, 2> view_inflation(Indices ages, double ratio_left, double ratio_right, double decay) {
     std::vector<double> left = inflation_by_age(ratio_left, decay), right = inflation_by_age(ratio_right, decay);
-    Array<double, 2> result({ages.shape[0], 2});
+    Array<double, 2> result(ages.shape[0], 2);
     for (std::size_t i = 0; i < ages.shape[0]; i++) {
         std::size_t age = static_cast<std::size_t>(std::clamp<std::int64_t>(ages.data[i], 0, MAX_AGE - 1));
         result[i][0] = left[age];

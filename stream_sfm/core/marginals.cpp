@@ -73,9 +73,9 @@ void metric_by(const double* point, const double* b, double* out) {
 
 }  // namespace
 
-PointMarginals point_marginals(const View<double, 3>& ref_from_anchor, const View<double, 2>& q_in_anchor,
-                               const View<double, 3>& std_given, const CovariancePart& own, const CovariancePart& of_rig,
-                               const View<double, 2>& world_from_ref, const View<double, 2>& cam_from_ref, double known_sigmas) {
+PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor,
+                               Matrices std_given, const CovariancePart& own, const CovariancePart& of_rig,
+                               Matrix world_from_ref, Matrix cam_from_ref, double known_sigmas) {
     std::size_t n = q_in_anchor.shape[0];
     require_shape(ref_from_anchor, {n, 4, 4}, "ref_from_anchor");
     require_shape(q_in_anchor, {n, 3}, "q");
@@ -88,8 +88,8 @@ PointMarginals point_marginals(const View<double, 3>& ref_from_anchor, const Vie
     }
     require_shape(world_from_ref, {4, 4}, "world_from_ref");
     require_shape(cam_from_ref, {4, 4}, "cam_from_ref");
-    PointMarginals result{Array<double, 2>({n, 3}), Array<double, 3>({n, 3, 3}), Array<double, 2>({n, 3}), Array<double, 3>({n, 3, 3}),
-                          Array<double, 2>({n, 3}), Array<double, 3>({n, 3, 3}), Array<bool, 1>({n})};
+    PointMarginals result{{n, 3}, {n, 3, 3}, {n, 3}, {n, 3, 3},
+                          {n, 3}, {n, 3, 3}, {n}};
     const double* world = world_from_ref.data;
     double turn[9];
     for (int k = 0; k < 9; k++) turn[k] = world[4 * (k / 3) + k % 3];

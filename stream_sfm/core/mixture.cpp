@@ -152,7 +152,7 @@ struct Combinations {
 };
 
 // By the density where terms of each combination are 0, of the `considered` terms alone.
-Combinations combinations(const Gaussian& considered, const Numbers& size, const View<bool, 2>& is_zero, const double* log_prior,
+Combinations combinations(const Gaussian& considered, const Numbers& size, View<bool, 2> is_zero, const double* log_prior,
                           double counts) {
     std::size_t n = considered.size(), number = is_zero.shape[0];
     Numbers log_p(number), weighted(number * n);
@@ -187,10 +187,10 @@ void consider(Gaussian& of, std::size_t first, const Numbers& weighted) {
 
 }  // namespace
 
-Array<double, 2> log_evidence(const View<double, 1>& information, const View<double, 1>& weighted, const View<double, 1>& variances) {
+Array<double, 2> log_evidence(Vector information, Vector weighted, Vector variances) {
     std::size_t n = information.shape[0], sizes = variances.shape[0];
     require_shape(weighted, {n}, "weighted");
-    Array<double, 2> result({sizes, n});
+    Array<double, 2> result(sizes, n);
     for (std::size_t s = 0; s < sizes; s++)
         for (std::size_t i = 0; i < n; i++) {
             double variance = variances.data[s], ratio = variance * information.data[i], sum = weighted.data[i];
@@ -199,8 +199,8 @@ Array<double, 2> log_evidence(const View<double, 1>& information, const View<dou
     return result;
 }
 
-Mixture rig_mixture(const View<double, 1>& mean, const View<double, 2>& cov, const View<double, 1>& size, std::size_t lenses,
-                    const View<bool, 2>& is_zero, const View<double, 1>& log_prior, double counts, bool known_wrong) {
+Mixture rig_mixture(Vector mean, Matrix cov, Vector size, std::size_t lenses,
+                    View<bool, 2> is_zero, Vector log_prior, double counts, bool known_wrong) {
     std::size_t m = mean.shape[0], terms = lenses + is_zero.shape[1];
     require_shape(cov, {m, m}, "cov");
     require_shape(size, {m}, "size");
@@ -219,7 +219,7 @@ Mixture rig_mixture(const View<double, 1>& mean, const View<double, 2>& cov, con
     double log_odds = log_odds_lenses(without(all, found.zero, of_lenses), at(sizes, of_lenses));
     require_definite(std::isfinite(log_odds), "the errors of the rig are not determined");
     double p = 1 / (1 + std::exp(-log_odds));
-    Mixture result{Array<double, 1>({m}), Array<double, 2>({m, m}), known_wrong ? 1.0 : p};
+    Mixture result{{m}, {m, m}, known_wrong ? 1.0 : p};
     Gaussian right{Numbers(m), Numbers(m * m)};
     if (result.p_wrong < 1) {  // rounded: of a calibration that is certainly wrong nothing else counts
         Gaussian own = without(all, lens_and_field, considered);

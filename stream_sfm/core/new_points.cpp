@@ -13,9 +13,9 @@ namespace {
 double apart(const double* a, const double* b) { return std::sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1])); }
 
 // Warps (n, 3, 2), right image to left template, of surfaces whose disparity has `slopes` (n, 2), below 1: affine.
-Array<double, 3> sheared(const View<double, 2>& slopes) {
+Array<double, 3> sheared(Matrix slopes) {
     std::size_t n = slopes.shape[0];
-    Array<double, 3> warps({n, 3, 2});
+    Array<double, 3> warps(n, 3, 2);
     for (std::size_t i = 0; i < n; i++) {
         double* w = warps[i];
         w[0] = 1 / (1 - slopes[i][0]);
@@ -26,16 +26,16 @@ Array<double, 3> sheared(const View<double, 2>& slopes) {
 }
 
 // Where right sides of corners (n, 2) with disparities (n,) are sought, in pixels of templates.
-Array<double, 2> starts_of(const RightSides& by, double scale, const Pixels& corners, const View<double, 1>& disparity) {
+Array<double, 2> starts_of(const RightSides& by, double scale, Pixels corners, Vector disparity) {
     std::size_t n = corners.shape[0];
-    Array<double, 2> z({n, 4});
+    Array<double, 2> z(n, 4);
     for (std::size_t i = 0; i < n; i++) {
         for (int c = 0; c < 4; c++) z[i][c] = scale * static_cast<double>(corners[i][c % 2]);
         z[i][2] -= scale * disparity.data[i];
     }
-    Array<double, 1> speed = row_speeds(by.pinholes, seen_points(by.pinholes, z.view()).view(), by.twist);
-    Array<double, 1> offsets = row_offsets(by.rows, two_columns_of(z.view(), 0).view(), speed.view());
-    Array<double, 2> start = two_columns_of(z.view(), 2);
+    Array<double, 1> speed = row_speeds(by.pinholes, seen_points(by.pinholes, z), by.twist);
+    Array<double, 1> offsets = row_offsets(by.rows, two_columns_of(z, 0), speed);
+    Array<double, 2> start = two_columns_of(z, 2);
     for (std::size_t i = 0; i < n; i++) start[i][1] -= offsets.data[i];
     turn_by(by.pinholes, by.turn, 1, start);
     for (std::size_t i = 0; i < n; i++) {
@@ -48,55 +48,55 @@ Array<double, 2> starts_of(const RightSides& by, double scale, const Pixels& cor
 }  // namespace
 
 template <class T>
-NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, const View<T, 3>& stored, const TemplateKind& kind,
-                            const RightSides& right_sides, const Pixels& corners, const Indices& slots,
-                            const View<double, 1>& disparity, double tolerance, double std_grey, double max_apart) {
+NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, View<T, 3> stored, const TemplateKind& kind,
+                            const RightSides& right_sides, Pixels corners, Indices slots,
+                            Vector disparity, double tolerance, double std_grey, double max_apart) {
     std::size_t n = corners.shape[0];
     require_shape(corners, {n, 2}, "corners_px");
     require_shape(slots, {n}, "slots");
     require_shape(disparity, {n}, "disparity_px");
     require_shape(right_sides.turn, {3}, "turn");
     require(kind.radius >= 2, "the templates' radius is below 2 px");
-    auto align = [&](const Indices& of, const View<double, 2>& slopes, const View<double, 2>& from, int radius, int spacing) {
-        Patches patches = warp_patches(stored, of, sheared(slopes).view(), radius, spacing);
-        AlignedPatches found = align_patches(right, from, patches.inverse.view(), patches.information.view(), patches.level.view(),
+    auto align = [&](Indices of, Matrix slopes, Matrix from, int radius, int spacing) {
+        Patches patches = warp_patches(stored, of, sheared(slopes), radius, spacing);
+        AlignedPatches found = align_patches(right, from, patches.inverse, patches.information, patches.level,
                                              radius, spacing);
         return std::make_pair(std::move(found), std::move(patches.information));
     };
-    const Array<double, 2> flat({n, 2});
+    const Array<double, 2> flat(n, 2);
     Array<double, 2> start = starts_of(right_sides, kind.scale, corners, disparity);
-    auto [facing, information] = align(slots, flat.view(), start.view(), kind.radius, kind.spacing);
+    auto [facing, information] = align(slots, flat, start, kind.radius, kind.spacing);
     std::vector<std::size_t> kept, slanted, good, of_corner;
     for (std::size_t i = 0; i < n; i++)
         if (facing.found.data[i] && apart(facing.at[i], start[i]) < tolerance) kept.push_back(i);
 
-    Array<double, 2> at = rows_of(facing.at.view(), kept);
-    Array<double, 1> error = rows_of(facing.error.view(), kept);
+    Array<double, 2> at = rows_of(facing.at, kept);
+    Array<double, 1> error = rows_of(facing.error, kept);
     Array<std::int64_t, 1> of_kept = rows_of(slots, kept);
-    Array<double, 2> slopes = disparity_slopes(left, right, rows_of(corners, kept).view(), at.view(), kind.radius, std_grey);
+    Array<double, 2> slopes = disparity_slopes(left, right, rows_of(corners, kept), at, kind.radius, std_grey);
     std::vector<bool> fits(kept.size(), true);
     for (std::size_t i = 0; i < kept.size(); i++)
         if (slopes[i][0] != 0 || slopes[i][1] != 0) slanted.push_back(i);
-    AlignedPatches again = align(rows_of(of_kept.view(), slanted).view(), rows_of(slopes.view(), slanted).view(),
-                                 rows_of(at.view(), slanted).view(), kind.radius, kind.spacing).first;
+    AlignedPatches again = align(rows_of(of_kept, slanted), rows_of(slopes, slanted),
+                                 rows_of(at, slanted), kind.radius, kind.spacing).first;
     for (std::size_t i = 0; i < slanted.size(); i++) {
         std::copy_n(again.at[i], 2, at[slanted[i]]);
         error.data[slanted[i]] = again.error.data[i];
         fits[slanted[i]] = again.found.data[i];
     }
 
-    AlignedPatches inner = align(of_kept.view(), {flat.data.get(), {kept.size(), 2}}, at.view(), kind.radius / 2, 1).first;
+    AlignedPatches inner = align(of_kept, {flat.data.get(), {kept.size(), 2}}, at, kind.radius / 2, 1).first;
     for (std::size_t i = 0; i < kept.size(); i++) {
         if (!(fits[i] && error.data[i] < kind.max_error && inner.found.data[i] && apart(inner.at[i], at[i]) < max_apart)) continue;
         good.push_back(i);
         of_corner.push_back(kept[i]);
     }
-    Array<double, 1> of_good = rows_of(error.view(), good);
-    Array<double, 3> gradients = gradient_matrices(rows_of(information.view(), of_corner).view(), kind.spacing);
-    NewMatches result{rows_of(slots, of_corner), Array<double, 2>({good.size(), 4}),
-                      view_covariances(gradients.view(), of_good.view(), of_good.view(), kind.shared_pixels, kind.scale, kind.factor),
-                      rows_of(slopes.view(), good), Array<double, 1>({good.size()})};
-    Array<double, 2> right_px = rows_of(at.view(), good);
+    Array<double, 1> of_good = rows_of(error, good);
+    Array<double, 3> gradients = gradient_matrices(rows_of(information, of_corner), kind.spacing);
+    NewMatches result{rows_of(slots, of_corner), {good.size(), 4},
+                      view_covariances(gradients, of_good, of_good, kind.shared_pixels, kind.scale, kind.factor),
+                      rows_of(slopes, good), {good.size()}};
+    Array<double, 2> right_px = rows_of(at, good);
     for (std::size_t i = 0; i < 2 * good.size(); i++) right_px.data[i] *= kind.scale;
     turn_by(right_sides.pinholes, right_sides.turn, -1, right_px);
     for (std::size_t i = 0; i < good.size(); i++) {
@@ -109,37 +109,37 @@ NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, con
     return result;
 }
 
-template NewMatches match_new_points(const ImageOf<float>&, const ImageOf<float>&, const View<float, 3>&, const TemplateKind&,
-                                     const RightSides&, const Pixels&, const Indices&, const View<double, 1>&, double, double, double);
-template NewMatches match_new_points(const ImageOf<std::uint8_t>&, const ImageOf<std::uint8_t>&, const View<std::uint8_t, 3>&,
-                                     const TemplateKind&, const RightSides&, const Pixels&, const Indices&, const View<double, 1>&,
+template NewMatches match_new_points(const ImageOf<float>&, const ImageOf<float>&, View<float, 3>, const TemplateKind&,
+                                     const RightSides&, Pixels, Indices, Vector, double, double, double);
+template NewMatches match_new_points(const ImageOf<std::uint8_t>&, const ImageOf<std::uint8_t>&, View<std::uint8_t, 3>,
+                                     const TemplateKind&, const RightSides&, Pixels, Indices, Vector,
                                      double, double, double);
 
-PlacedPoints place_new_points(const RightSides& by, const Timing& timing, const View<double, 2>& seen, const View<double, 3>& cov,
+PlacedPoints place_new_points(const RightSides& by, const Timing& timing, Matrix seen, Matrices cov,
                               double scale, double least_sigmas, double max_std) {
     std::size_t n = seen.shape[0];
     require_shape(cov, {n, 4, 4}, "cov_px");
     Array<double, 2> points = seen_points(by.pinholes, seen), left = two_columns_of(seen, 0), right = two_columns_of(seen, 2);
-    Array<double, 1> speed = row_speeds(by.pinholes, points.view(), by.twist);
-    Array<double, 1> offsets = row_offsets(by.rows, left.view(), speed.view());
+    Array<double, 1> speed = row_speeds(by.pinholes, points, by.twist);
+    Array<double, 1> offsets = row_offsets(by.rows, left, speed);
     for (std::size_t i = 0; i < n; i++) right[i][1] += offsets.data[i];
-    Array<bool, 1> on_row = on_one_row(by.rows, left.view(), right.view(), speed.view(), scale);
-    Array<double, 2> shift = shifts_by_timing(by.pinholes, timing.exposed, points.view(), by.twist, timing.mean), z({n, 4});
+    Array<bool, 1> on_row = on_one_row(by.rows, left, right, speed, scale);
+    Array<double, 2> shift = shifts_by_timing(by.pinholes, timing.exposed, points, by.twist, timing.mean), z(n, 4);
     for (std::size_t i = 0; i < n; i++) {
         std::copy_n(right[i], 2, std::copy_n(left[i], 2, z[i]));
         for (int c = 0; c < 4; c++) shift[i][c] = z[i][c] - shift[i][c];
     }
-    points = seen_points(by.pinholes, shift.view());
+    points = seen_points(by.pinholes, shift);
     double per_px = 1 / (by.pinholes.f * by.pinholes.baseline);
-    Array<double, 1> var_rho({n});
+    Array<double, 1> var_rho(n);
     std::vector<std::size_t> kept;
     for (std::size_t i = 0; i < n; i++) {
         var_rho.data[i] = (cov[i][0] + cov[i][10]) * per_px * per_px;
         bool exact = cov[i][0] < max_std * max_std && cov[i][5] < max_std * max_std;
         if (on_row.data[i] && exact && points[i][3] > least_sigmas * std::sqrt(var_rho.data[i])) kept.push_back(i);
     }
-    PlacedPoints result{Array<std::int64_t, 1>({kept.size()}), rows_of(z.view(), kept), rows_of(points.view(), kept),
-                        rows_of(var_rho.view(), kept)};
+    PlacedPoints result{{kept.size()}, rows_of(z, kept), rows_of(points, kept),
+                        rows_of(var_rho, kept)};
     std::copy(kept.begin(), kept.end(), result.rows.data.get());
     return result;
 }

@@ -103,15 +103,15 @@ Array<float, 1> sample_weights(int radius, int spacing) {
         mean += across[i] = std::exp(-0.5 * offset * offset);
     }
     mean /= k;
-    Array<float, 1> weights({static_cast<std::size_t>(k) * k});
+    Array<float, 1> weights(static_cast<std::size_t>(k) * k);
     for (int i = 0; i < k; i++)
         for (int j = 0; j < k; j++) weights.data[i * k + j] = static_cast<float>(across[i] * across[j] / (mean * mean));
     return weights;
 }
 
 template <class T>
-void store_patches(T* stored, const std::array<std::size_t, 3>& shape, const ImageOf<T>& image, const Pixels& points,
-                   const Indices& slots) {
+void store_patches(T* stored, const std::array<std::size_t, 3>& shape, const ImageOf<T>& image, Pixels points,
+                   Indices slots) {
     std::size_t n = slots.shape[0], side = shape[1];
     require(shape[2] == side && side % 2 == 1, "stored patches are not squares with a middle");
     require(points.shape[0] == n && points.shape[1] == 2, "points_px is not (n, 2) with a slot for each point");
@@ -137,7 +137,7 @@ void store_patches(T* stored, const std::array<std::size_t, 3>& shape, const Ima
 }
 
 template <class T>
-Patches warp_patches(const View<T, 3>& stored, const Indices& slots, const View<double, 3>& warps, int radius, int spacing) {
+Patches warp_patches(View<T, 3> stored, Indices slots, Matrices warps, int radius, int spacing) {
     int k = samples_across(radius, spacing), k2 = k * k, reach = radius + 1, side = 2 * reach + 1;
     std::size_t n = slots.shape[0], samples = static_cast<std::size_t>(k2);
     require(stored.shape[1] == stored.shape[2] && stored.shape[1] % 2 == 1, "stored patches are not squares with a middle");
@@ -145,7 +145,7 @@ Patches warp_patches(const View<T, 3>& stored, const Indices& slots, const View<
     for (std::size_t i = 0; i < n; i++)
         require(slots.data[i] >= 0 && static_cast<std::size_t>(slots.data[i]) < stored.shape[0], "a slot is not one of the stored patches");
     Array<float, 1> weights = sample_weights(radius, spacing);
-    Patches result{Array<float, 3>({n, 3, samples}), Array<double, 3>({n, 3, 3}), Array<float, 1>({n})};
+    Patches result{{n, 3, samples}, {n, 3, 3}, {n}};
     Needed needed(reach, spacing);
     std::vector<float> grey(static_cast<std::size_t>(side) * side), room(3 * needed.at.size()), columns(3 * samples), weighted(3 * samples);
     Sampler<T> sampler(needed.at.size());
@@ -172,10 +172,10 @@ Patches warp_patches(const View<T, 3>& stored, const Indices& slots, const View<
 }
 
 // Information about position, gain and offset eliminated.
-Array<double, 3> gradient_matrices(const View<double, 3>& information, int spacing) {
+Array<double, 3> gradient_matrices(Matrices information, int spacing) {
     std::size_t n = information.shape[0];
     require_shape(information, {n, 3, 3}, "information");
-    Array<double, 3> result({n, 2, 2});
+    Array<double, 3> result(n, 2, 2);
     for (std::size_t i = 0; i < n; i++)
         for (int a = 0; a < 2; a++)
             for (int b = 0; b < 2; b++) {
@@ -188,8 +188,8 @@ Array<double, 3> gradient_matrices(const View<double, 3>& information, int spaci
 // A position is found with the patch's own gain and offset. What it is worth is judged with those that all patches have
 // in common, eq. (15): light that changes on one patch alone is a reflection or a shadow.
 template <class T>
-AlignedPatches align_patches(const ImageOf<T>& image, const View<double, 2>& starts, const View<float, 3>& inverse,
-                             const View<double, 3>& information, const View<float, 1>& level, int radius, int spacing) {
+AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse,
+                             Matrices information, View<float, 1> level, int radius, int spacing) {
     int k = samples_across(radius, spacing), k2 = k * k;
     std::size_t n = starts.shape[0];
     require(k2 > PARAMETERS, "patches have too few samples");
@@ -199,7 +199,7 @@ AlignedPatches align_patches(const ImageOf<T>& image, const View<double, 2>& sta
     require_shape(level, {n}, "level");
     require(n == 0 || (image.height > 0 && image.width > 0), "the image is empty");
     Array<float, 1> weights = sample_weights(radius, spacing);
-    AlignedPatches result{Array<double, 2>({n, 2}), Array<bool, 1>({n}), Array<double, 1>({n})};
+    AlignedPatches result{{n, 2}, {n}, {n}};
     std::vector<float> there(k2), weighted(k2);
     Sampler<T> sampler(k2);
     std::vector<double> rest(n), gain(n), offset(n), found_gains, found_offsets;
@@ -251,13 +251,13 @@ AlignedPatches align_patches(const ImageOf<T>& image, const View<double, 2>& sta
     return result;
 }
 
-template void store_patches(float*, const std::array<std::size_t, 3>&, const ImageOf<float>&, const Pixels&, const Indices&);
-template Patches warp_patches(const View<float, 3>&, const Indices&, const View<double, 3>&, int, int);
-template AlignedPatches align_patches(const ImageOf<float>&, const View<double, 2>&, const View<float, 3>&, const View<double, 3>&,
-                                      const View<float, 1>&, int, int);
-template void store_patches(std::uint8_t*, const std::array<std::size_t, 3>&, const ImageOf<std::uint8_t>&, const Pixels&, const Indices&);
-template Patches warp_patches(const View<std::uint8_t, 3>&, const Indices&, const View<double, 3>&, int, int);
-template AlignedPatches align_patches(const ImageOf<std::uint8_t>&, const View<double, 2>&, const View<float, 3>&, const View<double, 3>&,
-                                      const View<float, 1>&, int, int);
+template void store_patches(float*, const std::array<std::size_t, 3>&, const ImageOf<float>&, Pixels, Indices);
+template Patches warp_patches(View<float, 3>, Indices, Matrices, int, int);
+template AlignedPatches align_patches(const ImageOf<float>&, Matrix, View<float, 3>, Matrices,
+                                      View<float, 1>, int, int);
+template void store_patches(std::uint8_t*, const std::array<std::size_t, 3>&, const ImageOf<std::uint8_t>&, Pixels, Indices);
+template Patches warp_patches(View<std::uint8_t, 3>, Indices, Matrices, int, int);
+template AlignedPatches align_patches(const ImageOf<std::uint8_t>&, Matrix, View<float, 3>, Matrices,
+                                      View<float, 1>, int, int);
 
 }  // namespace core

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <tuple>
 
 namespace core {
 
@@ -9,6 +10,7 @@ constexpr double MIN_DEPTH = 1e-3;  // as in geometry/stereo.py
 
 struct Pinholes {  // px and metres
     double f, cx_left, cx_right, cy, baseline;
+    auto parts() { return std::tie(f, cx_left, cx_right, cy, baseline); }
 };
 
 // A homogeneous point (4,) by a motion (4, 4).

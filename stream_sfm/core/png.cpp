@@ -48,12 +48,12 @@ void unfilter_by_left(const Byte* in, std::size_t width, Byte* rows) {
 
 }  // namespace
 
-Array<Byte, 2> unfilter_png(const View<Byte, 2>& filtered, std::size_t pixel) {
+Array<Byte, 2> unfilter_png(View<Byte, 2> filtered, std::size_t pixel) {
     require(pixel == 1 || pixel == 2, "a pixel has neither one byte nor two");
     require(filtered.shape[1] % pixel == 1 % pixel && filtered.shape[1] > 0, "rows are not a filter and whole pixels");
     std::size_t height = filtered.shape[0], width = filtered.shape[1] - 1;
     Array<Byte, 2> rows({height, width}, Unset{});
-    Array<Byte, 1> above({width});  // the first row: zeros
+    Array<Byte, 1> above(width);  // the first row: zeros
     const Byte* up = above.data.get();
     auto by_left = [&](std::size_t first) {
         for (std::size_t i = first; i < first + TOGETHER; i++)

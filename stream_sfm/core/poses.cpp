@@ -61,10 +61,10 @@ void vector_of(const double* rotation, double* w) {
 
 }  // namespace
 
-Array<double, 3> pose_exp(const View<double, 2>& xi) {
+Array<double, 3> pose_exp(Matrix xi) {
     std::size_t n = xi.shape[0];
     require_shape(xi, {n, 6}, "xi");
-    Array<double, 3> result({n, 4, 4});
+    Array<double, 3> result(n, 4, 4);
     for (std::size_t i = 0; i < n; i++) {
         double rotation[9], left[9], *out = result[i];
         rotation_of(xi[i] + 3, rotation, left);
@@ -77,10 +77,10 @@ Array<double, 3> pose_exp(const View<double, 2>& xi) {
     return result;
 }
 
-Array<double, 2> pose_log(const View<double, 3>& poses) {
+Array<double, 2> pose_log(Matrices poses) {
     std::size_t n = poses.shape[0];
     require_shape(poses, {n, 4, 4}, "pose");
-    Array<double, 2> result({n, 6});
+    Array<double, 2> result(n, 6);
     for (std::size_t i = 0; i < n; i++) {
         const double* pose = poses[i];
         double rotation[9], left[9], inverse[9], *out = result[i];
@@ -94,10 +94,10 @@ Array<double, 2> pose_log(const View<double, 3>& poses) {
     return result;
 }
 
-Array<double, 3> pose_inverse(const View<double, 3>& poses) {
+Array<double, 3> pose_inverse(Matrices poses) {
     std::size_t n = poses.shape[0];
     require_shape(poses, {n, 4, 4}, "pose");
-    Array<double, 3> result({n, 4, 4});
+    Array<double, 3> result(n, 4, 4);
     for (std::size_t i = 0; i < n; i++) {
         const double* pose = poses[i];
         double* out = result[i];
@@ -110,10 +110,10 @@ Array<double, 3> pose_inverse(const View<double, 3>& poses) {
     return result;
 }
 
-Array<double, 3> pose_adjoint(const View<double, 3>& poses) {
+Array<double, 3> pose_adjoint(Matrices poses) {
     std::size_t n = poses.shape[0];
     require_shape(poses, {n, 4, 4}, "pose");
-    Array<double, 3> result({n, 6, 6});
+    Array<double, 3> result(n, 6, 6);
     for (std::size_t i = 0; i < n; i++) {
         const double *pose = poses[i], x = pose[3], y = pose[7], z = pose[11];
         double* out = result[i];
@@ -132,10 +132,10 @@ Array<double, 3> pose_adjoint(const View<double, 3>& poses) {
 
 // By derivatives of Lagrange's polynomials through the poses around each; where the times are that of the pose, the value is 0.
 // The newest acceleration is that of the frame before: extrapolated, the noise of the newest pose would be in it seven times.
-Array<double, 3> point_motions(const View<double, 3>& poses, const View<double, 1>& seconds) {
+Array<double, 3> point_motions(Matrices poses, Vector seconds) {
     std::size_t n = poses.shape[0], nodes = std::min(NODES, n);
     require_shape(seconds, {n}, "seconds");
-    Array<double, 3> inverse = pose_inverse(poses), result({n, 2, 6});
+    Array<double, 3> inverse = pose_inverse(poses), result(n, 2, 6);
     for (std::size_t i = 0; n > 1 && i < n; i++) {
         std::size_t first = std::min(i < REACH ? 0 : i - REACH, n - nodes), end = std::max(std::min(i + REACH + 1, n), first + nodes);
         auto apart = [&](std::size_t a, std::size_t b) { return seconds.data[a] - seconds.data[b]; };
@@ -159,26 +159,26 @@ Array<double, 3> point_motions(const View<double, 3>& poses, const View<double, 
     return result;
 }
 
-Array<double, 2> rotation_vectors(const View<double, 3>& rotations) {
+Array<double, 2> rotation_vectors(Matrices rotations) {
     std::size_t n = rotations.shape[0];
     require_shape(rotations, {n, 3, 3}, "rotation_matrix");
-    Array<double, 2> result({n, 3});
+    Array<double, 2> result(n, 3);
     for (std::size_t i = 0; i < n; i++) vector_of(rotations[i], result[i]);
     return result;
 }
 
-Array<double, 2> quaternions(const View<double, 3>& rotations) {
+Array<double, 2> quaternions(Matrices rotations) {
     std::size_t n = rotations.shape[0];
     require_shape(rotations, {n, 3, 3}, "rotation_matrix");
-    Array<double, 2> result({n, 4});
+    Array<double, 2> result(n, 4);
     for (std::size_t i = 0; i < n; i++) quaternion_of(rotations[i], result[i]);
     return result;
 }
 
-Array<double, 3> orthonormalise(const View<double, 3>& poses) {
+Array<double, 3> orthonormalise(Matrices poses) {
     std::size_t n = poses.shape[0];
     require_shape(poses, {n, 4, 4}, "pose");
-    Array<double, 3> result({n, 4, 4});
+    Array<double, 3> result(n, 4, 4);
     std::copy(poses.data, poses.data + 16 * n, result.data.get());
     for (std::size_t i = 0; i < n; i++) {
         double r[9], product[9], next[9], *out = result[i];

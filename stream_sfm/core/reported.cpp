@@ -28,9 +28,9 @@ void turn_both(const double* r, const double* a, std::size_t stride, double* out
 
 // Perturbations (n, 6, 3) on the right of poses T, per σ of lengths and of axes about x and y. Axes that are turned by C make
 // C T C⁻¹ of T, which is T Exp((Ad(T⁻¹) − I) c).
-Array<double, 3> unseen_by_pose(const View<double, 3>& poses, const PhysicalAxes& axes) {
+Array<double, 3> unseen_by_pose(Matrices poses, const PhysicalAxes& axes) {
     std::size_t n = poses.shape[0];
-    Array<double, 3> inverse = pose_inverse(poses), adjoint = pose_adjoint(inverse.view()), result({n, 6, 3});
+    Array<double, 3> inverse = pose_inverse(poses), adjoint = pose_adjoint(inverse), result(n, 6, 3);
     for (std::size_t i = 0; i < n; i++) {
         double* out = result[i];
         for (int row = 0; row < 3; row++) out[3 * row] = -axes.std_scale * inverse[i][4 * row + 3];  // along the path: Rᵀ t
@@ -43,8 +43,8 @@ Array<double, 3> unseen_by_pose(const View<double, 3>& poses, const PhysicalAxes
 
 }  // namespace
 
-ReportedMotions reported_motions(const PhysicalAxes& axes, const View<double, 3>& poses, const View<double, 3>& cov,
-                                 const View<double, 3>& by_terms) {
+ReportedMotions reported_motions(const PhysicalAxes& axes, Matrices poses, Matrices cov,
+                                 Matrices by_terms) {
     std::size_t n = poses.shape[0], m = 3 + by_terms.shape[2];
     require_shape(axes.rotation, {3, 3}, "rotation");
     require_shape(poses, {n, 4, 4}, "poses");
@@ -52,7 +52,7 @@ ReportedMotions reported_motions(const PhysicalAxes& axes, const View<double, 3>
     require_shape(by_terms, {n, 6, m - 3}, "by_terms");
     const double* r = axes.rotation.data;
     Array<double, 3> unseen = unseen_by_pose(poses, axes);
-    ReportedMotions result{Array<double, 3>({n, 4, 4}), Array<double, 3>({n, 6, 6}), Array<double, 3>({n, 6, m})};
+    ReportedMotions result{{n, 4, 4}, {n, 6, 6}, {n, 6, m}};
     for (std::size_t i = 0; i < n; i++) {
         turn_both(r, poses[i], 4, result.poses[i]);
         double t[3] = {poses[i][3], poses[i][7], poses[i][11]}, moved[3], sum[36];
@@ -74,15 +74,15 @@ ReportedMotions reported_motions(const PhysicalAxes& axes, const View<double, 3>
     return result;
 }
 
-ReportedPoints reported_points(const PhysicalAxes& axes, const View<double, 2>& points, const View<double, 3>& cov,
-                               const View<double, 1>& std_shared, const View<double, 2>& frame_from_cam) {
+ReportedPoints reported_points(const PhysicalAxes& axes, Matrix points, Matrices cov,
+                               Vector std_shared, Matrix frame_from_cam) {
     std::size_t n = points.shape[0];
     require_shape(axes.rotation, {3, 3}, "rotation");
     require_shape(points, {n, 3}, "points");
     require_shape(cov, {n, 3, 3}, "cov_points");
     require_shape(std_shared, {n}, "std_shared");
     require_shape(frame_from_cam, {4, 4}, "frame_from_cam");
-    ReportedPoints result{Array<double, 2>({n, 3}), Array<double, 3>({n, 3, 3})};
+    ReportedPoints result{{n, 3}, {n, 3, 3}};
     const double *r = axes.rotation.data, *pose = frame_from_cam.data;
     turn(points.data, r, static_cast<int>(n), result.points.data.get());
     for (std::size_t i = 0; i < n; i++) {

@@ -29,17 +29,17 @@ constexpr std::size_t LEAST = 4 * MIN_VIEWS;  // views; fewer do not make two ha
 
 class Resection {
    public:
-    Resection(const PointViews& views, const View<double, 1>& votes, const ResectionRules& rules)
+    Resection(const PointViews& views, Vector votes, const ResectionRules& rules)
         : views(views), votes(votes), rules(rules), n(views.points.shape[0]) {}
 
-    Fitted fit(const View<double, 2>& start, const View<double, 1>& amplitudes, bool anneal) const {
+    Fitted fit(Matrix start, Vector amplitudes, bool anneal) const {
         return fit_motion(views, start, amplitudes, votes, anneal);
     }
 
     // The motion that most views agree with, from a start, without annealing where that is close.
-    Fitted first(const View<double, 2>& start) const {
+    Fitted first(Matrix start) const {
         std::vector<double> none(views.shared.shape[2]);
-        View<double, 1> amplitudes{none.data(), {none.size()}};
+        Vector amplitudes{none.data(), {none.size()}};
         if (rules.start_is_close) {
             Fitted found = fit(start, amplitudes, false);
             if (found.ok && (rules.start_is_decided || nearly_all_agree(found))) return found;
@@ -48,7 +48,7 @@ class Resection {
         if (found.share >= rules.calm_share) return found;
         // no annealing: among many views that move together even small weights would lead away from what is found
         Array<double, 2> searched = search_motion(views, start, votes, rules.size, 0);
-        Fitted other = fit(searched.view(), amplitudes, false);
+        Fitted other = fit(searched, amplitudes, false);
         return other.ok && support(other) > support(found) ? std::move(other) : std::move(found);
     }
 
@@ -62,8 +62,8 @@ class Resection {
             if (is_beyond(found, i)) off.push_back(i);
         if (!found.ok || off.size() < rules.second_views) return {std::move(found), std::nullopt};
         Array<double, 2> start = search_among(off, found);
-        Fitted other = fit(start.view(), found.amplitudes.view(), false);
-        Array<bool, 1> only_other({n}), only_found({n});
+        Fitted other = fit(start, found.amplitudes, false);
+        Array<bool, 1> only_other(n), only_found(n);
         std::size_t agree = 0;
         for (std::size_t i : off) agree += only_other.data[i] = other.accepted.data[i];
         double determined = static_cast<double>(other.amplitudes.shape[0]);
@@ -80,16 +80,16 @@ class Resection {
 
     // The motion of one rigid scene: where halves of the views disagree, it is sought again from that of each half, and from the
     // predicted one. Of several that leave out views which the first one took the one with the most evidence is taken.
-    Resected rigid(Resected first, const View<double, 2>& predicted) const {
+    Resected rigid(Resected first, Matrix predicted) const {
         if (!first.found.ok) return first;
         Halves halves = halves_of(first.found);
         Resected best{Fitted(0, 0), std::nullopt};
-        Array<bool, 1> without({0});
+        Array<bool, 1> without(0);
         double most = 0, odds = 0;
         for (std::size_t k = 0; halves.apart >= APART && k <= halves.motions.shape[0]; k++) {
-            View<double, 2> start = k ? View<double, 2>{halves.motions[k - 1], {4, 4}} : predicted;
-            Fitted other = fit(start, first.found.amplitudes.view(), false);
-            Array<bool, 1> left_out({n});
+            Matrix start = k ? Matrix{halves.motions[k - 1], {4, 4}} : predicted;
+            Fitted other = fit(start, first.found.amplitudes, false);
+            Array<bool, 1> left_out(n);
             std::size_t count = 0;
             for (std::size_t i = 0; i < n; i++) count += left_out.data[i] = first.found.accepted.data[i] && is_beyond(other, i);
             double says = evidence_of(other.accepted), share = evidence_of(left_out) / says;
@@ -106,8 +106,8 @@ class Resection {
    private:
     Halves halves_of(const Fitted& motion) const {
         if (std::count(motion.accepted.data.get(), motion.accepted.data.get() + n, true) < static_cast<std::ptrdiff_t>(LEAST))
-            return {0.0, Array<double, 3>({0, 4, 4})};
-        return motions_of_halves(views, motion.cam_from_ref.view(), motion.amplitudes.view(), motion.accepted.view(), SHARED);
+            return {0.0, Array<double, 3>(0, 4, 4)};
+        return motions_of_halves(views, motion.cam_from_ref, motion.amplitudes, motion.accepted, SHARED);
     }
 
     // Whether nearly all views agree with a motion, if their noise is as large as their median residual says.
@@ -121,7 +121,7 @@ class Resection {
     }
 
     double support(const Fitted& of) const {
-        return motion_support(views, of.cam_from_ref.view(), of.amplitudes.view(), votes, rules.size);
+        return motion_support(views, of.cam_from_ref, of.amplitudes, votes, rules.size);
     }
 
     bool is_beyond(const Fitted& of, std::size_t i) const { return of.squares.data[i] > rules.beyond * views.gate.data[i]; }
@@ -132,26 +132,26 @@ class Resection {
         std::size_t amplitudes = found.amplitudes.shape[0];
         for (std::size_t i = 0; i < 4 * rows.size(); i++)
             for (std::size_t k = 0; k < amplitudes; k++) seen.z.data[i] -= seen.shared.data[i * amplitudes + k] * found.amplitudes.data[k];
-        seen.shared = Array<double, 3>({rows.size(), 4, 0});
-        return search_motion(seen.views(), found.cam_from_ref.view(), rows_of(votes, rows).view(), rules.size, rules.second_views);
+        seen.shared = Array<double, 3>(rows.size(), 4, 0);
+        return search_motion(seen.views(), found.cam_from_ref, rows_of(votes, rows), rules.size, rules.second_views);
     }
 
     double evidence_of(const Array<bool, 1>& rows) const {
-        Array<double, 1> weights({n});
+        Array<double, 1> weights(n);
         for (std::size_t i = 0; i < n; i++) weights.data[i] = rows.data[i] ? votes.data[i] : 0.0;
-        return evidence(views.pinholes, views.z, weights.view(), rules.size);
+        return evidence(views.pinholes, views.z, weights, rules.size);
     }
 
     const PointViews& views;
-    const View<double, 1>& votes;
+    Vector votes;
     const ResectionRules& rules;
     std::size_t n;
 };
 
 }  // namespace
 
-Resected resect(const PointViews& views, const View<double, 2>& start, const View<double, 1>& votes, const ResectionRules& rules,
-                const std::optional<View<double, 2>>& predicted) {
+Resected resect(const PointViews& views, Matrix start, Vector votes, const ResectionRules& rules,
+                std::optional<Matrix> predicted) {
     Resection resection(views, votes, rules);
     Resected found = resection.with_second(resection.first(start));
     if (!predicted) return found;
@@ -160,8 +160,8 @@ Resected resect(const PointViews& views, const View<double, 2>& start, const Vie
 }
 
 // The motion of tracks by the left positions at which flow has found some of them.
-FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, const View<double, 1>& votes, const View<double, 2>& at,
-                          const View<bool, 1>& found, const View<double, 2>& start, double std_flow, double gate,
+FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, Vector votes, Matrix at,
+                          Flags found, Matrix start, double std_flow, double gate,
                           const ResectionRules& rules) {
     std::size_t n = tracks.points.shape[0];
     require_shape(votes, {n}, "votes");
@@ -170,12 +170,12 @@ FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, co
     require_shape(tracks.points, {n, 4}, "points");
     require_shape(tracks.scale, {n}, "scale");
     require_shape(start, {4, 4}, "cam_from_previous");
-    FlowMotion result{false, Array<double, 2>({4, 4}), Array<bool, 1>({n}), 0.0};
+    FlowMotion result{false, {4, 4}, {n}, 0.0};
     std::vector<std::size_t> rows;
     Array<double, 3> cov_points = track_covariances(tracks.cov_left, tracks.var_rho, {nullptr, {0}}, pinholes.f, pinholes.baseline);
-    Array<double, 3> cov({n, 4, 4}), none({n, 4, 0});
-    Array<double, 2> z({n, 4});
-    Array<double, 1> gates({n});
+    Array<double, 3> cov(n, 4, 4), none(n, 4, 0);
+    Array<double, 2> z(n, 4);
+    Array<double, 1> gates(n);
     for (std::size_t i = 0; i < n; i++) {
         double std = std_flow * static_cast<double>(tracks.scale.data[i]);
         for (int c = 0; c < 4; c++) {
@@ -186,8 +186,8 @@ FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, co
         if (found.data[i]) rows.push_back(i);
     }
     if (rows.size() < MIN_VIEWS) return result;
-    SelectedViews seen({pinholes, tracks.points, cov_points.view(), z.view(), cov.view(), none.view(), gates.view()}, rows);
-    Fitted motion = resect(seen.views(), start, rows_of(votes, rows).view(), rules, std::nullopt).found;
+    SelectedViews seen({pinholes, tracks.points, cov_points, z, cov, none, gates}, rows);
+    Fitted motion = resect(seen.views(), start, rows_of(votes, rows), rules, std::nullopt).found;
     for (std::size_t k = 0; k < rows.size(); k++) result.agree.data[rows[k]] = motion.accepted.data[k];
     result.ok = motion.ok;
     result.cam_from_previous = std::move(motion.cam_from_ref);

@@ -79,9 +79,9 @@ void timing_by_twist(const Pinholes& pinholes, const ExposedRows& exposed, const
 }
 
 // A motion (2, 6) of this twist (6,) all the time.
-Array<double, 2> without_acceleration(const View<double, 1>& twist) {
+Array<double, 2> without_acceleration(Vector twist) {
     require_shape(twist, {6}, "twist");
-    Array<double, 2> motion({2, 6});
+    Array<double, 2> motion(2, 6);
     std::copy_n(twist.data, 6, motion.data.get());
     return motion;
 }
@@ -172,13 +172,13 @@ void timing_of_view(const Pinholes& pinholes, const ExposedRows& exposed, const 
     }
 }
 
-RigEffects rig_effects(const RigModel& model, const View<double, 2>& z, const View<double, 1>& age) {
+RigEffects rig_effects(const RigModel& model, Matrix z, Vector age) {
     std::size_t n = z.shape[0], ages = age.shape[0], k = model.field.u.shape[0] * model.field.v.shape[0];
     require_shape(model.root, {TERMS, TERMS}, "root");
     require_shape(model.field.root, {k, k}, "root of the field");
     require_shape(z, {n, 4}, "z_px");
     require(ages == 1 || ages == n, "there are not as many ages as views");
-    RigEffects result{Array<double, 3>({n, 4, TERMS}), Array<double, 2>({n, k})};
+    RigEffects result{{n, 4, TERMS}, {n, k}};
     for (std::size_t i = 0; i < n; i++) {
         terms_of_view(model, z[i], age.data[ages == 1 ? 0 : i], result.terms[i]);
         field_at(model.field, z[i], result.field[i]);
@@ -186,28 +186,28 @@ RigEffects rig_effects(const RigModel& model, const View<double, 2>& z, const Vi
     return result;
 }
 
-Array<double, 2> field_basis(const Field& field, const View<double, 2>& at) {
+Array<double, 2> field_basis(const Field& field, Matrix at) {
     std::size_t n = at.shape[0], k = field.u.shape[0] * field.v.shape[0];
     require_shape(at, {n, 2}, "left_px");
     require_shape(field.root, {k, k}, "root");
-    Array<double, 2> result({n, k});
+    Array<double, 2> result(n, k);
     for (std::size_t i = 0; i < n; i++) field_at(field, at[i], result[i]);
     return result;
 }
 
-Array<double, 2> polynomial_rows(const ExposedRows& exposed, const View<double, 2>& z) {
+Array<double, 2> polynomial_rows(const ExposedRows& exposed, Matrix z) {
     check(exposed);
     require_shape(z, {z.shape[0], 4}, "z_px");
-    Array<double, 2> result({z.shape[0], 4});
+    Array<double, 2> result(z.shape[0], 4);
     for (std::size_t i = 0; i < z.shape[0]; i++) rows_of_view(exposed, z[i], result[i]);
     return result;
 }
 
-Array<double, 2> velocities(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 2>& twists) {
+Array<double, 2> velocities(const Pinholes& pinholes, Matrix points, Matrix twists) {
     std::size_t n = points.shape[0], of_all = twists.shape[0] == 1;
     require_shape(points, {n, 4}, "points");
     require_shape(twists, {of_all ? 1 : n, 6}, "twists");
-    Array<double, 2> result({n, 4});
+    Array<double, 2> result(n, 4);
     for (std::size_t i = 0; i < n; i++) {
         double by_twist[24];
         velocity_by_twist(pinholes, points[i], by_twist);
@@ -217,20 +217,23 @@ Array<double, 2> velocities(const Pinholes& pinholes, const View<double, 2>& poi
 }
 
 // How fast right sides of points that move with one twist (6,) cross the rows.
-Array<double, 1> row_speeds(const Pinholes& pinholes, const View<double, 2>& points, const View<double, 1>& twist) {
+Array<double, 1> row_speeds(const Pinholes& pinholes, Matrix points, Vector twist) {
     require_shape(twist, {6}, "twist");
-    return column_of(velocities(pinholes, points, {twist.data, {1, 6}}).view(), 3);
+    Array<double, 2> moved = velocities(pinholes, points, {twist.data, {1, 6}});
+    Array<double, 1> result(moved.shape[0]);
+    for (std::size_t i = 0; i < moved.shape[0]; i++) result.data[i] = moved[i][3];
+    return result;
 }
 
-Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,
-                             const View<double, 2>& motion, const View<double, 1>& timing, const std::optional<View<double, 2>>& z) {
+Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points,
+                             Matrix motion, Vector timing, std::optional<Matrix> z) {
     std::size_t n = points.shape[0];
     check(exposed);
     require_shape(points, {n, 4}, "points");
     require_shape(motion, {2, 6}, "motion");
     require_shape(timing, {2}, "timing");
     if (z) require_shape(*z, {n, 4}, "z_px");
-    Array<double, 3> result({n, 4, 2});
+    Array<double, 3> result(n, 4, 2);
     for (std::size_t i = 0; i < n; i++) {
         double expected[4];
         project(pinholes, points[i], expected);
@@ -239,21 +242,21 @@ Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& expose
     return result;
 }
 
-Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,
-                                  const View<double, 1>& twist, const View<double, 1>& mean) {
-    Array<double, 2> result({points.shape[0], 4}), steady = without_acceleration(twist);
-    Array<double, 3> moved = timed_views(pinholes, exposed, points, steady.view(), mean, std::nullopt);
+Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points,
+                                  Vector twist, Vector mean) {
+    Array<double, 2> result(points.shape[0], 4), steady = without_acceleration(twist);
+    Array<double, 3> moved = timed_views(pinholes, exposed, points, steady, mean, std::nullopt);
     for (std::size_t i = 0; i < 4 * points.shape[0]; i++)
         result.data[i] = moved.data[2 * i] * mean.data[0] + moved.data[2 * i + 1] * mean.data[1];
     return result;
 }
 
 Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& exposed, const MovingPoints& before,
-                                 const MovingPoints& now, const View<double, 1>& mean, const View<double, 2>& cov,
-                                 const View<double, 1>& std_twist) {
+                                 const MovingPoints& now, Vector mean, Matrix cov,
+                                 Vector std_twist) {
     auto timed = [&](const MovingPoints& of) {
         Array<double, 2> steady = without_acceleration(of.twist);
-        return timed_views(pinholes, exposed, of.points, steady.view(), mean, std::nullopt);
+        return timed_views(pinholes, exposed, of.points, steady, mean, std::nullopt);
     };
     Array<double, 3> then = timed(before), moved = timed(now);
     std::size_t n = now.points.shape[0];
@@ -265,7 +268,7 @@ Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& ex
     for (int k = 0; k < 2; k++) size[k] = std::sqrt(mean.data[k] * mean.data[k] + cov[k][k]);
     double root[4];
     require_definite(cholesky<2>(cov.data, root), "the covariance of delay and readout is not positive definite");
-    Array<double, 3> result({n, 4, 14});
+    Array<double, 3> result(n, 4, 14);
     for (std::size_t i = 0; i < n; i++) {
         double by_twist[24], rows[4];
         timing_by_twist(pinholes, exposed, now.points[i], by_twist, rows);
@@ -280,11 +283,11 @@ Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& ex
             }
         }
     }
-    return principal_errors(result.view());
+    return principal_errors(result);
 }
 
-Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& exposed, const View<double, 2>& points,
-                                   const View<double, 1>& size, const View<double, 2>& cov_twist) {
+Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points,
+                                   Vector size, Matrix cov_twist) {
     std::size_t n = points.shape[0];
     check(exposed);
     require_shape(points, {n, 4}, "points");
@@ -304,7 +307,7 @@ Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& 
                     moved[1][6 * b + a] += size.data[1] * rows[c] * squared;
                 }
     }
-    Array<double, 2> result({6, 6});
+    Array<double, 2> result(6, 6);
     for (auto& gain : moved) {
         for (int b = 0; b < 6; b++) {
             std::vector<double> factor = information;
@@ -321,7 +324,7 @@ Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& 
     return result;
 }
 
-Array<double, 2> principal_components(const View<double, 2>& errors) {
+Array<double, 2> principal_components(Matrix errors) {
     std::size_t n = errors.shape[0], k = errors.shape[1];
     require(k <= 1000, "there are too many errors");
     std::vector<double> products(k * k), axes(k * k);
@@ -335,16 +338,16 @@ Array<double, 2> principal_components(const View<double, 2>& errors) {
         for (std::size_t b = 0; b < k; b++) axes[b * k + kept] = axes[b * k + a];  // the first columns
         kept++;
     }
-    Array<double, 2> result({n, kept});
+    Array<double, 2> result(n, kept);
     for (std::size_t i = 0; i < n; i++)
         for (std::size_t a = 0; a < k; a++) add(errors[i][a], axes.data() + a * k, kept, result[i]);
     return result;
 }
 
-Array<double, 3> principal_errors(const View<double, 3>& errors) {
+Array<double, 3> principal_errors(Matrices errors) {
     std::size_t n = errors.shape[0];
     Array<double, 2> components = principal_components({errors.data, {4 * n, errors.shape[2]}});
-    Array<double, 3> result({0, 4, components.shape[1]});
+    Array<double, 3> result(0, 4, components.shape[1]);
     result.shape[0] = n;
     result.data = std::move(components.data);
     return result;

@@ -17,7 +17,7 @@ constexpr double LEAST_GATE_PX = 0.3;
 constexpr double LEAST_SHARE = 1e-15;  // of the largest eigenvalue: of a turn that views do not show
 
 // The covariance (3, 3) of the turn of the right camera that errors (n, k) of right rows feign.
-Array<double, 2> as_turn(const Pinholes& pinholes, const View<double, 2>& z, const Array<double, 2>& errors) {
+Array<double, 2> as_turn(const Pinholes& pinholes, Matrix z, const Array<double, 2>& errors) {
     std::size_t k = errors.shape[1];
     std::vector<double> seen(3 * k), turns(3 * k);
     double information[9] = {}, axes[9];
@@ -27,7 +27,7 @@ Array<double, 2> as_turn(const Pinholes& pinholes, const View<double, 2>& z, con
         by_turn(pinholes, z[i][2], z[i][3], effect);
         for (std::size_t a = 0; a < 3; a++) {
             for (std::size_t b = 0; b < 3; b++) information[3 * a + b] += effect[a] * effect[b] + effect[3 + a] * effect[3 + b];
-            for (std::size_t c = 0; c < k; c++) seen[a * k + c] += effect[3 + a] * errors.view()[i][c];
+            for (std::size_t c = 0; c < k; c++) seen[a * k + c] += effect[3 + a] * errors[i][c];
         }
     }
     diagonalise(information, axes, 3);
@@ -40,7 +40,7 @@ Array<double, 2> as_turn(const Pinholes& pinholes, const View<double, 2>& z, con
             for (std::size_t a = 0; a < 3; a++) turns[a * k + c] += axes[3 * a + axis] * along;
         }
     }
-    Array<double, 2> result({3, 3});
+    Array<double, 2> result(3, 3);
     for (std::size_t a = 0; a < 3; a++)
         for (std::size_t b = 0; b < 3; b++)
             for (std::size_t c = 0; c < k; c++) result[a][b] += turns[a * k + c] * turns[b * k + c];
@@ -49,14 +49,14 @@ Array<double, 2> as_turn(const Pinholes& pinholes, const View<double, 2>& z, con
 
 }  // namespace
 
-Array<double, 2> row_terms(const std::array<double, 2>& size, const Field& field, const View<double, 2>& at,
-                           const View<double, 1>& speed) {
+Array<double, 2> row_terms(const std::array<double, 2>& size, const Field& field, Matrix at,
+                           Vector speed) {
     std::size_t n = at.shape[0];
     if (speed.shape[0] != 1) require_shape(speed, {n}, "row_speed_px_s");
     Array<double, 2> basis = field_basis(field, at);
     std::size_t k = basis.shape[1];
     double centre[2] = {(size[0] - 1) / 2, (size[1] - 1) / 2}, unit = std::max(centre[0], centre[1]);
-    Array<double, 2> result({n, POLYNOMIAL + 1 + k});
+    Array<double, 2> result(n, POLYNOMIAL + 1 + k);
     for (std::size_t i = 0; i < n; i++) {
         double x = (at[i][0] - centre[0]) / unit, y = (at[i][1] - centre[1]) / unit, *out = result[i];
         double own[POLYNOMIAL + 1] = {1, x, y, x * x, x * y, y * y, -speed.data[speed.shape[0] == 1 ? 0 : i]};
@@ -65,23 +65,23 @@ Array<double, 2> row_terms(const std::array<double, 2>& size, const Field& field
     return result;
 }
 
-Array<double, 1> row_offsets(const RowModel& rows, const View<double, 2>& at, const View<double, 1>& speed) {
+Array<double, 1> row_offsets(const RowModel& rows, Matrix at, Vector speed) {
     Array<double, 2> terms = row_terms(rows.size, rows.field, at, speed);
     std::size_t n = terms.shape[0], k = terms.shape[1];
     require_shape(rows.mean, {k}, "mean");
-    Array<double, 1> result({n});
+    Array<double, 1> result(n);
     for (std::size_t i = 0; i < n; i++)
         for (std::size_t c = 0; c < k; c++) result.data[i] += terms[i][c] * rows.mean.data[c];
     return result;
 }
 
-Array<bool, 1> on_one_row(const RowModel& rows, const View<double, 2>& left, const View<double, 2>& right,
-                          const View<double, 1>& speed, double scale) {
+Array<bool, 1> on_one_row(const RowModel& rows, Matrix left, Matrix right,
+                          Vector speed, double scale) {
     std::size_t n = left.shape[0];
     require_shape(left, {n, 2}, "left_px");
     require_shape(right, {n, 2}, "right_px");
     if (speed.shape[0] != 1) require_shape(speed, {n}, "row_speed_px_s");
-    Array<bool, 1> result({n});
+    Array<bool, 1> result(n);
     require(rows.cov.shape[0] > POLYNOMIAL && rows.cov.shape[1] == rows.cov.shape[0], "there is no covariance of rows");
     double std_delay = std::sqrt(rows.cov[POLYNOMIAL][POLYNOMIAL]);
     for (std::size_t i = 0; i < n; i++) {
@@ -92,9 +92,9 @@ Array<bool, 1> on_one_row(const RowModel& rows, const View<double, 2>& left, con
     return result;
 }
 
-UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, const RowModel& rows, const View<double, 2>& before,
-                              const View<double, 2>& now, const View<double, 2>& z, const View<double, 1>& twist,
-                              const View<double, 1>& std_twist) {
+UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, const RowModel& rows, Matrix before,
+                              Matrix now, Matrix z, Vector twist,
+                              Vector std_twist) {
     std::size_t n = z.shape[0], k = rows.mean.shape[0];
     require_shape(z, {n, 4}, "z_px");
     require_shape(now, {n, 4}, "points");
@@ -102,8 +102,8 @@ UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, co
     Array<double, 3> by_time =
         timing_unknowns(pinholes, timing.exposed, {before, timing.twist}, {now, twist}, timing.mean, timing.cov, std_twist);
     Array<double, 2> terms =
-        row_terms(rows.size, rows.field, two_columns_of(z, 0).view(), row_speeds(pinholes, now, twist).view());
-    Array<double, 2> errors({n, k});
+        row_terms(rows.size, rows.field, two_columns_of(z, 0), row_speeds(pinholes, now, twist));
+    Array<double, 2> errors(n, k);
     require(terms.shape[1] == k, "there are not as many amplitudes of rows as terms");
     std::vector<double> root(rows.cov.data, rows.cov.data + k * k);
     require_definite(factor_positive(root.data(), k), "the covariance of rows is not positive definite");
@@ -112,16 +112,16 @@ UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, co
         for (std::size_t a = 0; a < k; a++)
             for (std::size_t b = 0; b <= a; b++) errors[i][b] += terms[i][a] * root[a * k + b];
     }
-    Array<double, 2> own = principal_components(errors.view()), cov_turn = as_turn(pinholes, z, errors);
+    Array<double, 2> own = principal_components(errors), cov_turn = as_turn(pinholes, z, errors);
     std::size_t others = by_time.shape[2];
-    Array<double, 3> both({n, 4, others + own.shape[1]});
+    Array<double, 3> both(n, 4, others + own.shape[1]);
     for (std::size_t i = 0; i < n; i++) {
         for (std::size_t c = 0; c < 4; c++) std::copy_n(by_time[i] + c * others, others, both[i] + c * both.shape[2]);
         std::copy_n(own[i], own.shape[1], both[i] + 3 * both.shape[2] + others);
     }
     for (std::size_t a = 0; a < 3; a++)  // a late camera is turned by as much as the rig turns meanwhile
         for (std::size_t b = 0; b < 3; b++) cov_turn[a][b] += timing.cov[0][0] * (twist.data[3 + a] * twist.data[3 + b]);
-    return {principal_errors(both.view()), std::move(cov_turn)};
+    return {principal_errors(both), std::move(cov_turn)};
 }
 
 }  // namespace core

@@ -40,12 +40,12 @@ float cut(const ImageOf<T>& image, int u, int v, float* patch) {
 }  // namespace
 
 template <class T>
-RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& right, const Pixels& points, std::int64_t first,
+RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& right, Pixels points, std::int64_t first,
                             std::int64_t last) {
     require(left.height == right.height && left.width == right.width, "left and right image have different sizes");
     require(points.shape[1] == 2, "points_px is not (n, 2)");
     std::size_t n = points.shape[0];
-    RowMatches result{Array<double, 1>({n}), Array<bool, 1>({n})};
+    RowMatches result{{n}, {n}};
     int width = left.width, height = left.height;
     first = std::max<std::int64_t>(first, -width);  // farther ones lie outside of every row
     last = std::min<std::int64_t>(last, width);
@@ -101,8 +101,8 @@ RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& right, con
     return result;
 }
 
-template RowMatches match_along_rows(const ImageOf<float>&, const ImageOf<float>&, const Pixels&, std::int64_t, std::int64_t);
-template RowMatches match_along_rows(const ImageOf<std::uint8_t>&, const ImageOf<std::uint8_t>&, const Pixels&, std::int64_t,
+template RowMatches match_along_rows(const ImageOf<float>&, const ImageOf<float>&, Pixels, std::int64_t, std::int64_t);
+template RowMatches match_along_rows(const ImageOf<std::uint8_t>&, const ImageOf<std::uint8_t>&, Pixels, std::int64_t,
                                      std::int64_t);
 
 }  // namespace core

@@ -39,7 +39,7 @@ struct Scored {
 };
 
 // The area over which agreement (n,) spreads, but not less than `MIN_EXTENT`: 1 where it is uniform over the image.
-double extent(const Pinholes& p, const View<double, 2>& z, const std::array<double, 2>& size, const std::vector<double>& agreement) {
+double extent(const Pinholes& p, Matrix z, const std::array<double, 2>& size, const std::vector<double>& agreement) {
     double m = 0, mu = 0, mv = 0, uu = 0, uv = 0, vv = 0;
     for (std::size_t i = 0; i < z.shape[0]; i++) {
         double a = agreement[i], u = (z[i][0] - p.cx_left) / size[0], v = (z[i][1] - p.cy) / size[1];
@@ -82,7 +82,7 @@ std::vector<std::size_t> drawn(const double* weights, std::size_t n, std::size_t
 
 class Search {
    public:
-    Search(const PointViews& views, const View<double, 2>& start)
+    Search(const PointViews& views, Matrix start)
         : views(views), linear(linearise_views(views, start)), amplitudes(views.shared.shape[2]) {}
 
     // The rotation that turns points best towards the rays of their left views (Davenport's q-method).
@@ -172,7 +172,7 @@ double choose(std::size_t n, std::size_t k) {
 
 }  // namespace
 
-Array<double, 2> search_motion(const PointViews& views, const View<double, 2>& start, const View<double, 1>& weights,
+Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector weights,
                                const std::array<double, 2>& image_size, std::size_t agreeing) {
     std::size_t n = views.points.shape[0], stereo = 0;
     require_shape(weights, {n}, "weights");
@@ -210,14 +210,14 @@ Array<double, 2> search_motion(const PointViews& views, const View<double, 2>& s
             search.fit(of.motion, all.data(), near.data(), n, REFINING_STEPS);
         }
     for (Scored& of : found) score(of);
-    Array<double, 2> result({4, 4});
+    Array<double, 2> result(4, 4);
     const Motion& best = std::min_element(found.begin(), found.end(), better)->motion;
     std::copy(best.begin(), best.end(), result.data.get());
     return result;
 }
 
-double motion_support(const PointViews& views, const View<double, 2>& motion, const View<double, 1>& amplitudes,
-                      const View<double, 1>& weights, const std::array<double, 2>& size) {
+double motion_support(const PointViews& views, Matrix motion, Vector amplitudes,
+                      Vector weights, const std::array<double, 2>& size) {
     std::size_t n = views.points.shape[0];
     require_shape(weights, {n}, "weights");
     LinearisedViews linear = linearise_views(views, motion);
@@ -225,7 +225,7 @@ double motion_support(const PointViews& views, const View<double, 2>& motion, co
     return support(views, size, weights.data, seen.squares[0]);
 }
 
-double evidence(const Pinholes& pinholes, const View<double, 2>& z, const View<double, 1>& weights,
+double evidence(const Pinholes& pinholes, Matrix z, Vector weights,
                 const std::array<double, 2>& size) {
     std::size_t n = z.shape[0];
     require_shape(z, {n, 4}, "z_px");

@@ -54,14 +54,14 @@ void cut(const ImageOf<T>& image, std::int64_t u, std::int64_t v, int radius, in
 }  // namespace
 
 template <class T>
-Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& right, const Pixels& points, const View<double, 2>& right_px,
+Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& right, Pixels points, Matrix right_px,
                                   int radius, double std_grey) {
     std::size_t n = points.shape[0];
     require(points.shape[1] == 2, "points_px is not (n, 2)");
     require_shape(right_px, {n, 2}, "right_px");
     require(radius >= 1 && radius <= 1000, "radius_px is not within 1 and 1000");
     require(n == 0 || (left.height > 0 && left.width > 0 && right.height > 0 && right.width > 0), "an image is empty");
-    Array<double, 2> slopes({n, 2});
+    Array<double, 2> slopes(n, 2);
     int k = 2 * radius / SPACING_PX + 1, k2 = k * k;
     const double variance = std_grey * std_grey;
     const double prior[4] = {variance * FREE, variance / (PRIOR_SLOPE * PRIOR_SLOPE), variance / (PRIOR_SLOPE * PRIOR_SLOPE), variance * FREE};
@@ -118,7 +118,7 @@ Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& righ
     return slopes;
 }
 
-template Array<double, 2> disparity_slopes(const ImageOf<float>&, const ImageOf<float>&, const Pixels&, const View<double, 2>&, int, double);
-template Array<double, 2> disparity_slopes(const ImageOf<std::uint8_t>&, const ImageOf<std::uint8_t>&, const Pixels&, const View<double, 2>&, int, double);
+template Array<double, 2> disparity_slopes(const ImageOf<float>&, const ImageOf<float>&, Pixels, Matrix, int, double);
+template Array<double, 2> disparity_slopes(const ImageOf<std::uint8_t>&, const ImageOf<std::uint8_t>&, Pixels, Matrix, int, double);
 
 }  // namespace core

@@ -82,11 +82,11 @@ double move_to_unit_depth(const double* motion, const double* point, double* out
 }
 
 // The same warps between images of a shutter that reads out, with points that move now, eq. (14b).
-void shear_by_readout(const Pinholes& pinholes, const Timing& timing, const TrackTable& tracks, const View<double, 1>& twist,
+void shear_by_readout(const Pinholes& pinholes, const Timing& timing, const TrackTable& tracks, Vector twist,
                       PredictedTracks& now) {
     double readout = timing.mean.data[1];
     if (readout == 0) return;
-    Array<double, 2> speeds = velocities(pinholes, now.points.view(), {twist.data, {1, 6}});
+    Array<double, 2> speeds = velocities(pinholes, now.points, {twist.data, {1, 6}});
     for (std::size_t i = 0; i < now.points.shape[0]; i++) {
         double z[4], slopes[4], of_anchor[4];
         project(pinholes, now.points[i], z);
@@ -110,9 +110,9 @@ void shear_by_readout(const Pinholes& pinholes, const Timing& timing, const Trac
 
 }  // namespace
 
-PredictedTracks predict_tracks(const Pinholes& pinholes, const Timing& timing, const View<double, 1>& twist, const TrackTable& tracks,
-                               const View<double, 2>& cam_from_previous, const View<double, 2>& cam_from_start,
-                               const View<double, 2>& left, const View<bool, 1>& agree) {
+PredictedTracks predict_tracks(const Pinholes& pinholes, const Timing& timing, Vector twist, const TrackTable& tracks,
+                               Matrix cam_from_previous, Matrix cam_from_start,
+                               Matrix left, Flags agree) {
     std::size_t n = tracks.points.shape[0];
     check(tracks);
     require_shape(cam_from_previous, {4, 4}, "cam_from_previous");
@@ -120,8 +120,8 @@ PredictedTracks predict_tracks(const Pinholes& pinholes, const Timing& timing, c
     require_shape(left, {n, 2}, "left_px");
     require_shape(agree, {n}, "agree");
     Array<double, 3> start_from_anchor = pose_inverse(tracks.anchor_from_start);
-    PredictedTracks result{Array<double, 2>({n, 4}), Array<double, 2>({n, 2}), Array<double, 1>({n}), Array<double, 3>({n, 3, 2}),
-                           Array<double, 3>({n, 3, 2})};
+    PredictedTracks result{{n, 4}, {n, 2}, {n}, {n, 3, 2},
+                           {n, 3, 2}};
     for (std::size_t i = 0; i < n; i++) {
         double expected[4], now_from_anchor[16];
         move_to_unit_depth(cam_from_previous.data, tracks.points[i], result.points[i]);
@@ -135,14 +135,14 @@ PredictedTracks predict_tracks(const Pinholes& pinholes, const Timing& timing, c
     return result;
 }
 
-UpdatedTracks update_depths(const Pinholes& p, const TrackTable& tracks, const View<double, 2>& cam_from_previous,
-                            const View<double, 2>& z, const View<double, 3>& cov, double forgetting) {
+UpdatedTracks update_depths(const Pinholes& p, const TrackTable& tracks, Matrix cam_from_previous,
+                            Matrix z, Matrices cov, double forgetting) {
     std::size_t n = tracks.points.shape[0];
     check(tracks);
     require_shape(cam_from_previous, {4, 4}, "cam_from_previous");
     require_shape(z, {n, 4}, "z_px");
     require_shape(cov, {n, 4, 4}, "cov_px");
-    UpdatedTracks result{Array<double, 2>({n, 4}), Array<double, 1>({n}), Array<double, 3>({n, 2, 2})};
+    UpdatedTracks result{{n, 4}, {n}, {n, 2, 2}};
     double scale = p.f * p.baseline;
     for (std::size_t i = 0; i < n; i++) {
         double moved[4], depth = move_to_unit_depth(cam_from_previous.data, tracks.points[i], moved);
@@ -161,11 +161,11 @@ UpdatedTracks update_depths(const Pinholes& p, const TrackTable& tracks, const V
     return result;
 }
 
-Array<bool, 1> templates_fit(const View<double, 3>& warps, double radius, double half) {
+Array<bool, 1> templates_fit(Matrices warps, double radius, double half) {
     std::size_t n = warps.shape[0];
     radius += BEYOND_PX;
     require_shape(warps, {n, 3, 2}, "warps");
-    Array<bool, 1> result({n});
+    Array<bool, 1> result(n);
     for (std::size_t i = 0; i < n; i++) {
         const double* w = warps[i];
         double across = std::max(std::abs(w[0]) + std::abs(w[1]), std::abs(w[2]) + std::abs(w[3])) * radius;
@@ -175,11 +175,11 @@ Array<bool, 1> templates_fit(const View<double, 3>& warps, double radius, double
     return result;
 }
 
-Array<bool, 1> inside_area(const View<bool, 2>& area, const View<double, 2>& at) {
+Array<bool, 1> inside_area(View<bool, 2> area, Matrix at) {
     std::size_t n = at.shape[0];
     require_shape(at, {n, 2}, "at_px");
     double height = static_cast<double>(area.shape[0]), width = static_cast<double>(area.shape[1]);
-    Array<bool, 1> result({n});
+    Array<bool, 1> result(n);
     for (std::size_t i = 0; i < n; i++) {
         double u = std::nearbyint(at[i][0]), v = std::nearbyint(at[i][1]);
         if (u >= 0 && u < width && v >= 0 && v < height) result.data[i] = area[static_cast<std::size_t>(v)][static_cast<std::size_t>(u)];
@@ -187,13 +187,13 @@ Array<bool, 1> inside_area(const View<bool, 2>& area, const View<double, 2>& at)
     return result;
 }
 
-Array<double, 3> view_covariances(const View<double, 3>& gradients, const View<double, 1>& error_left,
-                                  const View<double, 1>& error_right, double shared_pixels, double scale, double factor) {
+Array<double, 3> view_covariances(Matrices gradients, Vector error_left,
+                                  Vector error_right, double shared_pixels, double scale, double factor) {
     std::size_t n = gradients.shape[0];
     require_shape(gradients, {n, 2, 2}, "gradients");
     require_shape(error_left, {n}, "error_left");
     require_shape(error_right, {n}, "error_right");
-    Array<double, 3> result({n, 4, 4});
+    Array<double, 3> result(n, 4, 4);
     for (std::size_t i = 0; i < n; i++) {
         const double* g = gradients[i];
         double damping = EDGE_DAMPING * (g[0] + g[3]) + MIN_GRADIENT, a = g[0] + damping, b = g[3] + damping;
@@ -210,12 +210,12 @@ Array<double, 3> view_covariances(const View<double, 3>& gradients, const View<d
     return result;
 }
 
-Array<double, 3> track_covariances(const View<double, 3>& cov_left, const View<double, 1>& var_rho, const View<double, 1>& drift,
+Array<double, 3> track_covariances(Matrices cov_left, Vector var_rho, Vector drift,
                                    double focal, double baseline) {
     std::size_t n = var_rho.shape[0];
     require_shape(cov_left, {n, 2, 2}, "cov_left_px");
     if (drift.shape[0] != 0) require_shape(drift, {n}, "drift_px");
-    Array<double, 3> result({n, 4, 4});
+    Array<double, 3> result(n, 4, 4);
     for (std::size_t i = 0; i < n; i++) {
         double slid = drift.shape[0] ? drift.data[i] / focal : 0.0, *out = result[i];
         for (int k = 0; k < 4; k++) out[4 * (k / 2) + k % 2] = cov_left[i][k] / (focal * focal) + (k % 3 == 0 ? slid * slid : 0.0);
@@ -224,14 +224,14 @@ Array<double, 3> track_covariances(const View<double, 3>& cov_left, const View<d
     return result;
 }
 
-Array<double, 1> template_drift(const View<double, 2>& points, const View<double, 2>& cam_from_previous, const Indices& scale, double radius) {
+Array<double, 1> template_drift(Matrix points, Matrix cam_from_previous, Indices scale, double radius) {
     std::size_t n = points.shape[0];
     require_shape(points, {n, 4}, "points");
     require_shape(cam_from_previous, {4, 4}, "cam_from_previous");
     require_shape(scale, {n}, "scale");
     double moved = std::sqrt(cam_from_previous[0][3] * cam_from_previous[0][3] + cam_from_previous[1][3] * cam_from_previous[1][3] +
                              cam_from_previous[2][3] * cam_from_previous[2][3]);
-    Array<double, 1> result({n});
+    Array<double, 1> result(n);
     for (std::size_t i = 0; i < n; i++)
         result.data[i] = SLIDE * radius * static_cast<double>(scale.data[i]) * std::max(points[i][3], 0.0) * moved;
     return result;

@@ -32,12 +32,12 @@ double squared_length(const double* a, const double* x, double& log_det) {
 }
 
 // The turn by so many steps of reweighting.
-FittedTurn fitted(const PointViews& views, const View<double, 2>& motion, int steps, const View<double, 2>& usual, double std_knock) {
+FittedTurn fitted(const PointViews& views, Matrix motion, int steps, Matrix usual, double std_knock) {
     std::size_t n = views.points.shape[0];
     LinearisedViews linear = linearise_views(views, motion);
-    Array<double, 1> none({0});
+    Array<double, 1> none(0);
     ViewResiduals seen = view_residuals(views, {linear.root.data.get(), {n, 4, 4}}, {none.data.get(), {0}}, {motion.data, {1, 4, 4}});
-    FittedTurn result{Array<double, 1>({3}), Array<bool, 1>({n}), 0.0, 0.0};
+    FittedTurn result{{3}, {n}, 0.0, 0.0};
     std::vector<double> rows(n * 4 * COLUMNS), squares(n);
     for (std::size_t i = 0; i < n; i++) {
         if (!std::isfinite(seen.squares[0][i])) continue;
@@ -97,7 +97,7 @@ FittedTurn fitted(const PointViews& views, const View<double, 2>& motion, int st
 
 }  // namespace
 
-void turn_by(const Pinholes& pinholes, const View<double, 1>& rad, double sign, Array<double, 2>& right) {
+void turn_by(const Pinholes& pinholes, Vector rad, double sign, Array<double, 2>& right) {
     if (rad.data[0] == 0 && rad.data[1] == 0 && rad.data[2] == 0) return;
     for (std::size_t i = 0; i < right.shape[0]; i++) {
         double effect[6];
@@ -107,14 +107,14 @@ void turn_by(const Pinholes& pinholes, const View<double, 1>& rad, double sign, 
     }
 }
 
-Array<double, 3> effects_of_turn(const Pinholes& pinholes, const View<double, 2>& right) {
+Array<double, 3> effects_of_turn(const Pinholes& pinholes, Matrix right) {
     require_shape(right, {right.shape[0], 2}, "right_px");
-    Array<double, 3> result({right.shape[0], 2, 3});
+    Array<double, 3> result(right.shape[0], 2, 3);
     for (std::size_t i = 0; i < right.shape[0]; i++) by_turn(pinholes, right[i][0], right[i][1], result[i]);
     return result;
 }
 
-FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, const View<double, 2>& usual, double std_knock) {
+FittedTurn fit_turn(const PointViews& views, Matrix motion, Matrix usual, double std_knock) {
     std::size_t n = views.points.shape[0];
     require_shape(motion, {4, 4}, "cam_from_ref");
     require_shape(usual, {3, 3}, "usual");
@@ -127,7 +127,7 @@ FittedTurn fit_turn(const PointViews& views, const View<double, 2>& motion, cons
     SelectedViews of_right(views, seen);
     FittedTurn found = fitted(of_right.views(), motion, FEW_STEPS, usual, std_knock);
     if (found.log_odds > 0) found = fitted(of_right.views(), motion, STEPS, usual, std_knock);
-    Array<bool, 1> agree({n});
+    Array<bool, 1> agree(n);
     for (std::size_t k = 0; k < seen.size(); k++) agree.data[seen[k]] = found.agree.data[k];
     found.agree = std::move(agree);
     return found;

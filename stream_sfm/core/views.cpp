@@ -28,7 +28,7 @@ bool whitening(const double* z, const double* cov, double* root) {
     return true;
 }
 
-void check(const View<double, 2>& points, const View<double, 2>& z) {
+void check(Matrix points, Matrix z) {
     std::size_t n = points.shape[0];
     require_shape(points, {n, 4}, "points");
     require_shape(z, {n, 4}, "z_px");
@@ -36,10 +36,10 @@ void check(const View<double, 2>& points, const View<double, 2>& z) {
 
 }  // namespace
 
-Array<double, 2> seen_points(const Pinholes& p, const View<double, 2>& z) {
+Array<double, 2> seen_points(const Pinholes& p, Matrix z) {
     std::size_t n = z.shape[0];
     require_shape(z, {n, 4}, "z_px");
-    Array<double, 2> result({n, 4});
+    Array<double, 2> result(n, 4);
     for (std::size_t i = 0; i < n; i++) {
         double *point = result[i], disparity = (z[i][0] - p.cx_left) - (z[i][2] - p.cx_right);
         point[0] = (z[i][0] - p.cx_left) / p.f;
@@ -50,27 +50,27 @@ Array<double, 2> seen_points(const Pinholes& p, const View<double, 2>& z) {
     return result;
 }
 
-Array<double, 2> project_points(const Pinholes& pinholes, const View<double, 2>& points) {
+Array<double, 2> project_points(const Pinholes& pinholes, Matrix points) {
     std::size_t n = points.shape[0];
     require_shape(points, {n, 4}, "points");
-    Array<double, 2> result({n, 4});
+    Array<double, 2> result(n, 4);
     for (std::size_t i = 0; i < n; i++) project(pinholes, points[i], result[i]);
     return result;
 }
 
-Array<double, 3> whitening_of_views(const View<double, 2>& z, const View<double, 3>& cov) {
+Array<double, 3> whitening_of_views(Matrix z, Matrices cov) {
     std::size_t n = z.shape[0];
     require_shape(z, {n, 4}, "z_px");
     require_shape(cov, {n, 4, 4}, "cov_px");
-    Array<double, 3> result({n, 4, 4});
+    Array<double, 3> result(n, 4, 4);
     for (std::size_t i = 0; i < n; i++) require_definite(whitening(z[i], cov[i], result[i]), "cov_px is not positive definite");
     return result;
 }
 
-Array<double, 1> gates_of_views(const View<double, 2>& z, double of_one, double of_both) {
+Array<double, 1> gates_of_views(Matrix z, double of_one, double of_both) {
     std::size_t n = z.shape[0];
     require_shape(z, {n, 4}, "z_px");
-    Array<double, 1> result({n});
+    Array<double, 1> result(n);
     for (std::size_t i = 0; i < n; i++)
         result.data[i] = std::all_of(z[i], z[i] + 4, [](double x) { return std::isfinite(x); }) ? of_both : of_one;
     return result;
@@ -78,10 +78,10 @@ Array<double, 1> gates_of_views(const View<double, 2>& z, double of_one, double 
 
 SelectedViews::SelectedViews(const PointViews& of, const std::vector<std::size_t>& rows)
     : pinholes(of.pinholes), points(rows_of(of.points, rows)), z(rows_of(of.z, rows)),
-      cov_points(of.cov_points.shape[0] ? rows_of(of.cov_points, rows) : Array<double, 3>({0, 4, 4})), cov(rows_of(of.cov, rows)),
+      cov_points(of.cov_points.shape[0] ? rows_of(of.cov_points, rows) : Array<double, 3>(0, 4, 4)), cov(rows_of(of.cov, rows)),
       shared(rows_of(of.shared, rows)), gate(rows_of(of.gate, rows)) {}
 
-LinearisedViews linearise_views(const PointViews& views, const View<double, 2>& cam_from_ref) {
+LinearisedViews linearise_views(const PointViews& views, Matrix cam_from_ref) {
     const auto& [pinholes, points, cov_points, z, cov, shared, gate] = views;
     check(points, z);
     std::size_t n = points.shape[0], amplitudes = shared.shape[2], columns = 6 + amplitudes;
@@ -91,7 +91,7 @@ LinearisedViews linearise_views(const PointViews& views, const View<double, 2>& 
     require_shape(shared, {n, 4, amplitudes}, "shared");
     require_shape(gate, {n}, "gate");
     require_shape(cam_from_ref, {4, 4}, "cam_from_ref");
-    LinearisedViews result{Array<double, 3>({n, 4, 4}), Array<double, 3>({n, 4, columns})};
+    LinearisedViews result{{n, 4, 4}, {n, 4, columns}};
     const double* motion = cam_from_ref.data;
     for (std::size_t i = 0; i < n; i++) {
         double p[4], a[16], noise[16], *root = result.root[i], *j = result.jacobian[i];
@@ -123,15 +123,15 @@ LinearisedViews linearise_views(const PointViews& views, const View<double, 2>& 
     return result;
 }
 
-ViewResiduals view_residuals(const PointViews& views, const View<double, 3>& root, const View<double, 1>& amplitudes,
-                             const View<double, 3>& cams_from_ref) {
+ViewResiduals view_residuals(const PointViews& views, Matrices root, Vector amplitudes,
+                             Matrices cams_from_ref) {
     const auto& [pinholes, points, cov_points, z, cov, shared, gate] = views;
     check(points, z);
     std::size_t n = points.shape[0], motions = cams_from_ref.shape[0], j = amplitudes.shape[0];
     require_shape(root, {n, 4, 4}, "root");
     require_shape(shared, {n, 4, j}, "shared");
     require_shape(cams_from_ref, {motions, 4, 4}, "cams_from_ref");
-    ViewResiduals result{Array<double, 3>({motions, n, 4}), Array<double, 2>({motions, n})};
+    ViewResiduals result{{motions, n, 4}, {motions, n}};
     for (std::size_t m = 0; m < motions; m++)
         for (std::size_t i = 0; i < n; i++) {
             double p[4], expected[4], difference[4], sum = 0, *r = result.residuals[m] + 4 * i;
@@ -151,15 +151,15 @@ ViewResiduals view_residuals(const PointViews& views, const View<double, 3>& roo
     return result;
 }
 
-MotionStep motion_step(const View<double, 3>& jacobian, const View<double, 2>& residuals, const View<double, 1>& weights,
-                       const View<double, 1>& amplitudes) {
+MotionStep motion_step(Matrices jacobian, Matrix residuals, Vector weights,
+                       Vector amplitudes) {
     std::size_t n = jacobian.shape[0], k = jacobian.shape[2];
     require(k >= 6 && k <= 1000, "the Jacobian has fewer columns than a motion, or too many");
     require_shape(jacobian, {n, 4, k}, "jacobian");
     require_shape(residuals, {n, 4}, "residuals");
     require_shape(weights, {n}, "weights");
     require_shape(amplitudes, {k - 6}, "amplitudes");
-    MotionStep result{Array<double, 1>({k}), Array<double, 2>({k, k})};
+    MotionStep result{{k}, {k, k}};
     double* h = result.information.data.get();
     double* g = result.step.data.get();
     std::vector<double> weighted(4 * k);

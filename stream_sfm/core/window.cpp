@@ -103,17 +103,17 @@ void residual(const Pinholes& pinholes, const WindowState& state, const WindowVi
 
 Array<double, 2> points_of_views(const WindowState& state, const WindowViews& views) {
     std::vector<Seen> seen = seen_by(state, views);
-    Array<double, 2> result({seen.size(), 4});
+    Array<double, 2> result(seen.size(), 4);
     for (std::size_t i = 0; i < seen.size(); i++) point_of(state, seen[i], result[i]);
     return result;
 }
 
 Array<double, 2> expected_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
-                                const View<bool, 1>& stereo, const View<double, 2>& expected) {
+                                Flags stereo, Matrix expected) {
     std::size_t n = views.ids.shape[0];
     require_shape(stereo, {n}, "stereo");
     require_shape(expected, {n, 4}, "expected_px");
-    Array<double, 2> result({n, 4});
+    Array<double, 2> result(n, 4);
     std::copy(expected.data, expected.data + 4 * n, result.data.get());
     for (const Seen& seen : seen_by(state, views)) {
         double in_cam[4], *z = result[seen.view];
@@ -125,13 +125,13 @@ Array<double, 2> expected_views(const Pinholes& pinholes, const WindowState& sta
 }
 
 Array<double, 3> timing_of_views(const Pinholes& pinholes, const ExposedRows& exposed, const WindowState& state,
-                                 const WindowViews& views, const View<double, 2>& expected, const View<double, 3>& motions,
-                                 const View<double, 1>& timing) {
+                                 const WindowViews& views, Matrix expected, Matrices motions,
+                                 Vector timing) {
     check(exposed);
     require_shape(expected, {views.ids.shape[0], 4}, "expected_px");
     require_shape(motions, {state.cams_from_ref.shape[0], 2, 6}, "motions");
     require_shape(timing, {2}, "timing");
-    Array<double, 3> result({views.ids.shape[0], 4, 2});
+    Array<double, 3> result(views.ids.shape[0], 4, 2);
     for (const Seen& seen : seen_by(state, views)) {
         double in_cam[4];
         point_of(state, seen, in_cam);
@@ -140,11 +140,11 @@ Array<double, 3> timing_of_views(const Pinholes& pinholes, const ExposedRows& ex
     return result;
 }
 
-Array<double, 3> q_by_reference(const View<double, 3>& ref_from_anchor, const View<double, 2>& q) {
+Array<double, 3> q_by_reference(Matrices ref_from_anchor, Matrix q) {
     std::size_t n = q.shape[0];
     require_shape(q, {n, 3}, "q");
     require_shape(ref_from_anchor, {n, 4, 4}, "ref_from_anchor");
-    Array<double, 3> anchor_from_ref = pose_inverse(ref_from_anchor), result({n, 3, 6});
+    Array<double, 3> anchor_from_ref = pose_inverse(ref_from_anchor), result(n, 3, 6);
     for (std::size_t i = 0; i < n; i++) {
         double point[4] = {q[i][0], q[i][1], 1.0, q[i][2]}, in_ref[4], by_ref[4];
         move(ref_from_anchor[i], point, in_ref);
@@ -157,8 +157,8 @@ Array<double, 3> q_by_reference(const View<double, 3>& ref_from_anchor, const Vi
     return result;
 }
 
-SeenAgain points_seen_again(const Indices& ids, const View<bool, 1>& usable, const View<double, 2>& var_drift, const Indices& known,
-                            const View<double, 2>& q, const View<double, 3>& cov_q) {
+SeenAgain points_seen_again(Indices ids, Flags usable, Matrix var_drift, Indices known,
+                            Matrix q, Matrices cov_q) {
     std::size_t n = ids.shape[0], points = known.shape[0];
     require_shape(usable, {n}, "usable");
     require_shape(var_drift, {n, 3}, "var_drift");
@@ -168,7 +168,7 @@ SeenAgain points_seen_again(const Indices& ids, const View<bool, 1>& usable, con
     Lookup before{known};
     for (std::size_t i = 0; i < n; i++)
         if (std::size_t row = usable.data[i] ? before.row(ids.data[i]) : NONE; row != NONE) views.push_back(i), at.push_back(row);
-    SeenAgain result{Array<std::int64_t, 1>({views.size()}), Array<double, 2>({views.size(), 4}), Array<double, 3>({views.size(), 4, 4})};
+    SeenAgain result{{views.size()}, {views.size(), 4}, {views.size(), 4, 4}};
     for (std::size_t i = 0; i < views.size(); i++) {
         result.rows.data[i] = static_cast<std::int64_t>(views[i]);
         result.points[i][2] = 1.0;
@@ -181,13 +181,13 @@ SeenAgain points_seen_again(const Indices& ids, const View<bool, 1>& usable, con
     return result;
 }
 
-Array<double, 3> drift_covariances(const Indices& ids, const View<double, 3>& ref_from_anchor, const View<double, 2>& q,
-                                   const Indices& seen, const View<double, 2>& var_drift) {
+Array<double, 3> drift_covariances(Indices ids, Matrices ref_from_anchor, Matrix q,
+                                   Indices seen, Matrix var_drift) {
     std::size_t n = ids.shape[0];
     require_shape(ref_from_anchor, {n, 4, 4}, "ref_from_anchor");
     require_shape(q, {n, 3}, "q");
     require_shape(var_drift, {seen.shape[0], 3}, "var_drift");
-    Array<double, 3> result({n, 3, 3});
+    Array<double, 3> result(n, 3, 3);
     Lookup views{seen};
     for (std::size_t i = 0; i < n; i++) {
         std::size_t view = views.row(ids.data[i]);
@@ -210,7 +210,7 @@ Array<double, 3> drift_covariances(const Indices& ids, const View<double, 3>& re
 
 Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, double of_one,
                                   double of_both) {
-    Array<bool, 1> result({views.frame.shape[0]});
+    Array<bool, 1> result(views.frame.shape[0]);
     for (const Seen& seen : seen_by(state, views)) {
         double in_cam[4], r[4], sum = 0;
         residual(pinholes, state, views, seen, in_cam, r);
@@ -228,9 +228,9 @@ NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, c
     const std::vector<Seen> seen = seen_by(state, views);
     std::size_t frames = state.cams_from_ref.shape[0], points = state.q.shape[0], m = state.rig_error.shape[0];
     std::size_t terms = views.terms.shape[2], timed = views.timing.shape[2], basis = views.field.shape[1], parts = views.moves.shape[1];
-    NormalBlocks blocks{Array<double, 3>({frames, 6, 6}), Array<double, 3>({points, 3, 3}), Array<double, 3>({points, 3, 6 * frames}),
-                        Array<double, 2>({frames, 6}),    Array<double, 2>({points, 3}),    Array<double, 2>({m, m}),
-                        Array<double, 3>({frames, 6, m}), Array<double, 3>({points, 3, m}), Array<double, 1>({m})};
+    NormalBlocks blocks{{frames, 6, 6}, {points, 3, 3}, {points, 3, 6 * frames},
+                        {frames, 6},    {points, 3},    {m, m},
+                        {frames, 6, m}, {points, 3, m}, {m}};
     // A view's four whitened rows: by pose (6), residual (1), by terms, by parts of the field, by point (3).
     const std::size_t own = 7 + terms, by_point = own + parts, columns = by_point + 3, pairs = parts * (parts + 1) / 2;
     std::vector<double> rows(CHUNK * 4 * columns), with_parts(CHUNK * own * parts), squares(CHUNK * pairs * basis);
