@@ -8,6 +8,7 @@ Array = NDArray[np.float64]
 Grey = NDArray[np.float32]
 Image = NDArray[np.float32] | NDArray[np.uint8]
 Pixels = NDArray[np.integer]
+Ids = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 Pinholes = tuple[float, float, float, float, float]  # f, cx left and right, cy, px; baseline, metres
 # A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, px, and the root (K, K); K = U V.
@@ -66,7 +67,7 @@ WindowViews = tuple[Pixels, Pixels, Mask, Array, Array, Array, Array, Array, Arr
 # The last m modes are those of the rig's errors: information (m, m) and weighted sums (m,) of their amplitudes.
 PriorPoints = tuple[Pixels, Array, Array, Array, Array, Array]
 # Points that enter it: ids (n,), mean (n, 3), covariances (n, 3, 3), and ∂q by the rig's errors (n, 3, m).
-NewPoints = tuple[NDArray[np.int64], Array, Array, Array]
+NewPoints = tuple[Ids, Array, Array, Array]
 
 def match_along_rows(left: Image, right: Image, points_px: Pixels, first: int, last: int) -> tuple[Array, Mask]:
     """Whole-pixel disparities (n,) of pixels `points_px` (n, 2) of the left image, and where they are unique matches.
@@ -85,7 +86,7 @@ def corner_strength(image: Image) -> Grey:
 
 def new_corners(
     strength: Grey, allowed: Mask, taken_px: Array, wanted: int, distance_px: float, min_strength: float
-) -> NDArray[np.int64]:
+) -> Ids:
     """Find up to `wanted` corners (k, 2) in whole pixels, `distance_px` from each other and from `taken_px` (m, 2).
 
     The image is cut into cells of about one wanted point each; a cell's corners are ranked, and all first ranks come
@@ -105,7 +106,7 @@ def match_new_points(
     tolerance_px: float,
     std_grey: float,
     max_apart_px: float,
-) -> tuple[NDArray[np.int64], Array, Array, Array, Array]:
+) -> tuple[Ids, Array, Array, Array, Array]:
     """Find corners of the left image, whole pixels (n, 2), in the right one, by disparities (n,), in templates' pixels.
 
     Their templates, in `slots` (n,) of `stored`, are aligned as if their surfaces faced the camera, within
@@ -124,7 +125,7 @@ def place_new_points(
     scale: float,
     least_sigmas: float,
     max_std_px: float,
-) -> tuple[NDArray[np.int64], Array, Array, Array]:
+) -> tuple[Ids, Array, Array, Array]:
     """Return which new views (n, 4) lie on their rows, in front of the cameras: their rows (k,) in the table.
 
     With covariances (n, 4, 4), by templates of that `scale`. An inverse depth is at least so many of its σ, and the σ
@@ -132,13 +133,13 @@ def place_new_points(
     the timing, their points (k, 4) and the variances (k,) of 1/Z.
     """
 
-def among(ids: NDArray[np.int64], known: NDArray[np.int64]) -> Mask:
+def among(ids: Ids, known: Ids) -> Mask:
     """Return which of `ids` (n,) are in `known`, which is ascending."""
 
-def times_among(ids: Pixels, others: Pixels, counted: Mask) -> NDArray[np.int64]:
+def times_among(ids: Pixels, others: Pixels, counted: Mask) -> Ids:
     """Return how often each of `ids` (n,), which are ascending, is in those of `others` (m,) that are `counted`."""
 
-def union_of(ids: NDArray[np.int64]) -> NDArray[np.int64]:
+def union_of(ids: Ids) -> Ids:
     """Return ids (n,), in any order, ascending and each once."""
 
 def store_patches(stored: Image, image: Image, points_px: Pixels, slots: Pixels) -> None:
@@ -177,7 +178,7 @@ def align_tracks(
     agree: Mask,
     ordinary: Templates,
     wide: Templates | None,
-) -> tuple[Mask, NDArray[np.int64], Array, Array, Array, Array, Array]:
+) -> tuple[Mask, Ids, Array, Array, Array, Array, Array]:
     """Find tracks (n) with templates in `slots` (n,) in new images, where `predict_tracks` puts them.
 
     In the left image, and what is found there in the right one, in the row where it should be. Returns which should be
@@ -234,14 +235,8 @@ def view_covariances(
     """
 
 def row_errors_of_tracks(
-    known: NDArray[np.int64],
-    ages: NDArray[np.int64],
-    rows: Array,
-    ids: NDArray[np.int64],
-    z_px: Array,
-    cov_px: Array,
-    counts: bool,
-) -> tuple[NDArray[np.int64], Array, Array]:
+    known: Ids, ages: Ids, rows: Array, ids: Ids, z_px: Array, cov_px: Array, counts: bool
+) -> tuple[Ids, Array, Array]:
     """Return ages (n,) of tracks in views, at most 59, and their row differences (n, k), the latest first, eq. (68).
 
     Tracks `ids` (n,) with views (n, 4) and covariances (n, 4, 4); those of the frame before, `known` (m,), with ages
@@ -252,7 +247,7 @@ def row_errors_of_tracks(
     of how many.
     """
 
-def view_inflation(ages: NDArray[np.int64], ratio_left: float, ratio_right: float, decay: float) -> Array:
+def view_inflation(ages: Ids, ratio_left: float, ratio_right: float, decay: float) -> Array:
     """Return by how much (n, 2) the variances of views of tracks with these ages (n,) are to be multiplied, eq. (69).
 
     For an estimator that adds up the views of a track as if they were independent: then each says as much as it adds.
@@ -271,10 +266,7 @@ def seen_points(pinholes: Pinholes, z_px: Array) -> Array:
 def project_points(pinholes: Pinholes, points: Array) -> Array:
     """Return the views (n, 4) of homogeneous points (n, 4), eq. (8)."""
 
-def linearise_views(
-    views: Views,
-    cam_from_ref: Array,
-) -> tuple[Array, Array]:
+def linearise_views(views: Views, cam_from_ref: Array) -> tuple[Array, Array]:
     """Return roots (n, 4, 4) that whiten the views of points, and the whitened Jacobian (n, 4, 6 + j).
 
     Under a motion (4, 4). The Jacobian is that of a left perturbation and of the amplitudes of what is shared. Where
@@ -282,25 +274,14 @@ def linearise_views(
     definite.
     """
 
-def view_residuals(
-    views: Views,
-    root: Array,
-    amplitudes: Array,
-    cams_from_ref: Array,
-) -> tuple[Array, Array]:
+def view_residuals(views: Views, root: Array, amplitudes: Array, cams_from_ref: Array) -> tuple[Array, Array]:
     """Return whitened residuals (m, n, 4) under motions (m, 4, 4), and their squared norms (m, n).
 
     Amplitudes (j,) of shared errors. Squares are inf of points behind the camera, and of those that
     predicted nothing where `root` was linearised.
     """
 
-def fit_motion(
-    views: Views,
-    cam_from_ref: Array,
-    amplitudes: Array,
-    votes: Array,
-    anneal: bool,
-) -> Fitted:
+def fit_motion(views: Views, cam_from_ref: Array, amplitudes: Array, votes: Array, anneal: bool) -> Fitted:
     """Return the motion of the views that agree with one near it, eqs. (22) and (23).
 
     Start: motion (4, 4) and amplitudes (j,). `anneal`: with Cauchy weights first. `votes` (n,): how much each view
@@ -340,10 +321,7 @@ def effects_of_turn(pinholes: Pinholes, right_px: Array) -> Array:
     """Return what a turn of the right camera does at positions (n, 2) in its image: (n, 2, 3) px per radian."""
 
 def fit_turn(
-    views: Views,
-    cam_from_ref: Array,
-    usual: Array,
-    std_knock_rad: float,
+    views: Views, cam_from_ref: Array, usual: Array, std_knock_rad: float
 ) -> tuple[Array, Mask, float, float]:
     """Return the turn of the right camera (3,) rad that views show, and which (n,) agree, eq. (72d).
 
@@ -516,7 +494,7 @@ def q_by_reference(ref_from_anchor: Array, q: Array) -> Array:
 
 def points_seen_again(
     ids: Pixels, usable: Mask, var_drift: Array, known: Pixels, q: Array, cov_q: Array
-) -> tuple[NDArray[np.int64], Array, Array]:
+) -> tuple[Ids, Array, Array]:
     """Return which views (v,) are usable and of points that are known, and these points as they are by now.
 
     Views of `ids` (v,) with variances (v, 3) of q by drift; `known` (n,) ids with q (n, 3) and covariances (n, 3, 3),
@@ -626,9 +604,7 @@ def leaving_views(
     seen_later: Mask,
     known: Pixels,
     cov: Array,
-) -> tuple[
-    NDArray[np.int64], Mask, Array, Array, Array, tuple[Array, ...], NDArray[np.int64], tuple[Array, Array, Array]
-]:
+) -> tuple[Ids, Mask, Array, Array, Array, tuple[Array, ...], Ids, tuple[Array, Array, Array]]:
     """Return what the views of the oldest frame, which is the reference camera now, say about points of a map (P,).
 
     Views (V,), `stereo` where both sides were seen, with variances (V, 3) of q by drift; points that are `seen_later`
@@ -649,7 +625,7 @@ def absorbing_system(
 
 def absorbed_points(
     ids: Pixels, std_given: Array, moved: Array, given: Array, q: Array, stays: Mask, new: NewPoints
-) -> tuple[NDArray[np.int64], Array, Array, Array]:
+) -> tuple[Ids, Array, Array, Array]:
     """Return the points of the prior after a frame, ids ascending: with mean (N, 3), D (N, 3, 3) and modes (N, 3, k).
 
     Those that stay (n,), linearised at q (n, 3): roots (n, 3, 3) of their covariances given the modes, in units of

@@ -36,8 +36,7 @@ std::vector<char> points_seen(Indices ids, Indices seen, const bool* counts) {
 
 }  // namespace
 
-PointsAlone points_alone(Matrices v, Matrix g_point, Matrices rig_point,
-                         Matrix q, Vector rig_step) {
+PointsAlone points_alone(Matrices v, Matrix g_point, Matrices rig_point, Matrix q, Vector rig_step) {
     std::size_t n = q.shape[0], m = rig_step.shape[0];
     require_shape(v, {n, 3, 3}, "v");
     require_shape(g_point, {n, 3}, "g_point");
@@ -61,8 +60,7 @@ PointsAlone points_alone(Matrices v, Matrix g_point, Matrices rig_point,
 }
 
 LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Flags stereo,
-                           Matrix var_drift, Flags seen_later, Indices known,
-                           Matrices cov) {
+                           Matrix var_drift, Flags seen_later, Indices known, Matrices cov) {
     std::size_t points = state.ids.shape[0], n = views.ids.shape[0];
     require_shape(views.used, {n}, "used");
     require_shape(stereo, {n}, "stereo");
@@ -127,8 +125,7 @@ WindowSystem absorbing_system(const BlockViews& blocks, const PriorViews& prior,
     return result;
 }
 
-AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved,
-                               Matrix given, Matrix q, Flags stays,
+AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved, Matrix given, Matrix q, Flags stays,
                                const NewPriorPoints& fresh) {
     std::size_t n = ids.shape[0], more = fresh.ids.shape[0], m = fresh.by_rig.shape[2];
     require(moved.shape[2] > m, "there are fewer modes than errors of the rig");

@@ -41,17 +41,11 @@ class Alignment {
         Array<bool, 1> left_fits = templates_fit(left_warps, kind.radius, half);
         Array<bool, 1> right_fits = templates_fit(right_warps, kind.radius, half);
         Array<bool, 1> inside = inside_area(of.area, now.left);
-        std::vector<std::size_t> rows;
-        for (std::size_t i = 0; i < slots.shape[0]; i++)
-            if (tracks.scale.data[i] == kind.scale && left_fits.data[i] && right_fits.data[i] && inside.data[i]) rows.push_back(i);
-        return {rows,
-                rows_of(slots, rows),
-                rows_of(now.points, rows),
-                rows_of(tracks.slopes, rows),
-                rows_of(now.left, rows),
-                rows_of(now.right_u, rows),
-                rows_of(left_warps, rows),
-                rows_of(right_warps, rows)};
+        std::vector<std::size_t> rows = rows_where(slots.shape[0], [&](std::size_t i) {
+            return tracks.scale.data[i] == kind.scale && left_fits.data[i] && right_fits.data[i] && inside.data[i];
+        });
+        return {rows, rows_of(slots, rows), rows_of(now.points, rows), rows_of(tracks.slopes, rows), rows_of(now.left, rows),
+                rows_of(now.right_u, rows), rows_of(left_warps, rows), rows_of(right_warps, rows)};
     }
 
     FoundViews find(const Sought& sought, const RightSides& right_sides) const {
@@ -76,8 +70,8 @@ class Alignment {
         std::size_t n = starts.shape[0];
         Array<double, 2> of_template(n, 2);
         for (std::size_t i = 0; i < 2 * n; i++) of_template.data[i] = starts.data[i] / kind.scale;
-        AlignedPatches result = align_patches(image, of_template, patches.inverse, patches.information,
-                                              patches.level, kind.radius, kind.spacing);
+        AlignedPatches result = align_patches(image, of_template, patches.inverse, patches.information, patches.level,
+                                              kind.radius, kind.spacing);
         for (std::size_t i = 0; i < 2 * n; i++) result.at.data[i] *= kind.scale;
         return result;
     }
@@ -95,8 +89,8 @@ class Alignment {
     }
 
     // Views whose left sides were found, with right sides in the rows where they should be.
-    FoundViews find_right(const Sought& sought, Patches& patches, const Array<double, 3>& gradients, AlignedPatches& left,
-                          const RightSides& by) const {
+    FoundViews find_right(const Sought& sought, Patches& patches, const Array<double, 3>& gradients,
+                          AlignedPatches& left, const RightSides& by) const {
         std::size_t n = sought.rows.size();
         Array<double, 2> start(n, 2);
         Array<double, 1> speed = row_speeds(by.pinholes, sought.points, by.twist);
@@ -139,12 +133,9 @@ class Alignment {
     // Patches as the right image shows them: those of slanted surfaces look different there.
     void turn_right(Patches& patches, const Sought& sought) const {
         std::size_t samples = row_size(patches.inverse.shape);
-        std::vector<std::size_t> slanted;
-        Matrix slopes = sought.slopes;
-        for (std::size_t i = 0; i < sought.rows.size(); i++)
-            if (slopes[i][0] != 0 || slopes[i][1] != 0) slanted.push_back(i);
-        Patches right = warp_patches(of.stored, rows_of(sought.slots, slanted),
-                                     rows_of(sought.right_warps, slanted), kind.radius, kind.spacing);
+        std::vector<std::size_t> slanted = slanted_rows(sought.slopes);
+        Patches right = warp_patches(of.stored, rows_of(sought.slots, slanted), rows_of(sought.right_warps, slanted),
+                                     kind.radius, kind.spacing);
         for (std::size_t k = 0; k < slanted.size(); k++) {
             std::copy_n(right.inverse[k], samples, patches.inverse[slanted[k]]);
             std::copy_n(right.information[k], 9, patches.information[slanted[k]]);
@@ -159,14 +150,13 @@ class Alignment {
 }  // namespace
 
 AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, const TrackTable& tracks, Indices slots,
-                           Matrix cam_from_previous, Matrix cam_from_start, Matrix left,
-                           Flags agree, const Templates<std::uint8_t>& ordinary,
-                           const std::optional<Templates<float>>& wide) {
+                           Matrix cam_from_previous, Matrix cam_from_start, Matrix left, Flags agree,
+                           const Templates<std::uint8_t>& ordinary, const std::optional<Templates<float>>& wide) {
     std::size_t n = tracks.points.shape[0];
     require_shape(slots, {n}, "slots");
     require_shape(right_sides.turn, {3}, "turn");
-    PredictedTracks now = predict_tracks(right_sides.pinholes, timing, right_sides.twist, tracks, cam_from_previous, cam_from_start,
-                                         left, agree);
+    PredictedTracks now = predict_tracks(right_sides.pinholes, timing, right_sides.twist, tracks, cam_from_previous,
+                                         cam_from_start, left, agree);
     Array<bool, 1> expected(n);
     FoundViews all{{n}, {n, 4}, {n, 4}, {n, 4, 4}};
     auto align = [&](const auto& templates) {
@@ -184,15 +174,11 @@ AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, 
     };
     align(ordinary);
     if (wide) align(*wide);
-    std::vector<std::size_t> kept;
-    for (std::size_t i = 0; i < n; i++)
-        if (all.found.data[i]) kept.push_back(i);
+    std::vector<std::size_t> kept = rows_where(n, [&](std::size_t i) { return all.found.data[i]; });
     Array<double, 2> points = rows_of(now.points, kept);
     Array<double, 2> taken = shifts_by_timing(right_sides.pinholes, timing.exposed, points, right_sides.twist, timing.mean);
-    AlignedTracks result{std::move(expected),           {kept.size()}, std::move(points),
-                         rows_of(all.z, kept),   rows_of(all.cov, kept),         rows_of(all.any_row, kept),
-                         std::move(taken)};
-    std::copy(kept.begin(), kept.end(), result.rows.data.get());
+    AlignedTracks result{std::move(expected), numbers(kept), std::move(points), rows_of(all.z, kept),
+                         rows_of(all.cov, kept), rows_of(all.any_row, kept), std::move(taken)};
     for (Array<double, 2>* z : {&result.z, &result.any_row})
         for (std::size_t i = 0; i < 4 * kept.size(); i++) z->data[i] -= result.taken.data[i];
     return result;

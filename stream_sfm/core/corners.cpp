@@ -181,8 +181,8 @@ Array<float, 2> corner_strength(const ImageOf<T>& image) {
 template Array<float, 2> corner_strength(const Image&);
 template Array<float, 2> corner_strength(const ImageOf<std::uint8_t>&);
 
-Array<std::int64_t, 2> new_corners(const Image& strength, View<bool, 2> allowed, Matrix taken,
-                                   std::int64_t wanted, double distance, double min_strength) {
+Array<std::int64_t, 2> new_corners(const Image& strength, View<bool, 2> allowed, Matrix taken, std::int64_t wanted,
+                                   double distance, double min_strength) {
     std::size_t width = static_cast<std::size_t>(strength.width), pixels = width * static_cast<std::size_t>(strength.height);
     require(pixels > 0, "the image is empty");
     require_shape(allowed, {pixels / width, width}, "allowed");

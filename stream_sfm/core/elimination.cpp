@@ -73,8 +73,7 @@ EliminatedPoints eliminate_points(Matrices v, Matrices w) {
     return result;
 }
 
-WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Matrix q,
-                           Vector amplitudes) {
+WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Matrix q, Vector amplitudes) {
     check(blocks, prior, q, amplitudes);
     std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], m = blocks.rig.shape[0], n = prior.known.shape[0];
     std::size_t k = prior.modes.shape[2], poses = 6 * frames, size = poses + k;

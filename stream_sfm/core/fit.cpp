@@ -35,7 +35,7 @@ class Fit {
     Fit(const PointViews& views, Matrix start, Vector amplitudes)
         : views(views), n(views.points.shape[0]), size(6 + amplitudes.shape[0]), motion(start.data, start.data + 16),
           shared(amplitudes.data, amplitudes.data + amplitudes.shape[0]), weights(n),
-          linear{Array<double, 3>(0, 4, 4), Array<double, 3>(0, 4, 6)}, seen{Array<double, 3>(0, 0, 4), Array<double, 2>(0, 0)} {}
+          linear{{0, 4, 4}, {0, 4, 6}}, seen{{0, 0, 4}, {0, 0}} {}
 
     // Gauss-Newton with Cauchy weights relative to the spread of the residuals, eq. (22).
     void anneal() {
@@ -95,10 +95,7 @@ class Fit {
         return result;
     }
 
-    void linearise() {
-        Matrix at{motion.data(), {4, 4}};
-        linear = linearise_views(views, at);
-    }
+    void linearise() { linear = linearise_views(views, {motion.data(), {4, 4}}); }
 
    private:
     // Whether the views determine the motion.
@@ -116,16 +113,15 @@ class Fit {
     }
 
     void look() {
-        Matrices root{linear.root.data.get(), {n, 4, 4}}, at{motion.data(), {1, 4, 4}};
-        seen = view_residuals(views, root, {shared.data(), {size - 6}}, at);
+        seen = view_residuals(views, linear.root, {shared.data(), {size - 6}}, {motion.data(), {1, 4, 4}});
     }
 
     const double* squares() const { return seen.squares.data.get(); }
 
     // Take a weighted step; its squared length in standard deviations.
     double step() {
-        MotionStep taken = motion_step({linear.jacobian.data.get(), {n, 4, size}}, {seen.residuals.data.get(), {n, 4}},
-                                       {weights.data(), {n}}, {shared.data(), {size - 6}});
+        MotionStep taken = motion_step(linear.jacobian, {seen.residuals.data.get(), {n, 4}}, {weights.data(), {n}},
+                                       {shared.data(), {size - 6}});
         double *delta = taken.step.data.get(), length2 = 0;
         information.assign(taken.information.data.get(), taken.information.data.get() + size * size);
         double angle = std::sqrt(delta[3] * delta[3] + delta[4] * delta[4] + delta[5] * delta[5]);
@@ -149,8 +145,7 @@ class Fit {
 
 }  // namespace
 
-Fitted fit_motion(const PointViews& views, Matrix start, Vector amplitudes,
-                  Vector votes, bool anneal) {
+Fitted fit_motion(const PointViews& views, Matrix start, Vector amplitudes, Vector votes, bool anneal) {
     require_shape(start, {4, 4}, "cam_from_ref");
     require_shape(amplitudes, {views.shared.shape[2]}, "amplitudes");
     require_shape(votes, {views.points.shape[0]}, "votes");
@@ -162,20 +157,17 @@ Fitted fit_motion(const PointViews& views, Matrix start, Vector amplitudes,
 }
 
 // The motions of halves of the views: those of near points, and those on one side or in the upper part of the image.
-Halves motions_of_halves(const PointViews& views, Matrix motion, Vector amplitudes,
-                         Flags accepted, double shared_noise) {
+Halves motions_of_halves(const PointViews& views, Matrix motion, Vector amplitudes, Flags accepted,
+                         double shared_noise) {
     std::size_t all = views.points.shape[0], m = 6 + amplitudes.shape[0], size = m + 6;
     require_shape(accepted, {all}, "accepted");
     require_shape(amplitudes, {views.shared.shape[2]}, "amplitudes");
     require_shape(motion, {4, 4}, "cam_from_ref");
     require(m <= 1000, "there are too many shared errors");
     LinearisedViews linear = linearise_views(views, motion);
-    ViewResiduals seen =
-        view_residuals(views, {linear.root.data.get(), {all, 4, 4}}, amplitudes, {motion.data, {1, 4, 4}});
+    ViewResiduals seen = view_residuals(views, linear.root, amplitudes, {motion.data, {1, 4, 4}});
     Halves result{0.0, {6, 4, 4}};
-    std::vector<std::size_t> rows;
-    for (std::size_t i = 0; i < all; i++)
-        if (accepted.data[i]) rows.push_back(i);
+    std::vector<std::size_t> rows = rows_where(all, [&](std::size_t i) { return accepted.data[i]; });
     auto of_view = [&](std::size_t i) { return Rows{linear.jacobian[i], m}; };
     std::vector<double> information(m * m), of_half(m * 6), h(size * size), x(size);
     for (std::size_t a = 6; a < m; a++) information[a * m + a] = 1;  // of the errors that all share

@@ -48,8 +48,8 @@ std::vector<double> inflation_by_age(double ratio, double decay) {
 
 }  // namespace
 
-RowErrors row_errors_of_tracks(Indices known, Indices ages, Matrix rows, Indices ids,
-                               Matrix z, Matrices cov, bool counts) {
+RowErrors row_errors_of_tracks(Indices known, Indices ages, Matrix rows, Indices ids, Matrix z, Matrices cov,
+                               bool counts) {
     std::size_t n = ids.shape[0], m = known.shape[0], kept = rows.shape[1];
     require_shape(ages, {m}, "ages");
     require_shape(rows, {m, kept}, "rows");

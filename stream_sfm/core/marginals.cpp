@@ -73,9 +73,9 @@ void metric_by(const double* point, const double* b, double* out) {
 
 }  // namespace
 
-PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor,
-                               Matrices std_given, const CovariancePart& own, const CovariancePart& of_rig,
-                               Matrix world_from_ref, Matrix cam_from_ref, double known_sigmas) {
+PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, Matrices std_given,
+                               const CovariancePart& own, const CovariancePart& of_rig, Matrix world_from_ref,
+                               Matrix cam_from_ref, double known_sigmas) {
     std::size_t n = q_in_anchor.shape[0];
     require_shape(ref_from_anchor, {n, 4, 4}, "ref_from_anchor");
     require_shape(q_in_anchor, {n, 3}, "q");

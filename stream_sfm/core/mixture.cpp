@@ -152,8 +152,8 @@ struct Combinations {
 };
 
 // By the density where terms of each combination are 0, of the `considered` terms alone.
-Combinations combinations(const Gaussian& considered, const Numbers& size, View<bool, 2> is_zero, const double* log_prior,
-                          double counts) {
+Combinations combinations(const Gaussian& considered, const Numbers& size, View<bool, 2> is_zero,
+                          const double* log_prior, double counts) {
     std::size_t n = considered.size(), number = is_zero.shape[0];
     Numbers log_p(number), weighted(number * n);
     std::vector<Which> zeros(number);
@@ -199,8 +199,8 @@ Array<double, 2> log_evidence(Vector information, Vector weighted, Vector varian
     return result;
 }
 
-Mixture rig_mixture(Vector mean, Matrix cov, Vector size, std::size_t lenses,
-                    View<bool, 2> is_zero, Vector log_prior, double counts, bool known_wrong) {
+Mixture rig_mixture(Vector mean, Matrix cov, Vector size, std::size_t lenses, View<bool, 2> is_zero, Vector log_prior,
+                    double counts, bool known_wrong) {
     std::size_t m = mean.shape[0], terms = lenses + is_zero.shape[1];
     require_shape(cov, {m, m}, "cov");
     require_shape(size, {m}, "size");

@@ -48,8 +48,8 @@ Array<double, 2> starts_of(const RightSides& by, double scale, Pixels corners, V
 }  // namespace
 
 template <class T>
-NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, View<T, 3> stored, const TemplateKind& kind,
-                            const RightSides& right_sides, Pixels corners, Indices slots,
+NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, View<T, 3> stored,
+                            const TemplateKind& kind, const RightSides& right_sides, Pixels corners, Indices slots,
                             Vector disparity, double tolerance, double std_grey, double max_apart) {
     std::size_t n = corners.shape[0];
     require_shape(corners, {n, 2}, "corners_px");
@@ -59,14 +59,14 @@ NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, Vie
     require(kind.radius >= 2, "the templates' radius is below 2 px");
     auto align = [&](Indices of, Matrix slopes, Matrix from, int radius, int spacing) {
         Patches patches = warp_patches(stored, of, sheared(slopes), radius, spacing);
-        AlignedPatches found = align_patches(right, from, patches.inverse, patches.information, patches.level,
-                                             radius, spacing);
+        AlignedPatches found = align_patches(right, from, patches.inverse, patches.information, patches.level, radius,
+                                             spacing);
         return std::make_pair(std::move(found), std::move(patches.information));
     };
     const Array<double, 2> flat(n, 2);
     Array<double, 2> start = starts_of(right_sides, kind.scale, corners, disparity);
     auto [facing, information] = align(slots, flat, start, kind.radius, kind.spacing);
-    std::vector<std::size_t> kept, slanted, good, of_corner;
+    std::vector<std::size_t> kept, good, of_corner;
     for (std::size_t i = 0; i < n; i++)
         if (facing.found.data[i] && apart(facing.at[i], start[i]) < tolerance) kept.push_back(i);
 
@@ -75,10 +75,9 @@ NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, Vie
     Array<std::int64_t, 1> of_kept = rows_of(slots, kept);
     Array<double, 2> slopes = disparity_slopes(left, right, rows_of(corners, kept), at, kind.radius, std_grey);
     std::vector<bool> fits(kept.size(), true);
-    for (std::size_t i = 0; i < kept.size(); i++)
-        if (slopes[i][0] != 0 || slopes[i][1] != 0) slanted.push_back(i);
-    AlignedPatches again = align(rows_of(of_kept, slanted), rows_of(slopes, slanted),
-                                 rows_of(at, slanted), kind.radius, kind.spacing).first;
+    std::vector<std::size_t> slanted = slanted_rows(slopes);
+    AlignedPatches again = align(rows_of(of_kept, slanted), rows_of(slopes, slanted), rows_of(at, slanted), kind.radius,
+                                 kind.spacing).first;
     for (std::size_t i = 0; i < slanted.size(); i++) {
         std::copy_n(again.at[i], 2, at[slanted[i]]);
         error.data[slanted[i]] = again.error.data[i];
@@ -112,11 +111,11 @@ NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, Vie
 template NewMatches match_new_points(const ImageOf<float>&, const ImageOf<float>&, View<float, 3>, const TemplateKind&,
                                      const RightSides&, Pixels, Indices, Vector, double, double, double);
 template NewMatches match_new_points(const ImageOf<std::uint8_t>&, const ImageOf<std::uint8_t>&, View<std::uint8_t, 3>,
-                                     const TemplateKind&, const RightSides&, Pixels, Indices, Vector,
-                                     double, double, double);
+                                     const TemplateKind&, const RightSides&, Pixels, Indices, Vector, double, double,
+                                     double);
 
-PlacedPoints place_new_points(const RightSides& by, const Timing& timing, Matrix seen, Matrices cov,
-                              double scale, double least_sigmas, double max_std) {
+PlacedPoints place_new_points(const RightSides& by, const Timing& timing, Matrix seen, Matrices cov, double scale,
+                              double least_sigmas, double max_std) {
     std::size_t n = seen.shape[0];
     require_shape(cov, {n, 4, 4}, "cov_px");
     Array<double, 2> points = seen_points(by.pinholes, seen), left = two_columns_of(seen, 0), right = two_columns_of(seen, 2);
@@ -138,10 +137,7 @@ PlacedPoints place_new_points(const RightSides& by, const Timing& timing, Matrix
         bool exact = cov[i][0] < max_std * max_std && cov[i][5] < max_std * max_std;
         if (on_row.data[i] && exact && points[i][3] > least_sigmas * std::sqrt(var_rho.data[i])) kept.push_back(i);
     }
-    PlacedPoints result{{kept.size()}, rows_of(z, kept), rows_of(points, kept),
-                        rows_of(var_rho, kept)};
-    std::copy(kept.begin(), kept.end(), result.rows.data.get());
-    return result;
+    return {numbers(kept), rows_of(z, kept), rows_of(points, kept), rows_of(var_rho, kept)};
 }
 
 }  // namespace core

@@ -188,8 +188,8 @@ Array<double, 3> gradient_matrices(Matrices information, int spacing) {
 // A position is found with the patch's own gain and offset. What it is worth is judged with those that all patches have
 // in common, eq. (15): light that changes on one patch alone is a reflection or a shadow.
 template <class T>
-AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse,
-                             Matrices information, View<float, 1> level, int radius, int spacing) {
+AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse, Matrices information,
+                             View<float, 1> level, int radius, int spacing) {
     int k = samples_across(radius, spacing), k2 = k * k;
     std::size_t n = starts.shape[0];
     require(k2 > PARAMETERS, "patches have too few samples");
@@ -253,11 +253,11 @@ AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float,
 
 template void store_patches(float*, const std::array<std::size_t, 3>&, const ImageOf<float>&, Pixels, Indices);
 template Patches warp_patches(View<float, 3>, Indices, Matrices, int, int);
-template AlignedPatches align_patches(const ImageOf<float>&, Matrix, View<float, 3>, Matrices,
-                                      View<float, 1>, int, int);
+template AlignedPatches align_patches(const ImageOf<float>&, Matrix, View<float, 3>, Matrices, View<float, 1>, int,
+                                      int);
 template void store_patches(std::uint8_t*, const std::array<std::size_t, 3>&, const ImageOf<std::uint8_t>&, Pixels, Indices);
 template Patches warp_patches(View<std::uint8_t, 3>, Indices, Matrices, int, int);
-template AlignedPatches align_patches(const ImageOf<std::uint8_t>&, Matrix, View<float, 3>, Matrices,
-                                      View<float, 1>, int, int);
+template AlignedPatches align_patches(const ImageOf<std::uint8_t>&, Matrix, View<float, 3>, Matrices, View<float, 1>,
+                                      int, int);
 
 }  // namespace core

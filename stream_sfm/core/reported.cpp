@@ -43,8 +43,7 @@ Array<double, 3> unseen_by_pose(Matrices poses, const PhysicalAxes& axes) {
 
 }  // namespace
 
-ReportedMotions reported_motions(const PhysicalAxes& axes, Matrices poses, Matrices cov,
-                                 Matrices by_terms) {
+ReportedMotions reported_motions(const PhysicalAxes& axes, Matrices poses, Matrices cov, Matrices by_terms) {
     std::size_t n = poses.shape[0], m = 3 + by_terms.shape[2];
     require_shape(axes.rotation, {3, 3}, "rotation");
     require_shape(poses, {n, 4, 4}, "poses");
@@ -74,8 +73,8 @@ ReportedMotions reported_motions(const PhysicalAxes& axes, Matrices poses, Matri
     return result;
 }
 
-ReportedPoints reported_points(const PhysicalAxes& axes, Matrix points, Matrices cov,
-                               Vector std_shared, Matrix frame_from_cam) {
+ReportedPoints reported_points(const PhysicalAxes& axes, Matrix points, Matrices cov, Vector std_shared,
+                               Matrix frame_from_cam) {
     std::size_t n = points.shape[0];
     require_shape(axes.rotation, {3, 3}, "rotation");
     require_shape(points, {n, 3}, "points");

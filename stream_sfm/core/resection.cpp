@@ -38,8 +38,7 @@ class Resection {
 
     // The motion that most views agree with, from a start, without annealing where that is close.
     Fitted first(Matrix start) const {
-        std::vector<double> none(views.shared.shape[2]);
-        Vector amplitudes{none.data(), {none.size()}};
+        Array<double, 1> amplitudes(views.shared.shape[2]);  // none
         if (rules.start_is_close) {
             Fitted found = fit(start, amplitudes, false);
             if (found.ok && (rules.start_is_decided || nearly_all_agree(found))) return found;
@@ -57,9 +56,7 @@ class Resection {
     // Many views may agree with both motions; they say nothing about which of the two is that of the background. A view
     // has three coordinates of its own: it takes so many more where it also determines errors that all share.
     Resected with_second(Fitted found) const {
-        std::vector<std::size_t> off;
-        for (std::size_t i = 0; i < n; i++)
-            if (is_beyond(found, i)) off.push_back(i);
+        std::vector<std::size_t> off = rows_where(n, [&](std::size_t i) { return is_beyond(found, i); });
         if (!found.ok || off.size() < rules.second_views) return {std::move(found), std::nullopt};
         Array<double, 2> start = search_among(off, found);
         Fitted other = fit(start, found.amplitudes, false);
@@ -160,9 +157,8 @@ Resected resect(const PointViews& views, Matrix start, Vector votes, const Resec
 }
 
 // The motion of tracks by the left positions at which flow has found some of them.
-FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, Vector votes, Matrix at,
-                          Flags found, Matrix start, double std_flow, double gate,
-                          const ResectionRules& rules) {
+FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, Vector votes, Matrix at, Flags found,
+                          Matrix start, double std_flow, double gate, const ResectionRules& rules) {
     std::size_t n = tracks.points.shape[0];
     require_shape(votes, {n}, "votes");
     require_shape(at, {n, 2}, "at_px");
@@ -171,7 +167,6 @@ FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, Ve
     require_shape(tracks.scale, {n}, "scale");
     require_shape(start, {4, 4}, "cam_from_previous");
     FlowMotion result{false, {4, 4}, {n}, 0.0};
-    std::vector<std::size_t> rows;
     Array<double, 3> cov_points = track_covariances(tracks.cov_left, tracks.var_rho, {nullptr, {0}}, pinholes.f, pinholes.baseline);
     Array<double, 3> cov(n, 4, 4), none(n, 4, 0);
     Array<double, 2> z(n, 4);
@@ -183,8 +178,8 @@ FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, Ve
             cov[i][5 * c] = std * std;
         }
         gates.data[i] = gate;
-        if (found.data[i]) rows.push_back(i);
     }
+    std::vector<std::size_t> rows = rows_where(n, [&](std::size_t i) { return found.data[i]; });
     if (rows.size() < MIN_VIEWS) return result;
     SelectedViews seen({pinholes, tracks.points, cov_points, z, cov, none, gates}, rows);
     Fitted motion = resect(seen.views(), start, rows_of(votes, rows), rules, std::nullopt).found;

@@ -225,8 +225,8 @@ Array<double, 1> row_speeds(const Pinholes& pinholes, Matrix points, Vector twis
     return result;
 }
 
-Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points,
-                             Matrix motion, Vector timing, std::optional<Matrix> z) {
+Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points, Matrix motion,
+                             Vector timing, std::optional<Matrix> z) {
     std::size_t n = points.shape[0];
     check(exposed);
     require_shape(points, {n, 4}, "points");
@@ -242,8 +242,8 @@ Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& expose
     return result;
 }
 
-Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points,
-                                  Vector twist, Vector mean) {
+Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points, Vector twist,
+                                  Vector mean) {
     Array<double, 2> result(points.shape[0], 4), steady = without_acceleration(twist);
     Array<double, 3> moved = timed_views(pinholes, exposed, points, steady, mean, std::nullopt);
     for (std::size_t i = 0; i < 4 * points.shape[0]; i++)
@@ -252,8 +252,7 @@ Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& e
 }
 
 Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& exposed, const MovingPoints& before,
-                                 const MovingPoints& now, Vector mean, Matrix cov,
-                                 Vector std_twist) {
+                                 const MovingPoints& now, Vector mean, Matrix cov, Vector std_twist) {
     auto timed = [&](const MovingPoints& of) {
         Array<double, 2> steady = without_acceleration(of.twist);
         return timed_views(pinholes, exposed, of.points, steady, mean, std::nullopt);
@@ -286,8 +285,8 @@ Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& ex
     return principal_errors(result);
 }
 
-Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points,
-                                   Vector size, Matrix cov_twist) {
+Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points, Vector size,
+                                   Matrix cov_twist) {
     std::size_t n = points.shape[0];
     check(exposed);
     require_shape(points, {n, 4}, "points");

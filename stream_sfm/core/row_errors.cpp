@@ -49,8 +49,7 @@ Array<double, 2> as_turn(const Pinholes& pinholes, Matrix z, const Array<double,
 
 }  // namespace
 
-Array<double, 2> row_terms(const std::array<double, 2>& size, const Field& field, Matrix at,
-                           Vector speed) {
+Array<double, 2> row_terms(const std::array<double, 2>& size, const Field& field, Matrix at, Vector speed) {
     std::size_t n = at.shape[0];
     if (speed.shape[0] != 1) require_shape(speed, {n}, "row_speed_px_s");
     Array<double, 2> basis = field_basis(field, at);
@@ -75,8 +74,7 @@ Array<double, 1> row_offsets(const RowModel& rows, Matrix at, Vector speed) {
     return result;
 }
 
-Array<bool, 1> on_one_row(const RowModel& rows, Matrix left, Matrix right,
-                          Vector speed, double scale) {
+Array<bool, 1> on_one_row(const RowModel& rows, Matrix left, Matrix right, Vector speed, double scale) {
     std::size_t n = left.shape[0];
     require_shape(left, {n, 2}, "left_px");
     require_shape(right, {n, 2}, "right_px");
@@ -93,8 +91,7 @@ Array<bool, 1> on_one_row(const RowModel& rows, Matrix left, Matrix right,
 }
 
 UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, const RowModel& rows, Matrix before,
-                              Matrix now, Matrix z, Vector twist,
-                              Vector std_twist) {
+                              Matrix now, Matrix z, Vector twist, Vector std_twist) {
     std::size_t n = z.shape[0], k = rows.mean.shape[0];
     require_shape(z, {n, 4}, "z_px");
     require_shape(now, {n, 4}, "points");

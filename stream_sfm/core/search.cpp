@@ -132,10 +132,8 @@ class Search {
 
     // Squared residuals (n,) under a motion.
     std::vector<double> squares(const Motion& motion) const {
-        std::size_t n = views.points.shape[0];
-        ViewResiduals seen = view_residuals(views, {linear.root.data.get(), {n, 4, 4}}, {amplitudes.data(), {amplitudes.size()}},
-                                            {motion.data(), {1, 4, 4}});
-        return {seen.squares[0], seen.squares[0] + n};
+        ViewResiduals seen = view_residuals(views, linear.root, amplitudes, {motion.data(), {1, 4, 4}});
+        return {seen.squares[0], seen.squares[0] + views.points.shape[0]};
     }
 
    private:
@@ -161,7 +159,7 @@ class Search {
 
     const PointViews& views;
     LinearisedViews linear;
-    std::vector<double> amplitudes;  // of shared errors: none
+    Array<double, 1> amplitudes;  // of shared errors: none
 };
 
 double choose(std::size_t n, std::size_t k) {
@@ -216,17 +214,16 @@ Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector wei
     return result;
 }
 
-double motion_support(const PointViews& views, Matrix motion, Vector amplitudes,
-                      Vector weights, const std::array<double, 2>& size) {
+double motion_support(const PointViews& views, Matrix motion, Vector amplitudes, Vector weights,
+                      const std::array<double, 2>& size) {
     std::size_t n = views.points.shape[0];
     require_shape(weights, {n}, "weights");
     LinearisedViews linear = linearise_views(views, motion);
-    ViewResiduals seen = view_residuals(views, {linear.root.data.get(), {n, 4, 4}}, amplitudes, {motion.data, {1, 4, 4}});
+    ViewResiduals seen = view_residuals(views, linear.root, amplitudes, {motion.data, {1, 4, 4}});
     return support(views, size, weights.data, seen.squares[0]);
 }
 
-double evidence(const Pinholes& pinholes, Matrix z, Vector weights,
-                const std::array<double, 2>& size) {
+double evidence(const Pinholes& pinholes, Matrix z, Vector weights, const std::array<double, 2>& size) {
     std::size_t n = z.shape[0];
     require_shape(z, {n, 4}, "z_px");
     require_shape(weights, {n}, "weights");

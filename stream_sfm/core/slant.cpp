@@ -53,6 +53,10 @@ void cut(const ImageOf<T>& image, std::int64_t u, std::int64_t v, int radius, in
 
 }  // namespace
 
+std::vector<std::size_t> slanted_rows(Matrix slopes) {
+    return rows_where(slopes.shape[0], [&](std::size_t i) { return slopes[i][0] != 0 || slopes[i][1] != 0; });
+}
+
 template <class T>
 Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& right, Pixels points, Matrix right_px,
                                   int radius, double std_grey) {

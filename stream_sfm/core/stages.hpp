@@ -40,8 +40,8 @@ void store_patches(T* stored, const std::array<std::size_t, 3>& shape, const Ima
 template <class T>
 Patches warp_patches(View<T, 3> stored, Indices slots, Matrices warps, int radius, int spacing);
 template <class T>
-AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse,
-                             Matrices information, View<float, 1> level, int radius, int spacing);
+AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse, Matrices information,
+                             View<float, 1> level, int radius, int spacing);
 
 Array<double, 3> gradient_matrices(Matrices information, int spacing);
 
@@ -62,8 +62,7 @@ struct RowModel {
 };
 Array<double, 2> row_terms(const std::array<double, 2>& size, const Field& field, Matrix at, Vector speed);
 Array<double, 1> row_offsets(const RowModel& rows, Matrix at, Vector speed);
-Array<bool, 1> on_one_row(const RowModel& rows, Matrix left, Matrix right, Vector speed,
-                          double scale);
+Array<bool, 1> on_one_row(const RowModel& rows, Matrix left, Matrix right, Vector speed, double scale);
 struct RightSides {  // where they are sought, of points that move with a twist, with a turn of the right camera
     Pinholes pinholes;
     RowModel rows;
@@ -88,8 +87,7 @@ struct Timing {  // delay and readout, and how points moved in the frame before
     auto parts() { return std::tie(exposed, mean, cov, twist); }
 };
 UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, const RowModel& rows, Matrix before,
-                              Matrix now, Matrix z, Vector twist,
-                              Vector std_twist);
+                              Matrix now, Matrix z, Vector twist, Vector std_twist);
 
 // Templates of one size: image pixels per pixel; half width and distance of samples, and how far from its start a patch may be
 // found, in pixels of the template; the largest grey deviation; and of the noise of views the pixels that share a value, and a factor.
@@ -114,22 +112,20 @@ struct PredictedTracks {
     auto parts() { return std::tie(points, left, right_u, left_warps, right_warps); }
 };
 PredictedTracks predict_tracks(const Pinholes& pinholes, const Timing& timing, Vector twist, const TrackTable& tracks,
-                               Matrix cam_from_previous, Matrix cam_from_start,
-                               Matrix left, Flags agree);
+                               Matrix cam_from_previous, Matrix cam_from_start, Matrix left, Flags agree);
 struct UpdatedTracks {
     Array<double, 2> points;
     Array<double, 1> var_rho;
     Array<double, 3> cov_left;
     auto parts() { return std::tie(points, var_rho, cov_left); }
 };
-UpdatedTracks update_depths(const Pinholes& pinholes, const TrackTable& tracks, Matrix cam_from_previous,
-                            Matrix z, Matrices cov, double forgetting);
+UpdatedTracks update_depths(const Pinholes& pinholes, const TrackTable& tracks, Matrix cam_from_previous, Matrix z,
+                            Matrices cov, double forgetting);
 Array<bool, 1> templates_fit(Matrices warps, double radius, double half);
 Array<bool, 1> inside_area(View<bool, 2> area, Matrix at);
-Array<double, 3> view_covariances(Matrices gradients, Vector error_left,
-                                  Vector error_right, double shared_pixels, double scale, double factor);
-Array<double, 3> track_covariances(Matrices cov_left, Vector var_rho, Vector drift,
-                                   double focal, double baseline);
+Array<double, 3> view_covariances(Matrices gradients, Vector error_left, Vector error_right, double shared_pixels,
+                                  double scale, double factor);
+Array<double, 3> track_covariances(Matrices cov_left, Vector var_rho, Vector drift, double focal, double baseline);
 Array<double, 1> template_drift(Matrix points, Matrix cam_from_previous, Indices scale, double radius);
 
 // alignment.cpp
@@ -153,15 +149,14 @@ struct AlignedTracks {  // of tracks (n) which were expected in view, and of tho
     auto parts() { return std::tie(expected, rows, points, z, cov, any_row, taken); }
 };
 AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, const TrackTable& tracks, Indices slots,
-                           Matrix cam_from_previous, Matrix cam_from_start, Matrix left,
-                           Flags agree, const Templates<std::uint8_t>& ordinary,
-                           const std::optional<Templates<float>>& wide);
+                           Matrix cam_from_previous, Matrix cam_from_start, Matrix left, Flags agree,
+                           const Templates<std::uint8_t>& ordinary, const std::optional<Templates<float>>& wide);
 
 // corners.cpp
 template <class T>
 Array<float, 2> corner_strength(const ImageOf<T>& image);
-Array<std::int64_t, 2> new_corners(const Image& strength, View<bool, 2> allowed, Matrix taken,
-                                   std::int64_t wanted, double distance, double min_strength);
+Array<std::int64_t, 2> new_corners(const Image& strength, View<bool, 2> allowed, Matrix taken, std::int64_t wanted,
+                                   double distance, double min_strength);
 
 // new_points.cpp
 struct NewMatches {
@@ -173,8 +168,8 @@ struct NewMatches {
     auto parts() { return std::tie(slots, z, cov, slopes, apart); }
 };
 template <class T>  // float or std::uint8_t
-NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, View<T, 3> stored, const TemplateKind& kind,
-                            const RightSides& right_sides, Pixels corners, Indices slots,
+NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, View<T, 3> stored,
+                            const TemplateKind& kind, const RightSides& right_sides, Pixels corners, Indices slots,
                             Vector disparity, double tolerance, double std_grey, double max_apart);
 struct PlacedPoints {  // rows of those that are kept, their views, and their points with the variances of 1/Z
     Array<std::int64_t, 1> rows;
@@ -182,8 +177,8 @@ struct PlacedPoints {  // rows of those that are kept, their views, and their po
     Array<double, 1> var_rho;
     auto parts() { return std::tie(rows, z, points, var_rho); }
 };
-PlacedPoints place_new_points(const RightSides& right_sides, const Timing& timing, Matrix seen,
-                              Matrices cov, double scale, double least_sigmas, double max_std);
+PlacedPoints place_new_points(const RightSides& right_sides, const Timing& timing, Matrix seen, Matrices cov,
+                              double scale, double least_sigmas, double max_std);
 
 // lasting.cpp
 struct RowErrors {
@@ -192,8 +187,8 @@ struct RowErrors {
     Array<double, 1> sums;
     auto parts() { return std::tie(ages, rows, sums); }
 };
-RowErrors row_errors_of_tracks(Indices known, Indices ages, Matrix rows, Indices ids,
-                               Matrix z, Matrices cov, bool counts);
+RowErrors row_errors_of_tracks(Indices known, Indices ages, Matrix rows, Indices ids, Matrix z, Matrices cov,
+                               bool counts);
 Array<double, 2> view_inflation(Indices ages, double ratio_left, double ratio_right, double decay);
 
 // ids.cpp
@@ -208,6 +203,7 @@ Array<std::uint8_t, 2> unfilter_png(View<std::uint8_t, 2> filtered, std::size_t 
 template <class T>
 Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& right, Pixels points, Matrix right_px,
                                   int radius, double std_grey);
+std::vector<std::size_t> slanted_rows(Matrix slopes);  // those that do not face the camera
 
 // views.cpp
 struct LinearisedViews {
@@ -247,14 +243,12 @@ Array<double, 2> seen_points(const Pinholes& pinholes, Matrix z);
 Array<double, 3> whitening_of_views(Matrix z, Matrices cov);
 Array<double, 1> gates_of_views(Matrix z, double of_one, double of_both);
 LinearisedViews linearise_views(const PointViews& views, Matrix cam_from_ref);
-ViewResiduals view_residuals(const PointViews& views, Matrices root, Vector amplitudes,
-                             Matrices cams_from_ref);
+ViewResiduals view_residuals(const PointViews& views, Matrices root, Vector amplitudes, Matrices cams_from_ref);
 struct MotionStep {
     Array<double, 1> step;
     Array<double, 2> information;
 };
-MotionStep motion_step(Matrices jacobian, Matrix residuals, Vector weights,
-                       Vector amplitudes);
+MotionStep motion_step(Matrices jacobian, Matrix residuals, Vector weights, Vector amplitudes);
 
 // fit.cpp
 struct Fitted {
@@ -273,20 +267,19 @@ struct Fitted {
         : cam_from_ref(4, 4), cov_pose(6, 6), accepted(n), squares(n), amplitudes(j), cov_amplitudes(j, j) {}
     auto parts() { return std::tie(cam_from_ref, cov_pose, accepted, chi2, dof, spread, ok, squares, share, amplitudes, cov_amplitudes); }
 };
-Fitted fit_motion(const PointViews& views, Matrix start, Vector amplitudes,
-                  Vector votes, bool anneal);
+Fitted fit_motion(const PointViews& views, Matrix start, Vector amplitudes, Vector votes, bool anneal);
 struct Halves {
     double apart;
     Array<double, 3> motions;
 };
-Halves motions_of_halves(const PointViews& views, Matrix motion, Vector amplitudes,
-                         Flags accepted, double shared_noise);
+Halves motions_of_halves(const PointViews& views, Matrix motion, Vector amplitudes, Flags accepted,
+                         double shared_noise);
 
 // search.cpp
 Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector weights,
                                const std::array<double, 2>& image_size, std::size_t agreeing);
-double motion_support(const PointViews& views, Matrix motion, Vector amplitudes,
-                      Vector weights, const std::array<double, 2>& size);
+double motion_support(const PointViews& views, Matrix motion, Vector amplitudes, Vector weights,
+                      const std::array<double, 2>& size);
 double evidence(const Pinholes& pinholes, Matrix z, Vector weights, const std::array<double, 2>& size);
 
 // resection.cpp
@@ -319,9 +312,8 @@ struct FlowMotion {
     double share;
     auto parts() { return std::tie(ok, cam_from_previous, agree, share); }
 };
-FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, Vector votes, Matrix at,
-                          Flags found, Matrix start, double std_flow, double gate,
-                          const ResectionRules& rules);
+FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, Vector votes, Matrix at, Flags found,
+                          Matrix start, double std_flow, double gate, const ResectionRules& rules);
 Resected resect(const PointViews& views, Matrix start, Vector votes, const ResectionRules& rules,
                 std::optional<Matrix> predicted);
 
@@ -362,20 +354,19 @@ void slopes_of_rows(const ExposedRows& of, const double* z, double* out);
 // To a view at z of a homogeneous point with a motion (2, 6), per second of delay and of readout (4, 2), near a `timing` (2,).
 void timing_of_view(const Pinholes& pinholes, const ExposedRows& exposed, const double* point, const double* motion,
                     const double* timing, const double* z, double* out);
-Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points,
-                             Matrix motion, Vector timing, std::optional<Matrix> z);
-Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points,
-                                  Vector twist, Vector mean);
+Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points, Matrix motion,
+                             Vector timing, std::optional<Matrix> z);
+Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points, Vector twist,
+                                  Vector mean);
 struct MovingPoints {  // homogeneous points (n, 4), and their twist (6,)
     Matrix points;
     Vector twist;
     auto parts() { return std::tie(points, twist); }
 };
 Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& exposed, const MovingPoints& before,
-                                 const MovingPoints& now, Vector mean, Matrix cov,
-                                 Vector std_twist);
-Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points,
-                                   Vector size, Matrix cov_twist);
+                                 const MovingPoints& now, Vector mean, Matrix cov, Vector std_twist);
+Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points, Vector size,
+                                   Matrix cov_twist);
 // Errors (n, k) as independent ones (n, j), of σ = 1 as they are, without those that do not matter beside a good view's noise.
 Array<double, 2> principal_components(Matrix errors);
 Array<double, 3> principal_errors(Matrices errors);  // of views (n, 4, k)
@@ -390,15 +381,14 @@ struct ReportedMotions {
     Array<double, 3> poses, cov, jacobian;
     auto parts() { return std::tie(poses, cov, jacobian); }
 };
-ReportedMotions reported_motions(const PhysicalAxes& axes, Matrices poses, Matrices cov,
-                                 Matrices by_terms);
+ReportedMotions reported_motions(const PhysicalAxes& axes, Matrices poses, Matrices cov, Matrices by_terms);
 struct ReportedPoints {
     Array<double, 2> points;
     Array<double, 3> cov;
     auto parts() { return std::tie(points, cov); }
 };
-ReportedPoints reported_points(const PhysicalAxes& axes, Matrix points, Matrices cov,
-                               Vector std_shared, Matrix frame_from_cam);
+ReportedPoints reported_points(const PhysicalAxes& axes, Matrix points, Matrices cov, Vector std_shared,
+                               Matrix frame_from_cam);
 
 // poses.cpp
 Array<double, 3> pose_exp(Matrix xi);
@@ -418,8 +408,8 @@ struct Mixture {
     auto parts() { return std::tie(mean, cov, p_wrong); }
 };
 Array<double, 2> log_evidence(Vector information, Vector weighted, Vector variances);
-Mixture rig_mixture(Vector mean, Matrix cov, Vector size, std::size_t lenses,
-                    View<bool, 2> is_zero, Vector log_prior, double counts, bool known_wrong);
+Mixture rig_mixture(Vector mean, Matrix cov, Vector size, std::size_t lenses, View<bool, 2> is_zero, Vector log_prior,
+                    double counts, bool known_wrong);
 
 // dense.cpp
 Array<double, 3> whiten_blocks(Matrices cov, Matrices b);
@@ -459,8 +449,7 @@ Array<double, 2> points_of_views(const WindowState& state, const WindowViews& vi
 Array<double, 2> expected_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
                                 Flags stereo, Matrix expected);
 Array<double, 3> timing_of_views(const Pinholes& pinholes, const ExposedRows& exposed, const WindowState& state,
-                                 const WindowViews& views, Matrix expected,
-                                 Matrices motions, Vector timing);
+                                 const WindowViews& views, Matrix expected, Matrices motions, Vector timing);
 Array<double, 3> q_by_reference(Matrices ref_from_anchor, Matrix q);
 struct SeenAgain {
     Array<std::int64_t, 1> rows;
@@ -468,12 +457,10 @@ struct SeenAgain {
     Array<double, 3> cov;
     auto parts() { return std::tie(rows, points, cov); }
 };
-SeenAgain points_seen_again(Indices ids, Flags usable, Matrix var_drift, Indices known,
-                            Matrix q, Matrices cov_q);
-Array<double, 3> drift_covariances(Indices ids, Matrices ref_from_anchor, Matrix q,
-                                   Indices seen, Matrix var_drift);
-Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, double of_one,
-                                  double of_both);
+SeenAgain points_seen_again(Indices ids, Flags usable, Matrix var_drift, Indices known, Matrix q, Matrices cov_q);
+Array<double, 3> drift_covariances(Indices ids, Matrices ref_from_anchor, Matrix q, Indices seen, Matrix var_drift);
+Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
+                                  double of_one, double of_both);
 NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
 
 // elimination.cpp
@@ -504,8 +491,7 @@ struct WindowSystem {
     auto parts() { return std::tie(h, modes, std_given, reach, given, g); }
 };
 EliminatedPoints eliminate_points(Matrices v, Matrices w);
-WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Matrix q,
-                           Vector amplitudes);
+WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Matrix q, Vector amplitudes);
 
 // absorb.cpp
 struct PointsAlone {
@@ -535,15 +521,12 @@ struct AbsorbedPoints {
     Array<double, 3> cov, modes;
     auto parts() { return std::tie(ids, mean, cov, modes); }
 };
-PointsAlone points_alone(Matrices v, Matrix g_point, Matrices rig_point,
-                         Matrix q, Vector rig_step);
+PointsAlone points_alone(Matrices v, Matrix g_point, Matrices rig_point, Matrix q, Vector rig_step);
 LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Flags stereo,
-                           Matrix var_drift, Flags seen_later, Indices known,
-                           Matrices cov);
+                           Matrix var_drift, Flags seen_later, Indices known, Matrices cov);
 WindowSystem absorbing_system(const BlockViews& blocks, const PriorViews& prior, Matrices anchors, Matrix q,
                               Vector amplitudes);
-AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved,
-                               Matrix given, Matrix q, Flags stays,
+AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved, Matrix given, Matrix q, Flags stays,
                                const NewPriorPoints& fresh);
 
 // marginals.cpp
@@ -562,8 +545,8 @@ struct PointMarginals {
     Array<bool, 1> finite;
     auto parts() { return std::tie(q_in_cam, cov_q_in_cam, points_in_cam, cov_points, points_in_world, cov_points_in_world, finite); }
 };
-PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor,
-                               Matrices std_given, const CovariancePart& own, const CovariancePart& of_rig,
-                               Matrix world_from_ref, Matrix cam_from_ref, double known_sigmas);
+PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, Matrices std_given,
+                               const CovariancePart& own, const CovariancePart& of_rig, Matrix world_from_ref,
+                               Matrix cam_from_ref, double known_sigmas);
 
 }  // namespace core

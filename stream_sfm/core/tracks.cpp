@@ -46,8 +46,8 @@ void check(const TrackTable& tracks) {
 }
 
 // Warps of the left and of the right image, anchor from now, of a point (4,) in the camera `now_from_anchor` (4, 4).
-void warps_of(const Pinholes& pinholes, const double* point, const double* slopes, const double* now_from_anchor, double* of_left,
-              double* of_right) {
+void warps_of(const Pinholes& pinholes, const double* point, const double* slopes, const double* now_from_anchor,
+              double* of_left, double* of_right) {
     const double* m = now_from_anchor;
     double there[4], here[4], moved[6], left[4], right[4], by_depth[2];
     Array<double, 3> anchor = pose_inverse({m, {1, 4, 4}});
@@ -111,8 +111,7 @@ void shear_by_readout(const Pinholes& pinholes, const Timing& timing, const Trac
 }  // namespace
 
 PredictedTracks predict_tracks(const Pinholes& pinholes, const Timing& timing, Vector twist, const TrackTable& tracks,
-                               Matrix cam_from_previous, Matrix cam_from_start,
-                               Matrix left, Flags agree) {
+                               Matrix cam_from_previous, Matrix cam_from_start, Matrix left, Flags agree) {
     std::size_t n = tracks.points.shape[0];
     check(tracks);
     require_shape(cam_from_previous, {4, 4}, "cam_from_previous");
@@ -135,8 +134,8 @@ PredictedTracks predict_tracks(const Pinholes& pinholes, const Timing& timing, V
     return result;
 }
 
-UpdatedTracks update_depths(const Pinholes& p, const TrackTable& tracks, Matrix cam_from_previous,
-                            Matrix z, Matrices cov, double forgetting) {
+UpdatedTracks update_depths(const Pinholes& p, const TrackTable& tracks, Matrix cam_from_previous, Matrix z,
+                            Matrices cov, double forgetting) {
     std::size_t n = tracks.points.shape[0];
     check(tracks);
     require_shape(cam_from_previous, {4, 4}, "cam_from_previous");
@@ -187,8 +186,8 @@ Array<bool, 1> inside_area(View<bool, 2> area, Matrix at) {
     return result;
 }
 
-Array<double, 3> view_covariances(Matrices gradients, Vector error_left,
-                                  Vector error_right, double shared_pixels, double scale, double factor) {
+Array<double, 3> view_covariances(Matrices gradients, Vector error_left, Vector error_right, double shared_pixels,
+                                  double scale, double factor) {
     std::size_t n = gradients.shape[0];
     require_shape(gradients, {n, 2, 2}, "gradients");
     require_shape(error_left, {n}, "error_left");
@@ -210,8 +209,7 @@ Array<double, 3> view_covariances(Matrices gradients, Vector error_left,
     return result;
 }
 
-Array<double, 3> track_covariances(Matrices cov_left, Vector var_rho, Vector drift,
-                                   double focal, double baseline) {
+Array<double, 3> track_covariances(Matrices cov_left, Vector var_rho, Vector drift, double focal, double baseline) {
     std::size_t n = var_rho.shape[0];
     require_shape(cov_left, {n, 2, 2}, "cov_left_px");
     if (drift.shape[0] != 0) require_shape(drift, {n}, "drift_px");

@@ -35,8 +35,7 @@ double squared_length(const double* a, const double* x, double& log_det) {
 FittedTurn fitted(const PointViews& views, Matrix motion, int steps, Matrix usual, double std_knock) {
     std::size_t n = views.points.shape[0];
     LinearisedViews linear = linearise_views(views, motion);
-    Array<double, 1> none(0);
-    ViewResiduals seen = view_residuals(views, {linear.root.data.get(), {n, 4, 4}}, {none.data.get(), {0}}, {motion.data, {1, 4, 4}});
+    ViewResiduals seen = view_residuals(views, linear.root, Array<double, 1>(0), {motion.data, {1, 4, 4}});
     FittedTurn result{{3}, {n}, 0.0, 0.0};
     std::vector<double> rows(n * 4 * COLUMNS), squares(n);
     for (std::size_t i = 0; i < n; i++) {
@@ -120,9 +119,7 @@ FittedTurn fit_turn(const PointViews& views, Matrix motion, Matrix usual, double
     require_shape(usual, {3, 3}, "usual");
     require_shape(views.z, {n, 4}, "z_px");
     require(views.shared.shape[2] == 0, "a turn is fitted without other errors");
-    std::vector<std::size_t> seen;
-    for (std::size_t i = 0; i < n; i++)
-        if (std::isfinite(views.z[i][2])) seen.push_back(i);
+    std::vector<std::size_t> seen = rows_where(n, [&](std::size_t i) { return std::isfinite(views.z[i][2]); });
     require(!seen.empty(), "no right side was seen");
     SelectedViews of_right(views, seen);
     FittedTurn found = fitted(of_right.views(), motion, FEW_STEPS, usual, std_knock);

@@ -123,8 +123,7 @@ LinearisedViews linearise_views(const PointViews& views, Matrix cam_from_ref) {
     return result;
 }
 
-ViewResiduals view_residuals(const PointViews& views, Matrices root, Vector amplitudes,
-                             Matrices cams_from_ref) {
+ViewResiduals view_residuals(const PointViews& views, Matrices root, Vector amplitudes, Matrices cams_from_ref) {
     const auto& [pinholes, points, cov_points, z, cov, shared, gate] = views;
     check(points, z);
     std::size_t n = points.shape[0], motions = cams_from_ref.shape[0], j = amplitudes.shape[0];
@@ -151,8 +150,7 @@ ViewResiduals view_residuals(const PointViews& views, Matrices root, Vector ampl
     return result;
 }
 
-MotionStep motion_step(Matrices jacobian, Matrix residuals, Vector weights,
-                       Vector amplitudes) {
+MotionStep motion_step(Matrices jacobian, Matrix residuals, Vector weights, Vector amplitudes) {
     std::size_t n = jacobian.shape[0], k = jacobian.shape[2];
     require(k >= 6 && k <= 1000, "the Jacobian has fewer columns than a motion, or too many");
     require_shape(jacobian, {n, 4, k}, "jacobian");

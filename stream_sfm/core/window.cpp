@@ -66,8 +66,8 @@ void points_of(const double* anchor, const double* q, const double* cam, double*
 }
 
 // A view (4,) of a point in the camera, with what the rig has wrong.
-void predicted(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, std::size_t i, const double* in_cam,
-               double* z) {
+void predicted(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, std::size_t i,
+               const double* in_cam, double* z) {
     std::size_t terms = views.terms.shape[2], timed = views.timing.shape[2], basis = views.field.shape[1], parts = views.moves.shape[1];
     const double* c = state.rig_error.data;
     project(pinholes, in_cam, z);
@@ -88,8 +88,8 @@ void point_of(const WindowState& state, const Seen& seen, double* in_cam) {
 }
 
 // The whitened residual (4,) of a view, and its point in the camera.
-void residual(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, const Seen& seen, double* in_cam,
-              double* r) {
+void residual(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, const Seen& seen,
+              double* in_cam, double* r) {
     double z[4];
     point_of(state, seen, in_cam);
     predicted(pinholes, state, views, seen.view, in_cam, z);
@@ -125,8 +125,7 @@ Array<double, 2> expected_views(const Pinholes& pinholes, const WindowState& sta
 }
 
 Array<double, 3> timing_of_views(const Pinholes& pinholes, const ExposedRows& exposed, const WindowState& state,
-                                 const WindowViews& views, Matrix expected, Matrices motions,
-                                 Vector timing) {
+                                 const WindowViews& views, Matrix expected, Matrices motions, Vector timing) {
     check(exposed);
     require_shape(expected, {views.ids.shape[0], 4}, "expected_px");
     require_shape(motions, {state.cams_from_ref.shape[0], 2, 6}, "motions");
@@ -157,8 +156,7 @@ Array<double, 3> q_by_reference(Matrices ref_from_anchor, Matrix q) {
     return result;
 }
 
-SeenAgain points_seen_again(Indices ids, Flags usable, Matrix var_drift, Indices known,
-                            Matrix q, Matrices cov_q) {
+SeenAgain points_seen_again(Indices ids, Flags usable, Matrix var_drift, Indices known, Matrix q, Matrices cov_q) {
     std::size_t n = ids.shape[0], points = known.shape[0];
     require_shape(usable, {n}, "usable");
     require_shape(var_drift, {n, 3}, "var_drift");
@@ -168,9 +166,8 @@ SeenAgain points_seen_again(Indices ids, Flags usable, Matrix var_drift, Indices
     Lookup before{known};
     for (std::size_t i = 0; i < n; i++)
         if (std::size_t row = usable.data[i] ? before.row(ids.data[i]) : NONE; row != NONE) views.push_back(i), at.push_back(row);
-    SeenAgain result{{views.size()}, {views.size(), 4}, {views.size(), 4, 4}};
+    SeenAgain result{numbers(views), {views.size(), 4}, {views.size(), 4, 4}};
     for (std::size_t i = 0; i < views.size(); i++) {
-        result.rows.data[i] = static_cast<std::int64_t>(views[i]);
         result.points[i][2] = 1.0;
         for (std::size_t row = 0; row < 3; row++) {
             result.points[i][Q_COLUMNS[row]] = q[at[i]][row];
@@ -181,8 +178,7 @@ SeenAgain points_seen_again(Indices ids, Flags usable, Matrix var_drift, Indices
     return result;
 }
 
-Array<double, 3> drift_covariances(Indices ids, Matrices ref_from_anchor, Matrix q,
-                                   Indices seen, Matrix var_drift) {
+Array<double, 3> drift_covariances(Indices ids, Matrices ref_from_anchor, Matrix q, Indices seen, Matrix var_drift) {
     std::size_t n = ids.shape[0];
     require_shape(ref_from_anchor, {n, 4, 4}, "ref_from_anchor");
     require_shape(q, {n, 3}, "q");
@@ -208,8 +204,8 @@ Array<double, 3> drift_covariances(Indices ids, Matrices ref_from_anchor, Matrix
     return result;
 }
 
-Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, double of_one,
-                                  double of_both) {
+Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
+                                  double of_one, double of_both) {
     Array<bool, 1> result(views.frame.shape[0]);
     for (const Seen& seen : seen_by(state, views)) {
         double in_cam[4], r[4], sum = 0;
