@@ -30,6 +30,28 @@ inline double dot(const float* a, const float* b, int k) {
     return sum;
 }
 
+// out (R, C) = a (R, K) b (K, C).
+template <int R, int K, int C>
+void multiply(const double* a, const double* b, double* out) {
+    for (int i = 0; i < R; i++)
+        for (int j = 0; j < C; j++) {
+            double sum = a[K * i] * b[j];
+            for (int k = 1; k < K; k++) sum += a[K * i + k] * b[C * k + j];
+            out[C * i + j] = sum;
+        }
+}
+
+// out (R, C) = a (R, K) bᵀ of b (C, K).
+template <int R, int K, int C>
+void multiply_transposed(const double* a, const double* b, double* out) {
+    for (int i = 0; i < R; i++)
+        for (int j = 0; j < C; j++) {
+            double sum = a[K * i] * b[K * j];
+            for (int k = 1; k < K; k++) sum += a[K * i + k] * b[K * j + k];
+            out[C * i + j] = sum;
+        }
+}
+
 // The inverse of a matrix (3, 3), by its adjugate.
 inline void invert3(const double* a, double* out) {
     double c0 = a[4] * a[8] - a[5] * a[7], c1 = a[5] * a[6] - a[3] * a[8], c2 = a[3] * a[7] - a[4] * a[6];
@@ -45,23 +67,25 @@ inline void invert3(const double* a, double* out) {
     out[8] = (a[0] * a[4] - a[1] * a[3]) * scale;
 }
 
-// The lower Cholesky factor of a symmetric matrix (N, N); false where it is not positive definite.
-template <int N>
-bool cholesky(const double* a, double* lower) {
-    std::fill(lower, lower + N * N, 0.0);
-    for (int j = 0; j < N; j++) {
-        double pivot = a[j * N + j];
-        for (int k = 0; k < j; k++) pivot -= lower[j * N + k] * lower[j * N + k];
-        if (!(pivot > 0)) return false;
-        pivot = std::sqrt(pivot);
-        lower[j * N + j] = pivot;
-        for (int i = j + 1; i < N; i++) {
-            double rest = a[i * N + j];
-            for (int k = 0; k < j; k++) rest -= lower[i * N + k] * lower[j * N + k];
-            lower[i * N + j] = rest / pivot;
+// The lower triangle of a symmetric positive definite A (n, n) becomes its factor. False where it is not.
+inline bool factor_positive(double* a, std::size_t n) {
+    for (std::size_t j = 0; j < n; j++) {
+        for (std::size_t k = 0; k < j; k++) a[j * n + j] -= a[j * n + k] * a[j * n + k];
+        if (!(a[j * n + j] > 0)) return false;
+        a[j * n + j] = std::sqrt(a[j * n + j]);
+        for (std::size_t i = j + 1; i < n; i++) {
+            for (std::size_t k = 0; k < j; k++) a[i * n + j] -= a[i * n + k] * a[j * n + k];
+            a[i * n + j] /= a[j * n + j];
         }
     }
     return true;
+}
+
+// The lower Cholesky factor of a symmetric matrix (N, N); false where it is not positive definite.
+template <int N>
+bool cholesky(const double* a, double* lower) {
+    for (int i = 0; i < N * N; i++) lower[i] = i % N <= i / N ? a[i] : 0.0;
+    return factor_positive(lower, N);
 }
 
 // The inverse of a lower triangle (N, N).
@@ -95,27 +119,18 @@ void invert_positive(const double* a, double* out) {
         }
 }
 
-// The lower triangle of a symmetric positive definite A (n, n) becomes its factor. False where it is not.
-inline bool factor_positive(double* a, std::size_t n) {
-    for (std::size_t j = 0; j < n; j++) {
-        for (std::size_t k = 0; k < j; k++) a[j * n + j] -= a[j * n + k] * a[j * n + k];
-        if (!(a[j * n + j] > 0)) return false;
-        a[j * n + j] = std::sqrt(a[j * n + j]);
-        for (std::size_t i = j + 1; i < n; i++) {
-            for (std::size_t k = 0; k < j; k++) a[i * n + j] -= a[i * n + k] * a[j * n + k];
-            a[i * n + j] /= a[j * n + j];
-        }
+// b becomes L⁻¹ b of a lower triangle (n, n).
+inline void substitute(const double* lower, double* b, std::size_t n) {
+    for (std::size_t i = 0; i < n; i++) {
+        for (std::size_t k = 0; k < i; k++) b[i] -= lower[i * n + k] * b[k];
+        b[i] /= lower[i * n + i];
     }
-    return true;
 }
 
 // Solve A x = b for a symmetric positive definite A (n, n), which becomes its factor; b becomes x. False where it is not.
 inline bool solve_positive(double* a, double* b, std::size_t n) {
     if (!factor_positive(a, n)) return false;
-    for (std::size_t i = 0; i < n; i++) {
-        for (std::size_t k = 0; k < i; k++) b[i] -= a[i * n + k] * b[k];
-        b[i] /= a[i * n + i];
-    }
+    substitute(a, b, n);
     for (std::size_t i = n; i-- > 0;) {
         for (std::size_t k = i + 1; k < n; k++) b[i] -= a[k * n + i] * b[k];
         b[i] /= a[i * n + i];

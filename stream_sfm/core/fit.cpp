@@ -131,7 +131,7 @@ class Fit {
             for (std::size_t j = 0; j < size; j++) length2 += delta[i] * information[i * size + j] * delta[j];
         Array<double, 3> by = pose_exp({delta, {1, 6}});
         std::vector<double> before = motion;
-        multiply(by[0], before.data(), motion.data());
+        multiply<4, 4, 4>(by[0], before.data(), motion.data());
         for (std::size_t i = 6; i < size; i++) shared[i - 6] += delta[i];
         return length2;
     }
@@ -203,7 +203,7 @@ Halves motions_of_halves(const PointViews& views, Matrix motion, Vector amplitud
         double both[12];
         for (std::size_t a = 0; a < 6; a++) both[a] = x[a], both[6 + a] = x[a] + x[m + a];
         Array<double, 3> by_step = pose_exp({both, {2, 6}});
-        for (std::size_t k = 0; k < 2; k++) multiply(by_step[k], motion.data, result.motions[2 * by + k]);
+        for (std::size_t k = 0; k < 2; k++) multiply<4, 4, 4>(by_step[k], motion.data, result.motions[2 * by + k]);
     }
     return result;
 }

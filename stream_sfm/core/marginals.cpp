@@ -10,26 +10,15 @@
 namespace core {
 namespace {
 
-// out (3, C) = a (3, K) b (K, C), row-major; `transposed`: b is (C, K).
-template <int K, int C>
-void multiply(const double* a, const double* b, double* out, bool transposed = false) {
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < C; j++) {
-            double sum = 0;
-            for (int k = 0; k < K; k++) sum += a[K * i + k] * (transposed ? b[K * j + k] : b[C * k + j]);
-            out[C * i + j] = sum;
-        }
-}
-
 // out (3, 3) = the covariance of Jq δq + Jy δy, of covariances (3, 3), (6, 6) and between them (3, 6).
 void propagate(const double* jq, const double* qq, const double* jy, const double* yy, const double* qy, double* out) {
     double by_q[9], by_y[18], of_q[9], of_y[9], between[18], half[9];
-    multiply<3, 3>(jq, qq, by_q);
-    multiply<3, 3>(by_q, jq, of_q, true);
-    multiply<6, 6>(jy, yy, by_y);
-    multiply<6, 3>(by_y, jy, of_y, true);
-    multiply<3, 6>(jq, qy, between);
-    multiply<6, 3>(between, jy, half, true);
+    multiply<3, 3, 3>(jq, qq, by_q);
+    multiply_transposed<3, 3, 3>(by_q, jq, of_q);
+    multiply<3, 6, 6>(jy, yy, by_y);
+    multiply_transposed<3, 6, 3>(by_y, jy, of_y);
+    multiply<3, 3, 6>(jq, qy, between);
+    multiply_transposed<3, 6, 3>(between, jy, half);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {
             int x = 3 * i + j, y = 3 * j + i;
@@ -60,8 +49,8 @@ void add_part(const double* root, const CovariancePart& part, std::size_t i, dou
 // out (3, 3) = root a rootᵀ.
 void in_units(const double* root, const double* a, double* out) {
     double half[9];
-    multiply<3, 3>(root, a, half);
-    multiply<3, 3>(half, root, out, true);
+    multiply<3, 3, 3>(root, a, half);
+    multiply_transposed<3, 3, 3>(half, root, out);
 }
 
 // ∂X/∂P (3, 4) of the metric point X = P₁..₃/ρ, eq. (38), times b (4, 3).
@@ -121,16 +110,12 @@ PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, Mat
             const double* from = anchor + 4 * row;
             ref_by_q[3 * row] = from[0], ref_by_q[3 * row + 1] = from[1], ref_by_q[3 * row + 2] = from[3];
         }
-        for (int row = 0; row < 4; row++)
-            for (int c = 0; c < 3; c++) {
-                cam_by_q[3 * row + c] = 0;
-                for (int j = 0; j < 4; j++) cam_by_q[3 * row + c] += cam_from_ref.data[4 * row + j] * ref_by_q[3 * j + c];
-            }
+        multiply<4, 4, 3>(cam_from_ref.data, ref_by_q, cam_by_q);
         double inverse = 1 / p[2], seen[3] = {p[0] * inverse, p[1] * inverse, p[3] * inverse};
         std::fill(k, k + 12, 0.0);  // ∂q/∂P
         k[0] = k[5] = k[11] = inverse;
         for (int row = 0; row < 3; row++) k[4 * row + 2] = -seen[row] * inverse;
-        multiply<4, 3>(k, cam_by_q, by_q);
+        multiply<3, 4, 3>(k, cam_by_q, by_q);
         for (int row = 0; row < 3; row++) by_motion(k + 4 * row, p, by_x + 6 * row);
         double cov_q[9];
         propagate(by_q, qq, by_x, xx, qx, cov_q);
@@ -141,8 +126,8 @@ PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, Mat
         const double moved_by_q[12] = {1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1};
         double d[9], half[9];
         metric_by(here, moved_by_q, d);
-        multiply<3, 3>(d, cov_q, half);
-        multiply<3, 3>(half, d, result.cov_points[i], true);
+        multiply<3, 3, 3>(d, cov_q, half);
+        multiply_transposed<3, 3, 3>(half, d, result.cov_points[i]);
         if (!finite) in_ref[3] = 1.0;
         double metric[3], by_ref[9], world_by_q[9], of_world[18], world_by_w[18];
         for (int c = 0; c < 3; c++) {
@@ -150,12 +135,12 @@ PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, Mat
             metric[c] = in_ref[c] / in_ref[3];
         }
         metric_by(in_ref, ref_by_q, by_ref);
-        multiply<3, 3>(turn, by_ref, world_by_q);
+        multiply<3, 3, 3>(turn, by_ref, world_by_q);
         std::fill(of_world, of_world + 18, 0.0);  // [I, −[X]×]
         of_world[0] = of_world[7] = of_world[14] = 1;
         of_world[4] = metric[2], of_world[5] = -metric[1], of_world[9] = -metric[2];
         of_world[11] = metric[0], of_world[15] = metric[1], of_world[16] = -metric[0];
-        multiply<3, 6>(turn, of_world, world_by_w);
+        multiply<3, 3, 6>(turn, of_world, world_by_w);
         propagate(world_by_q, qq, world_by_w, ww, qw, result.cov_points_in_world[i]);
         for (int c = 0; c < 3; c++)
             result.points_in_world[i][c] = turn[3 * c] * metric[0] + turn[3 * c + 1] * metric[1] + turn[3 * c + 2] * metric[2] + world[4 * c + 3];

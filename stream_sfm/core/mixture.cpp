@@ -53,14 +53,6 @@ void factor(Numbers& a, std::size_t n) {
     }
 }
 
-// b becomes L⁻¹ b.
-void substitute(const Numbers& lower, double* b, std::size_t n) {
-    for (std::size_t i = 0; i < n; i++) {
-        for (std::size_t k = 0; k < i; k++) b[i] -= lower[i * n + k] * b[k];
-        b[i] /= lower[i * n + i];
-    }
-}
-
 // C⁻¹ and C⁻¹ m of a Gaussian.
 Gaussian information_of(Gaussian of) {
     std::size_t n = of.size();
@@ -69,7 +61,7 @@ Gaussian information_of(Gaussian of) {
     Numbers inverse(n * n);  // its rows: columns of L⁻¹
     for (std::size_t i = 0; i < n; i++) {
         inverse[i * n + i] = 1;
-        substitute(of.cov, inverse.data() + i * n, n);
+        substitute(of.cov.data(), inverse.data() + i * n, n);
     }
     for (std::size_t i = 0; i < n; i++)
         for (std::size_t j = 0; j < n; j++) {
@@ -84,12 +76,12 @@ Gaussian without(const Gaussian& of, const Which& zero, const Which& kept) {
     std::size_t m = of.size(), n = zero.size(), others = kept.size();
     Gaussian given = part(of, zero), result = part(of, kept);
     factor(given.cov, n);
-    substitute(given.cov, given.mean.data(), n);
+    substitute(given.cov.data(), given.mean.data(), n);
     Numbers half(others * n);  // rows: L⁻¹ of the covariances with one of the others
     for (std::size_t i = 0; i < others; i++) {
         double* row = half.data() + i * n;
         for (std::size_t k = 0; k < n; k++) row[k] = of.cov[kept[i] * m + zero[k]];
-        substitute(given.cov, row, n);
+        substitute(given.cov.data(), row, n);
         result.mean[i] -= std::inner_product(row, row + n, given.mean.data(), 0.0);
         for (std::size_t j = 0; j <= i; j++) {
             result.cov[i * others + j] -= std::inner_product(row, row + n, half.data() + j * n, 0.0);

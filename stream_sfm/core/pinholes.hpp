@@ -62,16 +62,4 @@ inline void by_turn(const Pinholes& p, double u, double v, double* out) {
     for (int k = 0; k < 6; k++) out[k] = p.f * columns[k];
 }
 
-// out (4, 4) = a b, and a bᵀ.
-inline void multiply(const double* a, const double* b, double* out) {
-    for (int i = 0; i < 4; i++)
-        for (int j = 0; j < 4; j++)
-            out[4 * i + j] = a[4 * i] * b[j] + a[4 * i + 1] * b[4 + j] + a[4 * i + 2] * b[8 + j] + a[4 * i + 3] * b[12 + j];
-}
-inline void multiply_transposed(const double* a, const double* b, double* out) {
-    for (int i = 0; i < 4; i++)
-        for (int j = 0; j < 4; j++)
-            out[4 * i + j] = a[4 * i] * b[4 * j] + a[4 * i + 1] * b[4 * j + 1] + a[4 * i + 2] * b[4 * j + 2] + a[4 * i + 3] * b[4 * j + 3];
-}
-
 }  // namespace core

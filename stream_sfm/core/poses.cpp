@@ -14,12 +14,6 @@ constexpr std::size_t REACH = 2;  // frames on either side that tell a velocity:
 constexpr std::size_t NODES = 4;  // frames at least, as far as there are any
 constexpr double SMALL = 1e-4;  // sine of half an angle; closed form: the next term of the series, n⁴/5, is below rounding
 
-// out (3, 3) = a b.
-void multiply3(const double* a, const double* b, double* out) {
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) out[3 * i + j] = a[3 * i] * b[j] + a[3 * i + 1] * b[3 + j] + a[3 * i + 2] * b[6 + j];
-}
-
 // The rotation (3, 3) of a vector and the left Jacobian V with t = V ρ, eq. (3) (Barfoot, eq. 8.33). The last coefficient,
 // (θ − sin θ)/θ³, loses digits as θ² falls, but multiplies a product of that size.
 void rotation_of(const double* w, double* rotation, double* left) {
@@ -27,7 +21,7 @@ void rotation_of(const double* w, double* rotation, double* left) {
     double sine = std::sin(angle) / angle, half = std::sin(angle / 2) / angle;
     double a = 2 * half * half, b = (1 - sine) / (angle * angle);  // 1 − cos θ = 2 sin²(θ/2) without cancellation
     double k[9] = {0, -w[2], w[1], w[2], 0, -w[0], -w[1], w[0], 0}, k2[9];
-    multiply3(k, k, k2);
+    multiply<3, 3, 3>(k, k, k2);
     for (int i = 0; i < 9; i++) {
         double one = i % 4 == 0 ? 1.0 : 0.0;
         rotation[i] = one + sine * k[i] + a * k2[i];
@@ -147,7 +141,7 @@ Array<double, 3> point_motions(Matrices poses, Vector seconds) {
                 slope *= apart(i, b) / apart(a, b);
                 bend += 2 / apart(i, b);
             }
-            multiply(poses[a], inverse[i], moved);
+            multiply<4, 4, 4>(poses[a], inverse[i], moved);
             Array<double, 2> xi = pose_log({moved, {1, 4, 4}});
             for (int k = 0; k < 6; k++) {
                 result[i][k] += slope * xi[0][k];
@@ -187,7 +181,7 @@ Array<double, 3> orthonormalise(Matrices poses) {
             for (int row = 0; row < 3; row++)
                 for (int k = 0; k < 3; k++)
                     product[3 * row + k] = (row == k ? 1.5 : 0.0) - 0.5 * (r[row] * r[k] + r[3 + row] * r[3 + k] + r[6 + row] * r[6 + k]);
-            multiply3(r, product, next);
+            multiply<3, 3, 3>(r, product, next);
             std::copy(next, next + 9, r);
         }
         for (int k = 0; k < 9; k++) out[4 * (k / 3) + k % 3] = r[k];

@@ -4,17 +4,11 @@
 #include <algorithm>
 #include <vector>
 
-#include "pinholes.hpp"
+#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {
 namespace {
-
-// out (rows, 3) = a bᵀ of a (rows, 3) and b (3, 3).
-void turn(const double* a, const double* b, int rows, double* out) {
-    for (int i = 0; i < rows; i++)
-        for (int j = 0; j < 3; j++) out[3 * i + j] = a[3 * i] * b[3 * j] + a[3 * i + 1] * b[3 * j + 1] + a[3 * i + 2] * b[3 * j + 2];
-}
 
 // out (3, 3) = R A Rᵀ of A (3, 3), in rows `stride` apart.
 void turn_both(const double* r, const double* a, std::size_t stride, double* out) {
@@ -55,7 +49,7 @@ ReportedMotions reported_motions(const PhysicalAxes& axes, Matrices poses, Matri
     for (std::size_t i = 0; i < n; i++) {
         turn_both(r, poses[i], 4, result.poses[i]);
         double t[3] = {poses[i][3], poses[i][7], poses[i][11]}, moved[3], sum[36];
-        turn(t, r, 1, moved);
+        multiply_transposed<1, 3, 3>(t, r, moved);
         for (int k = 0; k < 4; k++) result.poses[i][4 * k + 3] = k < 3 ? moved[k] : 1.0;
         const double* u = unseen[i];
         for (int a = 0; a < 6; a++)
@@ -83,9 +77,9 @@ ReportedPoints reported_points(const PhysicalAxes& axes, Matrix points, Matrices
     require_shape(frame_from_cam, {4, 4}, "frame_from_cam");
     ReportedPoints result{{n, 3}, {n, 3, 3}};
     const double *r = axes.rotation.data, *pose = frame_from_cam.data;
-    turn(points.data, r, static_cast<int>(n), result.points.data.get());
     for (std::size_t i = 0; i < n; i++) {
         const double* p = points[i];
+        multiply_transposed<1, 3, 3>(p, r, result.points[i]);
         double ray[3] = {p[0] - pose[3], p[1] - pose[7], p[2] - pose[11]};  // from the camera
         double relative = std_shared.data[i] * (pose[2] * ray[0] + pose[6] * ray[1] + pose[10] * ray[2]);
         double about_x[3] = {0, -axes.std_axes * p[2], axes.std_axes * p[1]}, about_y[3] = {axes.std_axes * p[2], 0, -axes.std_axes * p[0]};

@@ -126,7 +126,7 @@ class Search {
             for (double& d : delta) d *= std::min(1.0, MAX_ROTATION_STEP_RAD / std::max(angle, 1e-12));
             Array<double, 3> by = pose_exp({delta, {1, 6}});
             Motion before = motion;
-            multiply(by[0], before.data(), motion.data());
+            multiply<4, 4, 4>(by[0], before.data(), motion.data());
         }
     }
 
@@ -145,7 +145,7 @@ class Search {
         clamp_depth(p);
         jacobian(views.pinholes, p, a);
         project(views.pinholes, p, expected);
-        multiply(root, a, by_cam);
+        multiply<4, 4, 4>(root, a, by_cam);
         for (int c = 0; c < 4; c++) {
             double residual = 0, z;
             for (int k = 0; k < 4; k++) residual += root[4 * c + k] * ((std::isfinite(z = views.z[row][k]) ? z : 0.0) - expected[k]);

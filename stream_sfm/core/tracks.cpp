@@ -127,7 +127,7 @@ PredictedTracks predict_tracks(const Pinholes& pinholes, const Timing& timing, V
         project(pinholes, result.points[i], expected);
         for (int k = 0; k < 2; k++) result.left[i][k] = agree.data[i] ? left[i][k] : expected[k];
         result.right_u.data[i] = result.left[i][0] - expected[0] + expected[2];
-        multiply(cam_from_start.data, start_from_anchor[i], now_from_anchor);
+        multiply<4, 4, 4>(cam_from_start.data, start_from_anchor[i], now_from_anchor);
         warps_of(pinholes, result.points[i], tracks.slopes[i], now_from_anchor, result.left_warps[i], result.right_warps[i]);
     }
     shear_by_readout(pinholes, timing, tracks, twist, result);

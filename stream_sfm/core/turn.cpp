@@ -21,10 +21,9 @@ double squared_length(const double* a, const double* x, double& log_det) {
     log_det = std::numeric_limits<double>::quiet_NaN();
     if (!cholesky<3>(a, lower)) return log_det;
     log_det = 0;
+    std::copy_n(x, 3, solved);
+    substitute(lower, solved, 3);
     for (int i = 0; i < 3; i++) {
-        solved[i] = x[i];
-        for (int k = 0; k < i; k++) solved[i] -= lower[3 * i + k] * solved[k];
-        solved[i] /= lower[4 * i];
         sum += solved[i] * solved[i];
         log_det += 2 * std::log(lower[4 * i]);
     }

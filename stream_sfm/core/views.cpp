@@ -102,16 +102,16 @@ LinearisedViews linearise_views(const PointViews& views, Matrix cam_from_ref) {
         bool placed = true;
         if (!exact) {
             double by_point[16], half[16], predicted[16];
-            multiply(a, motion, by_point);
-            multiply(by_point, cov_points[i], half);
-            multiply_transposed(half, by_point, predicted);
+            multiply<4, 4, 4>(a, motion, by_point);
+            multiply<4, 4, 4>(by_point, cov_points[i], half);
+            multiply_transposed<4, 4, 4>(half, by_point, predicted);
             placed = predicted[0] + predicted[5] + predicted[10] + predicted[15] < MAX_PREDICTED_STD_PX * MAX_PREDICTED_STD_PX;
             for (int k = 0; placed && k < 16; k++) noise[k] += predicted[k];
         }
         require_definite(whitening(z[i], noise, root), "a view's covariance is not positive definite");
         if (!placed) std::fill(root, root + 16, 0.0);
         double by_cam[16];
-        multiply(root, a, by_cam);
+        multiply<4, 4, 4>(root, a, by_cam);
         for (int row = 0; row < 4; row++) {
             const double* b = by_cam + 4 * row;
             double* out = j + static_cast<std::size_t>(row) * columns;

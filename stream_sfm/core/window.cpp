@@ -245,9 +245,9 @@ NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, c
             double p[4], r[4], a[16], by_cam[16], by_ref[16], by_anchor[16], q_by_parts[3 * MAX_PARTS] = {};
             residual(pinholes, state, views, seen[first + slot], p, r);
             jacobian(pinholes, p, a);
-            multiply(root, a, by_cam);
-            multiply(by_cam, cam, by_ref);
-            multiply(by_ref, anchor, by_anchor);
+            multiply<4, 4, 4>(root, a, by_cam);
+            multiply<4, 4, 4>(by_cam, cam, by_ref);
+            multiply<4, 4, 4>(by_ref, anchor, by_anchor);
             for (std::size_t row = 0; row < 4; row++) {
                 double* out = j + row * columns;
                 by_motion(by_cam + 4 * row, p, out);
