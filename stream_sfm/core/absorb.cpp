@@ -3,10 +3,6 @@
 // Points of the prior that the frame or later ones see go through the dense system; those that only it has seen so far,
 // and later ones see, enter the prior by its views alone.
 
-#include <algorithm>
-#include <numeric>
-
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {

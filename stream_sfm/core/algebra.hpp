@@ -1,10 +1,7 @@
 // Small matrices, in C order, and medians.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <vector>
+#include "arrays.hpp"
 
 namespace core {
 

@@ -1,11 +1,5 @@
 // Views of tracks in a new frame: their templates, warped as they should look, found in the left image and then in the right one.
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <vector>
-
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {

@@ -1,17 +1,22 @@
-// Arrays that the stages of the core take and give. Stages know neither Python nor its lock: module.cpp binds them.
+// Arrays that the stages of the core take and give, with what stages use of the standard library. They know neither
+// Python nor its lock: module.cpp binds them.
 #pragma once
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <limits>
 #include <memory>
 #include <numeric>
+#include <optional>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 namespace core {
@@ -91,6 +96,13 @@ inline Array<std::int64_t, 1> numbers(const std::vector<std::size_t>& rows) {
 inline Array<double, 2> two_columns_of(Matrix array, std::size_t first) {
     Array<double, 2> result(array.shape[0], 2);
     for (std::size_t i = 0; i < array.shape[0]; i++) std::copy_n(array[i] + first, 2, result[i]);
+    return result;
+}
+
+// An array of what `stage(row, out)` makes of each row of another.
+template <class T, std::size_t N, std::size_t M, class Stage>
+Array<double, M> each(const View<T, N>& rows, Array<double, M> result, const Stage& stage) {
+    for (std::size_t i = 0; i < rows.shape[0]; i++) stage(rows[i], result[i]);
     return result;
 }
 

@@ -1,12 +1,7 @@
 // How strong each pixel is as a corner, and new corners where points are missing: even coverage before strength.
 
-#include <algorithm>
-#include <cmath>
 #include <cstring>
-#include <limits>
-#include <tuple>
 #include <unordered_map>
-#include <vector>
 
 #include "stages.hpp"
 

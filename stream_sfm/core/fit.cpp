@@ -1,11 +1,5 @@
 // The motion that brings points onto their views: annealed Cauchy weights, a gate, and plain least squares, eqs. (20)–(23).
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <vector>
-
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {

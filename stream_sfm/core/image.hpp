@@ -1,7 +1,6 @@
 // Images between their pixels; beyond the border the outermost pixels go on. No position, finite or not, reads outside.
 #pragma once
 
-#include <algorithm>
 #include <cstring>
 
 #include "arrays.hpp"

@@ -1,11 +1,5 @@
 // How long the errors of a track last, from its row differences, and what a further view of it adds, eqs. (68) and (69).
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <vector>
-
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {

@@ -1,10 +1,5 @@
 // Marginal estimates of the points of a window, in its newest camera and in the world, eqs. (37) to (41).
 
-#include <algorithm>
-#include <cmath>
-#include <functional>
-
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {

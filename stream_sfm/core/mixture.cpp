@@ -1,11 +1,5 @@
 // A rig's errors as a mixture over what may be exactly zero, by ratios of densities there (Dickey 1971), eqs. (72).
 
-#include <cmath>
-#include <limits>
-#include <numeric>
-#include <vector>
-
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {
@@ -91,9 +85,10 @@ Gaussian without(const Gaussian& of, const Which& zero, const Which& kept) {
     return result;
 }
 
-// As `rig_model.sizes.log_evidence`, of an error of variance 1.
-double log_evidence(double information, double weighted) {
-    return 0.5 * (weighted * weighted / (1 + information) - std::log1p(information));
+// By how much likelier an error is N(0, variance) than 0: a logarithm.
+double log_evidence(double information, double weighted, double variance = 1) {
+    double ratio = variance * information;
+    return 0.5 * (variance * weighted * weighted / (1 + ratio) - std::log1p(ratio));
 }
 
 // The log odds that errors are N(0, 1) each rather than all 0, by C⁻¹ and C⁻¹ m with sizes so far; of what the views
@@ -184,10 +179,8 @@ Array<double, 2> log_evidence(Vector information, Vector weighted, Vector varian
     require_shape(weighted, {n}, "weighted");
     Array<double, 2> result(sizes, n);
     for (std::size_t s = 0; s < sizes; s++)
-        for (std::size_t i = 0; i < n; i++) {
-            double variance = variances.data[s], ratio = variance * information.data[i], sum = weighted.data[i];
-            result[s][i] = 0.5 * (variance * sum * sum / (1 + ratio) - std::log1p(ratio));
-        }
+        for (std::size_t i = 0; i < n; i++)
+            result[s][i] = log_evidence(information.data[i], weighted.data[i], variances.data[s]);
     return result;
 }
 

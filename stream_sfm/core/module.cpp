@@ -5,11 +5,6 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/tuple.h>
 
-#include <optional>
-#include <tuple>
-#include <type_traits>
-#include <utility>
-
 #include "stages.hpp"
 
 namespace nb = nanobind;

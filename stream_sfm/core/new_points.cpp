@@ -1,10 +1,5 @@
 // New points in the right image: aligned as if they faced the camera, again with their slant, and by their inner halves alone.
 
-#include <algorithm>
-#include <cmath>
-#include <utility>
-#include <vector>
-
 #include "stages.hpp"
 
 namespace core {

@@ -4,11 +4,6 @@
 // grey values together: two cameras expose differently, and so does one from frame to frame. What lies towards the rim
 // counts less: there the warp is less right, and other surfaces begin.
 
-#include <cmath>
-#include <limits>
-#include <vector>
-
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {

@@ -1,8 +1,7 @@
 // A rectified pair, and homogeneous points (X, Y, Z, ρ) before it.
 #pragma once
 
-#include <algorithm>
-#include <tuple>
+#include "arrays.hpp"
 
 namespace core {
 

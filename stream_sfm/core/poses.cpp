@@ -1,9 +1,5 @@
 // Rigid motions and rotations: Exp, Log, quaternions (x, y, z, w), and the rotation nearest to a matrix.
 
-#include <algorithm>
-#include <cmath>
-
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {
@@ -58,59 +54,48 @@ void vector_of(const double* rotation, double* w) {
 Array<double, 3> pose_exp(Matrix xi) {
     std::size_t n = xi.shape[0];
     require_shape(xi, {n, 6}, "xi");
-    Array<double, 3> result(n, 4, 4);
-    for (std::size_t i = 0; i < n; i++) {
-        double rotation[9], left[9], *out = result[i];
-        rotation_of(xi[i] + 3, rotation, left);
+    return each(xi, Array<double, 3>(n, 4, 4), [](const double* of, double* out) {
+        double rotation[9], left[9];
+        rotation_of(of + 3, rotation, left);
         for (int row = 0; row < 3; row++) {
             std::copy(rotation + 3 * row, rotation + 3 * row + 3, out + 4 * row);
-            for (int k = 0; k < 3; k++) out[4 * row + 3] += left[3 * row + k] * xi[i][k];
+            for (int k = 0; k < 3; k++) out[4 * row + 3] += left[3 * row + k] * of[k];
         }
         out[15] = 1;
-    }
-    return result;
+    });
 }
 
 Array<double, 2> pose_log(Matrices poses) {
     std::size_t n = poses.shape[0];
     require_shape(poses, {n, 4, 4}, "pose");
-    Array<double, 2> result(n, 6);
-    for (std::size_t i = 0; i < n; i++) {
-        const double* pose = poses[i];
-        double rotation[9], left[9], inverse[9], *out = result[i];
+    return each(poses, Array<double, 2>(n, 6), [](const double* pose, double* out) {
+        double rotation[9], left[9], inverse[9];
         for (int k = 0; k < 9; k++) rotation[k] = pose[4 * (k / 3) + k % 3];
         vector_of(rotation, out + 3);
         rotation_of(out + 3, rotation, left);
         invert3(left, inverse);
         for (int row = 0; row < 3; row++)
             for (int k = 0; k < 3; k++) out[row] += inverse[3 * row + k] * pose[4 * k + 3];
-    }
-    return result;
+    });
 }
 
 Array<double, 3> pose_inverse(Matrices poses) {
     std::size_t n = poses.shape[0];
     require_shape(poses, {n, 4, 4}, "pose");
-    Array<double, 3> result(n, 4, 4);
-    for (std::size_t i = 0; i < n; i++) {
-        const double* pose = poses[i];
-        double* out = result[i];
+    return each(poses, Array<double, 3>(n, 4, 4), [](const double* pose, double* out) {
         for (int row = 0; row < 3; row++) {
             for (int k = 0; k < 3; k++) out[4 * row + k] = pose[4 * k + row];
             out[4 * row + 3] = -(pose[row] * pose[3] + pose[4 + row] * pose[7] + pose[8 + row] * pose[11]);
         }
         out[15] = 1;
-    }
-    return result;
+    });
 }
 
 Array<double, 3> pose_adjoint(Matrices poses) {
     std::size_t n = poses.shape[0];
     require_shape(poses, {n, 4, 4}, "pose");
-    Array<double, 3> result(n, 6, 6);
-    for (std::size_t i = 0; i < n; i++) {
-        const double *pose = poses[i], x = pose[3], y = pose[7], z = pose[11];
-        double* out = result[i];
+    return each(poses, Array<double, 3>(n, 6, 6), [](const double* pose, double* out) {
+        double x = pose[3], y = pose[7], z = pose[11];
         for (int k = 0; k < 3; k++) {  // column by column: t × r
             double a = pose[k], b = pose[4 + k], c = pose[8 + k];
             out[k] = out[21 + k] = a;
@@ -120,8 +105,7 @@ Array<double, 3> pose_adjoint(Matrices poses) {
             out[9 + k] = z * a - x * c;
             out[15 + k] = x * b - y * a;
         }
-    }
-    return result;
+    });
 }
 
 // By derivatives of Lagrange's polynomials through the poses around each; where the times are that of the pose, the value is 0.
@@ -156,17 +140,13 @@ Array<double, 3> point_motions(Matrices poses, Vector seconds) {
 Array<double, 2> rotation_vectors(Matrices rotations) {
     std::size_t n = rotations.shape[0];
     require_shape(rotations, {n, 3, 3}, "rotation_matrix");
-    Array<double, 2> result(n, 3);
-    for (std::size_t i = 0; i < n; i++) vector_of(rotations[i], result[i]);
-    return result;
+    return each(rotations, Array<double, 2>(n, 3), vector_of);
 }
 
 Array<double, 2> quaternions(Matrices rotations) {
     std::size_t n = rotations.shape[0];
     require_shape(rotations, {n, 3, 3}, "rotation_matrix");
-    Array<double, 2> result(n, 4);
-    for (std::size_t i = 0; i < n; i++) quaternion_of(rotations[i], result[i]);
-    return result;
+    return each(rotations, Array<double, 2>(n, 4), quaternion_of);
 }
 
 Array<double, 3> orthonormalise(Matrices poses) {

@@ -1,10 +1,6 @@
 // What is estimated in rectified axes in those of the physical camera, eq. (7), with errors that no view shows, eqs. (18), (73) and
 // (73a).
 
-#include <algorithm>
-#include <vector>
-
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {

@@ -1,12 +1,6 @@
 // Robust resection: a fit near the start, the global search where too few agree, the motion that the others share, and that of
 // one rigid scene where a body and the background agree with a motion between theirs.
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <vector>
-
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {

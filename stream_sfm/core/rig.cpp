@@ -1,10 +1,5 @@
 // What errors of the rig do to views, eqs. (70) to (72d): columns of its terms, the field over the image, velocities.
 
-#include <cmath>
-#include <limits>
-#include <vector>
-
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {
@@ -190,17 +185,14 @@ Array<double, 2> field_basis(const Field& field, Matrix at) {
     std::size_t n = at.shape[0], k = field.u.shape[0] * field.v.shape[0];
     require_shape(at, {n, 2}, "left_px");
     require_shape(field.root, {k, k}, "root");
-    Array<double, 2> result(n, k);
-    for (std::size_t i = 0; i < n; i++) field_at(field, at[i], result[i]);
-    return result;
+    return each(at, Array<double, 2>(n, k), [&](const double* left, double* out) { field_at(field, left, out); });
 }
 
 Array<double, 2> polynomial_rows(const ExposedRows& exposed, Matrix z) {
     check(exposed);
     require_shape(z, {z.shape[0], 4}, "z_px");
-    Array<double, 2> result(z.shape[0], 4);
-    for (std::size_t i = 0; i < z.shape[0]; i++) rows_of_view(exposed, z[i], result[i]);
-    return result;
+    return each(z, Array<double, 2>(z.shape[0], 4),
+                [&](const double* view, double* rows) { rows_of_view(exposed, view, rows); });
 }
 
 Array<double, 2> velocities(const Pinholes& pinholes, Matrix points, Matrix twists) {

@@ -1,10 +1,5 @@
 // What is known of the rows of left and right: by how much they differ, and whether a match lies on its row, eq. (19).
 
-#include <algorithm>
-#include <cmath>
-#include <vector>
-
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {

@@ -1,8 +1,5 @@
 // Left-right search along the row: normalised correlation of each corner, with a uniqueness test.
 
-#include <cmath>
-#include <vector>
-
 #include "stages.hpp"
 
 namespace core {

@@ -4,13 +4,8 @@
 // views' own noise, with truncated costs, so that an outlier counts the same however far off it is; the best ones are
 // refined by all views near them.
 
-#include <algorithm>
-#include <cmath>
-#include <numeric>
 #include <random>
-#include <vector>
 
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {

@@ -1,11 +1,8 @@
-// The stages of the core, one file each; `_core.pyi` documents them as Python calls them. `parts` of a result are what Python is
-// given, in this order.
+// The stages of the core, one file each; `_core.pyi` documents them as Python calls them. `parts` of a record are what
+// Python gives or is given, in this order.
 #pragma once
 
-#include <optional>
-#include <tuple>
-
-#include "arrays.hpp"
+#include "algebra.hpp"
 #include "image.hpp"
 #include "pinholes.hpp"
 
@@ -46,7 +43,7 @@ AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float,
 Array<double, 3> gradient_matrices(Matrices information, int spacing);
 
 // row_errors.cpp
-struct Field {  // a grid's nodes, columns `u` and rows `v`
+struct Field {
     Vector u, v;
     double length;
     Matrix root;
@@ -89,8 +86,6 @@ struct Timing {  // delay and readout, and how points moved in the frame before
 UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, const RowModel& rows, Matrix before,
                               Matrix now, Matrix z, Vector twist, Vector std_twist);
 
-// Templates of one size: image pixels per pixel; half width and distance of samples, and how far from its start a patch may be
-// found, in pixels of the template; the largest grey deviation; and of the noise of views the pixels that share a value, and a factor.
 struct TemplateKind {
     int scale, radius, spacing;
     double farthest, max_error, shared_pixels, factor;
@@ -129,8 +124,6 @@ Array<double, 3> track_covariances(Matrices cov_left, Vector var_rho, Vector dri
 Array<double, 1> template_drift(Matrix points, Matrix cam_from_previous, Indices scale, double radius);
 
 // alignment.cpp
-// Templates of one size: images of their pixels in which they are sought, the right one if there is one; their patches; and where
-// in the left image (h, w) a whole patch shows the scene.
 template <class T>  // float or std::uint8_t
 struct Templates {
     ImageOf<T> left;
@@ -191,11 +184,6 @@ RowErrors row_errors_of_tracks(Indices known, Indices ages, Matrix rows, Indices
                                bool counts);
 Array<double, 2> view_inflation(Indices ages, double ratio_left, double ratio_right, double decay);
 
-// ids.cpp
-Array<bool, 1> among(Indices ids, Indices known);
-Array<std::int64_t, 1> times_among(Indices ids, Indices others, Flags counted);
-Array<std::int64_t, 1> union_of(Indices ids);
-
 // png.cpp
 Array<std::uint8_t, 2> unfilter_png(View<std::uint8_t, 2> filtered, std::size_t pixel);
 
@@ -216,7 +204,6 @@ struct ViewResiduals {
     Array<double, 2> squares;
     auto parts() { return std::tie(residuals, squares); }
 };
-// Homogeneous points (n, 4) with covariances (0: they are exact) and their views; of each view a gate of its squared residual.
 struct PointViews {
     Pinholes pinholes;
     Matrix points;
@@ -226,7 +213,7 @@ struct PointViews {
     Vector gate;
     auto parts() { return std::tie(pinholes, points, cov_points, z, cov, shared, gate); }
 };
-// Some of them, in arrays of their own.
+// Some views, in arrays of their own.
 struct SelectedViews {
     Pinholes pinholes;
     Array<double, 2> points, z;
@@ -234,9 +221,7 @@ struct SelectedViews {
     Array<double, 1> gate;
 
     SelectedViews(const PointViews& of, const std::vector<std::size_t>& rows);
-    PointViews views() const {
-        return {pinholes, points, cov_points, z, cov, shared, gate};
-    }
+    PointViews views() const { return {pinholes, points, cov_points, z, cov, shared, gate}; }
 };
 Array<double, 2> project_points(const Pinholes& pinholes, Matrix points);
 Array<double, 2> seen_points(const Pinholes& pinholes, Matrix z);
@@ -283,9 +268,6 @@ double motion_support(const PointViews& views, Matrix motion, Vector amplitudes,
 double evidence(const Pinholes& pinholes, Matrix z, Vector weights, const std::array<double, 2>& size);
 
 // resection.cpp
-// Size of the image; below which share of the votes the global search is made; how many gates off a view clearly disagrees, how
-// many of such make a second motion, and from which share of the evidence on it makes the first one ambiguous; and of the start
-// whether it is one that most views agree with already, and whether no motion of other views is looked for.
 struct ResectionRules {
     std::array<double, 2> size;
     double calm_share, beyond;
@@ -358,7 +340,7 @@ Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& expose
                              Vector timing, std::optional<Matrix> z);
 Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points, Vector twist,
                                   Vector mean);
-struct MovingPoints {  // homogeneous points (n, 4), and their twist (6,)
+struct MovingPoints {
     Matrix points;
     Vector twist;
     auto parts() { return std::tie(points, twist); }
@@ -372,7 +354,7 @@ Array<double, 2> principal_components(Matrix errors);
 Array<double, 3> principal_errors(Matrices errors);  // of views (n, 4, k)
 
 // reported.cpp
-struct PhysicalAxes {  // rotation (3, 3) of points into them, and σ of lengths and of axes that no view shows
+struct PhysicalAxes {
     Matrix rotation;
     double std_scale, std_axes;
     auto parts() { return std::tie(rotation, std_scale, std_axes); }
@@ -411,7 +393,7 @@ Array<double, 2> log_evidence(Vector information, Vector weighted, Vector varian
 Mixture rig_mixture(Vector mean, Matrix cov, Vector size, std::size_t lenses, View<bool, 2> is_zero, Vector log_prior,
                     double counts, bool known_wrong);
 
-// dense.cpp
+// arrays.cpp
 Array<double, 3> whiten_blocks(Matrices cov, Matrices b);
 Array<double, 2> invert_triangle(Matrix lower, Vector scale);
 struct Scaled {
@@ -420,6 +402,9 @@ struct Scaled {
     auto parts() { return std::tie(matrix, scale); }
 };
 Scaled scaled_by_diagonal(Matrix matrix);
+Array<bool, 1> among(Indices ids, Indices known);
+Array<std::int64_t, 1> times_among(Indices ids, Indices others, Flags counted);
+Array<std::int64_t, 1> union_of(Indices ids);
 
 // window.cpp
 struct WindowState {

@@ -1,8 +1,5 @@
 // Tracks in a new frame: how their patches look there, whether templates can be warped so, and how exactly they are found.
 
-#include <cmath>
-
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {

@@ -1,11 +1,5 @@
 // The turn of the right camera that a frame shows, fitted together with the motion, eq. (72d).
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <vector>
-
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {
@@ -107,9 +101,8 @@ void turn_by(const Pinholes& pinholes, Vector rad, double sign, Array<double, 2>
 
 Array<double, 3> effects_of_turn(const Pinholes& pinholes, Matrix right) {
     require_shape(right, {right.shape[0], 2}, "right_px");
-    Array<double, 3> result(right.shape[0], 2, 3);
-    for (std::size_t i = 0; i < right.shape[0]; i++) by_turn(pinholes, right[i][0], right[i][1], result[i]);
-    return result;
+    return each(right, Array<double, 3>(right.shape[0], 2, 3),
+                [&](const double* at, double* out) { by_turn(pinholes, at[0], at[1], out); });
 }
 
 FittedTurn fit_turn(const PointViews& views, Matrix motion, Matrix usual, double std_knock) {

@@ -1,11 +1,5 @@
 // Points with covariances and their stereo views: whitened residuals under a motion, and their Jacobian.
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <vector>
-
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {
@@ -39,23 +33,19 @@ void check(Matrix points, Matrix z) {
 Array<double, 2> seen_points(const Pinholes& p, Matrix z) {
     std::size_t n = z.shape[0];
     require_shape(z, {n, 4}, "z_px");
-    Array<double, 2> result(n, 4);
-    for (std::size_t i = 0; i < n; i++) {
-        double *point = result[i], disparity = (z[i][0] - p.cx_left) - (z[i][2] - p.cx_right);
-        point[0] = (z[i][0] - p.cx_left) / p.f;
-        point[1] = (z[i][1] - p.cy) / p.f;
+    return each(z, Array<double, 2>(n, 4), [&](const double* seen, double* point) {
+        double disparity = (seen[0] - p.cx_left) - (seen[2] - p.cx_right);
+        point[0] = (seen[0] - p.cx_left) / p.f;
+        point[1] = (seen[1] - p.cy) / p.f;
         point[2] = 1;
         point[3] = disparity / (p.f * p.baseline);
-    }
-    return result;
+    });
 }
 
 Array<double, 2> project_points(const Pinholes& pinholes, Matrix points) {
     std::size_t n = points.shape[0];
     require_shape(points, {n, 4}, "points");
-    Array<double, 2> result(n, 4);
-    for (std::size_t i = 0; i < n; i++) project(pinholes, points[i], result[i]);
-    return result;
+    return each(points, Array<double, 2>(n, 4), [&](const double* point, double* z) { project(pinholes, point, z); });
 }
 
 Array<double, 3> whitening_of_views(Matrix z, Matrices cov) {

@@ -4,12 +4,6 @@
 // rig move a view by B c, with B = [terms | moves ⊗ field]: all parts of the field share its basis, so products with
 // the field cost what those with one part of it do.
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <vector>
-
-#include "algebra.hpp"
 #include "stages.hpp"
 
 namespace core {
