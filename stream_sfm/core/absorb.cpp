@@ -135,8 +135,7 @@ AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved, 
     require_shape(fresh.cov, {more, 3, 3}, "cov");
     require_shape(fresh.by_rig, {more, 3, m}, "by_rig");
     std::size_t total = more + static_cast<std::size_t>(std::count(stays.data, stays.data + n, true)), at = 0, j = 0;
-    AbsorbedPoints result{{total}, {total, 3}, {total, 3, 3},
-                          {total, 3, k}};
+    AbsorbedPoints result{{total}, {total, 3}, {total, 3, 3}, {total, 3, k}};
     auto begin = [&] {
         result.ids.data[at] = fresh.ids.data[j];
         std::copy(fresh.mean[j], fresh.mean[j] + 3, result.mean[at]);

@@ -173,8 +173,8 @@ Array<float, 2> corner_strength(const ImageOf<T>& image) {
     }
     return result;
 }
-template Array<float, 2> corner_strength(const Image&);
-template Array<float, 2> corner_strength(const ImageOf<std::uint8_t>&);
+template decltype(corner_strength<float>) corner_strength<float>;
+template decltype(corner_strength<std::uint8_t>) corner_strength<std::uint8_t>;
 
 Array<std::int64_t, 2> new_corners(const Image& strength, View<bool, 2> allowed, Matrix taken, std::int64_t wanted,
                                    double distance, double min_strength) {

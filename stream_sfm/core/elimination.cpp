@@ -73,8 +73,7 @@ WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Ma
     check(blocks, prior, q, amplitudes);
     std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], m = blocks.rig.shape[0], n = prior.known.shape[0];
     std::size_t k = prior.modes.shape[2], poses = 6 * frames, size = poses + k;
-    WindowSystem result{{size, size}, {n, 3, k},       {points, 3, 3},
-                        {{points, 3, size}, Unset{}}, {points, 3}, {size}};
+    WindowSystem result{{size, size}, {n, 3, k}, {points, 3, 3}, {{points, 3, size}, Unset{}}, {points, 3}, {size}};
     double* g = result.g.data.get();
     for (std::size_t f = 0; f < frames; f++)
         for (std::size_t x = 0; x < 6; x++) std::copy(blocks.u[f] + 6 * x, blocks.u[f] + 6 * x + 6, result.h[6 * f + x] + 6 * f);

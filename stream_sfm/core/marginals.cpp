@@ -72,8 +72,7 @@ PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, Mat
     }
     require_shape(world_from_ref, {4, 4}, "world_from_ref");
     require_shape(cam_from_ref, {4, 4}, "cam_from_ref");
-    PointMarginals result{{n, 3}, {n, 3, 3}, {n, 3}, {n, 3, 3},
-                          {n, 3}, {n, 3, 3}, {n}};
+    PointMarginals result{{n, 3}, {n, 3}, {n, 3}, {n, 3, 3}, {n, 3, 3}, {n, 3, 3}, {n}};
     const double* world = world_from_ref.data;
     double turn[9];
     for (int k = 0; k < 9; k++) turn[k] = world[4 * (k / 3) + k % 3];

@@ -103,11 +103,8 @@ NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, Vie
     return result;
 }
 
-template NewMatches match_new_points(const ImageOf<float>&, const ImageOf<float>&, View<float, 3>, const TemplateKind&,
-                                     const RightSides&, Pixels, Indices, Vector, double, double, double);
-template NewMatches match_new_points(const ImageOf<std::uint8_t>&, const ImageOf<std::uint8_t>&, View<std::uint8_t, 3>,
-                                     const TemplateKind&, const RightSides&, Pixels, Indices, Vector, double, double,
-                                     double);
+template decltype(match_new_points<float>) match_new_points<float>;
+template decltype(match_new_points<std::uint8_t>) match_new_points<std::uint8_t>;
 
 PlacedPoints place_new_points(const RightSides& by, const Timing& timing, Matrix seen, Matrices cov, double scale,
                               double least_sigmas, double max_std) {

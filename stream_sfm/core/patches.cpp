@@ -246,13 +246,11 @@ AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float,
     return result;
 }
 
-template void store_patches(float*, const std::array<std::size_t, 3>&, const ImageOf<float>&, Pixels, Indices);
-template Patches warp_patches(View<float, 3>, Indices, Matrices, int, int);
-template AlignedPatches align_patches(const ImageOf<float>&, Matrix, View<float, 3>, Matrices, View<float, 1>, int,
-                                      int);
-template void store_patches(std::uint8_t*, const std::array<std::size_t, 3>&, const ImageOf<std::uint8_t>&, Pixels, Indices);
-template Patches warp_patches(View<std::uint8_t, 3>, Indices, Matrices, int, int);
-template AlignedPatches align_patches(const ImageOf<std::uint8_t>&, Matrix, View<float, 3>, Matrices, View<float, 1>,
-                                      int, int);
+template decltype(store_patches<float>) store_patches<float>;
+template decltype(warp_patches<float>) warp_patches<float>;
+template decltype(align_patches<float>) align_patches<float>;
+template decltype(store_patches<std::uint8_t>) store_patches<std::uint8_t>;
+template decltype(warp_patches<std::uint8_t>) warp_patches<std::uint8_t>;
+template decltype(align_patches<std::uint8_t>) align_patches<std::uint8_t>;
 
 }  // namespace core

@@ -98,8 +98,7 @@ RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& right, Pix
     return result;
 }
 
-template RowMatches match_along_rows(const ImageOf<float>&, const ImageOf<float>&, Pixels, std::int64_t, std::int64_t);
-template RowMatches match_along_rows(const ImageOf<std::uint8_t>&, const ImageOf<std::uint8_t>&, Pixels, std::int64_t,
-                                     std::int64_t);
+template decltype(match_along_rows<float>) match_along_rows<float>;
+template decltype(match_along_rows<std::uint8_t>) match_along_rows<std::uint8_t>;
 
 }  // namespace core

@@ -118,7 +118,7 @@ Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& righ
     return slopes;
 }
 
-template Array<double, 2> disparity_slopes(const ImageOf<float>&, const ImageOf<float>&, Pixels, Matrix, int, double);
-template Array<double, 2> disparity_slopes(const ImageOf<std::uint8_t>&, const ImageOf<std::uint8_t>&, Pixels, Matrix, int, double);
+template decltype(disparity_slopes<float>) disparity_slopes<float>;
+template decltype(disparity_slopes<std::uint8_t>) disparity_slopes<std::uint8_t>;
 
 }  // namespace core

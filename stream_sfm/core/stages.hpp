@@ -195,8 +195,7 @@ std::vector<std::size_t> slanted_rows(Matrix slopes);  // those that do not face
 
 // views.cpp
 struct LinearisedViews {
-    Array<double, 3> root;
-    Array<double, 3> jacobian;
+    Array<double, 3> root, jacobian;
     auto parts() { return std::tie(root, jacobian); }
 };
 struct ViewResiduals {
@@ -237,19 +236,15 @@ MotionStep motion_step(Matrices jacobian, Matrix residuals, Vector weights, Vect
 
 // fit.cpp
 struct Fitted {
-    Array<double, 2> cam_from_ref, cov_pose;
+    Array<double, 2> cam_from_ref, cov_pose, cov_amplitudes;
+    Array<double, 1> squares, amplitudes;
     Array<bool, 1> accepted;
-    double chi2 = 0;
     std::int64_t dof = -6;
-    double spread = 1;
+    double chi2 = 0, spread = 1, share = 0;
     bool ok = false;
-    Array<double, 1> squares;
-    double share = 0;
-    Array<double, 1> amplitudes;
-    Array<double, 2> cov_amplitudes;
 
     Fitted(std::size_t n, std::size_t j)
-        : cam_from_ref(4, 4), cov_pose(6, 6), accepted(n), squares(n), amplitudes(j), cov_amplitudes(j, j) {}
+        : cam_from_ref(4, 4), cov_pose(6, 6), cov_amplitudes(j, j), squares(n), amplitudes(j), accepted(n) {}
     auto parts() { return std::tie(cam_from_ref, cov_pose, accepted, chi2, dof, spread, ok, squares, share, amplitudes, cov_amplitudes); }
 };
 Fitted fit_motion(const PointViews& views, Matrix start, Vector amplitudes, Vector votes, bool anneal);
@@ -424,9 +419,8 @@ struct WindowViews {
     auto parts() { return std::tie(frame, ids, used, z, weight, root, terms, timing, field, moves); }
 };
 struct NormalBlocks {
-    Array<double, 3> u, v, w;
+    Array<double, 3> u, v, w, rig_pose, rig_point;
     Array<double, 2> g_pose, g_point, rig;
-    Array<double, 3> rig_pose, rig_point;
     Array<double, 1> g_rig;
     auto parts() { return std::tie(u, v, w, g_pose, g_point, rig, rig_pose, rig_point, g_rig); }
 };
@@ -521,12 +515,8 @@ struct CovariancePart {  // of points, the pose and the world: what reaches poin
     auto parts() { return std::tie(reach, covariant, with_both, both); }
 };
 struct PointMarginals {
-    Array<double, 2> q_in_cam;
-    Array<double, 3> cov_q_in_cam;
-    Array<double, 2> points_in_cam;
-    Array<double, 3> cov_points;
-    Array<double, 2> points_in_world;
-    Array<double, 3> cov_points_in_world;
+    Array<double, 2> q_in_cam, points_in_cam, points_in_world;
+    Array<double, 3> cov_q_in_cam, cov_points, cov_points_in_world;
     Array<bool, 1> finite;
     auto parts() { return std::tie(q_in_cam, cov_q_in_cam, points_in_cam, cov_points, points_in_world, cov_points_in_world, finite); }
 };

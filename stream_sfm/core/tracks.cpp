@@ -116,8 +116,7 @@ PredictedTracks predict_tracks(const Pinholes& pinholes, const Timing& timing, V
     require_shape(left, {n, 2}, "left_px");
     require_shape(agree, {n}, "agree");
     Array<double, 3> start_from_anchor = pose_inverse(tracks.anchor_from_start);
-    PredictedTracks result{{n, 4}, {n, 2}, {n}, {n, 3, 2},
-                           {n, 3, 2}};
+    PredictedTracks result{{n, 4}, {n, 2}, {n}, {n, 3, 2}, {n, 3, 2}};
     for (std::size_t i = 0; i < n; i++) {
         double expected[4], now_from_anchor[16];
         move_to_unit_depth(cam_from_previous.data, tracks.points[i], result.points[i]);

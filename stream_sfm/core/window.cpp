@@ -218,9 +218,8 @@ NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, c
     const std::vector<Seen> seen = seen_by(state, views);
     std::size_t frames = state.cams_from_ref.shape[0], points = state.q.shape[0], m = state.rig_error.shape[0];
     std::size_t terms = views.terms.shape[2], timed = views.timing.shape[2], basis = views.field.shape[1], parts = views.moves.shape[1];
-    NormalBlocks blocks{{frames, 6, 6}, {points, 3, 3}, {points, 3, 6 * frames},
-                        {frames, 6},    {points, 3},    {m, m},
-                        {frames, 6, m}, {points, 3, m}, {m}};
+    NormalBlocks blocks{{frames, 6, 6}, {points, 3, 3}, {points, 3, 6 * frames}, {frames, 6, m}, {points, 3, m},
+                        {frames, 6}, {points, 3}, {m, m}, {m}};
     // A view's four whitened rows: by pose (6), residual (1), by terms, by parts of the field, by point (3).
     const std::size_t own = 7 + terms, by_point = own + parts, columns = by_point + 3, pairs = parts * (parts + 1) / 2;
     std::vector<double> rows(CHUNK * 4 * columns), with_parts(CHUNK * own * parts), squares(CHUNK * pairs * basis);

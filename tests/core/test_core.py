@@ -81,8 +81,7 @@ CALLS = {
             TIMING,
             (*TRACKS[:6], 1 + 3 * (SLOTS % 2)),
             SLOTS,
-            np.eye(4),
-            np.eye(4),
+            *2 * (np.eye(4),),
             INNER / 1.0,
             SLOTS < 9,
         ),
@@ -94,15 +93,8 @@ CALLS = {
     "point_motions": (MOTIONS, np.arange(N) / 10),
     "velocities": (PINHOLES, POINTS, RNG.normal(size=(N, 6))),
     "timed_views": (PINHOLES, EXPOSED, POINTS, np.ones((2, 6)), np.ones(2), VIEWS),
-    "timing_unknowns": (
-        *(PINHOLES, EXPOSED),
-        *2 * ((POINTS, np.ones(6)),),
-        *(np.ones(2), np.eye(2), np.ones(6)),
-    ),
-    "unknown_errors": (
-        *(PINHOLES, TIMING, ROWS, POINTS, POINTS, VIEWS),
-        *(np.ones(6), np.ones(6)),
-    ),
+    "timing_unknowns": (PINHOLES, EXPOSED, *2 * ((POINTS, np.ones(6)),), np.ones(2), np.eye(2), np.ones(6)),
+    "unknown_errors": (PINHOLES, TIMING, ROWS, POINTS, POINTS, VIEWS, np.ones(6), np.ones(6)),
     "shifts_by_timing": (PINHOLES, EXPOSED, POINTS, np.ones(6), np.ones(2)),
     "cov_of_timed_pose": (PINHOLES, EXPOSED, POINTS, np.ones(2), np.eye(6)),
     "reported_motions": ((np.eye(3), 0.1, 0.1), MOTIONS, np.ones((N, 6, 6)), np.ones((N, 6, 2))),
@@ -121,10 +113,8 @@ CALLS = {
     "invert_triangle": (np.eye(6), np.ones(6)),
     "scaled_by_diagonal": (np.eye(6),),
     "point_marginals": (
-        *(MOTIONS, POINTS[:, :3], COV[:, :3, :3]),
-        *2 * ((SHARED[:, :3], SHARED[:, :3], OF_BOTH, np.eye(12)),),
-        *2 * (np.eye(4),),
-        3.0,
+        *(MOTIONS, POINTS[:, :3], COV[:, :3, :3], *2 * ((SHARED[:, :3], SHARED[:, :3], OF_BOTH, np.eye(12)),)),
+        *(np.eye(4), np.eye(4), 3.0),
     ),
     "points_of_views": (STATE, SEEN),
     "views_within_gates": (PINHOLES, STATE, SEEN, 5.0, 9.0),
@@ -134,32 +124,13 @@ CALLS = {
     "q_by_reference": (MOTIONS, POINTS[:, :3]),
     "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),
     "eliminate_points": (COV[:, :3, :3], np.zeros((N, 3, 12))),
-    "window_system": (
-        core.normal_blocks(PINHOLES, STATE, SEEN),
-        PRIOR,
-        POINTS[:, :3],
-        np.zeros(9),
-    ),
+    "window_system": (core.normal_blocks(PINHOLES, STATE, SEEN), PRIOR, POINTS[:, :3], np.zeros(9)),
     "points_alone": (COV[:, :3, :3], POINTS[:, :3], SHARED[:, :3], POINTS[:, :3], np.ones(2)),
     "leaving_views": (
-        *(
-            PINHOLES,
-            (MOTIONS[:1], *STATE[1:]),
-            (SLOTS * 0, *SEEN[1:]),
-            SLOTS > 2,
-            np.ones((N, 3)),
-            SLOTS > 1,
-            SLOTS[3:],
-        ),
-        COV[3:, :3, :3],
+        *(PINHOLES, (MOTIONS[:1], *STATE[1:]), (SLOTS * 0, *SEEN[1:]), SLOTS > 2),
+        *(np.ones((N, 3)), SLOTS > 1, SLOTS[3:], COV[3:, :3, :3]),
     ),
-    "absorbing_system": (
-        core.normal_blocks(PINHOLES, STATE, SEEN),
-        PRIOR,
-        MOTIONS,
-        POINTS[:, :3],
-        np.zeros(9),
-    ),
+    "absorbing_system": (core.normal_blocks(PINHOLES, STATE, SEEN), PRIOR, MOTIONS, POINTS[:, :3], np.zeros(9)),
     "absorbed_points": (
         *(SLOTS, COV[:, :3, :3], FIELD[:, None] * np.ones((N, 3, 3)), POINTS[:, :3], POINTS[:, :3], SLOTS > 2),
         (SLOTS[:2], POINTS[:2, :3], COV[:2, :3, :3], np.ones((2, 3, 1))),
@@ -206,9 +177,8 @@ def test_arrays_of_any_shape_and_content_are_taken_or_refused(name: str) -> None
                     some.flat[::3] = value
                 others.append(some)
         else:
-            others += [
-                np.full(argument.shape, value).astype(argument.dtype) for value in (-1, 10**6, 2**62, -(2**62))
-            ]
+            numbers = (-1, 10**6, 2**62, -(2**62))
+            others += [np.full(argument.shape, value).astype(argument.dtype) for value in numbers]
         for other in others:
             call(name, list(with_other(CALLS[name], at, other.copy())))
 
