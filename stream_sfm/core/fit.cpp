@@ -114,16 +114,30 @@ class Fit {
 
     // Take a weighted step; its squared length in standard deviations.
     double step() {
-        MotionStep taken = motion_step(linear.jacobian, {seen.residuals.data.get(), {n, 4}}, {weights.data(), {n}},
-                                       {shared.data(), {size - 6}});
-        double *delta = taken.step.data.get(), length2 = 0;
-        information.assign(taken.information.data.get(), taken.information.data.get() + size * size);
-        double angle = std::sqrt(delta[3] * delta[3] + delta[4] * delta[4] + delta[5] * delta[5]);
+        std::vector<double> delta(size), weighted(4 * size);
+        information.assign(size * size, 0.0);
+        for (std::size_t i = 0; i < n; i++) {
+            if (weights[i] == 0) continue;
+            const double* jacobian = linear.jacobian[i];
+            for (std::size_t c = 0; c < 4 * size; c++) weighted[c] = weights[i] * jacobian[c];
+            Rows rows{weighted.data(), size};
+            add_product(rows, size, {seen.residuals[0] + 4 * i, 1}, 1, 4, 0, delta.data());
+            add_product(rows, size, {jacobian, size}, size, 4, size, information.data());
+        }
+        for (std::size_t a = 6; a < size; a++) {  // amplitudes have σ = 1
+            information[a * size + a] += 1;
+            delta[a] -= shared[a - 6];
+        }
+        for (std::size_t a = 0; a < size; a++)
+            for (std::size_t b = a + 1; b < size; b++) information[b * size + a] = information[a * size + b];
+        std::vector<double> damped = information;
+        solve_damped(damped, delta.data(), size);
+        double length2 = 0, angle = std::sqrt(delta[3] * delta[3] + delta[4] * delta[4] + delta[5] * delta[5]);
         if (angle > MAX_ROTATION_STEP_RAD)
             for (std::size_t i = 0; i < size; i++) delta[i] *= MAX_ROTATION_STEP_RAD / angle;
         for (std::size_t i = 0; i < size; i++)
             for (std::size_t j = 0; j < size; j++) length2 += delta[i] * information[i * size + j] * delta[j];
-        Array<double, 3> by = pose_exp({delta, {1, 6}});
+        Array<double, 3> by = pose_exp({delta.data(), {1, 6}});
         std::vector<double> before = motion;
         multiply<4, 4, 4>(by[0], before.data(), motion.data());
         for (std::size_t i = 6; i < size; i++) shared[i - 6] += delta[i];

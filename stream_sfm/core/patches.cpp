@@ -86,8 +86,6 @@ void warp(Sampler<T>& sampler, const ImageOf<T>& stored, const double* warp, int
     for (std::size_t i = 0; i < n; i++) grey[needed.at[i]] = samples[i];
 }
 
-}  // namespace
-
 // Weights (k²,) of the samples, of mean 1.
 Array<float, 1> sample_weights(int radius, int spacing) {
     int k = samples_across(radius, spacing);
@@ -103,6 +101,8 @@ Array<float, 1> sample_weights(int radius, int spacing) {
         for (int j = 0; j < k; j++) weights.data[i * k + j] = static_cast<float>(across[i] * across[j] / (mean * mean));
     return weights;
 }
+
+}  // namespace
 
 template <class T>
 void store_patches(T* stored, const std::array<std::size_t, 3>& shape, const ImageOf<T>& image, Pixels points,

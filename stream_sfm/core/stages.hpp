@@ -31,7 +31,6 @@ struct AlignedPatches {
     Array<double, 1> error;
     auto parts() { return std::tie(at, found, error); }
 };
-Array<float, 1> sample_weights(int radius, int spacing);
 template <class T>  // float or std::uint8_t
 void store_patches(T* stored, const std::array<std::size_t, 3>& shape, const ImageOf<T>& image, Pixels points, Indices slots);
 template <class T>
@@ -39,7 +38,6 @@ Patches warp_patches(View<T, 3> stored, Indices slots, Matrices warps, int radiu
 template <class T>
 AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse, Matrices information,
                              View<float, 1> level, int radius, int spacing);
-
 Array<double, 3> gradient_matrices(Matrices information, int spacing);
 
 // row_errors.cpp
@@ -228,11 +226,6 @@ Array<double, 3> whitening_of_views(Matrix z, Matrices cov);
 Array<double, 1> gates_of_views(Matrix z, double of_one, double of_both);
 LinearisedViews linearise_views(const PointViews& views, Matrix cam_from_ref);
 ViewResiduals view_residuals(const PointViews& views, Matrices root, Vector amplitudes, Matrices cams_from_ref);
-struct MotionStep {
-    Array<double, 1> step;
-    Array<double, 2> information;
-};
-MotionStep motion_step(Matrices jacobian, Matrix residuals, Vector weights, Vector amplitudes);
 
 // fit.cpp
 struct Fitted {

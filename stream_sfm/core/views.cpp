@@ -140,32 +140,4 @@ ViewResiduals view_residuals(const PointViews& views, Matrices root, Vector ampl
     return result;
 }
 
-MotionStep motion_step(Matrices jacobian, Matrix residuals, Vector weights, Vector amplitudes) {
-    std::size_t n = jacobian.shape[0], k = jacobian.shape[2];
-    require(k >= 6 && k <= 1000, "the Jacobian has fewer columns than a motion, or too many");
-    require_shape(jacobian, {n, 4, k}, "jacobian");
-    require_shape(residuals, {n, 4}, "residuals");
-    require_shape(weights, {n}, "weights");
-    require_shape(amplitudes, {k - 6}, "amplitudes");
-    MotionStep result{{k}, {k, k}};
-    double* h = result.information.data.get();
-    double* g = result.step.data.get();
-    std::vector<double> weighted(4 * k);
-    for (std::size_t i = 0; i < n; i++) {
-        if (weights.data[i] == 0) continue;
-        for (std::size_t c = 0; c < 4 * k; c++) weighted[c] = weights.data[i] * jacobian[i][c];
-        add_product({weighted.data(), k}, k, {residuals[i], 1}, 1, 4, 0, g);
-        add_product({weighted.data(), k}, k, {jacobian[i], k}, k, 4, k, h);
-    }
-    for (std::size_t a = 6; a < k; a++) {  // amplitudes have σ = 1
-        h[a * k + a] += 1;
-        g[a] -= amplitudes.data[a - 6];
-    }
-    for (std::size_t a = 0; a < k; a++)
-        for (std::size_t b = a + 1; b < k; b++) h[b * k + a] = h[a * k + b];
-    std::vector<double> information(h, h + k * k);
-    solve_damped(information, g, k);
-    return result;
-}
-
 }  // namespace core

@@ -47,6 +47,7 @@ CALLS = {
     "store_patches": (STORED.copy(), IMAGE, PIXELS, SLOTS),
     "corner_strength": (IMAGE,),
     "new_corners": (IMAGE, IMAGE > 9, STARTS, 20, 4.0, 80.0),
+    "among": (SLOTS, SLOTS[2:]),
     "union_of": (SLOTS % 3,),
     "row_errors_of_tracks": (SLOTS, SLOTS, np.ones((N, 5)), SLOTS, VIEWS, COV, True),
     "view_inflation": (SLOTS, 0.5, 1.0, 0.92),
@@ -71,6 +72,7 @@ CALLS = {
     "expected_views": (PINHOLES, STATE, SEEN, SLOTS > 2, VIEWS),
     "timing_of_views": (PINHOLES, EXPOSED, STATE, SEEN, VIEWS, np.ones((2, 2, 6)), np.ones(2)),
     "field_basis": (GRID, STARTS),
+    "rig_mixture": (np.ones(9), np.eye(9), np.full(9, 2.0), 3, np.eye(2, 4) > 0, np.log([0.5, 0.5]), 0.5, False),
     "row_terms": ((80.0, 60.0), GRID, STARTS, np.ones(N)),
     "row_offsets": (ROWS, STARTS, np.ones(N)),
     "on_one_row": (ROWS, STARTS, STARTS, np.ones(N), 1.0),
@@ -107,6 +109,8 @@ CALLS = {
     "polynomial_rows": (EXPOSED, VIEWS),
     "pose_exp": (RNG.normal(size=(N, 6)),),
     "pose_log": (MOTIONS,),
+    "pose_inverse": (MOTIONS,),
+    "pose_adjoint": (MOTIONS,),
     "rotation_vectors": (COV[:, :3, :3],),
     "quaternions": (COV[:, :3, :3],),
     "orthonormalise": (MOTIONS,),
@@ -161,6 +165,10 @@ def with_other(arguments: tuple, at: tuple[int, ...], other: object) -> tuple:
     changed = list(arguments)
     changed[at[0]] = with_other(arguments[at[0]], at[1:], other) if at[1:] else other
     return tuple(changed)
+
+
+def test_every_function_is_called() -> None:
+    assert set(CALLS) == {name for name, function in vars(core).items() if callable(function) and name[0] != "_"}
 
 
 @pytest.mark.parametrize("name", CALLS)
