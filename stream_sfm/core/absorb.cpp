@@ -21,15 +21,6 @@ struct Part {
     }
 };
 
-// Which points are seen: the views that count, one each.
-std::vector<char> points_seen(Indices ids, Indices seen, const bool* counts) {
-    std::vector<char> result(ids.shape[0]);
-    Lookup points{ids};
-    for (std::size_t i = 0; i < seen.shape[0]; i++)
-        if (std::size_t at = counts[i] ? points.row(seen.data[i]) : NONE; at != NONE) result[at] = 1;
-    return result;
-}
-
 }  // namespace
 
 PointsAlone points_alone(Matrices v, Matrix g_point, Matrices rig_point, Matrix q, Vector rig_step) {
@@ -73,12 +64,14 @@ LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, c
         std::size_t at = of_map.row(views.ids.data[i]);
         counts.data[i] = views.used.data[i] && (stereo.data[i] || (at != NONE && in_prior[at]));
     }
-    std::vector<char> seen = points_seen(state.ids, views.ids, counts.data.get());
-    std::vector<std::size_t> rows, at_rows, fresh;
-    for (std::size_t i = 0; i < known.shape[0]; i++)
-        if (auto at = static_cast<std::size_t>(known.data[i]); seen[at] || seen_later.data[at]) rows.push_back(i), at_rows.push_back(at);
-    for (std::size_t at = 0; at < points; at++)
-        if (seen[at] && seen_later.data[at] && !in_prior[at]) fresh.push_back(at);
+    Array<std::int64_t, 1> seen = times_among(state.ids, views.ids, counts);
+    std::vector<std::size_t> rows, at_rows;
+    for (std::size_t i = 0; i < known.shape[0]; i++) {
+        auto at = static_cast<std::size_t>(known.data[i]);
+        if (seen.data[at] || seen_later.data[at]) rows.push_back(i), at_rows.push_back(at);
+    }
+    std::vector<std::size_t> fresh =
+        rows_where(points, [&](std::size_t at) { return seen.data[at] && seen_later.data[at] && !in_prior[at]; });
     WindowViews counted = views;
     counted.used = counts;
     Part absorbed(state, at_rows), begun(state, fresh);
@@ -86,8 +79,7 @@ LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, c
     Array<double, 3> drifted = rows_of(cov, rows);
     Array<double, 3> drift = drift_covariances(absorbed.ids, absorbed.anchors, absorbed.q, views.ids, var_drift);
     add(1.0, drift.data.get(), 9 * rows.size(), drifted.data.get());
-    Array<bool, 1> stays(rows.size());
-    for (std::size_t i = 0; i < rows.size(); i++) stays.data[i] = seen_later.data[at_rows[i]];
+    Array<bool, 1> stays = rows_of(seen_later, at_rows);
     Array<double, 1> held(state.rig_error.shape[0]);  // errors of the rig stay where they are
     PointsAlone alone = points_alone(own.v, own.g_point, own.rig_point, begun.q, held);
     NormalBlocks blocks = normal_blocks(pinholes, absorbed.in(state), counted);

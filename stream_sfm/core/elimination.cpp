@@ -26,11 +26,6 @@ void reach_of(const double* root, const double* rows, std::size_t n, double* out
     }
 }
 
-// out (k,) += Fᵀ x, of rows (3, k).
-void add_rows(const double* rows, const double* x, std::size_t k, double* out) {
-    for (std::size_t i = 0; i < 3; i++) add(x[i], rows + i * k, k, out);
-}
-
 void check(const BlockViews& blocks, const PriorViews& prior, Matrix q, Vector amplitudes) {
     std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], n = prior.known.shape[0], m = blocks.rig.shape[0];
     std::size_t k = prior.modes.shape[2];
@@ -112,7 +107,7 @@ WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Ma
                 whitened[x] += root[3 * x + y] * away[y];
                 add(root[3 * x + y], prior.modes[i] + y * k, k, modes + x * k);
             }
-        add_rows(modes, whitened, k, g + poses);
+        for (std::size_t x = 0; x < 3; x++) add(whitened[x], modes + x * k, k, g + poses);
         for (std::size_t x = 0; x < 3; x++)
             for (std::size_t z = x; z < 3; z++) {
                 right[at][x] -= root[3 * z + x] * whitened[z];

@@ -33,13 +33,6 @@ void velocity_by_twist(const Pinholes& pinholes, const double* of, double* out) 
     for (int row = 0; row < 4; row++) by_motion(a + 4 * row, point, out + 6 * row);
 }
 
-void velocity_of(const double* by_twist, const double* twist, double* out) {
-    for (int c = 0; c < 4; c++) {
-        out[c] = 0;
-        for (int k = 0; k < 6; k++) out[c] += by_twist[6 * c + k] * twist[k];
-    }
-}
-
 // A homogeneous point (4,) after a short time with a twist.
 void moved_by(const double* point, const double* twist, double seconds, double* out) {
     for (int k = 0; k < 3; k++) {
@@ -48,8 +41,6 @@ void moved_by(const double* point, const double* twist, double seconds, double* 
     }
     out[3] = point[3];
 }
-
-double share(double row) { return std::isnan(row) ? 0.0 : row; }  // of a side that was not seen
 
 // In which rows both sides of a view (4,) are exposed (4,): Σ c x^a y^b, x and y from −1 to 1 over the image.
 void rows_of_view(const ExposedRows& of, const double* z, double* rows) {
@@ -153,13 +144,14 @@ void timing_of_view(const Pinholes& pinholes, const ExposedRows& exposed, const 
     double rows[4], velocity[4], at = std::numeric_limits<double>::quiet_NaN();
     rows_of_view(exposed, z, rows);
     for (int c = 0; c < 4; c++) {
-        double late = c == LATE && !std::isnan(rows[c]), row = share(rows[c]), half = 0.5 * (late * timing[0] + row * timing[1]);
+        bool seen = !std::isnan(rows[c]);
+        double late = c == LATE && seen, row = seen ? rows[c] : 0.0, half = 0.5 * (late * timing[0] + row * timing[1]);
         if (half != at) {
             double twist[6], halfway[4], by_twist[24];
             for (int k = 0; k < 6; k++) twist[k] = motion[k] + half * motion[6 + k];
             moved_by(point, twist, half, halfway);
             velocity_by_twist(pinholes, halfway, by_twist);
-            velocity_of(by_twist, twist, velocity);
+            multiply<4, 6, 1>(by_twist, twist, velocity);
             at = half;
         }
         out[2 * c] = late * velocity[c];
@@ -203,7 +195,7 @@ Array<double, 2> velocities(const Pinholes& pinholes, Matrix points, Matrix twis
     for (std::size_t i = 0; i < n; i++) {
         double by_twist[24];
         velocity_by_twist(pinholes, points[i], by_twist);
-        velocity_of(by_twist, twists[of_all ? 0 : i], result[i]);
+        multiply<4, 6, 1>(by_twist, twists[of_all ? 0 : i], result[i]);
     }
     return result;
 }

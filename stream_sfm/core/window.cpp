@@ -51,14 +51,6 @@ std::vector<Seen> seen_by(const WindowState& state, const WindowViews& views) {
     return result;
 }
 
-// The point of a view in the reference camera, eq. (24), and in its own.
-void points_of(const double* anchor, const double* q, const double* cam, double* in_cam) {
-    double in_anchor[4] = {q[0], q[1], 1.0, q[2]}, in_ref[4];
-    move(anchor, in_anchor, in_ref);
-    move(cam, in_ref, in_cam);
-    clamp_depth(in_cam);
-}
-
 // A view (4,) of a point in the camera, with what the rig has wrong.
 void predicted(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, std::size_t i,
                const double* in_cam, double* z) {
@@ -76,9 +68,13 @@ void predicted(const Pinholes& pinholes, const WindowState& state, const WindowV
     }
 }
 
-// The point of a used view in its camera.
+// The point of a used view in its camera, by way of the reference camera, eq. (24).
 void point_of(const WindowState& state, const Seen& seen, double* in_cam) {
-    points_of(state.ref_from_anchor[seen.point], state.q[seen.point], state.cams_from_ref[seen.frame], in_cam);
+    const double* q = state.q[seen.point];
+    double in_anchor[4] = {q[0], q[1], 1.0, q[2]}, in_ref[4];
+    move(state.ref_from_anchor[seen.point], in_anchor, in_ref);
+    move(state.cams_from_ref[seen.frame], in_ref, in_cam);
+    clamp_depth(in_cam);
 }
 
 // The whitened residual (4,) of a view, and its point in the camera.
