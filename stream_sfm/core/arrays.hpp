@@ -56,7 +56,7 @@ struct Array {
     std::size_t size() const { return shape[0] * row_size(shape); }
     T* operator[](std::size_t i) { return data.get() + i * row_size(shape); }
     const T* operator[](std::size_t i) const { return data.get() + i * row_size(shape); }
-    operator View<T, N>() const { return {data.get(), shape}; }
+    operator View<T, N>() const { return {data.get(), shape}; }  // for as long as the array lives
 };
 
 // The rows of n that are `wanted`.
