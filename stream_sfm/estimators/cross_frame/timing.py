@@ -25,9 +25,9 @@ class ExposureClock:
         self._even = 0.0  # log odds
 
     def seconds(self, cams_from_ref: Array, stamps_ns: list[int], std_acceleration: Array) -> Array:
-        """Return the times (n,) of cameras (n, 4, 4) at ascending stamps, the newest not seen before; 0 at the first.
+        """Return the times (n,) of cameras (n, 4, 4) at ascending stamps, since the first stamp.
 
-        `std_acceleration` (6,): what accelerations are compared by.
+        The newest camera has not been seen before. `std_acceleration` (6,): what accelerations are compared by.
         """
         stamps = np.array([(s - stamps_ns[0]) / 1e9 for s in stamps_ns])
         if len(stamps) < _LEAST:
@@ -35,7 +35,8 @@ class ExposureClock:
         ticks = np.round(stamps / np.median(np.diff(stamps)))
         if (np.diff(ticks) < 1).any():
             return stamps
-        even = np.polyval(np.polyfit(ticks, stamps, 1), ticks)
+        apart = ticks - ticks.mean()
+        even = stamps.mean() + apart @ stamps / (apart @ apart) * apart  # the straight line that fits best
         rough = [
             np.sum((core.point_motions(cams_from_ref, t)[:, 1] / std_acceleration) ** 2) for t in (stamps, even)
         ]
