@@ -7,7 +7,7 @@ The state is the error of the pose, and the errors that all motions share: they 
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,9 @@ from filterpy.kalman import KalmanFilter
 import stream_sfm as sfm
 
 SPAN = 8  # frames of a motion: at most those of the window, `window.frames`
+NO_MOTION = (
+    "frame {end} has no motion to frame {before}: the map was lost between them, or there is one camera only"
+)
 UNSEEN = 3  # of the common errors: no view shows them, so the odometry never learns them, but another sensor may
 Fused = Callable[[sfm.RunResults, dict[int, np.ndarray], float], tuple[int, np.ndarray, np.ndarray]]
 
@@ -97,17 +100,25 @@ def fused(
     estimates = list(run.estimates())
     common = estimates[-1].common
     state, before = Filter(0 if common is None else len(common.mean)), 0
-    for end in reversed(
-        range(len(estimates) - 1, 0, -SPAN)
-    ):  # back from the last frame, so that the first is shorter
+    for end in ends([estimate.stamp_ns for estimate in estimates], positions):
         motion = sfm.Motion.of(estimates[end], end - before)
         if motion is None:
-            raise SystemExit(f"frame {end} has no motion to frame {before}: the map was lost between them")
+            raise SystemExit(NO_MOTION.format(end=end, before=before))
         state.move(motion)
         if (position := positions.get(estimates[end].stamp_ns)) is not None:
             state.fix(position, std_m)
         before = end
     return before, state.pose, state.cov
+
+
+def ends(stamps_ns: list[int], positions: Collection[int]) -> list[int]:
+    """Return the frames at which motions end, up to the last one: every SPAN-th, and each that has a position."""
+    found, end = list[int](), len(stamps_ns) - 1
+    while end > 0:
+        found.append(end)
+        near = range(max(end - SPAN, 0), end)
+        end = max((k for k in near if stamps_ns[k] in positions), default=near[0])
+    return found[::-1]
 
 
 def read_positions(path: Path | None) -> dict[int, np.ndarray]:
@@ -131,7 +142,14 @@ def main(purpose: str, fused: Fused) -> None:
     )
     parser.add_argument("--std", type=float, default=0.02, help="their σ, metres")
     given = parser.parse_args()
-    end, pose, cov = fused(sfm.read_results(given.folder), read_positions(given.positions), given.std)
+    try:
+        run, positions = sfm.read_results(given.folder), read_positions(given.positions)
+    except (sfm.StreamSfmError, OSError) as error:
+        raise SystemExit(str(error)) from None
+    used = len(set(run.stamps_ns[1:].tolist()) & set(positions))
+    if used < len(positions):
+        print(f"{used} of {len(positions)} positions are used: the others are not at the stamp of a later frame")
+    end, pose, cov = fused(run, positions, given.std)
     std_mm = 1e3 * np.sqrt(np.trace(cov[:3, :3]))
     print(f"frame {end} is at {np.round(pose[:3, 3], 4).tolist()} m, σ {std_mm:.2f} mm")
 

@@ -4,16 +4,16 @@ pip install gtsam
 stream-sfm replay logs/room.mcap
 python examples/fuse_gtsam.py runs/latest --positions fixes.tum --std 0.02
 
-Every eighth frame is a pose; between two of them is one motion, and the errors that all motions share are one variable.
+Every eighth frame, and each with a position, is a pose; between two of them is one motion, and the errors that all
+motions share are one variable.
 """
 
 import gtsam
 import numpy as np
-from fuse_ekf import main
+from fuse_ekf import NO_MOTION, ends, main
 
 import stream_sfm as sfm
 
-SPAN = 8  # frames of a motion: at most those of the window, `window.frames`
 C = gtsam.symbol("c", 0)  # the common errors
 TURNED = np.r_[3:6, 0:3]  # GTSAM's tangents have the rotation first
 
@@ -35,12 +35,10 @@ def fused(
         graph.add(gtsam.PriorFactorVector(C, known.mean, gtsam.noiseModel.Gaussian.Covariance(known.cov + least)))
         values.insert(C, known.mean)
     before = 0
-    for end in reversed(
-        range(len(estimates) - 1, 0, -SPAN)
-    ):  # back from the last frame, so that the first is shorter
+    for end in ends([estimate.stamp_ns for estimate in estimates], positions):
         motion = sfm.Motion.of(estimates[end], end - before)
         if motion is None:
-            raise SystemExit(f"frame {end} has no motion to frame {before}: the map was lost between them")
+            raise SystemExit(NO_MOTION.format(end=end, before=before))
         graph.add(_factor(before, end, motion))
         step = motion.earlier_from_newest
         values.insert(end, values.atPose3(before).compose(gtsam.Pose3(step)))

@@ -78,7 +78,7 @@ def import_images(
     *,
     overwrite: bool = False,
 ) -> Imported:
-    """Convert the images `left` and `right`, paired in the order of their names, to a log at `out`.
+    """Convert the images `left` and `right`, paired by the numbers in their names or else in order, to a log at `out`.
 
     Each side is one or several files, folders or globs; `calibration` as in `StereoRig.from_calibration`. `stamps`: a
     file with one time per line, seconds with a decimal point or integer nanoseconds; without it names that are
@@ -133,7 +133,12 @@ def _copy_to_log(
             log.write(message)
         if not damage.complete:  # what a replay would skip is not left out of a copy
             raise InputError(damage.notes[-1])
-    warnings = [*source.notes, *(baseline_warnings(source.rig) if source.rig is not None else ())]
+    rig = source.rig
+    warnings = [*source.notes, *(baseline_warnings(rig) if rig is not None else ())]
+    if isinstance(rig, StereoRig) and (rig.refinement is not None or rig.timing is not None):
+        warnings.append(
+            "a log does not hold [refinement] and [timing] of a calibration: give the file to its replay, too"
+        )
     if expects_poses and not source.poses:
         warnings.append(f"no ground truth was found for {source.path}")
     left, right = source.images

@@ -106,9 +106,14 @@ def check_fusion(example: str, runs: dict[Path, sfm.RunResults], folder: Path) -
     results, path = runs[ROOM], folder / "fixes.tum"
     there = results.world_from_cam[-1, :3, 3] + (0.1, 0, 0)
     stamp_s = f"{results.stamps_ns[-1] // 10**9}.{results.stamps_ns[-1] % 10**9:09d}"
-    path.write_text(f"# one, of a σ far below the odometry's\n{stamp_s} {there[0]} {there[1]} {there[2]}\n")
+    x, y, z = results.world_from_cam[5, :3, 3]
+    at_five_s = f"{results.stamps_ns[5] // 10**9}.{results.stamps_ns[5] % 10**9:09d} {x} {y} {z}"
+    path.write_text(
+        f"{at_five_s}\n1.5 0 0 0\n# of a σ far below the odometry's\n{stamp_s} {' '.join(map(str, there))}\n"
+    )
     said = run(example, results.folder, "--positions", path, "--std", 1e-4)
     found = re.search(r"is at \[(\S+), (\S+), (\S+)\] m, σ (\S+) mm", said)
+    assert "2 of 3 positions" in said
     assert found is not None and np.abs(np.array(found.groups()[:3], float) - there).max() < 1e-3
     assert float(found[4]) < 0.3
 

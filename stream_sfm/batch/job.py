@@ -151,7 +151,9 @@ def _replay(job: Job) -> tuple[JobStatus, str]:
     """Status and reason of a replay in its own process."""
     config, errors = job.folder / "config.toml", job.folder / _STDERR
     config.write_text(job.config_toml, encoding="utf-8")
-    command = [sys.executable, "-m", "stream_sfm", "replay", f"--config={config}", *job.options]
+    # this package itself, whatever lies in the present folder
+    here = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), str(Path(__file__).parents[2])]))
+    command = [sys.executable, "-P", "-m", "stream_sfm", "replay", f"--config={config}", *job.options]
     command += [f"--out={job.folder}", "--quiet", "--debug", str(job.log)]
     with (
         open(errors, "wb") as stderr,
@@ -160,7 +162,7 @@ def _replay(job: Job) -> tuple[JobStatus, str]:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=stderr,
-            env=os.environ | ONE_THREAD,
+            env=os.environ | ONE_THREAD | {"PYTHONPATH": here},
             start_new_session=True,  # a Ctrl-C reaches this process only; `stop` passes it on, once
         ) as child,
     ):

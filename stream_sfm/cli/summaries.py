@@ -1,6 +1,6 @@
 """The summaries of replays, comparisons and batches as tables."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,12 @@ _ERRORS = {
     "r_rel_deg_per_100m": ("r_rel\n°/100 m", ".3g"),
     "scale_error_percent": ("scale\n%", "+.2f"),
     "nees_pose_mean": ("NEES", ".3g"),
+}
+_OF_RUNS = {
+    **_ERRORS,
+    "relative_motion_over_sigma": ("motion\nover σ", ".3g"),
+    "ate_rmse_sim3_m": ("ATE, Sim(3)\nm", ".3g"),
+    "metres_per_unit": ("one unit\nm", ".4g"),
 }
 _OF_METHODS = {
     **{key: _ERRORS[key] for key in _ERRORS if key not in ("ate_rmse_m", "scale_error_percent")},
@@ -54,13 +60,14 @@ def print_comparison(content: dict[str, Any]) -> None:
         print(f"halves of the {name} differ by {factors_text(spans)}")
 
 
-def print_evaluation(runs: Iterable[dict[str, Any]]) -> None:
-    """Print the runs of `evaluate`, one row each."""
-    rows = []
-    for run in runs:
-        name, figures = broken_at(run["run"], "/._-", _NAME_WIDTH), run["ground_truth"]
-        rows.append([name, run["method"], str(figures["frames_compared"]), *_cells(figures, _ERRORS)])
-    headings = ["run", "method", "frames", *_headings(_ERRORS)]
+def print_evaluation(runs: Sequence[dict[str, Any]]) -> None:
+    """Print the runs of `evaluate`, one row each, with the figures that any of them has."""
+    rows, told = [], [run["ground_truth"] | _over_sigma(run["ground_truth"]) for run in runs]
+    columns = {key: _OF_RUNS[key] for key in _OF_RUNS if any(key in figures for figures in told)}
+    for run, figures in zip(runs, told, strict=True):
+        name = broken_at(run["run"], "/._-", _NAME_WIDTH)
+        rows.append([name, run["method"], str(figures["frames_compared"]), *_cells(figures, columns)])
+    headings = ["run", "method", "frames", *_headings(columns)]
     print_table(rows, headings, width=_EVALUATION_WIDTH, text_columns=2)
 
 
@@ -81,6 +88,12 @@ def print_batch(content: dict[str, Any], folder: Path) -> None:
 
 
 Columns = dict[str, tuple[str, str]]
+
+
+def _over_sigma(figures: dict[str, Any]) -> dict[str, float]:
+    """The error of the relative motion over its σ, over the shortest span."""
+    spans = figures.get("relative_consistency")
+    return {"relative_motion_over_sigma": spans[0]["factor"]} if spans else {}
 
 
 def _headings(columns: Columns) -> Iterator[str]:

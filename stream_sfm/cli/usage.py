@@ -2,7 +2,13 @@
 
 from collections.abc import Sequence
 
-from cyclopts import App, CycloptsError
+from cyclopts import (
+    App,
+    Argument,
+    CycloptsError,
+    MissingArgumentError,
+    UnusedCliTokensError,
+)
 
 from ..errors import StreamSfmError
 
@@ -39,7 +45,17 @@ def usage_error(app: App, words: Sequence[str], error: CycloptsError) -> tuple[s
     """What is wrong with a command line, and where to read on."""
     chain, _, _ = app.parse_commands(list(words))
     problem, command = str(error), " ".join(["stream-sfm", *chain])
-    return problem[:1].lower() + problem[1:], f"hint: `{command} --help` lists all arguments"
+    problem = problem[:1].lower() + problem[1:]
+    match error:
+        case UnusedCliTokensError(unused_tokens=[*tokens]):
+            problem = f"unexpected argument: {' '.join(tokens)}"
+        case MissingArgumentError(keyword=str(option)):
+            problem = f"{option} needs a value"
+        case MissingArgumentError(argument=Argument() as argument) if "Did you mean" not in problem:
+            problem = f"{argument.name} is missing"
+        case _:
+            problem = problem.replace(". give ", ": give ")
+    return problem, f"hint: `{command} --help` lists all arguments"
 
 
 def hint(app: App, words: Sequence[str], error: StreamSfmError) -> str:

@@ -23,7 +23,7 @@ def _build_if_older(folder: str) -> None:
     if subprocess.run([sys.executable, tool], stdin=subprocess.DEVNULL).returncode:
         raise ImportError(
             f"{folder}: the compiled core is older than its sources and could not be built, for the reason above: "
-            'python -m pip install -e ".[test]"'
+            'python -m pip install -e ".[test]"; a package that is installed is found from any other folder'
         )
 
 

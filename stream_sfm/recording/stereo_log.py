@@ -105,8 +105,9 @@ def choose_cameras(
     if source.format == "video" and len(survey.of_kind("image")) == 1:
         raise LogError(
             f"{source.path} is a video: give the calibration of its images, which are beside or above each other "
-            "in its frames; of two videos give the folder in which they are left and right (left.mp4, right.mp4)",
-            hint=("calibration",),
+            "in its frames; of one camera say so; of two videos give the folder in which they are left and right "
+            "(left.mp4, right.mp4)",
+            hint=("calibration", "mono"),
         )
     return choose_pair(source.path, _image_topics(source, survey, left, right, notes), left, right)
 

@@ -183,9 +183,11 @@ def lives(front: FrontRecord) -> Markup:
     spans = list(front.lives.values())
     if not spans:
         return Markup('<p class="none">No point was tracked.</p>')
-    note = f"{len(spans)} points, one line each, seen in {front.tracks()['mean_frames']:.1f} frames in the mean"
     most = 1200  # lines; more cannot be told apart
-    return lifetimes("Track lifetimes", spans[:: max(1, -(-len(spans) // most))], note)
+    every = max(1, -(-len(spans) // most))
+    shown = "one line each" if every == 1 else f"one line for {every}"
+    note = f"{len(spans)} points, {shown}, seen in {front.tracks()['mean_frames']:.1f} frames in the mean"
+    return lifetimes("Track lifetimes", spans[::every], note)
 
 
 def _per_frame(run: RunRecord, y: Array) -> Series:

@@ -136,12 +136,13 @@ class RunRecord:
         """Sentences about a calibration that was wrong or has changed, about frames that are refused or lost, about
         degraded ones where they are many, and about a method that stopped."""
         notes = [str(change) for change in self.rig_changes]
-        if self._corrected_from is not None and self._corrected_from[0] > _AT_THE_START:
+        applied = self.rig is not None and self.rig.applied  # to the end: otherwise it was a mistake
+        if applied and self._corrected_from is not None and self._corrected_from[0] > _AT_THE_START:
             frame, rig = self._corrected_from
             wrong_px = disparity_rms_px(rig.mean if rig.refined is None else rig.mean - rig.refined)
             notes.append(
                 f"from frame {frame} on, a calibration error of {wrong_px:.2f} px of disparity is corrected; in "
-                f"earlier frames distances of 10 m are off by {10 * wrong_px / self._disparity_at_1m_px:.1%}"
+                f"earlier frames distances of 10 m are off by {1000 * wrong_px / self._disparity_at_1m_px:.1f} %"
             )
         if self.refused:
             notes.append(f"{counted(self.refused, 'frame')} refused, the first: {self.first_refusal}")

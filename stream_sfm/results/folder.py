@@ -89,6 +89,7 @@ class ResultFolder:
     def _open(self) -> EstimatesWriter:
         make_folder(self.path)
         self._lock.enter_context(only_writer(self.path))
+        (self.path / MAP_TRAJECTORY).unlink(missing_ok=True)  # of an earlier run; this one may not have it
         if self.path / "config.toml" in changed_results(self.path, self._config):
             write_whole(self.path / "config.toml", config_to_toml(self._config).encode())
         for name, text in zip(NAMES, first_lines(UNIT_WITHOUT_SCALE if self._config.mono else ""), strict=True):

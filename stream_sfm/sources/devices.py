@@ -59,7 +59,8 @@ def _opencv(names: Sequence[str], rig: StereoRig | None) -> Device:
     for name, capture in zip(names, captures, strict=True):
         if not capture.isOpened():
             raise LogError(
-                f"camera {name} cannot be opened: give its number, such as 0, or one of {', '.join(OPEN)}"
+                f"camera {name} cannot be opened: it is not connected, in use or not permitted, or this is no camera; "
+                f"give its number, such as 0, or one of {', '.join(OPEN)}"
             )
 
     def grab() -> tuple[int, Image, Image] | None:

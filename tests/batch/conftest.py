@@ -1,5 +1,6 @@
 """Seven logs, and one batch over them in which a process is killed."""
 
+import contextlib
 import os
 import signal
 from pathlib import Path
@@ -35,6 +36,8 @@ def first(logs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, d
         os.kill(process, signal.SIGKILL)
         assert {f"{name}=1".encode() for name in ONE_THREAD} <= set(environment)
 
-    with meanwhile(kill):
+    present = tmp_path_factory.mktemp("present")  # a folder in which lies something else of the same name
+    (present / "stream_sfm.py").write_text("raise ImportError\n")
+    with meanwhile(kill), contextlib.chdir(present):
         assert batch(logs, "--out", out, "--workers", 2) == 3
     return out, outcomes(out), (out / "report.html").read_text()

@@ -35,6 +35,18 @@ def test_figures_are_those_of_the_replay(runs: list[Path], cli) -> None:
         assert {key: figures[key] for key in same} == {key: told[key] for key in same}  # poses are stored exactly
 
 
+def test_the_table_has_the_figures_that_any_run_has(runs: list[Path], tmp_path: Path, cli) -> None:
+    assert "Sim(3)" not in (table := cli("evaluate", runs[0]).out) and "motion" in table
+    for std in ("0,0", "0.1,0.1"):
+        given = (runs[0], "--ground-truth-std", std)
+        (found,) = cli("evaluate", *given, "--json").json["runs"]
+        factor = found["ground_truth"]["relative_consistency"][0]["factor"]
+        assert f"{factor:.3g}" in cli("evaluate", *given).out
+    sfm.replay(ROOM, tmp_path, sfm.Config(mono=True), sfm.Selection(max_frames=FRAMES))
+    figures = cli("evaluate", tmp_path, "--json").json["runs"][0]["ground_truth"]
+    assert f"{figures['ate_rmse_sim3_m']:.3g}" in cli("evaluate", tmp_path).out
+
+
 def test_runs_stand_side_by_side_on_a_page(runs: list[Path], tmp_path: Path, cli) -> None:
     page = tmp_path / "page.html"
     said = cli("evaluate", *runs, "--out", page).out

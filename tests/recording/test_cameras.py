@@ -228,7 +228,7 @@ def test_webcams_are_two_or_one_that_holds_both(names: tuple[str, ...], webcams:
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
-        (["7", "--calibration", "c.toml"], 3, "camera 7 cannot be opened: give its number, such as 0, or one"),
+        (["7", "--calibration", "c.toml"], 3, "or this is no camera; give its number, such as 0, or one"),
         (["0", "1"], 2, "camera 0 1 has no calibration of its own: give one"),
         (["0", "--calibration", "c.toml"], 3, "would be twice as wide or as high"),
         (["oak"], 2, "oak needs the package depthai, which is the extra [oak] of this one"),

@@ -95,6 +95,8 @@ def test_the_metadata_of_another_bag_is_left_as_it_is(steps, tmp_path: Path) -> 
         assert (tmp_path / "metadata.yaml").read_text() == text
     (tmp_path / "metadata.yaml").unlink()
     for frames in (1, 2):  # that of an earlier run is replaced
+        (tmp_path / "trajectory_map.tum").touch()
         write(tmp_path, steps[:frames])
         with Reader(tmp_path) as bag:
             assert next(c.msgcount for c in bag.connections if c.topic == "/tf") == frames
+        assert not (tmp_path / "trajectory_map.tum").exists()

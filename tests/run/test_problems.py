@@ -132,4 +132,4 @@ def test_a_correction_on_the_way_says_from_which_frame_on_and_what_it_means(firs
     assert len(warnings) == said
     if said:
         assert warnings[0].startswith("from frame 12 on, a calibration error of 0.30 px of disparity is corrected")
-        assert "distances of 10 m are off by 5.0%" in warnings[0]
+        assert "distances of 10 m are off by 5.0 %" in warnings[0]
