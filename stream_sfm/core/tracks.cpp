@@ -111,6 +111,8 @@ PredictedTracks predict_tracks(const Pinholes& pinholes, const Timing& timing, V
                                Matrix cam_from_previous, Matrix cam_from_start, Matrix left, Flags agree) {
     std::size_t n = tracks.points.shape[0];
     check(tracks);
+    check(timing.exposed);
+    require_shape(twist, {6}, "twist");
     require_shape(cam_from_previous, {4, 4}, "cam_from_previous");
     require_shape(cam_from_start, {4, 4}, "cam_from_start");
     require_shape(left, {n, 2}, "left_px");

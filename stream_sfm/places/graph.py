@@ -139,7 +139,7 @@ class PoseGraph:
         """
         chain, jacobian = np.zeros((6, 6)), np.zeros((6, len(self._mean)))
         if link is None or not self.numbers:
-            segment = home = int(self.segments.max(initial=-1)) + 1
+            segment = home = max(self._began, default=-1) + 1
             self._began[segment] = pose, chain if cov is None else cov
         else:
             segment, home = int(self.segments[-1]), int(self.homes[-1])

@@ -14,6 +14,7 @@ from ..types import FrameEstimate, Status
 from . import ros_messages as ros
 from .frames import RosFrames, fixed_axis_covariance
 from .own_messages import ESTIMATE, SCALARS, TIMING, estimate_fields, named
+from .ros_messages import type_store
 
 TOPICS = {
     "/stream_sfm/odometry": ros.ODOMETRY,
@@ -40,6 +41,7 @@ class RosMessages:
     """
 
     def __init__(self, ros: RosConfig, map_from_world: Callable[[], Array] | None = None) -> None:
+        type_store()
         self._frames = RosFrames(ros)
         self._map_from_world = map_from_world or (lambda: np.eye(4))
         self._path, self._path_length = PathSoFar(), 0.0

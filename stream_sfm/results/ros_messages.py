@@ -34,11 +34,13 @@ _PART = "=" * 80  # between a definition and those of its parts
 
 
 @cache
-def _types() -> Any:
-    """The types of ROS 2 and our own; made late, as it takes a tenth of a second."""
+def type_store() -> Any:
+    """The types of ROS 2 and our own. The first call takes a tenth of a second: it had better not be in a frame."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     for name, text in DEFINITIONS.items():
         store.register(get_types_from_msg(text, name))
+    for name in (*DEFINITIONS, ODOMETRY, POSE, TRANSFORMS, CLOUD, PATH):
+        store.get_msgdef(name)  # makes what encodes it
     return store
 
 
@@ -46,7 +48,7 @@ def _types() -> Any:
 def _arrays(name: str) -> Mapping[str, str]:
     """The fields of a type that are arrays of numbers, and of which."""
     lists = (Nodetype.ARRAY, Nodetype.SEQUENCE)
-    elements = {field: of[0] for field, (kind, of) in _types().fielddefs[name][1] if kind in lists}
+    elements = {field: of[0] for field, (kind, of) in type_store().fielddefs[name][1] if kind in lists}
     numbers = {field: base[0] for field, (kind, base) in elements.items() if kind == Nodetype.BASE}
     return {field: number for field, number in numbers.items() if number != "string"}
 
@@ -55,17 +57,17 @@ def make(name: str, /, **fields: Any) -> Any:
     """Make a message (package/msg/Name) of fields and parts, which are objects with fields, too; arrays become flat."""
     for field, number in _arrays(name).items():
         fields[field] = np.asarray(fields[field], number).ravel()
-    return _types().types[name](**fields)
+    return type_store().types[name](**fields)
 
 
 def encode(message: Any) -> bytes:
     """Return the bytes of a message: little-endian CDR."""
-    return bytes(_types().serialize_cdr(message, message.__msgtype__, little_endian=True))
+    return bytes(type_store().serialize_cdr(message, message.__msgtype__, little_endian=True))
 
 
 def schema_text(name: str) -> str:
     """Return the definition of a message with those of all its parts; our own with an explanation of each field."""
-    own, *parts = _types().generate_msgdef(name, ros_version=2)[0].split(_PART)
+    own, *parts = type_store().generate_msgdef(name, ros_version=2)[0].split(_PART)
     return _PART.join([DEFINITIONS.get(name, own), *parts])
 
 
