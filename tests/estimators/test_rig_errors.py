@@ -168,9 +168,10 @@ def test_delay_and_readout_are_read_off_a_moving_camera_and_poses_stay_consisten
 
 @pytest.mark.slow
 def test_a_focus_that_moves_for_a_second_and_stops_is_followed() -> None:
-    """By 1.5 % from .4 s to 1.4 s: σ is right within a factor of two, though no walk of the focus begins and stops.
+    """By 1.5 % from .4 s to 1.4 s: σ is right within a factor of 1.5, though no walk of the focus begins and stops.
 
-    Over 16 flights the mean NEES is 16 (σ 10 each); followed by a rate that is the same all the time it is 260.
+    Over 16 flights the mean NEES is 9 (σ 7 each); 16 where what was learnt before it was found is believed, and 260
+    where it is followed by a rate that is the same all the time.
     """
     of_pose = []
     for seed in range(8):
@@ -181,7 +182,7 @@ def test_a_focus_that_moves_for_a_second_and_stops_is_followed() -> None:
             longer = 1 + 0.015 * np.clip(n * flight.PERIOD_S - 0.4, 0, 1)
             solution = estimator.step(replace(o, z_px=middle + longer * (o.z_px - middle)))
         of_pose.append(nees_at(solution, flight.world_from_cam(np.array([43 * flight.PERIOD_S]))[0]))
-    assert np.mean(of_pose) < 6 * 2**2
+    assert np.mean(of_pose) < 6 * 1.5**2
 
 
 def test_what_is_found_of_an_exact_rig_is_no_common_error_of_all_runs_in_the_shortest_window_either() -> None:

@@ -133,7 +133,11 @@ class Map:
         passed_s = (self.frames[0].stamp_ns - frame.stamp_ns) / 1e9
         age_s = prior.rig.age_s(frame.stamp_ns)
         root = frame.rig.root_of_focusing(prior.rig.held, prior.rig.cov_held, age_s, passed_s)
-        return prior.with_rig_change(root) if root.any() else prior
+        if not root.any():
+            return prior
+        if prior.rig.steady:  # until now its motion was taken for other errors, which are as unknown as at first
+            root = np.concatenate([root, np.diag(prior.rig.size)], axis=1)
+        return prior.with_rig_change(root)
 
     def _remove_oldest(self) -> tuple[WindowFrame, WhitenedViews]:
         """Take the oldest frame out of the window, with its views; it becomes the reference camera."""
