@@ -31,6 +31,11 @@ class Method(NamedTuple):
     kind: str
     frames: int | None = None
 
+    @property
+    def finds_rig(self) -> bool:
+        """Whether it estimates the errors of the rig, too."""
+        return self.kind == "CrossFrame"
+
 
 METHODS = {
     "cross-frame": Method("cross_frame.window", "CrossFrame"),

@@ -47,8 +47,8 @@ class ResultFolder:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def write(self, estimate: FrameEstimate, frame: Frame) -> None:
-        """Append one frame to each file."""
+    def write(self, estimate: FrameEstimate, frame: Frame | None) -> None:
+        """Append one frame to each file; its images are not needed."""
         if not isinstance(estimate, FrameEstimate):
             kind = type(estimate).__name__
             raise OutputError(

@@ -71,10 +71,10 @@ def compare(
     `ignore_ground_truth`: ranges [first, end) of frames of this run whose ground truth is not compared.
     `inspection`: what `inspect_log` found, for the report. `self_test`, `std_truth`: as in `replay`. The
     errors of the calibration that the window finds are taken out of the views of the other methods too, so that methods
-    are compared and not calibrations. `sinks` are given one estimate per frame, of the first method that has not
-    failed, and are closed at the end. `loops`: show the first method with loops closed, too, which need the extra map.
-    Raises LogError where no frame can be read, ConfigError for an unknown method,
-    OutputError.
+    are compared and not calibrations: from their first frame on those known after 30, if the window is named first.
+    `sinks` are given one estimate per frame, of the first method that has not failed, and are closed at the end.
+    `loops`: show the first method with loops closed, too, which need the extra map. Raises LogError where no frame can
+    be read, ConfigError for an unknown method, OutputError.
     """
     config, selection = config or Config(), selection or Selection()
     config.needs_scale("compare")

@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import core
 from ..config import Config
-from ..estimators import make_estimator
+from ..estimators import METHODS, make_estimator
 from ..evaluation.structure import StructureComparison
 from ..geometry.medians import median
 from ..observer import Observed, Observer
@@ -46,6 +46,7 @@ class Lane:
         self.solution: Solution | None = None  # of the latest frame
         self.rig: RigEstimate | None = None  # the estimator's latest knowledge of the rig's errors
         self.observer, self._depth = observer, depth
+        self.finds_rig = METHODS[config.method].finds_rig and not config.rig.exact
         self._estimator = make_estimator(config.method, projection, config)
         self._structure = StructureComparison(observer.rig.left)
         self._world = World(config.motion)
@@ -56,7 +57,7 @@ class Lane:
         self.observer, self.rig, self._structure.camera = observer, None, observer.rig.left
         self._estimator = make_estimator(self.config.method, observer.projection, self.config)
 
-    def take(self, observed: Observed, frame: RecordedFrame) -> FrameEstimate | None:
+    def take(self, observed: Observed, frame: RecordedFrame | None) -> FrameEstimate | None:
         """Estimate a frame and write it; None if the lane has failed, now or before."""
         self.solution = None
         if self.error is not None:
@@ -118,7 +119,7 @@ def without_rig_errors(lane: Lane, lanes: Sequence[Lane], observed: Observed) ->
     """
     learnt = next((other.rig for other in lanes if other.rig is not None), None)
     seen = observed.observations
-    if lane.rig is not None or learnt is None or seen.rig is None:
+    if lane.finds_rig or learnt is None or seen.rig is None:
         return observed
     z_px = seen.z_px - seen.rig.timing_px - seen.rig.model.error_px(learnt, seen.z_px)
     return replace(observed, observations=replace(seen, z_px=z_px))

@@ -27,6 +27,10 @@ from ..types import Frame, FrameEstimate, Selection, Sink
 from ..wording import counted
 from .lane import Lane, without_rig_errors
 
+# Frames for which the first lane is ahead in the beginning: while it finds out the errors of the rig, lanes that are
+# only told of them would jump from frame to frame, by up to 45 mm on the demo.
+_AHEAD_FRAMES = 30
+
 Frames = Generator[RecordedFrame, None, None]
 PreparedFrames = Generator[tuple[RecordedFrame, PreparedImages | None], None, None]
 
@@ -75,20 +79,23 @@ def run(
     `sinks` are given one estimate per frame, of the first lane that has not failed, and are closed at the end.
     `all_calibrations`: where the log has another one the lanes start anew with it; otherwise the run ends there.
     """
-    course = Course()
+    course, held = Course(), _Held(lanes[0].finds_rig and len(lanes) > 1)
     try:
         recorded = log.frames(selection, all_calibrations=all_calibrations)
         pool = ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="lane")  # of lanes beside the first one
         with pool, closing(recorded), closing(_by_rig(lanes, log.rig, recorded)) as frames:
-            for frame, prepared, waited_ms in interruption.until_requested(_timed(frames)):
-                estimates = _step(frame, prepared, waited_ms, lanes, checks, pool)
-                if estimates is None:
-                    continue
-                course.frames += 1
-                for sink in sinks if estimates else ():
-                    sink.write(next(iter(estimates.values())), frame)
-                if all(lane.error is not None for lane in lanes):
-                    break
+            try:
+                for frame, prepared, waited_ms in interruption.until_requested(_timed(frames)):
+                    estimates = _step(frame, prepared, waited_ms, lanes, checks, pool, held)
+                    if estimates is None:
+                        continue
+                    course.frames += 1
+                    for sink in sinks if estimates else ():
+                        sink.write(next(iter(estimates.values())), frame)
+                    if all(lane.error is not None for lane in lanes):
+                        break
+            finally:  # however it ends, what was observed is estimated
+                _catch_up(lanes, pool, held, None)
     except BaseException as error:
         course.end(error)
     refusal = lanes[0].record.first_refusal
@@ -124,6 +131,7 @@ def _step(
     lanes: Sequence[Lane],
     checks: Sequence[Check],
     pool: ThreadPoolExecutor,
+    held: "_Held",
 ) -> dict[str, FrameEstimate] | None:
     """Pass one frame through the observer, and its observations through all lanes and checks.
 
@@ -137,7 +145,7 @@ def _step(
                 lane.record.refuse(error)
             return None
         observed = replace(observed, timings_ms={"decode": waited_ms} | observed.timings_ms)
-        found = _estimates(frame, observed, lanes, pool)
+        found = _estimates(frame, observed, lanes, pool, held)
         estimates = {lane.record.name: e for lane, e in zip(lanes, found, strict=True) if e is not None}
         taught = next((lane.solution for lane in lanes if lane.solution and lane.solution.rig), None)
         if taught is not None:  # by one lane only, so that it estimates as it would alone
@@ -147,17 +155,43 @@ def _step(
         return estimates
 
 
+@dataclass(slots=True)
+class _Held:
+    """The `frames` that lanes have not taken yet which the first one is ahead of, as long as it `is_ahead`."""
+
+    is_ahead: bool
+    frames: list[Observed] = field(default_factory=list)
+
+
 def _estimates(
-    frame: RecordedFrame, observed: Observed, lanes: Sequence[Lane], pool: ThreadPoolExecutor
+    frame: RecordedFrame, observed: Observed, lanes: Sequence[Lane], pool: ThreadPoolExecutor, held: _Held
 ) -> list[FrameEstimate | None]:
     """Return what each lane estimates: the first one by itself, as it may find what is wrong with the rig, then all
-    others beside each other."""
-    first, *others = lanes
-    found = [first.take(without_rig_errors(first, lanes, observed), frame)]
-    seen = [without_rig_errors(lane, lanes, observed) for lane in others]
-    coming = [pool.submit(lane.take, of_lane, frame) for lane, of_lane in zip(others, seen, strict=True)]
-    wait(coming)  # all of them, whatever one of them raises
-    return found + [future.result() for future in coming]
+    others beside each other. They have no estimate while the first one is ahead."""
+    found = lanes[0].take(without_rig_errors(lanes[0], lanes, observed), frame)
+    held.frames.append(observed)
+    held.is_ahead = held.is_ahead and len(held.frames) < _AHEAD_FRAMES and lanes[0].error is None
+    if held.is_ahead:
+        return [found, *(None for _ in lanes[1:])]
+    return [found, *_catch_up(lanes, pool, held, frame)]
+
+
+def _catch_up(
+    lanes: Sequence[Lane], pool: ThreadPoolExecutor, held: _Held, frame: RecordedFrame | None
+) -> list[FrameEstimate | None]:
+    """Have all lanes but the first take the frames held, the last of which is `frame`; return their last estimates."""
+    frames, held.frames = held.frames, []
+
+    def take(lane: Lane, seen: Sequence[Observed]) -> FrameEstimate | None:
+        for observed in seen[:-1]:
+            lane.take(observed, None)
+        return lane.take(seen[-1], frame) if seen else None
+
+    with one_thread:
+        seen = [[without_rig_errors(lane, lanes, observed) for observed in frames] for lane in lanes[1:]]
+        coming = [pool.submit(take, *of_lane) for of_lane in zip(lanes[1:], seen, strict=True)]
+        wait(coming)  # all of them, whatever one of them raises
+    return [future.result() for future in coming]
 
 
 def prepared_ahead(observer: Observer, frames: Frames) -> PreparedFrames:
