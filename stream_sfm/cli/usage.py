@@ -2,13 +2,7 @@
 
 from collections.abc import Sequence
 
-from cyclopts import (
-    App,
-    Argument,
-    CycloptsError,
-    MissingArgumentError,
-    UnusedCliTokensError,
-)
+from cyclopts import App, Argument, CycloptsError, MissingArgumentError, UnusedCliTokensError
 
 from ..errors import StreamSfmError
 

@@ -47,7 +47,7 @@ class ResultFolder:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def write(self, estimate: FrameEstimate, frame: Frame | None) -> None:
+    def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
         """Append one frame to each file; its images are not needed."""
         if not isinstance(estimate, FrameEstimate):
             kind = type(estimate).__name__

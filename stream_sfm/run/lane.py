@@ -13,7 +13,6 @@ from ..estimators import METHODS, make_estimator
 from ..evaluation.structure import StructureComparison
 from ..geometry.medians import median
 from ..observer import Observed, Observer
-from ..recording.frames import RecordedFrame
 from ..recording.ground_truth import DepthImages
 from ..report.records import RunRecord
 from ..results.folder import ResultFolder
@@ -57,7 +56,7 @@ class Lane:
         self.observer, self.rig, self._structure.camera = observer, None, observer.rig.left
         self._estimator = make_estimator(self.config.method, observer.projection, self.config)
 
-    def take(self, observed: Observed, frame: RecordedFrame | None) -> FrameEstimate | None:
+    def take(self, observed: Observed) -> FrameEstimate | None:
         """Estimate a frame and write it; None if the lane has failed, now or before."""
         self.solution = None
         if self.error is not None:
@@ -74,7 +73,7 @@ class Lane:
         estimate = self._world.place(estimate, observed.observations)
         began_s = time.thread_time()
         if self.folder is not None:
-            self.folder.write(estimate, frame)
+            self.folder.write(estimate)
         total_ms = sum(estimate.timings_ms.values()) + 1e3 * (time.thread_time() - began_s)
         of_points = (np.nan, np.nan)
         if self._in_detail and len(estimate.points_in_cam):

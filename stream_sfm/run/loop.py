@@ -95,7 +95,7 @@ def run(
                     if all(lane.error is not None for lane in lanes):
                         break
             finally:  # however it ends, what was observed is estimated
-                _catch_up(lanes, pool, held, None)
+                _catch_up(lanes, pool, held)
     except BaseException as error:
         course.end(error)
     refusal = lanes[0].record.first_refusal
@@ -145,7 +145,7 @@ def _step(
                 lane.record.refuse(error)
             return None
         observed = replace(observed, timings_ms={"decode": waited_ms} | observed.timings_ms)
-        found = _estimates(frame, observed, lanes, pool, held)
+        found = _estimates(observed, lanes, pool, held)
         estimates = {lane.record.name: e for lane, e in zip(lanes, found, strict=True) if e is not None}
         taught = next((lane.solution for lane in lanes if lane.solution and lane.solution.rig), None)
         if taught is not None:  # by one lane only, so that it estimates as it would alone
@@ -164,28 +164,27 @@ class _Held:
 
 
 def _estimates(
-    frame: RecordedFrame, observed: Observed, lanes: Sequence[Lane], pool: ThreadPoolExecutor, held: _Held
+    observed: Observed, lanes: Sequence[Lane], pool: ThreadPoolExecutor, held: _Held
 ) -> list[FrameEstimate | None]:
     """Return what each lane estimates: the first one by itself, as it may find what is wrong with the rig, then all
     others beside each other. They have no estimate while the first one is ahead."""
-    found = lanes[0].take(without_rig_errors(lanes[0], lanes, observed), frame)
+    found = lanes[0].take(without_rig_errors(lanes[0], lanes, observed))
     held.frames.append(observed)
     held.is_ahead = held.is_ahead and len(held.frames) < _AHEAD_FRAMES and lanes[0].error is None
     if held.is_ahead:
         return [found, *(None for _ in lanes[1:])]
-    return [found, *_catch_up(lanes, pool, held, frame)]
+    return [found, *_catch_up(lanes, pool, held)]
 
 
-def _catch_up(
-    lanes: Sequence[Lane], pool: ThreadPoolExecutor, held: _Held, frame: RecordedFrame | None
-) -> list[FrameEstimate | None]:
-    """Have all lanes but the first take the frames held, the last of which is `frame`; return their last estimates."""
+def _catch_up(lanes: Sequence[Lane], pool: ThreadPoolExecutor, held: _Held) -> list[FrameEstimate | None]:
+    """Have all lanes but the first take the frames held, and return their last estimates."""
     frames, held.frames = held.frames, []
 
     def take(lane: Lane, seen: Sequence[Observed]) -> FrameEstimate | None:
-        for observed in seen[:-1]:
-            lane.take(observed, None)
-        return lane.take(seen[-1], frame) if seen else None
+        estimate = None
+        for observed in seen:
+            estimate = lane.take(observed)
+        return estimate
 
     with one_thread:
         seen = [[without_rig_errors(lane, lanes, observed) for observed in frames] for lane in lanes[1:]]
