@@ -83,9 +83,7 @@ def pixel_rays(camera: Camera, pixels: Array) -> NDArray[np.float64]:
 
 
 @lru_cache(maxsize=4)
-def _sampling_rays(
-    key: tuple[int, int, bytes, tuple[float, ...], str], sampling: Sampling
-) -> NDArray[np.float32]:
+def _sampling_rays(key: tuple[int, int, bytes, tuple[float, ...], str], sampling: Sampling) -> NDArray[np.float32]:
     """Rays (h, 3, n, w) of all sub-pixels of a camera: exact at pixel centres, linear within a pixel (1e-4 px)."""
     width, height, k, d, model = key
     camera = Camera(width, height, np.frombuffer(k).reshape(3, 3), d, model)
