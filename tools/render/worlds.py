@@ -204,11 +204,25 @@ class World:
         )
 
     @property
+    def faults_told(self) -> str:
+        """The faults with their sizes, shorter than `truth`."""
+        return ", ".join(f"{name} {_size_told(fault)}".strip() for name, fault in self.faults.items()) or "none"
+
+    @property
     def truth(self) -> str:
         """What was drawn, in a line."""
         return (
             f"{self.scene_truth}; faults: {'; '.join(f'{k}: {v.truth}' for k, v in self.faults.items()) or 'none'}"
         )
+
+
+def _size_told(fault: Fault) -> str:
+    """The size of a fault in its unit, where one number has it."""
+    if fault.right_late_s or fault.readout_s:
+        return f"{1e3 * (fault.right_late_s or fault.readout_s):.3g} ms"
+    if fault.calibrated_focal != 1:
+        return f"{100 * (fault.calibrated_focal - 1):+.2g} %"
+    return str(fault.jpeg_quality or "")
 
 
 def drawn_world(seed: int, asked: tuple[str, ...] | int | None = None) -> World:
