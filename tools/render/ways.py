@@ -16,6 +16,9 @@ from .textures import carton, crate, fabric
 Array = NDArray[np.float64]
 Path = Callable[[float], Array]  # room_from_cam (4, 4) at a time in seconds
 _MARGIN_S = 0.5  # before and after the recording: rows and late cameras expose there
+_RAMP_S = 0.08, 0.2  # of starts and stops, where brakes allow
+_BRAKING_M_S2 = 6.0
+_SHAKEN_HZ = 1.7  # at most, by an uneven road
 _STEP_M = 0.7  # of somebody who walks
 _PATIENCE = 40  # draws of an arc before a shorter one is tried
 
@@ -56,10 +59,12 @@ def _arc(rng: Rng, site: Site, length_m: float) -> tuple[Array, float, float]:
     raise ValueError("no arc fits into the place")
 
 
-def _along(rng: Rng, site: Site, progress: Callable[[float], float], length_m: float, walked: bool) -> Path:
+def _along(
+    rng: Rng, site: Site, progress: Callable[[float], float], length_m: float, speed: float, walked: bool
+) -> Path:
     """Along an arc on foot or on wheels, as far as `progress` says; bob and roll belong to places, not to times."""
     begin, heading, curvature = _arc(rng, site, length_m)
-    wave_m = _STEP_M if walked else max(1.0, length_m / 8)
+    wave_m = _STEP_M if walked else max(1.0, length_m / 8, speed / _SHAKEN_HZ)
     bob_m, nod_deg = (0.02, 1.5) if walked else (0.008, 0.4)
     look, down = rng.uniform(-12, 12), rng.uniform(-6, 1)
     phase = rng.uniform(0, 2 * np.pi, 4)
@@ -98,13 +103,13 @@ def _speed(rng: Rng, site: Site, duration_s: float, walked: bool) -> float:
 def walk(rng: Rng, site: Site, duration_s: float) -> Path:
     """On foot along an arc, with the bob and sway of steps."""
     speed = _speed(rng, site, duration_s, walked=True)
-    return _along(rng, site, lambda t: speed * t, speed * duration_s, walked=True)
+    return _along(rng, site, lambda t: speed * t, speed * duration_s, speed, walked=True)
 
 
 def drive(rng: Rng, site: Site, duration_s: float) -> Path:
     """On wheels along an arc, on an uneven floor."""
     speed = _speed(rng, site, duration_s, walked=False)
-    return _along(rng, site, lambda t: speed * t, speed * duration_s, walked=False)
+    return _along(rng, site, lambda t: speed * t, speed * duration_s, speed, walked=False)
 
 
 def spin(rng: Rng, site: Site, duration_s: float) -> Path:
@@ -122,28 +127,34 @@ def spin(rng: Rng, site: Site, duration_s: float) -> Path:
     return path
 
 
-def _profile(rng: Rng, duration_s: float, moves: Callable[[Array], Array]) -> Callable[[float], float]:
-    """Distance over time at unit speed, where `moves(times)` is not 0; it starts and stops smoothly."""
+def _distance(
+    speed: float, ramp_s: float, duration_s: float, moves: Callable[[Array], Array]
+) -> Callable[[float], float]:
+    """Distance over time at a speed, where `moves(times)`; starts and stops have a σ of `ramp_s`, as brakes allow."""
     step_s = 0.01
     times_s = np.arange(-_MARGIN_S, duration_s + _MARGIN_S, step_s)
-    gone = np.cumsum(gaussian_filter1d(moves(times_s).astype(float), float(rng.uniform(8, 20)))) * step_s
-    return CubicSpline(times_s, gone)
+    ramp_s = max(ramp_s, speed / (np.sqrt(2 * np.pi) * _BRAKING_M_S2))
+    gone_m = speed * step_s * np.cumsum(gaussian_filter1d(moves(times_s).astype(float), ramp_s / step_s))
+    return CubicSpline(times_s, gone_m)
 
 
 def stand(rng: Rng, site: Site, duration_s: float) -> Path:
     """Exactly still, for all of the time or until it goes on after half of it or more."""
     begin_s = duration_s * rng.uniform(0.5, 0.8) if rng.random() < 0.5 else 2 * duration_s
-    gone = _profile(rng, duration_s, lambda t: t > begin_s)
-    speed = _speed(rng, site, duration_s, walked=False)
-    return _along(rng, site, lambda t: speed * float(gone(t)), speed * max(1.0, duration_s - begin_s), walked=False)
+    ramp_s, speed = rng.uniform(*_RAMP_S), _speed(rng, site, duration_s, walked=False)
+    gone_m = _distance(speed, ramp_s, duration_s, lambda t: t > begin_s)
+    return _along(
+        rng, site, lambda t: float(gone_m(t)), speed * max(1.0, duration_s - begin_s), speed, walked=False
+    )
 
 
 def stop_and_go(rng: Rng, site: Site, duration_s: float) -> Path:
     """On wheels, with stops of about a second."""
     period_s, share, first_s = rng.uniform(1.5, 3), rng.uniform(0.4, 0.7), rng.uniform(0, 1.5)
-    gone = _profile(rng, duration_s, lambda t: (t + first_s) % period_s < share * period_s)
-    speed = _speed(rng, site, duration_s, walked=False)
-    return _along(rng, site, lambda t: speed * float(gone(t)), speed * duration_s, walked=False)
+    ramp_s, speed = rng.uniform(*_RAMP_S), _speed(rng, site, duration_s, walked=False)
+    period_s *= max(1.0, speed / 3)  # a car brakes for longer
+    gone_m = _distance(speed, ramp_s, duration_s, lambda t: (t + first_s) % period_s < share * period_s)
+    return _along(rng, site, lambda t: float(gone_m(t)), speed * duration_s, speed, walked=False)
 
 
 WAYS: dict[str, Callable[[Rng, Site, float], Path]] = {
