@@ -290,7 +290,7 @@ def write_logs(folder: Path, orders: Sequence[Rendered], workers: int) -> None:
         for order in orders:
             (frames,) = mapped(_frames, [order])
             path = folder / f"{order.stem}.mcap"
-            part = path.with_name(path.name + ".part")
+            part = path.with_name(f"{path.name}.{os.getpid()}.part")  # another process may render the same
             _write(part, mapped(_frame, ((order, i, shared) for i in range(frames))), frames)
             part.replace(path)
             print(f"{path}: {path.stat().st_size / 1e6:.2f} MB", file=sys.stderr)
