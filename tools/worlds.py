@@ -14,7 +14,7 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from functools import partial
 from multiprocessing import get_context
@@ -152,6 +152,8 @@ def run_log(path: Path, config: Config, faults: dict[str, Fault]) -> Run:
     try:
         problems = replay(path, None, config, sinks=[kept]).problems
     except StreamSfmError as error:
+        if not kept.estimates:
+            raise
         problems = [str(error)]
     estimates = kept.estimates
     poses = np.array([e.world_from_cam for e in estimates])
@@ -326,9 +328,10 @@ def main() -> None:
     one = partial(measure, arguments.folder, read_config(None, arguments.overrides), asked)
     outcomes = []
     with ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool:
-        for outcome in pool.map(one, seeds):
-            outcomes.append(outcome)
-            print(outcome, file=sys.stderr if arguments.json else sys.stdout, flush=True)
+        for future in as_completed([pool.submit(one, seed) for seed in seeds]):
+            outcomes.append(future.result())
+            print(outcomes[-1], file=sys.stderr if arguments.json else sys.stdout, flush=True)
+    outcomes.sort(key=lambda outcome: outcome.seed)
     sums = summary(outcomes)
     print(
         json.dumps({"summary": sums, "worlds": [_record(o) for o in outcomes]}) if arguments.json else _told(sums)
