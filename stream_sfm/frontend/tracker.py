@@ -21,7 +21,7 @@ from ..rig_model.terms import by_turn
 from .alignment import WIDE, AlignedViews, learn_noise
 from .ambiguity import AmbiguityMemory
 from .depth_order import decided, depth_order, of_background
-from .inertia import steadier
+from .inertia import steadier, without_newcomer
 from .mono.parallax import update_by_parallax
 from .pair_check import Found
 from .prepared import PreparedImages
@@ -252,8 +252,14 @@ def _resect(
     motion = resect(point_views, start, weights, predicted)
     if motion.ok and not state.start.is_over:
         motion = decided(before, point_views, weights, motion)
-    if motion.ok and _jumps(setup, motion, predicted, dt_s):
+    if motion.ok and _jumps(setup, motion.cam_from_ref, predicted, dt_s):
         motion = steadier(before, point_views, weights, motion, predicted)
+    in_question = not state.start.is_over or state.ambiguity.frames_left > 0
+    if motion.ambiguous is not None and not in_question:
+        jump, other_jumps = (
+            _jumps(setup, m, predicted, dt_s) for m in (motion.cam_from_ref, motion.ambiguous.cam_from_ref)
+        )
+        motion = without_newcomer(before, motion) if other_jumps and not jump else motion
     agree = motion.ok and weights[motion.accepted].sum() >= _MIN_AGREEMENT * known.weight
     hidden = _is_background_hidden(setup, state, before, motion, predicted, dt_s)
     state = replace(state, background_hidden=hidden or (state.background_hidden and not agree))
@@ -271,9 +277,9 @@ def _judge_turn(
     return replace(state, turn_watch=watch), agree
 
 
-def _jumps(setup: Setup, motion: Resection, predicted: Array, dt_s: float) -> bool:
-    """Whether a motion is beyond what the last velocity and the assumed acceleration allow."""
-    apart = np.abs(se3.log(se3.inverse(predicted) @ motion.cam_from_ref))
+def _jumps(setup: Setup, cam_from_previous: Array, predicted: Array, dt_s: float) -> bool:
+    """Whether a motion (4, 4) is beyond what the last velocity and the assumed acceleration allow."""
+    apart = np.abs(se3.log(se3.inverse(predicted) @ cam_from_previous))
     return bool((apart > _JUMP * setup.std_acceleration * dt_s**2).any())
 
 
@@ -285,7 +291,7 @@ def _is_background_hidden(
     needed = min(MANY_VIEWS, 0.5 * np.count_nonzero(state.tracks.agreed))
     if np.count_nonzero(agree & trusted) >= needed:
         return False
-    jumps = _jumps(setup, motion, predicted, dt_s)
+    jumps = _jumps(setup, motion.cam_from_ref, predicted, dt_s)
     return (state.background_hidden or jumps) and int(np.count_nonzero(agree & ~trusted)) >= MANY_VIEWS
 
 
