@@ -5,7 +5,7 @@
 
 import logging
 import time
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -155,38 +155,34 @@ class Observer:
         weights = None if solution.common is None else solution.common.weights(len(TERMS))
         by_common = None if solution.common is None else solution.common.jacobian
         pose = self._motions(world_from_cam[None], solution.cov_pose[None], by_common, weights)
+        values = {f.name: getattr(solution, f.name) for f in fields(Solution)}  # those that have no axes stay
         return FrameEstimate(
+            **values
+            | {
+                "world_from_cam": pose[0][0],
+                "cov_pose": pose[1][0],
+                "track_ids": ids,
+                "points_in_cam": in_cam[0],
+                "cov_points": in_cam[1],
+                "points_in_world": in_world[0],
+                "cov_points_in_world": in_world[1],
+                "window_world_from_cam": axes.poses(solution.window_world_from_cam),
+                "ended_points_in_world": ended[0],
+                "ended_cov_points_in_world": ended[1],
+                "rig": self._frontend.rig_in_px(self.state, solution.rig),
+                "relative": self._relative(solution.relative, weights),
+                "common": self._common(solution, pose[2][0]),
+            },
             frame_index=observations.frame_index,
             stamp_ns=int(observations.stamp_ns),
-            status=solution.status,
-            reason=solution.reason,
-            world_from_cam=pose[0][0],
-            cov_pose=pose[1][0],
-            track_ids=ids,
-            points_in_cam=in_cam[0],
-            cov_points=in_cam[1],
-            points_in_world=in_world[0],
-            cov_points_in_world=in_world[1],
-            window_frame_indices=solution.window_frame_indices,
-            window_world_from_cam=axes.poses(solution.window_world_from_cam),
-            rejected_ids=solution.rejected_ids,
-            iterations=solution.iterations,
-            ended_ids=solution.ended_ids,
-            ended_points_in_world=ended[0],
-            ended_cov_points_in_world=ended[1],
             counts={
                 "tracked": n_old,
                 "new": observations.n_new,
                 "used": len(solution.track_ids),
                 "rejected": len(solution.rejected_ids),
             },
-            nis=solution.nis,
-            nis_dof=solution.nis_dof,
             timings_ms=observed.timings_ms | {"estimator": estimator_ms},
             unscaled=self.rig.unscaled,
-            rig=self._frontend.rig_in_px(self.state, solution.rig),
-            relative=self._relative(solution.relative, weights),
-            common=self._common(solution, pose[2][0]),
             rig_change=None if observations.rig is None else observations.rig.change,
         )
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from .errors import ConfigError
 from .geometry.se3 import Array
+from .record import Kind, about
 from .rig_model.estimate import RigEstimate
 from .rig_model.model import RigModel
 
@@ -240,7 +241,7 @@ class RigChange:
     `error_per_m`: by which share distances would be wrong from then on, per metre of distance.
     """
 
-    frame_index: int
+    frame_index: int = field(metadata=about(Kind.FRAMES))
     turn_rad: Array
     shift_px: float
     disparity_px: float
@@ -272,10 +273,10 @@ class RelativeMotions:
     (r, 6, m): how much of that perturbation each of the `CommonErrors` of the frame makes; None as those.
     """
 
-    frame_indices: NDArray[np.int64]
-    frame_from_newest: Array
-    cov: Array
-    common_jacobian: Array | None = None
+    frame_indices: NDArray[np.int64] = field(metadata=about(Kind.FRAMES, shape=(-1,)))
+    frame_from_newest: Array = field(metadata=about(shape=(-1, 4, 4)))
+    cov: Array = field(metadata=about(shape=(-1, 6, 6)))
+    common_jacobian: Array | None = field(metadata=about(shape=(-1, 6, "m")), default=None)
 
     def __repr__(self) -> str:
         return f"<RelativeMotions to frames {self.frame_indices.tolist()}>"
@@ -292,9 +293,9 @@ class CommonErrors:
     do the motions of `RelativeMotions`, eq. (74a).
     """
 
-    mean: Array
-    cov: Array
-    jacobian: Array
+    mean: Array = field(metadata=about(shape=("m",)))
+    cov: Array = field(metadata=about(shape=("m", "m")))
+    jacobian: Array = field(metadata=about(shape=(6, "m")))
 
     def weights(self, n: int) -> Array:
         """Return W (m, n): what is known of c follows from its first n as W c[:n], but for an independent rest."""
@@ -328,24 +329,26 @@ class Solution:
 
     status: Status
     reason: str
-    world_from_cam: Array
-    cov_pose: Array
-    track_ids: NDArray[np.int64]
+    world_from_cam: Array = field(metadata=about(Kind.POSES, shape=(4, 4)))
+    cov_pose: Array = field(metadata=about(Kind.COV_POSE, of="world_from_cam", shape=(6, 6)))
+    track_ids: NDArray[np.int64] = field(metadata=about(Kind.TRACKS))
     points_in_cam: Array
     cov_points: Array
-    points_in_world: Array
-    cov_points_in_world: Array
-    window_frame_indices: NDArray[np.int64]
-    window_world_from_cam: Array
-    rejected_ids: NDArray[np.int64] = field(default_factory=_no_ids)
-    ended_ids: NDArray[np.int64] = field(default_factory=_no_ids)
-    ended_points_in_world: Array = field(default_factory=lambda: np.empty((0, 3)))
-    ended_cov_points_in_world: Array = field(default_factory=lambda: np.empty((0, 3, 3)))
+    points_in_world: Array = field(metadata=about(Kind.POINTS))
+    cov_points_in_world: Array = field(metadata=about(Kind.COV_POINTS, of="points_in_world"))
+    window_frame_indices: NDArray[np.int64] = field(metadata=about(Kind.FRAMES, shape=(-1,)))
+    window_world_from_cam: Array = field(metadata=about(Kind.POSES, shape=(-1, 4, 4)))
+    rejected_ids: NDArray[np.int64] = field(metadata=about(Kind.TRACKS), default_factory=_no_ids)
+    ended_ids: NDArray[np.int64] = field(metadata=about(Kind.TRACKS), default_factory=_no_ids)
+    ended_points_in_world: Array = field(metadata=about(Kind.POINTS), default_factory=lambda: np.empty((0, 3)))
+    ended_cov_points_in_world: Array = field(
+        metadata=about(Kind.COV_POINTS, of="ended_points_in_world"), default_factory=lambda: np.empty((0, 3, 3))
+    )
     iterations: int = 0
     nis: float = 0.0
     nis_dof: int = 0
     rig: RigEstimate | None = None
-    relative: RelativeMotions | None = None
+    relative: RelativeMotions | None = field(metadata=about(Kind.PARTS), default=None)
     common: CommonErrors | None = None
 
     def __repr__(self) -> str:
@@ -377,12 +380,12 @@ class FrameEstimate(Solution):
     - `rig_change`: in the frame in which it has become clear that the right camera has been turned, some frames later.
     """
 
-    frame_index: int
+    frame_index: int = field(metadata=about(Kind.FRAMES))
     stamp_ns: int
     counts: dict[str, int]
     timings_ms: dict[str, float]
     unscaled: bool = False
-    rig_change: RigChange | None = None
+    rig_change: RigChange | None = field(metadata=about(Kind.PARTS), default=None)
 
     def __repr__(self) -> str:
         pose = _pose(self.world_from_cam, self.cov_pose, "units" if self.unscaled else "m")
