@@ -1,6 +1,6 @@
 """What all methods share: from a frame to its observations, and from a solution to the estimate that is reported.
 
-`Engine` is an Observer with one estimator, `compare` an Observer with several.
+`Engine` is an Observer with one `Lane`, `compare` an Observer with several.
 """
 
 import logging
@@ -123,9 +123,9 @@ class Observer:
         timings_ms = {"rectify": 1e3 * (rectified - began), "frontend": 1e3 * (time.perf_counter() - rectified)}
         return Observed(observations, timings_ms)
 
-    def learn(self, solution: Solution) -> None:
+    def learn(self, solution: Solution | None) -> None:
         """Use what an estimator has found out about the cameras' timing for the frames to come."""
-        if solution.rig is not None:
+        if solution is not None and solution.rig is not None:
             self.state = self._frontend.learn(self.state, solution.rig)
 
     def estimate(self, observed: Observed, solution: Solution, estimator_ms: float) -> FrameEstimate:
