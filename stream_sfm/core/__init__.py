@@ -1,7 +1,8 @@
 """The compiled core: stages of the front-end and the estimators as functions of arrays, in C++.
 
 One file per stage, whose head says what it does; `_core.pyi` has the functions as Python calls them. The stages know
-nothing of Python: `module.cpp` checks their arrays, and they run without Python's lock. The same arrays give the same
+nothing of Python: `bind_*.cpp` name and describe their arguments, `binding.hpp` checks arrays, and stages run without
+Python's lock. The same arrays give the same
 bytes on every machine of one kind, in one thread or in several.
 """
 

@@ -1,7 +1,8 @@
 // Robust resection: a fit near the start, the global search where too few agree, the motion that the others share, and that of
 // one rigid scene where a body and the background agree with a motion between theirs.
 
-#include "stages.hpp"
+#include "resection.hpp"
+#include "tracks.hpp"
 
 namespace core {
 namespace {

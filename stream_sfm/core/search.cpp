@@ -6,7 +6,8 @@
 
 #include <random>
 
-#include "stages.hpp"
+#include "resection.hpp"
+#include "poses.hpp"
 
 namespace core {
 namespace {
