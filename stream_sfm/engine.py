@@ -19,7 +19,7 @@ from .errors import EngineBusyError
 from .estimators import make_estimator
 from .frontend.prepared import PreparedImages
 from .geometry.stereo import StereoProjection
-from .lane import Lane
+from .lane import BareLane
 from .observer import Observer
 from .types import Estimator, Frame, FrameEstimate, Observations
 
@@ -48,7 +48,7 @@ class Engine:
         with one_thread:
             self.observer = Observer(rig, self.config)
             make = partial(make_estimator, self.config.method) if estimator is None else estimator
-            self.lane = Lane(self.observer, make(self.observer.projection, self.config))
+            self.lane = BareLane(self.observer, make(self.observer.projection, self.config))
         self.observations: Observations | None = None  # of the latest frame, in axes of the rectified pair
         self._stepping = threading.Lock()
         for question in baseline_warnings(self.rig):
@@ -78,7 +78,7 @@ class Engine:
         with self._exclusively(), one_thread:
             observed = self.observer.observe(frame, prepared)
             self.observations = observed.observations
-            estimate = self.lane.take(observed)
+            estimate = self.lane.estimate(observed)
             self.observer.learn(self.lane.solution)
             return estimate
 

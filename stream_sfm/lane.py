@@ -7,8 +7,8 @@ from .rig_model.estimate import RigEstimate
 from .types import Estimator, FrameEstimate, Solution
 
 
-class Lane:
-    """Takes the observations of one observer, frame by frame.
+class BareLane:
+    """Makes estimates of what an observer observes, frame by frame; without record and files.
 
     `solution`: of the latest frame, None where the estimator failed; `rig`: what it has found out about the rig so far.
     """
@@ -18,11 +18,10 @@ class Lane:
         self.solution: Solution | None = None
         self.rig: RigEstimate | None = None
 
-    def take(self, observed: Observed) -> FrameEstimate:
+    def estimate(self, observed: Observed) -> FrameEstimate:
         """Return the estimate of the next frame, in axes of the physical left camera."""
         self.solution = None
         began_s = time.thread_time()  # CPU: other lanes run beside this one
         solution = self.estimator.step(observed.observations)
-        estimate = self.observer.estimate(observed, solution, 1e3 * (time.thread_time() - began_s))
         self.solution, self.rig = solution, solution.rig or self.rig
-        return estimate
+        return self.observer.estimate(observed, solution, 1e3 * (time.thread_time() - began_s))

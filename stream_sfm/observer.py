@@ -1,6 +1,6 @@
 """What all methods share: from a frame to its observations, and from a solution to the estimate that is reported.
 
-`Engine` is an Observer with one `Lane`, `compare` an Observer with several.
+`Engine` is an Observer with one lane, `compare` an Observer with several (`lane.py`).
 """
 
 import logging

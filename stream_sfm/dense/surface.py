@@ -23,7 +23,7 @@ from ..observer import Observer
 from ..recording.frames import RecordedFrame
 from ..recording.images import decode_rgb
 from ..recording.stereo_log import StereoLog, open_log
-from ..run.lane import RecordedLane
+from ..run.lane import Lane
 from ..run.loop import run
 from ..types import Frame, FrameEstimate, Selection, Sink, Status
 from .disparity import DenseStereo, DisparityMap
@@ -167,7 +167,7 @@ def _of_all_frames(log: StereoLog, config: Config, selection: Selection | None, 
     """The surface that all selected frames show, in the world frame: as far as the log goes, or until Ctrl-C."""
     with one_thread:
         observer = Observer(log.stereo_rig, config)
-        lane = RecordedLane(config, observer, None, None)
+        lane = Lane(config, observer, None, None)
         fused = _Fused(log, config, observer.rectifier)
     with deferred_interrupts() as interruption:
         course = run(log, [lane], [fused, *sinks], selection=selection or Selection(), interruption=interruption)

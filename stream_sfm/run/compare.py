@@ -22,7 +22,7 @@ from ..report.numbers import numbers
 from ..report.pages import REPORT, write_report
 from ..report.records import Comparison, FrontRecord, Truth
 from ..types import Selection, Sink
-from .lane import RecordedLane
+from .lane import Lane
 from .loop import run
 from .self_test import SelfTest
 from .summary import summarise
@@ -94,7 +94,7 @@ def compare(
     with one_thread:
         observer = Observer(log.stereo_rig, config)
         of_methods = [msgspec.structs.replace(config, method=name) for name in methods]
-        lanes = [RecordedLane(c, observer, depth, folder and folder / _key(c.method), True) for c in of_methods]
+        lanes = [Lane(c, observer, depth, folder and folder / _key(c.method), True) for c in of_methods]
     tests = [SelfTest(observer.projection, config)] if self_test else []
     places = []
     if loops:

@@ -1,4 +1,4 @@
-"""A lane of a run, with its record and its files: one estimator on the observations that all lanes share."""
+"""A lane of a run: one estimator on the observations that all lanes share, with its record and its files."""
 
 import time
 from collections.abc import Sequence
@@ -12,17 +12,17 @@ from ..config import Config
 from ..estimators import METHODS, make_estimator
 from ..evaluation.structure import StructureComparison
 from ..geometry.medians import median
-from ..lane import Lane
+from ..lane import BareLane
 from ..observer import Observed, Observer
 from ..recording.ground_truth import DepthImages
 from ..report.records import RunRecord
 from ..results.folder import ResultFolder
-from ..types import FrameEstimate, Observations
+from ..types import FrameEstimate, Observations, Solution
 from .world import World
 
 
-class RecordedLane:
-    """One method: its `lane`, its `record`, and its result `folder`, if results are written.
+class Lane(BareLane):
+    """One method: its estimator, its `record`, and its result `folder`, if results are written.
 
     With `depth`, points are compared with these images; `in_detail`, the record has the figures of all points, too.
 
@@ -39,27 +39,28 @@ class RecordedLane:
     ) -> None:
         self.config, self._in_detail = config, in_detail
         projection = observer.projection
+        super().__init__(observer, make_estimator(config.method, projection, config))
         self.record = RunRecord(config.method, projection.f_px * projection.baseline_m)
         self.error: Exception | None = None
         self.folder = None if folder is None else ResultFolder(folder, observer.rig, config)
         self._depth = depth
         self.finds_rig = METHODS[config.method].finds_rig and not config.rig.exact
-        self.lane = Lane(observer, make_estimator(config.method, projection, config))
         self._structure = StructureComparison(observer.rig.left)
         self._world = World(config.motion)
 
     def begin_anew(self, observer: Observer) -> None:
         """Continue with the observer of another rig: a new map, in the same world."""
-        self._world.begin_anew(self.lane.observer.state.frame_index)
-        self.lane = Lane(observer, make_estimator(self.config.method, observer.projection, self.config))
-        self._structure.camera = observer.rig.left
+        self._world.begin_anew(self.observer.state.frame_index)
+        self.observer, self.rig, self._structure.camera = observer, None, observer.rig.left
+        self.estimator = make_estimator(self.config.method, observer.projection, self.config)
 
     def take(self, observed: Observed) -> FrameEstimate | None:
         """Estimate a frame and write it; None if the lane has failed, now or before."""
+        self.solution = None
         if self.error is not None:
             return None
         try:
-            estimate = self.lane.take(observed)
+            estimate = self.estimate(observed)
         except np.linalg.LinAlgError as error:
             self.error = error
             self.record.failure = f"stopped at frame {observed.observations.frame_index}: {error}"
@@ -70,8 +71,8 @@ class RecordedLane:
             self.folder.write(estimate)
         total_ms = sum(estimate.timings_ms.values()) + 1e3 * (time.thread_time() - began_s)
         of_points = (np.nan, np.nan)
-        if self._in_detail and len(estimate.points_in_cam):
-            of_points = _median_sigma_m(estimate), self._reprojection_px(observed.observations)
+        if self._in_detail and self.solution is not None and len(estimate.points_in_cam):
+            of_points = _median_sigma_m(estimate), self._reprojection_px(self.solution, observed.observations)
         self.record.add(estimate, total_ms, of_points)
         self._compare_depth(estimate)
         return estimate
@@ -86,16 +87,14 @@ class RecordedLane:
             rms_m, sigma_m = (float(np.sqrt((x**2).mean())) for x in (errors.errors_m, errors.sigmas_m))
             self.record.depth_rows.append((estimate.frame_index, rms_m, sigma_m))
 
-    def _reprojection_px(self, observations: Observations) -> float:
+    def _reprojection_px(self, solution: Solution, observations: Observations) -> float:
         """The RMS residual of the current views against the current points, pixels; NaN without points."""
-        solution = self.lane.solution
-        assert solution is not None
         rows = np.flatnonzero(core.among(observations.track_ids, solution.track_ids))
         points = solution.points_in_cam[core.among(solution.track_ids, observations.track_ids)]
         front = points[:, 2] > 1e-3
         if not front.any():
             return float("nan")
-        residuals = observations.z_px[rows[front]] - self.lane.observer.projection.project(points[front])
+        residuals = observations.z_px[rows[front]] - self.observer.projection.project(points[front])
         return float(np.sqrt(np.nanmean(residuals**2)))
 
 
@@ -106,13 +105,13 @@ def _median_sigma_m(estimate: FrameEstimate) -> float:
     return float(np.sqrt(median(np.maximum(variance, 0))))
 
 
-def without_rig_errors(lane: RecordedLane, lanes: Sequence[RecordedLane], observed: Observed) -> Observed:
+def without_rig_errors(lane: Lane, lanes: Sequence[Lane], observed: Observed) -> Observed:
     """Return the observations for a lane.
 
     Those of the rig's errors that another lane has found are taken out, unless this one finds them itself: methods are
     compared, not calibrations.
     """
-    learnt = next((other.lane.rig for other in lanes if other.lane.rig is not None), None)
+    learnt = next((other.rig for other in lanes if other.rig is not None), None)
     seen = observed.observations
     if lane.finds_rig or learnt is None or seen.rig is None:
         return observed

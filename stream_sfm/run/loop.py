@@ -25,7 +25,7 @@ from ..recording.stereo_log import StereoLog
 from ..results.folder import close_all
 from ..types import Frame, FrameEstimate, Selection, Sink
 from ..wording import counted
-from .lane import RecordedLane, without_rig_errors
+from .lane import Lane, without_rig_errors
 
 # Frames for which the first lane is ahead in the beginning: while it finds out the errors of the rig, lanes that are
 # only told of them would jump from frame to frame, by up to 45 mm on the demo.
@@ -66,7 +66,7 @@ class Course:
 
 def run(
     log: StereoLog,
-    lanes: Sequence[RecordedLane],
+    lanes: Sequence[Lane],
     sinks: Sequence[Sink] = (),
     checks: Sequence[Check] = (),
     *,
@@ -111,7 +111,7 @@ def run(
     return course
 
 
-def _by_rig(lanes: Sequence[RecordedLane], rig: StereoRig | MonoRig, frames: Frames) -> PreparedFrames:
+def _by_rig(lanes: Sequence[Lane], rig: StereoRig | MonoRig, frames: Frames) -> PreparedFrames:
     """Yield the frames as `prepared_ahead` does; where their rig changes, the lanes have begun anew with it."""
     for now, group in groupby(frames, key=lambda frame: frame.recorded.rig):
         if now is not None and now is not rig:
@@ -120,7 +120,7 @@ def _by_rig(lanes: Sequence[RecordedLane], rig: StereoRig | MonoRig, frames: Fra
                 observer = Observer(rig, lanes[0].config)
                 for lane in lanes:
                     lane.begin_anew(observer)
-        with closing(prepared_ahead(lanes[0].lane.observer, (frame for frame in group))) as prepared:
+        with closing(prepared_ahead(lanes[0].observer, (frame for frame in group))) as prepared:
             yield from prepared
 
 
@@ -128,7 +128,7 @@ def _step(
     frame: RecordedFrame,
     prepared: PreparedImages | None,
     waited_ms: float,
-    lanes: Sequence[RecordedLane],
+    lanes: Sequence[Lane],
     checks: Sequence[Check],
     pool: ThreadPoolExecutor,
     held: "_Held",
@@ -137,10 +137,9 @@ def _step(
 
     Returns the estimates by method; None where the front-end refuses the frame, which each record counts.
     """
-    observer = lanes[0].lane.observer
     with one_thread:
         try:
-            observed = observer.observe(frame, prepared)
+            observed = lanes[0].observer.observe(frame, prepared)
         except FrameError as error:
             for lane in lanes:
                 lane.record.refuse(error)
@@ -148,9 +147,9 @@ def _step(
         observed = replace(observed, timings_ms={"decode": waited_ms} | observed.timings_ms)
         found = _estimates(observed, lanes, pool, held)
         estimates = {lane.record.name: e for lane, e in zip(lanes, found, strict=True) if e is not None}
-        solutions = (lane.lane.solution for lane in lanes)
-        # from one lane only, so that it estimates as it would alone
-        observer.learn(next((solution for solution in solutions if solution and solution.rig), None))
+        taught = next((lane.solution for lane in lanes if lane.solution and lane.solution.rig), None)
+        if taught is not None:  # by one lane only, so that it estimates as it would alone
+            lanes[0].observer.learn(taught)
         for check in checks:
             check.add(observed, frame, estimates)
         return estimates
@@ -165,7 +164,7 @@ class _Held:
 
 
 def _estimates(
-    observed: Observed, lanes: Sequence[RecordedLane], pool: ThreadPoolExecutor, held: _Held
+    observed: Observed, lanes: Sequence[Lane], pool: ThreadPoolExecutor, held: _Held
 ) -> list[FrameEstimate | None]:
     """Return what each lane estimates: the first one by itself, as it may find what is wrong with the rig, then all
     others beside each other. They have no estimate while the first one is ahead."""
@@ -177,11 +176,11 @@ def _estimates(
     return [found, *_catch_up(lanes, pool, held)]
 
 
-def _catch_up(lanes: Sequence[RecordedLane], pool: ThreadPoolExecutor, held: _Held) -> list[FrameEstimate | None]:
+def _catch_up(lanes: Sequence[Lane], pool: ThreadPoolExecutor, held: _Held) -> list[FrameEstimate | None]:
     """Have all lanes but the first take the frames held, and return their last estimates."""
     frames, held.frames = held.frames, []
 
-    def take(lane: RecordedLane, seen: Sequence[Observed]) -> FrameEstimate | None:
+    def take(lane: Lane, seen: Sequence[Observed]) -> FrameEstimate | None:
         estimate = None
         for observed in seen:
             estimate = lane.take(observed)

@@ -20,7 +20,7 @@ from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration import describe
 from ..report.records import Truth
 from ..types import Selection, Sink, Trajectory
-from .lane import RecordedLane
+from .lane import Lane
 from .loop import Course, run
 from .self_test import SelfTest
 from .summary import peak_rss_mib, summarise
@@ -133,7 +133,7 @@ class _Replay:
         self._depth = None if config.mono else log.depth_images()
         with one_thread:
             observer = Observer(log.rig, config)
-            self.lane = RecordedLane(config, observer, self._depth, folder)
+            self.lane = Lane(config, observer, self._depth, folder)
         self.checks = [SelfTest(observer.projection, config)] if self_test else []
         self._calibration = CalibrationSink(log)
         self._places: PlaceMap | None = None
@@ -170,7 +170,7 @@ class _Replay:
             "problems": self._calibration.problems or problems,
         }
         if record.rig is not None:
-            further["rig"] = describe(lane.lane.observer.projection, record.rig)
+            further["rig"] = describe(lane.observer.projection, record.rig)
         for test in self.checks:
             further["self_test"] = test.result()
         corrected = None

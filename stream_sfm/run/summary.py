@@ -10,12 +10,12 @@ from ..recording.stereo_log import StereoLog
 from ..report.records import RunRecord, Truth
 from ..results.folder import UNIT_WITHOUT_SCALE
 from ..types import Selection, Status
-from .lane import RecordedLane
+from .lane import Lane
 
 
 def summarise(
     log: StereoLog,
-    lane: RecordedLane,
+    lane: Lane,
     selection: Selection,
     truth: Truth,
     complete: bool,
