@@ -132,7 +132,7 @@ class MapStart:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LastingErrors:
-    """How the errors of a frame's views (n) go on from those of earlier frames.
+    """Temporally correlated view errors of a frame (n).
 
     `std_drift_px` (n,): how far a patch may have slid over its surface since the previous frame, where it is seen from
     a changing direction; None where points are exact. `inflation` (n, 2): factors on the variances of left and right
@@ -170,8 +170,8 @@ class RigView:
     """What errors of the rig do to the views (n) of a frame.
 
     `model`: the linear model of all of them. `field_std_px`: σ of those errors that no physical term follows, as the
-    rows have it so far. `timing_px` (n, 4): what delay and readout, as far as they are known, do to the views, which
-    are as they were seen. `delay_by_rows`: the information that the rows have about the delay of the right camera, s⁻²,
+    rows have it so far. `timing_px` (n, 4): view shifts predicted from the current delay and readout; `z_px` is
+    uncorrected. `delay_by_rows`: the information that the rows have about the delay of the right camera, s⁻²,
     and its sum weighted by that, s⁻¹. `change`: the right camera has turned against the left one; the turn is taken
     out of the views from this frame on, and `change_root` (m, j) is a root of the covariance of what is left, in σ of
     each error.
@@ -252,7 +252,7 @@ class RigChange:
         return (
             f"from frame {self.frame_index} on the right camera is turned against the left one (pitch {pitch:+.2f}, "
             f"yaw {yaw:+.2f}, roll {roll:+.2f} mrad) and its image moved by {self.shift_px:.2f} px: was a camera "
-            "knocked? The turn is corrected; without that distances of 10 m would be off by "
+            "knocked? The turn is corrected; uncorrected, distances of 10 m would be off by "
             f"{10 * self.error_per_m:.1%}"
         )
 
@@ -320,11 +320,11 @@ class Solution:
     - `window_frame_indices` (b,), `window_world_from_cam` (b, 4, 4): all poses of the window, the oldest first.
     - `rejected_ids`: points whose views in this frame were judged to be outliers. `iterations`: of the solver.
     - `nis`, `nis_dof`: whitened squared innovation of the accepted views, and its degrees of freedom.
-    - `rig`: what the images have told about the calibration's own errors; None where it is taken for exact.
-    - `relative`: the motions between this frame and those of the window, for whom fuses relative motions; None where
-      the method has no joint covariance of them, or left and right do not fit each other.
-    - `common`: the errors that all poses and motions share, and their part in `world_from_cam`; for whom fuses or adds
-      up motions. None where the rig is taken for exact, where the pose is predicted only, and in a map's first frame.
+    - `rig`: the estimated errors of the calibration; None where it is taken as exact.
+    - `relative`: the motions between this frame and those of the window, for fusion. None where the method has no joint
+      covariance of them, or where left and right image are inconsistent.
+    - `common`: the errors that all poses and motions share, and their effect on `world_from_cam`, for fusion. None
+      where the rig is taken as exact, where the pose is only predicted, and in the first frame of a map.
     """
 
     status: Status
@@ -377,7 +377,7 @@ class FrameEstimate(Solution):
     - `counts`: points tracked, new, used, rejected.
     - `timings_ms`: milliseconds per stage, the only field that differs between two runs on one log.
     - `unscaled`: made with one camera; lengths are in units of the first baseline instead of metres.
-    - `rig_change`: in the frame in which it has become clear that the right camera has been turned, some frames later.
+    - `rig_change`: set in the frame that detects a turn of the right camera, some frames after the turn.
     """
 
     frame_index: int = field(metadata=about(Kind.FRAMES))

@@ -58,7 +58,7 @@ class StartCheck:
             agreed=kept * self.agreed + int((new & accepted).sum()),
             next_id=int(ids[-1]) + 1,
         )
-        # .93 and more in the first frames of calm scenes, .68 to .77 in a crowd, whether the motion is right or not
+        # 0.93 and more in the first frames of calm scenes, 0.68 to 0.77 in a crowd, whether the motion is right or not
         if now.agreed >= CALM_SHARE * now.found:
             return replace(now, calm_frames=self.calm_frames + 1)
         return replace(now, calm_frames=0, doubted=True)

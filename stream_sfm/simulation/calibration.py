@@ -34,7 +34,7 @@ class Window:
     rig: bool
     lasting: bool
 
-    def told(self, observations: Observations) -> Observations:
+    def observations_for(self, observations: Observations) -> Observations:
         """Return the observations with the knowledge that this window has."""
         return replace(
             observations,
@@ -83,7 +83,7 @@ def measure(seed: np.random.SeedSequence, scene: Scene, wrong_rig: bool, frames:
     result = {}
     for window in WINDOWS if wrong_rig else _OF_EXACT_RIG:
         estimator = make_estimator("cross-frame", sequence.projection, Config())
-        told = [window.told(o) for o in observations]
+        told = [window.observations_for(o) for o in observations]
         result[window.label] = followed(estimator, told, frames, tuple(EXPECTED), figures)
     known = observations if wrong_rig else tuple(replace(o, rig=None) for o in observations)
     rho, truth = scene.autocorrelation, (sequence.world_from_cam, sequence.points_in_world)
