@@ -37,4 +37,4 @@ def _build_if_older(folder: str) -> None:
 if os.path.exists(os.path.join(os.path.dirname(__file__), "CMakeLists.txt")):  # a wheel has no sources
     _build_if_older(os.path.dirname(__file__))
 
-from ._core import *  # noqa: F403 each is documented in the stub
+from ._core import *  # noqa: F403 `help` describes each

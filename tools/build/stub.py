@@ -1,7 +1,7 @@
 """Write the stub of the compiled core from the module itself: `python tools/build/stub.py`.
 
-Its functions are what nanobind's stub generator says of the module; the aliases above them are the records that stages
-take, as the module describes them. A test compares the stub with the module.
+Its functions are what the stub generator of nanobind says of the module; `help` has their descriptions. The aliases above
+them are the records that stages take, as the module describes them. A test compares the stub with the module.
 """
 
 import textwrap
@@ -39,7 +39,7 @@ class _OncePerSignature(StubGen):  # type: ignore[misc]
 
 def stub(module: ModuleType) -> str:
     """Return the stub of the module."""
-    generator = _OncePerSignature(module)
+    generator = _OncePerSignature(module, include_docstrings=False)
     for name in sorted(vars(module)):
         if callable(value := vars(module)[name]):
             generator.put(value, name)
