@@ -1,7 +1,7 @@
 """Write the stub of the compiled core from the module itself: `python tools/build/stub.py`.
 
-Its functions are what the stub generator of nanobind says of the module; `help` has their descriptions. The aliases above
-them are the records that stages take, as the module describes them. A test compares the stub with the module.
+Its functions are what the stub generator of nanobind says of the module; `help` has their descriptions. The aliases
+above them are the records that stages take, as the module describes them. A test compares the stub with the module.
 """
 
 import textwrap
