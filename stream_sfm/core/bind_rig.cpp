@@ -21,6 +21,10 @@ polynomial for both sides or of one for each.)");
 Of cameras that stand still; `age_s` (n,) or (1,): for how long errors have grown, eq. (72d). A missing side has no
 terms.)",
         "model"_a, "z_px"_a, "age_s"_a);
+    def<&disparity_effects>(m, "disparity_effects", R"(Return what the disparity's error does to views (n, 4) of points (n, 4) measured with it: (n, 4, 6) px per px.
+
+The right side of a view has the error, and so has the inverse depth of its point, as of the previous camera.)",
+        "pinholes"_a, "size"_a, "points"_a, "cam_from_previous"_a, "z_px"_a);
     def<&field_basis>(m, "field_basis", R"(Return exp(−d²/(2ℓ²)) between positions (n, 2) and a grid's nodes, times its root: (n, K).
 
 ℓ is the field's length. 0 where a position is not finite.)",

@@ -15,13 +15,14 @@ DESCRIBED(BlockViews, "tuple[Array, ...]")
 
 void bind_window(nb::module_& m) {
     describe<WindowState>(m, "WindowState", R"(The state of a window: poses (F, 4, 4); of the points ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the rig's
-errors (m,).)");
-    describe<WindowViews>(m, "WindowViews", R"(Its views: frame (V,), ids (V,), used (V,), z_px (V, 4), weight (V, 4) and whitening roots (V, 4, 4). Errors of the
-rig move a view by terms (V, 4, t), of which those of delay and readout get timing (V, 4, 2) added, or (V, 4, 0),
-and by the parts of a field: moves (4, p) ⊗ field (V, K), m = t + p K.)");
+errors (m,); amplitudes (F, e) of each frame's own.)");
+    describe<WindowViews>(m, "WindowViews", R"(Its views: frame (V,), ids (V,), used (V,), z_px (V, 4), weight (V, 4) and whitening roots (V, 4, 4). Amplitudes of
+σ = 1 that each frame has of its own move a view by own (V, 4, e). Errors of the rig move it by terms (V, 4, t), of
+which those of delay and readout get timing (V, 4, 2) added, or (V, 4, 0), and by the parts of a field: moves (4, p)
+⊗ field (V, K), m = t + p K.)");
     describe<PriorViews>(m, "PriorPoints", R"(Points of a prior: known (N,), their rows among those of the window, mean (N, 3), D (N, 3, 3) and modes F (N, 3, k).
 The last m modes are those of the rig's errors: information (m, m) and weighted sums (m,) of their amplitudes.)");
-    describe<NewPriorPoints>(m, "NewPoints", R"(Points that enter it: ids (n,), mean (n, 3), covariances (n, 3, 3), and ∂q by the rig's errors (n, 3, m).)");
+    describe<NewPriorPoints>(m, "NewPoints", R"(Points that enter it: ids (n,), mean (n, 3), covariances (n, 3, 3), and modes (n, 3, k).)");
     def<&points_of_views>(m, "points_of_views", R"(Return homogeneous points (u, 4) of the used views of a window, each in its own camera and in front of it.
 
 Views of points that the state does not have are left out, here and in what follows.)",
@@ -56,7 +57,7 @@ Gates of squared residuals of views from one side, and from both.)",
 
 Returns lower roots L (P, 3, 3) of V⁻¹ = L Lᵀ, and LᵀW. Raises LinAlgError where information is not definite.)",
         "v"_a, "w"_a);
-    def<&window_system>(m, "window_system", R"(Eliminate points from the normal equations of [poses 6F | modes k], eqs. (27), (30) and (71).
+    def<&window_system>(m, "window_system", R"(Eliminate points from the normal equations of [poses 6F | frames' own e F | modes k], eqs. (27), (30) and (71).
 
 `blocks`: the arrays of `NormalBlocks`, at q (P, 3), of a prior at `amplitudes` (k,).
 Returns H (n, n), its lower triangle, without the points; L⁻¹F (N, 3, k) with D = L Lᵀ, whose products with itself
@@ -64,11 +65,12 @@ are to be added; lower roots (P, 3, 3) of the covariances of points given the ot
 points to these (P, 3, n), whose products are to be subtracted; rootsᵀ times the right-hand sides of points (P, 3);
 and that of the others (n,). Raises LinAlgError where information is not definite.)",
         "blocks"_a, "prior"_a, "q"_a, "amplitudes"_a);
-    def<&points_alone>(m, "points_alone", R"(Return points by their views alone: mean (n, 3), covariance (n, 3, 3), and ∂q by the rig's errors (n, 3, m).
+    def<&points_alone>(m, "points_alone", R"(Return points by the views of one frame alone: mean (n, 3), covariance (n, 3, 3), and what moves them.
 
-Blocks as in `NormalBlocks`, at q (n, 3); the mean is that with errors of the rig that are off by (m,) from there.
-Raises LinAlgError where the views do not determine a point.)",
-        "v"_a, "g_point"_a, "rig_point"_a, "q"_a, "rig_step"_a);
+∂q by amplitudes of the frame's own (n, 3, e) and by the rig's errors (n, 3, m). Blocks as in `NormalBlocks`, at
+q (n, 3); the mean is that with errors of the rig that are off by (m,) from there. Raises LinAlgError where the
+views do not determine a point.)",
+        "v"_a, "w"_a, "g_point"_a, "rig_point"_a, "q"_a, "rig_step"_a);
     def<&leaving_views>(m, "leaving_views", R"(Return what the views of the oldest frame, which is the reference camera now, say about points of a map (P,).
 
 Views (V,), `stereo` where both sides were seen, with variances (V, 3) of q by drift; points that are `seen_later`
@@ -77,7 +79,7 @@ prior that are seen by the frame or later, and of these which (n,) later; D (n, 
 (n, 4, 4) and q (n, 3); the arrays of `NormalBlocks` by their views; and ids of the other points that the frame
 sees in stereo and that are seen later, with these `points_alone`.)",
         "pinholes"_a, "state"_a, "views"_a, "stereo"_a, "var_drift"_a, "seen_later"_a, "known"_a, "cov"_a);
-    def<&absorbing_system>(m, "absorbing_system", R"(Return the `window_system` (k + 6 modes) of one frame that is the new reference, eqs. (31) to (35).
+    def<&absorbing_system>(m, "absorbing_system", R"(Return the system of [own e | k + 6 modes] of one frame that is the new reference, eqs. (31) to (35).
 
 Six modes of its pose, about which nothing is known, come before those of the rig's errors. Points q (n, 3), all of
 them of the prior, in anchors (n, 4, 4) as the frame has them.)",

@@ -71,9 +71,10 @@ Resected resect(const PointViews& views, Matrix start, Vector votes, const Resec
 void turn_by(const Pinholes& pinholes, Vector rad, double sign, Array<double, 2>& right);
 struct FittedTurn {
     Array<double, 1> rad;
+    Array<double, 2> cov;
     Array<bool, 1> agree;
     double log_odds, squared;
-    auto parts() { return std::tie(rad, agree, log_odds, squared); }
+    auto parts() { return std::tie(rad, cov, agree, log_odds, squared); }
 };
 Array<double, 3> effects_of_turn(const Pinholes& pinholes, Matrix right);
 FittedTurn fit_turn(const PointViews& views, Matrix motion, Matrix usual, double std_knock);

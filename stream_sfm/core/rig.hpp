@@ -26,6 +26,8 @@ struct RigEffects {
     auto parts() { return std::tie(terms, field); }
 };
 RigEffects rig_effects(const RigModel& model, Matrix z, Vector age);
+Array<double, 3> disparity_effects(const Pinholes& pinholes, const std::array<double, 2>& size, Matrix points,
+                                   Matrix motion, Matrix z);
 Array<double, 2> field_basis(const Field& field, Matrix at);
 Array<double, 2> polynomial_rows(const ExposedRows& exposed, Matrix z);
 Array<double, 2> velocities(const Pinholes& pinholes, Matrix points, Matrix twists);

@@ -4,6 +4,7 @@ Its functions are what the stub generator of nanobind says of the module; `help`
 above them are the records that stages take, as the module describes them. A test compares the stub with the module.
 """
 
+import sys
 import textwrap
 from pathlib import Path
 from types import ModuleType
@@ -55,6 +56,7 @@ def stub(module: ModuleType) -> str:
 
 
 if __name__ == "__main__":
+    sys.path.insert(0, str(STUB.parents[2]))
     from stream_sfm.core import _core
 
     STUB.write_text(stub(_core), encoding="utf-8")
