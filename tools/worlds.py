@@ -27,7 +27,7 @@ import cv2
 import numpy as np
 
 from stream_sfm import StreamSfmError, open_log, read_config, replay
-from stream_sfm.camera.refinement import TERMS as LENS_TERMS
+from stream_sfm.camera.refinement import LENS_TERMS
 from stream_sfm.config import Config
 from stream_sfm.evaluation import trajectory
 from stream_sfm.evaluation.association import truth_of_frames

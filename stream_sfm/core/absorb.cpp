@@ -3,7 +3,8 @@
 // Points of the prior that the frame or later ones see go through the dense system; those that only it has seen so far,
 // and later ones see, enter the prior by its views alone.
 
-#include "stages.hpp"
+#include "window.hpp"
+#include "poses.hpp"
 
 namespace core {
 namespace {

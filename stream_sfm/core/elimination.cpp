@@ -3,7 +3,7 @@
 // Given the poses and the modes of the prior, points are independent of each other, so each is eliminated by itself, eqs.
 // (27) and (30). The large products that remain are left to the caller's linear algebra.
 
-#include "stages.hpp"
+#include "window.hpp"
 
 namespace core {
 namespace {

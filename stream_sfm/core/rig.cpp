@@ -1,6 +1,6 @@
 // What errors of the rig do to views, eqs. (70) to (72d): columns of its terms, the field over the image, velocities.
 
-#include "stages.hpp"
+#include "rig.hpp"
 
 namespace core {
 namespace {

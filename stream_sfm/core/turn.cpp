@@ -1,6 +1,6 @@
 // The turn of the right camera that a frame shows, fitted together with the motion, eq. (72d).
 
-#include "stages.hpp"
+#include "resection.hpp"
 
 namespace core {
 namespace {

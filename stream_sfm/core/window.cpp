@@ -4,7 +4,9 @@
 // rig move a view by B c, with B = [terms | moves ⊗ field]: all parts of the field share its basis, so products with
 // the field cost what those with one part of it do.
 
-#include "stages.hpp"
+#include "window.hpp"
+#include "poses.hpp"
+#include "rig.hpp"
 
 namespace core {
 namespace {

@@ -34,7 +34,7 @@ from .timing import Timing
 from .tracker import follow, learn_timing, lose, may_wait
 
 _JUMPED = "all of the view has changed at once: were images held back, or is this another place?"
-_HIDDEN = "the background is hidden: what can be followed has moved by itself"
+_HIDDEN = "background occluded: the remaining tracks are on moving objects"
 
 
 class StereoFrontEnd:
@@ -190,8 +190,8 @@ class StereoFrontEnd:
             return ""
         shift_px = shift_of_turn(self.setup.projection, watch.unusual[-1])
         return (
-            f"the right image has moved against the left one, by {shift_px:.2f} px: estimated from the left image "
-            "until it is clear whether the cameras have moved"
+            f"right image shifted by {shift_px:.2f} px relative to the left; using the left image only until the cause "
+            "is clear"
         )
 
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:

@@ -32,7 +32,7 @@ _MAX_HALVES_APART_PX = 0.5
 # Of a grey difference of left and right patch, neighbours that share their noise counted in; a guess.
 _STD_GREY = 4.0
 # Wide templates are added where fewer than a fraction of the tracks is there, up to twice as many. In between, images
-# with a few posters on a white wall have all they need: drift of a corridor with such corners 14 % without, .2 % with.
+# with a few posters on a white wall have all they need: drift of a corridor with such corners 14 % without, 0.2 % with.
 _BARE_FRACTION = 0.25
 # Of corners in the reduced image, as `min_corner_response`: a slope of a quarter of a grey value per pixel, twice what
 # noise and rounding leave there.

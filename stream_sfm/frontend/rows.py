@@ -74,7 +74,7 @@ class Rows:
         wrong = 1 / (1 + information * (_SPEED_ERROR * mean) ** 2)
         return float(wrong * information), float(wrong * mean / var)
 
-    def told(self, delay_s: float, variance_s2: float) -> "Rows":
+    def with_delay(self, delay_s: float, variance_s2: float) -> "Rows":
         """Return the rows with a delay N(`delay_s`, `variance_s2`), if that is more than they say of it themselves.
 
         Learning goes on without it: estimators learn of the delay through `delay` and must not be told twice.

@@ -71,7 +71,7 @@ class StartCheck:
             later_id=later_id,
             gone=np.count_nonzero(accepted & (ids < later_id)) < MANY_VIEWS <= np.count_nonzero(accepted),
         )
-        # .93 and more in the first frames of calm scenes, .68 to .77 in a crowd, whether the motion is right or not
+        # 0.93 and more in the first frames of calm scenes, 0.68 to 0.77 in a crowd, whether the motion is right or not
         if now.agreed >= CALM_SHARE * now.found:
             return replace(now, calm_frames=self.calm_frames + 1)
         return replace(now, calm_frames=0, doubted=True)

@@ -109,13 +109,13 @@ class FrontEndState:
         return np.asarray(cov_px + moved @ np.swapaxes(moved, 1, 2))
 
     @property
-    def rows_told(self) -> Rows:
+    def rows_with_delay(self) -> Rows:
         """What is known of the rows with the delay that an estimator has found."""
-        return self.rows.told(float(self.timing.mean[0]), float(self.timing.cov[0, 0]))
+        return self.rows.with_delay(float(self.timing.mean[0]), float(self.timing.cov[0, 0]))
 
     def right_sides(self, twist: Array) -> RightSides:
         """Where right sides of points with a twist (6,) are sought, as the compiled core takes it."""
-        return self.rows.projection.pinholes, self.rows_told.of_core, self.turn_rad, twist
+        return self.rows.projection.pinholes, self.rows_with_delay.of_core, self.turn_rad, twist
 
     def followed_from(self, images: PreparedImages, stamp_ns: int) -> "FrontEndState":
         """The state after a frame from whose images the next one is followed."""

@@ -34,7 +34,8 @@ from .tracks import Tracks
 # Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a
 # sudden blur of 5 px 14 of 196 did, with a motion that was off by 7 cm.
 _MIN_AGREEMENT = 0.15
-# Of the usual slide of a template, eq. (17): for how much a track lives on. With 1, 41 frames of KITTI 06 are degraded.
+# A track survives up to this multiple of the expected template drift, eq. (17). With 1, 41 frames of KITTI 06 are
+# degraded.
 _SLIDES_MOST = 2.0
 # The background is hidden where fewer tracks agree that have ever agreed before than MANY_VIEWS and than half, while
 # as many new tracks agree on a motion that has jumped, or that came while it was hidden already: what agrees then moves
@@ -139,7 +140,7 @@ def _likelier_of_alike(
 
 def learn_timing(projection: StereoProjection, state: FrontEndState, mean: Array, cov: Array) -> FrontEndState:
     """Take in that delay and readout are N(`mean` (2,), `cov` (2, 2)), seconds, and place the tracks anew by it."""
-    before, now = state.timing, state.timing.told(mean, cov)
+    before, now = state.timing, state.timing.with_estimate(mean, cov)
     state = replace(state, timing=now)
     if now.twist is None or (before.mean == now.mean).all():
         return state
@@ -225,7 +226,7 @@ def _known(
     known = before, cov_points, weights[views.rows], float(weights[expected].sum())
     if state.turn_watch is None or state.disparity is None:
         return _Known(*known)
-    of_rig = setup.projection.pinholes, state.timing.of_core(twist), state.rows_told.of_core
+    of_rig = setup.projection.pinholes, state.timing.of_core(twist), state.rows_with_delay.of_core
     seen, std_twist = (before.points, views.points, views.z_px), setup.std_acceleration * dt_s
     unknown_px, cov_turn = core.unknown_errors(*of_rig, *seen, twist, std_twist)
     known_px, of_disparity = state.disparity.effects(before.points, motion, views.z_px)

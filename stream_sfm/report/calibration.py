@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from ..camera.refinement import TERMS, disparity_rms_px
+from ..camera.refinement import LENS_TERMS, disparity_rms_px
 from ..geometry.stereo import StereoProjection
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import disparity_over_image
-from ..rig_model.terms import DELAY, FOCAL, READOUT
+from ..rig_model.terms import CAUSES
 
 _SAMPLES = (5, 9)  # rows and columns of the places in the image over which errors are averaged
 
@@ -39,12 +39,10 @@ def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, A
     return {
         "applied": estimate.applied,
         "probability_wrong": estimate.p_wrong,
-        "terms": list(TERMS),
-        "error_px": estimate.mean[: len(TERMS)].tolist(),
-        "std_px": np.sqrt(np.diag(estimate.cov))[: len(TERMS)].tolist(),
-        "delay_s": estimate.term(DELAY),
-        "readout_s": estimate.term(READOUT),
-        "focal_length": estimate.term(FOCAL),
+        "terms": list(LENS_TERMS),
+        "error_px": estimate.mean[: len(LENS_TERMS)].tolist(),
+        "std_px": np.sqrt(np.diag(estimate.cov))[: len(LENS_TERMS)].tolist(),
+        **{group.key: estimate.group(group) for group in CAUSES},
         "disparity_rms_px": rms_px,
         "text": "; ".join([text, *estimate.findings()]),
     }

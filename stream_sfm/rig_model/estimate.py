@@ -2,20 +2,12 @@
 
 import numpy as np
 
-from ..camera.refinement import TERMS as LENS_TERMS
-from ..camera.refinement import Refinement
+from ..camera.refinement import LENS_TERMS, Refinement
 from ..geometry.se3 import Array
 from ..record import record
-from .terms import AT_TURNING, DELAY, FOCAL, FOCUSING, READOUT, TERMS
+from .terms import CAUSES, TERMS, Group, at
 
 CERTAIN = 5.0  # standard deviations from which on an error is put into words, and known to change
-# Of each term: units per its own unit; what is said of it; and the word where it is positive, and negative.
-_SENTENCES = {
-    DELAY: (1e3, "the right camera is {:.2f} ± {:.2f} ms {}", "late", "early"),
-    READOUT: (1e3, "the shutters read out in {:.2f} ± {:.2f} ms{}", "", ", from the bottom up"),
-    FOCAL: (100, "the focal length is {:.2f} ± {:.2f} % {}", "longer", "shorter"),
-    FOCUSING: (100, "the focal length {2} by {0:.3f} ± {1:.3f} % per second", "grows", "shrinks"),
-}
 
 
 @record
@@ -51,24 +43,25 @@ class RigEstimate:
 
     def term(self, name: str) -> tuple[float, float]:
         """Return one of the `TERMS` in its unit, and its standard deviation."""
-        at = TERMS.index(name)
-        return float(self.mean[at]), float(np.sqrt(self.cov[at, at]))
+        where = TERMS.index(name)
+        return float(self.mean[where]), float(np.sqrt(self.cov[where, where]))
+
+    def group(self, group: Group) -> tuple[float, ...]:
+        """Return the errors of a group, and then their standard deviations."""
+        errors, std = zip(*(self.term(name) for name in group.terms), strict=True)
+        return *errors, *std
 
     def findings(self) -> list[str]:
         """Sentences about what is certain of the cameras' timing and focal length, of an estimate in units."""
         found = []
-        for term, (units, sentence, positive, negative) in _SENTENCES.items():
-            error, std = self.term(term)
-            if abs(error) > CERTAIN * std:
-                word = positive if error > 0 else negative
-                found.append(sentence.format(units * abs(error), units * std, word))
-        rate, cov = self.mean[AT_TURNING], self.cov[AT_TURNING, AT_TURNING]
-        if rate @ np.linalg.solve(cov, rate) > CERTAIN**2:
-            size = float(np.linalg.norm(rate))
-            std = float(np.sqrt(rate @ cov @ rate)) / size
-            found.append(
-                f"the right camera turns against the left one by {6e4 * size:.2f} ± {6e4 * std:.2f} mrad per minute"
-            )
+        for group in CAUSES:
+            where = at(group.terms)
+            error, cov = self.mean[where], self.cov[where, where]
+            if error @ np.linalg.pinv(cov) @ error > CERTAIN**2:
+                size = float(np.linalg.norm(error))
+                std = float(np.sqrt(error @ cov @ error)) / size
+                word = group.words[0] if error[0] > 0 else group.words[1]
+                found.append(group.sentence.format(group.per_unit * size, group.per_unit * std, word))
         return found
 
     def __repr__(self) -> str:

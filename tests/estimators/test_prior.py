@@ -189,7 +189,7 @@ def assert_known(prior: Prior, mean: np.ndarray, cov: np.ndarray) -> None:
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ((0.2**-2 - 1, 2.0**-2 - 1), (0.0, 0.0)),  # σ of .2 and 2 instead of 1
+        ((0.2**-2 - 1, 2.0**-2 - 1), (0.0, 0.0)),  # σ of 0.2 and 2 instead of 1
         ((0.0, 3.0), (0.0, 0.7)),
         ((0.0, 1e6), (0.0, 0.7)),
         ((0.0, -0.2), (0.0, 0.7)),  # where rows say less than before

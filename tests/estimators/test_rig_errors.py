@@ -167,7 +167,7 @@ def test_delay_and_readout_are_read_off_a_moving_camera_and_poses_stay_consisten
 
 @pytest.mark.slow
 def test_a_focus_that_moves_for_a_second_and_stops_is_followed() -> None:
-    """By 1.5 % from .4 s to 1.4 s: σ is right within a factor of 1.5, though no walk of the focus begins and stops.
+    """By 1.5 % from 0.4 s to 1.4 s: σ is right within a factor of 1.5, though no walk of the focus begins and stops.
 
     Over 16 flights the mean NEES is 9 (σ 7 each); 16 where what was learnt before it was found is believed, and 260
     where it is followed by a rate that is the same all the time.
