@@ -32,7 +32,8 @@ class DisparityError:
         mean, root = rig.known[DISPARITY], rig.root[DISPARITY, DISPARITY]
         if found is not None:
             mean = found.mean[DISPARITY]
-            root = np.linalg.cholesky(found.cov[DISPARITY, DISPARITY] + _STEP_PX**2 * np.eye(len(mean)))
+            cov = found.cov[DISPARITY, DISPARITY] + _STEP_PX**2 * np.eye(len(mean))
+            root = np.asarray(np.linalg.cholesky(cov), np.float64)
         return cls(rig.projection, mean, root)
 
     def effects(self, points: Array, cam_from_previous: Array, z_px: Array) -> tuple[Array, Array]:

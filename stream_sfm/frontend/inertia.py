@@ -22,8 +22,8 @@ def steadier(tracks: Tracks, views: PointViews, weights: Array, motion: Resectio
     """
     near = refine(views, weights, predicted, np.zeros(views.shared.shape[2]))
     old = tracks.agreed > 0
-    agree = np.count_nonzero(near.accepted & old)
-    if not near.ok or agree < max(MIN_SECOND_VIEWS, np.count_nonzero(motion.accepted & old)):
+    agree, agreed = (int(np.count_nonzero(m.accepted & old)) for m in (near, motion))
+    if not near.ok or agree < max(MIN_SECOND_VIEWS, agreed):
         return motion
     only_other = motion.accepted & (near.squared_residuals > BEYOND * views.gate)
     if np.count_nonzero(only_other) < MIN_SECOND_VIEWS:  # the same motion, seen twice

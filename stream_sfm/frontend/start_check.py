@@ -69,7 +69,7 @@ class StartCheck:
             agreed=kept * self.agreed + int((new & accepted).sum()),
             next_id=next_id,
             later_id=later_id,
-            gone=np.count_nonzero(accepted & (ids < later_id)) < MANY_VIEWS <= np.count_nonzero(accepted),
+            gone=bool(np.count_nonzero(accepted & (ids < later_id)) < MANY_VIEWS <= np.count_nonzero(accepted)),
         )
         # 0.93 and more in the first frames of calm scenes, 0.68 to 0.77 in a crowd, whether the motion is right or not
         if now.agreed >= CALM_SHARE * now.found:

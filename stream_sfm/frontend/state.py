@@ -101,7 +101,8 @@ class FrontEndState:
     @property
     def turn_root(self) -> Array:
         """A root (3, e) of the covariance of turns that the right camera has from frame to frame, radians."""
-        return np.zeros((3, 0)) if self.turn_watch is None else np.linalg.cholesky(self.turn_watch.real)
+        root = np.zeros((3, 0)) if self.turn_watch is None else np.linalg.cholesky(self.turn_watch.real)
+        return np.asarray(root, np.float64)
 
     def with_turn(self, z_px: Array, cov_px: Array) -> Array:
         """Return covariances (n, 4, 4) of views (n, 4) as measurements of depth, which a turn of their frame moves."""

@@ -49,6 +49,7 @@ float64[] common_jacobian  # how they move the pose, 6×m row by row; c is in σ
 float64[] rig_error_px  # errors of the calibration as known now, px; empty where it is taken for exact
 float64[] rig_cov_px2  # their covariance, one matrix, or empty
 {_OF_CAUSES}
+float64[] rig_evidence  # on how many σ thirds of the run agree about each term; empty while it is short
 bool rig_applied  # whether the calibration is more probably wrong than right
 bool unscaled  # with one camera: lengths are in units of the first baseline, not in metres
 float64 nis  # whitened squared innovation of the accepted views
@@ -108,6 +109,7 @@ def estimate_fields(estimate: FrameEstimate) -> dict[str, Any]:
     values |= {former: values[name] for name, former in _FORMER.items()}
     values["rig_applied"] = rig is not None and rig.applied
     values |= {f"rig_{cause.key}": () if rig is None else rig.group(cause) for cause in CAUSES}
+    values["rig_evidence"] = () if rig is None or rig.evidence is None else rig.evidence
     of_lenses = ((), ()) if rig is None else (rig.mean[:n], rig.cov[:n, :n])
     return values | dict(zip(("rig_error_px", "rig_cov_px2"), of_lenses, strict=True))
 
@@ -168,4 +170,8 @@ def _rig(message: Any) -> RigEstimate:
             mean[at(cause.terms)], std[at(cause.terms)] = recorded.reshape(2, -1)
     cov, n = np.diag(std**2), len(message.rig_error_px)
     mean[:n], cov[:n, :n] = message.rig_error_px, message.rig_cov_px2.reshape(n, n)
-    return RigEstimate(mean, cov, float(message.rig_applied), mean, cov, np.full(len(mean), np.nan))
+    evidence = np.asarray(getattr(message, "rig_evidence", ()))
+    return RigEstimate(
+        *(mean, cov, float(message.rig_applied), mean, cov, np.full(len(mean), np.nan)),
+        evidence=evidence if len(evidence) else None,
+    )

@@ -19,6 +19,7 @@ class RigEstimate:
     units of `stream_sfm.rig_model.terms`. `prior_std` (m,): σ of each before any view, as far as has been learnt.
     `refined` (m,): the part of `mean` that a refinement of the calibration has already; None without one. `age_s`:
     for how long errors have grown by their rates; those of a Solution are of the start, of a FrameEstimate of now.
+    `evidence` (t,): on how many σ thirds of the run agree for each term; None while it is too short to have thirds.
     """
 
     mean: Array
@@ -29,6 +30,7 @@ class RigEstimate:
     prior_std: Array
     refined: Array | None = None
     age_s: float = 0.0
+    evidence: Array | None = None
 
     @property
     def applied(self) -> bool:
@@ -51,13 +53,20 @@ class RigEstimate:
         errors, std = zip(*(self.term(name) for name in group.terms), strict=True)
         return *errors, *std
 
+    def agrees(self, terms: tuple[str, ...]) -> bool:
+        """Whether thirds of the run agree about one of some terms that follow each other."""
+        return self.evidence is not None and float(self.evidence[at(terms)].max()) > CERTAIN
+
     def findings(self) -> list[str]:
-        """Sentences about what is certain of the cameras' timing and focal length, of an estimate in units."""
+        """Sentences about what is certain of the cameras' timing and focal length, of an estimate in units.
+
+        That is where all of the run says so, and its thirds agree about it.
+        """
         found = []
         for group in CAUSES:
             where = at(group.terms)
             error, cov = self.mean[where], self.cov[where, where]
-            if error @ np.linalg.pinv(cov) @ error > CERTAIN**2:
+            if self.agrees(group.terms) and error @ np.linalg.pinv(cov) @ error > CERTAIN**2:
                 size = float(np.linalg.norm(error))
                 std = float(np.sqrt(error @ cov @ error)) / size
                 word = group.words[0] if error[0] > 0 else group.words[1]

@@ -56,10 +56,11 @@ def likely_sizes(mean: Array, cov: Array, size: Array) -> Array:
     return result
 
 
-def mixture(mean: Array, cov: Array, size: Array, known_wrong: bool = False) -> Mixture:
+def mixture(mean: Array, cov: Array, size: Array, known_wrong: bool = False, spread: float = 1.0) -> Mixture:
     """Return the errors by N(`mean`, `cov`), where lenses with their field, or each of the other terms, may have none.
 
     What turns show of the focal length or of a delay, noise shows, too: until one is probable, it counts in the
-    covariance in full.
+    covariance in full. `spread`: how many σ parts of the run are apart about these terms.
     """
-    return Mixture(*core.rig_mixture(mean, cov, size, _FOCAL, _IS_ZERO, _LOG_PRIOR, _COUNTS, known_wrong))
+    counts = min(_COUNTS, spread**-2.0)
+    return Mixture(*core.rig_mixture(mean, cov, size, _FOCAL, _IS_ZERO, _LOG_PRIOR, counts, known_wrong))

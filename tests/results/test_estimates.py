@@ -192,7 +192,7 @@ def test_what_is_known_of_the_rig_comes_back_with_its_findings(tmp_path: Path):
     """Each physical term is written; only what terms of different causes have in common is not."""
     std = 0.01 * prior_std(RigConfig())
     mean = 8 * std
-    rig_errors = RigEstimate(mean, np.diag(std**2), 1.0, mean, np.diag(std**2), std)
+    rig_errors = RigEstimate(mean, np.diag(std**2), 1.0, mean, np.diag(std**2), std, evidence=mean / std)
     write(tmp_path / "estimates.mcap", [replace(estimate(0), rig=rig_errors)])
     (read,) = read_estimates(tmp_path / "estimates.mcap")
     assert read.rig is not None and len(read.rig.findings()) == len(CAUSES)

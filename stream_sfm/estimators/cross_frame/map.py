@@ -82,9 +82,9 @@ class Map:
         self.q = q_of_views(projection, corrected_px[views.used])
         self.ref_from_anchor = np.tile(np.eye(4), (len(self.ids), 1, 1))
         state = self._state_of_one(self.ids, self.ref_from_anchor, self.q, rig.mean)
-        self.q, *of_points = self._seen_alone(views, state, np.zeros(len(rig)))
+        self.q, cov, by_own, by_rig = self._seen_alone(views, state, np.zeros(len(rig)))
         pose = first.world_from_cam, first.cov_pose
-        self.prior = Prior.from_first_frame(self.ids, self.q, *of_points, *pose, rig)
+        self.prior = Prior.from_first_frame(self.ids, self.q, cov, by_own, by_rig, *pose, rig)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
         self.gauss_newton_step()
         self.update_marginals()
@@ -139,7 +139,8 @@ class Map:
         prior = changed(prior, cov=cov).absorb_frame(
             self.amplitudes, cam_from_ref, anchors, q, NormalBlocks(*blocks), stays, (new_ids, *alone)
         )
-        self.prior = self._refocused(prior.truncate_modes(), frame)
+        prior = prior.truncate_modes()
+        self.prior = self._refocused(changed(prior, rig=prior.rig.with_part()), frame)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
         self.select(seen_later if self.frames else core.among(self.ids, self.prior.ids))
 
@@ -412,7 +413,8 @@ class Map:
         self.prior = changed(self.prior, rig=rig)
         self.system.cov_rig = found.cov
         age = self.prior.rig.age_s(self.frames[-1].stamp_ns)
-        return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age)
+        evidence = rig.parts.evidence
+        return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age, evidence=evidence)
 
     def learn_rig(self, estimate: RigEstimate, field_std_px: float, by_rows: tuple[Array, Array]) -> None:
         """Give the prior of the rig's errors the sizes that their estimate makes likely, and what the rows said.
