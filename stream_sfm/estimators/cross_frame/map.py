@@ -36,7 +36,14 @@ from .outliers import RejectionCounts
 from .prior import Prior
 from .rig_knowledge import RigKnowledge
 from .timing import ExposureClock, TwistError
+from .twist_unknown import TWIST, left_in_rows, twist_columns, with_room
 from .window_frame import WindowFrame
+
+_LEAST_TWIST = (
+    0.1  # of what accelerations are assumed to do to a twist: few frames have not shown all of its errors
+)
+PROBABLE = 2.0  # standard deviations from which on a delay is reckoned with
+FAR = 0.0, 0.0, 1.0, 0.0  # a point at infinity, straight ahead
 
 
 class Map:
@@ -336,6 +343,17 @@ class Map:
         by_timing[rows] = frame.rig.by_timing(moved, now, timing[0], views.expected_px[rows])
         views = changed(views, timing=by_timing)
         of_twist = std_acceleration * (self._seconds[-1] - self._seconds[-2])
+        delay_s, std_s = timing[0][0], np.sqrt(timing[1][0, 0])
+        if self.has_twist or abs(delay_s) > PROBABLE * std_s:
+            self._begin_twist()
+            in_cam = core.seen_points(self.projection.pinholes, views.z_px)
+            in_cam[rows] = moved
+            in_cam[~np.isfinite(in_cam).all(axis=1)] = FAR  # the left side alone, which is not late
+            cov_twist = self._twist_error.cov(std_acceleration, self._seconds)
+            cov_twist = cov_twist + np.diag((_LEAST_TWIST * of_twist) ** 2)
+            size_s = np.copysign(np.hypot(delay_s, std_s), delay_s)
+            own = twist_columns(self.projection.pinholes, views, in_cam, size_s, cov_twist)
+            views = changed(views, own=np.concatenate([views.own, own], axis=2))
         of_timing = core.timing_unknowns(
             *frame.rig.cameras, (points, before[0]), (moved, now[0]), *timing, of_twist
         )
@@ -344,6 +362,24 @@ class Map:
             held
         )
         return views, np.concatenate([of_timing, views.own[rows], of_disparity], axis=2)
+
+    @property
+    def has_twist(self) -> bool:
+        """Whether the error of a frame's twist is one of its unknowns, as a delay is probable or was once."""
+        return self.own.shape[1] > TWIST
+
+    def _begin_twist(self) -> None:
+        """Make room for the error of the twist among the unknowns of each frame; that of the frames before is known."""
+        if not self.has_twist:
+            self.own = np.concatenate([self.own, np.zeros((len(self.own), TWIST))], axis=1)
+            self.views = changed(self.views, own=with_room(self.views.own))
+            if self._first is not None:
+                self._first = changed(self._first, own=with_room(self._first.own))
+                self.prior = self.prior.with_own_of_first(TWIST)
+                self.amplitudes = np.insert(self.amplitudes, [6 + self.own.shape[1] - TWIST] * TWIST, 0.0)
+        rows, own = self.newest, self.views.own.copy()
+        own[rows, :, -TWIST:] = left_in_rows(own[rows, :, -TWIST:])
+        self.views = changed(self.views, own=own)
 
     def renew_timing(self) -> None:
         """Take what delay and readout do to the used views of the window, with the velocities that are known now.
@@ -381,6 +417,8 @@ class Map:
         indices = [f.index for f in (self.reference, *self.frames)]
         self._twist_error.add(indices, self._motions[:, 0])
         mean, cov = self._timing(rig)
+        if self.has_twist:  # what it does by a delay is in the joint covariance
+            mean, cov = mean * [0.0, 1.0], cov * np.outer([0.0, 1.0], [0.0, 1.0])
         in_cam = core.points_of_views(self.state(), newest.of_core)
         cov_twist = self._twist_error.cov(std_acceleration, self._seconds)
         return core.cov_of_timed_pose(*rig.cameras, in_cam, np.sqrt(mean**2 + np.diag(cov)), cov_twist)
