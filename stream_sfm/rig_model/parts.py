@@ -30,7 +30,7 @@ class _End(NamedTuple):
 
 
 class Agreement(NamedTuple):
-    """Of each term (t,): the mean of the thirds of a run and its σ, with by how many σ they differ, `spread`, 1 at least."""
+    """Of each term (t,): the mean of the thirds of a run, its σ, and `spread`: by how many σ they differ, 1 at least."""
 
     mean: Array
     std: Array

@@ -78,6 +78,9 @@ class Map:
         self._seconds = np.zeros(1)  # when the reference camera and the window exposed
         self._motions = np.zeros((1, 2, 6))  # of points in the reference camera and in the window
         self.reference = frame
+        self.has_twist = (
+            False  # whether the error of a frame's twist is one of its unknowns: where a delay is probable
+        )
         self.rejections = RejectionCounts()
         self.begun_anew = self._dropped = np.empty(0, np.int64)
         self._frames_ambiguous, self._cov_doubt = 0, np.zeros((6, 6))  # in axes of the reference camera
@@ -363,14 +366,10 @@ class Map:
         )
         return views, np.concatenate([of_timing, views.own[rows], of_disparity], axis=2)
 
-    @property
-    def has_twist(self) -> bool:
-        """Whether the error of a frame's twist is one of its unknowns, as a delay is probable or was once."""
-        return self.own.shape[1] > TWIST
-
     def _begin_twist(self) -> None:
         """Make room for the error of the twist among the unknowns of each frame; that of the frames before is known."""
         if not self.has_twist:
+            self.has_twist = True
             self.own = np.concatenate([self.own, np.zeros((len(self.own), TWIST))], axis=1)
             self.views = changed(self.views, own=with_room(self.views.own))
             if self._first is not None:
