@@ -35,7 +35,7 @@ class Map:
     frame began a second time, by one view. `frames`: the window, oldest first, and `views`: all of theirs, one after
     the other, used or not; `cams_from_ref` (F, 4, 4): their poses. `reference`: the frame of the reference camera.
     `prior`, and the `amplitudes` (k,) of its modes. `system`: the latest normal equations, factored. `marginals`: of
-    the latest frame.
+    the latest frame, and `shown`: those that were reported.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Map:
         self.prior = Prior.from_first_frame(self.ids, self.q, cov, by_rig, *pose, rig)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
         self.gauss_newton_step()
-        self.update_marginals()
+        self.shown = self.update_marginals()
 
     @property
     def world_from_ref(self) -> Array:

@@ -72,6 +72,11 @@ class System:
         """Return steps of poses (F, 6), points (P, 3) and amplitudes (k,)."""
         return delta[: self.poses].reshape(-1, 6), matvec(self.std_given, for_itself), delta[self.poses :]
 
+    def taken_off_by(self, points: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return −Σ MᵀV⁻¹M (6F, 6F) and −Σ MᵀV⁻¹g (6F,) of eq. (27) over some points (P,), of the poses alone."""
+        reach = _flat(self._reach[points, :, : self.poses])
+        return -(reach.T @ reach), -(reach.T @ self._given[points].ravel())
+
     def rig_errors(self) -> tuple[Array, Array, Array]:
         """Return mean (m,), covariance and information (m, m) of the rig's errors by all views."""
         return self._rig_error + self.cov_rig @ self._pull, self.cov_rig, self._others.left

@@ -30,9 +30,11 @@ from ..lifecycle import (
 )
 from ..motion_model import MotionModel
 from .inverse_depth import WhitenedViews
+from .halves import SpanFactors
 from .map import Map
 from .minimise import minimise
 from .relative import common_errors, relative_motions
+from .reported import reported
 from .rig_knowledge import RigKnowledge, impossible
 from .window_frame import WindowFrame, views_of
 
@@ -56,6 +58,7 @@ class CrossFrame:
         self.waiting = False  # for tracks of the map to return, since a frame without any view
         self._std_acceleration = np.array(config.motion.std_acceleration)
         self._has_field = False
+        self._factors = SpanFactors.unknown(config.window.frames)
         self._said_by_rows = np.zeros(2)  # information about the delay and its weighted sum
         self._impossible = ""  # why the calibration cannot be right; stays as long as the rig is known
 
@@ -73,7 +76,7 @@ class CrossFrame:
         model = None if observations.rig is None else observations.rig.model
         stamp_ns, std_turn_rad = observations.stamp_ns, observations.lasting.std_turn_rad
         frame = WindowFrame(observations.frame_index, stamp_ns, model, std_turn_rad)
-        views = views_of(observations, self.projection, age_s)
+        views = views_of(observations, self.projection, age_s, self._factors.by_span[-1])
         if observations.rig is not None and observations.rig.change_root is not None:
             self._change_rig(observations.rig.change_root)
         current = self.map
@@ -89,7 +92,7 @@ class CrossFrame:
                 return self._lose(observations, str(lost))
             # its tracks did not return: another map begins with what has come instead
             self.map, self.rig = None, current.prior.rig
-            return with_ended(self._start(observations, frame, views), current.marginals.ended())
+            return with_ended(self._start(observations, frame, views), current.shown.ended())
 
     def _start(self, observations: Observations, frame: WindowFrame, views: WhitenedViews) -> Solution:
         """Begin a map in this camera: at the world's origin in the very first frame, else at the predicted pose."""
@@ -167,7 +170,7 @@ class CrossFrame:
             self.rig, self._said_by_rows, self._impossible = None, np.zeros(2), ""
         else:
             self.rig = current.prior.rig
-        ended = None if current is None else current.marginals.ended()
+        ended = None if current is None else current.shown.ended()
         return lost_solution(observations, reason, *predicted, ended)
 
     def _initial_motion(
@@ -187,7 +190,7 @@ class CrossFrame:
         start = observations.cam_from_previous
         if start is None:
             predicted, _ = self.motion.predict(observations.stamp_ns)
-            start = se3.inverse(predicted) @ previous.world_from_cam
+            start = se3.inverse(predicted) @ current.shown.world_from_cam
         views, unknown_px = current.expect(frame, views, rows, points, start, self._std_acceleration)
         corrected = _corrected(observations, views, current.rig_error)
         found = initial_motion(
@@ -208,7 +211,11 @@ class CrossFrame:
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
         rig = current.judge_rig(observations.misfit)
-        before, now = current.marginals, current.update_marginals()
+        before, factors = current.shown, self._factors
+        current.update_marginals()
+        tells = observations.lasting.inflation is not None and motion.ambiguous is None and not observations.misfit
+        read_off, self._factors = reported(current, factors, tells)
+        now = current.shown = read_off.update_marginals()
         cov_timing = current.cov_of_timing(self._std_acceleration)
         if motion.ambiguous is None:  # otherwise it may be the motion that is wrong
             self._impossible = self._impossible or impossible(rig)
@@ -229,14 +236,14 @@ class CrossFrame:
             points_in_world=now.points_in_world[shown],
             cov_points_in_world=now.cov_points_in_world[shown],
             window_frame_indices=np.array([f.index for f in current.frames], np.int64),
-            window_world_from_cam=current.world_from_ref @ se3.inverse(current.cams_from_ref),
+            window_world_from_cam=read_off.world_from_ref @ se3.inverse(read_off.cams_from_ref),
             rejected_ids=ids[~used],
             iterations=iterations,
             nis=motion.chi2,
             nis_dof=motion.dof,
             rig=rig,
-            relative=relative_motions(current, cov_timing),
-            common=common_errors(current, rig),
+            relative=relative_motions(read_off, cov_timing, factors.shares),
+            common=common_errors(read_off, rig),
         )
         if rig is not None and observations.rig is not None:
             by_rows = self._since_by_rows(observations, len(rig.mean))
