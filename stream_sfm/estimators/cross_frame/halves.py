@@ -6,6 +6,8 @@ they claim, is known without any truth, and without a model of what lasts. There
 tracks, and those first seen left and right of the image's middle, which show what neighbours have in common.
 """
 
+from contextlib import suppress
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,11 +17,14 @@ from ...geometry.se3 import Array
 from ...record import changed, record
 from .inverse_depth import State, WhitenedViews, linearise
 from .map import Map
+from .normal_equations import System
 from .relative import apart_from_newest
 
 _KINDS = ((0, 1), (0, 2))  # halves that the quarters 0 … 3 begin with: even tracks, and those on the left
-_MEMORY = 100.0  # frames: errors that last are a property of cameras and scene, and change slowly
-_GUESS = 10.0  # weight in frames of the first guess, which is 1
+# One frame in so many is looked at: windows of neighbouring frames have most of their views in common.
+EVERY = 4
+_MEMORY = 25.0  # of those frames: errors that last are a property of cameras and scene, and change slowly
+_GUESS = 2.5  # weight of the first guess, which is 1, in such frames
 # Of one frame, in units of the mean so far: a body that moves in one half is not an error that lasts. Gaussian errors
 # are beyond it in one frame of 10¹⁰.
 _MOST = 10.0
@@ -61,20 +66,17 @@ class SpanFactors:
         return SpanFactors(squares, frames)
 
 
-def squares_of_halves(of: Map, at: State) -> Array:
+def squares_of_halves(of: Map, system: System, at: State, views: WhitenedViews) -> Array:
     """Return δᵀC⁻¹δ/6 (2, f) over spans of 1 … f frames, of both kinds of halves; NaN where one knows too little.
 
-    `of`: a map with its system, which is that of the state `at`.
+    `system`: of a map, with an exact rig, linearised at the state `at` with `views`.
     """
-    views = _given_rig(of.views, at.rig_error)
-    parts = [_poses_by(of, at, views, points) for points in _quarters(of, at)]
+    parts = [_poses_by(of, system, at, views, points) for points in _quarters(of, at)]
     found = np.full((2, len(of.frames)), np.nan)
     for kind, (first, second) in enumerate(_KINDS):
         halves = [first, second], [k for k in range(4) if k not in (first, second)]
-        try:
+        with suppress(np.linalg.LinAlgError):
             found[kind] = _squares(of, *([sum(parts[k][j] for k in half) for j in (0, 1)] for half in halves))
-        except np.linalg.LinAlgError:
-            continue
     return found
 
 
@@ -88,20 +90,13 @@ def _quarters(of: Map, at: State) -> list[NDArray[np.bool_]]:
     return [(odd == o) & (right == r) for o in (False, True) for r in (False, True)]
 
 
-def _given_rig(views: WhitenedViews, rig_error: Array) -> WhitenedViews:
-    """Return the views without the rig's errors (m,), as those of an exact rig."""
-    if not len(rig_error):
-        return views
-    none = views.terms[..., :0], views.timing[..., :0], views.field[:, :0]
-    z_px = views.z_px - views.shift_px(rig_error)
-    return changed(views, z_px=z_px, terms=none[0], timing=none[1], field=none[2])
-
-
-def _poses_by(of: Map, at: State, views: WhitenedViews, points: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Return what some points say of the window's poses, given modes and rig: information (n, n), right side (n,)."""
+def _poses_by(
+    of: Map, system: System, at: State, views: WhitenedViews, points: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Return what some points say of the window's poses, given the modes: information (n, n), right side (n,)."""
     of_points = changed(views, used=views.used & core.among(views.ids, at.ids[points]))
-    blocks = linearise(of.projection, at._replace(rig_error=np.zeros(0)), of_points)
-    information, right = of.system.taken_off_by(points)
+    blocks = linearise(of.projection, at, of_points)
+    information, right = system.taken_off_by(points)
     for f, own in enumerate(blocks.u):
         information[6 * f : 6 * f + 6, 6 * f : 6 * f + 6] += own
     return information, right + blocks.g_pose.ravel()

@@ -35,7 +35,7 @@ class Map:
     frame began a second time, by one view. `frames`: the window, oldest first, and `views`: all of theirs, one after
     the other, used or not; `cams_from_ref` (F, 4, 4): their poses. `reference`: the frame of the reference camera.
     `prior`, and the `amplitudes` (k,) of its modes. `system`: the latest normal equations, factored. `marginals`: of
-    the latest frame, and `shown`: those that were reported.
+    the latest frame, as reported.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Map:
         self.prior = Prior.from_first_frame(self.ids, self.q, cov, by_rig, *pose, rig)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
         self.gauss_newton_step()
-        self.shown = self.update_marginals()
+        self.update_marginals()
 
     @property
     def world_from_ref(self) -> Array:
@@ -281,6 +281,12 @@ class Map:
         used = core.views_within_gates(self.projection.pinholes, self.state(), self.views.of_core, *gates)
         self.rejections.add(self.views.ids[self.views.used & ~used])
         self.views = changed(self.views, used=used)
+
+    def follow(self, system: System) -> None:
+        """Move to the minimum of a system with the rig's errors as they are, and keep it."""
+        dx, dq, dy, _ = system.step()
+        self._move(dx, dq, np.concatenate([dy, np.zeros(len(self.prior.rig))]))
+        self.system = system
 
     def _move(self, dx: Array, dq: Array, dy: Array) -> None:
         """Move poses (F, 6), points (P, 3) and amplitudes (k,)."""

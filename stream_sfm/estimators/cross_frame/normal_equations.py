@@ -72,6 +72,17 @@ class System:
         """Return steps of poses (F, 6), points (P, 3) and amplitudes (k,)."""
         return delta[: self.poses].reshape(-1, 6), matvec(self.std_given, for_itself), delta[self.poses :]
 
+    def with_rig_of(self, other: "System", rows: NDArray[np.intp]) -> None:
+        """Take from another system how poses, modes and points move with the rig's errors, where this one has none.
+
+        `rows` (P,): the points in the other system. How they move hardly depends on the weights of the views.
+        """
+        self.prior, self.by_rig, self.cov_rig = other.prior, other.by_rig, other.cov_rig
+        m = len(self.cov_rig)
+        if m:
+            units = np.linalg.inv(self.std_given) @ other.std_given[rows]
+            self._reach = np.concatenate([self._reach, units @ other._reach[rows, :, -m:]], axis=2)
+
     def taken_off_by(self, points: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return −Σ MᵀV⁻¹M (6F, 6F) and −Σ MᵀV⁻¹g (6F,) of eq. (27) over some points (P,), of the poses alone."""
         reach = _flat(self._reach[points, :, : self.poses])

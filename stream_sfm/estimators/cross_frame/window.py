@@ -92,7 +92,7 @@ class CrossFrame:
                 return self._lose(observations, str(lost))
             # its tracks did not return: another map begins with what has come instead
             self.map, self.rig = None, current.prior.rig
-            return with_ended(self._start(observations, frame, views), current.shown.ended())
+            return with_ended(self._start(observations, frame, views), current.marginals.ended())
 
     def _start(self, observations: Observations, frame: WindowFrame, views: WhitenedViews) -> Solution:
         """Begin a map in this camera: at the world's origin in the very first frame, else at the predicted pose."""
@@ -170,7 +170,7 @@ class CrossFrame:
             self.rig, self._said_by_rows, self._impossible = None, np.zeros(2), ""
         else:
             self.rig = current.prior.rig
-        ended = None if current is None else current.shown.ended()
+        ended = None if current is None else current.marginals.ended()
         return lost_solution(observations, reason, *predicted, ended)
 
     def _initial_motion(
@@ -190,7 +190,7 @@ class CrossFrame:
         start = observations.cam_from_previous
         if start is None:
             predicted, _ = self.motion.predict(observations.stamp_ns)
-            start = se3.inverse(predicted) @ current.shown.world_from_cam
+            start = se3.inverse(predicted) @ previous.world_from_cam
         views, unknown_px = current.expect(frame, views, rows, points, start, self._std_acceleration)
         corrected = _corrected(observations, views, current.rig_error)
         found = initial_motion(
@@ -211,11 +211,10 @@ class CrossFrame:
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
         rig = current.judge_rig(observations.misfit)
-        before, factors = current.shown, self._factors
-        current.update_marginals()
+        before, factors = current.marginals, self._factors
         tells = observations.lasting.inflation is not None and motion.ambiguous is None and not observations.misfit
         read_off, self._factors = reported(current, factors, tells)
-        now = current.shown = read_off.update_marginals()
+        now = current.marginals = read_off.update_marginals()
         cov_timing = current.cov_of_timing(self._std_acceleration)
         if motion.ambiguous is None:  # otherwise it may be the motion that is wrong
             self._impossible = self._impossible or impossible(rig)
