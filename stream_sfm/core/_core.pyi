@@ -235,16 +235,15 @@ def view_covariances(
     """
 
 def row_errors_of_tracks(
-    known: Ids, ages: Ids, rows: Array, ids: Ids, z_px: Array, cov_px: Array, counts: bool
+    known: Ids, ages: Ids, rows: Array, ids: Ids, z_px: Array, cov_px: Array
 ) -> tuple[Ids, Array, Array]:
     """Return ages (n,) of tracks in views, at most 59, and their row differences (n, k), the latest first, eq. (68).
 
     Tracks `ids` (n,) with views (n, 4) and covariances (n, 4, 4); those of the frame before, `known` (m,), with ages
-    and row differences (m, k). All ids ascend; `counts`: whether this frame adds to the ages. Differences are in
-    standard deviations, at most 3, without what a whole frame shares, and NaN without a right side. Also returns sums
-    (6,): of squares of the differences of two successive frames, half of both, of their products, and of how many; and
-    of tracks that were seen k frames ago, too: of these products, of the products of the differences now and then, and
-    of how many.
+    and row differences (m, k). All ids ascend. Differences are in standard deviations, at most 3, without what a whole
+    frame shares, and NaN without a right side. Also returns sums (6,): of squares of the differences of two successive
+    frames, half of both, of their products, and of how many; and of tracks that were seen k frames ago, too: of these
+    products, of the products of the differences now and then, and of how many.
     """
 
 def view_inflation(ages: Ids, ratio_left: float, ratio_right: float, decay: float) -> Array:

@@ -64,7 +64,7 @@ class StereoFrontEnd:
             timing=Timing.unknown(projection, config.rig, row_of, known_timing),
             rows=Rows.unknown(projection, config),
             turn_watch=None if config.rig.exact else TurnWatch(projection),
-            errors=TemplateErrors(config.estimate_every),
+            errors=TemplateErrors(),
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
