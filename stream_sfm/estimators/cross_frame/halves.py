@@ -21,10 +21,10 @@ from .normal_equations import System
 from .relative import apart_from_newest
 
 _KINDS = ((0, 1), (0, 2))  # halves that the quarters 0 … 3 begin with: even tracks, and those on the left
-# One frame in so many is looked at: windows of neighbouring frames have most of their views in common.
-EVERY = 4
-_MEMORY = 25.0  # of those frames: errors that last are a property of cameras and scene, and change slowly
-_GUESS = 2.5  # weight of the first guess, which is 1, in such frames
+_MEMORY = 25.0  # looks: errors that last are a property of cameras and scene, and change slowly
+# Once so many are known, one frame in so many is looked at: neighbouring windows have most of their views in common.
+_EVERY = 4
+_GUESS = 2.5  # weight in looks of the first guess, which is 1
 # Of one frame, in units of the mean so far: a body that moves in one half is not an error that lasts. Gaussian errors
 # are beyond it in one frame of 10¹⁰.
 _MOST = 10.0
@@ -34,7 +34,7 @@ _MOST = 10.0
 class SpanFactors:
     """What is known of the factors over spans of 1 … b frames.
 
-    `squares` (2, b): means of δᵀC⁻¹δ/6 over the frames so far, of both kinds of halves; `frames` (2, b): their number.
+    `squares` (2, b): means of δᵀC⁻¹δ/6 over the frames so far, of both kinds of halves; `frames` (2, b): how many were looked at.
     """
 
     squares: Array
@@ -54,6 +54,10 @@ class SpanFactors:
     def shares(self) -> Array:
         """The factors (b,) over that of the longest span."""
         return np.asarray(self.by_span / self.by_span[-1])
+
+    def asks_for(self, frame_index: int) -> bool:
+        """Whether this frame is to be looked at."""
+        return frame_index % _EVERY == 0 or bool(self.frames.min() < _MEMORY)
 
     def after(self, found: Array) -> "SpanFactors":
         """Return the knowledge after a frame with squares `found` (2, f) over its spans, NaN where there is none."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ... import core
 from ...geometry import se3
 from ...geometry.gates import chi2_gate
-from ...geometry.linear import scaled_cholesky
+from ...geometry.linear import scaled_cholesky, symmetric
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
@@ -425,6 +425,14 @@ class Map:
         """
         self.prior = self.prior.with_rig_change(root)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
+
+    @property
+    def cov_pose(self) -> Array:
+        """The covariance (6, 6) of the newest pose in the world by the latest system."""
+        own, rig = self.system.pose_and_world(len(self.frames) - 1)
+        by_both = np.concatenate([-np.eye(6), se3.adjoint(self.newest_cam_from_ref)], axis=1)
+        own, rig = by_both @ own, by_both @ rig
+        return symmetric(own @ own.T + rig @ self.system.cov_rig @ rig.T) + self.cov_doubt
 
     def update_marginals(self) -> Marginals:
         """Compute the marginals of the newest frame from the latest system."""

@@ -97,18 +97,22 @@ class System:
         delta = np.concatenate([self.by_rig @ change, change])
         return self._steps(delta, -(self._reach @ delta))
 
-    def covariances(self, frame: int) -> tuple[CovariancePart, CovariancePart]:
-        """Return the covariances given the rig's errors, with the pose of `frame`, and what these errors add.
+    def pose_and_world(self, frame: int) -> tuple[Array, Array]:
+        """Return a root (12, n) of the covariance of the pose of `frame` and of the world given the rig's errors.
 
-        Frame −1 is the reference camera, which has no error.
+        And how both move with these, (12, m). Frame −1 is the reference camera, which has no error.
         """
-        n, own_modes = len(self.root), len(self.root) - self.poses
-        of_own, of_rig = np.split(self.prior.world_modes, [own_modes], axis=1)
-        own, rig = np.zeros((12, n)), np.zeros((12, len(self.cov_rig)))  # the rows of pose and world
+        of_own, of_rig = np.split(self.prior.world_modes, [len(self.root) - self.poses], axis=1)
+        own, rig = np.zeros((12, len(self.root))), np.zeros((12, len(self.cov_rig)))
         if frame >= 0:
             rows = slice(6 * frame, 6 * frame + 6)
             own[:6], rig[:6] = self.root[rows], self.by_rig[rows]
         own[6:], rig[6:] = of_own @ self.root[self.poses :], of_own @ self.by_rig[self.poses :] + of_rig
+        return own, rig
+
+    def covariances(self, frame: int) -> tuple[CovariancePart, CovariancePart]:
+        """Return the covariances given the rig's errors, with the pose of `frame`, and what these errors add."""
+        n, (own, rig) = len(self.root), self.pose_and_world(frame)
         by_own = product(self._reach[..., :n], self.root)
         by_rig = product(self._reach[..., :n], self.by_rig)
         by_rig += self._reach[..., n:]

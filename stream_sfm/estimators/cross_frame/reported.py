@@ -12,7 +12,7 @@ import copy
 import numpy as np
 
 from ...record import changed
-from .halves import EVERY, SpanFactors, squares_of_halves
+from .halves import SpanFactors, squares_of_halves
 from .inverse_depth import State, linearise
 from .map import Map
 from .normal_equations import System
@@ -44,7 +44,7 @@ def _reported(current: Map, factors: SpanFactors, learns: bool) -> tuple[Map, Sp
         result.q,
         result.amplitudes[: k - m],
     )
-    if learns and result.frames[-1].index % EVERY == 0:
+    if learns and factors.asks_for(result.frames[-1].index):
         factors = factors.after(factor**2 * squares_of_halves(result, system, at, views))
     result.follow(system)
     system.with_rig_of(current.system, np.searchsorted(current.ids, result.ids))

@@ -76,7 +76,7 @@ class CrossFrame:
         model = None if observations.rig is None else observations.rig.model
         stamp_ns, std_turn_rad = observations.stamp_ns, observations.lasting.std_turn_rad
         frame = WindowFrame(observations.frame_index, stamp_ns, model, std_turn_rad)
-        views = views_of(observations, self.projection, age_s, self._factors.by_span[-1])
+        views = views_of(observations, self.projection, age_s)
         if observations.rig is not None and observations.rig.change_root is not None:
             self._change_rig(observations.rig.change_root)
         current = self.map
@@ -214,7 +214,8 @@ class CrossFrame:
         before, factors = current.marginals, self._factors
         tells = observations.lasting.inflation is not None and motion.ambiguous is None and not observations.misfit
         read_off, self._factors = reported(current, factors, tells)
-        now = current.marginals = read_off.update_marginals()
+        # the world has moved with all errors that last, which only the weights of eq. (69) allow for
+        now = current.marginals = replace(read_off.update_marginals(), cov_pose=current.cov_pose)
         cov_timing = current.cov_of_timing(self._std_acceleration)
         if motion.ambiguous is None:  # otherwise it may be the motion that is wrong
             self._impossible = self._impossible or impossible(rig)

@@ -28,14 +28,12 @@ class WindowFrame:
     ambiguity: Array = field(default_factory=lambda: np.zeros((6, 0)))
 
 
-def views_of(
-    observations: Observations, projection: StereoProjection, age_s: float = 0.0, factor: float = 1.0
-) -> WhitenedViews:
+def views_of(observations: Observations, projection: StereoProjection, age_s: float = 0.0) -> WhitenedViews:
     """Return all views of a frame as those of row 0, in use.
 
-    `age_s`: for how long errors of the rig have grown. `factor`: on σ of all views, of an exact rig.
+    `age_s`: for how long errors of the rig have grown.
     """
-    weight, n = _weights(observations, factor), len(observations.track_ids)
+    weight, n = _weights(observations), len(observations.track_ids)
     terms, timing, field = np.zeros((n, 4, 0)), np.zeros((n, 4, 0)), np.zeros((n, 0))
     if observations.rig is not None:
         timing = np.zeros((n, 4, 2))
@@ -56,11 +54,11 @@ def views_of(
     )
 
 
-def _weights(observations: Observations, factor: float) -> Array:
+def _weights(observations: Observations) -> Array:
     """Return the square roots (n, 4) of the share of each coordinate's information that counts."""
     inflation = observations.lasting.inflation
-    if inflation is None or observations.rig is None:
-        return np.full((len(observations.track_ids), 4), 1 / factor)
+    if inflation is None:
+        return np.ones((len(observations.track_ids), 4))
     return np.repeat(1 / np.sqrt(inflation), 2, axis=1)
 
 
