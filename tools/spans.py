@@ -63,12 +63,12 @@ def _path(speed: Array, amplitude: Array, slowest_s: float, rng: np.random.Gener
 
 
 MOTIONS: dict[str, Callable[[np.random.Generator], Array]] = {
-    "walking": partial(
-        _path, np.array([0, 0, 1.2, 0, 0, 0]), np.array([0.04, 0.02, 0.03, 0.01, 0.06, 0.01]), 0.6
-    ),
+    "walking": partial(_path, np.array([0, 0, 1.2, 0, 0, 0]), np.array([0.04, 0.02, 0.03, 0.01, 0.06, 0.01]), 0.6),
     "hand-held": partial(_path, np.zeros(6), np.array([0.15, 0.1, 0.15, 0.08, 0.15, 0.05]), 1.5),
     "lateral": partial(_path, np.array([0.4, 0, 0, 0, 0, 0]), np.array([0.02, 0.02, 0.02, 0.01, 0.01, 0.01]), 1.0),
-    "turning": partial(_path, np.array([0.1, 0, 0.2, 0, 0.5, 0]), np.array([0.03, 0.03, 0.03, 0.03, 0.15, 0.02]), 1.0),
+    "turning": partial(
+        _path, np.array([0.1, 0, 0.2, 0, 0.5, 0]), np.array([0.03, 0.03, 0.03, 0.03, 0.15, 0.02]), 1.0
+    ),
 }
 
 
@@ -125,9 +125,7 @@ def simulated(motion: str, seed: int) -> tuple[StereoProjection, list[Observatio
         cov = np.tile(CLAIMED_PX**2 * np.eye(4), (TRACKS, 1, 1))
         errors = errors.after(tracks.ids, z, cov)
         lasting = LastingErrors(drift_px, errors.inflation, turn_of_slides(drift_px[:old], p.f_px) if n else 0.0)
-        observations.append(
-            Observations(n, n * FRAME_NS, tracks.ids, z, cov, n_new=TRACKS - old, lasting=lasting)
-        )
+        observations.append(Observations(n, n * FRAME_NS, tracks.ids, z, cov, n_new=TRACKS - old, lasting=lasting))
     return p, observations, poses
 
 
@@ -164,7 +162,9 @@ def _over_spans(name: str, estimated: Array, true: Array) -> Errors:
     return result
 
 
-def measured(source: Callable[[], tuple[StereoProjection, list[Observations], Array]], config: Config) -> tuple[Errors, dict[int, list[float]]]:
+def measured(
+    source: Callable[[], tuple[StereoProjection, list[Observations], Array]], config: Config
+) -> tuple[Errors, dict[int, list[float]]]:
     """Return the errors of all methods, and by span the squared errors of relative motions over 6 in their σ."""
     projection, observations, true = source()
     errors: Errors = {}
@@ -179,7 +179,9 @@ def measured(source: Callable[[], tuple[StereoProjection, list[Observations], Ar
             relative, newest = solution.relative, se3.inverse(poses[-2]) @ poses[-1]
             if method == "cross-frame" and relative is not None:
                 newest = relative.frame_from_newest[-1]
-                for index, pose, cov in zip(relative.frame_indices, relative.frame_from_newest, relative.cov, strict=True):
+                for index, pose, cov in zip(
+                    relative.frame_indices, relative.frame_from_newest, relative.cov, strict=True
+                ):
                     row = n - (o.frame_index - int(index))
                     xi = se3.log(se3.inverse(se3.inverse(true[row]) @ true[n]) @ pose)
                     nees[n - row].append(float(xi @ np.linalg.solve(cov, xi)) / 6)
@@ -227,7 +229,13 @@ def tables(results: list[tuple[str, Errors, dict[int, list[float]]]]) -> Iterato
                 cells = []
                 for span in SPANS:
                     logs = [
-                        np.array([np.log(e[name, span][k] / e[POSES, span][k]) for m, e in of_group if m == one and (name, span) in e])
+                        np.array(
+                            [
+                                np.log(e[name, span][k] / e[POSES, span][k])
+                                for m, e in of_group
+                                if m == one and (name, span) in e
+                            ]
+                        )
                         for one in group
                     ]
                     cells.append(mean_ratio([x for x in logs if len(x)]) if any(map(len, logs)) else "")

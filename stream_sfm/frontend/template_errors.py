@@ -62,8 +62,8 @@ class TemplateErrors:
     """What is learnt of errors that last, the tracks of the latest frame, and σ of disparities by point.
 
     `sums` (6,) of squares and products of row differences, as `core.row_errors_of_tracks` returns them. `ids` (n,),
-    with `ages` (n,) in views and whitened `rows` (n, `_LAG`), the latest first. Points `begun` (m,), ascending, have `stds_px`
-    (m,), others `least_px`.
+    with `ages` (n,) in views and whitened `rows` (n, `_LAG`), the latest first. Points `begun` (m,), ascending, have
+    `stds_px` (m,), others `least_px`.
     """
 
     sums: Array = field(default_factory=_guessed)

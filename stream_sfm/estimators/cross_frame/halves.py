@@ -1,4 +1,4 @@
-"""By how much σ has to grow because errors of views last, measured from halves of the tracks, eqs. (69) and (69a).
+"""By how much σ has to grow because errors of views last, measured from halves of the tracks, eq. (69b).
 
 Given the modes of the prior, points are independent of each other. So are then the poses that two halves of the tracks
 lead to, each of which is one Newton step away from the common minimum. How far they are apart, in units of the σ that
@@ -34,7 +34,8 @@ _MOST = 10.0
 class SpanFactors:
     """What is known of the factors over spans of 1 … b frames.
 
-    `squares` (2, b): means of δᵀC⁻¹δ/6 over the frames so far, of both kinds of halves; `frames` (2, b): how many were looked at.
+    `squares` (2, b): means of δᵀC⁻¹δ/6 over the frames so far, of both kinds of halves; `frames` (2, b): how many were
+    looked at.
     """
 
     squares: Array
@@ -78,10 +79,17 @@ def squares_of_halves(of: Map, system: System, at: State, views: WhitenedViews) 
     parts = [_poses_by(of, system, at, views, points) for points in _quarters(of, at)]
     found = np.full((2, len(of.frames)), np.nan)
     for kind, (first, second) in enumerate(_KINDS):
-        halves = [first, second], [k for k in range(4) if k not in (first, second)]
+        third, fourth = (k for k in range(4) if k not in (first, second))
         with suppress(np.linalg.LinAlgError):
-            found[kind] = _squares(of, *([sum(parts[k][j] for k in half) for j in (0, 1)] for half in halves))
+            found[kind] = _squares(
+                of, _together(parts[first], parts[second]), _together(parts[third], parts[fourth])
+            )
     return found
+
+
+def _together(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the sums of information and right-hand sides."""
+    return one[0] + other[0], one[1] + other[1]
 
 
 def _quarters(of: Map, at: State) -> list[NDArray[np.bool_]]:

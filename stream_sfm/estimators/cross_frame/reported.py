@@ -3,7 +3,7 @@
 Errors that last are shared by neighbouring views of a track, and cancel between two frames, as long as these views have
 one weight. With those of eq. (69), which an unknown rig needs, they do not: the motion over one frame then errs by a
 quarter to a half more. So for the report the views of the window have their own covariances, times one factor, eq.
-(69b). That minimum is one Newton step away, with the prior and the rig's errors as they are. Nothing of it is fed back
+(69a). That minimum is one Newton step away, with the prior and the rig's errors as they are. Nothing of it is fed back
 into them.
 """
 

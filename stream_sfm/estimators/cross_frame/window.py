@@ -29,8 +29,8 @@ from ..lifecycle import (
     with_ended,
 )
 from ..motion_model import MotionModel
-from .inverse_depth import WhitenedViews
 from .halves import SpanFactors
+from .inverse_depth import WhitenedViews
 from .map import Map
 from .minimise import minimise
 from .relative import common_errors, relative_motions
