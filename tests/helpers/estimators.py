@@ -71,7 +71,7 @@ def dense_system(lin: NormalBlocks) -> tuple[Array, Array]:
     h += h.T
     for first, blocks in ((0, lin.u), (a, lin.v), (a + b, lin.rig[None])):
         size = blocks.shape[1]
-        for at, block in zip(range(first, first + size * len(blocks), size), blocks, strict=True):
+        for at, block in zip(range(first, first + size * len(blocks), max(size, 1)), blocks, strict=True):
             h[at : at + size, at : at + size] = block
     return h, np.concatenate([lin.g_pose.ravel(), lin.g_point.ravel(), lin.g_rig])
 
