@@ -12,7 +12,6 @@ from stream_sfm.estimators.cross_frame.normal_equations import System
 from stream_sfm.estimators.cross_frame.reported import reported
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene, Sequence
-from tests.helpers.estimators import dense_system
 
 SCENE = Scene(frames=20, track_length=8, visible=80, std_px=0.1, round_off=False)
 SPANS = 8
@@ -50,13 +49,19 @@ def test_halves_add_up_to_all_tracks(current):
     assert np.abs(sum(p[0] for p in parts) - every[0]).max() < 1e-9 * scale
     assert sum(p[1] for p in parts) == pytest.approx(every[1], abs=1e-9 * np.abs(every[1]).max() + 1e-6)
     # given modes: points by their views and by what the prior says of each
-    h, right = dense_system(linearise(current.projection, at, current.views))
-    prior, n = current.prior, 6 * len(current.frames)
-    for i, at_row in enumerate(np.searchsorted(current.ids, prior.ids)):
-        rows = slice(n + 3 * at_row, n + 3 * at_row + 3)
-        information = np.linalg.inv(prior.cov[i])
+    blocks, prior = linearise(current.projection, at, current.views), current.prior
+    n, points = 6 * len(current.frames), len(at.ids)
+    h, right = np.zeros((n + 3 * points,) * 2), np.concatenate([blocks.g_pose.ravel(), blocks.g_point.ravel()])
+    for f, u in enumerate(blocks.u):
+        h[6 * f : 6 * f + 6, 6 * f : 6 * f + 6] = u
+    h[n:, :n] = blocks.w.reshape(-1, n)
+    h[:n, n:] = h[n:, :n].T
+    for i, v in enumerate(blocks.v):
+        h[n + 3 * i : n + 3 * i + 3, n + 3 * i : n + 3 * i + 3] = v
+    for i, row in enumerate(np.searchsorted(current.ids, prior.ids)):
+        rows, information = slice(n + 3 * row, n + 3 * row + 3), np.linalg.inv(prior.cov[i])
         h[rows, rows] += information
-        right[rows] -= information @ (current.q[at_row] - prior.mean[i] - prior.modes[i] @ current.amplitudes)
+        right[rows] -= information @ (current.q[row] - prior.mean[i] - prior.modes[i] @ current.amplitudes)
     gain = h[:n, n:] @ np.linalg.inv(h[n:, n:])
     assert np.abs(h[:n, :n] - gain @ h[n:, :n] - every[0]).max() < 1e-6 * scale
     assert right[:n] - gain @ right[n:] == pytest.approx(every[1], abs=1e-5 * np.abs(every[1]).max() + 1e-3)

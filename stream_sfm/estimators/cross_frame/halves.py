@@ -105,13 +105,13 @@ def _quarters(of: Map, at: State) -> list[NDArray[np.bool_]]:
 def _poses_by(
     of: Map, system: System, at: State, views: WhitenedViews, points: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Return what some points say of the window's poses, given the modes: information (n, n), right side (n,)."""
+    """Return what some points say of the window's poses, given all modes: information (n, n), right side (n,)."""
     of_points = changed(views, used=views.used & core.among(views.ids, at.ids[points]))
     blocks = linearise(of.projection, at, of_points)
     information, right = system.taken_off_by(points)
     for f, own in enumerate(blocks.u):
-        information[6 * f : 6 * f + 6, 6 * f : 6 * f + 6] += own
-    return information, right + blocks.g_pose.ravel()
+        information[6 * f : 6 * f + 6, 6 * f : 6 * f + 6] += own[:6, :6]
+    return information, right + blocks.g_pose[:, :6].ravel()
 
 
 def _squares(of: Map, one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...record import changed
 from .halves import SpanFactors, squares_of_halves
-from .inverse_depth import State, linearise
+from .inverse_depth import linearise
 from .map import Map
 from .normal_equations import System
 
@@ -36,7 +36,7 @@ def _reported(current: Map, factors: SpanFactors, learns: bool) -> tuple[Map, Sp
     result.views = changed(views, root=views.root * (own / views.weight)[:, None, :], weight=own)
     result.drop_undetermined()
     m, k = len(result.prior.rig), len(result.amplitudes)
-    at, views = State(*result.state()[:-1], np.zeros(0)), result.views.given_rig(result.rig_error)
+    at, views = result.state()._replace(rig_error=np.zeros(0)), result.views.given_rig(result.rig_error)
     system = System(
         result.prior.given_rig(result.amplitudes[k - m :]),
         np.searchsorted(result.ids, result.prior.ids),

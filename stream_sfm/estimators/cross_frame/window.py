@@ -60,7 +60,7 @@ class CrossFrame:
         self._has_field = False
         self._factors = SpanFactors.unknown(config.window.frames)
         self._said_by_rows = np.zeros(2)  # information about the delay and its weighted sum
-        self._impossible = ""  # why the calibration cannot be right; stays as long as the rig is known
+        self._impossible = ""  # why the calibration cannot be right, if it cannot
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
@@ -161,12 +161,15 @@ class CrossFrame:
         return more, weighted
 
     def _lose(self, observations: Observations, reason: str) -> Solution:
-        """End the map, and predict the pose; the rig is unknown again where a map could not begin or not go on once."""
+        """End the map, and predict the pose.
+
+        The rig is unknown again where a map could not begin or not go on once, and where its errors are impossible.
+        """
         current, self.map = self.map, None
         if observations.jumped:
             self.motion.jump()
         predicted = self.motion.predict(observations.stamp_ns)
-        if current is None or not current.frames:
+        if current is None or not current.frames or self._impossible:
             self.rig, self._said_by_rows, self._impossible = None, np.zeros(2), ""
         else:
             self.rig = current.prior.rig
@@ -210,7 +213,7 @@ class CrossFrame:
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
-        rig = current.judge_rig(observations.misfit)
+        rig = current.judge_rig()
         before, factors = current.marginals, self._factors
         tells = observations.lasting.inflation is not None and motion.ambiguous is None and not observations.misfit
         read_off, self._factors = reported(current, factors, tells)
@@ -218,7 +221,7 @@ class CrossFrame:
         now = current.marginals = replace(read_off.update_marginals(), cov_pose=current.cov_pose)
         cov_timing = current.cov_of_timing(self._std_acceleration)
         if motion.ambiguous is None:  # otherwise it may be the motion that is wrong
-            self._impossible = self._impossible or impossible(rig)
+            self._impossible = impossible(rig)
         observations = _with_misfit(observations, self._impossible)
         ids, used = current.views.ids[current.newest], current.views.used[current.newest]
         n_accepted = int(np.count_nonzero(used & core.among(ids, before.ids)))  # by the joint minimum, too
