@@ -305,8 +305,8 @@ class Map:
 
     def follow(self, system: System) -> None:
         """Move to the minimum of a system with the rig's errors as they are, and keep it."""
-        *change, dy, _ = system.step()
-        self._move(*change, np.concatenate([dy, np.zeros(len(self.prior.rig))]))
+        dx, down, dq, dy, _ = system.step()
+        self._move(dx, down, dq, np.concatenate([dy, np.zeros(len(self.prior.rig))]))
         self.system = system
 
     def _move(self, dx: Array, down: Array, dq: Array, dy: Array) -> None:
