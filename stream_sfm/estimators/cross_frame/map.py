@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ... import core
 from ...geometry import se3
 from ...geometry.gates import chi2_gate
-from ...geometry.linear import scaled_cholesky
+from ...geometry.linear import scaled_cholesky, symmetric
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
@@ -54,7 +54,7 @@ class Map:
     the other, used or not; `cams_from_ref` (F, 4, 4): their poses, and `own` (F, e): what the views of each err by in
     common, in σ. `reference`: the frame of the reference camera.
     `prior`, and the `amplitudes` (k,) of its modes. `system`: the latest normal equations, factored. `marginals`: of
-    the latest frame.
+    the latest frame, as reported.
     """
 
     def __init__(
@@ -314,6 +314,12 @@ class Map:
         self.rejections.add(self.views.ids[self.views.used & ~used])
         self.views = changed(self.views, used=used)
 
+    def follow(self, system: System) -> None:
+        """Move to the minimum of a system with the rig's errors as they are, and keep it."""
+        dx, down, dq, dy, _ = system.step()
+        self._move(dx, down, dq, np.concatenate([dy, np.zeros(len(self.prior.rig))]))
+        self.system = system
+
     def _move(self, dx: Array, down: Array, dq: Array, dy: Array) -> None:
         """Move poses (F, 6), their own (F, e), points (P, 3) and amplitudes (k,)."""
         self.cams_from_ref = se3.orthonormalise(se3.exp(dx) @ self.cams_from_ref)
@@ -484,6 +490,14 @@ class Map:
         self._first = None  # its views met the errors as they were
         self.prior = self.prior.with_rig_change(root)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
+
+    @property
+    def cov_pose(self) -> Array:
+        """The covariance (6, 6) of the newest pose in the world by the latest system."""
+        own, rig = self.system.pose_and_world(len(self.frames) - 1)
+        by_both = np.concatenate([-np.eye(6), se3.adjoint(self.newest_cam_from_ref)], axis=1)
+        own, rig = by_both @ own, by_both @ rig
+        return symmetric(own @ own.T + rig @ self.system.cov_rig @ rig.T) + self.cov_doubt
 
     def update_marginals(self) -> Marginals:
         """Compute the marginals of the newest frame from the latest system."""

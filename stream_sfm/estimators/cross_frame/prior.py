@@ -157,6 +157,17 @@ class Prior:
             rig=changed(self.rig, mean=self.rig.at(c), information=others.left, weighted=weighted),
         )
 
+    def given_rig(self, amplitudes: Array) -> "Prior":
+        """Return the prior of an exact rig that it is where the errors of the rig have the amplitudes (m,)."""
+        own = self.modes.shape[2] - len(amplitudes)
+        return changed(
+            self,
+            mean=self.mean + self.modes[..., own:] @ amplitudes,
+            modes=np.ascontiguousarray(self.modes[..., :own]),
+            world_modes=self.world_modes[:, :own],
+            rig=RigKnowledge.unknown(np.zeros(0)),
+        )
+
     def with_field(self, n: int) -> "Prior":
         """Return the prior with n more errors of the rig, of a field that has done nothing to its points so far."""
         modes = np.concatenate([self.modes, np.zeros((*self.modes.shape[:2], n))], axis=2)
