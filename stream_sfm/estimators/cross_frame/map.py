@@ -451,7 +451,7 @@ class Map:
         mean, cov, information = self.system.rig_errors()
         changes = not rig.steady or (model is not None and model.focus_moves(mean, cov))
         counted = (mean, cov) if changes else rig.tempered(mean, cov, information)
-        rig, found = rig.judged(*counted)
+        rig, found = rig.contradicted(mean, cov).judged(*counted)
         self._move(*self.system.follow_rig(rig.held - self.rig_error))
         self.prior = changed(self.prior, rig=rig)
         self.system.cov_rig = found.cov
