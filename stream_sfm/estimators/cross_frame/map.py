@@ -459,6 +459,18 @@ class Map:
         evidence = rig.parts.evidence
         return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age, evidence=evidence)
 
+    @property
+    def root_of_refocusing(self) -> Array | None:
+        """A root (m, j) of the covariance by which the rig has changed, if windows contradict what is known of it.
+
+        What moves all of a lens's errors at once and goes on moving is its focus, eq. (72g); None where nothing does.
+        """
+        rig, model = self.prior.rig, self.frames[-1].rig if self.frames else None
+        if model is None or not rig.is_contradicted or self._frames_ambiguous or self._cov_doubt.any():
+            return None
+        root = model.root_of_unknown_focus(len(rig), rig.age_s(self.frames[-1].stamp_ns))
+        return np.concatenate([root, np.diag(rig.size)], axis=1) if rig.steady else root
+
     def learn_rig(self, estimate: RigEstimate, field_std_px: float, by_rows: tuple[Array, Array]) -> None:
         """Give the prior of the rig's errors the sizes that their estimate makes likely, and what the rows said.
 

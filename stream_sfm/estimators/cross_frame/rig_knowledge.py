@@ -27,6 +27,9 @@ _IMPOSSIBLE = 20.0
 # most of their views. On sound logs, rendered and real, roots of the averages are 0.5 to 1.3 (KITTI 06 has 3.2 in one
 # term), where the focus moves 2 to 7.
 _INNOVATIONS, _CALM_FRAMES = 40, 10
+# In so many frames in a row a window contradicts a term by so many σ: at most 4 on rendered logs that are sound and 6 on
+# real ones, 8 to 18 where the focus moves.
+_CONTRADICTS, _CONTRADICTIONS = 5.0, 3
 _LEAST_GAIN = 1e-9  # of a variance: less is rounding
 _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
 
@@ -53,6 +56,7 @@ class RigKnowledge:
     steady: bool = True
     since_ns: int = 0
     parts: Parts = Parts()
+    contradictions: int = 0
     innovation2: Array = field(default_factory=lambda: np.ones(len(TERMS)))
     frames: int = _CALM_FRAMES
 
@@ -104,8 +108,14 @@ class RigKnowledge:
         gain = (mean - self.mean - prior.solve(self.weighted))[:t]
         var = np.maximum(np.diag(prior.inverse() - cov)[:t], _LEAST_GAIN)
         frames = min(self.frames + 1, _INNOVATIONS)
+        again = self.contradictions + 1 if (gain**2 > _CONTRADICTS**2 * var).any() else 0
         mean_square = self.innovation2 + (gain**2 / var - self.innovation2) / frames
-        return changed(self, innovation2=mean_square, frames=frames)
+        return changed(self, innovation2=mean_square, frames=frames, contradictions=again)
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether several windows in a row say that the errors are not what they were."""
+        return self.contradictions >= _CONTRADICTIONS
 
     @property
     def growth(self) -> Array:
@@ -154,7 +164,7 @@ class RigKnowledge:
         apart = root @ np.linalg.cholesky(cov_change + np.outer(held_back, held_back))
         information = symmetric(self.information @ kept)
         knowledge = changed(
-            self, information=information, weighted=kept.T @ self.weighted, steady=False, parts=Parts()
+            self, information=information, weighted=kept.T @ self.weighted, steady=False, parts=Parts(), contradictions=0
         )
         return knowledge, kept, apart
 

@@ -33,6 +33,7 @@ from .halves import SpanFactors
 from .inverse_depth import WhitenedViews
 from .map import Map
 from .minimise import minimise
+from .outliers import RejectionCounts
 from .relative import common_errors, relative_motions
 from .reported import reported
 from .rig_knowledge import RigKnowledge, impossible
@@ -79,6 +80,9 @@ class CrossFrame:
         views = views_of(observations, self.projection, age_s)
         if observations.rig is not None and observations.rig.change_root is not None:
             self._change_rig(observations.rig.change_root)
+        if self.map is not None and (root := self.map.root_of_refocusing) is not None:
+            self.map.rejections = RejectionCounts()  # they were by the errors as they were
+            self._change_rig(root)
         current = self.map
         if current is None:
             return self._start(observations, frame, views)
