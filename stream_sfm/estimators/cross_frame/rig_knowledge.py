@@ -129,8 +129,8 @@ class RigKnowledge:
         agreement = self.parts.agreement
         spread = 1.0 if agreement is None else float(agreement.spread[TERMS.index(FOCAL) :].max())
         found = mixture(mean, cov, self.size, not self.steady, spread)
-        found = Mixture(found.mean, found.cov * np.outer(self.growth, self.growth), found.p_wrong)
-        return changed(self, held=found.mean, cov_held=found.cov), found
+        knowledge = changed(self, held=found.mean, cov_held=found.cov)
+        return knowledge, Mixture(found.mean, found.cov * np.outer(self.growth, self.growth), found.p_wrong)
 
     def likely_size(self, mean: Array, cov: Array, field_std_px: float) -> Array:
         """Return the sizes (m,) of the errors that N(`mean`, `cov`) from all views makes likely, eq. (72a)."""
