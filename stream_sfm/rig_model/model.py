@@ -176,7 +176,7 @@ class RigModel:
         return root
 
     def root_of_unknown_focus(self, m: int, age_s: float) -> Array:
-        """Return a root (m, 2) of the covariance of amplitudes by a focus that has begun to move at `age_s`, eq. (72g)."""
+        """Return a root (m, 2) of the covariance of amplitudes by a focus that begins to move at `age_s`, eq. (72g)."""
         root, focal, moving = np.zeros((m, 2)), TERMS.index(FOCAL), TERMS.index(FOCUSING)
         unit = np.diag(self.root)
         root[moving, 0], root[focal, 1] = _REFOCUSING, 1.0
