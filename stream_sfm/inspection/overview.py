@@ -25,6 +25,7 @@ from ..recording.rig import check_rig, find_rig
 from ..recording.stereo_log import choose_cameras
 from ..recording.survey import Survey, survey_log
 from ..recording.topics import PairChoice, is_rectified
+from ..recording.video_topics import with_videos
 from ..sources.joined import JoinedSource
 from ..sources.recognise import open_source
 from ..wording import LISTED
@@ -86,10 +87,10 @@ class _Inspection:
     """One inspection of a log; what it finds is collected in `result`, `problems` and `warnings`."""
 
     def __init__(self, source: Source) -> None:
-        self.source = source
         self.problems: list[str] = []
         damage = Damage()
-        self.survey = survey = survey_log(source, damage)
+        self.source, self.survey = with_videos(source, survey_log(source, damage))
+        survey = self.survey
         self.warnings = list(damage.notes)
         self.result: dict[str, Any] = {
             "size_bytes": source.size_bytes,

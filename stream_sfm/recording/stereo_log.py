@@ -21,6 +21,7 @@ from .rig import FoundRig, check_rig, find_rig, rig_of_messages
 from .survey import Survey, survey_log
 from .topics import PairChoice, choose_one, choose_pair, is_rectified
 from .truth_file import GroundTruthFile, load_truth, time_warning
+from .video_topics import with_videos
 
 
 def open_log(
@@ -82,7 +83,7 @@ def _open(
     source: Source, left: str | None, right: str | None, calibration: Where | StereoRig | MonoRig | None, mono: bool
 ) -> "StereoLog":
     damage = Damage()
-    survey = survey_log(source, damage)
+    source, survey = with_videos(source, survey_log(source, damage))
     if mono:
         choice = choose_one(source.path, _image_topics(source, survey, left, None, damage.notes), left)
     elif isinstance(calibration, MonoRig):
@@ -120,9 +121,8 @@ def _image_topics(
     images = survey.of_kind("image")
     if any(t in videos for t in (left, right)) or (not images and videos):
         raise LogError(
-            f"{source.path}: topic {next(iter(videos))} is compressed video (H.264 or similar), which is not "
-            "supported because its frames depend on each other: record or convert to CompressedImage (jpeg, png) or "
-            "raw images"
+            f"{source.path}: topic {next(iter(videos))} is compressed video that is neither H.264 nor H.265: record or "
+            "convert to one of these, to CompressedImage (jpeg, png) or to raw images"
         )
     if not survey.topics:
         more = "".join(f"; {note}" for note in notes)
