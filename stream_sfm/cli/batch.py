@@ -43,16 +43,13 @@ def batch(
     if workers is not None and scheduler is not None:
         raise ConfigError("--workers and --scheduler exclude each other: leave one out")
     config, selection = settings.read(method=method), frames.selection()
-    left, right, calibration = cameras.chosen
     with counter("batch", "logs", len(find_logs(logs)), quiet) as advance:
         content = replay_batch(
             logs,
             out,
             config,
             selection,
-            left=left,
-            right=right,
-            calibration=calibration,
+            **cameras.chosen,
             ground_truth=truth.read(),
             workers=workers,
             scheduler=scheduler,

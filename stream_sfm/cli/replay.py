@@ -77,7 +77,7 @@ def replay(
     folder = Path(out) if out else new_run_folder(log)
     options.protect([shown.rrd, folder / MAP_TRAJECTORY, *changed_results(folder, config)], *inputs, map)
     options.protect([save_map], *inputs)
-    recording = open_log(log, *cameras.chosen, mono=config.mono, ground_truth=truth.read())
+    recording = open_log(log, **cameras.chosen, mono=config.mono, ground_truth=truth.read())
     known = {"self_test": self_test, "loops": loops, "known_map": map, "save_map": save_map}
     return _run("replay", recording, folder, config, selection, shown, is_latest=not out, strict=strict, **known)
 

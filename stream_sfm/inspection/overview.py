@@ -47,6 +47,7 @@ def inspect_log(
     left: str | None = None,
     right: str | None = None,
     calibration: Where | StereoRig | None = None,
+    rate_hz: float | None = None,
 ) -> dict[str, Any]:
     """Describe a log, ready for JSON. The arguments are those of `open_log`.
 
@@ -54,7 +55,7 @@ def inspect_log(
     could not be found out are None. Raises LogError only where the path is not a recording at all, ConfigError for a
     calibration file.
     """
-    inspection = _Inspection(open_source(path))
+    inspection = _Inspection(open_source(path, calibration is not None, rate_hz))
     inspection.run(left, right, calibration)
     return {
         "log": str(path),

@@ -31,15 +31,17 @@ def open_log(
     calibration: Where | StereoRig | MonoRig | None = None,
     mono: bool = False,
     ground_truth: str | Path | GroundTruthFile | Trajectory | None = None,
+    rate_hz: float | None = None,
 ) -> "StereoLog":
     """Open a recording as a stereo log.
 
     `left`, `right`: topics; they are found by schema and name if not given. `calibration`: a rig, or a calibration in
     any format that `StereoRig.from_calibration` reads, instead of the one in the log. `mono`: use the left camera
     alone; the log need not have another. `ground_truth`: a trajectory of the left camera, or the file of one, instead
-    of the one in the log. Raises LogError where the log cannot be used, ConfigError for the calibration.
+    of the one in the log. `rate_hz`: of a folder of images without stamps; 10 if not given. Raises LogError where the
+    log cannot be used, ConfigError for the calibration.
     """
-    source = open_source(path)
+    source = open_source(path, calibration is not None, rate_hz)
     try:
         log = _open(source, left, right, calibration, mono)
     except LogError:

@@ -4,7 +4,7 @@ So they are decoded in order, whichever of them are wanted: a later `--start` se
 """
 
 import heapq
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import replace
 
 from mcap.records import Attachment
@@ -12,11 +12,11 @@ from mcap.records import Attachment
 from ..errors import LogError
 from ..mcap_file.message import Contents, Damage, Message, Source
 from ..sources.profile import raw_channel, raw_message
+from ..sources.sides import is_camera
 from ..sources.video_stream import VideoStream, codec_of
 from ..wording import counted
 from .messages import ImageMessage, MessageDecoder, UndecodableMessage, decoded
 from .survey import Survey, Topic
-from .topics import is_camera
 
 
 def with_videos(source: Source, survey: Survey) -> tuple[Source, Survey]:
@@ -75,8 +75,10 @@ class _Decoded(Source):
         Each video is a reading of its own: a decoder asks for frames when it needs them.
         """
         parts = [damage, *(Damage(notes=damage.notes) for _ in self._videos)]  # one list of notes, for its limit
-        wanted = self._videos if topics is None else self._videos.keys() & topics
-        readings = [self._pictures(name, part) for name, part in zip(sorted(wanted), parts[1:], strict=False)]
+        wanted = frozenset(self._videos if topics is None else self._videos.keys() & topics)
+        readings: list[Generator[Message]] = [
+            self._pictures(name, part) for name, part in zip(sorted(wanted), parts[1:], strict=False)
+        ]
         if topics is None or topics - wanted:
             others = None if topics is None else topics - wanted
             messages = self._source.messages(damage, others)
@@ -89,7 +91,7 @@ class _Decoded(Source):
             damage.complete = all(part.complete for part in parts)
             damage.bytes_read = max(part.bytes_read for part in parts)
 
-    def _pictures(self, topic: str, damage: Damage) -> Iterator[Message]:
+    def _pictures(self, topic: str, damage: Damage) -> Generator[Message]:
         channel, where = raw_channel(topic), f"{self.path}: topic {topic}"
         stream = VideoStream(self._videos[topic], self._frames(topic, damage))
         try:

@@ -9,7 +9,7 @@ import os
 import re
 from collections import deque
 from collections.abc import Iterator
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import cv2
 
@@ -87,7 +87,8 @@ class VideoStream(Generic[T]):
     def _decoded(self) -> Iterator[tuple[T, Grey]]:
         """The pictures that one decoder makes until it gives up."""
         pipe = _Pipe(self._file())
-        capture = cv2.VideoCapture(pipe, cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+        make: Any = cv2.VideoCapture  # its stub lacks what is read from a stream
+        capture = make(pipe, cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
         try:
             width, height = (capture.get(p) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
             while width * height <= MAX_PIXELS and capture.grab():

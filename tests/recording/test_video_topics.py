@@ -1,4 +1,4 @@
-"""Logs whose cameras send H.264 or H.265: every frame that can be decoded, with its own stamp; a broken stream ends nothing.
+"""Logs whose cameras send H.264 or H.265: every frame that can be decoded, with its own stamp.
 
 PyAV encodes them, which comes with the extra `test`; the package itself decodes with OpenCV.
 """
@@ -24,7 +24,8 @@ ENCODERS = {"h264": "libx264", "h265": "libx265"}
 TOPICS, INFOS = ("/cam/left/video", "/cam/right/video"), ("/cam/left/camera_info", "/cam/right/camera_info")
 # As https://github.com/foxglove/foxglove-sdk and ffmpeg_image_transport_msgs define them
 ROS = {
-    "foxglove_msgs/msg/CompressedVideo": "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format\n",
+    "foxglove_msgs/msg/CompressedVideo":
+    "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format\n",
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket":
     "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\nuint64 pts\nuint8 flags\n"
     "bool is_bigendian\nuint8[] data\n",
