@@ -14,7 +14,8 @@ from tools.benchmark import BASELINE, METRICS, measure, steps_back, updated
 from tools.benchmark_page import PAGE, PEERS, page
 
 SOUND = {
-    "frames": 100, "path_m": 9.0, "t_rel_percent": 0.6, "r_rel_deg_per_100m": 0.3, "ate_rmse_aligned_m": 0.01, "rpe_m": 0.001,
+    "frames": 100, "path_m": 9.0, "t_rel_percent": 0.6, "r_rel_deg_per_100m": 0.3, "ate_rmse_aligned_m": 0.01,
+    "rpe_m": 0.001,
     "not_ok_percent": 2.0, "lost_percent": 0.0, "nees_pose_mean": 7.0, "factor_of_sigma": 1.1,
     "cpu_ms_per_frame": 20.0, "p99_ms": 40.0,
 }  # fmt: skip

@@ -17,11 +17,13 @@ _HEAD = """# Benchmarks
 
 <!-- Written by `python tools/benchmark.py … --page`; change that, not this page. -->
 
-Version {version}, on {machine}. Poses are causal, as first issued, without loops closed. ATE is aligned in SE(3),
-never with a scale. t_rel and r_rel are KITTI's, over 100, 200 … 800 m on paths of at least 200 m, over shorter
-segments on shorter paths. RPE is the root mean square of the position's error from frame to frame. NEES of the pose is 6 where
-covariances are right, and the factor of σ, over one frame, is 1. A number in brackets is that of {release}.
-Ground truth of real recordings has errors of its own, of millimetres to centimetres, which NEES and the factor of σ contain.
+Version {version}, on {machine}. Poses are causal, as first issued, without loops closed. ATE is aligned in
+SE(3), never with a scale. t_rel and r_rel are KITTI's, over 100, 200 … 800 m on paths of at least 200 m, over
+shorter segments on shorter paths. RPE is the root mean square of the position's error from frame to frame. NEES of
+the pose is 6 where covariances are right, and the factor of σ, over one frame, is 1. A number in brackets is that
+of {release}.
+Ground truth of real recordings has errors of its own, of millimetres to centimetres, which NEES and the factor
+of σ contain.
 
 On your machine, with a data set:
 

@@ -47,7 +47,8 @@ def _as_table(table: StudyTable) -> Table:
         first = of_method(names[0]).name if table.names[0] == "estimator" else names[0]
         note = ", ".join(of_method(name).name for name in names[1:])
         rows.append((Name(first, note), [(_cell(value), "") for value in values]))
-    return Table([(head, unit) for head, _, unit in (c.partition(", ") for c in table.columns)], rows)
+    headings = (column.partition(", ") for column in table.columns)
+    return Table([(of_method(head).name, unit) for head, _, unit in headings], rows)
 
 
 def _cell(value: Interval | float | None) -> str:
