@@ -43,6 +43,7 @@ def replay(
     shown: _Shown = _Shown(),
     strict: options.ResultFlag = False,
     self_test: options.ResultFlag = False,
+    there_and_back: options.ResultFlag = False,
     loops: options.ResultFlag = False,
     map: options.ResultFile = None,
     save_map: options.ResultFile = None,
@@ -63,6 +64,7 @@ def replay(
         out: result folder; runs/LOG-TIME if not given
         strict: exit with code 3 if there was any warning
         self_test: check the covariances without any truth: disjoint halves of the tracks, and of the image, must agree
+        there_and_back: show drift without any truth: how far from its beginning the way back, estimated anew, ends
         loops: find places again and correct the poses, in trajectory_map.tum; needs the extra map
         map: go on in the world of a map that --save-map wrote; with the effect of --loops
         save_map: write the map at the end, which may be the one that was read; with the effect of --loops
@@ -78,7 +80,13 @@ def replay(
     options.protect([shown.rrd, folder / MAP_TRAJECTORY, *changed_results(folder, config)], *inputs, map)
     options.protect([save_map], *inputs)
     recording = open_log(log, **cameras.chosen, mono=config.mono, ground_truth=truth.read())
-    known = {"self_test": self_test, "loops": loops, "known_map": map, "save_map": save_map}
+    known = {
+        "self_test": self_test,
+        "there_and_back": there_and_back,
+        "loops": loops,
+        "known_map": map,
+        "save_map": save_map,
+    }
     return _run("replay", recording, folder, config, selection, shown, is_latest=not out, strict=strict, **known)
 
 
