@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from ..errors import ExitCode
+from ..wording import printable
 from . import options
 from .printing import print_error, print_json, print_notes
 
@@ -176,6 +177,11 @@ def _run(
         from .summaries import print_summary
 
         print_summary(summary, folder, stages=shown.verbose)
+        if shown.rrd:
+            from importlib.metadata import version
+
+            page = f"https://app.rerun.io/version/{version('rerun-sdk')}"
+            print(printable(f"`rerun {shown.rrd}` opens the recording; so does a browser, dragged to {page}"))
     for problem in result.problems:
         print_error(problem)
     if interrupted:
