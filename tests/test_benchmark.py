@@ -49,7 +49,7 @@ def test_the_figures_of_the_last_release_are_kept_and_shown():
     assert new["release"]["version"] == "0" and set(new["sequences"]) == {"clips/a", "clips/b"}
     assert updated(new, {"clips/a": SOUND}, "here")["release"] == new["release"]
     text = page(new, tomllib.loads(PEERS.read_text(encoding="utf-8")))
-    assert "| 20.0 (10.0) |" in text and "| 98, 2, 0 |" in text and "that of version 0" in text
+    assert "| 20.0 (10.0) |" in text and "| 98, 2, 0 |" in text and "of version 0." in text
 
 
 def test_the_page_is_made_of_the_baseline():
