@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 
 import stream_sfm as sfm
 from stream_sfm.config import RigConfig
@@ -53,11 +55,13 @@ def test_tour(monkeypatch: pytest.MonkeyPatch) -> None:
     backend = matplotlib.get_backend()
     matplotlib.use("agg")
     names: dict[str, Any] = {}
+    shown: list[str] = []
     for cell in json.loads(Path("tour.ipynb").read_text(encoding="utf-8"))["cells"]:
         if cell["cell_type"] == "code":
-            assert not cell["outputs"]  # what they show is of who runs them
+            shown += [kind for output in cell["outputs"] for kind in output["data"]]
             exec(compile("".join(cell["source"]), "tour.ipynb", "exec"), names)
     matplotlib.use(backend)
+    assert shown.count("image/png") == 2 and shown.count("text/plain") == 5  # who reads it sees what it shows
     assert names["errors_m"].max() < 0.01 and names["odometry"].twist is not None
     assert names["sigmas_m"][-1] > names["errors_m"][-1]
 
@@ -129,9 +133,25 @@ def test_fuse_ekf(runs: dict[Path, sfm.RunResults], tmp_path: Path) -> None:
 
 
 def test_custom_sink() -> None:
-    said = run("custom_sink.py", ROOM, "--limit", 0.0005)
+    """Uncertain in the beginning, before the points are known well, and no longer: the alarm ends."""
+    said = run("custom_sink.py", ROOM)
     uncertain, frames = map(int, re.findall(r"^(\d+) frames", said, re.MULTILINE))
-    assert 0 < uncertain < frames == 84  # σ grows from 0 beyond half a millimetre
+    assert 0 < uncertain < 10 < frames == 84
+
+
+def test_foxglove_layout(tmp_path: Path) -> None:
+    """Its topics and fields are those of a run."""
+    sfm.replay(ROOM, tmp_path, selection=sfm.Selection(max_frames=FRAMES))
+    with (tmp_path / "estimates.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        known = {channel.topic: message for _, channel, _, message in reader.iter_decoded_messages()}
+    layout = (ROOT / "examples/foxglove-layout.json").read_text(encoding="utf-8")
+    paths = re.findall(r'"(/stream_sfm/\w+)(?:\.(\w+))?"', layout)
+    assert len(paths) > 10
+    for topic, field in paths:
+        assert topic in known and (not field or hasattr(known[topic], field)), (topic, field)
+    panels = json.loads(layout)
+    assert set(re.findall(r'"(?:first|second)": "([^"]+)"', layout)) == set(panels["configById"])
 
 
 def test_custom_estimator() -> None:

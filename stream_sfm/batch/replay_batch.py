@@ -41,6 +41,7 @@ def replay_batch(
     left: str | None = None,
     right: str | None = None,
     calibration: Where | None = None,
+    rate_hz: float | None = None,
     ground_truth: str | Path | GroundTruthFile | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
@@ -48,8 +49,9 @@ def replay_batch(
 ) -> dict[str, Any]:
     """Replay many logs, each in its own process, into one folder per log, and return the content of batch.json.
 
-    `logs`: recordings of any kind, folders of them, patterns. `ground_truth`: a file for all logs, or a folder with
-    files that are named after the logs, instead of what the logs have. `workers` processes of this machine (None: one
+    `logs`: recordings of any kind, folders of them, patterns. `left`, `right`, `calibration`, `rate_hz`: as in
+    `open_log`. `ground_truth`: a file for all logs, or a folder with files that are named after the logs, instead of
+    what the logs have. `workers` processes of this machine (None: one
     per core), or those of the Dask `scheduler`. `on_done` is called with the result of each. A second call processes
     only what is missing or has changed. On the first Ctrl-C or SIGTERM the running replays end after their current
     frame, and no further one is started. Raises ConfigError, LogError and OutputError before any log is started.
@@ -62,7 +64,7 @@ def replay_batch(
     skipped: list[str] = []
     names = names_for(find_logs([str(log) for log in logs], skipped), reserved=(RECORD, PAGE))
     truths = {} if truth is None else truth_files(Path(truth.path).resolve(), names)
-    options = _options(left, right, selection or Selection(), truth)
+    options = _options(left, right, rate_hz, selection or Selection(), truth)
     stop = out / f".stop-{uuid.uuid4().hex}"  # no name that a file of the user, or another batch, could have
     toml, jobs = config_to_toml(config), []
     for log, name in names.items():
@@ -99,7 +101,9 @@ def replay_batch(
     return content
 
 
-def _options(left: str | None, right: str | None, chosen: Selection, truth: GroundTruthFile | None) -> list[str]:
+def _options(
+    left: str | None, right: str | None, rate_hz: float | None, chosen: Selection, truth: GroundTruthFile | None
+) -> list[str]:
     """What was chosen, as options of the command `replay`, which the process of each log runs."""
     frame = truth.frame if truth is not None else None
     if frame is not None and os.path.isfile(frame):
@@ -107,6 +111,7 @@ def _options(left: str | None, right: str | None, chosen: Selection, truth: Grou
     values = {
         "left": left,
         "right": right,
+        "rate": rate_hz,
         "start": chosen.start_s,
         "end": chosen.end_s,
         "max-frames": chosen.max_frames,

@@ -45,12 +45,12 @@ def compare(
     from .summaries import print_comparison
 
     config, selection = settings.read(), frames.selection()
-    recording = open_log(log, *cameras.chosen, ground_truth=truth.read())
+    recording = open_log(log, **cameras.chosen, ground_truth=truth.read())
     folder = Path(out) if out else new_run_folder(log)
     names = tuple(dict.fromkeys(filter(None, map(str.strip, methods.split(","))))) or comparison.COMPARED
     written = comparison.outputs(folder, names)
     options.protect(written, log, truth.ground_truth, settings.config, cameras.calibration)
-    inspection = inspect_log(log, *cameras.chosen)
+    inspection = inspect_log(log, **cameras.chosen)
     print_notes("problem", inspection["problems"])
     with frame_progress("compare", selection.count(recording.expected_frames), quiet) as progress:
         result = comparison.compare(

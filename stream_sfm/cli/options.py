@@ -144,16 +144,19 @@ class Cameras:
         left: topic of the left images; found automatically
         right: topic of the right images; found automatically
         calibration: use this file or folder, ours (TOML) or of other tools, or the files of left and right
+        rate: frames per second of a folder of images without stamps (10)
     """
 
     left: MaybeTopic = None
     right: MaybeTopic = None
     calibration: Calibration = None
+    rate: Annotated[float | None, Parameter(metavar="HZ")] = None
 
     @property
-    def chosen(self) -> tuple[str | None, str | None, str | list[str] | None]:
-        """Left topic, right topic and calibration, as `open_log` takes them."""
-        return self.left, self.right, calibration_files(self.calibration)
+    def chosen(self) -> dict[str, Any]:
+        """Left topic, right topic, calibration and rate, as `open_log` takes them."""
+        files = calibration_files(self.calibration)
+        return {"left": self.left, "right": self.right, "calibration": files, "rate_hz": self.rate}
 
 
 @Parameter(name="*", group=FRAMES)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from ..errors import ExitCode
+from ..wording import printable
 from . import options
 from .printing import print_error, print_json, print_notes
 
@@ -43,6 +44,7 @@ def replay(
     shown: _Shown = _Shown(),
     strict: options.ResultFlag = False,
     self_test: options.ResultFlag = False,
+    there_and_back: options.ResultFlag = False,
     loops: options.ResultFlag = False,
     map: options.ResultFile = None,
     save_map: options.ResultFile = None,
@@ -63,6 +65,7 @@ def replay(
         out: result folder; runs/LOG-TIME if not given
         strict: exit with code 3 if there was any warning
         self_test: check the covariances without ground truth: disjoint halves of the tracks and of the image must agree
+        there_and_back: show drift without ground truth: how far from its beginning the way back, estimated anew, ends
         loops: close loops and write the corrected poses to trajectory_map.tum; needs the extra map
         map: continue in a map that --save-map wrote; implies --loops
         save_map: write the map at the end, also over the one that was read; implies --loops
@@ -77,8 +80,14 @@ def replay(
     folder = Path(out) if out else new_run_folder(log)
     options.protect([shown.rrd, folder / MAP_TRAJECTORY, *changed_results(folder, config)], *inputs, map)
     options.protect([save_map], *inputs)
-    recording = open_log(log, *cameras.chosen, mono=config.mono, ground_truth=truth.read())
-    known = {"self_test": self_test, "loops": loops, "known_map": map, "save_map": save_map}
+    recording = open_log(log, **cameras.chosen, mono=config.mono, ground_truth=truth.read())
+    known = {
+        "self_test": self_test,
+        "there_and_back": there_and_back,
+        "loops": loops,
+        "known_map": map,
+        "save_map": save_map,
+    }
     return _run("replay", recording, folder, config, selection, shown, is_latest=not out, strict=strict, **known)
 
 
@@ -168,6 +177,11 @@ def _run(
         from .summaries import print_summary
 
         print_summary(summary, folder, stages=shown.verbose)
+        if shown.rrd:
+            from importlib.metadata import version
+
+            page = f"https://app.rerun.io/version/{version('rerun-sdk')}"
+            print(printable(f"`rerun {shown.rrd}` opens the recording; so does a browser, dragged to {page}"))
     for problem in result.problems:
         print_error(problem)
     if interrupted:

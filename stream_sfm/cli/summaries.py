@@ -128,6 +128,13 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
         yield "calibration", rig["text"]
     for name, spans in summary.get("self_test", {}).items():
         yield f"halves of the {name}", f"differ by {factors_text(spans)}"
+    if back := summary.get("there_and_back"):
+        share = f" ({back['apart_percent']:.2g} % of the path)" if back["apart_percent"] is not None else ""
+        yield (
+            "there and back",
+            f"ends {back['apart_m']:.3g} m{share} and {back['apart_deg']:.2g}° from its beginning",
+        )
+        yield "", f"{back['over_sigma']:.2f} × the estimated σ; {back['lost']} frames lost on the way back"
     if places := summary.get("map"):
         yield "loops", places["problem"] or f"{places['loops']} over {places['keyframes']} keyframes"
         if truth := places.get("ground_truth"):

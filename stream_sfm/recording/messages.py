@@ -187,8 +187,8 @@ def decoded(
 def _image(topic: str, m: Any) -> ImageMessage:
     known = topic, _stamp_ns(m), _frame_id(m)
     data = _bytes(_get(m, "data"))
-    if _has(m, "format"):
-        return ImageMessage(*known, True, _text(_get(m, "format")), data)
+    if _has(m, "format") or _has(m, "pts"):  # the latter of ffmpeg_image_transport, with width and height, too
+        return ImageMessage(*known, True, _text(_get(m, "format", "encoding")), data)
     width, height, step = (int(_get(m, name)) for name in ("width", "height", "step"))
     big_endian = bool(_get(m, "is_bigendian", default=0))
     return ImageMessage(*known, False, _text(_get(m, "encoding")), data, width, height, step, big_endian)

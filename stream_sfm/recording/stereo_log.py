@@ -21,6 +21,7 @@ from .rig import FoundRig, check_rig, find_rig, rig_of_messages
 from .survey import Survey, survey_log
 from .topics import PairChoice, choose_one, choose_pair, is_rectified
 from .truth_file import GroundTruthFile, load_truth, time_warning
+from .video_topics import with_videos
 
 
 def open_log(
@@ -30,15 +31,17 @@ def open_log(
     calibration: Where | StereoRig | MonoRig | None = None,
     mono: bool = False,
     ground_truth: str | Path | GroundTruthFile | Trajectory | None = None,
+    rate_hz: float | None = None,
 ) -> "StereoLog":
     """Open a recording as a stereo log.
 
     `left`, `right`: topics; they are found by schema and name if not given. `calibration`: a rig, or a calibration in
     any format that `StereoRig.from_calibration` reads, instead of the one in the log. `mono`: use the left camera
     alone; the log need not have another. `ground_truth`: a trajectory of the left camera, or the file of one, instead
-    of the one in the log. Raises LogError where the log cannot be used, ConfigError for the calibration.
+    of the one in the log. `rate_hz`: of a folder of images without stamps; 10 if not given. Raises LogError where the
+    log cannot be used, ConfigError for the calibration.
     """
-    source = open_source(path)
+    source = open_source(path, calibration is not None, rate_hz)
     try:
         log = _open(source, left, right, calibration, mono)
     except LogError:
@@ -82,7 +85,7 @@ def _open(
     source: Source, left: str | None, right: str | None, calibration: Where | StereoRig | MonoRig | None, mono: bool
 ) -> "StereoLog":
     damage = Damage()
-    survey = survey_log(source, damage)
+    source, survey = with_videos(source, survey_log(source, damage))
     if mono:
         choice = choose_one(source.path, _image_topics(source, survey, left, None, damage.notes), left)
     elif isinstance(calibration, MonoRig):
@@ -120,9 +123,8 @@ def _image_topics(
     images = survey.of_kind("image")
     if any(t in videos for t in (left, right)) or (not images and videos):
         raise LogError(
-            f"{source.path}: topic {next(iter(videos))} is compressed video (H.264 or similar), which is not "
-            "supported because its frames depend on each other: record or convert to CompressedImage (jpeg, png) or "
-            "raw images"
+            f"{source.path}: topic {next(iter(videos))} is compressed video that is neither H.264 nor H.265: record or "
+            "convert to one of these, to CompressedImage (jpeg, png) or to raw images"
         )
     if not survey.topics:
         more = "".join(f"; {note}" for note in notes)

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 from ..blas import one_thread
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config
-from ..errors import InputError, OutputError
+from ..errors import ConfigError, InputError, OutputError
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..evaluation.summary import evaluate
 from ..inspection.calibration_check import CalibrationSink
-from ..interrupts import deferred_interrupts
+from ..interrupts import Interruption, deferred_interrupts
 from ..observer import Observer
 from ..outputs import MAP_TRAJECTORY, RESULTS, refuse_overwriting
 from ..recording.stereo_log import StereoLog, open_log
@@ -24,6 +24,7 @@ from .lane import Lane
 from .loop import Course, run
 from .self_test import SelfTest
 from .summary import peak_rss_mib, summarise
+from .there_and_back import drift_there_and_back
 
 if TYPE_CHECKING:
     from ..places.place_map import PlaceMap
@@ -75,6 +76,7 @@ def replay(
     calibration: str | Path | StereoRig | MonoRig | None = None,
     ignore_ground_truth: Sequence[tuple[int, int]] = (),
     self_test: bool = False,
+    there_and_back: bool = False,
     loops: bool = False,
     known_map: str | Path | None = None,
     save_map: str | Path | None = None,
@@ -85,7 +87,8 @@ def replay(
 
     `left`, `right`, `calibration`: as in `open_log`. `ignore_ground_truth`: ranges [first, end) of frames of this
     run whose ground truth is not compared, because it is wrong. `self_test`: estimate from
-    disjoint halves of the tracks, too, and tell in the summary how large their difference is in σ. `loops`: find
+    disjoint halves of the tracks, too, and tell in the summary how large their difference is in σ. `there_and_back`:
+    estimate the frames once more, backwards, and tell how far from its beginning that ends. `loops`: find
     places again beside the engine, and write the poses that follow, trajectory_map.tum; so do `known_map`, a file in
     whose world the camera is looked for, and `save_map`, a file to write the map to at the end. `std_truth`: σ of the
     ground truth itself, in metres and radians. `sinks` are given each estimate and its frame after the files have
@@ -93,15 +96,15 @@ def replay(
     log. Raises ConfigError, LogError where not one frame could be estimated, OutputError, ReplayInterrupted.
     """
     config, selection = config or Config(), selection or Selection()
-    if self_test:
-        config.needs_scale("the self-test")
+    if self_test or there_and_back:
+        config.needs_scale("the self-test" if self_test else "there and back")
     truth = Truth(None, checked_ranges(ignore_ground_truth), std_truth)
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration, mono=config.mono)
     folder, map_file = (None if path is None else Path(path) for path in (out_dir, save_map))
     written = [] if folder is None else [folder / name for name in (*RESULTS, MAP_TRAJECTORY)]
     refuse_overwriting([*written, *filter(None, [map_file])], [log.path])
-    replayed = _Replay(log, config, selection, folder, self_test)
+    replayed = _Replay(log, config, selection, folder, self_test, there_and_back)
     if loops or known_map is not None or map_file is not None:
         replayed.find_places(known_map, map_file, sinks)
     with deferred_interrupts() as interruption:
@@ -114,7 +117,7 @@ def replay(
             interruption=interruption,
             all_calibrations=replayed.starts_anew,
         )
-        result = replayed.result(course, truth)
+        result = replayed.result(course, truth, interruption)
     if interruption.requested:
         raise ReplayInterrupted(result)
     if course.error is not None:
@@ -126,7 +129,13 @@ class _Replay:
     """The lane of a replay, its sinks and checks, and its result."""
 
     def __init__(
-        self, log: StereoLog, config: Config, selection: Selection, folder: Path | None, self_test: bool
+        self,
+        log: StereoLog,
+        config: Config,
+        selection: Selection,
+        folder: Path | None,
+        self_test: bool,
+        there_and_back: bool,
     ) -> None:
         self._began_cpu_s = time.process_time()
         self._log, self._config, self._selection = log, config, selection
@@ -139,7 +148,8 @@ class _Replay:
         self._places: PlaceMap | None = None
         self._save_map: Path | None = None
         # Where the calibration changes; not with one camera, whose unit of length would change, too.
-        self.starts_anew = not (config.mono or self_test)
+        self._there_and_back = there_and_back
+        self.starts_anew = not (config.mono or self_test or there_and_back)
         self.sinks: list[Sink] = [] if config.mono else [self._calibration]
 
     def find_places(self, known: str | Path | None, save: Path | None, sinks: Sequence[Sink]) -> None:
@@ -156,7 +166,7 @@ class _Replay:
             if isinstance(sink, MapSink):
                 sink.show_map(places)
 
-    def result(self, course: Course, truth: Truth) -> ReplayResult:
+    def result(self, course: Course, truth: Truth, interruption: Interruption) -> ReplayResult:
         """Write the summary; a failure of this is the error of the course unless there is one already."""
         lane, record, folder = self.lane, self.lane.record, self.lane.folder
         if lane.error is not None:
@@ -173,6 +183,8 @@ class _Replay:
             further["rig"] = describe(lane.observer.projection, record.rig)
         for test in self.checks:
             further["self_test"] = test.result()
+        if self._there_and_back and not course.interrupted and len(record):
+            further["there_and_back"] = self._back(course, interruption)
         corrected = None
         if self._places is not None and len(record):
             corrected, further["map"] = self._corrected(self._places, course, truth)
@@ -193,6 +205,15 @@ class _Replay:
             except OutputError as error:  # the run's own files are complete
                 course.error = course.error or error
         return ReplayResult(summary, None if folder is None else folder.path, record.trajectory())
+
+    def _back(self, course: Course, interruption: Interruption) -> dict[str, Any] | None:
+        """Return what the way back shows; what is already estimated is not lost where it fails."""
+        there = self.lane.record.trajectory()
+        try:
+            return drift_there_and_back(self._log, self._config, self._selection, there, interruption)
+        except (ConfigError, InputError) as error:
+            course.warnings.append(f"there and back: {error}")
+            return None
 
     def _corrected(
         self, places: "PlaceMap", course: Course, truth: Truth

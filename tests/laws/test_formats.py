@@ -59,7 +59,7 @@ def log(tmp_path_factory):
 @pytest.fixture(scope="module")
 def replayed(log):
     folder = log.parent / "run"
-    replay(log, folder, selection=Selection(max_frames=8), self_test=True)
+    replay(log, folder, selection=Selection(max_frames=8), self_test=True, there_and_back=True)
     return folder
 
 

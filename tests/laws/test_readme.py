@@ -36,6 +36,7 @@ NOT_RUN = {
     "stream-sfm live": "needs a camera; tests/recording/test_cameras.py has stand-ins",
     "--install-completion": "changes the files of the shell",
     "simulate": "takes a minute; tests/simulation/test_command.py runs it on shorter sequences",
+    "tools/benchmark.py": "needs the data sets; tests/test_benchmark.py runs it on a log",
     "import kitti": "needs a recording; tests/importers/ makes one",
     "import euroc": "needs a recording; tests/importers/ makes one",
 }
