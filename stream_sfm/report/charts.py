@@ -12,11 +12,12 @@ from ..evaluation.relative import enough_known, mean_squares, spans_for
 from ..evaluation.trajectory import distances_m, from_first_camera, nees_pose
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..methods import REFERENCE
 from ..record import record
 from ..types import Trajectory
 from .records import NO_LOOPS, FrontRecord, RunRecord
 from .svg import Chart, Row, Series, draw, intervals, lifetimes
-from .tables import NEES_INTERVAL, REFERENCE, LengthUnit, Look, Looks, of_method
+from .tables import NEES_INTERVAL, LengthUnit, Look, Looks, of_method
 
 
 @record

@@ -12,8 +12,8 @@ from markupsafe import Markup, escape
 from numpy.typing import ArrayLike
 
 from .. import __version__
+from ..methods import COMPARED, METHODS
 
-REFERENCE = "cross-frame"  # errors of the others are given over its errors
 NEES_INTERVAL = (1.24, 14.45)  # 95 % of one pose, 6 expected: poses of a log share their errors and say hardly more
 
 
@@ -131,29 +131,25 @@ class Look(NamedTuple):
 
 
 Looks = Callable[[str], Look]
-_LOOKS = {
-    "cross-frame": Look("cross-frame", "c1"),
-    "ekf": Look("EKF", "c2"),
-    "iterated-ekf": Look("iterated EKF", "c3"),
-    "frame-to-frame": Look("frame-to-frame", "c4"),
-    "cross-frame-wc": Look("per-point WC", "c5"),
-    "cross-frame-cc": Look("per-point CC", "c6"),
-    "ekf-cv": Look("constant-velocity EKF", "c7"),
-    "cross-frame-loops": Look("cross-frame with loops", "c8"),
-}
+_COLOURS = 8  # c1 to c8 of page.css
+_LOOKS = {name: Look(METHODS[name].label, f"c{k}") for k, name in enumerate(COMPARED, 1)}
+_OF_VARIANTS = {"-loops": "with loops", "-added": "motions added"}  # of a method's name, and of its label
 
 
 def of_method(name: str) -> Look:
     """How a method is named and drawn."""
-    return _LOOKS.get(name.replace("_", "-"), Look(name, "other"))
+    name = name.replace("_", "-")
+    for ending, words in _OF_VARIANTS.items():
+        if name.endswith(ending):
+            return Look(f"{of_method(name.removesuffix(ending)).name}, {words}", f"c{_COLOURS}")
+    return _LOOKS.get(name) or Look(METHODS[name].label if name in METHODS else name, "other")
 
 
 def of_runs(names: Sequence[str]) -> Looks:
     """How runs are drawn, by the names of their folders: in the colours of the methods one after the other."""
-    colours = [look.colour for look in _LOOKS.values()]
     last = [Path(name).name for name in names]
     told = [name if last.count(name) == 1 else whole for name, whole in zip(last, names, strict=True)]
-    return {name: Look(told[k], colours[k % len(colours)]) for k, name in enumerate(names)}.__getitem__
+    return {name: Look(told[k], f"c{k % _COLOURS + 1}") for k, name in enumerate(names)}.__getitem__
 
 
 def render(template: str, /, **values: Any) -> str:

@@ -1,15 +1,13 @@
 """A lane of a run: one estimator on the observations that all lanes share, with its record and its files."""
 
 import time
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from .. import core
 from ..config import Config
-from ..estimators import METHODS, make_estimator
+from ..estimators import make_estimator
 from ..evaluation.structure import StructureComparison
 from ..geometry.medians import median
 from ..observer import Observed, Observer
@@ -26,7 +24,7 @@ class Lane:
 
     With `depth`, points are compared with these images; `in_detail`, the record has the figures of all points, too.
 
-    If the estimator fails, the lane ends there: `error` and `record.failure` say why, and other lanes go on.
+    If the estimator fails, however, the lane ends there: `error` and `record.failure` say why, and other lanes go on.
     """
 
     def __init__(
@@ -45,7 +43,7 @@ class Lane:
         self.solution: Solution | None = None  # of the latest frame
         self.rig: RigEstimate | None = None  # the estimator's latest knowledge of the rig's errors
         self.observer, self._depth = observer, depth
-        self.finds_rig = METHODS[config.method].finds_rig and not config.rig.exact
+        self.spent_s = 0.0  # CPU time of its estimator
         self._estimator = make_estimator(config.method, projection, config)
         self._structure = StructureComparison(observer.rig.left)
         self._world = World(config.motion)
@@ -64,13 +62,16 @@ class Lane:
         began_s = time.thread_time()  # CPU: other lanes run beside this one
         try:
             solution = self._estimator.step(observed.observations)
-        except np.linalg.LinAlgError as error:
+            took_s = time.thread_time() - began_s
+            self.spent_s += took_s
+            estimate = self.observer.estimate(observed, solution, 1e3 * took_s)
+            estimate = self._world.place(estimate, observed.observations)
+        except Exception as error:
             self.error = error
-            self.record.failure = f"stopped at frame {observed.observations.frame_index}: {error}"
+            kind = "" if isinstance(error, np.linalg.LinAlgError) else f"{type(error).__name__}: "
+            self.record.failure = f"stopped at frame {observed.observations.frame_index}: {kind}{error}"
             return None
         self.solution, self.rig = solution, solution.rig or self.rig
-        estimate = self.observer.estimate(observed, solution, 1e3 * (time.thread_time() - began_s))
-        estimate = self._world.place(estimate, observed.observations)
         began_s = time.thread_time()
         if self.folder is not None:
             self.folder.write(estimate)
@@ -108,17 +109,3 @@ def _median_sigma_m(estimate: FrameEstimate) -> float:
     rays = estimate.points_in_cam / np.maximum(np.linalg.norm(estimate.points_in_cam, axis=1, keepdims=True), 1e-9)
     variance = np.einsum("ni,nij,nj->n", rays, estimate.cov_points, rays)
     return float(np.sqrt(median(np.maximum(variance, 0))))
-
-
-def without_rig_errors(lane: Lane, lanes: Sequence[Lane], observed: Observed) -> Observed:
-    """Return the observations for a lane.
-
-    Those of the rig's errors that another lane has found are taken out, unless this one finds them itself: methods are
-    compared, not calibrations.
-    """
-    learnt = next((other.rig for other in lanes if other.rig is not None), None)
-    seen = observed.observations
-    if lane.finds_rig or learnt is None or seen.rig is None:
-        return observed
-    z_px = seen.z_px - seen.rig.timing_px - seen.rig.model.error_px(learnt, seen.z_px)
-    return replace(observed, observations=replace(seen, z_px=z_px))
