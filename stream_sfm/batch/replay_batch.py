@@ -22,7 +22,7 @@ from ..files import json_bytes, make_folder, write_whole
 from ..interrupts import deferred_interrupts
 from ..outputs import only_writer, refuse_overwriting
 from ..recording.truth_file import GroundTruthFile
-from ..report.pages import render_batch
+from ..report.pages import PAGE_OF_LOG, render_batch, render_log
 from ..types import Selection
 from .job import FILES, POLL_S, Job, JobResult, read_summary, run_job
 from .logs import find_logs, names_for, truth_files
@@ -94,6 +94,9 @@ def replay_batch(
                     for job, result in zip(jobs, results, strict=True)
                 ],
             }
+            for job, log in zip(jobs, content["logs"], strict=True):
+                if log["summary"]:
+                    write_whole(job.folder / PAGE_OF_LOG, render_log(log, job.folder).encode())
             write_whole(out / RECORD, json_bytes(content))
             write_whole(out / PAGE, render_batch(content, out).encode())
     return content

@@ -108,9 +108,7 @@ def tells(method: Compared, reference: Compared, span: int) -> tuple[bool, bool]
         return True, True
     apart = relative_errors(method.poses, reference.poses, span)
     pairs = zip(method.errors(span), reference.errors(span), strict=True)
-    first, second = (
-        _rms(d) >= _TELLS * min(_rms(a), _rms(b)) for d, (a, b) in zip(apart, pairs, strict=True)
-    )
+    first, second = (_rms(d) >= _TELLS * min(_rms(a), _rms(b)) for d, (a, b) in zip(apart, pairs, strict=True))
     return first, second
 
 

@@ -81,15 +81,18 @@ def mean_squares(estimate: Array, truth: Array, spans: list[int]) -> tuple[Array
 
 
 def band(errors: Array) -> Interval:
-    """Return the RMS of errors (n,) over one span with its 95 % interval; NaN where no error is known."""
+    """Return the RMS of errors (n,) over one span with its 95 % interval, NaN where that is not known.
+
+    Of this log's errors, as if their size were everywhere the same: a band for a chart. It does not tell methods apart.
+    """
     squares = errors[np.isfinite(errors)] ** 2
     if not squares.any():
         return Interval(0.0 if len(squares) else float("nan"), float("nan"), float("nan"))
     value = float(np.sqrt(squares.mean()))
     if len(squares) < 2 * _BLOCKS:
         return Interval(value, float("nan"), float("nan"))
-    means, shares = _jackknife(errors**2)
-    found = _interval(0.5 * np.log(means), shares)
+    means, _ = _jackknife(errors**2)
+    found = _interval(0.5 * np.log(means), np.full(_BLOCKS, 1 / _BLOCKS))
     return Interval(value, float(np.exp(found.low)), float(np.exp(found.high)))
 
 

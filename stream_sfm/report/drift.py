@@ -12,6 +12,7 @@ from ..evaluation import drift
 from ..evaluation.association import matched, truth_of_frames
 from ..evaluation.common import NONE, Common, common_errors
 from ..evaluation.drift import Compared
+from ..evaluation.figures import NEES_INTERVAL
 from ..evaluation.relative import enough_known, known_frames
 from ..evaluation.relative_consistency import against_truth
 from ..evaluation.trajectory import from_first_camera, nees_pose
@@ -20,7 +21,7 @@ from ..methods import REFERENCE, STEPWISE
 from ..record import record
 from ..types import Trajectory
 from .records import Comparison, RunRecord
-from .tables import NEES_INTERVAL, of_method
+from .tables import of_method
 
 _LEVEL = 1.02  # two errors whose ratio is less are called alike
 
@@ -35,8 +36,8 @@ class Against:
 
     @property
     def corrected(self) -> Array:
-        """The truth with the errors that all methods share."""
-        return self.common.applied(self.poses)
+        """The truth with the errors that motions of all methods share."""
+        return self.common._replace(start_rad=np.zeros(3)).applied(self.poses)
 
 
 def whole_runs(c: Comparison) -> list[RunRecord]:
@@ -73,6 +74,7 @@ def drift_of(c: Comparison, against: Against | None) -> dict[str, Any]:
     if against is not None:
         _add_factors(table, c, against)
     return {
+        "truth_tells": against is not None and _truth_tells(table, reference.replace("-", "_")),
         "against": "truth" if against is not None else "halves" if halves else None,
         "reference": reference.replace("-", "_"),
         "as_is": c.as_is,
@@ -96,10 +98,19 @@ def common_in_numbers(common: Common) -> dict[str, Any] | None:
     if not common.any:
         return None
     return {
+        "start_deg": np.degrees(common.start_rad).tolist(),
         "turn_deg": np.degrees(common.turn_rad).tolist(),
         "scale_percent": 100 * common.scale,
         "text": common.in_words(),
     }
+
+
+def _truth_tells(table: list[dict[str, Any]], reference: str) -> bool:
+    """Whether the truth tells any method from the reference over any span; true where there is nothing to tell."""
+    found = [
+        not of["position_from_halves"] for line in table for key, of in line["methods"].items() if key != reference
+    ]
+    return any(found) or not found
 
 
 def needs_halves(c: Comparison) -> bool:
@@ -111,9 +122,12 @@ def needs_halves(c: Comparison) -> bool:
     return any(of["position_from_halves"] for line in lines for of in line["methods"].values())
 
 
-def consistency_of(c: Comparison, run: RunRecord, against: Against | None) -> dict[str, Any]:
-    """By which factor σ of the pose would have to grow, and from what that is known."""
-    nees, known_from = None, None
+def consistency_of(c: Comparison, run: RunRecord, against: Against | None, truth_tells: bool) -> dict[str, Any]:
+    """By which factor σ of the pose would have to grow, and from what that is known.
+
+    From halves of the tracks where there is no truth, or where its own errors are all that it shows.
+    """
+    nees, of_halves = None, None
     if c.truth.poses is not None:
         common = NONE if against is None else against.common
         rows, true = matched(run.trajectory(), c.truth.poses)
@@ -122,14 +136,15 @@ def consistency_of(c: Comparison, run: RunRecord, against: Against | None) -> di
             poses = from_first_camera(common.applied(true.world_from_cam))
             found = nees_pose(run.poses[rows], covs[rows], poses)
             nees = float(np.nanmean(found)) if np.isfinite(found).any() else None
-            known_from = "truth"
-    if nees is None and run.name in c.halves:
-        nees, known_from = c.halves[run.name].nees_mean, "halves"
-    known = nees is not None and np.isfinite(nees)
+    if run.name in c.halves:
+        of_halves = c.halves[run.name].nees_mean
+    known_from, used = (
+        ("truth", nees) if nees is not None and (truth_tells or of_halves is None) else ("halves", of_halves)
+    )
     return {
-        "nees_pose_mean_without_common": nees if known and known_from == "truth" else None,
-        "sigma_factor": float(np.sqrt(nees / 6)) if known and nees is not None else None,
-        "sigma_factor_from": known_from if known else None,
+        "nees_pose_mean_without_common": nees,
+        "sigma_factor": None if used is None else float(np.sqrt(used / 6)),
+        "sigma_factor_from": None if used is None else known_from,
     }
 
 
@@ -158,27 +173,45 @@ def _who_is_ahead(content: dict[str, Any]) -> str:
     ]
     if not lines:
         return ""
-    frames, ratio, of_halves = next((line for line in reversed(lines) if line[1]["ci95"]), lines[-1])
-    names = of_method(theirs).name.capitalize(), of_method(mine).name
+    names = of_method(theirs).name, of_method(mine).name
+    if content["against"] == "truth" and not content["truth_tells"]:
+        (first, ratio, _), (last, at_last, _) = lines[0], lines[-1]
+        return (
+            f"The truth cannot tell the methods apart; by halves of the tracks {names[0]} errs "
+            f"{_times(ratio, inverse=True)} as much as {names[1]} over {_frames(first)}, "
+            f"{_times(at_last, inverse=True)} over {last}"
+        )
     before, behind = _crossing(content, mine, theirs)
-    size = _times(1 / ratio["value"], ratio["ci95"] and [1 / x for x in reversed(ratio["ci95"])])
-    of_what = ", as halves of the tracks show" if of_halves and content["against"] == "truth" else ""
-    at_last = f"{size} at {frames}{of_what}"
-    if before and behind:
-        return f"{names[0]} is ahead up to {_frames(before)}, {names[1]} from {behind} on: {at_last}"
+    if before and not behind:
+        frames, ratio, of_halves = lines[0]
+        return (
+            f"{names[0].capitalize()} is ahead up to {_frames(before)}: {names[1]} errs {_times(ratio)} as much over "
+            f"{_frames(frames)}{_source(of_halves, content)}, {_times(lines[-1][1])} over {lines[-1][0]}"
+        )
+    frames, ratio, of_halves = lines[-1]
+    at_last = f"{_times(ratio, inverse=True)} at {_frames(frames)}{_source(of_halves, content)}"
+    if before:
+        return f"{names[0].capitalize()} is ahead up to {_frames(before)}, {names[1]} from {behind} on: {at_last}"
     if behind:
         since = "over every span" if behind == 1 else f"from {_frames(behind)} on"
-        return f"{names[1].capitalize()} is ahead {since}: {at_last}"
-    if before:
-        return f"{names[0]} is ahead up to {_frames(before)}; {names[1]} errs {_inverse(ratio)} as much at {frames}"
-    return f"{names[1].capitalize()} and {names[0].lower()} err alike: {at_last}"
+        return f"{names[1].capitalize()} is ahead of {names[0]} {since}: {at_last}"
+    return f"{names[1].capitalize()} and {names[0]} err alike: {names[0]} {at_last}"
+
+
+def _source(of_halves: bool, content: dict[str, Any]) -> str:
+    """Say where a ratio comes from halves although there is a truth."""
+    return " as halves of the tracks show, which the truth cannot tell" * (
+        of_halves and content["against"] == "truth"
+    )
 
 
 def _crossing(content: dict[str, Any], mine: str, theirs: str) -> tuple[int, int]:
     """Up to which span the reference is ahead, and from which on the window is; 0 where there is none."""
     curves = content["curves"]
     a, b = (
-        np.array([x[0] for x in curves["methods"][key]["position_rms_m"]], float) if key in curves["methods"] else None
+        np.array([x[0] for x in curves["methods"][key]["position_rms_m"]], float)
+        if key in curves["methods"]
+        else None
         for key in (mine, theirs)
     )
     if a is None or b is None or not len(a):
@@ -203,12 +236,10 @@ def _frames(n: int) -> str:
     return f"{n} frame{'' if n == 1 else 's'}"
 
 
-def _times(value: float, ci95: list[float] | None) -> str:
-    return f"{value:.2f}{'' if ci95 is None else f' [{ci95[0]:.2f}, {ci95[1]:.2f}]'} times"
-
-
-def _inverse(ratio: dict[str, Any]) -> str:
-    return _times(ratio["value"], ratio["ci95"])
+def _times(ratio: dict[str, Any], inverse: bool = False) -> str:
+    values = [ratio["value"], *(ratio["ci95"] or ())]
+    value, *ends = [1 / x for x in values] if inverse else values
+    return f"{value:.2f}{' [{:.2f}, {:.2f}]'.format(*sorted(ends)) if ends else ''} times"
 
 
 def _which_hold(methods: dict[str, Any]) -> str:
@@ -224,10 +255,12 @@ def _which_hold(methods: dict[str, Any]) -> str:
             hold.append(name)
         else:
             size = factor**2 if factor > 1 else factor**-2.0
-            wrong.append(f"{name} ({size:.2g} times too {'small' if factor > 1 else 'large'})")
-    said = f"Covariances hold for {_listed(hold)}" if hold else ""
+            wrong.append(f"{name} ({float(f'{size:.2g}'):g} times too {'small' if factor > 1 else 'large'})")
+    by_halves = any(figures["sigma_factor_from"] == "halves" for figures in methods.values())
+    source = ", by halves of the tracks," if by_halves else ""
+    said = f"Covariances{source} hold for {_listed(hold)}" if hold else ""
     if wrong:
-        said += f"{', not for ' if said else 'Covariances do not hold for '}{_listed(wrong)}"
+        said += f"{', not for ' if said else f'Covariances{source} do not hold for '}{_listed(wrong)}"
     return said
 
 

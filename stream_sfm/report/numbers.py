@@ -8,6 +8,14 @@ import numpy as np
 from .. import __version__
 from ..config import config_to_toml
 from ..evaluation.association import matched
+from ..evaluation.figures import (
+    ACCURACY,
+    CONSISTENCY,
+    CONSISTENCY_COMPARED,
+    CONSISTENCY_UNTOLD,
+    WITHOUT_TRUTH,
+    Figure,
+)
 from ..evaluation.relative import growth_exponents, mean_squares, paired_ratio, relative_errors, turning
 from ..evaluation.summary import FIGURES, end_pose, evaluate_run
 from ..evaluation.trajectory import path_length_m
@@ -20,6 +28,7 @@ _AGAINST_TRUTH = (
     *FIGURES, "growth_exponent", "growth_exponent_ci95", "growth_exponent_rotation", "growth_exponent_rotation_ci95",
     "rpe_position_rms_m", "rpe_rotation_rms_deg", "std_truth", "relative_consistency", "straight", "turning",
 )  # fmt: skip
+_NO_CONSISTENCY = dict.fromkeys(("nees_pose_mean_without_common", "sigma_factor", "sigma_factor_from"))
 _TURN_SPAN = 10  # frames over which the camera counts as straight or turning
 
 
@@ -34,7 +43,9 @@ def numbers(c: Comparison) -> dict[str, Any]:
     for run in c.runs:
         figures = _against_truth(run, c.truth, against) if run in whole else {}
         methods[run.key] = dict.fromkeys(_AGAINST_TRUTH) | figures | _of_run(run)
-        methods[run.key] |= consistency_of(c, run, against if run in whole else None)
+        methods[run.key] |= (
+            consistency_of(c, run, against, of_spans["truth_tells"]) if run in whole else _NO_CONSISTENCY
+        )
         methods[run.key]["divergence_from_cross_frame_m"] = away.get(run.key)
     return {
         "schema_version": SCHEMA_VERSION,
@@ -62,6 +73,15 @@ def numbers(c: Comparison) -> dict[str, Any]:
         "health": c.inspection,
         "configuration": config_to_toml(c.config),
     }
+
+
+def figures_of(content: dict[str, Any]) -> tuple[Figure, ...]:
+    """The figures of a comparison that come first, on its page and in the terminal; `content` of report.json."""
+    if not content["frames_with_ground_truth"]:
+        return WITHOUT_TRUTH
+    if not content["drift"]["truth_tells"]:
+        return (*ACCURACY, *CONSISTENCY_UNTOLD)
+    return (*ACCURACY, *(CONSISTENCY_COMPARED if content["drift"]["common"] else CONSISTENCY))
 
 
 def _of_run(run: RunRecord) -> dict[str, Any]:

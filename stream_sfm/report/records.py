@@ -192,7 +192,9 @@ class AddedMotions:
         """Add the motion of one estimate."""
         self._odometry = Odometry.after(self._odometry, estimate)
         self._stamps_ns.append(estimate.stamp_ns)
-        self._rows.frombytes(np.concatenate([self._odometry.odom_from_cam, self._odometry.cov], axis=None).tobytes())
+        self._rows.frombytes(
+            np.concatenate([self._odometry.odom_from_cam, self._odometry.cov], axis=None).tobytes()
+        )
 
     def trajectory(self) -> Trajectory:
         """All poses with their covariances."""

@@ -39,6 +39,7 @@ from .summary import summarise
 if TYPE_CHECKING:
     from ..places.place_map import PlaceMap
 
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ComparisonResult:
     """The result of a comparison: `report` as in report.json, `out_dir` (None: nothing was written), all records."""
@@ -74,8 +75,8 @@ def compare(
     """Run several methods on the selected frames of a log and write results and report to `out_dir` (None: nowhere).
 
     The first pass observes all frames and finds the errors of the calibration, by the window; the second gives every
-    method, the window too, the same observations without these errors, from the first frame on. With `rig.exact` none
-    are sought. `as_is`: each method has the calibration of the log instead, and finds its errors by itself, if it does
+    method, the window too, the same observations without these errors, from the first frame on, as of a calibration that
+    is exact. With `rig.exact` none are sought. `as_is`: each method has the calibration of the log instead, and finds its errors by itself, if it does
     that; the window is then in two rows, by its poses and by its newest motions added up.
 
     `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with a folder of its own.
@@ -123,7 +124,10 @@ class _Comparing:
         with one_thread:
             observer = Observer(log.stereo_rig, config)
             self._finder = Lane(msgspec.structs.replace(config, method=REFERENCE), observer, None, None)
-            self._lanes = [Lane(c, observer, self._depth, folder and folder / _key(c.method), True) for c in of_methods]
+            reporting = observer if as_is else Observer(log.stereo_rig, of_methods[0])
+            self._lanes = [
+                Lane(c, reporting, self._depth, folder and folder / _key(c.method), True) for c in of_methods
+            ]
         self._stored = StoredObservations(self._finder)
 
     def close(self) -> None:
@@ -198,7 +202,13 @@ class _Comparing:
         with deferred_interrupts() as interruption:
             checks = (self._stored, _Counter(on_frame))
             return run(
-                self._log, self._finder, (), checks, selection=self._selection, interruption=interruption, to_end=True
+                self._log,
+                self._finder,
+                (),
+                checks,
+                selection=self._selection,
+                interruption=interruption,
+                to_end=True,
             )
 
     def _observed(self) -> Iterator[Observed]:
@@ -252,7 +262,7 @@ class _Comparing:
         with one_thread, ThreadPoolExecutor(os.cpu_count()) as pool:
             halves = [Halves(projection, lane.config) for lane in self._lanes if lane.error is None]
             for observed in islice(self._observed(), MOST_FRAMES):
-                list(pool.map(lambda half: half.take(observed.observations), halves))
+                wait([pool.submit(half.take, observed.observations) for half in halves])
         return {half.method: half.record for half in halves if not half.failed}
 
     def _calibration(self) -> dict[str, Any] | None:

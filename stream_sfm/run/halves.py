@@ -1,4 +1,4 @@
-"""Each method on two halves of the tracks, even and odd: what it errs and what its covariances are worth, without truth.
+"""Each method on two halves of the tracks, even and odd: what its errors and covariances are, without any truth.
 
 The observations are those of one front-end, so what all tracks of a frame share, above all the calibration, is the same
 in both halves and cannot be seen.

@@ -93,10 +93,12 @@ def run(
                     lane.record.refuse(error)
                     continue
                 course.frames += 1
-                for sink in sinks if estimate is not None else ():
-                    sink.write(estimate, frame)
-                if estimate is None and not to_end:
+                if estimate is None:
+                    if to_end:
+                        continue
                     break
+                for sink in sinks:
+                    sink.write(estimate, frame)
     except BaseException as error:
         course.end(error)
     refusal = lane.record.first_refusal

@@ -27,7 +27,7 @@ class StoredObservations:
 
     def __init__(self, lane: Lane) -> None:
         self._lane = lane
-        self._file: IO[bytes] = tempfile.TemporaryFile(prefix="stream-sfm-")
+        self._file: IO[bytes] = tempfile.TemporaryFile(prefix="stream-sfm-")  # noqa: SIM115 until `close`
         self._model: RigModel | None = None  # the same in all frames
         self._newest_id = -1
         self._frames = 0
