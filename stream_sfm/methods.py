@@ -1,4 +1,4 @@
-"""The methods by name: the one list that estimators, commands, pages and simulations read. Nothing heavy is imported."""
+"""The methods by name: the one list that estimators, commands, pages and simulations read. It imports nothing."""
 
 from typing import NamedTuple
 

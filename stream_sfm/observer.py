@@ -53,8 +53,8 @@ class Observed:
     """The observations of one frame, and what else it takes to make estimates of them.
 
     `timings_ms`: of each stage that led to them. What the front-end knows with this frame: `errors` that the views of a
-    point share; `turn_rad` (3,), by which right views are corrected; `moving`: the homogeneous points (n, 4) in view and
-    their twist (6,), None before there was a motion.
+    point share; `turn_rad` (3,), by which right views are corrected; `moving`: the homogeneous points (n, 4) in view
+    and their twist (6,), None before there was a motion.
     """
 
     observations: Observations

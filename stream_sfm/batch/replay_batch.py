@@ -89,17 +89,19 @@ def replay_batch(
                 "complete": all(result.status == "done" for result in results),
                 "counts": dict(Counter(result.status for result in results)),
                 "reused": sum(result.reused for result in results),
-                "logs": [
-                    msgspec.to_builtins(result) | {"summary": read_summary(job.folder) if result.key else None}
-                    for job, result in zip(jobs, results, strict=True)
-                ],
+                "logs": [_finished(job, result) for job, result in zip(jobs, results, strict=True)],
             }
-            for job, log in zip(jobs, content["logs"], strict=True):
-                if log["summary"]:
-                    write_whole(job.folder / PAGE_OF_LOG, render_log(log, job.folder).encode())
             write_whole(out / RECORD, json_bytes(content))
             write_whole(out / PAGE, render_batch(content, out).encode())
     return content
+
+
+def _finished(job: Job, result: JobResult) -> dict[str, Any]:
+    """A log in batch.json; its page is written where it has been estimated."""
+    log = msgspec.to_builtins(result) | {"summary": read_summary(job.folder) if result.key else None}
+    if log["summary"]:
+        write_whole(job.folder / PAGE_OF_LOG, render_log(log, job.folder).encode())
+    return log
 
 
 def _options(left: str | None, right: str | None, chosen: Selection, truth: GroundTruthFile | None) -> list[str]:

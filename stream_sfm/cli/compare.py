@@ -35,7 +35,7 @@ def compare(
     Args:
         out: result folder; runs/LOG-TIME if not given
         methods: the methods, separated by commas; seven if not given, from cross-frame to frame-to-frame
-        as_is: give each method the calibration of the log, as a user has it; shows cross-frame by its newest motions, too
+        as_is: give each method the calibration of the log, as a user has it; adds a row of cross-frame's newest motions
         self_test: check the covariances without any truth: disjoint halves of the tracks, and of the image, must agree
         loops: show the first method with loops closed, too; needs the extra map
     """

@@ -8,8 +8,8 @@ Not here: the pixels of images (`frontend/`), files (`recording/`). Equations "(
 * Shared: `initial_motion` (where every frame starts), `motion_model`, `lifecycle` (how maps begin and end),
   `triangulation`.
 
-`methods.py` lists them by name. A method is imported when it is asked for, so that its heavy dependency (filterpy for the
-EKF) costs the others nothing.
+`methods.py` lists them by name. A method is imported when it is asked for, so that its heavy dependency (filterpy for
+the EKF) costs the others nothing.
 """
 
 from importlib import import_module

@@ -41,8 +41,8 @@ class Series:
 class Chart:
     """One chart: `marks` (x) are vertical lines, `expected` the y between which values should be, shaded.
 
-    On a `path` both axes have the same scale, and the first series has its start and end marked. `slopes`: of thin lines
-    through the beginning of the first series, on logarithmic axes.
+    On a `path` both axes have the same scale, and the first series has its start and end marked. `slopes`: of thin
+    lines through the smallest value at the first x, on logarithmic axes.
     """
 
     title: str

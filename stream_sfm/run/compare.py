@@ -1,4 +1,4 @@
-"""Compares methods on one log: one pass that observes and finds the calibration, one with all methods, and the report."""
+"""Compares methods on one log: a pass that observes and finds the calibration, one with all methods, the report."""
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,6 +21,7 @@ from ..interrupts import deferred_interrupts
 from ..methods import COMPARED, REFERENCE
 from ..observer import Observed, Observer
 from ..outputs import RESULTS, refuse_overwriting
+from ..recording.pair_reader import ReadStats
 from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration import describe
 from ..report.drift import needs_halves
@@ -75,9 +76,10 @@ def compare(
     """Run several methods on the selected frames of a log and write results and report to `out_dir` (None: nowhere).
 
     The first pass observes all frames and finds the errors of the calibration, by the window; the second gives every
-    method, the window too, the same observations without these errors, from the first frame on, as of a calibration that
-    is exact. With `rig.exact` none are sought. `as_is`: each method has the calibration of the log instead, and finds its errors by itself, if it does
-    that; the window is then in two rows, by its poses and by its newest motions added up.
+    method, the window too, the same observations without these errors, from the first frame on, as of a calibration
+    that is exact. With `rig.exact` none are sought. `as_is`: each method has the calibration of the log instead, and
+    finds its errors by itself, if it does that; the window is then in two rows, by its poses and by its newest motions
+    added up.
 
     `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with a folder of its own.
     `ignore_ground_truth`: ranges [first, end) of frames of this run whose ground truth is not compared.
@@ -153,16 +155,44 @@ class _Comparing:
             raise course.error
         stats = log.stats
         self._estimate(course, [*places, *sinks], [front, *tests], added, on_frame)
+        found = self._found(course, stats, front, truth, inspection, added)
+        found.self_test = next((test.result() for test in tests), None)
+        for place_map in places:
+            _add_corrected(found, place_map)
+        if not found.interrupted and needs_halves(found):
+            found.halves = self._halves()
+        report = numbers(found)
+        if self._folder is not None:
+            for lane in lanes:
+                summary = summarise(log, stats, lane, self._selection, found.truth, found.complete, found.warnings)
+                if lane.folder is not None:
+                    lane.folder.write_summary(summary)
+            write_report(found, report, self._folder)
+        if course.error is not None:
+            raise course.error
+        return ComparisonResult(report, self._folder, found)
+
+    def _found(
+        self,
+        course: Course,
+        stats: ReadStats,
+        front: FrontRecord,
+        truth: Truth,
+        inspection: dict[str, Any],
+        added: Mapping[Lane, AddedMotions],
+    ) -> Comparison:
+        """What the report is made from."""
         warnings = [*stats.warnings, self._depth.problem, *map(str, self._stored.changes), *course.warnings]
-        runs = [lane.record for lane in lanes]
+        runs = [lane.record for lane in self._lanes]
         for lane, motions in added.items():
-            runs.insert(runs.index(lane.record) + 1, _with_added(lane.record, motions))
+            if len(lane.record):
+                runs.insert(runs.index(lane.record) + 1, _with_added(lane.record, motions))
         if truth.poses is not None:
             stamps_ns = max(runs, key=len).stamps_ns
             truth = truth._replace(poses=without_frames(truth.poses, stamps_ns, truth.ignored))
-        found = Comparison(
-            log=log.path.absolute().name,  # which "." has too
-            rig=log.stereo_rig,
+        return Comparison(
+            log=self._log.path.absolute().name,  # which "." has too
+            rig=self._log.stereo_rig,
             config=self._config,
             runs=runs,
             front=front,
@@ -171,24 +201,9 @@ class _Comparing:
             warnings=list(dict.fromkeys(filter(None, warnings))),
             complete=stats.complete and course.complete,
             interrupted=course.interrupted,
-            self_test=next((test.result() for test in tests), None),
             calibration=self._calibration(),
             as_is=self._as_is,
         )
-        for place_map in places:
-            _add_corrected(found, place_map)
-        if not found.interrupted and needs_halves(found):
-            found.halves = self._halves()
-        report = numbers(found)
-        if self._folder is not None:
-            for lane in lanes:
-                summary = summarise(log, stats, lane, self._selection, truth, found.complete, found.warnings)
-                if lane.folder is not None:
-                    lane.folder.write_summary(summary)
-            write_report(found, report, self._folder)
-        if course.error is not None:
-            raise course.error
-        return ComparisonResult(report, self._folder, found)
 
     def _place_maps(self, loops: bool) -> "list[PlaceMap]":
         if not loops:
