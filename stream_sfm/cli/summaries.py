@@ -108,7 +108,7 @@ def _columns(
     from ..evaluation.figures import LengthUnit, number_text
 
     found = [units.get(figure.unit, LengthUnit(figure.unit, 1.0)) for figure in figures]
-    headings = [f"{figure.name}\n{unit.name}" for figure, unit in zip(figures, found, strict=True)]
+    headings = ["\n".join(filter(None, (*f.name.split(), u.name))) for f, u in zip(figures, found, strict=True)]
     rows = []
     for run in runs:
         values = [run.get(figure.key) for figure in figures]

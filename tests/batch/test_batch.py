@@ -29,7 +29,8 @@ def test_a_corrupt_and_a_killed_log_do_not_harm_the_others(first: Any, logs: Pat
     assert set(found) == {*GOOD, "corrupt", "victim"}
     for name in GOOD:
         assert found[name]["status"] == "done" and found[name]["summary"]["complete"], name
-        assert {p.name for p in (out / name).iterdir()} == {*RESULTS, "job.json"}
+        assert {p.name for p in (out / name).iterdir()} == {*RESULTS, "job.json", "report.html"}
+        assert f'href="{name}/report.html"' in page and name in (out / name / "report.html").read_text()
     assert found["corrupt"]["status"] == found["victim"]["status"] == "failed"
     assert "corrupt.mcap holds no message" in found["corrupt"]["reason"]
     assert "SIGKILL" in found["victim"]["reason"] and "memory" in found["victim"]["reason"]
