@@ -85,12 +85,13 @@ def drift_of(c: Comparison, against: Against | None) -> dict[str, Any]:
 
 
 def _add_factors(table: list[dict[str, Any]], c: Comparison, against: Against) -> None:
-    """Add to the table by which factor σ of relative motions would have to grow."""
+    """Add to the table by which factor σ of relative motions would have to grow, where the truth can tell."""
     for run in whole_runs(c):
         truth = Trajectory(run.stamps_ns[against.row], against.corrected)
         factors = {f["frames"]: f["factor"] for f in against_truth(run.relative, truth, c.truth.std)}
         for line in table:
-            line["methods"][run.key]["sigma_factor"] = factors.get(line["frames"])
+            of = line["methods"][run.key]
+            of["sigma_factor"] = None if of["position_from_halves"] else factors.get(line["frames"])
 
 
 def common_in_numbers(common: Common) -> dict[str, Any] | None:
