@@ -40,7 +40,7 @@ def test_a_corrupt_and_a_killed_log_do_not_harm_the_others(first: Any, logs: Pat
     assert found["corrupt"]["reason"] in shown and found["victim"]["reason"] in shown
     assert page.count('class="chart"') == len(GOOD)
     links = set(re.findall(r'<a href="([^"]*)">', page))
-    assert links == {f"{name}/" for name in GOOD} and all((out / link).is_dir() for link in links)
+    assert links == {f"{name}/report.html" for name in GOOD} and all((out / link).is_file() for link in links)
     loads = re.sub("<a [^>]*>", "", page)
     assert not re.findall(r'(?:src|href)="(?!data:|#)|url\((?!#)|@import|https?://(?!www\.w3\.org/2000/svg)', loads)
 
