@@ -1,7 +1,7 @@
 """The page to read first: one stereo frame in, one estimate out. Nothing is read, written or printed here.
 
 frame -> observer (rectification and front-end) -> observations -> estimator -> solution -> observer -> the estimate in
-the axes of the physical left camera. A run takes the same three steps, with a lane per method (`run/loop.py`).
+the axes of the physical left camera. A run takes the same three steps, with record and files (`run/loop.py`).
 """
 
 import copy

@@ -22,7 +22,7 @@ from ..files import json_bytes, make_folder, write_whole
 from ..interrupts import deferred_interrupts
 from ..outputs import only_writer, refuse_overwriting
 from ..recording.truth_file import GroundTruthFile
-from ..report.pages import render_batch
+from ..report.pages import PAGE_OF_LOG, render_batch, render_log
 from ..types import Selection
 from .job import FILES, POLL_S, Job, JobResult, read_summary, run_job
 from .logs import find_logs, names_for, truth_files
@@ -91,14 +91,19 @@ def replay_batch(
                 "complete": all(result.status == "done" for result in results),
                 "counts": dict(Counter(result.status for result in results)),
                 "reused": sum(result.reused for result in results),
-                "logs": [
-                    msgspec.to_builtins(result) | {"summary": read_summary(job.folder) if result.key else None}
-                    for job, result in zip(jobs, results, strict=True)
-                ],
+                "logs": [_finished(job, result) for job, result in zip(jobs, results, strict=True)],
             }
             write_whole(out / RECORD, json_bytes(content))
             write_whole(out / PAGE, render_batch(content, out).encode())
     return content
+
+
+def _finished(job: Job, result: JobResult) -> dict[str, Any]:
+    """A log in batch.json; its page is written where it has been estimated."""
+    log = msgspec.to_builtins(result) | {"summary": read_summary(job.folder) if result.key else None}
+    if log["summary"]:
+        write_whole(job.folder / PAGE_OF_LOG, render_log(log, job.folder).encode())
+    return log
 
 
 def _options(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 from cyclopts import Group, Parameter, Token
 
 from ..errors import ConfigError
+from ..methods import METHODS
 
 if TYPE_CHECKING:
     from ..config import Config
@@ -24,11 +25,10 @@ RESULTS, CAMERAS, FRAMES = Group("Results", sort_key=1), Group("Cameras", sort_k
 SETTINGS, TRUTH = Group("Settings", sort_key=4), Group("Ground truth", sort_key=5)
 PARALLEL, GENERAL = Group("Parallel work", sort_key=6), Group("General", sort_key=7)
 
-# The names of `estimators.METHODS`, which a command line must know without importing the estimators.
-Method = Literal[
-    "cross-frame", "cross-frame-wc", "cross-frame-cc", "cross-frame-cc-literal", "ekf", "iterated-ekf", "ekf-cv",
-    "frame-to-frame", "depth-filter",
-]  # fmt: skip
+if TYPE_CHECKING:
+    Method = str
+else:
+    Method = Literal[tuple(METHODS)]
 
 
 def each(parse: Callable[[str], T]) -> Callable[[Any, Sequence[Token]], Any]:

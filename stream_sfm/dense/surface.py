@@ -170,7 +170,7 @@ def _of_all_frames(log: StereoLog, config: Config, selection: Selection | None, 
         lane = Lane(config, observer, None, None)
         fused = _Fused(log, config, observer.rectifier)
     with deferred_interrupts() as interruption:
-        course = run(log, [lane], [fused, *sinks], selection=selection or Selection(), interruption=interruption)
+        course = run(log, lane, [fused, *sinks], selection=selection or Selection(), interruption=interruption)
     if lane.error is not None:
         course.end(lane.error)
     if course.error is not None:

@@ -199,12 +199,12 @@ class StereoFrontEnd:
         state = replace(state, disparity=DisparityError.of(self.rig, self.rig.in_units(estimate)))
         return learn_timing(self.setup.projection, state, *self.rig.timing(estimate.mean, estimate.cov))
 
-    def rig_in_px(self, state: FrontEndState, estimate: RigEstimate | None) -> RigEstimate | None:
-        """Return errors of the calibration in units of their σ, in pixels."""
+    def rig_in_px(self, turn_rad: Array, estimate: RigEstimate | None) -> RigEstimate | None:
+        """Return errors of the calibration in units of their σ, in pixels; `turn_rad` (3,): of the right camera."""
         if estimate is None:
             return None
-        found, rad = self.rig.in_units(estimate), state.turn_rad
-        return found if not rad.any() else with_turn(self.rig, found, rad)
+        found = self.rig.in_units(estimate)
+        return found if not turn_rad.any() else with_turn(self.rig, found, turn_rad)
 
 
 def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:

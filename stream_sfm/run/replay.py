@@ -110,7 +110,7 @@ def replay(
     with deferred_interrupts() as interruption:
         course = run(
             log,
-            [replayed.lane],
+            replayed.lane,
             [*replayed.sinks, *sinks],
             replayed.checks,
             selection=selection,
@@ -191,7 +191,7 @@ class _Replay:
         depth = [self._depth.problem] if self._depth is not None and self._depth.problem else []
         complete = course.complete and self._log.stats.complete
         warnings = [*self._log.stats.warnings, *course.warnings, *depth]
-        summary = summarise(self._log, lane, self._selection, truth, complete, warnings, further)
+        summary = summarise(self._log, self._log.stats, lane, self._selection, truth, complete, warnings, further)
         try:
             if folder is not None:
                 folder.write_summary(summary)

@@ -8,9 +8,10 @@ import pytest
 
 from stream_sfm.config import Config
 from stream_sfm.errors import ConfigError
-from stream_sfm.estimators import METHODS, make_estimator
+from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.every_kth import EveryKth
 from stream_sfm.geometry import se3
+from stream_sfm.methods import METHODS
 from stream_sfm.rig_model.model import RigModel
 from stream_sfm.simulation.scenes import Scene
 from stream_sfm.types import LastingErrors, RigView, Status

@@ -11,7 +11,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.cli.main import COMMANDS, main
-from stream_sfm.report.tables import NEES_INTERVAL
+from stream_sfm.evaluation.figures import NEES_INTERVAL
 from tests.helpers.data_sets import kalibr
 from tests.helpers.places import ROOM, ROOT
 
