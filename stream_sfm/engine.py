@@ -83,6 +83,9 @@ class Engine:
             self.observer.learn(solution)
             return self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began))
 
+    def __repr__(self) -> str:
+        return f"<Engine {self.estimator.name}, {self.observer.state.frame_index} frames, {self.rig!r}>"
+
     def __copy__(self) -> "Engine":
         """Return an engine that goes on from here by itself, as `copy.deepcopy` does."""
         return copy.deepcopy(self)

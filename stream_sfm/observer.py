@@ -215,11 +215,12 @@ class Observer:
         if self._exact or solution.status in (Status.INITIALISING, Status.LOST):
             return None
         if solution.common is None:
-            return CommonErrors(np.zeros(3), np.eye(3), jacobian)
+            return CommonErrors(np.zeros(3), np.eye(3), jacobian, self.state.turned_at)
         t = len(TERMS)
         cov = np.eye(3 + t)
         cov[3:, 3:] = solution.common.cov[:t, :t]
-        return CommonErrors(np.concatenate([np.zeros(3), solution.common.mean[:t]]), cov, jacobian)
+        mean = np.concatenate([np.zeros(3), solution.common.mean[:t]])
+        return CommonErrors(mean, cov, jacobian, self.state.turned_at)
 
     def _std_shared(self, track_ids: NDArray[np.int64]) -> Array:
         """Return σ (n,) of inverse depths, 1/m, by the disparity error that all views of a point share, eq. (18)."""

@@ -94,7 +94,8 @@ class StereoFrontEnd:
         if watch is None or rad is None:
             return state, None
         first = state.frame_index - len(watch.unusual)
-        state = replace(state, turn_rad=state.turn_rad + rad, turn_watch=watch.calm())
+        turn_rad = state.turn_rad + rad
+        state = replace(state, turn_rad=turn_rad, turned_at=state.frame_index, turn_watch=watch.calm())
         return state, rig_change(self.setup.projection, first, rad)
 
     def _step(

@@ -64,8 +64,9 @@ class FrontEndState:
       that are followed, `next_id` is the id of the next new one. `cam_from_start` (4, 4): the front-end's own chain of
       motions, which predicts how patches look and is not an estimate; `velocity` (6,): ξ of the last motion per second.
     - `aligners`: templates and noise of views; `rows`, `timing`: what is known of the cameras; `turn_rad` (3,): of the
-      right camera since its calibration, for which right views are corrected; `rows_waiting` (n, 4): new views of a
-      frame whose velocity is not known yet, which a late camera would turn into rows that are off.
+      right camera since its calibration, for which right views are corrected, as they are since frame `turned_at`;
+      `rows_waiting` (n, 4): new views of a frame whose velocity is not known yet, which a late camera would turn into
+      rows that are off.
     - `turn_watch`: of the right camera, None where it cannot turn; `pair`: whether left and right fit each other;
       `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions; `start`:
       whether the map has started with the motion of the camera.
@@ -79,6 +80,7 @@ class FrontEndState:
     turn_watch: TurnWatch | None
     errors: TemplateErrors
     turn_rad: Array = field(default_factory=lambda: np.zeros(3))
+    turned_at: int = 0
     frame_index: int = 0
     stamp_ns: int | None = None
     grey_bits: int = FEWEST_BITS

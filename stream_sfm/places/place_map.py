@@ -26,9 +26,9 @@ from ..config import Config
 from ..errors import ConfigError
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..motion import Motion
+from ..motion import UNSEEN, Motion
 from ..types import Frame, FrameEstimate, Trajectory
-from .chain import UNSEEN, Chain
+from .chain import Chain
 from .finding import Words, apart, may_overlap, nearest_poses, offsets_m, stds
 from .graph import Loop, PoseGraph
 from .keyframes import Keyframe, make_keyframe

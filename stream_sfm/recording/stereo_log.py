@@ -152,6 +152,11 @@ class StereoLog:
         self._given_truth_name = ""
         self._read_span_ns: tuple[int, int] | None = None  # of the pairs read last
 
+    def __repr__(self) -> str:
+        frames = "" if self.expected_frames is None else f", {counted(self.expected_frames, 'frame')}"
+        span = "" if self.duration_s is None else f" in {self.duration_s:.2f} s"
+        return f"<StereoLog {self.path.name}{frames}{span}, {self.rig!r}>"
+
     @property
     def stereo_rig(self) -> StereoRig:
         """The rig of both cameras. Raises ConfigError where the log was opened for one."""

@@ -43,6 +43,7 @@ float64[] relative_common_jacobian  # how common errors move these motions, each
 float64[] common_mean  # errors c that all poses and motions share: of lengths, of the axes, of the rig; or empty
 float64[] common_cov  # their covariance, m×m row by row
 float64[] common_jacobian  # how they move the pose, 6×m row by row; c is in σ of what was assumed
+int64 common_since  # the frame from which c has been that of the rig: a knock or another calibration begins another c
 float64[] rig_error_px  # errors of the calibration as known now, px; empty where it is taken for exact
 float64[] rig_cov_px2  # their covariance, one matrix, or empty
 float64[] rig_delay_s  # delay of the right camera and its σ, seconds, or empty
@@ -106,6 +107,7 @@ def estimate_fields(estimate: FrameEstimate) -> dict[str, Any]:
     for part, prefix, names in ((relative, "relative", _OF_RELATIVE), (common, "common", _OF_COMMON)):
         values = {f"{prefix}_{name}": getattr(part, name, None) for name in names}
         fields |= {name: () if value is None else value for name, value in values.items()}
+    fields["common_since"] = 0 if common is None else common.since
     fields["relative_frame_from_cam"] = fields["relative_frame_from_newest"]
     fields["rig_applied"] = rig is not None and rig.applied
     fields |= {name: () if rig is None else rig.term(term) for term, name in _RIG_TIMES.items()}
@@ -123,7 +125,8 @@ def estimate_of(m: Any, points: tuple[NDArray[Any], ...] | None = None) -> Frame
     in_cam = points_in_cam.astype(float)
     common = relative = None
     if rows:
-        common = CommonErrors(m.common_mean, m.common_cov.reshape(rows, rows), m.common_jacobian.reshape(6, rows))
+        cov, jacobian = m.common_cov.reshape(rows, rows), m.common_jacobian.reshape(6, rows)
+        common = CommonErrors(m.common_mean, cov, jacobian, int(getattr(m, "common_since", 0)))
     if len(m.relative_frame_indices):
         relative = RelativeMotions(
             m.relative_frame_indices,

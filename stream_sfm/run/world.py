@@ -7,8 +7,8 @@ import numpy as np
 from ..config import MotionConfig
 from ..estimators.lifecycle import lost_solution
 from ..estimators.motion_model import MotionModel
-from ..geometry import se3
 from ..geometry.se3 import Array
+from ..motion import in_world
 from ..types import FrameEstimate, Observations, Solution, Status
 
 _REASON = "the calibration has changed: a new map begins at the predicted pose"
@@ -49,33 +49,17 @@ class World:
 
     def _moved(self, estimate: FrameEstimate, from_map: Array) -> FrameEstimate:
         first, first_id = self._first_frame, self._first_id
-        to_cam = se3.adjoint(se3.inverse(estimate.world_from_cam))
-        relative, change = estimate.relative, estimate.rig_change
+        relative, change, common = estimate.relative, estimate.rig_change, estimate.common
         if relative is not None:
             relative = replace(relative, frame_indices=relative.frame_indices + first)
         return replace(
-            estimate,
+            in_world(estimate, from_map, self._cov),
             frame_index=estimate.frame_index + first,
-            world_from_cam=se3.orthonormalise(from_map @ estimate.world_from_cam),
-            cov_pose=estimate.cov_pose + to_cam @ self._cov @ to_cam.T,
             track_ids=estimate.track_ids + first_id,
-            points_in_world=se3.transform(from_map, estimate.points_in_world),
-            cov_points_in_world=self._cov_moved(estimate.points_in_world, estimate.cov_points_in_world, from_map),
             window_frame_indices=estimate.window_frame_indices + first,
-            window_world_from_cam=from_map @ estimate.window_world_from_cam,
             rejected_ids=estimate.rejected_ids + first_id,
             ended_ids=estimate.ended_ids + first_id,
-            ended_points_in_world=se3.transform(from_map, estimate.ended_points_in_world),
-            ended_cov_points_in_world=self._cov_moved(
-                estimate.ended_points_in_world, estimate.ended_cov_points_in_world, from_map
-            ),
             relative=relative,
+            common=None if common is None else replace(common, since=common.since + first),
             rig_change=None if change is None else replace(change, frame_index=change.frame_index + first),
         )
-
-    def _cov_moved(self, points: Array, cov_points: Array, from_map: Array) -> Array:
-        """Covariances (n, 3, 3) in this world of points (n, 3) of the map."""
-        j = se3.point_in_source_jacobian(points)
-        r = from_map[:3, :3]
-        cov: Array = r @ (cov_points + j @ self._cov @ np.swapaxes(j, 1, 2)) @ r.T
-        return cov
