@@ -72,7 +72,14 @@ class Observer:
             valid, refinement = self.rectifier.valid, self.rig.refinement
             row_of = self.rectifier.rows_of
             self._frontend = StereoFrontEnd(
-                self.projection, config, valid, refinement, row_of, self.rig.timing, resolution_problem(self.rig)
+                self.projection,
+                config,
+                valid,
+                refinement,
+                row_of,
+                self.rig.timing,
+                resolution_problem(self.rig),
+                self.rectifier.valid_in_right,
             )
         else:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
@@ -274,6 +281,7 @@ class Observer:
 
 def _used_cameras(rig: StereoRig | MonoRig, config: Config) -> StereoRig | MonoRig:
     """Return the rig to estimate with. Only here is `Config.mono` asked; everything else asks the rig."""
+    rig = config.masked(rig)
     if config.mono:
         if isinstance(rig, StereoRig) and rig.timing is not None:
             logging.getLogger("stream_sfm").warning(

@@ -1,6 +1,6 @@
 """Rigs: what the images of a log or a program come from, two cameras or one."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -12,9 +12,11 @@ from ..geometry.se3 import Array
 from .calibration import toml_file
 from .calibration.document import Pair, Where, load, named, short
 from .known_timing import KnownTiming
+from .masks import Mask, read_mask
 from .models import Camera
 from .refinement import Refinement
 
+MaskOrFile = Mask | str | Path
 _USUAL_BASELINE_M = (0.005, 5.0)  # from endoscopes to aircraft; outside, a unit was probably mistaken
 
 
@@ -92,8 +94,16 @@ class StereoRig:
         except ConfigError as error:
             raise ConfigError(f"calibration {named(name)}: {error}") from None
 
+    def masked(self, left: MaskOrFile | None, right: MaskOrFile | None = None) -> "StereoRig":
+        """Return the rig for images of which parts are always of the robot, or dirt: there no point is followed.
+
+        `left`, `right`: PNG files of the images' size, black where pixels are left out, or arrays (h, w) that are 0
+        there; None: none. Raises ConfigError.
+        """
+        return replace(self, left=_masked(self.left, left), right=_masked(self.right, right))
+
     def to_toml(self) -> str:
-        """The text of a calibration file that `from_calibration` reads back unchanged."""
+        """The text of a calibration file that `from_calibration` reads back unchanged, but for masks."""
         return toml_file.text(self.cameras, self.right_from_left, self.refinement, self.timing)
 
 
@@ -126,9 +136,22 @@ class MonoRig:
 
         return cls(left_of([load(content, name)], None))
 
+    def masked(self, left: MaskOrFile | None, right: MaskOrFile | None = None) -> "MonoRig":
+        """Return the rig for images of which parts are always of the robot, as `StereoRig.masked`."""
+        return MonoRig(_masked(self.left, left))
+
     def to_toml(self) -> str:
-        """The text of a calibration file that `from_calibration` reads back unchanged."""
+        """The text of a calibration file that `from_calibration` reads back unchanged, but for masks."""
         return toml_file.text(self.cameras)
+
+
+def _masked(camera: Camera, mask: MaskOrFile | None) -> Camera:
+    """The camera with a mask from a file or an array; as it is where there is none."""
+    if mask is None:
+        return camera
+    if isinstance(mask, str | Path):
+        mask = read_mask(mask, camera.width, camera.height)
+    return replace(camera, mask=mask)
 
 
 def baseline_warnings(rig: StereoRig | MonoRig) -> list[str]:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -188,10 +189,14 @@ class Settings:
     Attributes:
         config: read settings from this file; `stream-sfm config` prints one
         set: change one setting, for example window.frames=12; may be repeated
+        mask: PNGs of the images' size, black where they show the robot or dirt: there no point is followed
     """
 
     config: MaybeFile = None
     set: Annotated[list[str] | None, Parameter(metavar="KEY=VALUE", completer=_setting_names)] = None
+    mask: Annotated[
+        list[str] | None, Parameter(group=CAMERAS, consume_multiple=True, metavar="LEFT.png", validator=_one_or_two)
+    ] = None
 
     def read(self, **chosen: str | bool | None) -> "Config":
         """The configuration, with settings that have an option of their own (None or False: not given).
@@ -200,6 +205,8 @@ class Settings:
         """
         from ..config import read_config
 
+        masks = dict(zip(("mask_left", "mask_right"), self.mask or (), strict=False))
+        chosen |= {name: os.path.abspath(path) for name, path in masks.items()}  # the run says so in config.toml
         further = [f"{name}={json.dumps(value)}" for name, value in chosen.items() if value]
         return read_config(self.config, [*(self.set or []), *further])
 

@@ -148,7 +148,7 @@ def _run(
         from ..viewer import open_viewer
 
         truth = None if config.mono else log.ground_truth()
-        viewers.append(open_viewer(log.rig, shown.rrd, shown.view, truth, log.path.stem))
+        viewers.append(open_viewer(config.masked(log.rig), shown.rrd, shown.view, truth, log.path.stem))
     interrupted = False
     try:
         total = selection.count(log.expected_frames)

@@ -136,6 +136,9 @@ def _begin(
     rows, z_px, points, var_rho = core.place_new_points(
         right_sides, state.timing.of_core(twist), z_px, cov_px, scale, *gates
     )
+    if setup.right_area is not None:
+        seen = ~setup.unseen_in_right(z_px)
+        rows, z_px, points, var_rho = rows[seen], z_px[seen], points[seen], var_rho[seen]
     cov_px, slopes = cov_px[rows], slopes[rows] / setup.projection.baseline_m
     begun = z_px[:, :2], cov_px[:, :2, :2], points, var_rho, slopes, scale
     errors = state.errors.with_new(state.next_id + np.arange(len(rows), dtype=np.int64), apart_px[rows])

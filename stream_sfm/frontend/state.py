@@ -4,7 +4,9 @@ from dataclasses import field, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from .. import core
 from ..camera.pixels import FEWEST_BITS
 from ..config import Config
 from ..geometry.se3 import Array
@@ -26,10 +28,20 @@ RightSides = tuple[tuple[float, float, float, float, float], RowsOfCore, Array, 
 
 
 class Setup(NamedTuple):
-    """What does not change during a run: the projection of the rectified images, and all settings."""
+    """What does not change during a run: the projection of the rectified images, and all settings.
+
+    `right_area` (h, w): pixels of the right image around which a whole patch shows the scene; None: all of them.
+    """
 
     projection: StereoProjection
     config: Config
+    right_area: NDArray[np.bool_] | None = None
+
+    def unseen_in_right(self, z_px: Array) -> NDArray[np.bool_]:
+        """Which views (n, 4) have a right side where a mask says that it cannot be of the scene."""
+        if self.right_area is None:
+            return np.zeros(len(z_px), bool)
+        return ~core.inside_area(self.right_area, z_px[:, 2:].copy())
 
     @property
     def std_acceleration(self) -> Array:
