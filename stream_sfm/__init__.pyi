@@ -40,6 +40,7 @@ from .motion import Motion as Motion
 from .motion import Odometry as Odometry
 from .motion import chain as chain
 from .places.place_map import PlaceMap as PlaceMap
+from .recording.ros_images import RosImages as RosImages
 from .recording.stereo_log import StereoLog as StereoLog
 from .recording.stereo_log import open_camera as open_camera
 from .recording.stereo_log import open_log as open_log

@@ -13,13 +13,17 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from .blas import one_thread
-from .camera.rig import MonoRig, StereoRig, baseline_warnings
+from .camera.rig import MonoRig, StereoRig, baseline_warnings, checked_pose
 from .config import Config
 from .errors import EngineBusyError
 from .estimators import make_estimator
 from .frontend.prepared import PreparedImages
+from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
+from .motion import in_world
 from .observer import Observer
 from .types import Estimator, Frame, FrameEstimate, Observations
 
@@ -47,8 +51,11 @@ class Engine:
         self.config = Config() if config is None else config
         with one_thread:
             self.observer = Observer(rig, self.config)
-            make = partial(make_estimator, self.config.method) if estimator is None else estimator
-            self.estimator = make(self.observer.projection, self.config)
+            self._make = partial(make_estimator, self.config.method) if estimator is None else estimator
+            self.estimator = self._make(self.observer.projection, self.config)
+        self._world_from_first: Array | None = (
+            None  # of the first frame since a reset; None: that frame is the world
+        )
         self.observations: Observations | None = None  # of the latest frame, in axes of the rectified pair
         self._stepping = threading.Lock()
         for question in baseline_warnings(self.rig):
@@ -81,7 +88,20 @@ class Engine:
             began = time.perf_counter()
             solution = self.estimator.step(observed.observations)
             self.observer.learn(solution)
-            return self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began))
+            estimate = self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began))
+            return estimate if self._world_from_first is None else in_world(estimate, self._world_from_first)
+
+    def reset(self, world_from_cam: ArrayLike | None = None) -> None:
+        """Begin anew: the next frame is the first one, as of a new engine, whatever its stamp is.
+
+        `world_from_cam` (4, 4): where the camera is then, as somebody else knows it; None: that frame is the world.
+        Raises ConfigError for what is no pose, and EngineBusyError while another thread is in `step`.
+        """
+        pose = None if world_from_cam is None else checked_pose(world_from_cam, "world_from_cam")
+        with self._exclusively(), one_thread:
+            self.observer.reset()
+            self.estimator = self._make(self.observer.projection, self.config)
+            self.observations, self._world_from_first = None, pose
 
     def __repr__(self) -> str:
         return f"<Engine {self.estimator.name}, {self.observer.state.frame_index} frames, {self.rig!r}>"

@@ -130,6 +130,10 @@ class Observer:
         timings_ms = {"rectify": 1e3 * (rectified - began), "frontend": 1e3 * (time.perf_counter() - rectified)}
         return Observed(observations, timings_ms)
 
+    def reset(self) -> None:
+        """Forget all frames: the next one is the first."""
+        self.state = self._frontend.start
+
     def learn(self, solution: Solution) -> None:
         """Use what an estimator has found out about the cameras' timing for the frames to come."""
         if solution.rig is not None:

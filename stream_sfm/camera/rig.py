@@ -41,10 +41,7 @@ class StereoRig:
                 raise ConfigError(f"the {side} camera is of type {type(camera).__name__}; give a Camera")
         if self.refinement is not None and not isinstance(self.refinement, Refinement):
             raise ConfigError(f"the refinement is of type {type(self.refinement).__name__}; give a Refinement")
-        pose = _checked_pose(self.right_from_left)
-        if not se3.is_rotation(pose[:3, :3]):
-            raise ConfigError(f"right_from_left holds no rotation: {pose[:3, :3].tolist()}")
-        object.__setattr__(self, "right_from_left", se3.orthonormalise(pose))
+        object.__setattr__(self, "right_from_left", checked_pose(self.right_from_left))
         if (self.left.width, self.left.height) != (self.right.width, self.right.height):
             raise ConfigError(
                 f"left images are {self.left.width}×{self.left.height}, right ones "
@@ -166,9 +163,9 @@ def baseline_warnings(rig: StereoRig | MonoRig) -> list[str]:
     ]
 
 
-def _checked_pose(given: object) -> Array:
-    """`right_from_left` as an array (4, 4) of finite numbers in metres. Raises ConfigError."""
-    wanted = "right_from_left must be a 4×4 pose in metres"
+def checked_pose(given: object, name: str = "right_from_left") -> Array:
+    """A pose (4, 4) in metres as an array with an exact rotation. Raises ConfigError, which calls it `name`."""
+    wanted = f"{name} must be a 4×4 pose in metres"
     try:
         pose: Array = np.array(given, dtype=float)
     except (TypeError, ValueError):
@@ -180,7 +177,9 @@ def _checked_pose(given: object) -> Array:
     if not np.allclose(pose[3], (0, 0, 0, 1)):
         turned = "; it is transposed" if np.allclose(pose[:, 3], (0, 0, 0, 1)) else ""
         raise ConfigError(f"{wanted} with the last row 0 0 0 1, got {pose.tolist()}{turned}")
-    return pose
+    if not se3.is_rotation(pose[:3, :3]):
+        raise ConfigError(f"{name} holds no rotation: {pose[:3, :3].tolist()}")
+    return se3.orthonormalise(pose)
 
 
 def checked_paths(calibration: Where) -> list[Path]:
