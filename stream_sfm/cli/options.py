@@ -51,6 +51,19 @@ def _finite(text: str) -> float:
     return value
 
 
+def _size(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d{2,5})[x×](\d{2,5})", text.strip())
+    if found is None:
+        raise ValueError(f"{text!r} is not a size: give width and height in pixels, such as 640x480")
+    return int(found[1]), int(found[2])
+
+
+def _positive(text: str) -> float:
+    if not (value := _finite(text)) > 0:
+        raise ValueError(f"{text!r} is not a number above 0")
+    return value
+
+
 def _place(text: str) -> str:
     """A path to write to; an empty one, as an unset variable of a script leaves it, is refused."""
     if not text.strip():
@@ -100,6 +113,13 @@ NewLog = Annotated[str, Parameter("OUT.mcap", help="the log to write")]
 MaybeSeconds = Annotated[float | None, Parameter(metavar="S")]
 Count = Annotated[int, Parameter(validator=_at_least(1), metavar="N")]
 MaybeCount = Annotated[int | None, Parameter(validator=_at_least(1), metavar="N")]
+MaybeSize = Annotated[
+    tuple[int, int] | None,
+    Parameter(group=CAMERAS, converter=each(_size), n_tokens=1, accepts_keys=False, metavar="WxH"),
+]
+MaybePositive = Annotated[
+    float | None, Parameter(group=CAMERAS, converter=each(_positive), n_tokens=1, metavar="HZ")
+]
 MaybeIndex = Annotated[int | None, Parameter(group=FRAMES, validator=_at_least(0), metavar="N")]
 Workers = Annotated[
     MaybeCount, Parameter(group=PARALLEL, help="number of processes; one per CPU core if not given")
