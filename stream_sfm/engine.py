@@ -40,6 +40,7 @@ class Engine:
     estimates, to the byte.
 
     `estimator` makes a method of your own from the rectified pair and the configuration, in place of `config.method`.
+    It is kept for `reset`: to be pickled with the engine it is a class or a function of a module.
     """
 
     def __init__(

@@ -26,5 +26,11 @@ def _picture(side: str, mask: Mask) -> Markup:
         'role="img"><rect width="{width}" height="{height}" fill="none" stroke="currentColor" stroke-width=".3"/>'
         '<path d="{path}" fill="currentColor" opacity=".5"/></svg></figure>'
     ).format(
-        side=side, share=f"{1 - mask.mean():.0%}", w=width + 2, h=height + 2, width=width, height=height, path=path
+        side=side,
+        share=f"{100 * (1 - mask.mean()):.0f} %",
+        w=width + 2,
+        h=height + 2,
+        width=width,
+        height=height,
+        path=path,
     )

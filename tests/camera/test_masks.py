@@ -110,7 +110,7 @@ def test_the_command_line_and_the_viewer_and_the_page_have_them(tmp_path: Path) 
     assert [config.mask_left, config.mask_right] == paths
     assert b"/left/mask" in rrd.read_bytes() and b"/right/mask" in rrd.read_bytes()
     left, right = pictures(config.masked(log.rig))
-    assert "mask of the left camera, 22% of its image" in left and "mask of the right camera" in right
+    assert "mask of the left camera, 22 % of its image" in left and "mask of the right camera" in right
 
 
 @pytest.mark.parametrize(
