@@ -171,7 +171,8 @@ class RigView:
     `model`: the linear model of all of them. `field_std_px`: σ of those errors that no physical term follows, as the
     rows have it so far. `timing_px` (n, 4): what delay and readout, as far as they are known, do to the views, which
     are as they were seen. `delay_by_rows`: the information that the rows have about the delay of the right camera, s⁻²,
-    and its sum weighted by that, s⁻¹. `change`: the right camera has turned against the left one; the turn is taken
+    and its sum weighted by that, s⁻¹. `turn_root` (3, e): a root of the covariance of turns that the right camera has
+    from frame to frame, radians. `change`: the right camera has turned against the left one; the turn is taken
     out of the views from this frame on, and `change_root` (m, j) is a root of the covariance of what is left, in σ of
     each error.
     """
@@ -180,6 +181,7 @@ class RigView:
     field_std_px: float = 0.0
     timing_px: Array | float = 0.0
     delay_by_rows: tuple[float, float] = (0.0, 0.0)
+    turn_root: Array = field(default_factory=lambda: np.zeros((3, 0)))
     change: "RigChange | None" = None
     change_root: Array | None = None
 

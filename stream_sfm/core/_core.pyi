@@ -58,15 +58,16 @@ RigModel = tuple[Pinholes, tuple[float, float], Array, Field]
 Tracks = tuple[Array, Array, Array, Array, Array, Array, Pixels]
 # The state of a window: poses (F, 4, 4); of the points ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the rig's
 # errors (m,).
-WindowState = tuple[Array, Pixels, Array, Array, Array]
-# Its views: frame (V,), ids (V,), used (V,), z_px (V, 4), weight (V, 4) and whitening roots (V, 4, 4). Errors of the
-# rig move a view by terms (V, 4, t), of which those of delay and readout get timing (V, 4, 2) added, or (V, 4, 0), and
-# by the parts of a field: moves (4, p) ⊗ field (V, K), m = t + p K.
-WindowViews = tuple[Pixels, Pixels, Mask, Array, Array, Array, Array, Array, Array, Array]
+WindowState = tuple[Array, Pixels, Array, Array, Array, Array]
+# Its views: frame (V,), ids (V,), used (V,), z_px (V, 4), weight (V, 4) and whitening roots (V, 4, 4). Amplitudes of
+# σ = 1 that each frame has of its own move a view by own (V, 4, e). Errors of the rig move it by terms (V, 4, t), of
+# which those of delay and readout get timing (V, 4, 2) added, or (V, 4, 0), and by the parts of a field: moves (4, p) ⊗
+# field (V, K), m = t + p K.
+WindowViews = tuple[Pixels, Pixels, Mask, Array, Array, Array, Array, Array, Array, Array, Array]
 # Points of a prior: known (N,), their rows among those of the window, mean (N, 3), D (N, 3, 3) and modes F (N, 3, k).
 # The last m modes are those of the rig's errors: information (m, m) and weighted sums (m,) of their amplitudes.
 PriorPoints = tuple[Pixels, Array, Array, Array, Array, Array]
-# Points that enter it: ids (n,), mean (n, 3), covariances (n, 3, 3), and ∂q by the rig's errors (n, 3, m).
+# Points that enter it: ids (n,), mean (n, 3), covariances (n, 3, 3), and modes (n, 3, k).
 NewPoints = tuple[Ids, Array, Array, Array]
 
 def match_along_rows(left: Image, right: Image, points_px: Pixels, first: int, last: int) -> tuple[Array, Mask]:
@@ -322,12 +323,20 @@ def effects_of_turn(pinholes: Pinholes, right_px: Array) -> Array:
 
 def fit_turn(
     views: Views, cam_from_ref: Array, usual: Array, std_knock_rad: float
-) -> tuple[Array, Mask, float, float]:
+) -> tuple[Array, Array, Mask, float, float]:
     """Return the turn of the right camera (3,) rad that views show, and which (n,) agree, eq. (72d).
 
     By a few steps of reweighting, together with the motion (4, 4). And by how much likelier it is a knock of σ
     `std_knock_rad` than a `usual` one, of covariance (3, 3): a logarithm, eq. (72f); and χ² of the latter. The views
     have no shared errors.
+    """
+
+def disparity_effects(
+    pinholes: Pinholes, size: tuple[int, int], points: Array, cam_from_previous: Array, z_px: Array
+) -> Array:
+    """Return what the disparity's error does to views (n, 4) of points (n, 4) measured with it: (n, 4, 6) px per px.
+
+    The right side of a view has the error, and so has the inverse depth of its point, as of the previous camera.
     """
 
 def rig_effects(model: RigModel, z_px: Array, age_s: Array) -> tuple[Array, Array]:
@@ -577,7 +586,7 @@ def eliminate_points(v: Array, w: Array) -> tuple[Array, Array]:
 def window_system(
     blocks: tuple[Array, ...], prior: PriorPoints, q: Array, amplitudes: Array
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Eliminate points from the normal equations of [poses 6F | modes k], eqs. (27), (30) and (71).
+    """Eliminate points from the normal equations of [poses 6F | frames' own e F | modes k], eqs. (27), (30) and (71).
 
     `blocks`: the arrays of `NormalBlocks`, at q (P, 3), of a prior at `amplitudes` (k,).
     Returns H (n, n), its lower triangle, without the points; L⁻¹F (N, 3, k) with D = L Lᵀ, whose products with itself
@@ -587,12 +596,13 @@ def window_system(
     """
 
 def points_alone(
-    v: Array, g_point: Array, rig_point: Array, q: Array, rig_step: Array
-) -> tuple[Array, Array, Array]:
-    """Return points by their views alone: mean (n, 3), covariance (n, 3, 3), and ∂q by the rig's errors (n, 3, m).
+    v: Array, w: Array, g_point: Array, rig_point: Array, q: Array, rig_step: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return points by the views of one frame alone: mean (n, 3), covariance (n, 3, 3), and what moves them.
 
-    Blocks as in `NormalBlocks`, at q (n, 3); the mean is that with errors of the rig that are off by (m,) from there.
-    Raises LinAlgError where the views do not determine a point.
+    ∂q by amplitudes of the frame's own (n, 3, e) and by the rig's errors (n, 3, m). Blocks as in `NormalBlocks`, at
+    q (n, 3); the mean is that with errors of the rig that are off by (m,) from there. Raises LinAlgError where the
+    views do not determine a point.
     """
 
 def leaving_views(
@@ -604,7 +614,7 @@ def leaving_views(
     seen_later: Mask,
     known: Pixels,
     cov: Array,
-) -> tuple[Ids, Mask, Array, Array, Array, tuple[Array, ...], Ids, tuple[Array, Array, Array]]:
+) -> tuple[Ids, Mask, Array, Array, Array, tuple[Array, ...], Ids, tuple[Array, Array, Array, Array]]:
     """Return what the views of the oldest frame, which is the reference camera now, say about points of a map (P,).
 
     Views (V,), `stereo` where both sides were seen, with variances (V, 3) of q by drift; points that are `seen_later`
@@ -617,7 +627,7 @@ def leaving_views(
 def absorbing_system(
     blocks: tuple[Array, ...], prior: PriorPoints, ref_from_anchor: Array, q: Array, amplitudes: Array
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Return the `window_system` (k + 6 modes) of one frame that is the new reference, eqs. (31) to (35).
+    """Return the system of [own e | k + 6 modes] of one frame that is the new reference, eqs. (31) to (35).
 
     Six modes of its pose, about which nothing is known, come before those of the rig's errors. Points q (n, 3), all of
     them of the prior, in anchors (n, 4, 4) as the frame has them.

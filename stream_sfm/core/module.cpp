@@ -148,7 +148,7 @@ NB_MODULE(_core, m) {
     });
     def_of_images<std::uint8_t>(m, nb::arg().noconvert());  // before it would be converted to floats
     def_of_images<float>(m, nb::arg());
-    def_stages(m, STAGE(rig_effects), STAGE(polynomial_rows), STAGE(expected_views), STAGE(timing_of_views),
+    def_stages(m, STAGE(rig_effects), STAGE(disparity_effects), STAGE(polynomial_rows), STAGE(expected_views), STAGE(timing_of_views),
                STAGE(linearise_views), STAGE(view_residuals), STAGE(fit_motion), STAGE(resect), STAGE(motion_of_flow),
                STAGE(fit_turn), STAGE(views_within_gates), STAGE(points_seen_again), STAGE(drift_covariances),
                STAGE(normal_blocks), STAGE(seen_points), STAGE(window_system), STAGE(points_alone),

@@ -292,9 +292,10 @@ Resected resect(const PointViews& views, Matrix start, Vector votes, const Resec
 void turn_by(const Pinholes& pinholes, Vector rad, double sign, Array<double, 2>& right);
 struct FittedTurn {
     Array<double, 1> rad;
+    Array<double, 2> cov;
     Array<bool, 1> agree;
     double log_odds, squared;
-    auto parts() { return std::tie(rad, agree, log_odds, squared); }
+    auto parts() { return std::tie(rad, cov, agree, log_odds, squared); }
 };
 Array<double, 3> effects_of_turn(const Pinholes& pinholes, Matrix right);
 FittedTurn fit_turn(const PointViews& views, Matrix motion, Matrix usual, double std_knock);
@@ -315,6 +316,8 @@ struct RigEffects {
     auto parts() { return std::tie(terms, field); }
 };
 RigEffects rig_effects(const RigModel& model, Matrix z, Vector age);
+Array<double, 3> disparity_effects(const Pinholes& pinholes, const std::array<double, 2>& size, Matrix points,
+                                   Matrix motion, Matrix z);
 Array<double, 2> field_basis(const Field& field, Matrix at);
 Array<double, 2> polynomial_rows(const ExposedRows& exposed, Matrix z);
 Array<double, 2> velocities(const Pinholes& pinholes, Matrix points, Matrix twists);
@@ -401,17 +404,18 @@ struct WindowState {
     Matrices ref_from_anchor;
     Matrix q;
     Vector rig_error;
-    auto parts() { return std::tie(cams_from_ref, ids, ref_from_anchor, q, rig_error); }
+    Matrix own;  // amplitudes of what each frame's views err by in common
+    auto parts() { return std::tie(cams_from_ref, ids, ref_from_anchor, q, rig_error, own); }
 };
 struct WindowViews {
     Indices frame, ids;
     Flags used;
     Matrix z, weight;
-    Matrices root, terms, timing;  // what delay and readout do is added to their terms: it is renewed with the velocities
+    Matrices root, own, terms, timing;  // what delay and readout do is added to their terms: it is renewed with the velocities
     Matrix field, moves;
-    auto parts() { return std::tie(frame, ids, used, z, weight, root, terms, timing, field, moves); }
+    auto parts() { return std::tie(frame, ids, used, z, weight, root, own, terms, timing, field, moves); }
 };
-struct NormalBlocks {
+struct NormalBlocks {  // of 6 + e columns per frame: its pose, and e amplitudes of its own with a prior of σ = 1
     Array<double, 3> u, v, w, rig_pose, rig_point;
     Array<double, 2> g_pose, g_point, rig;
     Array<double, 1> g_rig;
@@ -464,18 +468,19 @@ struct WindowSystem {
 };
 EliminatedPoints eliminate_points(Matrices v, Matrices w);
 WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Matrix q, Vector amplitudes);
+WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, Matrix q, Vector amplitudes, std::size_t of_pose);
 
 // absorb.cpp
 struct PointsAlone {
     Array<double, 2> mean;
-    Array<double, 3> cov, by_rig;
-    auto parts() { return std::tie(mean, cov, by_rig); }
+    Array<double, 3> cov, by_own, by_rig;
+    auto parts() { return std::tie(mean, cov, by_own, by_rig); }
 };
 struct NewPriorPoints {
     Indices ids;
     Matrix mean;
-    Matrices cov, by_rig;
-    auto parts() { return std::tie(ids, mean, cov, by_rig); }
+    Matrices cov, modes;
+    auto parts() { return std::tie(ids, mean, cov, modes); }
 };
 struct LeavingViews {
     Array<std::int64_t, 1> rows;
@@ -493,7 +498,7 @@ struct AbsorbedPoints {
     Array<double, 3> cov, modes;
     auto parts() { return std::tie(ids, mean, cov, modes); }
 };
-PointsAlone points_alone(Matrices v, Matrix g_point, Matrices rig_point, Matrix q, Vector rig_step);
+PointsAlone points_alone(Matrices v, Matrices w, Matrix g_point, Matrices rig_point, Matrix q, Vector rig_step);
 LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Flags stereo,
                            Matrix var_drift, Flags seen_later, Indices known, Matrices cov);
 WindowSystem absorbing_system(const BlockViews& blocks, const PriorViews& prior, Matrices anchors, Matrix q,

@@ -21,6 +21,7 @@ from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
 from ..types import Ambiguity, LastingErrors, Observations, RigChange, RigView
 from .alignment import WIDE, TemplateAligner, valid_area
+from .disparity_error import DisparityError
 from .image_checks import are_alike, image_note
 from .new_points import begin_points, renews
 from .pair_check import PairFit, problem_of
@@ -69,6 +70,7 @@ class StereoFrontEnd:
             timing=Timing.unknown(projection, config.rig, row_of, known_timing),
             rows=Rows.unknown(projection, config),
             turn_watch=None if config.rig.exact else TurnWatch(projection),
+            disparity=DisparityError.of(self.rig),
             errors=TemplateErrors(config.estimate_every),
         )
 
@@ -99,8 +101,10 @@ class StereoFrontEnd:
         if watch is None or rad is None:
             return state, None
         first = state.frame_index - len(watch.unusual)
-        turn_rad = state.turn_rad + rad
-        state = replace(state, turn_rad=turn_rad, turned_at=state.frame_index, turn_watch=watch.calm())
+        calm, turn_rad = watch.calm(), state.turn_rad + rad
+        disparity = DisparityError.of(self.rig)  # what is left of it is as unknown as at first
+        now = state.frame_index
+        state = replace(state, turn_rad=turn_rad, turned_at=now, turn_watch=calm, disparity=disparity)
         return state, rig_change(self.setup.projection, first, rad)
 
     def _step(
@@ -114,7 +118,7 @@ class StereoFrontEnd:
             images, state.previous, fit, state.rows, state.aligners[1].noise.factor
         )
         pair, start_anew = state.pair.after(problem, fit, state.next_id)
-        start_anew |= state.start.doubted and state.start.is_over
+        start_anew |= state.start.is_redone
         state = replace(state, pair=pair)
         if followed is None or start_anew:
             return self._start_over(state, images, stamp_ns, wait=not start_anew)
@@ -178,7 +182,7 @@ class StereoFrontEnd:
             lasting=LastingErrors(np.zeros(n), errors.inflation),
             rig=None
             if self.setup.config.rig.exact
-            else RigView(self.rig, state.rows.field_std_px, timing_px, state.rows.delay),
+            else RigView(self.rig, state.rows.field_std_px, timing_px, state.rows.delay, state.turn_root),
         )
         return replace(state, errors=errors), observed
 
@@ -199,6 +203,7 @@ class StereoFrontEnd:
 
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
         """Take in what an estimator has found out about the rig with the latest frame, in units of σ."""
+        state = replace(state, disparity=DisparityError.of(self.rig, self.rig.in_units(estimate)))
         return learn_timing(self.setup.projection, state, *self.rig.timing(estimate.mean, estimate.cov))
 
     def rig_in_px(self, state: FrontEndState, estimate: RigEstimate | None) -> RigEstimate | None:

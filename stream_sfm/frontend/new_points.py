@@ -140,6 +140,8 @@ def _begin(
         seen = ~setup.unseen_in_right(z_px)
         rows, z_px, points, var_rho = rows[seen], z_px[seen], points[seen], var_rho[seen]
     cov_px, slopes = cov_px[rows], slopes[rows] / setup.projection.baseline_m
+    by_turn_px2 = (state.with_turn(z_px, cov_px) - cov_px)[:, 2, 2]
+    var_rho = var_rho + by_turn_px2 / (setup.projection.f_px * setup.projection.baseline_m) ** 2
     begun = z_px[:, :2], cov_px[:, :2, :2], points, var_rho, slopes, scale
     errors = state.errors.with_new(state.next_id + np.arange(len(rows), dtype=np.int64), apart_px[rows])
     return begin_tracks(replace(state, errors=errors), slots[rows], *begun), z_px, cov_px

@@ -12,8 +12,10 @@ from ..config import Config
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record
+from ..rig_model.terms import by_turn
 from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
+from .disparity_error import DisparityError
 from .pair_check import PairCheck
 from .prepared import PreparedImages
 from .right_turn import TurnWatch
@@ -82,7 +84,7 @@ class FrontEndState:
     - `turn_watch`: of the right camera, None where it cannot turn; `pair`: whether left and right fit each other;
       `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions; `start`:
       whether the map has started with the motion of the camera.
-    - `errors`: what is learnt of errors that views of a point share.
+    - `errors`: what is learnt of errors that views of a point share; `disparity`: of its error, as far as it is known.
     - `map`: with one camera, how far the map has come.
     """
 
@@ -91,6 +93,7 @@ class FrontEndState:
     rows: Rows
     turn_watch: TurnWatch | None
     errors: TemplateErrors
+    disparity: DisparityError | None = None
     turn_rad: Array = field(default_factory=lambda: np.zeros(3))
     turned_at: int = 0
     frame_index: int = 0
@@ -108,6 +111,16 @@ class FrontEndState:
     rows_waiting: Array | None = None
     pair: PairCheck = field(default_factory=PairCheck)
     map: MapState = field(default_factory=MapState)
+
+    @property
+    def turn_root(self) -> Array:
+        """A root (3, e) of the covariance of turns that the right camera has from frame to frame, radians."""
+        return np.zeros((3, 0)) if self.turn_watch is None else np.linalg.cholesky(self.turn_watch.real)
+
+    def with_turn(self, z_px: Array, cov_px: Array) -> Array:
+        """Return covariances (n, 4, 4) of views (n, 4) as measurements of depth, which a turn of their frame moves."""
+        moved = by_turn(self.rows.projection, z_px, self.turn_root)
+        return np.asarray(cov_px + moved @ np.swapaxes(moved, 1, 2))
 
     @property
     def rows_told(self) -> Rows:

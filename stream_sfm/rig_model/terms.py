@@ -59,6 +59,18 @@ def effects_of_turn(projection: StereoProjection, left_px: Array) -> Array:
     return core.effects_of_turn(projection.pinholes, right_px)
 
 
+def by_turn(projection: StereoProjection, z_px: Array, root: Array) -> Array:
+    """Return what amplitudes of a turn of the right camera, of covariance `root` (3, e) times its transpose, rad, do.
+
+    To views (n, 4): (n, 4, e) px; 0 for a missing side.
+    """
+    moved = np.zeros((len(z_px), 4, root.shape[1]))
+    seen = np.flatnonzero(np.isfinite(z_px[:, 2])) if root.size else []
+    if len(seen):
+        moved[seen, 2:] = core.effects_of_turn(projection.pinholes, z_px[seen, 2:]) @ root
+    return moved
+
+
 @lru_cache(maxsize=8)
 def terms_of_turn(projection: StereoProjection) -> Array:
     """(t, 3) units of each term per radian of a turn of the right camera: of far points it is just these."""

@@ -81,14 +81,9 @@ class RigKnowledge:
         counted = Cholesky(by_window + shared @ self.information).inverse()
         return self.mean + counted @ (by_window @ (mean - self.mean) + shared @ self.weighted), counted
 
-    def judged(self, mean: Array, cov: Array, misfit: bool) -> tuple["RigKnowledge", Mixture]:
-        """Return the knowledge that holds c at the mixture which N(`mean`, `cov`) from all views leads to.
-
-        In a `misfit` of images and calibration no more is corrected than before, and everything counts.
-        """
+    def judged(self, mean: Array, cov: Array) -> tuple["RigKnowledge", Mixture]:
+        """Return the knowledge that holds c at the mixture which N(`mean`, `cov`) from all views leads to."""
         found = mixture(mean, cov, self.size, known_wrong=not self.steady)
-        if misfit and self.steady:
-            found = Mixture(self.held, cov + np.outer(mean - self.held, mean - self.held), found.p_wrong)
         return changed(self, held=found.mean, cov_held=found.cov), found
 
     def likely_size(self, mean: Array, cov: Array, field_std_px: float) -> Array:
