@@ -69,7 +69,7 @@ def test_no_point_is_on_the_robot_itself_and_the_pose_is_the_cameras() -> None:
 def test_the_right_mask_leaves_views_of_the_left_camera_alone() -> None:
     """Where the right camera alone sees the robot, points are matched nowhere near, and others are as many as ever."""
     columns = slice(100, 180)
-    engine = sfm.Engine(rig().masked(None, mask(slice(None), columns)))
+    engine = sfm.Engine(rig().masked(mask(), mask(slice(None), columns)))
     z_px, estimates = views(engine)
     right = z_px[np.isfinite(z_px[:, 2])]
     assert not ((right[:, 2] > 100) & (right[:, 2] < 179)).any() and len(right) > 500
