@@ -53,14 +53,15 @@ class Observed:
     """The observations of one frame, and what else it takes to make estimates of them.
 
     `timings_ms`: of each stage that led to them. What the front-end knows with this frame: `errors` that the views of a
-    point share; `turn_rad` (3,), by which right views are corrected; `moving`: the homogeneous points (n, 4) in view
-    and their twist (6,), None before there was a motion.
+    point share; `turn_rad` (3,), by which right views are corrected since frame `turned_at`; `moving`: the homogeneous
+    points (n, 4) in view and their twist (6,), None before there was a motion.
     """
 
     observations: Observations
     timings_ms: dict[str, float]
     errors: TemplateErrors = field(default_factory=TemplateErrors)
     turn_rad: Array = field(default_factory=lambda: np.zeros(3))
+    turned_at: int = 0
     moving: tuple[Array, Array] | None = None
 
 
@@ -82,7 +83,14 @@ class Observer:
             valid, refinement = self.rectifier.valid, self.rig.refinement
             row_of = self.rectifier.rows_of
             self._frontend = StereoFrontEnd(
-                self.projection, config, valid, refinement, row_of, self.rig.timing, resolution_problem(self.rig)
+                self.projection,
+                config,
+                valid,
+                refinement,
+                row_of,
+                self.rig.timing,
+                resolution_problem(self.rig),
+                self.rectifier.valid_in_right,
             )
         else:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
@@ -133,7 +141,11 @@ class Observer:
         timings_ms = {"rectify": 1e3 * (rectified - began), "frontend": 1e3 * (time.perf_counter() - rectified)}
         now, n = self.state, len(observations.track_ids)
         moving = None if now.timing.twist is None else (now.tracks.points[:n], now.timing.twist)
-        return Observed(observations, timings_ms, now.errors, now.turn_rad, moving)
+        return Observed(observations, timings_ms, now.errors, now.turn_rad, now.turned_at, moving)
+
+    def reset(self) -> None:
+        """Forget all frames: the next one is the first."""
+        self.state = self._frontend.start
 
     def learn(self, solution: Solution | None) -> None:
         """Use what an estimator has found out about the cameras' timing for the frames to come."""
@@ -200,7 +212,7 @@ class Observer:
                 "ended_cov_points_in_world": ended[1],
                 "rig": self._frontend.rig_in_px(observed.turn_rad, solution.rig),
                 "relative": self._relative(solution.relative, weights),
-                "common": self._common(solution, pose[2][0]),
+                "common": self._common(solution, pose[2][0], observed.turned_at),
             },
             frame_index=observations.frame_index,
             stamp_ns=int(observations.stamp_ns),
@@ -235,16 +247,17 @@ class Observer:
         )
         return RelativeMotions(relative.frame_indices, poses, cov, None if self._exact else by_common)
 
-    def _common(self, solution: Solution, jacobian: Array) -> CommonErrors | None:
-        """The errors that all frames share, with those that no view shows, and how they move (6, m) the pose."""
+    def _common(self, solution: Solution, jacobian: Array, since: int) -> CommonErrors | None:
+        """The errors that all frames `since` one share, and those that no view shows; they move the pose (6, m)."""
         if self._exact or solution.status in (Status.INITIALISING, Status.LOST):
             return None
         if solution.common is None:
-            return CommonErrors(np.zeros(3), np.eye(3), jacobian)
+            return CommonErrors(np.zeros(3), np.eye(3), jacobian, since)
         t = len(TERMS)
         cov = np.eye(3 + t)
         cov[3:, 3:] = solution.common.cov[:t, :t]
-        return CommonErrors(np.concatenate([np.zeros(3), solution.common.mean[:t]]), cov, jacobian)
+        mean = np.concatenate([np.zeros(3), solution.common.mean[:t]])
+        return CommonErrors(mean, cov, jacobian, since)
 
     def _std_shared(self, errors: TemplateErrors, track_ids: NDArray[np.int64]) -> Array:
         """Return σ (n,) of inverse depths, 1/m, by the disparity error that all views of a point share, eq. (18)."""
@@ -298,6 +311,7 @@ class Observer:
 
 def _used_cameras(rig: StereoRig | MonoRig, config: Config) -> StereoRig | MonoRig:
     """Return the rig to estimate with. Only here is `Config.mono` asked; everything else asks the rig."""
+    rig = config.masked(rig)
     if config.mono:
         if isinstance(rig, StereoRig) and rig.timing is not None:
             logging.getLogger("stream_sfm").warning(

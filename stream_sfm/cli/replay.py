@@ -100,6 +100,10 @@ def live(
     record: options.ResultFile = None,
     shown: _Shown = _Shown(),
     calibration: options.Calibration = None,
+    size: options.MaybeSize = None,
+    rate: options.MaybePositive = None,
+    serial: Annotated[str | None, Parameter(group=options.CAMERAS, metavar="NUMBER")] = None,
+    exposure: Annotated[options.MaybePositive, Parameter(metavar="MS")] = None,
     max_frames: options.MaybeCount = None,
     settings: options.Settings = options.Settings(),
     method: options.MethodName = None,
@@ -107,16 +111,21 @@ def live(
     """Estimate the camera's motion and the local structure live, until Ctrl-C.
 
     Cameras: realsense, oak or zed, with their factory calibration; or, by OpenCV, the number, device file or
-    address of one camera that gives both images beside or above each other, or two of them, left and right. Ctrl-C ends
+    address of one camera that gives both images beside or above each other, or two of them, left and right. A recording
+    is a camera too: its images come at the pace at which they were recorded. Ctrl-C ends
     after the current frame and finishes all files. Images that arrive faster than they can be estimated are skipped in
     the estimates and kept in the recording.
 
     Args:
-        camera: realsense, oak, zed, or a camera of OpenCV such as 0
+        camera: realsense, oak, zed, a camera of OpenCV such as 0, or a recording
         right: the right camera, where it is another one
         out: result folder as of a replay; runs/CAMERA-TIME if not given
         record: write a log of every picture, for later replays
         calibration: of the pair, instead of the factory's: a file, the files of left and right, or their folder
+        size: of each image, pixels
+        rate: pictures per second
+        serial: which of several cameras of that kind
+        exposure: of each picture, milliseconds; automatic if not given
         max_frames: end after N frames
     """
     from ..recording.stereo_log import open_camera
@@ -126,9 +135,13 @@ def live(
     names = [camera] if right is None else [camera, right]
     name = "-".join(name.rsplit("/", 1)[-1] for name in names)
     config, folder = settings.read(method=method), Path(out) if out else new_run_folder(name)
-    options.protect([record, shown.rrd, *changed_results(folder, config)], settings.config, calibration)
+    inputs = [name for name in names if os.path.isfile(name) or os.path.isdir(name)]
+    options.protect([record, shown.rrd, *changed_results(folder, config)], settings.config, calibration, inputs)
     given = options.calibration_files(calibration)
-    with closing(open_camera(*names, calibration=given, record=record)) as log:
+    camera_log = open_camera(
+        *names, calibration=given, record=record, size=size, rate_hz=rate, serial=serial, exposure_ms=exposure
+    )
+    with closing(camera_log) as log:
         return _run("live", log, folder, config, Selection(max_frames=max_frames), shown, is_latest=not out)
 
 
@@ -157,7 +170,7 @@ def _run(
         from ..viewer import open_viewer
 
         truth = None if config.mono else log.ground_truth()
-        viewers.append(open_viewer(log.rig, shown.rrd, shown.view, truth, log.path.stem))
+        viewers.append(open_viewer(config.masked(log.rig), shown.rrd, shown.view, truth, log.path.stem))
     interrupted = False
     try:
         total = selection.count(log.expected_frames)

@@ -129,6 +129,9 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
         yield "time per frame", _milliseconds(timing["total"])
     for stage in ("decode", "frontend", "estimator") if stages else ():
         yield f"  {stage}", _milliseconds(timing[stage])
+    if live := summary.get("live"):
+        p50, p99, most = (number(live["latency_ms"][key], ".0f") for key in ("p50", "p99", "max"))
+        yield "latency", f"{p50} ms median, {p99} ms in 99 %, {most} ms at most; {live['left_out']} pairs left out"
     memory = number(summary["peak_rss_mib"], ".0f")
     yield "speed", f"{summary['frames_per_s']:.1f} frames/s, {summary['cpu_s']:.1f} s of CPU time, {memory} MiB"
     if end := summary.get("end"):

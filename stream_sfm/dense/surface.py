@@ -154,7 +154,7 @@ def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Select
         if not log.stats.complete:
             raise LogError(f"{log.path}: frame {number} could not be read: {'; '.join(log.stats.warnings)}")
         raise ConfigError(f"{log.path} has no frame {number}: the last one is {read - 1}")
-    view = DenseView(Rectifier(log.stereo_rig), config)
+    view = DenseView(Rectifier(config.masked(log.stereo_rig)), config)
     found, picture = view.see(frame)
     mesh = mesh_of_frame(view.projection, found, picture, config.dense.max_disparity_step_px)
     if not len(mesh.faces):

@@ -26,7 +26,7 @@ from ..files import json_bytes, write_whole
 from ..sources.pose_files import read_tum
 from ..types import Status, Trajectory
 from ..wording import counted
-from . import charts
+from . import charts, masks
 from .charts import Traces, traces_of
 from .numbers import figures_of
 from .records import Comparison, RunRecord
@@ -91,6 +91,7 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
         charts=_charts(c, content, traces, errors),
         more_charts=more,
         lives=charts.lives(c.front),
+        masks=masks.pictures(c.config.masked(c.rig)),
         statuses=[(look.name, {s: r.count(s) for s in Status}) for look, r in zip(looks, c.runs, strict=True)],
         warnings=list(dict.fromkeys([*(content["health"].get("problems") or ()), *content["warnings"]])),
     )

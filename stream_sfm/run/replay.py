@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
+import numpy as np
+
 from ..blas import one_thread
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config
@@ -19,7 +21,7 @@ from ..outputs import MAP_TRAJECTORY, RESULTS, refuse_overwriting
 from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration import describe
 from ..report.records import Truth
-from ..types import Selection, Sink, Trajectory
+from ..types import Frame, FrameEstimate, Selection, Sink, Trajectory
 from .lane import Lane
 from .loop import Course, run
 from .self_test import SelfTest
@@ -150,7 +152,8 @@ class _Replay:
         # Where the calibration changes; not with one camera, whose unit of length would change, too.
         self._there_and_back = there_and_back
         self.starts_anew = not (config.mono or self_test or there_and_back)
-        self.sinks: list[Sink] = [] if config.mono else [self._calibration]
+        self._latency = _Latency(log)
+        self.sinks: list[Sink] = [self._latency] if config.mono else [self._calibration, self._latency]
 
     def find_places(self, known: str | Path | None, save: Path | None, sinks: Sequence[Sink]) -> None:
         """Make a map beside the estimates, starting from the file `known` if one is given."""
@@ -179,6 +182,8 @@ class _Replay:
             "peak_rss_mib": peak_rss_mib(),
             "problems": self._calibration.problems or problems,
         }
+        if self._latency.ages_ms:
+            further["live"] = self._latency.summary()
         if record.rig is not None:
             further["rig"] = describe(lane.observer.projection, record.rig)
         for test in self.checks:
@@ -243,3 +248,24 @@ class _Replay:
         except InputError as error:
             return truth, [f"{self._log.path}: {error}"]
         return truth._replace(poses=without_frames(poses, stamps_ns, truth.ignored)), []
+
+
+class _Latency:
+    """A sink that notes how old the pictures of a live camera are when their estimates have been written."""
+
+    def __init__(self, log: StereoLog) -> None:
+        self._log = log
+        self.ages_ms: list[float] = []
+
+    def write(self, estimate: FrameEstimate, frame: Frame) -> None:
+        """Note the age of a frame's pictures."""
+        if (age_s := self._log.age_s(frame.stamp_ns)) is not None:
+            self.ages_ms.append(1e3 * age_s)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def summary(self) -> dict[str, Any]:
+        """`latency_ms` from picture to estimate, and how many pairs were `left_out`."""
+        p50, p99, most = np.percentile(self.ages_ms, [50, 99, 100]).tolist()
+        return {"latency_ms": {"p50": p50, "p99": p99, "max": most}, "left_out": self._log.left_out}
