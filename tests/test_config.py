@@ -120,7 +120,7 @@ def test_settings_are_given_by_name_and_unknown_names_are_refused() -> None:
         ("widow.frames=8", r"unknown section 'widow'; did you mean window\?"),
         (
             "nonsense=1",
-            r"unknown setting 'nonsense'; known are method, mask_left, mask_right, mono, estimate_every, frontend",
+            r"unknown setting 'nonsense'; known are method, mask_left, mask_right, mono, frontend, window",
         ),
     ],
 )

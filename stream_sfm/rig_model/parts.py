@@ -2,8 +2,9 @@
 
 Errors of views that last, or that a model does not have, make the σ of an error several times too small, above all of
 those that only time tells apart: a delay, a readout, a turn, a focus. A real one is the same in each third of a run.
-One that is made up, to explain what wanders slowly, is not: thirds of a drive with a rigid, triggered rig said 0.8, 1.0
-and 0.3 ms, and all of it 1.5 ± 0.1. What the thirds say follows from the information that the prior had at their ends.
+One that is made up, to explain what wanders slowly, is not: thirds of a drive with a rigid, triggered rig said 0.8,
+1.0 and 0.3 ms, and all of it 1.5 ± 0.1. What the thirds say follows from the information that the prior had at their
+ends.
 """
 
 from dataclasses import replace
@@ -29,7 +30,7 @@ class _End(NamedTuple):
 
 
 class Agreement(NamedTuple):
-    """Of each term (t,): the mean of the thirds of a run, its σ, and what they differ by in `spread`, at least 1."""
+    """Of each term (t,): the mean of the thirds of a run, its σ, and `spread`: by how many σ they differ, ≥ 1."""
 
     mean: Array
     std: Array

@@ -89,6 +89,12 @@ class Prior:
         modes[..., 6:] = np.concatenate([by_own, by_rig], axis=2)
         return changed(self, mean=mean, cov=cov, modes=modes)
 
+    def with_own_of_first(self, n: int) -> "Prior":
+        """Return the prior of a map's first frame with n more amplitudes of its own, which do nothing so far."""
+        at = self.modes.shape[2] - len(self.rig)
+        modes, world_modes = (np.insert(m, [at] * n, 0.0, axis=-1) for m in (self.modes, self.world_modes))
+        return changed(self, modes=modes, world_modes=world_modes)
+
     def world(self, amplitudes: Array) -> Array:
         """Return world_from_ref (4, 4) at the given amplitudes (k,) of the modes."""
         return se3.orthonormalise(self.world_from_ref @ se3.exp(self.world_modes @ amplitudes))
@@ -149,6 +155,17 @@ class Prior:
             world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[:, -1])),
             world_modes=world_modes[:, :-1],
             rig=changed(self.rig, mean=self.rig.at(c), information=others.left, weighted=weighted),
+        )
+
+    def given_rig(self, amplitudes: Array) -> "Prior":
+        """Return the prior of an exact rig that it is where the errors of the rig have the amplitudes (m,)."""
+        own = self.modes.shape[2] - len(amplitudes)
+        return changed(
+            self,
+            mean=self.mean + self.modes[..., own:] @ amplitudes,
+            modes=np.ascontiguousarray(self.modes[..., :own]),
+            world_modes=self.world_modes[:, :own],
+            rig=RigKnowledge.unknown(np.zeros(0)),
         )
 
     def with_field(self, n: int) -> "Prior":

@@ -29,10 +29,13 @@ from ..lifecycle import (
     with_ended,
 )
 from ..motion_model import MotionModel
+from .halves import SpanFactors
 from .inverse_depth import WhitenedViews
 from .map import Map
 from .minimise import minimise
+from .outliers import RejectionCounts
 from .relative import common_errors, relative_motions
+from .reported import reported
 from .rig_knowledge import RigKnowledge, impossible
 from .window_frame import WindowFrame, views_of
 
@@ -56,6 +59,7 @@ class CrossFrame:
         self.waiting = False  # for tracks of the map to return, since a frame without any view
         self._std_acceleration = np.array(config.motion.std_acceleration)
         self._has_field = False
+        self._factors = SpanFactors.unknown(config.window.frames)
         self._said_by_rows = np.zeros(2)  # information about the delay and its weighted sum
         self._impossible = ""  # why the calibration cannot be right, if it cannot
 
@@ -76,6 +80,9 @@ class CrossFrame:
         views = views_of(observations, self.projection, age_s)
         if observations.rig is not None and observations.rig.change_root is not None:
             self._change_rig(observations.rig.change_root)
+        if self.map is not None and (root := self.map.root_of_refocusing) is not None:
+            self.map.rejections = RejectionCounts()  # they were by the errors as they were
+            self._change_rig(root)
         current = self.map
         if current is None:
             return self._start(observations, frame, views)
@@ -211,7 +218,11 @@ class CrossFrame:
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
         rig = current.judge_rig()
-        before, now = current.marginals, current.update_marginals()
+        before, factors = current.marginals, self._factors
+        tells = observations.lasting.inflation is not None and motion.ambiguous is None and not observations.misfit
+        read_off, self._factors = reported(current, factors, tells)
+        # the world has moved with all errors that last, which only the weights of eq. (69) allow for
+        now = current.marginals = replace(read_off.update_marginals(), cov_pose=current.cov_pose)
         cov_timing = current.cov_of_timing(self._std_acceleration)
         if motion.ambiguous is None:  # otherwise it may be the motion that is wrong
             self._impossible = impossible(rig)
@@ -232,14 +243,14 @@ class CrossFrame:
             points_in_world=now.points_in_world[shown],
             cov_points_in_world=now.cov_points_in_world[shown],
             window_frame_indices=np.array([f.index for f in current.frames], np.int64),
-            window_world_from_cam=current.world_from_ref @ se3.inverse(current.cams_from_ref),
+            window_world_from_cam=read_off.world_from_ref @ se3.inverse(read_off.cams_from_ref),
             rejected_ids=ids[~used],
             iterations=iterations,
             nis=motion.chi2,
             nis_dof=motion.dof,
             rig=rig,
-            relative=relative_motions(current, cov_timing),
-            common=common_errors(current, rig),
+            relative=relative_motions(read_off, cov_timing, factors.shares),
+            common=common_errors(read_off, rig),
         )
         if rig is not None and observations.rig is not None:
             by_rows = self._since_by_rows(observations, len(rig.mean))
