@@ -122,7 +122,7 @@ def test_images_of_every_encoding_are_the_same_picture() -> None:
         frame = images.take(0.0)
         assert frame is not None and frame.stamp_ns == n * PERIOD_NS
         assert np.abs(frame.left.astype(int) - grey).mean() < 3, n  # of a mosaic, and of WebP
-    with pytest.raises(sfm.FrameError, match="image encoding 'dots' is not supported; supported are mono8"):
+    with pytest.raises(sfm.FrameError, match=r"image encoding 'dots' is not supported; supported are .*mono8"):
         images.put(0, image(grey, "dots", 99 * PERIOD_NS))
     assert images.take(0.0) is None
 

@@ -30,7 +30,7 @@ class _End(NamedTuple):
 
 
 class Agreement(NamedTuple):
-    """Of each term (t,): the mean of the thirds of a run, its σ, and `spread`: by how many σ they differ, ≥ 1."""
+    """Of each term (t,): the mean of the thirds of a run, its σ, and `spread`: how many σ they differ by, or 1."""
 
     mean: Array
     std: Array

@@ -102,7 +102,7 @@ def test_the_reference_is_made_without_a_warning(tmp_path):
     page = write_reference(tmp_path).read_text(encoding="utf-8")
     assert all(f'id="{name}"' in page for name in PUBLIC)
     assert "typing.Annotated" not in page and "msgspec.Meta" not in page
-    assert "points followed at the same time (20 to 2000)" in page  # what a setting means is in words
+    assert "most points tracked at the same time (20 to 2000)" in page  # what a setting means is in words
 
 
 def test_every_command_has_its_function():

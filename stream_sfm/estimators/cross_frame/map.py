@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ... import core
 from ...geometry import se3
 from ...geometry.gates import chi2_gate
-from ...geometry.linear import scaled_cholesky, symmetric
+from ...geometry.linear import Cholesky, scaled_cholesky, symmetric
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
@@ -108,6 +108,11 @@ class Map:
     def rig_error(self) -> Array:
         """The errors (m,) of the rig that are taken out of the views at the present amplitudes."""
         return self.prior.rig.at(self.amplitudes[len(self.amplitudes) - len(self.prior.rig) :])
+
+    @property
+    def previous(self) -> WindowFrame:
+        """The frame before the newest one."""
+        return self.frames[-2] if len(self.frames) > 1 else self.reference
 
     @property
     def newest_cam_from_ref(self) -> Array:
@@ -251,8 +256,10 @@ class Map:
         count = core.times_among(ids, self.views.ids, self.views.used)
         return np.maximum(count + np.where(core.among(ids, self.prior.ids), len(self.frames), -1), 0)
 
-    def consider_other(self, motion: Resection) -> None:
+    def consider_other(self, motion: Resection, std_moved: Array) -> None:
         """Add to the world's uncertainty that the second of two plausible motions may be the true one.
+
+        No vehicle moves between two frames by much more than `std_moved` (6,) otherwise than it did.
 
         The difference of the two, in any direction, as the camera's motion may be that of a third set, which is hidden;
         and the error of the other, eq. (36a). The differences of frames in a row have one sign.
@@ -264,7 +271,9 @@ class Map:
         self._frames_ambiguous += 1
         first_from_other = motion.cam_from_ref @ se3.inverse(other.cam_from_ref)  # of the newest camera
         apart = np.linalg.norm(se3.log(first_from_other).reshape(2, 3), axis=1)
-        own = se3.adjoint(first_from_other) @ scaled_cholesky(other.cov_pose)
+        apart = np.minimum(apart, std_moved[[0, 3]])
+        cov = Cholesky(Cholesky(other.cov_pose).inverse() + np.diag(std_moved**-2.0)).inverse()
+        own = se3.adjoint(first_from_other) @ scaled_cholesky(cov)
         ambiguity = np.concatenate([np.diag(np.repeat(apart, 3)), own], axis=1)
         self.frames[-1].ambiguity = ambiguity
         modes = se3.adjoint(se3.inverse(self.newest_cam_from_ref)) @ ambiguity

@@ -27,8 +27,8 @@ _IMPOSSIBLE = 20.0
 # most of their views. On sound logs, rendered and real, roots of the averages are 0.5 to 1.3 (KITTI 06 has 3.2 in one
 # term), where the focus moves 2 to 7.
 _INNOVATIONS, _CALM_FRAMES = 40, 10
-# In so many frames in a row a window contradicts a term by so many σ: at most 4 on rendered logs that are sound and 6
-# on real ones, 8 to 18 where the focus moves.
+# In so many frames in a row a window contradicts a term by so many σ: at most by 4 on rendered logs that are sound, by
+# 6 on real ones, by 8 to 18 where the focus moves.
 _CONTRADICTS, _CONTRADICTIONS = 5.0, 3
 _LEAST_GAIN = 1e-9  # of a variance: less is rounding
 _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes

@@ -122,7 +122,8 @@ class CrossFrame:
         current.enter(frame, cam_from_ref, views, corrected_px, rejected, ambiguous=motion.ambiguous is not None)
         if observations.settled:
             current.settle()
-        current.consider_other(motion)
+        passed_s = (observations.stamp_ns - current.previous.stamp_ns) / 1e9
+        current.consider_other(motion, self.motion.std_speed * passed_s)
         current.renew_timing()
         iterations = minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
         return self._report(current, observations, motion, iterations)
