@@ -68,7 +68,7 @@ def replay(
         save_map: write the map at the end, which may be the one that was read; with the effect of --loops
         mono: use the left camera only; lengths are in units of the first baseline instead of metres
     """
-    from ..outputs import MAP_TRAJECTORY
+    from ..outputs import MAP_TRAJECTORY, RESULTS
     from ..recording.stereo_log import open_log
     from ..results.folder import changed_results, new_run_folder
 
@@ -77,6 +77,7 @@ def replay(
     folder = Path(out) if out else new_run_folder(log)
     options.protect([shown.rrd, folder / MAP_TRAJECTORY, *changed_results(folder, config)], *inputs, map)
     options.protect([save_map], *inputs)
+    options.protect([shown.rrd, save_map, *(folder / name for name in (*RESULTS, MAP_TRAJECTORY))])
     recording = open_log(log, *cameras.chosen, mono=config.mono, ground_truth=truth.read())
     known = {"self_test": self_test, "loops": loops, "known_map": map, "save_map": save_map}
     return _run("replay", recording, folder, config, selection, shown, is_latest=not out, strict=strict, **known)
@@ -90,6 +91,7 @@ def live(
     out: options.MaybeFolder = None,
     record: options.ResultFile = None,
     shown: _Shown = _Shown(),
+    force: Annotated[bool, Parameter(group=options.RESULTS)] = False,
     calibration: options.Calibration = None,
     max_frames: options.MaybeCount = None,
     settings: options.Settings = options.Settings(),
@@ -107,6 +109,7 @@ def live(
         right: the right camera, where it is another one
         out: result folder as of a replay; runs/CAMERA-TIME if not given
         record: write a log of every picture, for later replays
+        force: replace the file of --record if it exists
         calibration: of the pair, instead of the factory's: a file, the files of left and right, or their folder
         max_frames: end after N frames
     """
@@ -119,7 +122,7 @@ def live(
     config, folder = settings.read(method=method), Path(out) if out else new_run_folder(name)
     options.protect([record, shown.rrd, *changed_results(folder, config)], settings.config, calibration)
     given = options.calibration_files(calibration)
-    with closing(open_camera(*names, calibration=given, record=record)) as log:
+    with closing(open_camera(*names, calibration=given, record=record, overwrite=force)) as log:
         return _run("live", log, folder, config, Selection(max_frames=max_frames), shown, is_latest=not out)
 
 

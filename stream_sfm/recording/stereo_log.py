@@ -10,6 +10,7 @@ from ..camera.calibration.document import Where
 from ..camera.rig import MonoRig, StereoRig, baseline_warnings
 from ..errors import ConfigError, InputError, LogError
 from ..mcap_file.message import Damage, Source
+from ..outputs import refuse_existing
 from ..sources.recognise import open_source
 from ..types import Selection, Trajectory
 from ..wording import counted
@@ -51,20 +52,25 @@ def open_log(
 
 
 def open_camera(
-    *names: str, calibration: Where | StereoRig | None = None, record: str | Path | None = None
+    *names: str,
+    calibration: Where | StereoRig | None = None,
+    record: str | Path | None = None,
+    overwrite: bool = False,
 ) -> "StereoLog":
     """Open a stereo camera as a log whose frames are the pictures that it delivers from now on.
 
     `names`: `realsense`, `oak` or `zed`; or for OpenCV one camera that gives both images beside or above each other, or
     those of left and right: numbers, device files, addresses of streams. `calibration` as in `open_log`; without it
     the one of the factory is used, which OpenCV's cameras have not. `record`: a log of every picture, in grey, whether
-    or not it is estimated; it is complete when the frames end, however they do. Close the log in the end. Raises
-    LogError where the camera cannot be opened, ConfigError, OutputError.
+    or not it is estimated; it is complete when the frames end, however they do. `overwrite`: a file of this name may
+    be replaced. Close the log in the end. Raises LogError where the camera cannot be opened, ConfigError, OutputError.
     """
     from ..mcap_file.log_writer import MessageWriter
     from ..sources.camera import CameraSource
     from ..sources.devices import open_device
 
+    if record is not None:
+        refuse_existing(record, overwrite)
     if calibration is not None and not isinstance(calibration, StereoRig):
         calibration = StereoRig.from_calibration(calibration)
     device = open_device(names, calibration)

@@ -257,6 +257,17 @@ def test_what_comes_too_fast_is_recorded_and_told(
     assert len(list(sfm.open_log(tmp_path / "log.mcap").frames())) == FRAMES
 
 
+def test_a_recording_replaces_no_file_unasked(webcams: Path, tmp_path: Path, cli) -> None:
+    mine = tmp_path / "holiday.jpg"
+    mine.write_bytes(b"mine")
+    words = ("live", "0", "1", "--calibration", webcams, "--record", mine, "--out", tmp_path / "run", "-q")
+    said = cli(*words, code=3).err
+    assert "holiday.jpg exists already" in said and "--force" in said
+    assert mine.read_bytes() == b"mine" and not (tmp_path / "run").exists()
+    cli(*words, "--force")
+    assert len(list(sfm.open_log(mine).frames())) == FRAMES
+
+
 def test_a_run_that_is_ended_keeps_all_it_has(webcams: Path, tmp_path: Path) -> None:
     """By a sink that has seen enough, as by Ctrl-C: the recording is whole, and so are the results."""
     seen: list[int] = []
