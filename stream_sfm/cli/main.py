@@ -11,7 +11,7 @@ import logging
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from typing import TextIO
 
 from cyclopts import App, CycloptsError, Parameter
@@ -20,6 +20,7 @@ from .. import __version__
 from ..errors import ExitCode, StreamSfmError
 from ..interrupts import termination_as_interrupt
 from ..wording import printable
+from .library_messages import filtered
 from .printing import print_error
 from .process import settle
 from .usage import hint, rewritten, usage_error
@@ -87,12 +88,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     settle()
     _open_missing_streams()
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a terminal without σ, or odd file names, must not end a run
-            stream.reconfigure(errors="backslashreplace")
     words = rewritten(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
+    # a program that calls `main` keeps its descriptors; what asks for --debug wants to see everything
+    own_process = argv is None and not debug
+    with filtered(quiet=not {"-q", "--quiet"}.isdisjoint(words)) if own_process else nullcontext():
+        return _main(words, debug)
+
+
+def _main(words: list[str], debug: bool) -> int:
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal without σ, or odd file names, must not end a run
+            stream.reconfigure(errors="backslashreplace")
     try:
         with _logging_to_stderr():
             return _run(build_app(words), words, debug)
