@@ -199,9 +199,12 @@ class Settings:
         Raises ConfigError.
         """
         from ..config import read_config
+        from ..estimators import check_method
 
         further = [f"{name}={json.dumps(value)}" for name, value in chosen.items() if value]
-        return read_config(self.config, [*(self.set or []), *further])
+        found = read_config(self.config, [*(self.set or []), *further])
+        check_method(found.method)
+        return found
 
 
 @Parameter(name="*", group=TRUTH)

@@ -39,6 +39,12 @@ class MapRecord(msgspec.Struct):
     rect_from_cam: list[float]  # 3 × 3
 
 
+class _AnyVersion(msgspec.Struct):
+    """What every version of a MapRecord has."""
+
+    schema_version: Any = None
+
+
 class KeyframeRecord(msgspec.Struct):
     """One keyframe; segments are pieces of way without a loss, and `home` is the one in whose world the pose is."""
 
@@ -125,7 +131,7 @@ def _records(path: Path) -> Iterator[Record]:
         if stored.channel.message_encoding != "msgpack":
             raise ValueError(f"{stored.channel.topic} is not of a map that PlaceMap.save has written")
         if kind is MapRecord:
-            version = msgspec.msgpack.decode(stored.data).get("schema_version")
+            version = msgspec.msgpack.decode(stored.data, type=_AnyVersion).schema_version
             if version != SCHEMA_VERSION:
                 raise ValueError(f"it is of version {version!r}, and this stream_sfm reads {SCHEMA_VERSION}")
         yield msgspec.msgpack.decode(stored.data, type=kind)

@@ -45,8 +45,8 @@ class Lane:
         self.solution: Solution | None = None  # of the latest frame
         self.rig: RigEstimate | None = None  # the estimator's latest knowledge of the rig's errors
         self.observer, self._depth = observer, depth
-        self.finds_rig = METHODS[config.method].finds_rig and not config.rig.exact
         self._estimator = make_estimator(config.method, projection, config)
+        self.finds_rig = METHODS[config.method].finds_rig and not config.rig.exact
         self._structure = StructureComparison(observer.rig.left)
         self._world = World(config.motion)
 
