@@ -40,7 +40,13 @@ class GroundTruthFile:
     def poses(self) -> Trajectory:
         """Return the poses of whatever they are of, in the time of the log. Raises LogError."""
         found, offset_ns = read_poses(Path(self.path)), round(self.offset_s * 1e9)
-        if len(found) and not -INT64 <= min(ends := found.stamps_ns[[0, -1]].tolist()) + offset_ns <= max(ends) + offset_ns < INT64:
+        if (
+            len(found)
+            and not -INT64
+            <= min(ends := found.stamps_ns[[0, -1]].tolist()) + offset_ns
+            <= max(ends) + offset_ns
+            < INT64
+        ):
             raise LogError(f"{self.path}: an offset of {self.offset_s:g} s leads beyond stamps of 64 bits")
         return Trajectory(found.stamps_ns + offset_ns, found.world_from_cam)
 

@@ -40,7 +40,11 @@ def open_device(names: Sequence[str], rig: StereoRig | None) -> Device:
     `rig` says how large the images are where one camera gives both of them beside each other.
     """
     if len(names) == 1 and (known := OPEN.get(names[0].lower())) is not None:
-        return known()
+        try:
+            return known()
+        except (RuntimeError, OSError) as error:  # of the maker's package
+            said = " ".join(str(error).split())
+            raise LogError(f"camera {names[0]} cannot be opened: {said}; is it connected, and permitted?") from None
     return _opencv(names, rig)
 
 
@@ -104,10 +108,7 @@ def _realsense() -> Device:
     pipeline, config = rs.pipeline(), rs.config()
     for number in (1, 2):
         config.enable_stream(rs.stream.infrared, number, 640, 480, rs.format.y8, _RATE_HZ)
-    try:
-        profile = pipeline.start(config)
-    except RuntimeError as error:
-        raise LogError(f"RealSense: {error}") from None
+    profile = pipeline.start(config)
     sensor = profile.get_device().first_depth_sensor()
     if sensor.supports(rs.option.emitter_enabled):
         sensor.set_option(rs.option.emitter_enabled, 0)

@@ -243,6 +243,18 @@ def test_what_is_missing_is_named(
     assert not list(webcams.parent.glob("runs/*"))
 
 
+@pytest.mark.parametrize(("name", "package"), [("oak", "depthai"), ("realsense", "pyrealsense2")])
+def test_a_camera_that_is_not_plugged_in_is_told(name: str, package: str, monkeypatch, tmp_path: Path, cli) -> None:
+    def nothing(*_: object) -> None:
+        raise RuntimeError("No available devices\n(0 connected)")
+
+    found = Is(Pipeline=nothing, pipeline=nothing, config=lambda: Is(enable_stream=lambda *_: None))
+    streams = {"stream": Is(infrared=0), "format": Is(y8=0)}
+    monkeypatch.setitem(sys.modules, package, Is(**vars(found), **streams))
+    said = cli("live", name, "--out", tmp_path / "o", code=3).err
+    assert f"camera {name} cannot be opened: No available devices (0 connected); is it connected" in said
+
+
 def test_what_comes_too_fast_is_recorded_and_told(
     webcams: Path, pictures: Pictures, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
