@@ -16,7 +16,7 @@ from typing import TextIO
 
 from cyclopts import App, CycloptsError, Parameter
 
-from .. import __version__
+from .. import __version__, memory
 from ..errors import ExitCode, StreamSfmError
 from ..interrupts import termination_as_interrupt
 from ..wording import printable
@@ -46,6 +46,9 @@ _EXIT_CODES = (
     "Exit codes: 0 success; 1 internal error (a defect of stream-sfm); 2 wrong usage or configuration; 3 input "
     "unreadable, unsuitable or only partly read; 130 interrupted, with all results so far written. "
     "With --debug, every command prints the traceback of an error as well."
+)
+_NO_MEMORY = (
+    "the system refuses the memory that is needed: allow this process more (ulimit -v), or use smaller images"
 )
 # Errors of a full or failing disk, an exceeded quota or a closed terminal: not defects of the program.
 _REFUSED_BY_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
@@ -147,6 +150,9 @@ def _run(app: App, words: list[str], debug: bool) -> int:
         if apps[-1].default_command is None and not rest:  # nothing, or `import` alone
             app.help_print(words, console=app.error_console)
             return ExitCode.USAGE
+        if not (rest and set(rest) <= {"-h", "--help", "--version"}) and not memory.is_enough():
+            print_error(_NO_MEMORY)
+            return ExitCode.INPUT
         with termination_as_interrupt():
             code = app(words)
             sys.stdout.flush()
@@ -183,6 +189,9 @@ def _told(app: App, words: list[str], error: BaseException) -> tuple[int, str, s
             _discard(sys.stdout)
             where = error.filename or "the standard output"
             return ExitCode.INPUT, f"cannot write {where}: {error.strerror}", ""
+    if memory.is_refused(error):
+        said = f" ({error})" if str(error) else ""
+        return ExitCode.INPUT, f"{_NO_MEMORY}{said}; results so far are written", ""
     advice = "this is a defect of stream-sfm; please report it with the output of --debug"
     return ExitCode.DEFECT, f"{type(error).__name__}: {error}".splitlines()[0], advice
 

@@ -59,6 +59,7 @@ template <class T, std::size_t N>
 struct Argument<View<T, N>> {
     using Given = In<T, N>;
     static View<T, N> of(const Given& array) {
+        require(array.is_valid(), "an array is None");
         View<T, N> result{array.data(), {}};
         for (std::size_t i = 0; i < N; i++) result.shape[i] = array.shape(i);
         return result;
@@ -68,6 +69,7 @@ template <class T>
 struct Argument<ImageOf<T>> {
     using Given = In<T, 2>;
     static ImageOf<T> of(const Given& array) {
+        require(array.is_valid(), "an image is None");
         require(array.shape(0) < MAX_SIDE && array.shape(1) < MAX_SIDE, "the image is too large");
         return {array.data(), static_cast<int>(array.shape(0)), static_cast<int>(array.shape(1))};
     }

@@ -302,6 +302,7 @@ FittedTurn fit_turn(const PointViews& views, Matrix motion, Matrix usual, double
 // rig.cpp
 constexpr std::size_t TERMS = 20, AT_TIMING = 14;  // the order of rig_model/terms.py; delay and readout follow each other
 void check(const ExposedRows& exposed);
+void check(const Timing& timing);
 struct RigModel {
     Pinholes pinholes;
     std::array<double, 2> size;
