@@ -20,6 +20,7 @@ from .camera.unseen_errors import PhysicalAxes
 from .config import Config
 from .errors import ConfigError, FrameError
 from .frontend.front_end import StereoFrontEnd
+from .frontend.image_checks import are_one_image
 from .frontend.mono.front_end import MonoFrontEnd
 from .frontend.pair_check import resolution_problem
 from .frontend.prepared import PreparedImages
@@ -95,9 +96,12 @@ class Observer:
         images = [to_grey(image) for image in frame.images[: len(self.rig.cameras)]]
         deep = any(image.dtype == np.uint16 for image in images)
         bits = bits_used(*images) if deep and grey_bits is None else grey_bits
-        rectified = self.rectifier.rectify(*(to_uint8(image, bits or FEWEST_BITS) for image in images))
+        sides = [to_uint8(image, bits or FEWEST_BITS) for image in images]
+        rectified = self.rectifier.rectify(*sides)
         done = self._smoothing_px, frame.stamp_ns, bits, self._made_by
         prepared = PreparedImages.of(rectified[0], rectified[-1], *done)
+        if len(sides) > 1 and are_one_image(*sides):
+            prepared = replace(prepared, one_image=True)
         if frame_index is not None:
             self._frontend.prepare(prepared, frame_index)
         return prepared

@@ -112,15 +112,24 @@ def recorded(motion: MotionModel, observations: Observations, solution: Solution
     if not (np.isfinite(solution.world_from_cam).all() and np.isfinite(solution.cov_pose).all()):
         raise np.linalg.LinAlgError("the pose is not finite")
     solution = with_ended(solution, ended)
+    if observations.stepped:
+        motion.step(observations.stamp_ns, solution.world_from_cam)
     if not observations.misfit:
         motion.record(observations.stamp_ns, solution.world_from_cam, solution.cov_pose)
-        return solution
+        return _widened(solution, solution.cov_pose + motion.cov_of_steps(solution.world_from_cam))
     cov = motion.covering(observations.stamp_ns, solution.world_from_cam, solution.cov_pose)
+    return replace(_widened(solution, cov + motion.cov_of_steps(solution.world_from_cam)), relative=None)
+
+
+def _widened(solution: Solution, cov: Array) -> Solution:
+    """Return the solution with a larger covariance (6, 6) of the pose, and of the points in the world."""
+    if (cov == solution.cov_pose).all():
+        return solution
     j = se3.point_in_source_jacobian(solution.points_in_cam)
     r = solution.world_from_cam[:3, :3]
     of_points = r @ (j @ (cov - solution.cov_pose) @ np.swapaxes(j, 1, 2)) @ r.T
     of_points += solution.cov_points_in_world
-    return replace(solution, cov_pose=cov, cov_points_in_world=of_points, relative=None)
+    return replace(solution, cov_pose=cov, cov_points_in_world=of_points)
 
 
 def too_few_inliers(inliers: int, known: int, config: RobustConfig) -> str:

@@ -14,6 +14,7 @@ _BUILD_UP_S = 1.0
 # A camera whose images were held back, or that was put elsewhere, is as uncertain as after this time without images.
 # Of a car that is 30 m, two standard deviations.
 _HELD_BACK_S = 3.0
+_STEPS = 16  # that are remembered: a stream that is displaced all the time is bounded, too
 
 
 class MotionModel:
@@ -26,6 +27,7 @@ class MotionModel:
         self._stamp_ns: int | None = None
         self._velocity = np.zeros(6)  # ξ per second, in the camera's own axes
         self._velocity_known = False
+        self._steps: list[tuple[Array, Array]] = []  # of both images: the pose after each, and its motion
         self._known_at_ns: int | None = None  # when the velocity was measured last; until it was, the first pose
 
     @property
@@ -53,6 +55,22 @@ class MotionModel:
         self._velocity, self._velocity_known = np.zeros(6), False
         reach_s2 = _HELD_BACK_S * (0.5 * _HELD_BACK_S + _BUILD_UP_S)
         self._cov = self._cov + np.diag((reach_s2 * self._std_acceleration) ** 2)
+
+    def step(self, stamp_ns: int, world_from_cam: Array) -> None:
+        """Both images have stepped before this pose was estimated, with which the camera has moved or not.
+
+        How far is what the model does not explain. It stays in all later poses, also where the images step back.
+        """
+        step = se3.log(se3.inverse(self.predict(stamp_ns)[0]) @ world_from_cam)
+        self._steps = [*self._steps, (world_from_cam, step)][-_STEPS:]
+
+    def cov_of_steps(self, world_from_cam: Array) -> Array:
+        """Covariance (6, 6) of a pose by steps that may not have been the camera's: it went on from wrong poses."""
+        cov = np.zeros((6, 6))
+        for pose, step in self._steps:
+            moved = se3.adjoint(se3.inverse(world_from_cam) @ pose) @ step
+            cov += np.outer(moved, moved)
+        return cov
 
     def covering(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Array:
         """Covariance (6, 6) of an estimated pose that may as well be where the model predicts it, eq. (43a)."""

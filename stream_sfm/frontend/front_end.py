@@ -101,7 +101,10 @@ class StereoFrontEnd:
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int
     ) -> tuple[FrontEndState, Observations]:
         """Return the observations of the next frame, with the known turn of the right camera corrected."""
-        state, followed = follow(self.setup, state, images, stamp_ns)
+        before, (state, followed) = state, follow(self.setup, state, images, stamp_ns)
+        change = None if followed is None else before.change_to(followed.cam_from_previous, stamp_ns)
+        steps, stepped = state.steps.after(change, self.setup.projection.f_px)
+        state = replace(state, steps=steps)
         found = None if followed is None else followed.found
         fit = None if found is None else PairFit.of(found, *self.setup)
         problem = self.problem or problem_of(
@@ -126,6 +129,7 @@ class StereoFrontEnd:
             n_new=len(z_new),
             ambiguity=_ambiguity(followed.other, state),
             settled=followed.settled,
+            stepped=stepped,
             lasting=replace(
                 observed.lasting,
                 std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))]),
@@ -213,4 +217,4 @@ def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | 
 
 def _misfit(state: FrontEndState) -> str:
     """Say why what agrees may not be the scene; empty where nothing suggests so."""
-    return state.pair.problem or state.start.problem
+    return state.pair.problem or state.start.problem or state.steps.problem

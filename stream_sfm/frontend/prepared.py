@@ -24,8 +24,8 @@ _CONTRAST = 12.0
 class PreparedImages:
     """The two smoothed images (h, w) of one frame, and the left one at half the size, for flow; `rectified`: both as
     they came. Of the frame they were made of: `stamp_ns`, and `grey_bits`: how many bits of 16-bit images were taken to
-    be used, None of other images; `made_by`: equal where the same was done to images. Other forms are computed when
-    they are first asked for."""
+    be used, None of other images; `made_by`: equal where the same was done to images; `one_image`: both cameras have
+    delivered the same. Other forms are computed when they are first asked for."""
 
     left: Image
     right: Image
@@ -34,6 +34,7 @@ class PreparedImages:
     stamp_ns: int | None = None
     grey_bits: int | None = None
     made_by: str = ""
+    one_image: bool = False
 
     @classmethod
     def of(
