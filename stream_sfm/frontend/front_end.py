@@ -103,8 +103,7 @@ class StereoFrontEnd:
         """Return the observations of the next frame, with the known turn of the right camera corrected."""
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns)
         change = None if followed is None else before.change_to(followed.cam_from_previous, stamp_ns)
-        steps, stepped = state.steps.after(change, self.setup.projection.f_px)
-        state = replace(state, steps=steps)
+        state = replace(state, steps=state.steps.after(change, self.setup.projection.f_px))
         found = None if followed is None else followed.found
         fit = None if found is None else PairFit.of(found, *self.setup)
         problem = self.problem or problem_of(
@@ -129,7 +128,7 @@ class StereoFrontEnd:
             n_new=len(z_new),
             ambiguity=_ambiguity(followed.other, state),
             settled=followed.settled,
-            stepped=stepped,
+            stepped=bool(state.steps.problem),
             lasting=replace(
                 observed.lasting,
                 std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))]),

@@ -22,34 +22,32 @@ _BACK = 0.5  # of a step: how much of the change the next frame leaves
 @record
 class StepCheck:
     """What the changes of motion so far were: the sizes of the latest ones, pixels; `suspected` (6,): the change in the
-    last frame, perturbation of its motion on the right, if it is suspected to be a step; and `px`, how large it is."""
+    last frame, if it may be a step; `confirmed_px`: the size of a step that the last frame has confirmed, or 0."""
 
     sizes_px: tuple[float, ...] = ()
     suspected: Array | None = None
-    px: float = 0.0
+    confirmed_px: float = 0.0
 
     @property
     def problem(self) -> str:
-        """Say that the latest frame may have been displaced; or nothing."""
-        if self.suspected is None:
+        """Say that a step has been seen, in the frame that confirms it; or nothing."""
+        if not self.confirmed_px:
             return ""
         return (
-            f"the view has turned by {self.px:.0f} px at once: have both images been displaced, by another crop "
-            "or lost synchronisation?"
+            f"the view has turned by {self.confirmed_px:.0f} px at once: have both images been displaced, by another "
+            "crop or lost synchronisation?"
         )
 
-    def after(self, change: Array | None, f_px: float) -> tuple["StepCheck", bool]:
-        """Return the check after a frame whose motion differs from the last one by `change` (6,); None: not known.
-
-        Also returns whether this frame has confirmed a step in the last one.
-        """
+    def after(self, change: Array | None, f_px: float) -> "StepCheck":
+        """Return the check after a frame whose motion differs from the last one by `change` (6,); None: not known."""
         if change is None:
-            return StepCheck(self.sizes_px), False
+            return StepCheck(self.sizes_px)
         turn_px = f_px * change[3:]
         size = float(np.linalg.norm(turn_px))
-        if self.suspected is not None and np.linalg.norm(turn_px + f_px * self.suspected[3:]) < _BACK * self.px:
-            return StepCheck(self.sizes_px), True
+        if self.suspected is not None:
+            step_px = f_px * self.suspected[3:]
+            if np.linalg.norm(turn_px + step_px) < _BACK * np.linalg.norm(step_px):
+                return StepCheck(self.sizes_px, confirmed_px=float(np.linalg.norm(step_px)))
         usual = float(np.median(self.sizes_px)) if len(self.sizes_px) >= _FEWEST else np.inf
-        if size > max(_LEAST_PX, _UNUSUAL * usual):
-            return StepCheck(self.sizes_px, change, size), False
-        return StepCheck((*self.sizes_px, size)[-_REMEMBERED:]), False
+        unusual = size > max(_LEAST_PX, _UNUSUAL * usual)
+        return StepCheck((*self.sizes_px, size)[-_REMEMBERED:], change if unusual else None)
