@@ -102,7 +102,10 @@ class StereoFrontEnd:
     ) -> tuple[FrontEndState, Observations]:
         """Return the observations of the next frame, with the known turn of the right camera corrected."""
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns)
-        change = None if followed is None else before.change_to(followed.cam_from_previous, stamp_ns)
+        wrong = (
+            followed is None or before.pair.problem
+        )  # what has moved while images stood still moves at once, too
+        change = None if wrong or followed is None else before.change_to(followed.cam_from_previous, stamp_ns)
         state = replace(state, steps=state.steps.after(change, self.setup.projection.f_px))
         found = None if followed is None else followed.found
         fit = None if found is None else PairFit.of(found, *self.setup)
