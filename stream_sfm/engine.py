@@ -1,13 +1,12 @@
 """The page to read first: one stereo frame in, one estimate out. Nothing is read, written or printed here.
 
 frame -> observer (rectification and front-end) -> observations -> estimator -> solution -> observer -> the estimate in
-the axes of the physical left camera.
+the axes of the physical left camera. A run takes the same three steps, with a lane per method (`run/loop.py`).
 """
 
 import copy
 import logging
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -20,6 +19,7 @@ from .errors import EngineBusyError
 from .estimators import make_estimator
 from .frontend.prepared import PreparedImages
 from .geometry.stereo import StereoProjection
+from .lane import BareLane
 from .observer import Observer
 from .types import Estimator, Frame, FrameEstimate, Observations
 
@@ -48,7 +48,7 @@ class Engine:
         with one_thread:
             self.observer = Observer(rig, self.config)
             make = partial(make_estimator, self.config.method) if estimator is None else estimator
-            self.estimator = make(self.observer.projection, self.config)
+            self.lane = BareLane(self.observer, make(self.observer.projection, self.config))
         self.observations: Observations | None = None  # of the latest frame, in axes of the rectified pair
         self._stepping = threading.Lock()
         for question in baseline_warnings(self.rig):
@@ -78,10 +78,9 @@ class Engine:
         with self._exclusively(), one_thread:
             observed = self.observer.observe(frame, prepared)
             self.observations = observed.observations
-            began = time.perf_counter()
-            solution = self.estimator.step(observed.observations)
-            self.observer.learn(solution)
-            return self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began))
+            estimate = self.lane.estimate(observed)
+            self.observer.learn(self.lane.solution)
+            return estimate
 
     def __copy__(self) -> "Engine":
         """Return an engine that goes on from here by itself, as `copy.deepcopy` does."""

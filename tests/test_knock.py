@@ -59,7 +59,7 @@ def test_a_knock_is_found_and_measured_and_poses_stay_right(turn: str) -> None:
     estimates = estimated(turn)
     degraded = [e.frame_index for e in estimates if e.status == sfm.Status.DEGRADED]
     assert degraded == [KNOCK, KNOCK + 1, KNOCK + 2]
-    assert all("has moved against the left one" in estimates[k].reason for k in degraded)
+    assert all("relative to the left" in estimates[k].reason for k in degraded)
     (found,) = [e for e in estimates if e.rig_change is not None]
     assert found.frame_index == KNOCK + 3 and found.rig_change is not None
     assert found.rig_change.frame_index == KNOCK
@@ -87,12 +87,6 @@ def test_a_knock_that_is_not_taken_out_makes_distances_wrong() -> None:
     """By 1.5 %, 4 cm of 3 m, once all points were begun after it; by the noise of a frame, 1 mm, where it is."""
     assert distance_from_wall(estimated("yaw", EXACT)[-1]) > 0.02
     assert distance_from_wall(estimated("yaw")[-1]) < 0.01
-
-
-@pytest.mark.parametrize("every", [2, 3])
-def test_of_every_kth_frame_the_change_is_taken_in_by_the_next_one(every: int) -> None:
-    estimates = estimated("yaw", sfm.Config(estimate_every=every))
-    assert squared_errors(estimates).mean() < 12  # √2 in σ
 
 
 def test_one_frame_with_a_turned_image_changes_the_map_for_no_other() -> None:

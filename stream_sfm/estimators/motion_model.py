@@ -3,6 +3,8 @@
 Its prediction is where the estimate of every frame starts, and it is the estimate itself while lost.
 """
 
+from copy import copy
+
 import numpy as np
 
 from ..config import MotionConfig
@@ -11,9 +13,10 @@ from ..geometry.se3 import Array
 
 # An unknown velocity has the σ that the assumed acceleration builds up in this time: a walking start.
 _BUILD_UP_S = 1.0
-# A camera whose images were held back, or that was put elsewhere, is as uncertain as after this time without images.
-# Of a car that is 30 m, two standard deviations.
-_HELD_BACK_S = 3.0
+# For so long a vehicle speeds up: velocities differ from the last one known by what the assumed acceleration builds up
+# in this time, and by no more later. A camera whose images were held back, or that was put elsewhere, is as uncertain
+# as after this time without images. Of a car that is 30 m, two standard deviations.
+_SPEEDS_UP_S = 3.0
 _STEPS = 16  # that are remembered: a stream that is displaced all the time is bounded, too
 
 
@@ -29,23 +32,53 @@ class MotionModel:
         self._velocity_known = False
         self._steps: list[tuple[Array, Array]] = []  # of both images: the pose after each, and its motion
         self._known_at_ns: int | None = None  # when the velocity was measured last; until it was, the first pose
+        self._trusted: MotionModel | None = None  # as it was before the doubtful frames up to the latest one
 
     @property
     def started(self) -> bool:
         """Whether any pose was recorded."""
         return self._stamp_ns is not None
 
-    def record(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
-        """Take the estimated pose of a frame and the velocity that it implies."""
+    @property
+    def std_speed(self) -> Array:
+        """σ (6,) of how far velocities of a vehicle are apart, per second: what it builds up while it speeds up."""
+        return np.asarray(_SPEEDS_UP_S * self._std_acceleration)
+
+    def record(
+        self, stamp_ns: int, world_from_cam: Array, cov_pose: Array, doubtful: bool = False, stepped: bool = False
+    ) -> Array:
+        """Take the estimated pose of a frame and the velocity that it implies, and return its covariance (6, 6).
+
+        A `doubtful` pose is followed, and may as well be where the last one that was not predicts it, eq. (43a). With
+        `stepped`, both images were displaced before it, and the camera has moved with them or not: by how much is what
+        the model does not explain. It stays in all later poses, also where the images step back.
+        """
+        if stepped:
+            step = se3.log(se3.inverse(self.predict(stamp_ns)[0]) @ world_from_cam)
+            self._steps = [*self._steps, (world_from_cam, step)][-_STEPS:]
+        cov_pose = self._with_steps(world_from_cam, cov_pose)
+        if not doubtful:
+            self._trusted = None
+        else:
+            self._trusted = self._trusted or copy(self)
+            cov_pose = self._trusted._covering(stamp_ns, world_from_cam, cov_pose)
         dt = self._seconds_since(stamp_ns)
         if dt > 0:
             self._velocity = se3.log(se3.inverse(self._pose) @ world_from_cam) / dt
             self._velocity_known = True
             self._known_at_ns = stamp_ns
-        self.restart(stamp_ns, world_from_cam, cov_pose)
+        self._go_on(stamp_ns, world_from_cam, cov_pose)
+        return cov_pose
 
     def restart(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
-        """Take the pose at which a new map begins; the velocity stays as it is, and as old as it is."""
+        """Take the pose at which a new map begins; the velocity stays as it is, and as old as it is.
+
+        Earlier steps of the images are in its covariance, which all poses of the map have.
+        """
+        self._steps = []
+        self._go_on(stamp_ns, world_from_cam, cov_pose)
+
+    def _go_on(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
         self._pose, self._cov, self._stamp_ns = world_from_cam, cov_pose, stamp_ns
         if self._known_at_ns is None:
             self._known_at_ns = stamp_ns
@@ -53,27 +86,18 @@ class MotionModel:
     def jump(self) -> None:
         """Record that the camera has left its last pose in a way that no velocity explains."""
         self._velocity, self._velocity_known = np.zeros(6), False
-        reach_s2 = _HELD_BACK_S * (0.5 * _HELD_BACK_S + _BUILD_UP_S)
+        reach_s2 = _SPEEDS_UP_S * (0.5 * _SPEEDS_UP_S + _BUILD_UP_S)
         self._cov = self._cov + np.diag((reach_s2 * self._std_acceleration) ** 2)
 
-    def step(self, stamp_ns: int, world_from_cam: Array) -> None:
-        """Both images have stepped before this pose was estimated, with which the camera has moved or not.
-
-        How far is what the model does not explain. It stays in all later poses, also where the images step back.
-        """
-        step = se3.log(se3.inverse(self.predict(stamp_ns)[0]) @ world_from_cam)
-        self._steps = [*self._steps, (world_from_cam, step)][-_STEPS:]
-
-    def cov_of_steps(self, world_from_cam: Array) -> Array:
-        """Covariance (6, 6) of a pose by steps that may not have been the camera's: it went on from wrong poses."""
-        cov = np.zeros((6, 6))
+    def _with_steps(self, world_from_cam: Array, cov_pose: Array) -> Array:
+        """Return the covariance (6, 6) of a pose that goes on from where steps may have feigned a motion."""
         for pose, step in self._steps:
             moved = se3.adjoint(se3.inverse(world_from_cam) @ pose) @ step
-            cov += np.outer(moved, moved)
-        return cov
+            cov_pose = cov_pose + np.outer(moved, moved)
+        return cov_pose
 
-    def covering(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Array:
-        """Covariance (6, 6) of an estimated pose that may as well be where the model predicts it, eq. (43a)."""
+    def _covering(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Array:
+        """Return the covariance (6, 6) of a pose that may as well be where the model predicts it, eq. (43a)."""
         predicted, cov = self.predict(stamp_ns)
         pose_from_predicted = se3.inverse(world_from_cam) @ predicted
         ad, apart = se3.adjoint(pose_from_predicted), se3.log(pose_from_predicted)
@@ -96,7 +120,9 @@ class MotionModel:
         if stamp_ns is None or self._known_at_ns is None:
             return 0.0
         age_s = (stamp_ns - self._known_at_ns) / 1e9
-        return age_s * (0.5 * age_s + (0.0 if self._velocity_known else _BUILD_UP_S))
+        speeding_up_s = min(age_s, _SPEEDS_UP_S)
+        built_up_s = 0.0 if self._velocity_known else _BUILD_UP_S
+        return (age_s - 0.5 * speeding_up_s) * speeding_up_s + age_s * built_up_s
 
     def _seconds_since(self, stamp_ns: int) -> float:
         return 0.0 if self._stamp_ns is None else max(0, stamp_ns - self._stamp_ns) / 1e9

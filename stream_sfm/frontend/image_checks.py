@@ -12,8 +12,8 @@ _BLACK_GREY = 8
 # nearer than a quarter of a pixel of disparity shows.
 _SLOPE_GREY, _SAME_GREY, _SAME_SHARE, _SAME_ROWS = 16, 2, 0.95, 8
 _FEWEST_SLOPES = 100
-# Contrast and sharpness, as shares of each other. Blur by 9 px leaves .2 to .47 of the sharpness, dark images little of
-# the contrast; of views of one log that are one or two seconds apart nearly all have more.
+# Contrast and sharpness, as shares of each other. Blur by 9 px leaves 0.2 to 0.47 of the sharpness, dark images little
+# of the contrast; of views of one log that are one or two seconds apart nearly all have more.
 _ALIKE = 0.5
 
 

@@ -50,10 +50,16 @@ def test_a_pose_is_as_uncertain_as_a_step_that_the_camera_may_not_have_made() ->
         model.record(n * 10**8, np.eye(4), np.zeros((6, 6)))
     step = np.array([0.1, 0, 0, 0, 0.02, 0])
     pose = se3.exp(step)
-    model.step(3 * 10**8, pose)
-    np.testing.assert_allclose(model.cov_of_steps(pose), np.outer(step, step), atol=1e-12)
+    nothing = np.zeros((6, 6))
+    np.testing.assert_allclose(
+        model.record(3 * 10**8, pose, nothing, stepped=True), np.outer(step, step), atol=1e-12
+    )
     later = pose @ se3.exp([0, 0, 1, 0, 0, 0])
-    np.testing.assert_allclose(model.cov_of_steps(later)[0, 0], (0.1 + 0.02) ** 2, rtol=1e-6)  # by the lever of 1 m
+    cov = model.record(4 * 10**8, later, nothing)
+    np.testing.assert_allclose(cov[0, 0], (0.1 + 0.02) ** 2, rtol=1e-6)  # by the lever of 1 m
+    assert model.predict(4 * 10**8)[1][0, 0] >= cov[0, 0]  # of a frame that is lost, too
+    model.restart(4 * 10**8, later, cov)
+    np.testing.assert_array_equal(model.record(5 * 10**8, later, cov), cov)  # of the new map it is a part, once
 
 
 @pytest.mark.parametrize("noise", [0, 2])

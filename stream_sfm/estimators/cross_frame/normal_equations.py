@@ -1,7 +1,8 @@
-"""The joint normal equations of the window, factored once per step: [poses 6F | modes k] dense, points eliminated.
+"""The joint normal equations of the window, factored once per step: [poses 6F | own eF | modes k].
 
-Given the poses and the common modes of the prior, points are independent of each other, so each is eliminated by
-itself, eqs. (27) and (30) (Schur complement, Triggs et al. 2000, section 6).
+What the views of a frame err by in common has e amplitudes in each frame. Given poses, these and the common modes of
+the prior, points are independent of each other, so each is eliminated by itself, eqs. (27) and (30) (Schur
+complement, Triggs et al. 2000, section 6).
 """
 
 from typing import NamedTuple
@@ -43,6 +44,8 @@ class System:
     ) -> None:
         """Take the points as they are at q (P, 3), where views were linearised, and modes at `amplitudes` (k,)."""
         self.prior, self.poses = prior, 6 * len(blocks.u)
+        frames, of_frame = blocks.u.shape[:2]
+        self._own, self.modes = (frames, of_frame - 6), frames * of_frame  # where the modes begin
         rig, m = prior.rig, len(prior.rig)
         # `std_given` (P, 3, 3): root of the covariance of a point once poses and modes are given; `_reach` (P, 3, n +
         # m): of the others, in units of it; `_given` (P, 3): its step for itself
@@ -50,14 +53,14 @@ class System:
             blocks, (known, prior.mean, prior.cov, prior.modes, rig.information, rig.weighted), q, amplitudes
         )
         self._rig_error = rig.at(amplitudes[len(amplitudes) - m :])
-        h[self.poses :, self.poses :] += _flat(modes).T @ _flat(modes)
+        h[self.modes :, self.modes :] += _flat(modes).T @ _flat(modes)
         h -= _flat(self._reach).T @ _flat(self._reach)
         self._others = Elimination(h, len(h) - m)
         self.root, self.by_rig = self._others.root, self._others.by_others
         self.cov_rig = Cholesky(self._others.left).inverse()
 
-    def step(self) -> tuple[Array, Array, Array, float]:
-        """Return steps of poses (F, 6), points (P, 3) and mode amplitudes (k,), and the decrease gᵀδ they promise.
+    def step(self) -> tuple[Array, Array, Array, Array, float]:
+        """Return steps of poses (F, 6), their own (F, e), points (P, 3), modes (k,), and the decrease gᵀδ they promise.
 
         Errors of the rig move to where they are held.
         """
@@ -68,31 +71,52 @@ class System:
         decrease = float(g @ delta + (given * for_itself).sum())
         return *self._steps(delta, for_itself), decrease
 
-    def _steps(self, delta: Array, for_itself: Array) -> tuple[Array, Array, Array]:
-        """Return steps of poses (F, 6), points (P, 3) and amplitudes (k,)."""
-        return delta[: self.poses].reshape(-1, 6), matvec(self.std_given, for_itself), delta[self.poses :]
+    def _steps(self, delta: Array, for_itself: Array) -> tuple[Array, Array, Array, Array]:
+        """Return steps of poses (F, 6), their own (F, e), points (P, 3) and modes (k,)."""
+        poses, own, modes = np.split(delta, [self.poses, self.modes])
+        return poses.reshape(-1, 6), own.reshape(self._own), matvec(self.std_given, for_itself), modes
+
+    def with_rig_of(self, other: "System", rows: NDArray[np.intp]) -> None:
+        """Take from another system how poses, modes and points move with the rig's errors, where this one has none.
+
+        `rows` (P,): the points in the other system. How they move hardly depends on the weights of the views.
+        """
+        self.prior, self.by_rig, self.cov_rig = other.prior, other.by_rig, other.cov_rig
+        m = len(self.cov_rig)
+        if m:
+            units = np.linalg.inv(self.std_given) @ other.std_given[rows]
+            self._reach = np.concatenate([self._reach, units @ other._reach[rows, :, -m:]], axis=2)
+
+    def taken_off_by(self, points: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return −Σ MᵀV⁻¹M (6F, 6F) and −Σ MᵀV⁻¹g (6F,) of eq. (27) over some points (P,), of the poses alone."""
+        reach = _flat(self._reach[points, :, : self.poses])
+        return -(reach.T @ reach), -(reach.T @ self._given[points].ravel())
 
     def rig_errors(self) -> tuple[Array, Array, Array]:
         """Return mean (m,), covariance and information (m, m) of the rig's errors by all views."""
         return self._rig_error + self.cov_rig @ self._pull, self.cov_rig, self._others.left
 
-    def follow_rig(self, change: Array) -> tuple[Array, Array, Array]:
-        """Return by how much poses (F, 6), points (P, 3) and amplitudes (k,) move where the rig's errors do by (m,)."""
+    def follow_rig(self, change: Array) -> tuple[Array, Array, Array, Array]:
+        """Return the steps of all where the rig's errors move by (m,)."""
         delta = np.concatenate([self.by_rig @ change, change])
         return self._steps(delta, -(self._reach @ delta))
 
-    def covariances(self, frame: int) -> tuple[CovariancePart, CovariancePart]:
-        """Return the covariances given the rig's errors, with the pose of `frame`, and what these errors add.
+    def pose_and_world(self, frame: int) -> tuple[Array, Array]:
+        """Return a root (12, n) of the covariance of the pose of `frame` and of the world given the rig's errors.
 
-        Frame −1 is the reference camera, which has no error.
+        And how both move with these, (12, m). Frame −1 is the reference camera, which has no error.
         """
-        n, own_modes = len(self.root), len(self.root) - self.poses
-        of_own, of_rig = np.split(self.prior.world_modes, [own_modes], axis=1)
-        own, rig = np.zeros((12, n)), np.zeros((12, len(self.cov_rig)))  # the rows of pose and world
+        of_own, of_rig = np.split(self.prior.world_modes, [len(self.root) - self.modes], axis=1)
+        own, rig = np.zeros((12, len(self.root))), np.zeros((12, len(self.cov_rig)))
         if frame >= 0:
             rows = slice(6 * frame, 6 * frame + 6)
             own[:6], rig[:6] = self.root[rows], self.by_rig[rows]
-        own[6:], rig[6:] = of_own @ self.root[self.poses :], of_own @ self.by_rig[self.poses :] + of_rig
+        own[6:], rig[6:] = of_own @ self.root[self.modes :], of_own @ self.by_rig[self.modes :] + of_rig
+        return own, rig
+
+    def covariances(self, frame: int) -> tuple[CovariancePart, CovariancePart]:
+        """Return the covariances given the rig's errors, with the pose of `frame`, and what these errors add."""
+        n, (own, rig) = len(self.root), self.pose_and_world(frame)
         by_own = product(self._reach[..., :n], self.root)
         by_rig = product(self._reach[..., :n], self.by_rig)
         by_rig += self._reach[..., n:]

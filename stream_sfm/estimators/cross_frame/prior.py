@@ -35,8 +35,9 @@ _ORIGIN_VARIANCE = 1e-12
 # away: it then correlates no two points by more than a hundredth. Trades the size of the system for that.
 _MIN_MODE_VARIANCE = 1e-2
 
-# Points that enter the prior: ids, ascending, mean (n, 3), covariance (n, 3, 3), ∂q by the rig's errors (n, 3, m).
-NewPoints = tuple[NDArray[np.int64], Array, Array, Array]
+# Points that enter the prior: ids, ascending, mean (n, 3), covariance (n, 3, 3), ∂q by amplitudes of their frame's own
+# (n, 3, e) and by the rig's errors (n, 3, m).
+NewPoints = tuple[NDArray[np.int64], Array, Array, Array, Array]
 
 
 @record
@@ -62,6 +63,7 @@ class Prior:
         ids: NDArray[np.int64],
         mean: Array,
         cov: Array,
+        by_own: Array,
         by_rig: Array,
         world_from_ref: Array,
         cov_pose: Array,
@@ -69,22 +71,29 @@ class Prior:
     ) -> "Prior":
         """Begin a map: points seen by the reference camera, whose own pose has `cov_pose` (6, 6).
 
-        `by_rig` (N, 3, m): ∂q per unit of the rig's errors; apart from them the points are independent.
+        `by_own` (N, 3, e) and `by_rig` (N, 3, m): ∂q by what the frame's views err by in common, and per unit of the
+        rig's errors; apart from them the points are independent.
         """
         root = scaled_cholesky(cov_pose + _ORIGIN_VARIANCE * np.eye(6))
-        modes = np.concatenate([np.zeros((len(ids), 3, 6)), by_rig], axis=2)
-        world_modes = np.concatenate([root, np.zeros((6, len(rig)))], axis=1)
+        modes = np.concatenate([np.zeros((len(ids), 3, 6)), by_own, by_rig], axis=2)
+        world_modes = np.concatenate([root, np.zeros((6, modes.shape[2] - 6))], axis=1)
         return cls(ids, mean, cov, modes, world_from_ref, world_modes, rig)
 
-    def with_first_views(self, mean: Array, cov: Array, by_rig: Array) -> "Prior":
+    def with_first_views(self, mean: Array, cov: Array, by_own: Array, by_rig: Array) -> "Prior":
         """Return the prior of a map with the views of its first frame linearised anew; nothing else is in it yet.
 
-        `mean` (N, 3) and `cov` (N, 3, 3) of q at the present mean of the rig's errors, `by_rig` as in
+        `mean` (N, 3) and `cov` (N, 3, 3) of q at the present mean of the rig's errors, `by_own` and `by_rig` as in
         `from_first_frame`.
         """
         modes = self.modes.copy()
-        modes[..., modes.shape[2] - len(self.rig) :] = by_rig
+        modes[..., 6:] = np.concatenate([by_own, by_rig], axis=2)
         return changed(self, mean=mean, cov=cov, modes=modes)
+
+    def with_own_of_first(self, n: int) -> "Prior":
+        """Return the prior of a map's first frame with n more amplitudes of its own, which do nothing so far."""
+        at = self.modes.shape[2] - len(self.rig)
+        modes, world_modes = (np.insert(m, [at] * n, 0.0, axis=-1) for m in (self.modes, self.world_modes))
+        return changed(self, modes=modes, world_modes=world_modes)
 
     def world(self, amplitudes: Array) -> Array:
         """Return world_from_ref (4, 4) at the given amplitudes (k,) of the modes."""
@@ -109,17 +118,23 @@ class Prior:
 
         The anchors go with the points, C' = X C, so q stays what it is. The prior knows nothing about the error ξ of
         the new camera's pose: with K' = ∂q'/∂P', δq' = δq + K'G ξ and ω' = Ad(X) ω − ξ, six modes without prior
-        information. With Λ = D⁻¹ + V, points given the modes are N(Λ⁻¹(D⁻¹(mean + F y) + V…), Λ⁻¹), and the modes have
+        information. What the frame's views err by in common has e modes more, with a prior of σ = 1; these come first
+        here. With Λ = D⁻¹ + V, points given the modes are N(Λ⁻¹(D⁻¹(mean + F y) + V…), Λ⁻¹), and the modes have
         information S = P + Σ FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less what the rig's modes do to the views.
         """
-        own, c = len(amplitudes) - len(self.rig) + 6, amplitudes[len(amplitudes) - len(self.rig) :]
+        before, c = np.split(amplitudes, [len(amplitudes) - len(self.rig)])
+        ids_new, mean_new, cov_new, by_own, by_rig = new
+        e = by_own.shape[2]
+        own = e + len(before) + 6
         world_modes = se3.adjoint(cam_from_ref) @ self.world_modes
-        world_modes = np.concatenate([world_modes[:, : own - 6], -np.eye(6), world_modes[:, own - 6 :]], axis=1)
+        of_own, of_rig = np.split(world_modes, [len(before)], axis=1)
+        world_modes = np.concatenate([np.zeros((6, e)), of_own, -np.eye(6), of_rig], axis=1)
         world = self.world(amplitudes) @ se3.inverse(cam_from_ref)
         known = np.arange(len(q)), self.mean, self.cov, self.modes, self.rig.information, self.rig.weighted
         s, whitened_modes, std, half, given, right = core.absorbing_system(blocks, known, anchors, q, amplitudes)
-        flat_modes, flat_half = whitened_modes.reshape(-1, len(s)), half.reshape(-1, len(s))
-        s += flat_modes.T @ flat_modes - flat_half.T @ flat_half
+        flat_modes, flat_half = whitened_modes.reshape(-1, len(s) - e), half.reshape(-1, len(s))
+        s[e:, e:] += flat_modes.T @ flat_modes
+        s -= flat_half.T @ flat_half
         right -= flat_half.T @ given.ravel()
         others = Elimination(s, own)
         step, weighted = others.reduced(right)
@@ -132,11 +147,25 @@ class Prior:
             return moved
 
         world_modes = carried(world_modes)
+        modes_new = product(by_own, by_new[:e])
+        modes_new[..., own:-1] += by_rig
+        new_points = ids_new, mean_new + modes_new[..., -1], cov_new, modes_new[..., :-1]
         return Prior(
-            *core.absorbed_points(self.ids, std, carried(half), given, q, stays, new),
+            *core.absorbed_points(self.ids, std, carried(half), given, q, stays, new_points),
             world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[:, -1])),
             world_modes=world_modes[:, :-1],
             rig=changed(self.rig, mean=self.rig.at(c), information=others.left, weighted=weighted),
+        )
+
+    def given_rig(self, amplitudes: Array) -> "Prior":
+        """Return the prior of an exact rig that it is where the errors of the rig have the amplitudes (m,)."""
+        own = self.modes.shape[2] - len(amplitudes)
+        return changed(
+            self,
+            mean=self.mean + self.modes[..., own:] @ amplitudes,
+            modes=np.ascontiguousarray(self.modes[..., :own]),
+            world_modes=self.world_modes[:, :own],
+            rig=RigKnowledge.unknown(np.zeros(0)),
         )
 
     def with_field(self, n: int) -> "Prior":

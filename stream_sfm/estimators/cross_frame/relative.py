@@ -14,21 +14,25 @@ from ...types import CommonErrors, RelativeMotions
 from .map import Map
 
 
-def relative_motions(current: Map, cov_newest: Array) -> RelativeMotions:
+def apart_from_newest(current: Map, of_poses: Array) -> Array:
+    """Return J of eq. (74), for the reference and every other frame of the window but the newest, times (6F, n)."""
+    from_newest = current.cams_from_ref[:-1] @ se3.inverse(current.newest_cam_from_ref)
+    blocks = of_poses.reshape(len(current.frames), 6, -1)
+    return np.concatenate([-blocks[-1:], se3.adjoint(se3.inverse(from_newest)) @ blocks[:-1] - blocks[-1]])
+
+
+def relative_motions(current: Map, cov_newest: Array, shares: Array) -> RelativeMotions:
     """Return the motions from the newest frame to the reference camera and to every other frame of the window.
 
-    `cov_newest` (6, 6): what only the newest pose does not know.
+    `cov_newest` (6, 6): what only the newest pose does not know. `shares` (b,): of σ given the prior's modes, over 1 …
+    b frames, what counts over this span, eq. (74d).
     """
-    frames = current.frames
+    frames, system = current.frames, current.system
     cams = np.array([np.eye(4), *current.cams_from_ref[:-1]])  # the reference is exact by definition
     from_newest = cams @ se3.inverse(current.newest_cam_from_ref)
-    ad, system = se3.adjoint(se3.inverse(from_newest[1:])), current.system
-
-    def apart(of_poses: Array) -> Array:  # (6F, n): of each camera, less the newest one
-        blocks = of_poses.reshape(len(frames), 6, -1)
-        return np.concatenate([-blocks[-1:], ad @ blocks[:-1] - blocks[-1]])
-
-    half, by_rig = apart(system.root[: system.poses]), apart(system.by_rig[: system.poses])
+    half = apart_from_newest(current, system.root[: system.poses])
+    half[..., : system.poses] *= shares[: len(frames), None, None][::-1]
+    by_rig = apart_from_newest(current, system.by_rig[: system.poses])
     cov = half @ np.swapaxes(half, 1, 2) + product(by_rig, system.cov_rig) @ np.swapaxes(by_rig, 1, 2)
     return RelativeMotions(
         frame_indices=np.array([f.index for f in (current.reference, *frames[:-1])], np.int64),
@@ -43,7 +47,7 @@ def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
     if rig is None:
         return None
     system = current.system
-    of_poses, of_modes = np.split(system.by_rig, [system.poses])
+    of_poses, of_modes = system.by_rig[: system.poses], system.by_rig[system.modes :]
     of_world = se3.adjoint(current.newest_cam_from_ref) @ system.prior.world_modes
     jacobian = of_world[:, : len(of_modes)] @ of_modes + of_world[:, len(of_modes) :] - of_poses[-6:]
     return CommonErrors(current.rig_error, rig.cov, jacobian)
