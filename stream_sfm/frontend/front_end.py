@@ -106,7 +106,8 @@ class StereoFrontEnd:
         """Return the observations of the next frame, with the known turn of the right camera corrected."""
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns)
         change = None
-        if followed is not None and not before.pair.problem:  # after frozen images the view catches up at once
+        # after frozen images the view catches up at once, and between two motions it may be the motion that changes
+        if followed is not None and followed.other is None and not before.pair.problem:
             change = before.change_to(followed.cam_from_previous, stamp_ns)
         state = replace(state, steps=state.steps.after(change, self.setup.projection.f_px))
         found = None if followed is None else followed.found

@@ -23,7 +23,7 @@ _AT_MOST = 9.0  # times the mean square: a jump that was a body's says nothing o
 
 @record
 class Unsteadiness:
-    """By how much motions change from frame to frame in this run: mean squares (2,) of translations and turns, m² and rad².
+    """By how much motions change from frame to frame: mean squares (2,) of translations and turns, m² and rad².
 
     Beside what is assumed of any camera, over so many `frames`.
     """
