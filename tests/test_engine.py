@@ -303,7 +303,7 @@ def test_a_copy_within_a_step_is_refused(frames) -> None:
     """By the estimator here, as by another thread: half of the state is that of the frame before."""
     engine = sfm.Engine(rig(0.03))
     engine.step(frames[0])
-    step, refused = engine.estimator.step, []
+    step, refused = engine.lane.estimator.step, []
 
     def copying(observations: sfm.Observations) -> sfm.Solution:
         for attempt in (copy.copy, copy.deepcopy, pickle.dumps):
@@ -312,7 +312,7 @@ def test_a_copy_within_a_step_is_refused(frames) -> None:
             refused.append(attempt)
         return step(observations)
 
-    engine.estimator.step = copying
+    engine.lane.estimator.step = copying
     engine.step(frames[1])
     assert len(refused) == 3
 
