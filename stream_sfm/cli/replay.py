@@ -141,8 +141,16 @@ def live(
     inputs = [name for name in names if os.path.isfile(name) or os.path.isdir(name)]
     options.protect([record, shown.rrd, *changed_results(folder, config)], settings.config, calibration, inputs)
     given = options.calibration_files(calibration)
-    options_of_camera = {"size": size, "rate_hz": rate, "serial": serial, "exposure_ms": exposure}
-    camera_log = open_camera(*names, calibration=given, record=record, overwrite=force, **options_of_camera)
+    camera_log = open_camera(
+        *names,
+        calibration=given,
+        record=record,
+        overwrite=force,
+        size=size,
+        rate_hz=rate,
+        serial=serial,
+        exposure_ms=exposure,
+    )
     with closing(camera_log) as log:
         return _run("live", log, folder, config, Selection(max_frames=max_frames), shown, is_latest=not out)
 
