@@ -164,5 +164,6 @@ NB_MODULE(_core, m) {
                STAGE(track_covariances), STAGE(whitening_of_views), STAGE(whiten_blocks), STAGE(gates_of_views),
                STAGE(log_evidence), STAGE(pose_exp), STAGE(pose_log), STAGE(pose_inverse), STAGE(pose_adjoint),
                STAGE(rotation_vectors), STAGE(quaternions), STAGE(orthonormalise), STAGE(invert_triangle),
-               STAGE(q_by_reference), STAGE(eliminate_points));
+               STAGE(q_by_reference), STAGE(eliminate_points), STAGE(preintegrate), STAGE(inertial_rows),
+               STAGE(inertial_motion));
 }
