@@ -13,6 +13,8 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from .blas import one_thread
 from .camera.rig import MonoRig, StereoRig, baseline_warnings
 from .config import Config
@@ -20,8 +22,17 @@ from .errors import EngineBusyError
 from .estimators import make_estimator
 from .frontend.prepared import PreparedImages
 from .geometry.stereo import StereoProjection
+from .inertial.driver import DriverSamples
 from .observer import Observer
-from .types import Estimator, Frame, FrameEstimate, Observations
+from .types import (
+    Estimator,
+    Frame,
+    FrameEstimate,
+    InertialEstimator,
+    Observations,
+    Prediction,
+    expected_motion,
+)
 
 
 class Engine:
@@ -49,6 +60,7 @@ class Engine:
             self.observer = Observer(rig, self.config)
             make = partial(make_estimator, self.config.method) if estimator is None else estimator
             self.estimator = make(self.observer.projection, self.config)
+        self._samples = DriverSamples()
         self.observations: Observations | None = None  # of the latest frame, in axes of the rectified pair
         self._stepping = threading.Lock()
         for question in baseline_warnings(self.rig):
@@ -76,12 +88,34 @@ class Engine:
         and takes the next frame. Raises EngineBusyError while another thread is in `step`.
         """
         with self._exclusively(), one_thread:
-            observed = self.observer.observe(frame, prepared)
+            frame = self._samples.joined_to(frame)
+            self.observer.check(frame)
+            expected = expected_motion(self.estimator, frame.stamp_ns, self.observer.inertial_view(frame))
+            observed = self.observer.observe(frame, prepared, expected)
             self.observations = observed.observations
             began = time.perf_counter()
             solution = self.estimator.step(observed.observations)
             self.observer.learn(solution)
             return self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began))
+
+    def add_imu(self, stamp_ns: int, gyro_rad_s: ArrayLike, accel_m_s2: ArrayLike) -> None:
+        """Take one inertial sample (3,) and (3,), as a driver delivers them: it is kept for the frame it belongs to.
+
+        Samples come in order of time, from any thread. `step` gives a frame all that have come by then, and waits for
+        none. A frame that has samples of its own needs no others. Raises FrameError for what is not a sample.
+        """
+        self._samples.add(stamp_ns, gyro_rad_s, accel_m_s2)
+
+    def predict(self, stamp_ns: int) -> Prediction | None:
+        """Predict pose, velocity and covariance at a time after the latest frame by the inertial samples taken so far.
+
+        At the rate of the samples; those of `add_imu` count at once. None without inertial samples that lead there.
+        """
+        if not isinstance(self.estimator, InertialEstimator):
+            return None
+        with self._exclusively(), one_thread:
+            found = self.estimator.predict(stamp_ns, self.observer.view_of(self._samples.so_far()))
+            return None if found is None else self.observer.prediction(found)
 
     def __copy__(self) -> "Engine":
         """Return an engine that goes on from here by itself, as `copy.deepcopy` does."""

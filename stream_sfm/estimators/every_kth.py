@@ -16,7 +16,7 @@ from ..geometry.linear import symmetric
 from ..geometry.resection import Resection
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, clamp_depth
-from ..types import Estimator, Observations, Solution, Status
+from ..types import Estimator, ExpectedMotion, InertialEstimator, InertialView, Observations, Prediction, Solution, Status
 from .initial_motion import initial_motion
 from .lifecycle import WorldPoints, frame_status, solution_of
 from .triangulation import compose_cov
@@ -58,6 +58,14 @@ class EveryKth:
             self._newest_id = int(observations.track_ids[-1])
         self._begin_interval()
         return solution
+
+    def expect(self, stamp_ns: int, view: InertialView | None) -> ExpectedMotion | None:
+        """Let the method take inertial samples; its prediction is from its own last frame, see `InertialEstimator`."""
+        return self._estimator.expect(stamp_ns, view) if isinstance(self._estimator, InertialEstimator) else None
+
+    def predict(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
+        """Return what the method predicts, see `InertialEstimator`."""
+        return self._estimator.predict(stamp_ns, view) if isinstance(self._estimator, InertialEstimator) else None
 
     def _accumulate(self, observations: Observations) -> None:
         """Add the drift of this frame, and a change of the rig, to those since the method's last frame."""

@@ -4,6 +4,8 @@ The reference camera p is the newest frame that has left the window; frames p+1 
 Points are q in the cameras that first saw them (`inverse_depth`); the world is one more pose, carried by the prior.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +20,8 @@ from ...record import changed, rows_of
 from ...rig_model.estimate import CERTAIN, RigEstimate
 from ...rig_model.model import RigModel
 from ...types import Solution
+from .inertial_window import InertialWindow
+from .interval import Known
 from .inverse_depth import NormalBlocks, State, WhitenedViews, expected, linearise, q_of_views, timed
 from .marginals import Marginals
 from .normal_equations import System
@@ -72,6 +76,7 @@ class Map:
         self.q, cov, by_rig = self._seen_alone(views, state, np.zeros(len(rig)))
         pose = first.world_from_cam, first.cov_pose
         self.prior = Prior.from_first_frame(self.ids, self.q, cov, by_rig, *pose, rig)
+        self.inertia: InertialWindow | None = None
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
         self.gauss_newton_step()
         self.update_marginals()
@@ -85,6 +90,11 @@ class Map:
     def rig_error(self) -> Array:
         """The errors (m,) of the rig that are taken out of the views at the present amplitudes."""
         return self.prior.rig.at(self.amplitudes[len(self.amplitudes) - len(self.prior.rig) :])
+
+    @property
+    def inertial_state(self) -> Array:
+        """The inertial state (17,) of the reference camera at the present amplitudes; (0,) without inertia."""
+        return self.prior.state_at(self.amplitudes)
 
     @property
     def newest_cam_from_ref(self) -> Array:
@@ -107,7 +117,10 @@ class Map:
 
     def absorb_oldest(self) -> None:
         """Marginalise the oldest frame, eqs. (31)–(36): all that earlier frames say is in the prior again."""
-        cam_from_ref = self.cams_from_ref[0]
+        cam_from_ref, leaving = self.cams_from_ref[0], None
+        if self.inertia is not None:
+            rows = self.prior.world_modes[9:12]
+            leaving = self.inertia.leaving(cam_from_ref, self.inertial_state, rows @ rows.T)
         frame, views = self._remove_oldest()
         prior, later = self.prior, self.views if self.frames else views
         seen_later = core.times_among(self.ids, later.ids, later.used) > 0
@@ -120,7 +133,7 @@ class Map:
         if len(rows) < len(known):
             prior = changed(prior, ids=prior.ids[rows], mean=prior.mean[rows], modes=rows_of(prior.modes, rows))
         prior = changed(prior, cov=cov).absorb_frame(
-            self.amplitudes, cam_from_ref, anchors, q, NormalBlocks(*blocks), stays, (new_ids, *alone)
+            self.amplitudes, cam_from_ref, anchors, q, NormalBlocks(*blocks), stays, (new_ids, *alone), leaving
         )
         self.prior = self._refocused(prior.truncate_modes(), frame)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
@@ -147,6 +160,8 @@ class Map:
         frame, cam_from_ref = self.frames.pop(0), self.cams_from_ref[0]
         self._first = None  # its views stay in the prior as they are
         self.reference = frame
+        if self.inertia is not None:
+            self.inertia.drop_oldest()
         self._seconds = self._seconds[1:]
         ad = se3.adjoint(cam_from_ref)
         self._cov_doubt, self._cov_slides = ad @ self._cov_doubt @ ad.T, ad @ self._cov_slides @ ad.T
@@ -190,6 +205,9 @@ class Map:
         views = changed(views, frame=np.full(len(views), len(self.frames)), used=(known | new) & wanted)
         self.frames.append(frame)
         self.cams_from_ref = np.concatenate([self.cams_from_ref, cam_from_ref[None]])
+        if self.inertia is not None and frame.interval is not None:  # where slides are unknowns
+            self.inertia.enter(frame.interval, frame.velocity, frame.std_turn_rad)
+            frame.std_turn_rad = 0.0
         turns = frame.std_turn_rad * se3.adjoint(se3.inverse(cam_from_ref))[:, 3:]
         self._cov_slides = self._cov_slides + turns @ turns.T
         if frame.rig is not None:
@@ -270,7 +288,10 @@ class Map:
         """Move poses, points and modes by one step, and return the decrease of the sum of squares that it promised."""
         blocks = linearise(self.projection, self.state(), self.views)
         known = np.searchsorted(self.ids, self.prior.ids)
-        self.system = System(self.prior, known, blocks, self.q, self.amplitudes)
+        inertial = None
+        if self.inertia is not None and self.frames:
+            inertial = self.inertia.linearise(self.cams_from_ref, self.inertial_state)
+        self.system = System(self.prior, known, blocks, self.q, self.amplitudes, inertial)
         *change, decrease = self.system.step()
         self._move(*change)
         return decrease
@@ -284,6 +305,8 @@ class Map:
 
     def _move(self, dx: Array, dq: Array, dy: Array) -> None:
         """Move poses (F, 6), points (P, 3) and amplitudes (k,)."""
+        if self.inertia is not None and self.frames:
+            self.inertia.follow(dx, self.prior.world_modes[6:] @ dy)
         self.cams_from_ref = se3.orthonormalise(se3.exp(dx) @ self.cams_from_ref)
         self.q, self.amplitudes = self.q + dq, self.amplitudes + dy
 
@@ -419,6 +442,33 @@ class Map:
         """
         self.prior = self.prior.with_rig_change(root)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
+
+    def begin_inertia(self, window: InertialWindow, known: Known) -> None:
+        """Add an inertial state, which is `known` in the newest camera, or begin it anew: that is the reference then."""
+        while self.frames:
+            self.absorb_oldest()
+        rows = self.prior.world_modes[:6]
+        self.prior = changed(self.prior, world_modes=rows, state=np.zeros(0)).with_state(known.state, known.cov)
+        self.inertia = window
+        self.amplitudes = np.zeros(self.prior.modes.shape[2])
+        self.gauss_newton_step()
+
+    def place_newest(self, known: Known) -> Marginals:
+        """Put the newest camera where images and inertia together have it; points keep their places in it."""
+        pose, points = known.world_from_cam, self.marginals.points_in_cam
+        cov = known.cov[:6, :6] + self.cov_doubt
+        self.marginals = replace(
+            self.marginals, world_from_cam=pose, cov_pose=cov, points_in_world=se3.transform(pose, points)
+        )
+        return self.marginals
+
+    def true_poses(self) -> tuple[Array, Array, Array]:
+        """Return the cameras of the window (F, 4, 4) where they are, a root (6F, n) of their covariance given the rig's
+        errors, and how they move with these (6F, m): without the turns that patches feign, as far as inertia shows."""
+        if self.inertia is None:
+            poses = self.system.poses
+            return self.cams_from_ref, self.system.root[:poses], self.system.by_rig[:poses]
+        return self.inertia.true_cams(self.cams_from_ref), *self.inertia.true_poses(self.system)
 
     def update_marginals(self) -> Marginals:
         """Compute the marginals of the newest frame from the latest system."""

@@ -39,9 +39,18 @@ class System:
     """
 
     def __init__(
-        self, prior: Prior, known: NDArray[np.intp], blocks: NormalBlocks, q: Array, amplitudes: Array
+        self,
+        prior: Prior,
+        known: NDArray[np.intp],
+        blocks: NormalBlocks,
+        q: Array,
+        amplitudes: Array,
+        inertial: tuple[Array, Array] | None = None,
     ) -> None:
-        """Take the points as they are at q (P, 3), where views were linearised, and modes at `amplitudes` (k,)."""
+        """Take the points as they are at q (P, 3), where views were linearised, and modes at `amplitudes` (k,).
+
+        `inertial`: information about poses and inertial state (6F + 17, …), and the right-hand side.
+        """
         self.prior, self.poses = prior, 6 * len(blocks.u)
         rig, m = prior.rig, len(prior.rig)
         # `std_given` (P, 3, 3): root of the covariance of a point once poses and modes are given; `_reach` (P, 3, n +
@@ -52,6 +61,12 @@ class System:
         self._rig_error = rig.at(amplitudes[len(amplitudes) - m :])
         h[self.poses :, self.poses :] += _flat(modes).T @ _flat(modes)
         h -= _flat(self._reach).T @ _flat(self._reach)
+        if inertial is not None:
+            j = np.zeros((len(inertial[1]), len(h)))
+            j[: self.poses, : self.poses] = np.eye(self.poses)
+            j[self.poses :, self.poses :] = prior.world_modes[6:]
+            h += j.T @ inertial[0] @ j
+            self._g = self._g + j.T @ inertial[1]
         self._others = Elimination(h, len(h) - m)
         self.root, self.by_rig = self._others.root, self._others.by_others
         self.cov_rig = Cholesky(self._others.left).inverse()
@@ -87,7 +102,7 @@ class System:
         Frame −1 is the reference camera, which has no error.
         """
         n, own_modes = len(self.root), len(self.root) - self.poses
-        of_own, of_rig = np.split(self.prior.world_modes, [own_modes], axis=1)
+        of_own, of_rig = np.split(self.prior.world_modes[:6], [own_modes], axis=1)
         own, rig = np.zeros((12, n)), np.zeros((12, len(self.cov_rig)))  # the rows of pose and world
         if frame >= 0:
             rows = slice(6 * frame, 6 * frame + 6)

@@ -20,15 +20,16 @@ def relative_motions(current: Map, cov_newest: Array) -> RelativeMotions:
     `cov_newest` (6, 6): what only the newest pose does not know.
     """
     frames = current.frames
-    cams = np.array([np.eye(4), *current.cams_from_ref[:-1]])  # the reference is exact by definition
-    from_newest = cams @ se3.inverse(current.newest_cam_from_ref)
+    true_cams, of_poses, of_rig = current.true_poses()
+    cams = np.array([np.eye(4), *true_cams[:-1]])  # the reference is exact by definition
+    from_newest = cams @ se3.inverse(true_cams[-1])
     ad, system = se3.adjoint(se3.inverse(from_newest[1:])), current.system
 
     def apart(of_poses: Array) -> Array:  # (6F, n): of each camera, less the newest one
         blocks = of_poses.reshape(len(frames), 6, -1)
         return np.concatenate([-blocks[-1:], ad @ blocks[:-1] - blocks[-1]])
 
-    half, by_rig = apart(system.root[: system.poses]), apart(system.by_rig[: system.poses])
+    half, by_rig = apart(of_poses), apart(of_rig)
     cov = half @ np.swapaxes(half, 1, 2) + product(by_rig, system.cov_rig) @ np.swapaxes(by_rig, 1, 2)
     return RelativeMotions(
         frame_indices=np.array([f.index for f in (current.reference, *frames[:-1])], np.int64),
@@ -44,7 +45,7 @@ def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
         return None
     system = current.system
     of_poses, of_modes = np.split(system.by_rig, [system.poses])
-    of_world = se3.adjoint(current.newest_cam_from_ref) @ system.prior.world_modes
+    of_world = se3.adjoint(current.newest_cam_from_ref) @ system.prior.world_modes[:6]
     jacobian = of_world[:, : len(of_modes)] @ of_modes + of_world[:, len(of_modes) :] - of_poses[-6:]
     return CommonErrors(current.rig_error, rig.cov, jacobian)
 
