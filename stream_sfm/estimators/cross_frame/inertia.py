@@ -295,7 +295,7 @@ def inertial_estimate(known: Known, factors: Array, distance2: float = 0.0, note
     s = known.state
     return InertialEstimate(
         *(s[VELOCITY], s[GRAVITY], s[GYRO_BIAS], s[ACCEL_BIAS], float(s[SCALE][0]), s[AXES], float(s[CLOCK][0])),
-        *(known.cov, factors, distance2),
+        *(known.cov, factors[:2], distance2),
         note=note,
     )
 

@@ -13,7 +13,9 @@ from .interval import ACCEL_BIAS, FIXED, GRAVITY
 
 _FRAMES = 5  # whose distances are added up
 _MOST = 40.0  # that one frame adds to the sum: a single bad frame is not a contradiction
-_BOUND = 100.0  # sum of squared distances of five frames, 30 expected
+_BOUND = 100.0  # sum of squared distances of five frames, 30 expected; more where they are larger anyway
+_LARGEST_BOUND = 180.0
+_EXPECTED, _USUAL_FRAMES = 6.0, 20.0  # of one frame, and over how many the usual distance is taken
 _AGREED_S = 1.0
 _FAR_BIAS = 25.0  # squared distance of the accelerometer's biases from what is assumed, 3 expected
 _FAR_GRAVITY = 25.0  # of the size of gravity
@@ -41,22 +43,29 @@ class Agreement:
     distrusted: bool = False
     is_young: bool = True
     log_ratio: float = 0.0
+    usual: float = _EXPECTED
 
     def after(self, distance2: float, seconds: float, turns_rad: tuple[float, float]) -> "Agreement":
         """Return it after a frame whose motions are so far apart; turns by gyroscope and by images."""
         latest = (*self.distances2, min(distance2, _MOST))[-_FRAMES:]
-        contradicts = sum(latest) > _BOUND
+        contradicts = sum(latest) > self.bound
+        usual = self.usual + (latest[-1] - self.usual) / _USUAL_FRAMES
         agreed_s = 0.0 if contradicts else self.agreed_s + seconds
         log_ratio = self.log_ratio
         if min(turns_rad) > 1e-3:
             log_ratio += 0.2 * (np.log(turns_rad[0] / turns_rad[1]) - log_ratio)
         distrusted = contradicts or (self.distrusted and agreed_s < _AGREED_S)
-        return Agreement(latest, agreed_s, distrusted, self.is_young and agreed_s < _AGREED_S, log_ratio)
+        return Agreement(latest, agreed_s, distrusted, self.is_young and agreed_s < _AGREED_S, log_ratio, usual)
+
+    @property
+    def bound(self) -> float:
+        """The sum of the latest squared distances beyond which there is a contradiction."""
+        return min(_BOUND * max(1.0, self.usual / _EXPECTED), _LARGEST_BOUND)
 
     @property
     def contradicts(self) -> bool:
         """Whether the latest frames do not agree."""
-        return sum(self.distances2) > _BOUND
+        return sum(self.distances2) > self.bound
 
     def anew(self) -> "Agreement":
         """Return it for a state that begins again: the images are not trusted until both agree."""
@@ -65,7 +74,7 @@ class Agreement:
     @property
     def note(self) -> str:
         """What is said about it."""
-        if not self.distrusted:
+        if not (self.contradicts or (self.distrusted and self.is_young)):
             return ""
         if abs(self.log_ratio - np.log(_DEGREES)) < 0.5:
             return "the IMU contradicts the images: its rates are some 57 times too high, are they degrees per second?"
@@ -84,9 +93,10 @@ def impossible(state: Array, cov: Array, std_accel_bias: float) -> bool:
 
 @record
 class Densities:
-    """Factors on the noise densities of gyroscope and accelerometer, from residuals of intervals, eq. (86).
+    """Factors on the noise densities of gyroscope and accelerometer, and on slides, from their residuals, eq. (86).
 
-    `squares`, `shares` (2,): sums of squared residuals in units of what the data sheet says, and of what they should be.
+    `squares`, `shares` (3,): sums of weighted squared residuals in units of what the data sheet says, and of what they
+    should be.
     """
 
     squares: Array
@@ -95,15 +105,15 @@ class Densities:
     @classmethod
     def as_given(cls) -> "Densities":
         """Return those of the data sheet."""
-        return cls(np.full(2, _DATA_SHEET), np.full(2, _DATA_SHEET))
+        return cls(np.full(3, _DATA_SHEET), np.full(3, _DATA_SHEET))
 
     @property
     def factors(self) -> Array:
-        """The factors (2,)."""
+        """The factors (3,)."""
         return np.clip(np.sqrt(self.squares / self.shares), _LEAST_FACTOR, _MOST_FACTOR)
 
     def after(self, surprise: Array) -> "Densities":
-        """Return them after an interval with squared residuals and their shares (2, 2), by the factors so far."""
+        """Return them after an interval with a `surprise` (3, 2), as in `InertialWindow.learn`."""
         keep = 1 - 1 / _MEMORY
         squares = keep * self.squares + (1 - keep) * _DATA_SHEET + surprise[:, 0] * self.factors**2
         return Densities(squares, keep * self.shares + (1 - keep) * _DATA_SHEET + surprise[:, 1])

@@ -22,7 +22,7 @@ _LEAST_SLIDE_RAD = 1e-7
 class InertialWindow:
     """Intervals, velocities (F, 3) and slides (F, 3) of the frames in the window, in their order.
 
-    `factors` (2,): on the noise densities.
+    `factors` (3,): on the noise densities, and on the slides.
     """
 
     def __init__(self, cam_from_imu: Array, factors: Array, knows_gravity: bool) -> None:
@@ -30,7 +30,7 @@ class InertialWindow:
         self.intervals: list[Interval] = []
         self.velocities, self.slides, self._std_slides = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
         self._clear()
-        self.surprise = np.zeros((2, 2))  # of the interval that left last, by sensor: squared residuals, their share
+        self.surprise = np.zeros((3, 2))  # of the oldest interval, see `learn`
 
     def _clear(self) -> None:
         f = len(self.intervals)
@@ -42,7 +42,7 @@ class InertialWindow:
         self.intervals.append(interval)
         self.velocities = np.concatenate([self.velocities, velocity[None]])
         self.slides = np.concatenate([self.slides, np.zeros((1, 3))])
-        self._std_slides = np.append(self._std_slides, max(std_slide_rad, _LEAST_SLIDE_RAD))
+        self._std_slides = np.append(self._std_slides, max(self.factors[2] * std_slide_rad, _LEAST_SLIDE_RAD))
 
     def drop_oldest(self) -> None:
         """Take the oldest frame out."""
@@ -165,13 +165,14 @@ class InertialWindow:
         return Known(stamp_ns, pose, now, 0.5 * (cov + cov.T))
 
     def learn(self, system: System, cams_from_ref: Array, state: Array) -> None:
-        """Compare the residuals of the oldest interval with what they should be: (I − J Σ Jᵀ) of its own rows.
+        """Compare the residuals of the oldest interval with what they should be, diag(I − J Σ Jᵀ) of its own rows.
 
-        Kept in `surprise`, by gyroscope and accelerometer, as multiples of the variances counted with.
+        Kept in `surprise`, of gyroscope, accelerometer and slides: sums of squared residuals, weighted by that, and of its
+        squares. Where it is small, a residual shows the noise of the images.
         """
         f = len(self.intervals)
         if self.intervals[0].opened > 1 or not self.intervals[0].complete:
-            self.surprise = np.zeros((2, 2))
+            self.surprise = np.zeros((3, 2))
             return
         velocities = np.concatenate([state[None, VELOCITY], self.velocities])
         cams = np.concatenate([np.eye(4)[None], self.true_cams(cams_from_ref)])
@@ -180,9 +181,8 @@ class InertialWindow:
         )
         own = len(system.root) - system.poses
         modes = system.prior.world_modes[6:]
-        by_slide = j[:, 3:6] - 0.0
         local = np.zeros((9, 6 * f))
-        local[:, :3], local[:, 3 * f : 3 * f + 3] = by_slide, j[:, 6 + STATE :]
+        local[:, :3], local[:, 3 * f : 3 * f + 3] = j[:, 3:6], j[:, 6 + STATE :]
         shared = np.zeros((9, 6 * f + STATE))
         shared[:, :6], shared[:, 6 * f :] = j[:, :6], j[:, 6 : 6 + STATE]
         total = shared + local @ self._gain
@@ -191,9 +191,15 @@ class InertialWindow:
         by_rig = by_variables @ system.by_rig + total[:, 6 * f :] @ modes[:, own:]
         cov = root @ root.T + by_rig @ system.cov_rig @ by_rig.T + local @ self._cov_local @ local.T
         left = np.clip(1 - np.diag(cov), 0.0, 1.0)
-        self.surprise = np.array(
-            [[residual[:3] @ residual[:3], left[:3].sum()], [residual[3:] @ residual[3:], left[3:].sum()]]
-        )
+        gain = self._gain[:3]  # of the slide of the oldest frame
+        by_slide = np.concatenate([gain[:, : 6 * f], gain[:, 6 * f :] @ modes[:, :own]], axis=1)
+        root, by_rig = by_slide @ system.root, by_slide @ system.by_rig + gain[:, 6 * f :] @ modes[:, own:]
+        cov = root @ root.T + by_rig @ system.cov_rig @ by_rig.T + self._cov_local[:3, :3]
+        of_slide = np.clip(1 - np.diag(cov) / self._std_slides[0] ** 2, 0.0, 1.0)
+        left = np.concatenate([left, of_slide])
+        weighted = left * np.concatenate([residual, self.slides[0] / self._std_slides[0]]) ** 2
+        parts = slice(0, 3), slice(3, 9), slice(9, 12)
+        self.surprise = np.array([[weighted[k].sum(), (left[k] ** 2).sum()] for k in parts])
 
 
 def _lead(cams_from_ref: Array) -> Array:

@@ -44,15 +44,15 @@ class Interval:
     note: str = ""
 
     @classmethod
-    def of(cls, samples: Samples, calibration: ImuCalibration, state: Array, walks: Array) -> "Interval":
-        """Preintegrate samples at the biases and the clock of a state (17,); `walks` (2,): factors on the walks."""
+    def of(cls, samples: Samples, calibration: ImuCalibration, state: Array, factors: Array) -> "Interval":
+        """Preintegrate samples at the biases and the clock of a state (17,); `factors` (3,): on the densities."""
         of = calibration
         parts = core.preintegrate(
             *(samples.seconds, samples.gyro, samples.accel, samples.widened, state[BIASES]),
             np.array([of.gyro_noise, of.accel_noise]),
         )
         seconds = float(samples.seconds[-1] - samples.seconds[0])
-        std_walk = np.repeat(walks * np.array([of.gyro_walk, of.accel_walk]) * np.sqrt(seconds), 3)
+        std_walk = np.repeat(factors[:2] * np.array([of.gyro_walk, of.accel_walk]) * np.sqrt(seconds), 3)
         clock = float(state[CLOCK][0])
         return cls(
             *parts, state[BIASES].copy(), clock, seconds, std_walk, complete=samples.complete, note=samples.note
@@ -74,7 +74,7 @@ class Interval:
         self.opened = _OPENED
 
     def cov(self, factors: Array) -> Array:
-        """Return the covariance (9, 9) with factors (2,) on the noise densities."""
+        """Return the covariance (9, 9) with factors on the noise densities."""
         by_both = factors[0] ** 2 * self.cov_gyro + factors[1] ** 2 * self.cov_accel
         return np.asarray(np.diag(_LEAST) + self.opened * by_both)
 
