@@ -98,7 +98,7 @@ class StereoRig:
 
     def to_toml(self) -> str:
         """The text of a calibration file that `from_calibration` reads back unchanged."""
-        return toml_file.text(self.cameras, self.right_from_left, self.refinement, self.timing)
+        return toml_file.text(self.cameras, self.right_from_left, self.refinement, self.timing, self.imu)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -8,6 +8,7 @@ import numpy as np
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ..models import Camera
+from . import inertial
 from .document import Document, Format, Size, camera_matrix
 from .lenses import MODELS, nearest_fisheye
 
@@ -30,8 +31,9 @@ def body_from_left(document: Document) -> Array | None:
         return document.pose(document.data["T_BS"], "T_BS")
     if BASALT.matches(document.data):
         return _imu_from_cam(document, 0)
-    pose = _in(document.data.get("cam0"), "T_cam_imu")
-    return None if pose is None else se3.inverse(document.pose(pose, "cam0.T_cam_imu"))
+    cam0 = document.data.get("cam0")
+    pose = inertial.cam_from_imu_of(document, cam0, "cam0") if isinstance(cam0, Mapping) else None
+    return None if pose is None else se3.inverse(pose)
 
 
 def _cam(document: Document, name: str) -> Mapping[str, Any]:
@@ -44,9 +46,9 @@ def _kalibr_pose(document: Document, _: Document) -> Array:
     first, second = _cam(document, "cam0"), _cam(document, "cam1")
     if "T_cn_cnm1" in second:
         return document.pose(second["T_cn_cnm1"], "cam1.T_cn_cnm1")
-    if "T_cam_imu" in first and "T_cam_imu" in second:
-        cams_from_imu = [document.pose(c["T_cam_imu"], f"cam{n}.T_cam_imu") for n, c in enumerate((first, second))]
-        return cams_from_imu[1] @ se3.inverse(cams_from_imu[0])
+    poses = [inertial.cam_from_imu_of(document, cam, f"cam{n}") for n, cam in enumerate((first, second))]
+    if poses[0] is not None and poses[1] is not None:
+        return poses[1] @ se3.inverse(poses[0])
     raise document.error("cam1.T_cn_cnm1, the pose of cam0 in cam1, is missing: calibrate both cameras together")
 
 
@@ -162,6 +164,7 @@ KALIBR = Format(
     lambda data: isinstance(data.get("cam0"), Mapping) and "intrinsics" in data["cam0"],
     lambda calib, n, _: _lens(calib, _cam(calib, f"cam{n}"), f"cam{n}.", "distortion_coeffs", "none"),
     _kalibr_pose,
+    imu=inertial.of_kalibr,
 )
 EUROC = Format(
     "EuRoC sensor.yaml",
@@ -169,6 +172,7 @@ EUROC = Format(
     lambda data: "T_BS" in data and "intrinsics" in data,
     lambda calib, _, size: _lens(calib, calib.data, "", "distortion_coefficients", "plumb_bob"),
     lambda left, right: se3.inverse(right.pose(right.data["T_BS"], "T_BS")) @ left.pose(left.data["T_BS"], "T_BS"),
+    imu=inertial.of_euroc,
 )
 BASALT = Format(
     "Basalt calibration (JSON)",
@@ -176,5 +180,6 @@ BASALT = Format(
     _is_basalt,
     _basalt_camera,
     lambda calib, _: se3.inverse(_imu_from_cam(calib, 1)) @ _imu_from_cam(calib, 0),
+    imu=lambda calib: inertial.of_basalt(calib, _imu_from_cam(calib, 0), _basalt(calib.data)),
 )
-ORB_SLAM = Format("ORB-SLAM settings (YAML)", 1, _is_orb_slam, _orb_slam_camera, _orb_slam_pose)
+ORB_SLAM = Format("ORB-SLAM settings (YAML)", 1, _is_orb_slam, _orb_slam_camera, _orb_slam_pose, imu=inertial.of_orb_slam)
