@@ -22,6 +22,8 @@ from .importers import import_euroc as import_euroc
 from .importers import import_images as import_images
 from .importers import import_kitti as import_kitti
 from .importers import recover as recover
+from .inertial.samples import ImuCalibration as ImuCalibration
+from .inertial.samples import ImuSamples as ImuSamples
 from .inspection.overview import inspect_log as inspect
 from .motion import Motion as Motion
 from .motion import Odometry as Odometry
@@ -42,8 +44,10 @@ from .run.replay import replay as replay
 from .simulation.experiments import simulate as simulate
 from .types import Estimator as Estimator
 from .types import FrameEstimate as FrameEstimate
+from .types import InertialEstimate as InertialEstimate
 from .types import MonoFrame as MonoFrame
 from .types import Observations as Observations
+from .types import Prediction as Prediction
 from .types import Selection as Selection
 from .types import Sink as Sink
 from .types import Solution as Solution

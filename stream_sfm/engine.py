@@ -89,9 +89,7 @@ class Engine:
         """
         with self._exclusively(), one_thread:
             frame = self._samples.joined_to(frame)
-            self.observer.check(frame)
-            expected = expected_motion(self.estimator, frame.stamp_ns, self.observer.inertial_view(frame))
-            observed = self.observer.observe(frame, prepared, expected)
+            observed = self.observer.observe(frame, prepared, partial(expected_motion, self.estimator))
             self.observations = observed.observations
             began = time.perf_counter()
             solution = self.estimator.step(observed.observations)

@@ -5,6 +5,7 @@
 
 import logging
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,6 +50,9 @@ from .types import (
 # Between two frames: no camera is faster, and stamps at arrival are further apart. Closer ones seem to count
 # milliseconds or frames; σ of a prediction would then be far too small.
 _MIN_INTERVAL_NS = 10_000
+
+
+Expect = Callable[[int, InertialView], ExpectedMotion | None]  # of a stamp, and the samples that come with it
 
 
 @record
@@ -119,24 +123,20 @@ class Observer:
         """Return inertial samples with their calibration in rectified axes; None where they are not used."""
         return None if self._imu is None else InertialView(samples, self._imu)
 
-    def check(self, frame: Frame) -> None:
-        """Raise a FrameError where images or stamp are not those of the next frame."""
-        where = f"frame {self.state.frame_index}"
-        self._check_images(frame, where)
-        self._check_stamp(frame, where)
-
     def observe(
-        self, frame: Frame, prepared: PreparedImages | None = None, expected: ExpectedMotion | None = None
+        self, frame: Frame, prepared: PreparedImages | None = None, expect: Expect | None = None
     ) -> Observed:
         """Return the observations of the next frame; `prepared` is what `prepare` returned, if it was called.
 
-        `expected`: the motion that an estimator predicts by inertial samples, from which the front-end starts.
+        `expect`: gives the motion that an estimator predicts by the inertial samples that come with the frame, from
+        which the front-end starts.
         Raises FrameError for images of the wrong kind or a stamp that does not increase; the observer is then
         unchanged.
         """
         index = self.state.frame_index
         where = f"frame {index}"
-        self.check(frame)
+        self._check_images(frame, where)
+        self._check_stamp(frame, where)
         if prepared is not None and (problem := self._prepared_problem(frame, prepared)):
             raise FrameError(f"{where}: prepared {problem}; give what `prepare` returned for this frame")
         began = time.perf_counter()
@@ -145,9 +145,10 @@ class Observer:
         if images.grey_bits not in (None, grey_bits):
             images = self.prepare(frame, index, grey_bits)
         rectified = time.perf_counter()
-        state = replace(self.state, grey_bits=grey_bits)
+        state, view = replace(self.state, grey_bits=grey_bits), self.inertial_view(frame)
+        expected = None if view is None or expect is None else expect(frame.stamp_ns, view)
         self.state, observations = self._frontend.step(state, images, frame.stamp_ns, expected)
-        if (view := self.inertial_view(frame)) is not None:
+        if view is not None:
             observations = replace(observations, inertial=view)
         timings_ms = {"rectify": 1e3 * (rectified - began), "frontend": 1e3 * (time.perf_counter() - rectified)}
         return Observed(observations, timings_ms)

@@ -464,11 +464,9 @@ class InertialEstimator(Protocol):
         """Return pose and state at a later time, with further samples, which are not kept; None where none lead there."""
 
 
-def expected_motion(estimator: object, stamp_ns: int, view: InertialView | None) -> ExpectedMotion | None:
+def expected_motion(estimator: object, stamp_ns: int, view: InertialView) -> ExpectedMotion | None:
     """Return the motion that an estimator predicts for the next frame; None of one that takes no inertial samples."""
-    if view is None or not isinstance(estimator, InertialEstimator):
-        return None
-    return estimator.expect(stamp_ns, view)
+    return estimator.expect(stamp_ns, view) if isinstance(estimator, InertialEstimator) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False, kw_only=True)

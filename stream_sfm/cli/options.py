@@ -188,10 +188,12 @@ class Settings:
     Attributes:
         config: read settings from this file; `stream-sfm config` prints one
         set: change one setting, for example window.frames=12; may be repeated
+        no_imu: leave out the inertial samples of a log
     """
 
     config: MaybeFile = None
     set: Annotated[list[str] | None, Parameter(metavar="KEY=VALUE", completer=_setting_names)] = None
+    no_imu: Annotated[bool, Parameter(negative="")] = False
 
     def read(self, **chosen: str | bool | None) -> "Config":
         """The configuration, with settings that have an option of their own (None or False: not given).
@@ -201,6 +203,7 @@ class Settings:
         from ..config import read_config
 
         further = [f"{name}={json.dumps(value)}" for name, value in chosen.items() if value]
+        further += ["imu.enabled=false"] if self.no_imu else []
         return read_config(self.config, [*(self.set or []), *further])
 
 

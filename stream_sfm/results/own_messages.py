@@ -14,7 +14,7 @@ from ..camera.refinement import TERMS
 from ..geometry import se3
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.terms import DELAY, FOCAL, READOUT
-from ..types import CommonErrors, FrameEstimate, RelativeMotions, Status
+from ..types import CommonErrors, FrameEstimate, InertialEstimate, RelativeMotions, Status
 
 SCHEMA_VERSION = 2
 ESTIMATE, SCALARS, TIMING = (f"stream_sfm_msgs/msg/{name}" for name in ("Estimate", "Scalars", "Timing"))
@@ -49,6 +49,12 @@ float64[] rig_delay_s  # delay of the right camera and its σ, seconds, or empty
 float64[] rig_readout_s  # readout time of the shutters, from the top down, and its σ, seconds, or empty
 float64[] rig_focal_length  # error of the common focal length as a share of it, and its σ, or empty
 bool rig_applied  # whether the calibration is more probably wrong than right
+float64[] inertial_state  # by inertial samples: velocity, gravity, both in the camera, biases of gyroscope and \
+accelerometer, scale, turn of the unit, time offset: 17 numbers; or empty
+float64[] inertial_cov  # joint covariance 23×23 of ξ and that state
+float64[] inertial_densities  # factors on the noise densities of gyroscope and accelerometer, as learnt
+float64 inertial_distance2  # squared distance of the images' motion from that of the samples, 6 expected
+bool dead_reckoned  # the pose is by inertial samples alone
 bool unscaled  # with one camera: lengths are in units of the first baseline, not in metres
 float64 nis  # whitened squared innovation of the accepted views
 int64 nis_dof  # its degrees of freedom; nis/nis_dof is 1 where the noise is as assumed
@@ -109,8 +115,33 @@ def estimate_fields(estimate: FrameEstimate) -> dict[str, Any]:
     fields["relative_frame_from_cam"] = fields["relative_frame_from_newest"]
     fields["rig_applied"] = rig is not None and rig.applied
     fields |= {name: () if rig is None else rig.term(term) for term, name in _RIG_TIMES.items()}
+    fields |= _inertial_fields(estimate.inertial)
     of_rig = ((), ()) if rig is None else (rig.mean[:n], rig.cov[:n, :n])
     return fields | dict(zip(("rig_error_px", "rig_cov_px2"), of_rig, strict=True))
+
+
+def _inertial_fields(of: InertialEstimate | None) -> dict[str, Any]:
+    if of is None:
+        names = ("inertial_state", "inertial_cov", "inertial_densities")
+        return dict.fromkeys(names, ()) | {"inertial_distance2": 0.0, "dead_reckoned": False}
+    parts = of.velocity, of.gravity, of.gyro_bias, of.accel_bias, [of.scale], of.axes_rad, [of.time_offset_s]
+    return {
+        "inertial_state": np.concatenate(parts),
+        "inertial_cov": of.cov,
+        "inertial_densities": of.densities,
+        "inertial_distance2": of.distance2,
+        "dead_reckoned": of.dead_reckoned,
+    }
+
+
+def _inertial(m: Any) -> InertialEstimate | None:
+    """The recorded inertial state; None where there is none, as in files of earlier versions."""
+    s = getattr(m, "inertial_state", ())
+    if not len(s):
+        return None
+    parts = s[:3], s[3:6], s[6:9], s[9:12], float(s[12]), s[13:16], float(s[16])
+    rest = m.inertial_cov.reshape(23, 23), m.inertial_densities, m.inertial_distance2, m.dead_reckoned
+    return InertialEstimate(*parts, *rest)
 
 
 def estimate_of(m: Any, points: tuple[NDArray[Any], ...] | None = None) -> FrameEstimate:
@@ -153,6 +184,7 @@ def estimate_of(m: Any, points: tuple[NDArray[Any], ...] | None = None) -> Frame
         relative=relative,
         common=common,
         rig=_rig(m) if len(m.rig_error_px) else None,
+        inertial=_inertial(m),
     )
 
 

@@ -17,7 +17,7 @@ from ..recording.ground_truth import DepthImages
 from ..report.records import RunRecord
 from ..results.folder import ResultFolder
 from ..rig_model.estimate import RigEstimate
-from ..types import ExpectedMotion, Frame, FrameEstimate, Observations, Solution, expected_motion
+from ..types import ExpectedMotion, FrameEstimate, InertialView, Observations, Solution, expected_motion
 from .world import World
 
 
@@ -56,10 +56,9 @@ class Lane:
         self.observer, self.rig, self._structure.camera = observer, None, observer.rig.left
         self._estimator = make_estimator(self.config.method, observer.projection, self.config)
 
-    def expect(self, frame: Frame) -> ExpectedMotion | None:
+    def expect(self, stamp_ns: int, view: InertialView) -> ExpectedMotion | None:
         """Return the motion up to a frame that its inertial samples predict, if the method takes them."""
-        self.observer.check(frame)
-        return expected_motion(self._estimator, frame.stamp_ns, self.observer.inertial_view(frame))
+        return expected_motion(self._estimator, stamp_ns, view)
 
     def take(self, observed: Observed) -> FrameEstimate | None:
         """Estimate a frame and write it; None if the lane has failed, now or before."""

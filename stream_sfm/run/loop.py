@@ -139,7 +139,7 @@ def _step(
     """
     with one_thread:
         try:
-            observed = lanes[0].observer.observe(frame, prepared, lanes[0].expect(frame))
+            observed = lanes[0].observer.observe(frame, prepared, lanes[0].expect)
         except FrameError as error:
             for lane in lanes:
                 lane.record.refuse(error)

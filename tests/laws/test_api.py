@@ -30,7 +30,8 @@ OF_COMMAND = {
 }
 # Parameters that are attributes of what public names return, or given to a caller's function: they need no name.
 HANDED_ON = {
-    "Ambiguity", "CommonErrors", "DenseConfig", "FrontendConfig", "JobResult", "KnownTiming", "LastingErrors",
+    "Ambiguity", "CommonErrors", "DenseConfig", "FrontendConfig", "ImuConfig", "InertialView",
+    "JobResult", "KnownTiming", "LastingErrors",
     "MapStart", "Mesh", "MotionConfig", "PreparedImages", "Refinement", "RelativeMotions", "ReplayResult", "RigChange",
     "RigConfig", "RigEstimate", "RigModel", "RigView", "RobustConfig", "RosConfig", "StereoLog", "StereoPair",
     "StructureComparison", "WindowConfig",

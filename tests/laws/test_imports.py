@@ -18,6 +18,7 @@ LAYERS = (
     ("inputs", "outputs"),
     ("core",),
     ("geometry", "blas", "files", "deflate", "interrupts", "executors", "wording"),
+    ("inertial",),
     ("camera",),
     ("config",),
     ("rig_model",),
