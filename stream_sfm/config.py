@@ -155,9 +155,9 @@ class ImuConfig(_Section, frozen=True, kw_only=True):
         0.01
     )
     # Triggered cameras are stamped within a millisecond, others at arrival.
-    std_time_offset_s: Annotated[float, _number("σ of the unit's clock against the camera's, seconds", 1e-6, 0.1)] = (
-        0.005
-    )
+    std_time_offset_s: Annotated[
+        float, _number("σ of the unit's clock against the camera's, seconds", 1e-6, 0.1)
+    ] = 0.005
     # Beyond it a map that begins anew would be elsewhere than the old one for most uses.
     max_std_m: Annotated[
         float, _number("largest σ of a position by the samples alone, metres; beyond it: lost", 0, 100)

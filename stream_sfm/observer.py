@@ -250,7 +250,9 @@ class Observer:
             cov=turn @ inertial.cov @ turn.T,
         )
 
-    def _relative(self, axes: PhysicalAxes, relative: RelativeMotions | None, weights: Array | None) -> RelativeMotions | None:
+    def _relative(
+        self, axes: PhysicalAxes, relative: RelativeMotions | None, weights: Array | None
+    ) -> RelativeMotions | None:
         """Relative motions in axes of the physical camera, with the errors that no view shows."""
         if relative is None:
             return None

@@ -225,9 +225,9 @@ class InertialEstimate:
     `velocity` (3,); `gravity` (3,): its direction and size, as a falling body would be accelerated; `gyro_bias` (3,),
     `accel_bias` (3,), in axes of the unit; `scale`: by which share lengths by images alone are too short, as already
     corrected; `axes_rad` (3,): turn of the unit against its calibration; `time_offset_s`: beyond the calibrated one.
-    `cov` (23, 23): joint, of the pose's perturbation (6), then these 17 in order. `densities` (2,): factors on the noise
-    densities of gyroscope and accelerometer, as learnt. `distance2`: squared distance of the images' motion from that of
-    the samples, 6 expected. `dead_reckoned`: the pose is by the samples alone. `note`: what is wrong with them.
+    `cov` (23, 23): joint, of the pose's perturbation (6), then these 17 in order. `densities` (2,): factors on the
+    noise densities of gyroscope and accelerometer, as learnt. `distance2`: squared distance of the images' motion from
+    that of the samples, 6 expected. `dead_reckoned`: the pose is by the samples alone. `note`: what is wrong with them.
     """
 
     velocity: Array
@@ -251,7 +251,9 @@ class InertialEstimate:
         return float(np.sqrt(np.linalg.eigvalsh(across @ self.cov[9:12, 9:12] @ across.T)[-1])) / size
 
     def __repr__(self) -> str:
-        return f"<InertialEstimate {np.linalg.norm(self.velocity):.2f} m/s, tilt ±{1e3 * self.std_tilt_rad:.1f} mrad>"
+        return (
+            f"<InertialEstimate {np.linalg.norm(self.velocity):.2f} m/s, tilt ±{1e3 * self.std_tilt_rad:.1f} mrad>"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -457,11 +459,15 @@ class Prediction:
 class InertialEstimator(Protocol):
     """An estimator that uses inertial samples, and predicts the camera's motion by them."""
 
+    @property
+    def inertial_problem(self) -> str:
+        """Why samples that have come are not used; empty where they are."""
+
     def expect(self, stamp_ns: int, view: InertialView | None) -> ExpectedMotion | None:
         """Return the motion since the latest estimate up to a stamp, with the samples that come with that frame."""
 
     def predict(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
-        """Return pose and state at a later time, with further samples, which are not kept; None where none lead there."""
+        """Return pose and state later on, with further samples, which are not kept; None where none lead there."""
 
 
 def expected_motion(estimator: object, stamp_ns: int, view: InertialView) -> ExpectedMotion | None:

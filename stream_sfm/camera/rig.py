@@ -24,7 +24,8 @@ class StereoRig:
     """Two cameras and `right_from_left` (4, 4), metres: carries points of the left camera into the right one.
 
     `refinement`: errors of this calibration that are known; `timing`: what is known of delay and readout; `imu`: how an
-    inertial unit is mounted. `unscaled`: whether lengths have no unit. Raises ConfigError where the pair cannot be a stereo pair.
+    inertial unit is mounted. `unscaled`: whether lengths have no unit. Raises ConfigError where the pair cannot be a
+    stereo pair.
     """
 
     unscaled: ClassVar[bool] = False

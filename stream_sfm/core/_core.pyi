@@ -678,4 +678,4 @@ def inertial_rows(
     """
 
 def inertial_motion(interval: Intervals, state: Array, cam_from_imu: Array) -> tuple[Array, Array]:
-    """Return previous_from_now (4, 4) and the state (17,) at the end of one interval, by the samples alone, eq. (81)."""
+    """Return previous_from_now (4, 4) and the state (17,) at the end of one interval, by samples alone, eq. (81)."""

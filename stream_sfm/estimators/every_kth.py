@@ -16,7 +16,16 @@ from ..geometry.linear import symmetric
 from ..geometry.resection import Resection
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, clamp_depth
-from ..types import Estimator, ExpectedMotion, InertialEstimator, InertialView, Observations, Prediction, Solution, Status
+from ..types import (
+    Estimator,
+    ExpectedMotion,
+    InertialEstimator,
+    InertialView,
+    Observations,
+    Prediction,
+    Solution,
+    Status,
+)
 from .initial_motion import initial_motion
 from .lifecycle import WorldPoints, frame_status, solution_of
 from .triangulation import compose_cov
@@ -58,6 +67,11 @@ class EveryKth:
             self._newest_id = int(observations.track_ids[-1])
         self._begin_interval()
         return solution
+
+    @property
+    def inertial_problem(self) -> str:
+        """Why inertial samples are not used; see `InertialEstimator`."""
+        return self._estimator.inertial_problem if isinstance(self._estimator, InertialEstimator) else ""
 
     def expect(self, stamp_ns: int, view: InertialView | None) -> ExpectedMotion | None:
         """Let the method take inertial samples; its prediction is from its own last frame, see `InertialEstimator`."""

@@ -83,7 +83,8 @@ def follow(
 ) -> tuple[FrontEndState, Followed | None]:
     """Follow all tracks from the frame before into this one; None where no motion is found.
 
-    `by_inertia`: the motion that inertial samples predict, from which flow and templates start then. The state is then the same but for what the frame says about the cameras and about a hidden background.
+    `by_inertia`: the motion that inertial samples predict, from which flow and templates start then. Without a motion
+    the state is the same but for what the frame says about the cameras and about a hidden background.
     """
     dt_s = (stamp_ns - state.previous_ns) / 1e9
     if state.previous is None or not len(state.tracks):

@@ -24,8 +24,8 @@ _IN_G = (0.5, 2.0)  # median of the accelerations' norm that is g, not m/s²
 
 @record
 class Samples:
-    """The samples of an interval, its ends interpolated: `seconds` (n,), `gyro`, `accel` (n, 3), and `widened` (n − 1,),
-    factors on the variance of each step. `complete`: samples reach beyond both ends. `note`: what is wrong with them."""
+    """The samples of an interval, its ends interpolated: `seconds` (n,), `gyro`, `accel` (n, 3); `widened` (n − 1,),
+    factors on the variance of each step. `complete`: they reach beyond both ends; `note`: what is wrong with them."""
 
     seconds: Array
     gyro: Array

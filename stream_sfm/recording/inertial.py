@@ -105,7 +105,7 @@ def _joined(taken: list[ImuMessage]) -> ImuSamples:
 
 
 def _samples(source: Source, topics: ImuTopics) -> Iterator[ImuMessage]:
-    """Yield the samples of a unit; of two topics those of the gyroscope, with the acceleration between its neighbours."""
+    """Yield the samples of a unit; of two topics those of the gyroscope, with interpolated accelerations."""
     messages = decoded(source, topics.names, MessageDecoder.imu)
     if topics.gyro == topics.accel:
         yield from messages

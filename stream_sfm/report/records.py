@@ -53,6 +53,7 @@ class RunRecord:
         self.relative = RelativeRecord()
         self.rig: RigEstimate | None = None
         self._inertial: tuple[Array, InertialEstimate] | None = None  # of the latest frame, with its rotation
+        self.inertial_problem = ""  # why samples were not used
         self._inertial_frames = self._dead_reckoned = 0
         self.rig_changes: list[RigChange] = []
         self._corrected_from: tuple[int, RigEstimate] | None = None  # the first frame, and what was corrected in it
@@ -178,6 +179,8 @@ class RunRecord:
             )
         if self.refused:
             notes.append(f"{counted(self.refused, 'frame')} refused, the first: {self.first_refusal}")
+        if self.inertial_problem:
+            notes.append(self.inertial_problem)
         if lost := self.count(Status.LOST):
             notes.append(f"tracking was lost in {counted(lost, 'frame')}, {self._first(Status.LOST)}")
         if 2 * (degraded := self.count(Status.DEGRADED)) > len(self):  # the recording is at fault, not the scene

@@ -136,12 +136,12 @@ def _inertial_fields(of: InertialEstimate | None) -> dict[str, Any]:
 
 def _inertial(m: Any) -> InertialEstimate | None:
     """The recorded inertial state; None where there is none, as in files of earlier versions."""
-    s = getattr(m, "inertial_state", ())
+    s: Any = getattr(m, "inertial_state", ())
     if not len(s):
         return None
-    parts = s[:3], s[3:6], s[6:9], s[9:12], float(s[12]), s[13:16], float(s[16])
+    of = np.asarray(s)
     rest = m.inertial_cov.reshape(23, 23), m.inertial_densities, m.inertial_distance2, m.dead_reckoned
-    return InertialEstimate(*parts, *rest)
+    return InertialEstimate(of[:3], of[3:6], of[6:9], of[9:12], float(of[12]), of[13:16], float(of[16]), *rest)
 
 
 def estimate_of(m: Any, points: tuple[NDArray[Any], ...] | None = None) -> FrameEstimate:

@@ -17,7 +17,15 @@ from ..recording.ground_truth import DepthImages
 from ..report.records import RunRecord
 from ..results.folder import ResultFolder
 from ..rig_model.estimate import RigEstimate
-from ..types import ExpectedMotion, FrameEstimate, InertialView, Observations, Solution, expected_motion
+from ..types import (
+    ExpectedMotion,
+    FrameEstimate,
+    InertialEstimator,
+    InertialView,
+    Observations,
+    Solution,
+    expected_motion,
+)
 from .world import World
 
 
@@ -73,6 +81,8 @@ class Lane:
             self.record.failure = f"stopped at frame {observed.observations.frame_index}: {error}"
             return None
         self.solution, self.rig = solution, solution.rig or self.rig
+        if isinstance(self._estimator, InertialEstimator):
+            self.record.inertial_problem = self._estimator.inertial_problem
         estimate = self.observer.estimate(observed, solution, 1e3 * (time.thread_time() - began_s))
         estimate = self._world.place(estimate, observed.observations)
         began_s = time.thread_time()

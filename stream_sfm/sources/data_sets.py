@@ -28,7 +28,16 @@ from ..mcap_file.message import Source
 from .image_files import ImageFile, ImageFilesSource, size_of
 from .image_sets import IMAGE_SUFFIXES, images_in, open_images
 from .joined import JoinedSource
-from .pose_files import check_ascending, read_euroc, read_kitti, read_rows, read_stamped, read_table, read_text, read_times
+from .pose_files import (
+    check_ascending,
+    read_euroc,
+    read_kitti,
+    read_rows,
+    read_stamped,
+    read_table,
+    read_text,
+    read_times,
+)
 from .video import VideoSource
 
 _SIDES = (("left", "right"), ("l", "r"), ("cam0", "cam1"), ("image_0", "image_1"), ("image_2", "image_3"))

@@ -32,9 +32,9 @@ class ImageFile:
 class ImageFilesSource(Source):
     """Left and right images and poses (stamp_ns, world_from_cam), each ascending in time; `notes` for people.
 
-    `format` names the data set; `imu`: samples (stamp_ns, (6,) rad/s and m/s²) of an inertial unit. An image that cannot be read, or has another size than the rig's, is skipped and
-    added to the damage of a reading. Raises LogError where no left and right image have the same stamp, ConfigError
-    where no image can be rectified by the rig.
+    `format` names the data set; `imu`: samples (stamp_ns, (6,) rad/s and m/s²) of an inertial unit. An image that
+    cannot be read, or has another size than the rig's, is skipped and added to the damage of a reading. Raises LogError
+    where no left and right image have the same stamp, ConfigError where no image can be rectified by the rig.
     """
 
     def __init__(
@@ -48,7 +48,8 @@ class ImageFilesSource(Source):
         imu: tuple[Sequence[tuple[int, Array]], ImuCalibration] | None = None,
     ) -> None:
         self.path, self.format, self.rig = path, format, rig
-        self._samples, self.imu = ([], None) if imu is None else imu
+        self._samples: Sequence[tuple[int, Array]] = () if imu is None else imu[0]
+        self.imu = None if imu is None else imu[1]
         if rig is not None:
             try:
                 check_rectifiable(rig)
@@ -101,7 +102,9 @@ class ImageFilesSource(Source):
                 yield from wanted([encoder.imu_mounting(stamp_ns, unmounted)])
                 unmounted = None
             if not isinstance(item, Path):
-                yield from wanted([encoder.imu_sample(stamp_ns, item) if kind == 3 else encoder.pose(stamp_ns, item)])
+                yield from wanted(
+                    [encoder.imu_sample(stamp_ns, item) if kind == 3 else encoder.pose(stamp_ns, item)]
+                )
                 continue
             side = kind - 1
             yield from wanted(encoder.due_calibration(side, stamp_ns))

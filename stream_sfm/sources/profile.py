@@ -33,7 +33,10 @@ class ProfileEncoder:
         self.both_images = _channel("/camera/both/image", "RawImage")  # beside or above each other
         self.calibrations = tuple(_channel(f"/camera/{side}/calibration", "CameraCalibration") for side in _SIDES)
         self.poses = _channel("/ground_truth/pose", "PoseInFrame")
-        self.imu, self.transforms = _json("/imu", "sensor_msgs/msg/Imu"), _json("/tf_static", "foxglove.FrameTransform")
+        self.imu, self.transforms = (
+            _json("/imu", "sensor_msgs/msg/Imu"),
+            _json("/tf_static", "foxglove.FrameTransform"),
+        )
         self._rig = rig
         self._messages = None if rig is None else calibration_messages(rig)
         self._last_calibration_ns: list[int | None] = [None, None]
@@ -71,7 +74,9 @@ class ProfileEncoder:
         """One sample of an inertial unit: rad/s and m/s² (6,)."""
         rate, force = (dict(zip("xyz", map(float, v), strict=True)) for v in (values[:3], values[3:]))
         header = {"stamp": _time(stamp_ns), "frame_id": _IMU_FRAME}
-        return _as_json(self.imu, {"header": header, "angular_velocity": rate, "linear_acceleration": force}, stamp_ns)
+        return _as_json(
+            self.imu, {"header": header, "angular_velocity": rate, "linear_acceleration": force}, stamp_ns
+        )
 
     def imu_mounting(self, stamp_ns: int, imu: ImuCalibration) -> Message:
         """Where the unit is on the left camera."""

@@ -49,8 +49,7 @@ def by_runge_kutta(seconds, gyro, accel, rate_hz=10_000):
         k3 = rates(t + h / 2, q + h / 2 * k2[0], v + h / 2 * k2[1])
         k4 = rates(t + h, q + h * k3[0], v + h * k3[1])
         q, v, p = (
-            x + h / 6 * (a + 2 * b + 2 * c + d)
-            for x, a, b, c, d in zip((q, v, p), k1, k2, k3, k4, strict=True)
+            x + h / 6 * (a + 2 * b + 2 * c + d) for x, a, b, c, d in zip((q, v, p), k1, k2, k3, k4, strict=True)
         )
         q = q / np.linalg.norm(q)
     return Rotation.from_quat(q).as_matrix(), v, p
@@ -78,7 +77,7 @@ def test_jacobian_by_the_clock_equals_differences():
     late = 1e-4
 
     def shifted(by):  # both ends moved, along the same straight lines
-        at = np.concatenate([[0.01 + by], SECONDS[(SECONDS > 0.01 + by) & (SECONDS < 0.09 + by)], [0.09 + by]])
+        at = np.concatenate([[0.01 + by], SECONDS[(0.01 + by < SECONDS) & (0.09 + by > SECONDS)], [0.09 + by]])
         of = [np.stack([np.interp(at, SECONDS, x[:, k]) for k in range(3)], axis=1) for x in (GYRO, ACCEL)]
         return integrated(at, *of)
 

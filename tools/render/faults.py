@@ -17,6 +17,7 @@ from .recording import Recording
 
 KNOCK_RAD = 5e-4 * np.array([2, 1, 2]) / 3
 TURN_PER_FRAME_RAD = 2e-5 * np.array([1, 2, -2]) / 3
+SHAKEN_RAD = 0.03  # amplitude: 40 to 60 degrees per second at 4 Hz
 FOCUS_S = (1.0, 3.0)  # when an autofocus moves
 
 
@@ -26,7 +27,8 @@ class Fault:
 
     `calibrated_focal`: focal lengths of the calibration over the true ones. `focus(t, i)`: true focal lengths at time
     t, seconds, in frame i, over the clean ones. `turn_rad(i, middle)`: Exp of it multiplies right_from_left from the
-    left, so that the right camera turns about its own centre.
+    left, so that the right camera turns about its own centre. `shaken_hz`: the rig is shaken at that frequency;
+    `dark_s`: for how long both images are black from the middle on; `shutter_s`: for how long the shutters are open.
     """
 
     truth: str
@@ -36,6 +38,10 @@ class Fault:
     focus: Callable[[float, int], float] = lambda t, i: 1.0
     turn_rad: Callable[[int, int], np.ndarray] = lambda i, middle: np.zeros(3)
 
+    shaken_hz: float = 0.0
+    dark_s: float = 0.0
+    shutter_s: float | None = None
+
     def applied(self, clean: Recording) -> Recording:
         """The recording with this fault."""
 
@@ -44,8 +50,19 @@ class Fault:
             turned = se3.from_rotation_translation(se3.exp_so3(self.turn_rad(i, clean.frames // 2)), np.zeros(3))
             return replace(rig, right_from_left=turned @ rig.right_from_left)
 
+        def path(t: float) -> np.ndarray:
+            wave = np.sin(2 * np.pi * self.shaken_hz * t * np.array([1, 0.83, 1.21]) + np.array([0, 1, 2]))
+            return np.asarray(clean.path(t) @ se3.exp(np.r_[0.01 * wave, SHAKEN_RAD * wave[::-1]]))
+
+        def gains(i: int) -> tuple[float, float]:
+            seconds = (i - clean.frames // 2) / clean.rate_hz
+            return (0.0, 0.0) if 0 <= seconds < self.dark_s else clean.gains(i)
+
         return replace(
             clean,
+            path=path if self.shaken_hz else clean.path,
+            gains=gains if self.dark_s else clean.gains,
+            shutter_s=clean.shutter_s if self.shutter_s is None else self.shutter_s,
             rig=_with_focal(clean.rig, self.calibrated_focal),
             true_rig=true_rig,
             readout_s=self.readout_s,
@@ -90,6 +107,17 @@ FAULTS: dict[str, Fault] = {
     "late2": _late(2),
     "late8": _late(8),
     **{f"focal{percent:+g}": _focal(percent) for percent in (0.5, -0.5, 0.2, -0.2)},
+    **{
+        f"shaken{hz}rs{ms}": Fault(
+            f"shaken at {hz} Hz by {SHAKEN_RAD} rad and 1 cm, with a rolling shutter of {ms / 1e3:g} s as above",
+            readout_s=ms / 1e3,
+            shaken_hz=hz,
+        )
+        for hz, ms in ((3, 20), (4, 30), (5, 30))
+    },
+    "late12": _late(12),
+    "dark": Fault("from frame {middle} on images are black for a second", dark_s=1.0),
+    "blurred": Fault("shutters are open for 0.03 s", shutter_s=0.03),
     "autofocus2pct": Fault(
         f"true focal lengths of both cameras go from 1 to 1.02 times the calibrated ones, evenly from {FOCUS_S[0]:g} "
         f"to {FOCUS_S[1]:g} s after the first stamp",

@@ -52,7 +52,13 @@ def pair_of(documents: Sequence[Document], size: Size | None) -> Pair:
     if form.files == 1 and len(documents) != 1:
         raise documents[1].error("this is a second calibration of a pair: give one")
     left, right = documents if form.files == 2 else 2 * [_joined(documents)]
-    return form.camera(left, 0, size), form.camera(right, 1, size), form.pose(left, right), *form.known(left), form.imu(left)
+    return (
+        form.camera(left, 0, size),
+        form.camera(right, 1, size),
+        form.pose(left, right),
+        *form.known(left),
+        form.imu(left),
+    )
 
 
 def _with_imu_file(documents: Sequence[Document]) -> Sequence[Document]:

@@ -182,4 +182,6 @@ BASALT = Format(
     lambda calib, _: se3.inverse(_imu_from_cam(calib, 1)) @ _imu_from_cam(calib, 0),
     imu=lambda calib: inertial.of_basalt(calib, _imu_from_cam(calib, 0), _basalt(calib.data)),
 )
-ORB_SLAM = Format("ORB-SLAM settings (YAML)", 1, _is_orb_slam, _orb_slam_camera, _orb_slam_pose, imu=inertial.of_orb_slam)
+ORB_SLAM = Format(
+    "ORB-SLAM settings (YAML)", 1, _is_orb_slam, _orb_slam_camera, _orb_slam_pose, imu=inertial.of_orb_slam
+)

@@ -33,7 +33,7 @@ def text(
     timing: KnownTiming | None = None,
     imu: ImuCalibration | None = None,
 ) -> str:
-    """Cameras by name as text that is read back unchanged; of a pair the pose of the right one, known errors, and an IMU."""
+    """Cameras by name as text that is read back unchanged; of a pair the right one's pose, known errors, an IMU."""
     lines = ["# calibration: pixels and metres"]
     for name, camera in cameras.items():
         lines += ["", f"[{name}]", f"width = {camera.width}", f"height = {camera.height}"]
@@ -123,4 +123,12 @@ def _checked(document: Document, name: str, make: Callable[[], T]) -> T:
         raise document.error(f"{name}: {error}") from None
 
 
-TOML = Format("TOML of stream_sfm", 1, lambda data: not set(data).isdisjoint(_SECTIONS), _camera, _pose, _known, inertial.of_toml)
+TOML = Format(
+    "TOML of stream_sfm",
+    1,
+    lambda data: not set(data).isdisjoint(_SECTIONS),
+    _camera,
+    _pose,
+    _known,
+    inertial.of_toml,
+)

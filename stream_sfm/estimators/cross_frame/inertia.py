@@ -4,6 +4,7 @@ Nothing has to be initialised: velocity, gravity and biases begin wide, in the f
 linear in what the samples say. The map has them beside its world (`inertial_window.py`).
 """
 
+import logging
 from copy import copy
 from dataclasses import replace
 
@@ -19,7 +20,7 @@ from ...inertial.buffer import SampleBuffer
 from ...inertial.samples import ImuCalibration
 from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction
 from ..motion_model import MotionModel
-from .inertia_checks import Agreement, Densities, impossible, likely
+from .inertia_checks import IMPOSSIBLE, Agreement, Densities, impossible, likely
 from .inertial_window import InertialWindow
 from .interval import (
     ACCEL_BIAS,
@@ -68,6 +69,11 @@ class Inertia:
         """Why samples cannot be used; empty where they can."""
         return self._buffer.problem
 
+    @property
+    def is_trusted(self) -> bool:
+        """Whether the samples agreed with the images of the latest frame, so that the next ones are sought by them."""
+        return not self._agreement.distrusted and self._distance2 < IMPOSSIBLE
+
     def take(self, view: InertialView | None) -> None:
         """Take the samples that have come with a frame; twice the same are taken once."""
         if view is None:
@@ -76,8 +82,9 @@ class Inertia:
             self._calibration = view.calibration
             self._buffer = SampleBuffer(view.calibration)
         self._buffer.add(view.samples)
-        if self._buffer.problem:
-            self.now = None
+        if self.problem and self.now is not None:
+            logging.getLogger("stream_sfm").warning(self.problem)
+            self.now = self._anew = None
 
     def _begun(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Known | None:
         """Return the state of a camera of which nothing is known by inertia; None without samples around it."""
@@ -120,7 +127,7 @@ class Inertia:
         return carried(now, interval, self._densities.factors, calibration.cam_from_imu, stamp_ns)
 
     def prediction(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
-        """Return pose and state at a later time with further samples, which are not kept; None where none lead there."""
+        """Return pose and state later on, with further samples, which are not kept; None where none lead there."""
         ahead = copy(self)
         ahead._buffer = self._buffer.copied()
         ahead.take(view)
@@ -141,6 +148,8 @@ class Inertia:
         """Give a frame that is about to enter a map what the samples since the one before it say."""
         self._begin_late(current)
         window, now = current.inertia, self.now
+        if window is not None and now is None:
+            current.end_inertia()
         if window is None or now is None:
             return
         before = (current.frames[-1] if current.frames else current.reference).stamp_ns
@@ -148,16 +157,14 @@ class Inertia:
             first = (current.frames[-2] if len(current.frames) > 1 else current.reference).stamp_ns
             window.intervals[-1] = self._interval(first, before, now.state)
         frame.interval = self._interval(before, frame.stamp_ns, now.state)
-        _, then = core.inertial_motion(
-            of_core([frame.interval], window.factors), now.state, window.cam_from_imu
-        )
+        _, then = core.inertial_motion(of_core([frame.interval], window.factors), now.state, window.cam_from_imu)
         frame.velocity = then[VELOCITY] if frame.interval.cov_gyro.any() else now.state[VELOCITY]
         self._note = frame.interval.note
 
     def _begin_late(self, current: Map) -> None:
-        """Begin the state of a map in its newest camera: anew after a contradiction, or as samples have come only now."""
+        """Begin the state of a map in its newest camera: anew after a contradiction, or because samples come late."""
         begun, self._anew, calibration = self._anew, None, self._calibration
-        if current.inertia is None:
+        if current.inertia is None and not self.problem:
             newest = (current.frames[-1] if current.frames else current.reference).stamp_ns
             begun = self._begun(newest, current.marginals.world_from_cam, current.marginals.cov_pose)
         if begun is not None and calibration is not None:
@@ -174,18 +181,16 @@ class Inertia:
         expected = self.expected_motion(frame.stamp_ns)
         if expected is None or not frame.interval.cov_gyro.any():
             return motion
-        distance2 = _distance2(
-            expected, motion.cam_from_ref, motion.spread * motion.cov_pose, frame.std_turn_rad
-        )
+        distance2 = _distance2(expected, motion.cam_from_ref, motion.spread * motion.cov_pose, frame.std_turn_rad)
         turns = (
             float(np.linalg.norm(se3.log_so3(frame.interval.rotation))),
             float(np.linalg.norm(se3.log_so3(motion.cam_from_ref[:3, :3]))),
         )
         self._distance2 = distance2
         self._agreement = self._agreement.after(distance2, frame.interval.seconds, turns)
-        if self._agreement.contradicts:
-            frame.interval.open()
-        elif not (self._agreement.distrusted and self._agreement.is_young):
+        if self._agreement.contradicts or distance2 > IMPOSSIBLE:  # this one may be wrong, whatever the others say
+            frame.interval = frame.interval.open()
+        if not (self._agreement.contradicts or (self._agreement.distrusted and self._agreement.is_young)):
             return motion
         other = SecondMotion(
             se3.inverse(expected.previous_from_cam), expected.cov, np.zeros_like(motion.accepted), odds=1.0
@@ -221,7 +226,7 @@ class Inertia:
         return replace(inertial_estimate(known, self._densities.factors), dead_reckoned=True)
 
     def report(self, current: Map) -> tuple[Known | None, InertialEstimate | None]:
-        """Read the newest pose and state off the map, with what may be exactly zero by its odds; None without inertia."""
+        """Read the newest pose and state off the map, what may be exactly zero by its odds; None without inertia."""
         window = current.inertia
         if window is None:
             self.now = None
@@ -236,7 +241,9 @@ class Inertia:
         known = self._with_odds(known)
         self.now = known
         is_wrong = impossible(known.state, known.cov[6:, 6:], _STD_ACCEL_BIAS)
-        if is_wrong or (self._agreement.contradicts and self._agreement.is_young):  # forget what a wrong motion told
+        if is_wrong or (
+            self._agreement.contradicts and self._agreement.is_young
+        ):  # forget what a wrong motion told
             self._agreement = self._agreement.anew()
             self._anew = self._begun(stamp_ns, known.world_from_cam, known.cov[:6, :6])
         note = "; ".join(filter(None, [self._agreement.note, self._note]))

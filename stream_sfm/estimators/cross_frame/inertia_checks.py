@@ -12,7 +12,7 @@ from ...record import record
 from .interval import ACCEL_BIAS, FIXED, GRAVITY
 
 _FRAMES = 5  # whose distances are added up
-_MOST = 40.0  # that one frame adds to the sum: a single bad frame is not a contradiction
+IMPOSSIBLE = 40.0  # what one frame adds to the sum at most: a single bad frame is not a contradiction, but not used
 _BOUND = 100.0  # sum of squared distances of five frames, 30 expected; more where they are larger anyway
 _LARGEST_BOUND = 180.0
 _EXPECTED, _USUAL_FRAMES = 6.0, 20.0  # of one frame, and over how many the usual distance is taken
@@ -34,9 +34,9 @@ _SIZES = (1, 3, 1)  # of the groups
 
 @record
 class Agreement:
-    """Whether the motion of images and samples agree: squared distances of the latest frames, for how long they have
-    agreed, whether they have not since contradicted each other, and whether they have never agreed for long. `log_ratio`:
-    of how far the gyroscope and the images turn, smoothed."""
+    """Whether the motions of images and samples agree: squared `distances2` of the latest frames, for how long they have
+    agreed, whether they have contradicted each other and not agreed for long since, and whether they never have.
+    `usual`: the distance lately; `log_ratio`: of how far gyroscope and images turn, smoothed."""
 
     distances2: tuple[float, ...] = ()
     agreed_s: float = 0.0
@@ -47,7 +47,7 @@ class Agreement:
 
     def after(self, distance2: float, seconds: float, turns_rad: tuple[float, float]) -> "Agreement":
         """Return it after a frame whose motions are so far apart; turns by gyroscope and by images."""
-        latest = (*self.distances2, min(distance2, _MOST))[-_FRAMES:]
+        latest = (*self.distances2, min(distance2, IMPOSSIBLE))[-_FRAMES:]
         contradicts = sum(latest) > self.bound
         usual = self.usual + (latest[-1] - self.usual) / _USUAL_FRAMES
         agreed_s = 0.0 if contradicts else self.agreed_s + seconds
@@ -77,7 +77,9 @@ class Agreement:
         if not (self.contradicts or (self.distrusted and self.is_young)):
             return ""
         if abs(self.log_ratio - np.log(_DEGREES)) < 0.5:
-            return "the IMU contradicts the images: its rates are some 57 times too high, are they degrees per second?"
+            return (
+                "the IMU contradicts the images: its rates are some 57 times too high, are they degrees per second?"
+            )
         return "the IMU contradicts the images"
 
 

@@ -35,7 +35,8 @@ class InertialWindow:
     def _clear(self) -> None:
         f = len(self.intervals)
         self._lead = np.zeros((6 * f, 3 * f))  # of poses by slides
-        self._cov_local, self._gain, self._g_local = np.zeros((6 * f, 6 * f)), np.zeros((6 * f, 6 * f + STATE)), 0.0
+        self._cov_local, self._gain = np.zeros((6 * f, 6 * f)), np.zeros((6 * f, 6 * f + STATE))
+        self._g_local = np.zeros(6 * f)
 
     def enter(self, interval: Interval, velocity: Array, std_slide_rad: float) -> None:
         """Add the newest frame."""
@@ -83,9 +84,9 @@ class InertialWindow:
     def follow(self, dposes: Array, dstate: Array) -> None:
         """Move velocities and slides by what poses (F, 6) and state (17,) do; their own step is made once."""
         f = len(self.intervals)
-        step = self._cov_local @ np.broadcast_to(self._g_local, 6 * f)
+        step = self._cov_local @ self._g_local
         step = step + self._gain @ np.concatenate([dposes.ravel(), dstate])
-        self._g_local = 0.0
+        self._g_local = np.zeros(6 * f)
         self.slides = self.slides + step[: 3 * f].reshape(-1, 3)
         self.velocities = self.velocities + step[3 * f :].reshape(-1, 3)
 
@@ -97,7 +98,9 @@ class InertialWindow:
             of_core(self.intervals[:1], self.factors), cams, np.stack([state[VELOCITY], velocity]), state,
             self.cam_from_imu,
         )  # fmt: skip
-        j = np.concatenate([j[:, : 6 + STATE], j[:, 3:6], j[:, 6 + STATE :]], axis=1)  # a slide turns as a pose does
+        j = np.concatenate(
+            [j[:, : 6 + STATE], j[:, 3:6], j[:, 6 + STATE :]], axis=1
+        )  # a slide turns as a pose does
         h, g = j.T @ j, -j.T @ residual
         rows = range(6 + STATE, 6 + STATE + 3)
         h[rows, rows] += self._std_slides[0] ** -2
@@ -167,8 +170,8 @@ class InertialWindow:
     def learn(self, system: System, cams_from_ref: Array, state: Array) -> None:
         """Compare the residuals of the oldest interval with what they should be, diag(I − J Σ Jᵀ) of its own rows.
 
-        Kept in `surprise`, of gyroscope, accelerometer and slides: sums of squared residuals, weighted by that, and of its
-        squares. Where it is small, a residual shows the noise of the images.
+        Kept in `surprise`, of gyroscope, accelerometer and slides: sums of squared residuals, weighted by that, and of
+        its squares. Where it is small, a residual shows the noise of the images.
         """
         f = len(self.intervals)
         if self.intervals[0].opened > 1 or not self.intervals[0].complete:

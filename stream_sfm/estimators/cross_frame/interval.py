@@ -8,7 +8,7 @@ from ... import core
 from ...geometry.se3 import Array
 from ...inertial.buffer import Samples
 from ...inertial.samples import ImuCalibration
-from ...record import record
+from ...record import changed, record
 
 # The state that inertia adds to a map: velocity and gravity in axes of the reference camera, biases of gyroscope and
 # accelerometer, scale (metres = (1 + scale) of the images' lengths), turn of the unit, and time offset.
@@ -69,9 +69,9 @@ class Interval:
             biases, clock, seconds, std_walk, note="there are no inertial samples",
         )  # fmt: skip
 
-    def open(self) -> None:
-        """Make what the interval says count for nearly nothing."""
-        self.opened = _OPENED
+    def open(self) -> "Interval":
+        """Return the interval with what it says counting for nearly nothing."""
+        return changed(self, opened=_OPENED)
 
     def cov(self, factors: Array) -> Array:
         """Return the covariance (9, 9) with factors on the noise densities."""

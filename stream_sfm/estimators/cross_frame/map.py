@@ -77,6 +77,7 @@ class Map:
         pose = first.world_from_cam, first.cov_pose
         self.prior = Prior.from_first_frame(self.ids, self.q, cov, by_rig, *pose, rig)
         self.inertia: InertialWindow | None = None
+        self.marginals: Marginals
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
         self.gauss_newton_step()
         self.update_marginals()
@@ -119,8 +120,8 @@ class Map:
         """Marginalise the oldest frame, eqs. (31)–(36): all that earlier frames say is in the prior again."""
         cam_from_ref, leaving = self.cams_from_ref[0], None
         if self.inertia is not None:
-            rows = self.prior.world_modes[9:12]
-            leaving = self.inertia.leaving(cam_from_ref, self.inertial_state, rows @ rows.T)
+            of_gravity = self.prior.world_modes[9:12]
+            leaving = self.inertia.leaving(cam_from_ref, self.inertial_state, of_gravity @ of_gravity.T)
         frame, views = self._remove_oldest()
         prior, later = self.prior, self.views if self.frames else views
         seen_later = core.times_among(self.ids, later.ids, later.used) > 0
@@ -444,7 +445,7 @@ class Map:
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
 
     def begin_inertia(self, window: InertialWindow, known: Known) -> None:
-        """Add an inertial state, which is `known` in the newest camera, or begin it anew: that is the reference then."""
+        """Add an inertial state, `known` in the newest camera, or begin it anew: that is the reference then."""
         while self.frames:
             self.absorb_oldest()
         rows = self.prior.world_modes[:6]
@@ -453,13 +454,21 @@ class Map:
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
         self.gauss_newton_step()
 
+    def end_inertia(self) -> None:
+        """Go on without inertia: what it has told of poses and points stays."""
+        while self.frames:
+            self.absorb_oldest()
+        self.inertia = None
+        self.prior = changed(self.prior, world_modes=self.prior.world_modes[:6], state=np.zeros(0))
+        self.amplitudes = np.zeros(self.prior.modes.shape[2])
+        self.gauss_newton_step()
+
     def place_newest(self, known: Known) -> Marginals:
         """Put the newest camera where images and inertia together have it; points keep their places in it."""
-        pose, points = known.world_from_cam, self.marginals.points_in_cam
-        cov = known.cov[:6, :6] + self.cov_doubt
-        self.marginals = replace(
-            self.marginals, world_from_cam=pose, cov_pose=cov, points_in_world=se3.transform(pose, points)
-        )
+        before: Marginals = self.marginals
+        pose, cov = known.world_from_cam, known.cov[:6, :6] + self.cov_doubt
+        in_world = se3.transform(pose, before.points_in_cam)
+        self.marginals = replace(before, world_from_cam=pose, cov_pose=cov, points_in_world=in_world)
         return self.marginals
 
     def true_poses(self) -> tuple[Array, Array, Array]:

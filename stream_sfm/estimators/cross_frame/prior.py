@@ -140,8 +140,8 @@ class Prior:
         The anchors go with the points, C' = X C, so q stays what it is. The prior knows nothing about the error ξ of
         the new camera's pose: with K' = ∂q'/∂P', δq' = δq + K'G ξ and ω' = Ad(X) ω − ξ, six modes without prior
         information. With Λ = D⁻¹ + V, points given the modes are N(Λ⁻¹(D⁻¹(mean + F y) + V…), Λ⁻¹), and the modes have
-        information S = P + Σ FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less what the rig's modes do to the views. `leaving`: what
-        inertia says of the frame, with twelve modes more: its slide, its velocity and the walk of the biases.
+        information S = P + Σ FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less what the rig's modes do to the views. `leaving`:
+        what inertia says of the frame, with twelve modes more: its slide, its velocity and the walk of the biases.
         """
         own, c = len(amplitudes) - len(self.rig) + 6, amplitudes[len(amplitudes) - len(self.rig) :]
         state_rows, state = self.world_modes[6:], self.state
@@ -234,7 +234,8 @@ class Prior:
     def truncate_modes(self) -> "Prior":
         """Return the same prior in as few modes as matter, eq. (36).
 
-        Six modes carry the world exactly, 17 more the inertial state, and those of the rig stay. The others are principal components of the points'
+        Six modes carry the world exactly, 17 more the inertial state, and those of the rig stay. The others are
+        principal components of the points'
         common error in units of their own noise; what is left out goes to that noise.
         """
         own = self.modes.shape[2] - len(self.rig)
@@ -252,5 +253,7 @@ class Prior:
             self,
             cov=self.cov + folded @ np.swapaxes(folded, 1, 2),
             modes=np.concatenate([modes[..., :fixed], shared[..., ~small], self.modes[..., own:]], axis=2),
-            world_modes=np.concatenate([r.T[:, :fixed], np.zeros((fixed, kept)), self.world_modes[:, own:]], axis=1),
+            world_modes=np.concatenate(
+                [r.T[:, :fixed], np.zeros((fixed, kept)), self.world_modes[:, own:]], axis=1
+            ),
         )

@@ -75,10 +75,15 @@ class CrossFrame:
         reason = f"dead-reckoned by the IMU: {solution.reason}"
         return replace(solution, status=Status.DEGRADED, reason=reason, inertial=by_inertia)
 
+    @property
+    def inertial_problem(self) -> str:
+        """Why inertial samples are not used; see `InertialEstimator`."""
+        return self.inertia.problem
+
     def expect(self, stamp_ns: int, view: InertialView | None) -> ExpectedMotion | None:
         """Return the motion that inertial samples predict for the next frame; see `InertialEstimator`."""
         self.inertia.take(view)
-        return self.inertia.expected_motion(stamp_ns)
+        return self.inertia.expected_motion(stamp_ns) if self.inertia.is_trusted else None
 
     def predict(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
         """Return pose and state at a later time by inertial samples; see `InertialEstimator`."""
