@@ -18,6 +18,7 @@ _WIDENED = 1e4  # factor on variances where samples are missing or saturated; of
 _GAP_S = 0.01  # a gap of this length is widened by just that
 _EQUAL = 5  # samples in a row that are the same and large: the sensor has reached its range
 _LEAST_RANGE = 1 / 16  # of the widest usual range: the narrowest that sensors are set to
+_TURNING_S, _LEAST_TURNING = 0.02, 3  # before a time, and half of it after: samples that tell how a camera turns
 _UNIT_SAMPLES = 100  # after which units are asked for
 _IN_G = (0.5, 2.0)  # median of the accelerations' norm that is g, not m/s²
 
@@ -143,6 +144,16 @@ class SampleBuffer:
         """Return the angular rate (3,) at a time, by the samples around it."""
         at = (self._samples.stamps_ns - stamp_ns) / 1e9
         return np.array([np.interp(late_s, at, self._samples.gyro_rad_s[:, k]) for k in range(3)])
+
+    def turning(self, stamp_ns: int, late_s: float) -> tuple[Array, Array] | None:
+        """Return angular rate and acceleration (3,) at a time, by a straight line through the samples around it."""
+        at = (self._samples.stamps_ns - stamp_ns) / 1e9 - late_s
+        rows = np.flatnonzero((at > -_TURNING_S) & (at < _TURNING_S / 2))
+        if len(rows) < _LEAST_TURNING or at[rows[-1]] < -_TURNING_S / 2:
+            return None
+        line = np.stack([np.ones(len(rows)), at[rows]], axis=1)
+        rate, acceleration = np.linalg.lstsq(line, self._samples.gyro_rad_s[rows], rcond=None)[0]
+        return rate, acceleration
 
     def between(self, first_ns: int, last_ns: int, late_s: float) -> Samples:
         """Return the samples from one stamp of the camera to another, whose clock is early by `late_s`.

@@ -160,6 +160,15 @@ class Inertia:
         _, then = core.inertial_motion(of_core([frame.interval], window.factors), now.state, window.cam_from_imu)
         frame.velocity = then[VELOCITY] if frame.interval.cov_gyro.any() else now.state[VELOCITY]
         self._note = frame.interval.note
+        frame.turning = self._turning(frame.stamp_ns, now.state) if self.is_trusted else None
+
+    def _turning(self, stamp_ns: int, state: Array) -> Array | None:
+        """Return angular velocity and acceleration (2, 3) of points in the camera at a time, by the gyroscope."""
+        found = self._buffer.turning(stamp_ns, float(state[CLOCK][0]))
+        if found is None or self._calibration is None:
+            return None
+        mounted = self._calibration.cam_from_imu[:3, :3] @ se3.exp_so3(state[AXES])
+        return -np.stack([found[0] - state[GYRO_BIAS], found[1]]) @ mounted.T
 
     def _begin_late(self, current: Map) -> None:
         """Begin the state of a map in its newest camera: anew after a contradiction, or because samples come late."""

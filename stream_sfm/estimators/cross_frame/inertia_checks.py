@@ -34,8 +34,8 @@ _SIZES = (1, 3, 1)  # of the groups
 
 @record
 class Agreement:
-    """Whether the motions of images and samples agree: squared `distances2` of the latest frames, for how long they have
-    agreed, whether they have contradicted each other and not agreed for long since, and whether they never have.
+    """Whether the motions of images and samples agree: squared `distances2` of the latest frames, for how long they
+    have agreed, whether they have contradicted each other and not agreed for long since, and whether they never have.
     `usual`: the distance lately; `log_ratio`: of how far gyroscope and images turn, smoothed."""
 
     distances2: tuple[float, ...] = ()

@@ -4,6 +4,7 @@ The reference camera p is the newest frame that has left the window; frames p+1 
 Points are q in the cameras that first saw them (`inverse_depth`); the world is one more pose, carried by the prior.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -331,7 +332,8 @@ class Map:
         poses = [np.eye(4), *self.cams_from_ref, cam_from_previous @ self.newest_cam_from_ref]
         stamps_ns = [f.stamp_ns for f in (self.reference, *self.frames, frame)]
         self._seconds = self._clock.seconds(np.array(poses), stamps_ns, std_acceleration)
-        *_, before, now = core.point_motions(np.array(poses), self._seconds)
+        motions = _as_turning(core.point_motions(np.array(poses), self._seconds), (*self.frames, frame))
+        *_, before, now = motions
         moved = clamp_depth(points @ cam_from_previous.T)
         by_timing = np.zeros_like(views.timing)
         timing = self._timing(frame.rig)
@@ -352,7 +354,8 @@ class Map:
         rig = self.frames[-1].rig
         if rig is None:
             return
-        self._motions = core.point_motions(np.array([np.eye(4), *self.cams_from_ref]), self._seconds)
+        motions = core.point_motions(np.array([np.eye(4), *self.cams_from_ref]), self._seconds)
+        self._motions = _as_turning(motions, self.frames)
         if self._first is not None:
             self._renew_first(self._first, rig)
         self.views = timed(self.state(), self.views, rig, self._motions[1:], self._timing(rig)[0])
@@ -484,3 +487,14 @@ class Map:
         marginals = Marginals.compute(self.system, self.state(), self.world_from_ref)
         self.marginals = marginals.doubted(self.cov_doubt)
         return self.marginals
+
+
+def _as_turning(motions: Array, frames: Sequence[WindowFrame]) -> Array:
+    """Return motions (n, 2, 6) of points, those of the last frames turning as the gyroscope says, where there is one.
+
+    A polynomial through poses cannot follow a camera that is shaken.
+    """
+    for motion, frame in zip(motions[len(motions) - len(frames) :], frames, strict=True):
+        if frame.turning is not None:
+            motion[:, 3:] = frame.turning
+    return motions

@@ -20,7 +20,8 @@ class WindowFrame:
     `std_turn_rad`: σ of the turn since the frame before that patches feign which slide alike, about each axis.
     `ambiguity` (6, k): by what else the motion from the frame before may be wrong, in axes of this camera; frames in
     a row share the first six columns, the others are of each alone. `interval`: the inertial samples since the frame
-    before, with the `velocity` (3,) that they predict; None without.
+    before, with the `velocity` (3,) that they predict, and `turning` (2, 3), angular velocity and acceleration of
+    points by the gyroscope; None without.
     """
 
     index: int
@@ -30,6 +31,7 @@ class WindowFrame:
     ambiguity: Array = field(default_factory=lambda: np.zeros((6, 0)))
     interval: Interval | None = None
     velocity: Array = field(default_factory=lambda: np.zeros(3))
+    turning: Array | None = None
 
 
 def views_of(observations: Observations, projection: StereoProjection, age_s: float = 0.0) -> WhitenedViews:
