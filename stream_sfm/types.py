@@ -206,13 +206,15 @@ class ExpectedMotion:
     """The motion that inertial samples predict from the frame at `since_ns` on.
 
     `previous_from_cam` (4, 4) with its covariance `cov` (6, 6), right perturbation; `twist` (6,): how points of the
-    scene move in the camera at the end, m/s and rad/s.
+    scene move in the camera at the end, m/s and rad/s. `carried`: it is from before the present map, whose start it can
+    judge.
     """
 
     since_ns: int
     previous_from_cam: Array
     cov: Array
     twist: Array
+    carried: bool = False
 
     def __repr__(self) -> str:
         return f"<ExpectedMotion since {self.since_ns} ns>"

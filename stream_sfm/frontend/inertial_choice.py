@@ -10,6 +10,7 @@ from ..geometry.resection import Resection, refine
 from ..geometry.se3 import Array
 from ..types import ExpectedMotion
 
+_NEAR = 20.0  # squared distance of a motion that is the camera's
 _APART = 15.0  # by which their squared distances differ then; the camera's is 6 on average
 
 
@@ -29,6 +30,11 @@ def nearer(expected: ExpectedMotion, views: PointViews, weights: Array, motion: 
     if first - then > _APART:
         return replace(other, second=None)
     return replace(motion, second=None) if then - first > _APART else motion
+
+
+def is_camera(expected: ExpectedMotion | None, motion: Resection) -> bool:
+    """Whether a motion is that of samples which were known before the map began: it is no body's then."""
+    return expected is not None and expected.carried and _distance2(expected, motion) < _NEAR
 
 
 def _distance2(expected: ExpectedMotion, motion: Resection) -> float:

@@ -44,6 +44,10 @@ class StartCheck:
         """Whether the motion is taken for the camera's for good, or the start is to be redone where it was doubted."""
         return self.calm_frames >= FULL_HISTORY
 
+    def settled(self) -> "StartCheck":
+        """Return the check where it is known otherwise that the motion is the camera's."""
+        return replace(self, calm_frames=FULL_HISTORY, doubted=False)
+
     def after(self, ids: NDArray[np.int64], accepted: NDArray[np.bool_]) -> "StartCheck":
         """Return the check after a frame in which the tracks `ids` (n,), ascending, were found.
 

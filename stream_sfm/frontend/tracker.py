@@ -21,7 +21,7 @@ from ..types import ExpectedMotion
 from .alignment import WIDE, AlignedViews, learn_noise
 from .ambiguity import AmbiguityMemory
 from .depth_order import decided, depth_order, of_background
-from .inertial_choice import nearer
+from .inertial_choice import is_camera, nearer
 from .mono.parallax import update_by_parallax
 from .pair_check import Found
 from .prepared import PreparedImages
@@ -120,6 +120,8 @@ def follow(
     state = replace(state, aligners=aligners, timing=replace(state.timing, twist=twist))
     # a pair whose right sides agree with a turn of the right camera is whole
     found_px = views.z_px if turned is None else np.where(turned[:, None], views.any_row_px, views.z_px)
+    if is_camera(by_inertia, motion):
+        state = replace(state, start=state.start.settled())
     return _advance(setup, state, views, Found(known.before, found_px, views.cov_px, motion), rival, dt_s)
 
 

@@ -62,6 +62,7 @@ class Inertia:
         self._agreement, self._densities = Agreement(), Densities.as_given()
         self._distance2, self._note = 0.0, ""
         self._frames = config.window.frames
+        self._carried = False  # the state is from before the present map
         self._anew: Known | None = None  # with which the state begins again in the next frame
 
     @property
@@ -103,6 +104,7 @@ class Inertia:
     def begin(self, current: Map, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
         """Give a map that has begun its inertial state: the one carried on, or one of which nothing is known."""
         known = self.predicted(stamp_ns)
+        self._carried = known is not None and not self._agreement.is_young
         if known is None:
             known = self._begun(stamp_ns, world_from_cam, cov_pose)
         if known is None or self._calibration is None:
@@ -222,7 +224,7 @@ class Inertia:
         rate = self._buffer.rate(stamp_ns, float(then.state[CLOCK][0])) - then.state[GYRO_BIAS]
         mounted = calibration.cam_from_imu[:3, :3] @ se3.exp_so3(then.state[AXES])
         twist = -np.concatenate([then.state[VELOCITY], mounted @ rate])
-        return ExpectedMotion(now.stamp_ns, then.world_from_cam, then.cov[:6, :6], twist)
+        return ExpectedMotion(now.stamp_ns, then.world_from_cam, then.cov[:6, :6], twist, self._carried)
 
     def dead_reckoned(self, stamp_ns: int) -> InertialEstimate | None:
         """Return the state at a time at which no image tells the pose; None where σ does not allow to report one."""
