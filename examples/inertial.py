@@ -20,8 +20,8 @@ def run(frames: Iterable[sfm.StereoFrame], engine: sfm.Engine, dark: range) -> N
         for stamp_ns, rate, force in zip(given.stamps_ns, given.gyro_rad_s, given.accel_m_s2, strict=True):
             engine.add_imu(int(stamp_ns), rate, force)
             ahead = engine.predict(int(stamp_ns))  # at the rate of the samples: None before the first estimate
-        images = [0 * image if k in dark else image for image in frame.images]
-        estimate = engine.step(sfm.StereoFrame(frame.stamp_ns, *images))
+        left, right = (0 * image if k in dark else image for image in (frame.left, frame.right))
+        estimate = engine.step(sfm.StereoFrame(frame.stamp_ns, left, right))
         if estimate.inertial is None or not (k in dark or k % 10 == 0):
             continue
         tilt_mrad, std_m = 1e3 * estimate.inertial.std_tilt_rad, np.sqrt(np.trace(estimate.cov_pose[:3, :3]))

@@ -53,9 +53,11 @@ class FrontendConfig(_Section, frozen=True, kw_only=True):
     """Detection, left-right matching, tracking."""
 
     # Chosen by hand: cost grows with the number; 240 instead of 200 gains little accuracy on our logs.
-    max_tracks: Annotated[int, _number("points followed at the same time", 20, 2000)] = 200
+    max_tracks: Annotated[int, _number("most points tracked at the same time", 20, 2000)] = 200
     # Chosen by hand: less means a search for corners in more frames, more leaves parts of the view without points.
-    renew_fraction: Annotated[float, _expert("share of max_tracks missing that new ones wait for", 0, 1)] = 0.05
+    renew_fraction: Annotated[float, _expert("start new tracks once this share of max_tracks is missing", 0, 1)] = (
+        0.05
+    )
     # Chosen by hand: patches overlap by half at most, so that their errors differ.
     min_corner_distance_px: Annotated[float, _expert("least distance of a new corner from all points", 2, 200)] = (
         12.0
@@ -87,7 +89,7 @@ class FrontendConfig(_Section, frozen=True, kw_only=True):
 class WindowConfig(_Section, frozen=True, kw_only=True):
     """The cross-frame estimator."""
 
-    frames: Annotated[int, _number("frames in the window (the paper's batch size b)", 1, 64)] = 8
+    frames: Annotated[int, _number("frames in the window (batch size b in the paper)", 1, 64)] = 8
     max_iterations: Annotated[int, _expert("Gauss-Newton steps per frame, at most", 1, 50)] = 6
 
 
@@ -97,14 +99,16 @@ class RobustConfig(_Section, frozen=True, kw_only=True):
     gate_probability: Annotated[
         float, _expert("share of good views that the χ² gate keeps", 0.5, 0.999999999999)
     ] = 0.999
-    min_inliers: Annotated[int, _number("with fewer accepted views a frame is lost", 4, 2000)] = 8
-    degraded_inliers: Annotated[int, _number("with fewer accepted views a frame is degraded", 4, 2000)] = 25
+    min_inliers: Annotated[int, _number("a frame with fewer accepted views is lost", 4, 2000)] = 8
+    degraded_inliers: Annotated[int, _number("a frame with fewer accepted views is degraded", 4, 2000)] = 25
 
 
 class MotionConfig(_Section, frozen=True, kw_only=True):
     """The camera's motion while tracking is lost."""
 
-    std_acceleration_m_s2: Annotated[float, _number("σ of the acceleration while lost, m/s²", 1e-3, 1e4)] = 3.0
+    std_acceleration_m_s2: Annotated[
+        float, _number("σ of the acceleration while tracking is lost, m/s²", 1e-3, 1e4)
+    ] = 3.0
     std_angular_acceleration_rad_s2: Annotated[
         float, _number("σ of the angular acceleration, rad/s²", 1e-3, 1e4)
     ] = 3.0
@@ -137,9 +141,11 @@ class RigConfig(_Section, frozen=True, kw_only=True):
     # Rolling shutters of cheap cameras read out in 10 to 30 ms.
     std_readout_s: Annotated[float, _number("σ of the readout time of the shutters, seconds", 1e-6, 0.1)] = 0.02
     # A mount that warms up or gives way.
-    std_turning_rad_s: Annotated[float, _expert("σ of how fast the right camera turns", 1e-8, 0.1)] = 5e-4
+    std_turning_rad_s: Annotated[float, _expert("σ of the turn rate of the right camera, rad/s", 1e-8, 0.1)] = 5e-4
     # An autofocus moves by a percent or two in a second.
-    std_focusing_per_s: Annotated[float, _expert("σ of how fast the focal length changes", 1e-8, 0.1)] = 0.005
+    std_focusing_per_s: Annotated[
+        float, _expert("σ of the relative change of the focal length per second", 1e-8, 0.1)
+    ] = 0.005
     # A principal point that is off by a pixel, at usual focal lengths.
     std_axes_rad: Annotated[float, _expert("σ of the camera's axes, about x and about y", 0, 0.5)] = 0.0015
     # Five real logs with independent truth are 0.1 to 1 % too long or too short, RMS 0.6 %.
@@ -171,7 +177,9 @@ class RosConfig(_Section, frozen=True, kw_only=True):
     odom_frame: Annotated[str, Meta(description="the fixed frame in which the path never jumps")] = "odom"
     base_frame: Annotated[
         str,
-        Meta(description="the robot's frame (base_link), whose poses are given then; empty: those of the camera"),
+        Meta(
+            description="the robot's frame, such as base_link, to report poses of; empty: report those of the camera"
+        ),
     ] = ""
     camera_frame: Annotated[str, Meta(description="the left camera: x right, y down, z forward")] = "left_camera"
     z_up: Annotated[
@@ -213,7 +221,9 @@ class DenseConfig(_Section, frozen=True, kw_only=True):
     # OpenCV recommends 3 to 11 for semi-global matching; larger blocks are smoother and lose thin objects.
     block_px: Annotated[int, _expert("edge of the matched block, pixels, odd", 3, 21)] = 7
     # OpenCV recommends 5 to 15: the lowest, because the left-right check and the σ reject mismatches as well.
-    uniqueness_percent: Annotated[int, _expert("margin by which a match must beat its rivals, per cent", 0, 50)] = 5
+    uniqueness_percent: Annotated[
+        int, _expert("margin by which a match must beat the second best, percent", 0, 50)
+    ] = 5
     # As for the points (`frontend.smoothing_px`): interpolation between pixels is biased in sharper images.
     smoothing_px: Annotated[float, _expert("σ of the Gaussian before the sub-pixel step, pixels", 0, 5)] = 1.0
     # Chosen by hand: a larger window averages more noise, but rounds off the edges of objects.
@@ -225,14 +235,18 @@ class DenseConfig(_Section, frozen=True, kw_only=True):
     # Lens model and interpolation: with it, σ matches the errors of rendered frames (tools/surface_accuracy.py).
     std_bias_px: Annotated[float, _expert("σ of the disparity error that all frames share, pixels", 0, 10)] = 0.06
     # Chosen by hand: a less certain disparity may be a mismatch.
-    max_std_px: Annotated[float, _expert("pixels with a larger σ of disparity are left out", 1e-3, 100)] = 1.0
+    max_std_px: Annotated[float, _expert("leave out pixels with a larger σ of disparity", 1e-3, 100)] = 1.0
     # Chosen by hand: beyond it, depth is too uncertain to show a shape.
-    max_relative_std: Annotated[float, _expert("as max_std_px, of σ of depth over depth", 1e-4, 1)] = 0.05
+    max_relative_std: Annotated[
+        float, _expert("leave out pixels with a larger σ of depth, relative to depth", 1e-4, 1)
+    ] = 0.05
     # The limit of fusion in human stereo vision (Burt and Julesz 1980); a steeper step is the edge of an object.
     max_disparity_step_px: Annotated[float, _expert("largest step between connected pixels", 0.01, 1000)] = 1.0
-    voxel_m: Annotated[float, _number("edge of a voxel of a fused surface, metres; 0: automatic", 0, 100)] = 0.0
+    voxel_m: Annotated[float, _number("voxel size of a fused surface, metres; 0: automatic", 0, 100)] = 0.0
     # About 160 MB; beyond it the edge is doubled, which leaves about a quarter of the voxels of a surface.
-    max_voxels: Annotated[int, _expert("most voxels; beyond it larger ones", 10_000, 100_000_000)] = 4_000_000
+    max_voxels: Annotated[
+        int, _expert("most voxels; beyond that number they are made larger", 10_000, 100_000_000)
+    ] = 4_000_000
     # Mismatches rarely agree in three frames.
     min_frames: Annotated[int, _expert("least number of frames that see a point of a fused surface", 1, 10_000)] = 3
 
@@ -248,7 +262,7 @@ class Config(_Section, frozen=True, kw_only=True):
     method: Annotated[
         str, Meta(description="estimator: cross-frame, ekf, frame-to-frame, or another name in estimators.METHODS")
     ] = "cross-frame"
-    mono: Annotated[bool, Meta(description="use the left camera only; lengths are without unit")] = False
+    mono: Annotated[bool, Meta(description="use the left camera only; lengths have no unit")] = False
     # Where the camera moves by little from frame to frame, views some frames apart say as much, for less work.
     estimate_every: Annotated[
         int, _number("estimate every k-th frame; resection places those between", 1, 1000)

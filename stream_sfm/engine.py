@@ -1,13 +1,12 @@
 """The page to read first: one stereo frame in, one estimate out. Nothing is read, written or printed here.
 
 frame -> observer (rectification and front-end) -> observations -> estimator -> solution -> observer -> the estimate in
-the axes of the physical left camera.
+the axes of the physical left camera. A run takes the same three steps, with a lane per method (`run/loop.py`).
 """
 
 import copy
 import logging
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -23,6 +22,7 @@ from .estimators import make_estimator
 from .frontend.prepared import PreparedImages
 from .geometry.stereo import StereoProjection
 from .inertial.driver import DriverSamples
+from .lane import BareLane
 from .observer import Observer
 from .types import (
     Estimator,
@@ -59,7 +59,7 @@ class Engine:
         with one_thread:
             self.observer = Observer(rig, self.config)
             make = partial(make_estimator, self.config.method) if estimator is None else estimator
-            self.estimator = make(self.observer.projection, self.config)
+            self.lane = BareLane(self.observer, make(self.observer.projection, self.config))
         self._samples = DriverSamples()
         self.observations: Observations | None = None  # of the latest frame, in axes of the rectified pair
         self._stepping = threading.Lock()
@@ -89,12 +89,11 @@ class Engine:
         """
         with self._exclusively(), one_thread:
             frame = self._samples.joined_to(frame)
-            observed = self.observer.observe(frame, prepared, partial(expected_motion, self.estimator))
+            observed = self.observer.observe(frame, prepared, partial(expected_motion, self.lane.estimator))
             self.observations = observed.observations
-            began = time.perf_counter()
-            solution = self.estimator.step(observed.observations)
-            self.observer.learn(solution)
-            return self.observer.estimate(observed, solution, 1e3 * (time.perf_counter() - began))
+            estimate = self.lane.estimate(observed)
+            self.observer.learn(self.lane.solution)
+            return estimate
 
     def add_imu(self, stamp_ns: int, gyro_rad_s: ArrayLike, accel_m_s2: ArrayLike) -> None:
         """Take one inertial sample (3,) and (3,), as a driver delivers them: it is kept for the frame it belongs to.
@@ -109,10 +108,10 @@ class Engine:
 
         At the rate of the samples; those of `add_imu` count at once. None without inertial samples that lead there.
         """
-        if not isinstance(self.estimator, InertialEstimator):
+        if not isinstance(self.lane.estimator, InertialEstimator):
             return None
         with self._exclusively(), one_thread:
-            found = self.estimator.predict(stamp_ns, self.observer.view_of(self._samples.so_far()))
+            found = self.lane.estimator.predict(stamp_ns, self.observer.view_of(self._samples.so_far()))
             return None if found is None else self.observer.prediction(found)
 
     def __copy__(self) -> "Engine":

@@ -1,12 +1,12 @@
 """What all methods share: from a frame to its observations, and from a solution to the estimate that is reported.
 
-`Engine` is an Observer with one estimator, `compare` an Observer with several.
+`Engine` is an Observer with one lane, `compare` an Observer with several (`lane.py`).
 """
 
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -153,9 +153,9 @@ class Observer:
         timings_ms = {"rectify": 1e3 * (rectified - began), "frontend": 1e3 * (time.perf_counter() - rectified)}
         return Observed(observations, timings_ms)
 
-    def learn(self, solution: Solution) -> None:
+    def learn(self, solution: Solution | None) -> None:
         """Use what an estimator has found out about the cameras' timing for the frames to come."""
-        if solution.rig is not None:
+        if solution is not None and solution.rig is not None:
             self.state = self._frontend.learn(self.state, solution.rig)
 
     def estimate(self, observed: Observed, solution: Solution, estimator_ms: float) -> FrameEstimate:
@@ -187,40 +187,36 @@ class Observer:
         weights = None if solution.common is None else solution.common.weights(len(TERMS))
         by_common = None if solution.common is None else solution.common.jacobian
         pose = _motions(axes, world_from_cam[None], solution.cov_pose[None], by_common, weights)
+        values = {f.name: getattr(solution, f.name) for f in fields(Solution)}  # those that have no axes stay
         return FrameEstimate(
+            **values
+            | {
+                "world_from_cam": pose[0][0],
+                "cov_pose": pose[1][0],
+                "track_ids": ids,
+                "points_in_cam": in_cam[0],
+                "cov_points": in_cam[1],
+                "points_in_world": in_world[0],
+                "cov_points_in_world": in_world[1],
+                "window_world_from_cam": axes.poses(solution.window_world_from_cam),
+                "ended_points_in_world": ended[0],
+                "ended_cov_points_in_world": ended[1],
+                "rig": self._frontend.rig_in_px(self.state, solution.rig),
+                "relative": self._relative(axes, solution.relative, weights),
+                "common": self._common(solution, pose[2][0]),
+                "inertial": None if solution.inertial is None else self._turned(solution.inertial),
+            },
             frame_index=observations.frame_index,
             stamp_ns=int(observations.stamp_ns),
-            status=solution.status,
-            reason=solution.reason,
-            world_from_cam=pose[0][0],
-            cov_pose=pose[1][0],
-            track_ids=ids,
-            points_in_cam=in_cam[0],
-            cov_points=in_cam[1],
-            points_in_world=in_world[0],
-            cov_points_in_world=in_world[1],
-            window_frame_indices=solution.window_frame_indices,
-            window_world_from_cam=axes.poses(solution.window_world_from_cam),
-            rejected_ids=solution.rejected_ids,
-            iterations=solution.iterations,
-            ended_ids=solution.ended_ids,
-            ended_points_in_world=ended[0],
-            ended_cov_points_in_world=ended[1],
             counts={
                 "tracked": n_old,
                 "new": observations.n_new,
                 "used": len(solution.track_ids),
                 "rejected": len(solution.rejected_ids),
             },
-            nis=solution.nis,
-            nis_dof=solution.nis_dof,
             timings_ms=observed.timings_ms | {"estimator": estimator_ms},
             unscaled=self.rig.unscaled,
-            rig=self._frontend.rig_in_px(self.state, solution.rig),
-            relative=self._relative(axes, solution.relative, weights),
-            common=self._common(solution, pose[2][0]),
             rig_change=None if observations.rig is None else observations.rig.change,
-            inertial=None if solution.inertial is None else self._turned(solution.inertial),
         )
 
     def prediction(self, found: Prediction) -> Prediction:

@@ -1,6 +1,12 @@
-"""Records: what stages hand to each other, and the states that they take and return."""
+"""Records: what stages hand to each other, and the states that they take and return.
 
-from dataclasses import dataclass, field
+A field of a record may be described once: what kind of thing it is, which says what a change of frames does to it, and
+its shape in a file, where arrays are flat.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from enum import Enum, auto
 from typing import Any, TypeVar, dataclass_transform
 
 import numpy as np
@@ -27,6 +33,45 @@ def changed(of: T, **fields: Any) -> T:
     for name, value in fields.items():
         setattr(result, name, value)
     return result
+
+
+class Kind(Enum):
+    """What a field is, where a change of frames changes its value."""
+
+    FRAMES = auto()  # one frame index, or several
+    TRACKS = auto()  # ids of tracks
+    POSES = auto()  # one pose in the world (4, 4), or several
+    COV_POSE = auto()  # the covariance (6, 6) of the perturbation on the right of a pose in the world
+    POINTS = auto()  # points (n, 3) in the world
+    COV_POINTS = auto()  # their covariances (n, 3, 3)
+    PARTS = auto()  # a record with such fields
+
+
+def about(kind: Kind | None = None, *, of: str = "", shape: tuple[int | str, ...] | None = None) -> dict[str, Any]:
+    """Return the description of a field, its metadata.
+
+    `of`: of a covariance, the field that it belongs to. `shape`: how a flat array of a file becomes the value; -1 is as
+    many as there are, a text is a size that several fields share.
+    """
+    return {"kind": kind, "of": of, "shape": shape}
+
+
+Change = Callable[[Any, Any], Any]
+
+
+def with_changes(of: T, changes: Mapping[Kind, Change]) -> T:
+    """Return a dataclass whose fields of each kind, also those of its parts, are what `changes` make of them.
+
+    A change is given the value, and of a covariance also what it belongs to.
+    """
+    values = {}
+    for each in fields(of):  # type: ignore[arg-type]
+        value, kind = getattr(of, each.name), each.metadata.get("kind")
+        if value is not None and kind is Kind.PARTS:
+            values[each.name] = with_changes(value, changes)
+        elif value is not None and kind is not None:
+            values[each.name] = changes[kind](value, getattr(of, each.metadata["of"] or each.name))
+    return replace(of, **values)  # type: ignore[type-var]
 
 
 def indices(rows: NDArray[Any] | slice) -> NDArray[np.intp] | slice:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .errors import ConfigError
 from .geometry.se3 import Array
 from .inertial.samples import ImuCalibration, ImuSamples
+from .record import Kind, about
 from .rig_model.estimate import RigEstimate
 from .rig_model.model import RigModel
 
@@ -134,7 +135,7 @@ class MapStart:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LastingErrors:
-    """How the errors of a frame's views (n) go on from those of earlier frames.
+    """Temporally correlated view errors of a frame (n).
 
     `std_drift_px` (n,): how far a patch may have slid over its surface since the previous frame, where it is seen from
     a changing direction; None where points are exact. `inflation` (n, 2): factors on the variances of left and right
@@ -172,9 +173,10 @@ class RigView:
     """What errors of the rig do to the views (n) of a frame.
 
     `model`: the linear model of all of them. `field_std_px`: σ of those errors that no physical term follows, as the
-    rows have it so far. `timing_px` (n, 4): what delay and readout, as far as they are known, do to the views, which
-    are as they were seen. `delay_by_rows`: the information that the rows have about the delay of the right camera, s⁻²,
-    and its sum weighted by that, s⁻¹. `change`: the right camera has turned against the left one; the turn is taken
+    rows have it so far. `timing_px` (n, 4): view shifts predicted from the current delay and readout; `z_px` is
+    uncorrected. `delay_by_rows`: the information that the rows have about the delay of the right camera, s⁻²,
+    and its sum weighted by that, s⁻¹. `turn_root` (3, e): a root of the covariance of turns that the right camera has
+    from frame to frame, radians. `change`: the right camera has turned against the left one; the turn is taken
     out of the views from this frame on, and `change_root` (m, j) is a root of the covariance of what is left, in σ of
     each error.
     """
@@ -183,6 +185,7 @@ class RigView:
     field_std_px: float = 0.0
     timing_px: Array | float = 0.0
     delay_by_rows: tuple[float, float] = (0.0, 0.0)
+    turn_root: Array = field(default_factory=lambda: np.zeros((3, 0)))
     change: "RigChange | None" = None
     change_root: Array | None = None
 
@@ -313,7 +316,7 @@ class RigChange:
     `error_per_m`: by which share distances would be wrong from then on, per metre of distance.
     """
 
-    frame_index: int
+    frame_index: int = field(metadata=about(Kind.FRAMES))
     turn_rad: Array
     shift_px: float
     disparity_px: float
@@ -324,7 +327,7 @@ class RigChange:
         return (
             f"from frame {self.frame_index} on the right camera is turned against the left one (pitch {pitch:+.2f}, "
             f"yaw {yaw:+.2f}, roll {roll:+.2f} mrad) and its image moved by {self.shift_px:.2f} px: was a camera "
-            "knocked? The turn is corrected; without that distances of 10 m would be off by "
+            "knocked? The turn is corrected; uncorrected, distances of 10 m would be off by "
             f"{10 * self.error_per_m:.1%}"
         )
 
@@ -345,10 +348,10 @@ class RelativeMotions:
     (r, 6, m): how much of that perturbation each of the `CommonErrors` of the frame makes; None as those.
     """
 
-    frame_indices: NDArray[np.int64]
-    frame_from_newest: Array
-    cov: Array
-    common_jacobian: Array | None = None
+    frame_indices: NDArray[np.int64] = field(metadata=about(Kind.FRAMES, shape=(-1,)))
+    frame_from_newest: Array = field(metadata=about(shape=(-1, 4, 4)))
+    cov: Array = field(metadata=about(shape=(-1, 6, 6)))
+    common_jacobian: Array | None = field(metadata=about(shape=(-1, 6, "m")), default=None)
 
     def __repr__(self) -> str:
         return f"<RelativeMotions to frames {self.frame_indices.tolist()}>"
@@ -365,9 +368,9 @@ class CommonErrors:
     do the motions of `RelativeMotions`, eq. (74a).
     """
 
-    mean: Array
-    cov: Array
-    jacobian: Array
+    mean: Array = field(metadata=about(shape=("m",)))
+    cov: Array = field(metadata=about(shape=("m", "m")))
+    jacobian: Array = field(metadata=about(shape=(6, "m")))
 
     def weights(self, n: int) -> Array:
         """Return W (m, n): what is known of c follows from its first n as W c[:n], but for an independent rest."""
@@ -392,34 +395,36 @@ class Solution:
     - `window_frame_indices` (b,), `window_world_from_cam` (b, 4, 4): all poses of the window, the oldest first.
     - `rejected_ids`: points whose views in this frame were judged to be outliers. `iterations`: of the solver.
     - `nis`, `nis_dof`: whitened squared innovation of the accepted views, and its degrees of freedom.
-    - `rig`: what the images have told about the calibration's own errors; None where it is taken for exact.
-    - `relative`: the motions between this frame and those of the window, for whom fuses relative motions; None where
-      the method has no joint covariance of them, or left and right do not fit each other.
-    - `common`: the errors that all poses and motions share, and their part in `world_from_cam`; for whom fuses or adds
-      up motions. None where the rig is taken for exact, where the pose is predicted only, and in a map's first frame.
+    - `rig`: the estimated errors of the calibration; None where it is taken as exact.
+    - `relative`: the motions between this frame and those of the window, for fusion. None where the method has no joint
+      covariance of them, or where left and right image are inconsistent.
+    - `common`: the errors that all poses and motions share, and their effect on `world_from_cam`, for fusion. None
+      where the rig is taken as exact, where the pose is only predicted, and in the first frame of a map.
     - `inertial`: velocity, gravity and biases; None without inertial samples.
     """
 
     status: Status
     reason: str
-    world_from_cam: Array
-    cov_pose: Array
-    track_ids: NDArray[np.int64]
+    world_from_cam: Array = field(metadata=about(Kind.POSES, shape=(4, 4)))
+    cov_pose: Array = field(metadata=about(Kind.COV_POSE, of="world_from_cam", shape=(6, 6)))
+    track_ids: NDArray[np.int64] = field(metadata=about(Kind.TRACKS))
     points_in_cam: Array
     cov_points: Array
-    points_in_world: Array
-    cov_points_in_world: Array
-    window_frame_indices: NDArray[np.int64]
-    window_world_from_cam: Array
-    rejected_ids: NDArray[np.int64] = field(default_factory=_no_ids)
-    ended_ids: NDArray[np.int64] = field(default_factory=_no_ids)
-    ended_points_in_world: Array = field(default_factory=lambda: np.empty((0, 3)))
-    ended_cov_points_in_world: Array = field(default_factory=lambda: np.empty((0, 3, 3)))
+    points_in_world: Array = field(metadata=about(Kind.POINTS))
+    cov_points_in_world: Array = field(metadata=about(Kind.COV_POINTS, of="points_in_world"))
+    window_frame_indices: NDArray[np.int64] = field(metadata=about(Kind.FRAMES, shape=(-1,)))
+    window_world_from_cam: Array = field(metadata=about(Kind.POSES, shape=(-1, 4, 4)))
+    rejected_ids: NDArray[np.int64] = field(metadata=about(Kind.TRACKS), default_factory=_no_ids)
+    ended_ids: NDArray[np.int64] = field(metadata=about(Kind.TRACKS), default_factory=_no_ids)
+    ended_points_in_world: Array = field(metadata=about(Kind.POINTS), default_factory=lambda: np.empty((0, 3)))
+    ended_cov_points_in_world: Array = field(
+        metadata=about(Kind.COV_POINTS, of="ended_points_in_world"), default_factory=lambda: np.empty((0, 3, 3))
+    )
     iterations: int = 0
     nis: float = 0.0
     nis_dof: int = 0
     rig: RigEstimate | None = None
-    relative: RelativeMotions | None = None
+    relative: RelativeMotions | None = field(metadata=about(Kind.PARTS), default=None)
     common: CommonErrors | None = None
     inertial: InertialEstimate | None = None
 
@@ -485,15 +490,15 @@ class FrameEstimate(Solution):
     - `counts`: points tracked, new, used, rejected.
     - `timings_ms`: milliseconds per stage, the only field that differs between two runs on one log.
     - `unscaled`: made with one camera; lengths are in units of the first baseline instead of metres.
-    - `rig_change`: in the frame in which it has become clear that the right camera has been turned, some frames later.
+    - `rig_change`: set in the frame that detects a turn of the right camera, some frames after the turn.
     """
 
-    frame_index: int
+    frame_index: int = field(metadata=about(Kind.FRAMES))
     stamp_ns: int
     counts: dict[str, int]
     timings_ms: dict[str, float]
     unscaled: bool = False
-    rig_change: RigChange | None = None
+    rig_change: RigChange | None = field(metadata=about(Kind.PARTS), default=None)
 
     def __repr__(self) -> str:
         pose = _pose(self.world_from_cam, self.cov_pose, "units" if self.unscaled else "m")

@@ -254,7 +254,7 @@ def test_cameras_and_rigs_of_something_else_say_what_is_wanted(make, message: st
 
 def test_a_second_thread_in_step_is_refused_and_the_first_is_not_disturbed(frames, engine) -> None:
     entered, go_on = threading.Event(), threading.Event()
-    solve = engine.estimator.step
+    solve = engine.lane.estimator.step
 
     def slow(observations):
         entered.set()
@@ -262,7 +262,7 @@ def test_a_second_thread_in_step_is_refused_and_the_first_is_not_disturbed(frame
         return solve(observations)
 
     engine.step(frames[0])
-    engine.estimator.step = slow
+    engine.lane.estimator.step = slow
     results = []
     first = threading.Thread(target=lambda: results.append(engine.step(frames[1])))
     first.start()

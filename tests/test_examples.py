@@ -111,7 +111,7 @@ def check_fusion(example: str, runs: dict[Path, sfm.RunResults], folder: Path) -
         nees, engine = error @ np.linalg.solve(cov, error), results.cov_pose[-1]
         assert end == len(results) - 1
         assert nees < 12 and (nees > 2 or log == ROOM)  # there σ counts more than is wrong, the engine's as well
-        # own errors of successive motions share structure, which the engine knows: added up they are up to .4 larger
+        # own errors of successive motions share structure, which the engine knows: added up they are up to 0.4 larger
         assert np.trace(engine[:3, :3]) / 1.3**2 < np.trace(cov[:3, :3]) < np.trace(engine[:3, :3]) * 1.5**2
     results, path = runs[ROOM], folder / "fixes.tum"
     there = results.world_from_cam[-1, :3, 3] + (0.1, 0, 0)

@@ -5,25 +5,33 @@
     python -m tools.make_logs --hard build/small --width 320 --frames 40
     python -m tools.make_logs --hard build/loops block office mower lanes eight --width 256 --seed 1
 
-The last five are worlds that are seen more than once. Another seed has other textures, noise and paths. Hard logs are
-the scenes of tools/render/hard.py and tools/render/loops.py, and motions of tools/render/motions.py with the faults of
-tools/render/faults.py, as walking_clean and walking_rs20; README.txt beside them says what is wrong in each.
+    python -m tools.make_logs --random 12 build/worlds                # all of it drawn from the seed 12
+    python -m tools.make_logs --random 12 build/worlds --without-faults
+    python -m tools.make_logs --random 12 build/worlds --faults late zoom    # or how many: --faults 2
+
+The five before these are worlds that are seen more than once. Another seed has other textures, noise and paths. Hard
+logs are the scenes of tools/render/hard.py and tools/render/loops.py, and motions of tools/render/motions.py with the
+faults of tools/render/faults.py, as walking_clean and walking_rs20. Logs drawn at random are those of
+tools/render/worlds.py. README.txt beside them says what is wrong in each.
 With --imu bmi160 (or consumer) hard logs have the samples of such a unit, too (tools/render/inertial.py).
 Images that several logs of one call share are rendered once. The logs follow docs/log-profile.md.
 """
 
 import argparse
+import fcntl
 import hashlib
 import multiprocessing
 import os
 import pickle
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import lru_cache
 from pathlib import Path
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -38,6 +46,7 @@ from mcap_protobuf.writer import Writer
 sys.path.insert(0, str(Path(__file__).parent))
 from render import FAULTS, LOOPS, MOTIONS, RECORDINGS, SIDES, Recording, Sensor, demo_recording, room_recording
 from render.inertial import UNITS, measured
+from render.worlds import DRAWN_FAULTS, World, drawn_world
 
 from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rig import StereoRig
@@ -48,6 +57,7 @@ from stream_sfm.sources.profile import ProfileEncoder
 START_NS = 1_760_000_000_000_000_000
 SEED = 7
 JPEG_QUALITY = {"demo": 72}  # other logs: 80
+WORLD_JPEG_QUALITY = 92
 DEPTH_EVERY = {"demo": 60}  # frames; other logs: 10
 DEPTH_UNIT_M = 1e-4
 SENSOR = Sensor(gain_right=0.98)
@@ -59,9 +69,27 @@ SAMPLES = ("room", "demo")
 HARD = ["demo", *RECORDINGS, *LOOPS, *(f"{motion}_{fault}" for motion in MOTIONS for fault in FAULTS)]
 
 
+class Rendered(Protocol):
+    """A log to render. `stem`: of its file's name; `scene`: logs with the same one may share images."""
+
+    seed: int
+
+    @property
+    def stem(self) -> str: ...
+    @property
+    def scene(self) -> Any: ...
+    @property
+    def jpeg_quality(self) -> int: ...
+    @property
+    def depth_every(self) -> int: ...  # frames; 0: no depth images
+    @property
+    def truth(self) -> str: ...  # what is wrong in this log; {middle} is its middle frame
+    def recording(self) -> Recording: ...
+
+
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What to render: the sample log (`name` room) or a hard one, and how large."""
+    """A sample log (`name` room) or a hard one, and how large."""
 
     name: str = "room"
     width: int = 640
@@ -76,10 +104,71 @@ class Order:
         return FAULTS[fault].applied(clean) if fault else clean
 
     @property
+    def stem(self) -> str:
+        return f"{self.name}{self.seed or ''}"
+
+    @property
+    def scene(self) -> tuple[str, int, int | None, int]:
+        return self.name.partition("_")[0], self.width, self.frames, self.seed
+
+    @property
+    def jpeg_quality(self) -> int:
+        return JPEG_QUALITY.get(self.name, 80)
+
+    @property
+    def depth_every(self) -> int:
+        return DEPTH_EVERY.get(self.name, 10)
+
+    @property
     def truth(self) -> str:
-        """What is wrong in this log; {middle} is its middle frame."""
         fault = self.name.partition("_")[2]
         return FAULTS[fault].truth if fault else "nothing is wrong with the rig, the scene is hard"
+
+
+@dataclass(frozen=True)
+class WorldOrder:
+    """A world drawn from a seed. `asked`: its faults by name or number; None for those that the seed has."""
+
+    seed: int
+    asked: tuple[str, ...] | int | None = None
+
+    depth_every = 0
+
+    @property
+    def world(self) -> World:
+        return _world(self.seed, self.asked)
+
+    def recording(self) -> Recording:
+        """The clean scene is built once for all orders of a seed."""
+        return self.world.with_faults(_clean_world(self.seed))
+
+    @property
+    def stem(self) -> str:
+        asked = () if self.asked is None else ("_".join(self.world.faults) or "clean",)
+        return "_".join((f"world{self.seed}", *asked))
+
+    @property
+    def scene(self) -> tuple[str, int]:
+        return "world", self.seed
+
+    @property
+    def jpeg_quality(self) -> int:
+        fault = self.world.faults.get("jpeg")
+        return WORLD_JPEG_QUALITY if fault is None or fault.jpeg_quality is None else fault.jpeg_quality
+
+    @property
+    def truth(self) -> str:
+        return self.world.truth
+
+
+@lru_cache(maxsize=4)
+def _world(seed: int, asked: tuple[str, ...] | int | None) -> World:
+    return drawn_world(seed, asked)
+
+
+@lru_cache(maxsize=1)
+def _clean_world(seed: int) -> Recording:
+    return _world(seed, ()).clean()
 
 
 @lru_cache(maxsize=len(MOTIONS))
@@ -126,13 +215,13 @@ def calibration_messages(rig: StereoRig, stamp_ns: int) -> dict[str, CameraCalib
     }
 
 
-def _image(recording: Recording, order: Order, i: int, side: str, shared: Path) -> CompressedImage:
+def _image(recording: Recording, order: Rendered, i: int, side: str, shared: Path) -> CompressedImage:
     """The image of a side in frame i; taken from the folder `shared` where another log had the same one."""
     view = recording.view(i, side, SEED + order.seed)
-    made_of = (order.name.partition("_")[0], order.width, order.frames, order.seed, recording.readout_s, view)
+    made_of = (order.scene, order.jpeg_quality, recording.readout_s, view)
     kept = shared / hashlib.sha256(pickle.dumps(made_of)).hexdigest()
     if not kept.exists():
-        options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY.get(order.name, 80), cv2.IMWRITE_JPEG_OPTIMIZE, 1]
+        options = [cv2.IMWRITE_JPEG_QUALITY, order.jpeg_quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
         ok, data = cv2.imencode(".jpg", recording.image(view), options)
         assert ok
         kept.write_bytes(data.tobytes())
@@ -160,10 +249,10 @@ def _pose(stamp_ns: int, world_from_cam: np.ndarray) -> PoseInFrame:
 
 
 def _stamp_ns(recording: Recording, i: int) -> int:
-    return START_NS + round(i * 1e9 / recording.rate_hz)
+    return START_NS + round(1e9 * (i / recording.rate_hz + recording.stamp_error_s(i)))
 
 
-def frame_messages(order: Order, i: int, shared: Path) -> Iterator[tuple[str, Message]]:
+def frame_messages(order: Rendered, i: int, shared: Path) -> Iterator[tuple[str, Message]]:
     """Topics and messages of one frame, calibration first."""
     recording = order.recording()
     stamp_ns = _stamp_ns(recording, i)
@@ -173,19 +262,22 @@ def frame_messages(order: Order, i: int, shared: Path) -> Iterator[tuple[str, Me
     for side in SIDES:
         yield f"/camera/{side}/image", _image(recording, order, i, side, shared)
     yield "/ground_truth/pose", _pose(stamp_ns, recording.pose(i))
-    if i % DEPTH_EVERY.get(order.name, 10) == 0:
+    if order.depth_every and i % order.depth_every == 0:
         yield "/ground_truth/depth", _depth(stamp_ns, recording.depth_m(i))
 
 
-def _frames_and_rate(order: Order) -> tuple[int, float]:
+def _frames(order: Rendered) -> int:
     cv2.setNumThreads(1)
-    return order.recording().frames, order.recording().rate_hz
+    return order.recording().frames
 
 
-def _frame(task: tuple[Order, int, Path]) -> list[tuple[str, str, bytes]]:
-    """Topic, type and content of each message of a frame: messages themselves cannot be pickled."""
+def _frame(task: tuple[Rendered, int, Path]) -> tuple[int, list[tuple[str, str, bytes]]]:
+    """The stamp, and topic, type and content of each message of a frame: messages themselves cannot be pickled."""
     cv2.setNumThreads(1)
-    return [(topic, type(m).__name__, m.SerializeToString()) for topic, m in frame_messages(*task)]
+    order, i, _ = task
+    return _stamp_ns(order.recording(), i), [
+        (topic, type(m).__name__, m.SerializeToString()) for topic, m in frame_messages(*task)
+    ]
 
 
 def inertial_messages(order: Order) -> list[Stored]:
@@ -212,45 +304,70 @@ def _write_samples(writer: Writer, waiting: list[Stored], until_ns: int, channel
         plain.add_message(channels[channel.topic], time_ns, data, time_ns)
 
 
-def write_logs(folder: Path, orders: Sequence[Order], workers: int) -> None:
-    """Render logs into a folder, each one MCAP file in zstd chunks, which has its name when it is whole."""
+def write_logs(folder: Path, orders: Sequence[Rendered], workers: int) -> None:
+    """Render logs into a folder, each one MCAP file in zstd chunks, which has its name when it is whole.
+
+    One worker is this process itself.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # of the workers: there are enough of them
-    with (
-        tempfile.TemporaryDirectory(prefix="shared-images-") as shared,
-        multiprocessing.get_context("spawn").Pool(workers) as pool,  # OpenCV's threads do not survive a fork
-    ):
+    with ExitStack() as stack:
+        shared = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="shared-images-")))
+        mapped: Callable[..., Iterable[Any]] = map
+        if workers > 1:  # OpenCV's threads do not survive a fork
+            mapped = stack.enter_context(multiprocessing.get_context("spawn").Pool(workers)).imap
         for order in orders:
-            frames, rate_hz = pool.apply(_frames_and_rate, (order,))
-            path = folder / f"{order.name}{order.seed or ''}.mcap"
-            part = path.with_name(path.name + ".part")
-            with (
-                part.open("wb") as file,
-                Writer(file, chunk_size=512 * 1024, compression=CompressionType.ZSTD) as writer,
-            ):
-                tasks = ((order, i, Path(shared)) for i in range(frames))
-                waiting: list[Stored] = pool.apply(inertial_messages, (order,))
-                channels: dict[str, int] = {}
-                for i, messages in enumerate(pool.imap(_frame, tasks)):
-                    stamp_ns = START_NS + round(i * 1e9 / rate_hz)
-                    _write_samples(writer, waiting, stamp_ns, channels)
-                    for topic, kind, content in messages:
-                        message = MESSAGES[kind].FromString(content)
-                        writer.write_message(topic, message, log_time=stamp_ns, publish_time=stamp_ns, sequence=i)
-                    if i == frames - 1:
-                        _write_samples(writer, waiting, 2**62, channels)
-                    print(f"\r{path.name}: frame {i + 1} of {frames}", end="", file=sys.stderr, flush=True)
+            (frames,) = mapped(_frames, [order])
+            path = folder / f"{order.stem}.mcap"
+            part = path.with_name(f"{path.name}.{os.getpid()}.part")  # another process may render the same
+            waiting = inertial_messages(order) if isinstance(order, Order) else []
+            _write(part, mapped(_frame, ((order, i, shared) for i in range(frames))), frames, waiting)
             part.replace(path)
-            print(f"\n{path}: {path.stat().st_size / 1e6:.2f} MB", file=sys.stderr)
-            if order.name not in SAMPLES:
+            print(f"{path}: {path.stat().st_size / 1e6:.2f} MB", file=sys.stderr)
+            if order.stem not in SAMPLES:
                 _note(folder / "README.txt", path.stem, order.truth.format(middle=frames // 2))
 
 
+def _write(
+    path: Path, content: Iterable[tuple[int, list[tuple[str, str, bytes]]]], frames: int, waiting: list[Stored]
+) -> None:
+    """Write the stamps and messages of frames, and inertial ones, into a log; says on a terminal how far it is."""
+    told = sys.stderr.isatty()
+    with (
+        path.open("wb") as file,
+        Writer(file, chunk_size=512 * 1024, compression=CompressionType.ZSTD) as writer,
+    ):
+        channels: dict[str, int] = {}
+        for i, (stamp_ns, messages) in enumerate(content):
+            _write_samples(writer, waiting, stamp_ns, channels)
+            for topic, kind, data in messages:
+                message = MESSAGES[kind].FromString(data)
+                writer.write_message(topic, message, log_time=stamp_ns, publish_time=stamp_ns, sequence=i)
+            if told:
+                print(f"\r{path.stem}: frame {i + 1} of {frames} ", end="", file=sys.stderr, flush=True)
+        _write_samples(writer, waiting, 2**62, channels)
+
+
 def _note(path: Path, name: str, truth: str) -> None:
-    """Write the line of a log into the list of what is wrong in each, or replace it."""
-    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    kept = [line for line in lines if not line.startswith(f"{name}: ")]
-    path.write_text("\n".join([*kept, f"{name}: {truth}", ""]), encoding="utf-8")
+    """Write the line of a log into the list of what is wrong in each, or replace it; others may be doing so, too."""
+    with path.open("a+", encoding="utf-8") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        file.seek(0)
+        kept = [line for line in file.read().splitlines() if not line.startswith(f"{name}: ")]
+        file.truncate(0)
+        file.write("\n".join([*kept, f"{name}: {truth}", ""]))
+
+
+def asked_faults(given: Sequence[str] | None) -> tuple[str, ...] | int | None:
+    """Faults as the command line has them: names, how many, or as the seed has them. Raises ValueError."""
+    if given is None:
+        return None
+    if len(given) == 1 and given[0].isdigit():
+        return int(given[0])
+    unknown = [name for name in given if name not in DRAWN_FAULTS]
+    if unknown:
+        raise ValueError(f"no fault is called {unknown[0]}; there are {', '.join(DRAWN_FAULTS)}")
+    return tuple(given)
 
 
 def main() -> None:
@@ -260,6 +377,14 @@ def main() -> None:
                         help=f"hard logs into this folder instead of the room into logs/: names or patterns of "
                         f"{', '.join(RECORDINGS)}, and MOTION_FAULT with a motion of {', '.join(MOTIONS)} and a fault "
                         f"of {', '.join(FAULTS)}; default: all")  # fmt: skip
+    parser.add_argument(
+        "--random", nargs=2, metavar=("SEED", "DIR"), help="a world drawn from this seed, into a folder"
+    )
+    parser.add_argument(
+        "--without-faults", action="store_true", help="of a random world: the same scene, nothing wrong"
+    )
+    parser.add_argument("--faults", nargs="+", metavar="NAME", help="of a random world: a number, or names of "
+                        f"{', '.join(DRAWN_FAULTS)}; default: as the seed has it")  # fmt: skip
     parser.add_argument("--workers", type=int, default=2, help="processes that render")
     parser.add_argument("--width", type=int, default=640, help="pixels, of hard logs")
     parser.add_argument(
@@ -268,6 +393,15 @@ def main() -> None:
     parser.add_argument("--imu", choices=tuple(UNITS), help="give hard logs the samples of an inertial unit")
     parser.add_argument("--frames", type=int, help="frames of hard logs; default: as many as each has")
     arguments = parser.parse_args()
+    if arguments.random:
+        seed, folder = arguments.random
+        try:
+            asked = () if arguments.without_faults else asked_faults(arguments.faults)
+            order = WorldOrder(int(seed), asked)
+        except ValueError as error:
+            parser.error(str(error))
+        write_logs(Path(folder), [order], arguments.workers)
+        return
     if not arguments.hard:
         write_logs(Path(__file__).parents[1] / "logs", [Order(name) for name in SAMPLES], arguments.workers)
         return

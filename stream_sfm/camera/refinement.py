@@ -15,7 +15,7 @@ from ..geometry.se3 import Array
 # Six of the disparity, x and y from the image's middle in half widths and half heights. Then what both lenses share, in
 # pixels as far from their middle as the corner: radial of third and of fifth order, principal point, tangential. Last,
 # how much more the right lens errs radially than the left one.
-TERMS = (
+LENS_TERMS = (
     *("1", "x", "y", "xx", "xy", "yy"),
     *("radial 3", "radial 5", "centre x", "centre y", "tangential x", "tangential y", "radial difference"),
 )
@@ -23,7 +23,7 @@ TERMS = (
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Refinement:
-    """Errors `error_px` (m,) of a calibration, by the m `TERMS`, with covariance `cov_px2` (m, m).
+    """Errors `error_px` (m,) of a calibration, by the m `LENS_TERMS`, with covariance `cov_px2` (m, m).
 
     Raises ConfigError for numbers that are no errors with a covariance.
     """
@@ -32,7 +32,7 @@ class Refinement:
     cov_px2: Array
 
     def __post_init__(self) -> None:
-        n = len(TERMS)
+        n = len(LENS_TERMS)
         error, cov = np.array(self.error_px, dtype=float), np.array(self.cov_px2, dtype=float)
         if error.shape != (n,) or cov.shape != (n, n) or not np.isfinite(error).all():
             raise ConfigError(f"a refinement has {n} errors and their {n}×{n} covariance, all of them finite")

@@ -20,9 +20,9 @@ def refine(
 ) -> None:
     """Refine the calibration of a rig from its recordings.
 
-    Estimates from one log or several of the same cameras how their calibration errs, and writes the calibration with
-    these errors, and with delay and readout where they are certain, to be given to other commands with --calibration.
-    Errors of the baseline cannot be seen: they scale everything alike.
+    Estimates the errors of a calibration from one or more logs of the same cameras. Writes a calibration with these
+    errors, and with delay and readout where they are certain; other commands read it with --calibration. An error of
+    the baseline is not observable, because it scales everything alike.
 
     Args:
         logs: recordings of the same cameras

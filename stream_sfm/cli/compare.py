@@ -33,9 +33,9 @@ def compare(
 
     Args:
         out: result folder; runs/LOG-TIME if not given
-        methods: the methods, separated by commas; seven if not given, from cross-frame to frame-to-frame
-        self_test: check the covariances without any truth: disjoint halves of the tracks, and of the image, must agree
-        loops: show the first method with loops closed, too; needs the extra map
+        methods: the methods, separated by commas; without this option seven, from cross-frame to frame-to-frame
+        self_test: check the covariances without ground truth: disjoint halves of the tracks and of the image must agree
+        loops: also show the first method with loops closed; needs the extra map
     """
     from ..inspection.overview import inspect_log
     from ..recording.stereo_log import open_log

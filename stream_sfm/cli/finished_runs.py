@@ -24,7 +24,7 @@ def evaluate(
 ) -> int:
     """Compare finished runs with ground truth, one row per run.
 
-    The ground truth is that of the log which a run was made from, or a file. The figures are those of the section
+    The ground truth comes from the log of the run, or from a file. The figures are those of the section
     ground_truth in summary.json, without the ones of the local structure.
 
     Args:
@@ -110,7 +110,7 @@ def view(
 ) -> None:
     """Open a finished run in the Rerun viewer.
 
-    Shows the path, the points and the figures of a run, and the images where its log is still where it was.
+    Shows the path, the points and the figures of a run; and its images, if its log has not been moved.
 
     Args:
         run: the result folder of a replay, such as runs/latest

@@ -16,9 +16,9 @@ def inspect(
     """Show what a log contains and check whether it can be replayed.
 
     Shows the topics of a log, the stereo pair that would be used and why, frame rate, gaps and calibration, and checks
-    the calibration against the images: rows of matched corners, and what the first frames tell about lenses, focal
-    length, delay of the right camera and readout of the shutters. If a replay cannot work, the exit code is 3 and the
-    output says what to change.
+    the calibration against the images: the rows of matched corners; and lens errors, focal length, right-camera delay
+    and shutter readout, as estimated from the first frames. If a replay cannot work, the exit code is 3 and the output
+    says what to change.
     """
     from ..inspection.overview import inspect_log
     from ..recording.stereo_log import open_log

@@ -142,11 +142,11 @@ def _run(app: App, words: list[str], debug: bool) -> int:
         with termination_as_interrupt():
             code = app(words)
             sys.stdout.flush()
-            return ExitCode.DONE if code is None else int(code)  # None: nothing to be told, as of --help
+            return ExitCode.DONE if code is None else int(code)  # None: nothing to report, as of --help
     except BrokenPipeError:
         raise
     except (Exception, KeyboardInterrupt) as error:
-        ended, message, advice = _told(app, words, error)
+        ended, message, advice = _reported(app, words, error)
         if debug:
             import traceback
 
@@ -157,7 +157,7 @@ def _run(app: App, words: list[str], debug: bool) -> int:
         return ended
 
 
-def _told(app: App, words: list[str], error: BaseException) -> tuple[int, str, str]:
+def _reported(app: App, words: list[str], error: BaseException) -> tuple[int, str, str]:
     """Exit code, message and advice of an error."""
     match error:
         case CycloptsError():

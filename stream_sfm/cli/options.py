@@ -214,7 +214,7 @@ class TruthFile:
 
     Attributes:
         ground_truth: compare with the poses in this file, not with the log's: TUM, EuRoC's CSV, or KITTI with stamps
-        ground_truth_frame: whose poses they are: a frame of the log's transforms, or a sensor.yaml
+        ground_truth_frame: what the poses belong to: a frame of the log's transforms, or a sensor.yaml
         ground_truth_offset: add S seconds to their stamps
     """
 
@@ -238,7 +238,7 @@ _Std = Parameter(converter=each(_std_truth), n_tokens=1, metavar="M,RAD")
 @Parameter(name="*", group=TRUTH)
 @dataclass(frozen=True)
 class TruthErrors:
-    """What is known of errors of the ground truth.
+    """Known errors of the ground truth.
 
     Attributes:
         ignore_ground_truth: do not compare frames A to B-1, because the ground truth is wrong there

@@ -56,16 +56,16 @@ def replay(
     """Estimate the camera's motion and the local structure in every frame of a log.
 
     Estimates the pose of the left camera and the 3-D structure in front of it, with covariances, for every frame of a
-    stereo log. Writes estimates.mcap (with metadata.yaml a ROS 2 bag), trajectory.tum, trajectory.kitti,
+    stereo log. Writes estimates.mcap (a ROS 2 bag, together with metadata.yaml), trajectory.tum, trajectory.kitti,
     trajectory.csv, summary.json and config.toml.
 
     Args:
         out: result folder; runs/LOG-TIME if not given
         strict: exit with code 3 if there was any warning
-        self_test: check the covariances without any truth: disjoint halves of the tracks, and of the image, must agree
-        loops: find places again and correct the poses, in trajectory_map.tum; needs the extra map
-        map: go on in the world of a map that --save-map wrote; with the effect of --loops
-        save_map: write the map at the end, which may be the one that was read; with the effect of --loops
+        self_test: check the covariances without ground truth: disjoint halves of the tracks and of the image must agree
+        loops: close loops and write the corrected poses to trajectory_map.tum; needs the extra map
+        map: continue in a map that --save-map wrote; implies --loops
+        save_map: write the map at the end, also over the one that was read; implies --loops
         mono: use the left camera only; lengths are in units of the first baseline instead of metres
     """
     from ..outputs import MAP_TRAJECTORY
@@ -97,10 +97,10 @@ def live(
 ) -> int:
     """Estimate the camera's motion and the local structure live, until Ctrl-C.
 
-    Cameras: realsense, oak or zed, with the calibration of their factory; or for OpenCV the number, device file or
+    Cameras: realsense, oak or zed, with their factory calibration; or, by OpenCV, the number, device file or
     address of one camera that gives both images beside or above each other, or two of them, left and right. Ctrl-C ends
-    after the current frame, and all files are finished. Pictures that come faster than they are estimated are left out
-    of the estimates, not of the recording.
+    after the current frame and finishes all files. Images that arrive faster than they can be estimated are skipped in
+    the estimates and kept in the recording.
 
     Args:
         camera: realsense, oak, zed, or a camera of OpenCV such as 0

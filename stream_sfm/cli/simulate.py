@@ -37,7 +37,7 @@ def simulate(
         experiment: the study
         out: result folder; runs/simulate-EXPERIMENT if not given
         trials: number of random scenes (100)
-        seed: random seed: the same seed, the same numbers (0)
+        seed: random seed; the same seed gives the same numbers (0)
     """
     from ..simulation import experiments
     from .progress import counter

@@ -145,28 +145,28 @@ def _truth_rows(truth: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
     if truth is None:
         return
 
-    def told(key: str, form: str = ".2f") -> str:
+    def shown(key: str, form: str = ".2f") -> str:
         return number(truth[key], form)
 
     if "ate_rmse_sim3_m" in truth:
-        percent = told("ate_sim3_percent", ".3f")
-        yield "ATE after Sim(3)", f"{told('ate_rmse_sim3_m', '.4f')} m, {percent} % of the path"
-        yield "one unit", f"{told('metres_per_unit', '.5g')} m, from the ground truth"
+        percent = shown("ate_sim3_percent", ".3f")
+        yield "ATE after Sim(3)", f"{shown('ate_rmse_sim3_m', '.4f')} m, {percent} % of the path"
+        yield "one unit", f"{shown('metres_per_unit', '.5g')} m, from the ground truth"
         return
-    yield "ATE aligned", f"{told('ate_rmse_aligned_m', '.4f')} m"
-    yield "ATE, first poses aligned", f"{told('ate_rmse_m', '.4f')} m"
-    yield "final drift", f"{told('final_drift_percent')} %"
+    yield "ATE aligned", f"{shown('ate_rmse_aligned_m', '.4f')} m"
+    yield "ATE, first poses aligned", f"{shown('ate_rmse_m', '.4f')} m"
+    yield "final drift", f"{shown('final_drift_percent')} %"
     lengths = truth["segment_lengths_m"]
     over = f" over {lengths[0]:.3g}–{lengths[-1]:.3g} m" if lengths else ""
-    yield "t_rel, r_rel", f"{told('t_rel_percent')} %, {told('r_rel_deg_per_100m')} °/100 m{over}"
-    yield "scale error", f"{told('scale_error_percent', '+.2f')} %"
+    yield "t_rel, r_rel", f"{shown('t_rel_percent')} %, {shown('r_rel_deg_per_100m')} °/100 m{over}"
+    yield "scale error", f"{shown('scale_error_percent', '+.2f')} %"
     if truth["relative_consistency"]:
         yield "relative motion", f"error of {factors_text(truth['relative_consistency'])}"
-    yield "NEES of the pose", f"{told('nees_pose_mean')} (expected: 6)"
+    yield "NEES of the pose", f"{shown('nees_pose_mean')} (expected: 6)"
     if truth["local_structure_rms_m"] is not None:
-        median, rms = (told(f"local_structure_{kind}_m", ".4f") for kind in ("median", "rms"))
-        over, usual = (told(f"local_structure_error_over_sigma{kind}") for kind in ("", "_median"))
-        beyond = f"{told('local_structure_beyond_3_sigma_percent')} % beyond 3 (expected: 0.27 %)"
+        median, rms = (shown(f"local_structure_{kind}_m", ".4f") for kind in ("median", "rms"))
+        over, usual = (shown(f"local_structure_error_over_sigma{kind}") for kind in ("", "_median"))
+        beyond = f"{shown('local_structure_beyond_3_sigma_percent')} % beyond 3 (expected: 0.27 %)"
         yield "local structure", f"{median} m median error, {rms} m RMS, {over} × the estimated σ"
         yield "in units of σ", f"{usual} median (expected: 0.67), {beyond}"
 

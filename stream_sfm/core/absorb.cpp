@@ -3,7 +3,8 @@
 // Points of the prior that the frame or later ones see go through the dense system; those that only it has seen so far,
 // and later ones see, enter the prior by its views alone.
 
-#include "stages.hpp"
+#include "window.hpp"
+#include "poses.hpp"
 
 namespace core {
 namespace {
@@ -17,19 +18,23 @@ struct Part {
     Part(const WindowState& of, const std::vector<std::size_t>& rows)
         : ids(rows_of(of.ids, rows)), anchors(rows_of(of.ref_from_anchor, rows)), q(rows_of(of.q, rows)) {}
     WindowState in(const WindowState& all) const {
-        return {all.cams_from_ref, ids, anchors, q, all.rig_error};
+        return {all.cams_from_ref, ids, anchors, q, all.rig_error, all.own};
     }
 };
 
 }  // namespace
 
-PointsAlone points_alone(Matrices v, Matrix g_point, Matrices rig_point, Matrix q, Vector rig_step) {
+PointsAlone points_alone(Matrices v, Matrices w, Matrix g_point, Matrices rig_point, Matrix q, Vector rig_step) {
     std::size_t n = q.shape[0], m = rig_step.shape[0];
     require_shape(v, {n, 3, 3}, "v");
     require_shape(g_point, {n, 3}, "g_point");
     require_shape(rig_point, {n, 3, m}, "rig_point");
     require_shape(q, {n, 3}, "q");
-    PointsAlone result{{n, 3}, {n, 3, 3}, {n, 3, m}};
+    std::size_t by_frame = w.shape[2];
+    require(by_frame >= 6, "a frame has fewer unknowns than its pose");
+    require_shape(w, {n, 3, by_frame}, "w");
+    std::size_t e = by_frame - 6;
+    PointsAlone result{{n, 3}, {n, 3, 3}, {n, 3, e}, {n, 3, m}};
     for (std::size_t i = 0; i < n; i++) {
         double* cov = result.cov[i];
         invert_positive<3>(v[i], cov);
@@ -38,6 +43,7 @@ PointsAlone points_alone(Matrices v, Matrix g_point, Matrices rig_point, Matrix 
             double *by_rig = result.by_rig[i] + x * m, moved = q[i][x];
             for (std::size_t y = 0; y < 3; y++) {
                 moved += cov[3 * x + y] * g_point[i][y];
+                add(-cov[3 * x + y], w[i] + y * by_frame + 6, e, result.by_own[i] + x * e);
                 add(-cov[3 * x + y], rig_point[i] + y * m, m, by_rig);
             }
             result.mean[i][x] = std::inner_product(by_rig, by_rig + m, rig_step.data, moved);
@@ -81,7 +87,7 @@ LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, c
     add(1.0, drift.data.get(), 9 * rows.size(), drifted.data.get());
     Array<bool, 1> stays = rows_of(seen_later, at_rows);
     Array<double, 1> held(state.rig_error.shape[0]);  // errors of the rig stay where they are
-    PointsAlone alone = points_alone(own.v, own.g_point, own.rig_point, begun.q, held);
+    PointsAlone alone = points_alone(own.v, own.w, own.g_point, own.rig_point, begun.q, held);
     NormalBlocks blocks = normal_blocks(pinholes, absorbed.in(state), counted);
     return {numbers(rows), std::move(stays), std::move(drifted), std::move(absorbed.anchors), std::move(absorbed.q),
             std::move(blocks), std::move(begun.ids), std::move(alone)};
@@ -105,18 +111,33 @@ WindowSystem absorbing_system(const BlockViews& blocks, const PriorViews& prior,
     with_pose(amplitudes.data, here, at.data.get());
     for (std::size_t row = 0; row < 3 * n; row++)
         with_pose(prior.modes.data + row * k, by_pose.data.get() + 6 * row, modes.data.get() + row * (k + 6));
-    BlockViews exact = blocks;  // of a pose that is the reference
-    exact.u.shape = {0, 6, 6}, exact.w.shape = {n, 3, 0}, exact.g_pose.shape = {0, 6}, exact.rig_pose.shape = {0, 6, m};
-    WindowSystem result = window_system(
-        exact, {prior.known, prior.mean, prior.cov, modes, prior.information, prior.weighted}, q, at);
-    for (std::size_t x = own; x < own + 6; x++) result.h[x][x] -= 1;  // the new modes have no prior information
+    require(blocks.u.shape[0] == 1 && blocks.u.shape[1] >= 6, "one frame leaves");
+    std::size_t by_frame = blocks.u.shape[1], e = by_frame - 6;
+    require_shape(blocks.u, {1, by_frame, by_frame}, "u");
+    require_shape(blocks.w, {n, 3, by_frame}, "w");
+    require_shape(blocks.g_pose, {1, by_frame}, "g_pose");
+    require_shape(blocks.rig_pose, {1, by_frame, m}, "rig_pose");
+    Array<double, 3> u(1, e, e), w(n, 3, e), rig_pose(1, e, m);  // the pose is the reference, and exact
+    Array<double, 2> g(1, e);
+    for (std::size_t x = 0; x < e; x++) {
+        std::copy_n(blocks.u[0] + by_frame * (6 + x) + 6, e, u[0] + e * x);
+        std::copy_n(blocks.rig_pose[0] + (6 + x) * m, m, rig_pose[0] + x * m);
+        g[0][x] = blocks.g_pose[0][6 + x];
+    }
+    for (std::size_t row = 0; row < 3 * n; row++)
+        std::copy_n(blocks.w.data + by_frame * row + 6, e, w.data.get() + e * row);
+    BlockViews exact = blocks;
+    exact.u = u, exact.w = w, exact.g_pose = g, exact.rig_pose = rig_pose;
+    WindowSystem result = system_of(
+        exact, {prior.known, prior.mean, prior.cov, modes, prior.information, prior.weighted}, q, at, 0);
+    for (std::size_t x = e + own; x < e + own + 6; x++) result.h[x][x] -= 1;  // the new modes have no prior information
     return result;
 }
 
 AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved, Matrix given, Matrix q, Flags stays,
                                const NewPriorPoints& fresh) {
-    std::size_t n = ids.shape[0], more = fresh.ids.shape[0], m = fresh.by_rig.shape[2];
-    require(moved.shape[2] > m, "there are fewer modes than errors of the rig");
+    std::size_t n = ids.shape[0], more = fresh.ids.shape[0];
+    require(moved.shape[2] > 0, "there is no step");
     std::size_t k = moved.shape[2] - 1;
     require_shape(std_given, {n, 3, 3}, "std_given");
     require_shape(moved, {n, 3, k + 1}, "moved");
@@ -125,15 +146,14 @@ AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved, 
     require_shape(stays, {n}, "stays");
     require_shape(fresh.mean, {more, 3}, "mean");
     require_shape(fresh.cov, {more, 3, 3}, "cov");
-    require_shape(fresh.by_rig, {more, 3, m}, "by_rig");
+    require_shape(fresh.modes, {more, 3, k}, "modes");
     std::size_t total = more + static_cast<std::size_t>(std::count(stays.data, stays.data + n, true)), at = 0, j = 0;
     AbsorbedPoints result{{total}, {total, 3}, {total, 3, 3}, {total, 3, k}};
     auto begin = [&] {
         result.ids.data[at] = fresh.ids.data[j];
         std::copy(fresh.mean[j], fresh.mean[j] + 3, result.mean[at]);
         std::copy(fresh.cov[j], fresh.cov[j] + 9, result.cov[at]);
-        for (std::size_t x = 0; x < 3; x++)
-            std::copy(fresh.by_rig[j] + x * m, fresh.by_rig[j] + (x + 1) * m, result.modes[at] + (x + 1) * k - m);
+        std::copy(fresh.modes[j], fresh.modes[j] + 3 * k, result.modes[at]);
         at++, j++;
     };
     for (std::size_t i = 0; i < n; i++) {

@@ -1,6 +1,9 @@
 // Views of tracks in a new frame: their templates, warped as they should look, found in the left image and then in the right one.
 
-#include "stages.hpp"
+#include "tracks.hpp"
+#include "images.hpp"
+#include "resection.hpp"
+#include "rig.hpp"
 
 namespace core {
 namespace {

@@ -1,6 +1,6 @@
 // Products, factors and sets of ids that NumPy has no single call for, or a slow one.
 
-#include "stages.hpp"
+#include "poses.hpp"
 
 namespace core {
 

@@ -3,7 +3,7 @@
 #include <cstring>
 #include <unordered_map>
 
-#include "stages.hpp"
+#include "images.hpp"
 
 namespace core {
 namespace {

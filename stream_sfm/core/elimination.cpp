@@ -3,7 +3,7 @@
 // Given the poses and the modes of the prior, points are independent of each other, so each is eliminated by itself, eqs.
 // (27) and (30). The large products that remain are left to the caller's linear algebra.
 
-#include "stages.hpp"
+#include "window.hpp"
 
 namespace core {
 namespace {
@@ -26,16 +26,17 @@ void reach_of(const double* root, const double* rows, std::size_t n, double* out
     }
 }
 
-void check(const BlockViews& blocks, const PriorViews& prior, Matrix q, Vector amplitudes) {
+void check(const BlockViews& blocks, const PriorViews& prior, Matrix q, Vector amplitudes, std::size_t of_pose) {
     std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], n = prior.known.shape[0], m = blocks.rig.shape[0];
-    std::size_t k = prior.modes.shape[2];
-    require_shape(blocks.u, {frames, 6, 6}, "u");
+    std::size_t k = prior.modes.shape[2], by_frame = blocks.u.shape[1];
+    require(by_frame >= of_pose, "a frame has fewer unknowns than its pose");
+    require_shape(blocks.u, {frames, by_frame, by_frame}, "u");
     require_shape(blocks.v, {points, 3, 3}, "v");
-    require_shape(blocks.w, {points, 3, 6 * frames}, "w");
-    require_shape(blocks.g_pose, {frames, 6}, "g_pose");
+    require_shape(blocks.w, {points, 3, by_frame * frames}, "w");
+    require_shape(blocks.g_pose, {frames, by_frame}, "g_pose");
     require_shape(blocks.g_point, {points, 3}, "g_point");
     require_shape(blocks.rig, {m, m}, "rig");
-    require_shape(blocks.rig_pose, {frames, 6, m}, "rig_pose");
+    require_shape(blocks.rig_pose, {frames, by_frame, m}, "rig_pose");
     require_shape(blocks.rig_point, {points, 3, m}, "rig_point");
     require_shape(blocks.g_rig, {m}, "g_rig");
     require_shape(prior.mean, {n, 3}, "mean");
@@ -65,20 +66,32 @@ EliminatedPoints eliminate_points(Matrices v, Matrices w) {
 }
 
 WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Matrix q, Vector amplitudes) {
-    check(blocks, prior, q, amplitudes);
+    return system_of(blocks, prior, q, amplitudes, 6);
+}
+
+WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, Matrix q, Vector amplitudes, std::size_t of_pose) {
+    check(blocks, prior, q, amplitudes, of_pose);
     std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], m = blocks.rig.shape[0], n = prior.known.shape[0];
-    std::size_t k = prior.modes.shape[2], poses = 6 * frames, size = poses + k;
+    std::size_t k = prior.modes.shape[2], by_frame = blocks.u.shape[1], own = by_frame - of_pose;
+    std::size_t poses = by_frame * frames, size = poses + k;  // all poses come first, then what is each frame's own
+    std::vector<std::size_t> column(poses);
+    for (std::size_t i = 0; i < poses; i++) {
+        std::size_t f = i / by_frame, x = i % by_frame;
+        column[i] = x < of_pose ? of_pose * f + x : of_pose * frames + own * f + x - of_pose;
+    }
     WindowSystem result{{size, size}, {n, 3, k}, {points, 3, 3}, {{points, 3, size}, Unset{}}, {points, 3}, {size}};
     double* g = result.g.data.get();
     for (std::size_t f = 0; f < frames; f++)
-        for (std::size_t x = 0; x < 6; x++) std::copy(blocks.u[f] + 6 * x, blocks.u[f] + 6 * x + 6, result.h[6 * f + x] + 6 * f);
+        for (std::size_t x = 0; x < by_frame; x++)
+            for (std::size_t y = 0; y < by_frame; y++)
+                result.h[column[by_frame * f + x]][column[by_frame * f + y]] = blocks.u[f][by_frame * x + y];
     for (std::size_t x = 0; x < m; x++) {  // the lower triangle
         double* row = result.h[size - m + x];
-        for (std::size_t y = 0; y < poses; y++) row[y] = blocks.rig_pose.data[y * m + x];
+        for (std::size_t y = 0; y < poses; y++) row[column[y]] = blocks.rig_pose.data[y * m + x];
         std::copy(blocks.rig[x], blocks.rig[x] + m, row + size - m);
         add(1.0, prior.information[x], m, row + size - m);
     }
-    std::copy(blocks.g_pose.data, blocks.g_pose.data + poses, g);
+    for (std::size_t y = 0; y < poses; y++) g[column[y]] = blocks.g_pose.data[y];
     std::copy(blocks.g_rig.data, blocks.g_rig.data + m, g + size - m);
     for (std::size_t y = 0; y < k - m; y++) {  // modes of σ = 1
         g[poses + y] -= amplitudes.data[y];
@@ -88,7 +101,7 @@ WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Ma
     for (std::size_t x = 0; x < m; x++)
         g[size - m + x] += prior.weighted.data[x] - std::inner_product(off, off + m, prior.information[x], 0.0);
 
-    std::vector<double> information(blocks.v.data, blocks.v.data + 9 * points), of_modes(3 * k);
+    std::vector<double> information(blocks.v.data, blocks.v.data + 9 * points), of_modes(3 * k), of_frames(3 * poses);
     std::vector<std::size_t> row_in_prior(points, n);
     Array<double, 2> right(points, 3);
     std::copy(blocks.g_point.data, blocks.g_point.data + 3 * points, right.data.get());
@@ -126,7 +139,9 @@ WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Ma
             add(1.0, blocks.rig_point[at] + x * m, m, out + k - m);
             for (std::size_t y = x; y < 3; y++) result.given[at][x] += std_given[3 * y + x] * right[at][y];
         }
-        reach_of(std_given, blocks.w[at], poses, result.reach[at], size);
+        for (std::size_t x = 0; x < 3; x++)
+            for (std::size_t y = 0; y < poses; y++) of_frames[x * poses + column[y]] = blocks.w[at][x * poses + y];
+        reach_of(std_given, of_frames.data(), poses, result.reach[at], size);
         reach_of(std_given, of_modes.data(), k, result.reach[at] + poses, size);
     }
     return result;

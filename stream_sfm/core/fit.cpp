@@ -1,6 +1,7 @@
 // The motion that brings points onto their views: annealed Cauchy weights, a gate, and plain least squares, eqs. (20)–(23).
 
-#include "stages.hpp"
+#include "resection.hpp"
+#include "poses.hpp"
 
 namespace core {
 namespace {

@@ -1,6 +1,7 @@
 // Inertial measurements: preintegrated between two times, and what they say of the poses and velocities at both, eq. (78).
 
-#include "stages.hpp"
+#include "inertial.hpp"
+#include "poses.hpp"
 
 namespace core {
 namespace {

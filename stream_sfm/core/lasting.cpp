@@ -1,6 +1,6 @@
 // How long the errors of a track last, from its row differences, and what a further view of it adds, eqs. (68) and (69).
 
-#include "stages.hpp"
+#include "tracks.hpp"
 
 namespace core {
 namespace {

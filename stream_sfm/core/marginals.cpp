@@ -1,6 +1,6 @@
 // Marginal estimates of the points of a window, in its newest camera and in the world, eqs. (37) to (41).
 
-#include "stages.hpp"
+#include "window.hpp"
 
 namespace core {
 namespace {

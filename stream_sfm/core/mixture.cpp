@@ -1,6 +1,6 @@
 // A rig's errors as a mixture over what may be exactly zero, by ratios of densities there (Dickey 1971), eqs. (72).
 
-#include "stages.hpp"
+#include "rig.hpp"
 
 namespace core {
 namespace {

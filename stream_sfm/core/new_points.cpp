@@ -1,6 +1,9 @@
 // New points in the right image: aligned as if they faced the camera, again with their slant, and by their inner halves alone.
 
-#include "stages.hpp"
+#include "tracks.hpp"
+#include "images.hpp"
+#include "resection.hpp"
+#include "rig.hpp"
 
 namespace core {
 namespace {

@@ -4,7 +4,7 @@
 // grey values together: two cameras expose differently, and so does one from frame to frame. What lies towards the rim
 // counts less: there the warp is less right, and other surfaces begin.
 
-#include "stages.hpp"
+#include "images.hpp"
 
 namespace core {
 namespace {

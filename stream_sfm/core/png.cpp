@@ -1,7 +1,7 @@
 // Rows of a PNG image out of their filters (PNG specification, third edition, section 9).
 #include <cstdlib>
 
-#include "stages.hpp"
+#include "images.hpp"
 
 namespace core {
 namespace {

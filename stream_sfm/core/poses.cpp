@@ -1,6 +1,6 @@
 // Rigid motions and rotations: Exp, Log, quaternions (x, y, z, w), and the rotation nearest to a matrix.
 
-#include "stages.hpp"
+#include "poses.hpp"
 
 namespace core {
 namespace {

@@ -1,7 +1,7 @@
 // What is estimated in rectified axes in those of the physical camera, eq. (7), with errors that no view shows, eqs. (18), (73) and
 // (73a).
 
-#include "stages.hpp"
+#include "poses.hpp"
 
 namespace core {
 namespace {

@@ -1,7 +1,8 @@
 // Robust resection: a fit near the start, the global search where too few agree, the motion that the others share, and that of
 // one rigid scene where a body and the background agree with a motion between theirs.
 
-#include "stages.hpp"
+#include "resection.hpp"
+#include "tracks.hpp"
 
 namespace core {
 namespace {
@@ -17,7 +18,7 @@ constexpr double CALM_SPREAD = 4.0;
 // have some of a sample log whose calibration errs, but no motion there leaves views out.
 constexpr double APART = 12.0;
 constexpr double SHARED = 0.01;  // of a view's variance: errors that all views of a half share, of calibration above all
-// Of the evidence of what is left out over that of the rest: bodies have .05 to .3, halves of a drone's last frames 1.
+// Of the evidence of what is left out over that of the rest: bodies have 0.05 to 0.3, halves of a drone's last frames 1.
 constexpr double MAX_ODDS = 0.5;
 constexpr std::size_t LEAST = 4 * MIN_VIEWS;  // views; fewer do not make two halves
 

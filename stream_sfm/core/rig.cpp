@@ -1,6 +1,6 @@
 // What errors of the rig do to views, eqs. (70) to (72d): columns of its terms, the field over the image, velocities.
 
-#include "stages.hpp"
+#include "rig.hpp"
 
 namespace core {
 namespace {
@@ -22,7 +22,7 @@ void lens_columns(const double* ray, const double* left_ray, double corner, doub
     }
 }
 
-constexpr int LATE = 2;  // the coordinate that a delay moves: u on the right, as it is told from other rows that v is not moved
+constexpr int LATE = 2;  // the coordinate that delay and disparity move: u on the right
 
 // ∂ż/∂ξ̇ (4, 6) of a homogeneous point, px/s per unit of the points' twist.
 void velocity_by_twist(const Pinholes& pinholes, const double* of, double* out) {
@@ -72,16 +72,22 @@ Array<double, 2> without_acceleration(Vector twist) {
     return motion;
 }
 
+// The terms (6,) of the disparity's error at a place in the left image.
+void disparity_polynomial(const std::array<double, 2>& size, const double* at, double* out) {
+    double centre[2] = {(size[0] - 1) / 2, (size[1] - 1) / 2};
+    double x = (at[0] - centre[0]) / centre[0], y = (at[1] - centre[1]) / centre[1];
+    double polynomial[6] = {1, x, y, x * x, x * y, y * y};
+    std::copy(polynomial, polynomial + 6, out);
+}
+
 // What amplitudes of 1 of the terms do to a view: (4, TERMS).
 void terms_of_view(const RigModel& model, const double* z, double age, double* out) {
     const Pinholes& p = model.pinholes;
     const auto& size = model.size;
-    double centre[2] = {(size[0] - 1) / 2, (size[1] - 1) / 2};
     double corner = std::hypot(std::max(p.cx_left, size[0] - p.cx_left), std::max(p.cy, size[1] - p.cy)) / p.f;
     double middle[4] = {p.cx_left, p.cy, p.cx_right, p.cy}, from_centre[4], rays[4], columns[4 * TERMS] = {};
-    double *right = columns + 2 * TERMS, x = (z[0] - centre[0]) / centre[0], y = (z[1] - centre[1]) / centre[1];
-    double polynomial[6] = {1, x, y, x * x, x * y, y * y};
-    std::copy(polynomial, polynomial + 6, right + DISPARITY);
+    double* right = columns + 2 * TERMS;
+    disparity_polynomial(size, z, right + DISPARITY);
     for (int c = 0; c < 4; c++) {
         from_centre[c] = z[c] - middle[c];
         rays[c] = from_centre[c] / p.f;
@@ -169,6 +175,32 @@ RigEffects rig_effects(const RigModel& model, Matrix z, Vector age) {
     for (std::size_t i = 0; i < n; i++) {
         terms_of_view(model, z[i], age.data[ages == 1 ? 0 : i], result.terms[i]);
         field_at(model.field, z[i], result.field[i]);
+    }
+    return result;
+}
+
+Array<double, 3> disparity_effects(const Pinholes& pinholes, const std::array<double, 2>& size, Matrix points,
+                                   Matrix motion, Matrix z) {
+    std::size_t n = points.shape[0];
+    require_shape(points, {n, 4}, "points");
+    require_shape(motion, {4, 4}, "cam_from_previous");
+    require_shape(z, {n, 4}, "z_px");
+    Array<double, 3> result(n, 4, 6);
+    for (std::size_t i = 0; i < n; i++) {
+        double moved[4], expected[4], a[16], polynomial[6];
+        move(motion.data, points[i], moved);
+        clamp_depth(moved);
+        project(pinholes, moved, expected);
+        jacobian(pinholes, moved, a);
+        bool seen = std::isfinite(z[i][0]) && std::isfinite(z[i][1]);
+        disparity_polynomial(size, seen ? z[i] : expected, polynomial);
+        for (int c = 0; c < 4; c++) {
+            if (!std::isfinite(z[i][c])) continue;
+            double by_depth = 0;  // ∂z/∂ρ of the point as it was
+            for (int k = 0; k < 4; k++) by_depth += a[4 * c + k] * motion[static_cast<std::size_t>(k)][3];
+            double moves = (c == LATE) + by_depth / (pinholes.f * pinholes.baseline);
+            for (int k = 0; k < 6; k++) result[i][6 * c + k] = moves * polynomial[k];
+        }
     }
     return result;
 }

@@ -1,6 +1,6 @@
 // What is known of the rows of left and right: by how much they differ, and whether a match lies on its row, eq. (19).
 
-#include "stages.hpp"
+#include "rig.hpp"
 
 namespace core {
 namespace {

@@ -1,6 +1,6 @@
 // Left-right search along the row: normalised correlation of each corner, with a uniqueness test.
 
-#include "stages.hpp"
+#include "images.hpp"
 
 namespace core {
 namespace {

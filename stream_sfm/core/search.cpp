@@ -6,7 +6,8 @@
 
 #include <random>
 
-#include "stages.hpp"
+#include "resection.hpp"
+#include "poses.hpp"
 
 namespace core {
 namespace {
@@ -22,7 +23,7 @@ constexpr std::size_t REFINED = 12;   // of the best samples: their order is rou
 constexpr double REFINING_WIDTHS[] = {16.0, 4.0};  // gates: first the neighbourhood of a rough motion, then its own views
 constexpr int REFINING_STEPS = 2;
 constexpr double LEAST_WEIGHT = 1e-9;
-// The extent decides where history does not: it makes a factor of .56 at the least, since a background may be seen
+// The extent decides where history does not: it makes a factor of 0.56 at the least, since a background may be seen
 // through a gap between bodies.
 constexpr double EXTENT_POWER = 0.25, MIN_EXTENT = 0.1;
 constexpr int PLACES = 8;  // per side of the image: as many places as can be told apart by a hundred tracks

@@ -5,7 +5,7 @@
 // prior on the slopes, so that a patch without texture to tell stays facing the camera. A wrong slant biases the
 // disparity for as long as the point is followed: the walls of a corridor shift by a third of a pixel.
 
-#include "stages.hpp"
+#include "images.hpp"
 
 namespace core {
 namespace {

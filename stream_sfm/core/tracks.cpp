@@ -1,6 +1,8 @@
 // Tracks in a new frame: how their patches look there, whether templates can be warped so, and how exactly they are found.
 
-#include "stages.hpp"
+#include "tracks.hpp"
+#include "poses.hpp"
+#include "rig.hpp"
 
 namespace core {
 namespace {

@@ -1,6 +1,6 @@
 // The turn of the right camera that a frame shows, fitted together with the motion, eq. (72d).
 
-#include "stages.hpp"
+#include "resection.hpp"
 
 namespace core {
 namespace {
@@ -29,7 +29,7 @@ FittedTurn fitted(const PointViews& views, Matrix motion, int steps, Matrix usua
     std::size_t n = views.points.shape[0];
     LinearisedViews linear = linearise_views(views, motion);
     ViewResiduals seen = view_residuals(views, linear.root, Array<double, 1>(0), {motion.data, {1, 4, 4}});
-    FittedTurn result{{3}, {n}, 0.0, 0.0};
+    FittedTurn result{{3}, {3, 3}, {n}, 0.0, 0.0};
     std::vector<double> rows(n * 4 * COLUMNS), squares(n);
     for (std::size_t i = 0; i < n; i++) {
         if (!std::isfinite(seen.squares[0][i])) continue;
@@ -78,7 +78,8 @@ FittedTurn fitted(const PointViews& views, Matrix motion, int steps, Matrix usua
         result.agree.data[i] = std::isfinite(seen.squares[0][i]) && squares[i] < spread * views.gate.data[i];
     double expected[9], knocked[9], log_det, log_det_knocked;
     for (std::size_t k = 0; k < 9; k++) {
-        expected[k] = spread * cov[(6 + k / 3) * UNKNOWNS + 6 + k % 3] + usual.data[k];
+        result.cov.data[k] = spread * cov[(6 + k / 3) * UNKNOWNS + 6 + k % 3];
+        expected[k] = result.cov.data[k] + usual.data[k];
         knocked[k] = expected[k] + (k % 4 == 0 ? std_knock * std_knock : 0.0);
     }
     result.squared = squared_length(expected, result.rad.data.get(), log_det);

@@ -1,6 +1,6 @@
 // Points with covariances and their stereo views: whitened residuals under a motion, and their Jacobian.
 
-#include "stages.hpp"
+#include "views.hpp"
 
 namespace core {
 namespace {

@@ -4,7 +4,9 @@
 // rig move a view by B c, with B = [terms | moves ⊗ field]: all parts of the field share its basis, so products with
 // the field cost what those with one part of it do.
 
-#include "stages.hpp"
+#include "window.hpp"
+#include "poses.hpp"
+#include "rig.hpp"
 
 namespace core {
 namespace {
@@ -31,6 +33,8 @@ std::vector<Seen> seen_by(const WindowState& state, const WindowViews& views) {
     require_shape(views.z, {n, 4}, "z_px");
     require_shape(views.root, {n, 4, 4}, "root");
     require_shape(views.weight, {n, 4}, "weight");
+    require_shape(views.own, {n, 4, views.own.shape[2]}, "own");
+    if (views.own.shape[2]) require_shape(state.own, {frames, views.own.shape[2]}, "own amplitudes");
     require_shape(views.terms, {n, 4, terms}, "terms");
     require_shape(views.timing, {n, 4, views.timing.shape[2]}, "timing");
     require(views.timing.shape[2] == 0 || AT_TIMING + views.timing.shape[2] <= terms, "there are no terms of delay and readout");
@@ -51,13 +55,15 @@ std::vector<Seen> seen_by(const WindowState& state, const WindowViews& views) {
     return result;
 }
 
-// A view (4,) of a point in the camera, with what the rig has wrong.
-void predicted(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, std::size_t i,
+// A view (4,) of a point in the camera, with what the rig and the frame have wrong.
+void predicted(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, const Seen& seen,
                const double* in_cam, double* z) {
+    std::size_t i = seen.view, own = views.own.shape[2];
     std::size_t terms = views.terms.shape[2], timed = views.timing.shape[2], basis = views.field.shape[1], parts = views.moves.shape[1];
     const double* c = state.rig_error.data;
     project(pinholes, in_cam, z);
     for (std::size_t row = 0; row < 4; row++) {
+        for (std::size_t k = 0; k < own; k++) z[row] += views.own[i][row * own + k] * state.own[seen.frame][k];
         for (std::size_t k = 0; k < terms; k++) z[row] += views.terms[i][row * terms + k] * c[k];
         for (std::size_t k = 0; k < timed; k++) z[row] += views.timing[i][row * timed + k] * c[AT_TIMING + k];
     }
@@ -82,7 +88,7 @@ void residual(const Pinholes& pinholes, const WindowState& state, const WindowVi
               double* in_cam, double* r) {
     double z[4];
     point_of(state, seen, in_cam);
-    predicted(pinholes, state, views, seen.view, in_cam, z);
+    predicted(pinholes, state, views, seen, in_cam, z);
     for (int row = 0; row < 4; row++) {
         r[row] = 0;
         for (int k = 0; k < 4; k++) r[row] += views.root[seen.view][4 * row + k] * (views.z[seen.view][k] - z[k]);
@@ -108,7 +114,7 @@ Array<double, 2> expected_views(const Pinholes& pinholes, const WindowState& sta
     for (const Seen& seen : seen_by(state, views)) {
         double in_cam[4], *z = result[seen.view];
         point_of(state, seen, in_cam);
-        predicted(pinholes, state, views, seen.view, in_cam, z);
+        predicted(pinholes, state, views, seen, in_cam, z);
         if (!stereo.data[seen.view]) z[2] = z[3] = std::numeric_limits<double>::quiet_NaN();
     }
     return result;
@@ -214,10 +220,17 @@ NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, c
     const std::vector<Seen> seen = seen_by(state, views);
     std::size_t frames = state.cams_from_ref.shape[0], points = state.q.shape[0], m = state.rig_error.shape[0];
     std::size_t terms = views.terms.shape[2], timed = views.timing.shape[2], basis = views.field.shape[1], parts = views.moves.shape[1];
-    NormalBlocks blocks{{frames, 6, 6}, {points, 3, 3}, {points, 3, 6 * frames}, {frames, 6, m}, {points, 3, m},
-                        {frames, 6}, {points, 3}, {m, m}, {m}};
-    // A view's four whitened rows: by pose (6), residual (1), by terms, by parts of the field, by point (3).
-    const std::size_t own = 7 + terms, by_point = own + parts, columns = by_point + 3, pairs = parts * (parts + 1) / 2;
+    const std::size_t of_own = views.own.shape[2], by_frame = 6 + of_own;
+    NormalBlocks blocks{{frames, by_frame, by_frame}, {points, 3, 3}, {points, 3, by_frame * frames}, {frames, by_frame, m}, {points, 3, m},
+                        {frames, by_frame}, {points, 3}, {m, m}, {m}};
+    for (std::size_t f = 0; f < frames; f++)  // the prior of what a frame's views err by in common
+        for (std::size_t k = 0; k < of_own; k++) {
+            blocks.u[f][(by_frame + 1) * (6 + k)] += 1;
+            blocks.g_pose[f][6 + k] -= state.own[f][k];
+        }
+    // A view's four whitened rows: by pose (6) and what is the frame's own, residual (1), by terms, by parts of the field, by point
+    // (3).
+    const std::size_t own = by_frame + 1 + terms, by_point = own + parts, columns = by_point + 3, pairs = parts * (parts + 1) / 2;
     std::vector<double> rows(CHUNK * 4 * columns), with_parts(CHUNK * own * parts), squares(CHUNK * pairs * basis);
     std::vector<double> phis(CHUNK * basis), of_frame(own * own), of_field(own * parts * basis), of_squares(pairs * basis * basis);
     double *rig = blocks.rig.data.get(), *g_rig = blocks.g_rig.data.get();
@@ -230,7 +243,7 @@ NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, c
             const double *cam = state.cams_from_ref[f], *anchor = state.ref_from_anchor[at], *root = views.root[i];
             const double* phi = std::copy(views.field[i], views.field[i] + basis, phis.data() + slot * basis) - basis;
             double *j = rows.data() + slot * 4 * columns, *parted = with_parts.data() + slot * own * parts;
-            double *square = squares.data() + slot * pairs * basis, *w = blocks.w[at] + 6 * f, *by_rig = blocks.rig_point[at];
+            double *square = squares.data() + slot * pairs * basis, *w = blocks.w[at] + by_frame * f, *by_rig = blocks.rig_point[at];
             double p[4], r[4], a[16], by_cam[16], by_ref[16], by_anchor[16], q_by_parts[3 * MAX_PARTS] = {};
             residual(pinholes, state, views, seen[first + slot], p, r);
             jacobian(pinholes, p, a);
@@ -240,21 +253,22 @@ NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, c
             for (std::size_t row = 0; row < 4; row++) {
                 double* out = j + row * columns;
                 by_motion(by_cam + 4 * row, p, out);
-                out[6] = r[row];
-                std::fill(out + 7, out + by_point, 0.0);
+                std::fill(out + 6, out + by_point, 0.0);
+                out[by_frame] = r[row];
                 for (std::size_t c = 0; c < 4; c++) {
                     double weight = root[4 * row + c];
                     if (weight == 0) continue;
-                    add(weight, views.terms[i] + c * terms, terms, out + 7);
-                    add(weight, views.timing[i] + c * timed, timed, out + 7 + AT_TIMING);
+                    add(weight, views.own[i] + c * of_own, of_own, out + 6);
+                    add(weight, views.terms[i] + c * terms, terms, out + by_frame + 1);
+                    add(weight, views.timing[i] + c * timed, timed, out + by_frame + 1 + AT_TIMING);
                     add(weight, views.moves[c], parts, out + own);
                 }
                 for (int k = 0; k < 3; k++) out[by_point + k] = by_anchor[4 * row + Q_COLUMNS[k]];
                 const double* q = out + by_point;
                 for (std::size_t x = 0; x < 3; x++) {
                     add(q[x], q, 3, blocks.v[at] + 3 * x);
-                    add(q[x], out, 6, w + 6 * frames * x);
-                    add(q[x], out + 7, terms, by_rig + x * m);
+                    add(q[x], out, by_frame, w + by_frame * frames * x);
+                    add(q[x], out + by_frame + 1, terms, by_rig + x * m);
                     add(q[x], out + own, parts, q_by_parts + x * parts);
                     blocks.g_point[at][x] += q[x] * r[row];
                 }
@@ -282,16 +296,16 @@ NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, c
         add_product({squares.data(), pairs * basis}, pairs * basis, field, basis, count, basis, of_squares.data());
         if (next < n && seen[next].frame == f) continue;
         auto add_by_rig = [&](std::size_t x, double* out) {  // out += the product of column x with all of the rig's
-            add(1.0, of_frame.data() + x * own + 7, terms, out);
+            add(1.0, of_frame.data() + x * own + by_frame + 1, terms, out);
             add(1.0, of_field.data() + x * parts * basis, parts * basis, out + terms);
         };
-        for (std::size_t x = 0; x < 6; x++) {
-            for (std::size_t y = 0; y < 6; y++) blocks.u[f][6 * x + y] += of_frame[std::min(x, y) * own + std::max(x, y)];
-            blocks.g_pose[f][x] += of_frame[x * own + 6];
+        for (std::size_t x = 0; x < by_frame; x++) {
+            for (std::size_t y = 0; y < by_frame; y++) blocks.u[f][by_frame * x + y] += of_frame[std::min(x, y) * own + std::max(x, y)];
+            blocks.g_pose[f][x] += of_frame[x * own + by_frame];
             add_by_rig(x, blocks.rig_pose[f] + x * m);
         }
-        add_by_rig(6, g_rig);
-        for (std::size_t x = 0; x < terms; x++) add_by_rig(7 + x, rig + x * m);
+        add_by_rig(by_frame, g_rig);
+        for (std::size_t x = 0; x < terms; x++) add_by_rig(by_frame + 1 + x, rig + x * m);
         std::fill(of_frame.begin(), of_frame.end(), 0.0);
         std::fill(of_field.begin(), of_field.end(), 0.0);
     }

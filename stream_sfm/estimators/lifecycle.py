@@ -105,17 +105,17 @@ def with_ended(solution: Solution, ended: WorldPoints) -> Solution:
 def recorded(motion: MotionModel, observations: Observations, solution: Solution, ended: WorldPoints) -> Solution:
     """Give the pose of an estimated frame to the motion model, and return what is to be reported, with `ended` points.
 
-    From images that do not fit each other the model learns nothing: until that ends it says where the camera may be,
-    too, and the covariances of the pose and of the points in the world cover that; relative motions are not reported.
+    A pose from images that do not fit each other is followed, and it may as well be where earlier frames predict
+    it: the covariances of the pose and of the points in the world cover that; relative motions are not reported.
     Raises LinAlgError for a pose that is not finite: nothing learns from it.
     """
     if not (np.isfinite(solution.world_from_cam).all() and np.isfinite(solution.cov_pose).all()):
         raise np.linalg.LinAlgError("the pose is not finite")
     solution = with_ended(solution, ended)
+    pose = observations.stamp_ns, solution.world_from_cam, solution.cov_pose
+    cov = motion.record(*pose, doubtful=observations.misfit)
     if not observations.misfit:
-        motion.record(observations.stamp_ns, solution.world_from_cam, solution.cov_pose)
         return solution
-    cov = motion.covering(observations.stamp_ns, solution.world_from_cam, solution.cov_pose)
     j = se3.point_in_source_jacobian(solution.points_in_cam)
     r = solution.world_from_cam[:3, :3]
     of_points = r @ (j @ (cov - solution.cov_pose) @ np.swapaxes(j, 1, 2)) @ r.T

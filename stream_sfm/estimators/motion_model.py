@@ -3,6 +3,8 @@
 Its prediction is where the estimate of every frame starts, and it is the estimate itself while lost.
 """
 
+from copy import copy
+
 import numpy as np
 
 from ..config import MotionConfig
@@ -11,9 +13,10 @@ from ..geometry.se3 import Array
 
 # An unknown velocity has the σ that the assumed acceleration builds up in this time: a walking start.
 _BUILD_UP_S = 1.0
-# A camera whose images were held back, or that was put elsewhere, is as uncertain as after this time without images.
-# Of a car that is 30 m, two standard deviations.
-_HELD_BACK_S = 3.0
+# For so long a vehicle speeds up: velocities differ from the last one known by what the assumed acceleration builds up
+# in this time, and by no more later. A camera whose images were held back, or that was put elsewhere, is as uncertain
+# as after this time without images. Of a car that is 30 m, two standard deviations.
+_SPEEDS_UP_S = 3.0
 
 
 class MotionModel:
@@ -27,20 +30,35 @@ class MotionModel:
         self._velocity = np.zeros(6)  # ξ per second, in the camera's own axes
         self._velocity_known = False
         self._known_at_ns: int | None = None  # when the velocity was measured last; until it was, the first pose
+        self._trusted: MotionModel | None = None  # as it was before the doubtful frames up to the latest one
 
     @property
     def started(self) -> bool:
         """Whether any pose was recorded."""
         return self._stamp_ns is not None
 
-    def record(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
-        """Take the estimated pose of a frame and the velocity that it implies."""
+    @property
+    def std_speed(self) -> Array:
+        """σ (6,) of how far velocities of a vehicle are apart, per second: what it builds up while it speeds up."""
+        return np.asarray(_SPEEDS_UP_S * self._std_acceleration)
+
+    def record(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array, doubtful: bool = False) -> Array:
+        """Take the estimated pose of a frame and the velocity that it implies, and return its covariance (6, 6).
+
+        A `doubtful` pose is followed, and may as well be where the last one that was not predicts it, eq. (43a).
+        """
+        if not doubtful:
+            self._trusted = None
+        else:
+            self._trusted = self._trusted or copy(self)
+            cov_pose = self._trusted._covering(stamp_ns, world_from_cam, cov_pose)
         dt = self._seconds_since(stamp_ns)
         if dt > 0:
             self._velocity = se3.log(se3.inverse(self._pose) @ world_from_cam) / dt
             self._velocity_known = True
             self._known_at_ns = stamp_ns
         self.restart(stamp_ns, world_from_cam, cov_pose)
+        return cov_pose
 
     def restart(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
         """Take the pose at which a new map begins; the velocity stays as it is, and as old as it is."""
@@ -51,11 +69,11 @@ class MotionModel:
     def jump(self) -> None:
         """Record that the camera has left its last pose in a way that no velocity explains."""
         self._velocity, self._velocity_known = np.zeros(6), False
-        reach_s2 = _HELD_BACK_S * (0.5 * _HELD_BACK_S + _BUILD_UP_S)
+        reach_s2 = _SPEEDS_UP_S * (0.5 * _SPEEDS_UP_S + _BUILD_UP_S)
         self._cov = self._cov + np.diag((reach_s2 * self._std_acceleration) ** 2)
 
-    def covering(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Array:
-        """Covariance (6, 6) of an estimated pose that may as well be where the model predicts it, eq. (43a)."""
+    def _covering(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Array:
+        """Return the covariance (6, 6) of a pose that may as well be where the model predicts it, eq. (43a)."""
         predicted, cov = self.predict(stamp_ns)
         pose_from_predicted = se3.inverse(world_from_cam) @ predicted
         ad, apart = se3.adjoint(pose_from_predicted), se3.log(pose_from_predicted)
@@ -78,7 +96,9 @@ class MotionModel:
         if stamp_ns is None or self._known_at_ns is None:
             return 0.0
         age_s = (stamp_ns - self._known_at_ns) / 1e9
-        return age_s * (0.5 * age_s + (0.0 if self._velocity_known else _BUILD_UP_S))
+        speeding_up_s = min(age_s, _SPEEDS_UP_S)
+        built_up_s = 0.0 if self._velocity_known else _BUILD_UP_S
+        return (age_s - 0.5 * speeding_up_s) * speeding_up_s + age_s * built_up_s
 
     def _seconds_since(self, stamp_ns: int) -> float:
         return 0.0 if self._stamp_ns is None else max(0, stamp_ns - self._stamp_ns) / 1e9

@@ -21,6 +21,7 @@ from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
 from ..types import Ambiguity, ExpectedMotion, LastingErrors, Observations, RigChange, RigView
 from .alignment import WIDE, TemplateAligner
+from .disparity_error import DisparityError
 from .image_checks import are_alike, image_note
 from .new_points import begin_points, renews
 from .pair_check import PairFit, problem_of
@@ -33,7 +34,7 @@ from .timing import Timing
 from .tracker import follow, learn_timing, lose, may_wait
 
 _JUMPED = "all of the view has changed at once: were images held back, or is this another place?"
-_HIDDEN = "the background is hidden: what can be followed has moved by itself"
+_HIDDEN = "background occluded: the remaining tracks are on moving objects"
 
 
 class StereoFrontEnd:
@@ -64,6 +65,7 @@ class StereoFrontEnd:
             timing=Timing.unknown(projection, config.rig, row_of, known_timing),
             rows=Rows.unknown(projection, config),
             turn_watch=None if config.rig.exact else TurnWatch(projection),
+            disparity=DisparityError.of(self.rig),
             errors=TemplateErrors(config.estimate_every),
         )
 
@@ -103,7 +105,8 @@ class StereoFrontEnd:
         if watch is None or rad is None:
             return state, None
         first = state.frame_index - len(watch.unusual)
-        state = replace(state, turn_rad=state.turn_rad + rad, turn_watch=watch.calm())
+        disparity = DisparityError.of(self.rig)  # what is left of it is as unknown as at first
+        state = replace(state, turn_rad=state.turn_rad + rad, turn_watch=watch.calm(), disparity=disparity)
         return state, rig_change(self.setup.projection, first, rad)
 
     def _step(
@@ -117,7 +120,7 @@ class StereoFrontEnd:
             images, state.previous, fit, state.rows, state.aligners[1].noise.factor
         )
         pair, start_anew = state.pair.after(problem, fit, state.next_id)
-        start_anew |= state.start.doubted and state.start.is_over
+        start_anew |= state.start.is_redone
         state = replace(state, pair=pair)
         if followed is None or start_anew:
             return self._start_over(state, images, stamp_ns, wait=not start_anew)
@@ -181,7 +184,7 @@ class StereoFrontEnd:
             lasting=LastingErrors(np.zeros(n), errors.inflation),
             rig=None
             if self.setup.config.rig.exact
-            else RigView(self.rig, state.rows.field_std_px, timing_px, state.rows.delay),
+            else RigView(self.rig, state.rows.field_std_px, timing_px, state.rows.delay, state.turn_root),
         )
         return replace(state, errors=errors), observed
 
@@ -196,12 +199,13 @@ class StereoFrontEnd:
             return ""
         shift_px = shift_of_turn(self.setup.projection, watch.unusual[-1])
         return (
-            f"the right image has moved against the left one, by {shift_px:.2f} px: estimated from the left image "
-            "until it is clear whether the cameras have moved"
+            f"right image shifted by {shift_px:.2f} px relative to the left; using the left image only until the cause "
+            "is clear"
         )
 
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
         """Take in what an estimator has found out about the rig with the latest frame, in units of σ."""
+        state = replace(state, disparity=DisparityError.of(self.rig, self.rig.in_units(estimate)))
         return learn_timing(self.setup.projection, state, *self.rig.timing(estimate.mean, estimate.cov))
 
     def rig_in_px(self, state: FrontEndState, estimate: RigEstimate | None) -> RigEstimate | None:

@@ -7,8 +7,8 @@ from .prepared import Image, PreparedImages
 
 # Of 255: an image without one brighter pixel shows at most the sensor's noise; white is as far below 255.
 _BLACK_GREY = 8
-# Contrast and sharpness, as shares of each other. Blur by 9 px leaves .2 to .47 of the sharpness, dark images little of
-# the contrast; of views of one log that are one or two seconds apart nearly all have more.
+# Contrast and sharpness, as shares of each other. Blur by 9 px leaves 0.2 to 0.47 of the sharpness, dark images little
+# of the contrast; of views of one log that are one or two seconds apart nearly all have more.
 _ALIKE = 0.5
 
 

@@ -32,7 +32,7 @@ _MAX_HALVES_APART_PX = 0.5
 # Of a grey difference of left and right patch, neighbours that share their noise counted in; a guess.
 _STD_GREY = 4.0
 # Wide templates are added where fewer than a fraction of the tracks is there, up to twice as many. In between, images
-# with a few posters on a white wall have all they need: drift of a corridor with such corners 14 % without, .2 % with.
+# with a few posters on a white wall have all they need: drift of a corridor with such corners 14 % without, 0.2 % with.
 _BARE_FRACTION = 0.25
 # Of corners in the reduced image, as `min_corner_response`: a slope of a quarter of a grey value per pixel, twice what
 # noise and rounding leave there.
@@ -137,6 +137,8 @@ def _begin(
         right_sides, state.timing.of_core(twist), z_px, cov_px, scale, *gates
     )
     cov_px, slopes = cov_px[rows], slopes[rows] / setup.projection.baseline_m
+    by_turn_px2 = (state.with_turn(z_px, cov_px) - cov_px)[:, 2, 2]
+    var_rho = var_rho + by_turn_px2 / (setup.projection.f_px * setup.projection.baseline_m) ** 2
     begun = z_px[:, :2], cov_px[:, :2, :2], points, var_rho, slopes, scale
     errors = state.errors.with_new(state.next_id + np.arange(len(rows), dtype=np.int64), apart_px[rows])
     return begin_tracks(replace(state, errors=errors), slots[rows], *begun), z_px, cov_px

@@ -24,7 +24,7 @@ from .prepared import PreparedImages
 from .rows import Rows
 from .tracks import Tracks
 
-# Share of the points whose left side agrees that agree on the right, too. Sample logs have .64 and more, at the end of
+# Share of the points whose left side agrees that agree on the right, too. Sample logs have 0.64 and more, at the end of
 # a bare corridor less; with one camera stopped, exchanged or turned it is below .3.
 _FIT = 0.5
 # So many good frames in a row end a problem otherwise: in each this share of all points found agrees.

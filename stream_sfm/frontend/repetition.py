@@ -2,7 +2,8 @@
 
 In front of a grid or a wall of tiles each patch looks like others nearby. While the velocity is not known, flow may
 have followed each of them to a neighbour of where it is now, all by the same step: a motion off by a tile per frame,
-in perfect agreement with all that is seen.
+in perfect agreement with all that is seen. It must be so for all that is seen: what looks otherwise where that motion
+puts it, a post before the grid or the ground below it, tells the two apart.
 """
 
 import cv2
@@ -23,6 +24,9 @@ _REACH = 3  # rivals are sought within this fraction of the image's width, as fa
 _LEAD = 0.06  # of the correlation, as along the row (core/rows.cpp): what comes closer is a rival
 _STD_PX = 2.0  # of the position of a rival, a whole pixel of the half-size image
 _SHARE = 0.5  # share of the rivals, by weight, that must move as one
+# Tracks whose patches are compared at both places, and correlations from which a patch is found at one and not at the
+# other: along a facade of equal windows 8 and more of 96 are not, before a wall of tiles hardly any.
+_COMPARED, _FOUND, _LESS = 96, 0.8, 5 * _LEAD
 
 
 def rival_motion(
@@ -40,12 +44,63 @@ def rival_motion(
     motion = resect(views, np.eye(4), find_second=False)
     if not motion.ok or motion.share < _SHARE:
         return None
+    if _is_refuted(setup, previous, images, tracks, rough, motion.cam_from_ref):
+        return None
     return SecondMotion(motion.cam_from_ref, motion.cov_pose, views=np.zeros(len(tracks), bool), odds=1.0)
 
 
-def still_repeats(previous: PreparedImages, images: PreparedImages, tracks: Tracks, rough: RoughMotion) -> bool:
-    """Return whether the view still cannot tell which of two motions is the right one."""
+def still_repeats(
+    setup: Setup,
+    previous: PreparedImages,
+    images: PreparedImages,
+    tracks: Tracks,
+    rough: RoughMotion,
+    other: SecondMotion | None,
+) -> bool:
+    """Return whether the view still cannot tell which of two motions, the rough one and another, is the right one."""
+    if other is not None and _is_refuted(setup, previous, images, tracks, rough, other.cam_from_ref):
+        return False
     return _repeats(_rivals(previous, images, tracks, rough)[1])
+
+
+def _is_refuted(
+    setup: Setup,
+    previous: PreparedImages,
+    images: PreparedImages,
+    tracks: Tracks,
+    rough: RoughMotion,
+    other_from_previous: Array,
+) -> bool:
+    """Whether enough patches that flow has found look otherwise where another motion (4, 4) puts them."""
+    rows = np.flatnonzero(rough.agree & (tracks.scale == 1))
+    rows = rows[:: max(1, len(rows) // _COMPARED)]
+    other_px = setup.projection.project_homogeneous(tracks.points[rows] @ other_from_previous.T)[:, :2]
+    apart_px = np.linalg.norm(other_px - rough.left_px[rows], axis=1)
+    against = 0
+    for row, at_px in zip(
+        rows[apart_px > 4 * _HALF], other_px[apart_px > 4 * _HALF], strict=True
+    ):  # farther than a patch
+        patch = _window(previous.left_half, tracks.left_px[row], _HALF)
+        found = _likeness(patch, _window(images.left_half, rough.left_px[row], _HALF + 1))
+        elsewhere = _likeness(patch, _window(images.left_half, at_px, 2 * _HALF))
+        against += found > _FOUND and elsewhere < found - _LESS
+    return against >= MIN_SECOND_VIEWS
+
+
+def _window(half: Image, at_px: Array, reach: int) -> Image | None:
+    """The part of an image at half the size around a position of the whole one, if all of it is inside."""
+    if not np.isfinite(at_px).all():
+        return None
+    u, v = np.rint(at_px / 2).astype(int)
+    inside = reach <= u < half.shape[1] - reach and reach <= v < half.shape[0] - reach
+    return half[v - reach : v + reach + 1, u - reach : u + reach + 1] if inside else None
+
+
+def _likeness(patch: Image | None, window: Image | None) -> float:
+    """The largest correlation of a patch with places of a window; NaN where one of them is not in its image."""
+    if patch is None or window is None:
+        return np.nan
+    return float(cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED).max())
 
 
 def _repeats(rivals_px: Array) -> bool:

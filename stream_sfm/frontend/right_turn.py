@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from ..geometry.linear import symmetric
 from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.point_views import PointViews
 from ..geometry.se3 import Array
@@ -71,13 +72,15 @@ def with_turn(rig: RigModel, estimate: RigEstimate, rad: Array) -> RigEstimate:
 
 @record
 class TurnWatch:
-    """Statistics of a run's turns: the covariance `usual` (3, 3) of ordinary ones, learnt from so many `frames`.
+    """Statistics of a run's turns, learnt from so many `frames`: the covariance `usual` (3, 3) of ordinary ones as they
+    are measured, and `real` (3, 3), without the noise of the measurement.
 
     `unusual`: the turns (3,) of the frames in a row, up to the latest, that were not usual.
     """
 
     projection: StereoProjection
     usual: Array = field(default_factory=lambda: np.eye(3) * _FIRST_GUESS_RAD**2)
+    real: Array = field(default_factory=lambda: np.eye(3) * _FIRST_GUESS_RAD**2)
     frames: int = _GUESS_FRAMES
     unusual: tuple[Array, ...] = ()
 
@@ -115,19 +118,30 @@ class TurnWatch:
             return self.calm(), None
         views = PointViews(self.projection, points, cov_points, z_px, cov_px, _GATE)
         usual = self.usual + cov_expected
-        rad, agree, log_factor, chi2 = core.fit_turn(views.of_core, cam_from_previous, usual, STD_TURN_RAD)
+        rad, cov, agree, log_factor, chi2 = core.fit_turn(views.of_core, cam_from_previous, usual, STD_TURN_RAD)
         possible = self.projection.f_px * math.hypot(*rad) < _MAX_TURN_PX
         possible = possible and bool(np.count_nonzero(agree) > _AGREE * n_seen)
         stands_out = possible and log_factor > -math.log(_KNOCKS)
         if not stands_out or len(self.unusual) >= _PATIENCE_FRAMES:
-            return self._learnt(rad, stands_out, chi2), None
+            return self._learnt(rad, cov + cov_expected, stands_out, chi2), None
         return replace(self, unusual=(*self.unusual, rad)), agree
 
-    def _learnt(self, rad: Array, stands_out: bool, chi2: float) -> "TurnWatch":
-        """Return the watch after a frame whose turn (3,) counts as usual, although it may stand out."""
-        square = rad[:, None] * rad
+    def _learnt(self, rad: Array, cov: Array, stands_out: bool, chi2: float) -> "TurnWatch":
+        """Return the watch after a frame whose turn (3,) counts as usual, although it may stand out.
+
+        It was measured with `cov` (3, 3); how large the real ones are follows by expectation maximisation (Dempster,
+        Laird and Rubin 1977).
+        """
+        square, counts = np.outer(rad, rad), 1.0 if chi2 < _LIMIT else _LIMIT / chi2
         if stands_out:
-            return replace(self, usual=self.usual + square, unusual=())
+            return replace(self, usual=self.usual + square, real=self.real + square, unusual=())
         frames = min(self.frames + 1, MEMORY_FRAMES)
-        counts = 1.0 if chi2 < _LIMIT else _LIMIT / chi2
-        return replace(self, usual=self.usual + (counts * square - self.usual) / frames, frames=frames, unusual=())
+        gain = np.linalg.solve(self.real + cov, self.real).T
+        expected = symmetric(counts * gain @ square @ gain.T + self.real - gain @ self.real)
+        return replace(
+            self,
+            usual=self.usual + (counts * square - self.usual) / frames,
+            real=self.real + (expected - self.real) / frames,
+            frames=frames,
+            unusual=(),
+        )

@@ -8,7 +8,6 @@ Only new matches count: a point's later views repeat its first error.
 """
 
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from ..config import Config
 from ..geometry.linear import symmetric_inverse
 from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
 from ..geometry.se3 import Array
-from ..geometry.stereo import StereoProjection, places_over_image, velocities
+from ..geometry.stereo import StereoProjection, velocities
 from ..record import record
 from ..rig_model.field import Field, field_over
 
@@ -43,8 +42,9 @@ RowsOfCore = tuple[tuple[int, int], Field, Array, Array, float, float]
 class Rows:
     """What is known about rows: amplitudes `mean` (n,) with `cov` (n, n) of polynomial, delay and field.
 
-    `std_delay_s`: σ of the delay beforehand. `scatter_px`: σ of new matches around it, over the last
-    `frames`. `field_std_px`: σ of the field.
+    `std_delay_s`: σ of the delay beforehand. `scatter_px`: σ of new matches around it, over the last `frames`.
+    `field_std_px`: σ of the field. `largest_px`: the largest v_left − v_right at rest where the latest matches
+    were; in corners without any the polynomial is an extrapolation.
     """
 
     projection: StereoProjection
@@ -55,6 +55,7 @@ class Rows:
     scatter_px: float = _STD_MATCH_PX
     frames: int = 0
     field_std_px: float = _LEAST_FIELD_PX
+    largest_px: float = 0.0
 
     @classmethod
     def unknown(cls, projection: StereoProjection, config: Config) -> "Rows":
@@ -66,11 +67,6 @@ class Rows:
         return cls(projection, max_px, np.zeros(len(std)), np.diag(std**2), std_delay_s)
 
     @property
-    def largest_px(self) -> float:
-        """The largest v_left − v_right of correct matches at rest, anywhere in the image."""
-        return float(np.abs(_terms_over_image(self.projection) @ self.mean).max())
-
-    @property
     def delay(self) -> tuple[float, float]:
         """What matches alone say of the delay of the right camera: information, s⁻², and sum weighted by it, s⁻¹."""
         mean, var = self.mean[_POLYNOMIAL], self.cov[_POLYNOMIAL, _POLYNOMIAL]
@@ -78,7 +74,7 @@ class Rows:
         wrong = 1 / (1 + information * (_SPEED_ERROR * mean) ** 2)
         return float(wrong * information), float(wrong * mean / var)
 
-    def told(self, delay_s: float, variance_s2: float) -> "Rows":
+    def with_delay(self, delay_s: float, variance_s2: float) -> "Rows":
         """Return the rows with a delay N(`delay_s`, `variance_s2`), if that is more than they say of it themselves.
 
         Learning goes on without it: estimators learn of the delay through `delay` and must not be told twice.
@@ -123,8 +119,15 @@ class Rows:
         field = range(_POLYNOMIAL + 1, len(mean))
         information[field, field] += field_std_px**-2 - self.field_std_px**-2
         cov = symmetric_inverse(information)
+        mean = cov @ right
         return replace(
-            self, mean=cov @ right, cov=cov, scatter_px=scatter_px, frames=frames, field_std_px=field_std_px
+            self,
+            mean=mean,
+            cov=cov,
+            scatter_px=scatter_px,
+            frames=frames,
+            field_std_px=field_std_px,
+            largest_px=float(np.abs(terms @ mean - terms[:, _POLYNOMIAL] * mean[_POLYNOMIAL]).max()),
         )
 
     def _likely_field_std_px(self, information: Array, mean: Array) -> float:
@@ -145,9 +148,3 @@ def row_terms(projection: StereoProjection, left_px: Array, row_speed_px_s: Arra
     """Return what amplitudes of 1 do to v_left − v_right (n, k) of views at (n, 2), which move by (n,) px/s."""
     size = projection.width, projection.height
     return core.row_terms(size, field_over(*size), left_px, row_speed_px_s)
-
-
-@lru_cache
-def _terms_over_image(projection: StereoProjection) -> Array:
-    """Return the terms of views at rest all over the image (25, k)."""
-    return row_terms(projection, places_over_image(projection, 5, 5), np.zeros(25))

@@ -1,8 +1,10 @@
 """Whether the motion that a map has started with is the camera's, judged by the points that begin meanwhile.
 
-At a start nothing has a history: bodies that cover most of the view outvote the background. Points that begin later say
-so, because they begin where points are missing, and the background is there. As long as too many of them disagree, the
-motion may be that of a body; once they agree, the start is redone from there.
+At a start nothing has a history: bodies that cover most of the view outvote the background. Points that begin later
+say so, because they begin where points are missing, and the background is there. As long as too many of them
+disagree, the motion may be that of a body; once they agree, the start is redone from there. Once nothing that was
+there at the start is followed any more, what is followed has been found by points that began later, and there is
+nothing left to doubt.
 """
 
 from dataclasses import replace
@@ -10,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.resection import CALM_SHARE
+from ..geometry.resection import CALM_SHARE, MANY_VIEWS
 from ..record import record
 from .tracks import FULL_HISTORY
 
@@ -20,7 +22,7 @@ class StartCheck:
     """What new points have shown since the start, older ones counting less: how many were `found`, and `agreed`.
 
     `calm_frames` in a row in which enough of them agreed. `doubted`: since the start they once did not. `next_id`: of
-    the tracks that have not been judged.
+    the tracks that have not been judged; those of the start are below `later_id`. `gone`: they are not followed now.
     """
 
     found: float = 0.0
@@ -28,6 +30,8 @@ class StartCheck:
     calm_frames: int = 0
     doubted: bool = False
     next_id: int = 0
+    later_id: int = 0
+    gone: bool = False
 
     @property
     def problem(self) -> str:
@@ -41,8 +45,13 @@ class StartCheck:
 
     @property
     def is_over(self) -> bool:
-        """Whether the motion is taken for the camera's for good, or the start is to be redone where it was doubted."""
-        return self.calm_frames >= FULL_HISTORY
+        """Whether the motion is taken for the camera's for good, or the start is to be redone."""
+        return self.gone or self.calm_frames >= FULL_HISTORY
+
+    @property
+    def is_redone(self) -> bool:
+        """Whether the start is to be redone: what was doubted is still followed, and points agree now."""
+        return self.doubted and self.is_over and not self.gone
 
     def settled(self) -> "StartCheck":
         """Return the check where it is known otherwise that the motion is the camera's."""
@@ -56,13 +65,17 @@ class StartCheck:
         new, kept = ids >= self.next_id, 1 - 1 / FULL_HISTORY
         if self.is_over or not len(ids):
             return self
+        next_id = int(ids[-1]) + 1
+        later_id = self.later_id or next_id
         now = replace(
             self,
             found=kept * self.found + int(new.sum()),
             agreed=kept * self.agreed + int((new & accepted).sum()),
-            next_id=int(ids[-1]) + 1,
+            next_id=next_id,
+            later_id=later_id,
+            gone=bool(np.count_nonzero(accepted & (ids < later_id)) < MANY_VIEWS <= np.count_nonzero(accepted)),
         )
-        # .93 and more in the first frames of calm scenes, .68 to .77 in a crowd, whether the motion is right or not
+        # 0.93 and more in the first frames of calm scenes, 0.68 to 0.77 in a crowd, whether the motion is right or not
         if now.agreed >= CALM_SHARE * now.found:
             return replace(now, calm_frames=self.calm_frames + 1)
         return replace(now, calm_frames=0, doubted=True)

@@ -61,7 +61,7 @@ class Timing:
         at_first = twist if self.twist is None else self.twist  # nothing better is known of the first frame
         return self.row_of.of_core, self.mean, self.cov, at_first
 
-    def told(self, mean: Array, cov: Array) -> "Timing":
+    def with_estimate(self, mean: Array, cov: Array) -> "Timing":
         """Return the knowledge with delay and readout N(`mean` (2,), `cov` (2, 2)), as an estimator has found them.
 
         As far as it is probable that they are not zero: what is near it is not worth a correction.

@@ -17,10 +17,12 @@ from ..geometry.resection import MANY_VIEWS, Resection, SecondMotion, resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record, rows_of
+from ..rig_model.terms import by_turn
 from ..types import ExpectedMotion
 from .alignment import WIDE, AlignedViews, learn_noise
 from .ambiguity import AmbiguityMemory
 from .depth_order import decided, depth_order, of_background
+from .inertia import steadier, without_newcomer
 from .inertial_choice import is_camera, nearer
 from .mono.parallax import update_by_parallax
 from .pair_check import Found
@@ -34,7 +36,8 @@ from .tracks import Tracks
 # Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a
 # sudden blur of 5 px 14 of 196 did, with a motion that was off by 7 cm.
 _MIN_AGREEMENT = 0.15
-# Of the usual slide of a template, eq. (17): for how much a track lives on. With 1, 41 frames of KITTI 06 are degraded.
+# A track survives up to this multiple of the expected template drift, eq. (17). With 1, 41 frames of KITTI 06 are
+# degraded.
 _SLIDES_MOST = 2.0
 # The background is hidden where fewer tracks agree that have ever agreed before than MANY_VIEWS and than half, while
 # as many new tracks agree on a motion that has jumped, or that came while it was hidden already: what agrees then moves
@@ -62,14 +65,16 @@ class Followed:
 @record
 class _Known:
     """Of the tracks (n) that were found in a frame, how they were `before`, with covariances `cov_points` (n, 4, 4) of
-    their points; their `weights` (n,), and `weight`: of all tracks that should have been found. `unknown_px`
-    (n, 4, j): errors that all views share, of delay, readout and rows, and `cov_turn` (3, 3) of turns that they feign;
-    None of an exact rig."""
+    their points; their `weights` (n,), and `weight`: of all tracks that should have been found. `known_px` (n, 4):
+    what the error of the disparity, as it is known, does to their views. `unknown_px` (n, 4, j): errors that all views
+    share, of delay, readout, rows and disparity, and last of a turn of the right camera, and `cov_turn` (3, 3) of turns
+    that they feign; None of an exact rig."""
 
     before: Tracks
     cov_points: Array
     weights: Array
     weight: float
+    known_px: Array | float = 0.0
     unknown_px: Array | None = None
     cov_turn: Array | None = None
 
@@ -132,7 +137,8 @@ def _likelier_of_alike(
     as long as the scene repeats itself then. Of the two the smaller one comes first."""
     seen, found = (previous, images, state.tracks, rough), rough.cam_from_previous
     if state.ambiguity.repeats:
-        return rough, state.ambiguity.other_than(found) if still_repeats(*seen) else None
+        other = state.ambiguity.other_than(found)
+        return rough, other if still_repeats(setup, *seen, other) else None
     rival = None if np.count_nonzero(state.tracks.agreed) >= MANY_VIEWS else rival_motion(setup, *seen)
     if rival is None:
         return rough, None
@@ -147,7 +153,7 @@ def _likelier_of_alike(
 
 def learn_timing(projection: StereoProjection, state: FrontEndState, mean: Array, cov: Array) -> FrontEndState:
     """Take in that delay and readout are N(`mean` (2,), `cov` (2, 2)), seconds, and place the tracks anew by it."""
-    before, now = state.timing, state.timing.told(mean, cov)
+    before, now = state.timing, state.timing.with_estimate(mean, cov)
     state = replace(state, timing=now)
     if now.twist is None or (before.mean == now.mean).all():
         return state
@@ -231,11 +237,14 @@ def _known(
     )
     cov_points = before.cov_points(setup.projection, drift_px)
     known = before, cov_points, weights[views.rows], float(weights[expected].sum())
-    if state.turn_watch is None:
+    if state.turn_watch is None or state.disparity is None:
         return _Known(*known)
-    of_rig = setup.projection.pinholes, state.timing.of_core(twist), state.rows_told.of_core
+    of_rig = setup.projection.pinholes, state.timing.of_core(twist), state.rows_with_delay.of_core
     seen, std_twist = (before.points, views.points, views.z_px), setup.std_acceleration * dt_s
-    return _Known(*known, *core.unknown_errors(*of_rig, *seen, twist, std_twist))
+    unknown_px, cov_turn = core.unknown_errors(*of_rig, *seen, twist, std_twist)
+    known_px, of_disparity = state.disparity.effects(before.points, motion, views.z_px)
+    of_turn = by_turn(setup.projection, views.z_px, state.turn_root)
+    return _Known(*known, known_px, np.concatenate([unknown_px, of_disparity, of_turn], axis=2), cov_turn)
 
 
 def _resect(
@@ -253,11 +262,19 @@ def _resect(
     It is sought from `start` (4, 4); `predicted` (4, 4): by the last velocity, or `by_inertia`.
     """
     before, weights, gate_probability = known.before, known.weights, setup.config.robust.gate_probability
-    seen = before.points, known.cov_points, views.z_px, views.cov_px
+    seen = before.points, known.cov_points, views.z_px - known.known_px, views.cov_px
     point_views = PointViews(setup.projection, *seen, gate_probability, known.unknown_px)
     motion = resect(point_views, start, weights, predicted)
     if motion.ok and not state.start.is_over:
         motion = decided(before, point_views, weights, motion)
+    if motion.ok and _jumps(setup, motion.cam_from_ref, predicted, dt_s):
+        motion = steadier(before, point_views, weights, motion, predicted)
+    in_question = not state.start.is_over or state.ambiguity.frames_left > 0
+    if motion.ambiguous is not None and not in_question:
+        jump, other_jumps = (
+            _jumps(setup, m, predicted, dt_s) for m in (motion.cam_from_ref, motion.ambiguous.cam_from_ref)
+        )
+        motion = without_newcomer(before, motion) if other_jumps and not jump else motion
     if by_inertia is not None:
         motion = nearer(by_inertia, point_views, weights, motion)
     agree = motion.ok and weights[motion.accepted].sum() >= _MIN_AGREEMENT * known.weight
@@ -277,6 +294,12 @@ def _judge_turn(
     return replace(state, turn_watch=watch), agree
 
 
+def _jumps(setup: Setup, cam_from_previous: Array, predicted: Array, dt_s: float) -> bool:
+    """Whether a motion (4, 4) is beyond what the last velocity and the assumed acceleration allow."""
+    apart = np.abs(se3.log(se3.inverse(predicted) @ cam_from_previous))
+    return bool((apart > _JUMP * setup.std_acceleration * dt_s**2).any())
+
+
 def _is_background_hidden(
     setup: Setup, state: FrontEndState, found: Tracks, motion: Resection, predicted: Array, dt_s: float
 ) -> bool:
@@ -285,9 +308,7 @@ def _is_background_hidden(
     needed = min(MANY_VIEWS, 0.5 * np.count_nonzero(state.tracks.agreed))
     if np.count_nonzero(agree & trusted) >= needed:
         return False
-    apart = np.abs(se3.log(se3.inverse(predicted) @ motion.cam_from_ref))
-    # beyond what the last velocity and the assumed acceleration allow
-    jumps = bool((apart > _JUMP * setup.std_acceleration * dt_s**2).any())
+    jumps = _jumps(setup, motion.cam_from_ref, predicted, dt_s)
     return (state.background_hidden or jumps) and int(np.count_nonzero(agree & ~trusted)) >= MANY_VIEWS
 
 
@@ -313,7 +334,7 @@ def _advance(
     if projection.virtual_right:
         now = update_by_parallax(projection, now.moved(motion.cam_from_ref), z_px, cov_px, cam_from_start)
     else:
-        now = now.updated(projection, motion.cam_from_ref, z_px, cov_px)
+        now = now.updated(projection, motion.cam_from_ref, z_px, state.with_turn(z_px, cov_px))
     now = replace(now, left_px=seen_px[:, :2].copy())
     start = state.start
     ambiguity, other, settled = state.ambiguity.after(motion, before.agreed, rival)

@@ -27,7 +27,7 @@ MANY_VIEWS = 2 * MIN_VIEWS  # fewer agree by chance
 # where they are four times too large 0.67.)
 CALM_SHARE = 0.8
 # A second motion makes the first one ambiguous from this share of the evidence of the first one on. Bodies that
-# pass in a room have up to .05 of it on the sample logs, and up to .09 where they are there before anything has a
+# pass in a room have up to 0.05 of it on the sample logs, and up to 0.09 where they are there before anything has a
 # history.
 _AMBIGUOUS_SHARE = 0.1
 BEYOND = 2.0  # gates: views that are clearly not of the first motion

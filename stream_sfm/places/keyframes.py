@@ -124,8 +124,8 @@ def _features(
     Where they are in the right image is found by flow, from the disparity of the nearest point (n) with views `z_px`.
     """
     none = np.zeros((0, 2), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 32), np.uint8)
-    # Points of the engine alone gave a recall of .2 instead of 1.0 on a corridor; the usual threshold of 20 grey values
-    # leaves bare walls without features.
+    # Points of the engine alone gave a recall of 0.2 instead of 1.0 on a corridor; the usual threshold of 20 grey
+    # values leaves bare walls without features.
     corners, descriptors = cv2.ORB.create(500, fastThreshold=10).detectAndCompute(images[0], None)
     if not corners or not len(z_px):
         return none
@@ -151,6 +151,6 @@ def _features(
 
 
 def _cov_features(projection: StereoProjection, points: Array) -> Array:
-    """Covariances (k, 3, 3) of points (k, 3) that were triangulated; the flow from left to right has a σ of .3 px."""
+    """Covariances (k, 3, 3) of points (k, 3) that were triangulated; the flow from left to right has a σ of 0.3 px."""
     j = projection.jacobian(points.astype(float))
     return np.asarray(0.3**2 * np.linalg.inv(np.swapaxes(j, 1, 2) @ j))

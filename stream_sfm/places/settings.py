@@ -9,7 +9,7 @@ from ..record import record
 class PlaceSettings:
     """For all rigs: lengths are in units of the median depth of a view."""
 
-    # A keyframe is due. At .1 and 8° a corridor has a fifth more keyframes and costs a third more.
+    # A keyframe is due. At 0.1 and 8° a corridor has a fifth more keyframes and costs a third more.
     moved_depths: float = 0.15
     turned_rad: float = math.radians(11)
     # Share of the points in common with the last keyframe, below which much of the view is new. Without it a camera put
@@ -17,7 +17,7 @@ class PlaceSettings:
     new_view: float = 0.5
     min_frames: int = 2  # between keyframes; at 1 a corridor there and back has, and costs, a sixth more
     # σ of a rotation beyond which a motion is not known: nothing is linear there, and of a graph with such motions
-    # beside others of .1 mrad GTSAM finds no solution.
+    # beside others of 0.1 mrad GTSAM finds no solution.
     unknown_rad: float = 0.3
     # Factor on the variance of a motion's own error: successive motions see the same structure, so their errors add up
     # to more than independent ones. NEES of the way along a corridor, 6 expected: 9.4 without it.
@@ -45,7 +45,7 @@ class PlaceSettings:
 
     # What is verified.
     max_ratio: float = 0.85  # of the distances of features to the best and to the second best match
-    min_views: int = 15  # at 25 a corridor there and back has a recall of .69 instead of .88
+    min_views: int = 15  # at 25 a corridor there and back has a recall of 0.69 instead of 0.88
     # Of the 4 × 4 cells of the image, that must hold accepted views: not one poster alone. Without it one of 26 pairs
     # that are taken for the same place in a corridor is not.
     min_cells: int = 5

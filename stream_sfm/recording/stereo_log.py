@@ -232,7 +232,7 @@ class StereoLog:
                     zero_ns = pair.stamp_ns
                 elif pair.stamp_ns <= last_ns:
                     if count:
-                        ended = "their clock was set back: start there to read them"
+                        ended = "the clock was set back there; start there to read the rest"
                         break
                     zero_ns = pair.stamp_ns - since_ns
                 if any(now.calibration is not before for now, before in zip(pair.images, sent, strict=False)):
@@ -254,8 +254,7 @@ class StereoLog:
                     count += 1
         if ended:
             self.stats.complete = False
-            where = f"the frames behind {since_ns / 1e9:.2f} s"
-            self.stats.warnings.append(f"{self.path}: {where} were not read: {ended}")
+            self.stats.warnings.append(f"{self.path}: reading stopped at {since_ns / 1e9:.2f} s: {ended}")
         if not count:
             until = "" if end_s is None else f" and before {end_s:g} s"
             raise LogError(

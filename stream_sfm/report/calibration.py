@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from ..camera.refinement import TERMS, disparity_rms_px
+from ..camera.refinement import LENS_TERMS, disparity_rms_px
 from ..geometry.stereo import StereoProjection
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import disparity_over_image
-from ..rig_model.terms import DELAY, FOCAL, READOUT
+from ..rig_model.terms import CAUSES
 
+_LEAST_PX = 0.005  # of disparity: less is 0.00 px in words
 _SAMPLES = (5, 9)  # rows and columns of the places in the image over which errors are averaged
 
 
@@ -22,6 +23,11 @@ def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, A
         text = (
             f"refined by {disparity_rms_px(refined):.2f} px of disparity, and corrected by "
             f"{disparity_rms_px(estimate.mean - refined):.2f} px more, as these images show"
+        )
+    elif estimate.applied and not (estimate.agrees(LENS_TERMS) and rms_px > _LEAST_PX):
+        text = (
+            f"corrected by {rms_px:.2f} px of disparity as these images suggest; parts of the run do not agree that "
+            "the calibration is wrong"
         )
     elif estimate.applied:
         telling = 0.1  # relative error of a distance
@@ -39,12 +45,10 @@ def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, A
     return {
         "applied": estimate.applied,
         "probability_wrong": estimate.p_wrong,
-        "terms": list(TERMS),
-        "error_px": estimate.mean[: len(TERMS)].tolist(),
-        "std_px": np.sqrt(np.diag(estimate.cov))[: len(TERMS)].tolist(),
-        "delay_s": estimate.term(DELAY),
-        "readout_s": estimate.term(READOUT),
-        "focal_length": estimate.term(FOCAL),
+        "terms": list(LENS_TERMS),
+        "error_px": estimate.mean[: len(LENS_TERMS)].tolist(),
+        "std_px": np.sqrt(np.diag(estimate.cov))[: len(LENS_TERMS)].tolist(),
+        **{group.key: estimate.group(group) for group in CAUSES},
         "disparity_rms_px": rms_px,
         "text": "; ".join([text, *estimate.findings()]),
     }

@@ -5,22 +5,25 @@ Matrices are written row by row. A dict of numbers by name is two arrays, `<fiel
 
 import re
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import Field, fields
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera.refinement import TERMS
+from ..camera.refinement import LENS_TERMS
+from ..config import RigConfig
 from ..geometry import se3
 from ..rig_model.estimate import RigEstimate
-from ..rig_model.terms import DELAY, FOCAL, READOUT
+from ..rig_model.terms import CAUSES, TERMS, at, prior_std
 from ..types import CommonErrors, FrameEstimate, InertialEstimate, RelativeMotions, Status
 
 SCHEMA_VERSION = 2
 ESTIMATE, SCALARS, TIMING = (f"stream_sfm_msgs/msg/{name}" for name in ("Estimate", "Scalars", "Timing"))
+_OF_CAUSES = "\n".join(f"float64[] rig_{c.key}  # {c.meaning}; then σ of each; or empty" for c in CAUSES)
 # A field and its explanation per line.
 _FIELDS = {
-    ESTIMATE: """\
+    ESTIMATE: f"""\
 std_msgs/Header header  # One frame of /stream_sfm/estimate: everything except the points (/stream_sfm/points and \
 /stream_sfm/map).
 int64 schema_version  # raised when a field changes its meaning
@@ -45,9 +48,8 @@ float64[] common_cov  # their covariance, m×m row by row
 float64[] common_jacobian  # how they move the pose, 6×m row by row; c is in σ of what was assumed
 float64[] rig_error_px  # errors of the calibration as known now, px; empty where it is taken for exact
 float64[] rig_cov_px2  # their covariance, one matrix, or empty
-float64[] rig_delay_s  # delay of the right camera and its σ, seconds, or empty
-float64[] rig_readout_s  # readout time of the shutters, from the top down, and its σ, seconds, or empty
-float64[] rig_focal_length  # error of the common focal length as a share of it, and its σ, or empty
+{_OF_CAUSES}
+float64[] rig_evidence  # on how many σ thirds of the run agree about each term; empty while it is short
 bool rig_applied  # whether the calibration is more probably wrong than right
 float64[] inertial_state  # by inertial samples: velocity, gravity, both in the camera, biases of gyroscope and \
 accelerometer, scale, turn of the unit, time offset: 17 numbers; or empty
@@ -90,13 +92,11 @@ float64[] timings_ms
 DEFINITIONS = {
     name: re.sub(r"^(.+)  # (.+)$", r"# \2\n\1", text, flags=re.MULTILINE) for name, text in _FIELDS.items()
 }
-_AS_IN_ESTIMATES = (
-    *("frame_index", "stamp_ns", "reason", "world_from_cam", "cov_pose", "window_frame_indices"),
-    *("window_world_from_cam", "unscaled", "nis", "nis_dof"),
-)
-_OF_RELATIVE = ("frame_indices", "frame_from_newest", "cov", "common_jacobian")
-_OF_COMMON = ("mean", "cov", "jacobian")
-_RIG_TIMES = {FOCAL: "rig_focal_length", DELAY: "rig_delay_s", READOUT: "rig_readout_s"}
+_IN_ESTIMATE = re.findall(r"^\S+ (\w+)  #", _FIELDS[ESTIMATE], flags=re.MULTILINE)
+_PLAIN = [f for f in fields(FrameEstimate) if f.name in _IN_ESTIMATE and f.name not in ("status", "counts")]
+_PARTS: dict[str, type] = {"relative": RelativeMotions, "common": CommonErrors}  # their fields have a prefix
+_FORMER = {"relative_frame_from_newest": "relative_frame_from_cam"}  # names of fields in older files
+Part = TypeVar("Part")
 
 
 def named(field: str, numbers: Mapping[str, float]) -> dict[str, Any]:
@@ -106,18 +106,19 @@ def named(field: str, numbers: Mapping[str, float]) -> dict[str, Any]:
 
 def estimate_fields(estimate: FrameEstimate) -> dict[str, Any]:
     """Return the fields of an ESTIMATE, without its header; `estimate_of` is the inverse."""
-    relative, common, rig, n = estimate.relative, estimate.common, estimate.rig, len(TERMS)
-    fields = {name: getattr(estimate, name) for name in _AS_IN_ESTIMATES}
-    fields |= {"schema_version": SCHEMA_VERSION, "status": str(estimate.status), **named("counts", estimate.counts)}
-    for part, prefix, names in ((relative, "relative", _OF_RELATIVE), (common, "common", _OF_COMMON)):
-        values = {f"{prefix}_{name}": getattr(part, name, None) for name in names}
-        fields |= {name: () if value is None else value for name, value in values.items()}
-    fields["relative_frame_from_cam"] = fields["relative_frame_from_newest"]
-    fields["rig_applied"] = rig is not None and rig.applied
-    fields |= {name: () if rig is None else rig.term(term) for term, name in _RIG_TIMES.items()}
-    fields |= _inertial_fields(estimate.inertial)
-    of_rig = ((), ()) if rig is None else (rig.mean[:n], rig.cov[:n, :n])
-    return fields | dict(zip(("rig_error_px", "rig_cov_px2"), of_rig, strict=True))
+    rig, n = estimate.rig, len(LENS_TERMS)
+    values = {f.name: getattr(estimate, f.name) for f in _PLAIN}
+    values |= {"schema_version": SCHEMA_VERSION, "status": str(estimate.status), **named("counts", estimate.counts)}
+    for prefix, kind in _PARTS.items():
+        part = {f"{prefix}_{f.name}": getattr(getattr(estimate, prefix), f.name, None) for f in fields(kind)}
+        values |= {name: () if value is None else value for name, value in part.items() if name in _IN_ESTIMATE}
+    values |= {former: values[name] for name, former in _FORMER.items()}
+    values["rig_applied"] = rig is not None and rig.applied
+    values |= {f"rig_{cause.key}": () if rig is None else rig.group(cause) for cause in CAUSES}
+    values["rig_evidence"] = () if rig is None or rig.evidence is None else rig.evidence
+    values |= _inertial_fields(estimate.inertial)
+    of_lenses = ((), ()) if rig is None else (rig.mean[:n], rig.cov[:n, :n])
+    return values | dict(zip(("rig_error_px", "rig_cov_px2"), of_lenses, strict=True))
 
 
 def _inertial_fields(of: InertialEstimate | None) -> dict[str, Any]:
@@ -147,52 +148,62 @@ def _inertial(m: Any) -> InertialEstimate | None:
 def estimate_of(m: Any, points: tuple[NDArray[Any], ...] | None = None) -> FrameEstimate:
     """Return the content of an ESTIMATE, with the ids, points and covariances of another message if given.
 
-    Points in the world, those that have left the view, and times per stage are left out.
+    Points in the world, those that have left the view, and times per stage are left out. A field that the message does
+    not have, as in files of earlier versions, has its default.
     """
-    world_from_cam, rows = m.world_from_cam.reshape(4, 4), len(m.common_mean)
     track_ids, points_in_cam, cov_points = points or (np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3, 3)))
     in_cam = points_in_cam.astype(float)
-    common = relative = None
-    if rows:
-        common = CommonErrors(m.common_mean, m.common_cov.reshape(rows, rows), m.common_jacobian.reshape(6, rows))
-    if len(m.relative_frame_indices):
-        relative = RelativeMotions(
-            m.relative_frame_indices,
-            m.relative_frame_from_newest.reshape(-1, 4, 4),
-            m.relative_cov.reshape(-1, 6, 6),
-            m.relative_common_jacobian.reshape(-1, 6, rows) if rows else None,
-        )
+    values = {f.name: _shaped(getattr(m, f.name), f) for f in _PLAIN if hasattr(m, f.name)}
+    common = _part(m, "common", CommonErrors)
     return FrameEstimate(
-        frame_index=m.frame_index,
-        stamp_ns=m.stamp_ns,
+        **values,
         status=Status(m.status),
-        reason=m.reason,
-        world_from_cam=world_from_cam,
-        cov_pose=m.cov_pose.reshape(6, 6),
         track_ids=track_ids,
         points_in_cam=in_cam,
         cov_points=cov_points.astype(float),
-        points_in_world=se3.transform(world_from_cam, in_cam),
+        points_in_world=se3.transform(values["world_from_cam"], in_cam),
         cov_points_in_world=np.full((len(in_cam), 3, 3), np.nan),
-        window_frame_indices=m.window_frame_indices,
-        window_world_from_cam=m.window_world_from_cam.reshape(-1, 4, 4),
         counts=dict(zip(m.counts_names, m.counts.tolist(), strict=True)),
-        nis=m.nis,
-        nis_dof=m.nis_dof,
         timings_ms={},
-        unscaled=m.unscaled,
-        relative=relative,
+        relative=_part(m, "relative", RelativeMotions, m=0 if common is None else len(common.mean)),
         common=common,
-        rig=_rig(m) if len(m.rig_error_px) else None,
+        rig=_rig(m) if len(getattr(m, "rig_error_px", ())) else None,
         inertial=_inertial(m),
     )
 
 
-def _rig(m: Any) -> RigEstimate:
-    """The recorded errors of the rig; the smooth field and the prior are not recorded."""
-    times = [getattr(m, name) for name in _RIG_TIMES.values()]
-    n = len(m.rig_error_px)
-    mean = np.array([*m.rig_error_px, *(value for value, _ in times)])
-    cov = np.diag([0.0] * n + [std**2 for _, std in times])
-    cov[:n, :n] = m.rig_cov_px2.reshape(n, n)
-    return RigEstimate(mean, cov, float(m.rig_applied), mean, cov, np.full(len(mean), np.nan))
+def _shaped(value: Any, of: Field[Any], m: int = -1) -> Any:
+    """The value of a field from how a message has it, flat; `m` common errors."""
+    shape = of.metadata.get("shape")
+    return value if shape is None else value.reshape([m if size == "m" else size for size in shape])
+
+
+def _part(message: Any, prefix: str, kind: type[Part], m: int | None = None) -> Part | None:
+    """A part of an estimate; None where the message has nothing of it."""
+    values = {}
+    for f in fields(kind):  # type: ignore[arg-type]
+        name = f"{prefix}_{f.name}"
+        value = getattr(message, name, getattr(message, _FORMER.get(name, name), ()))
+        m = len(value) if m is None else m  # the first field of common errors is their mean
+        if len(value) and (m or "m" not in f.metadata["shape"]):
+            values[f.name] = _shaped(value, f, m)
+    return kind(**values) if values else None
+
+
+def _rig(message: Any) -> RigEstimate:
+    """The recorded errors of the rig; the smooth field and the prior are not recorded.
+
+    An error that the file does not have is 0, with the σ that is assumed of it.
+    """
+    mean, std = np.zeros(len(TERMS)), prior_std(RigConfig())
+    for cause in CAUSES:
+        recorded = np.asarray(getattr(message, f"rig_{cause.key}", ()))
+        if len(recorded):
+            mean[at(cause.terms)], std[at(cause.terms)] = recorded.reshape(2, -1)
+    cov, n = np.diag(std**2), len(message.rig_error_px)
+    mean[:n], cov[:n, :n] = message.rig_error_px, message.rig_cov_px2.reshape(n, n)
+    evidence = np.asarray(getattr(message, "rig_evidence", ()))
+    return RigEstimate(
+        *(mean, cov, float(message.rig_applied), mean, cov, np.full(len(mean), np.nan)),
+        evidence=evidence if len(evidence) else None,
+    )

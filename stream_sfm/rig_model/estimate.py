@@ -2,20 +2,12 @@
 
 import numpy as np
 
-from ..camera.refinement import TERMS as LENS_TERMS
-from ..camera.refinement import Refinement
+from ..camera.refinement import LENS_TERMS, Refinement
 from ..geometry.se3 import Array
 from ..record import record
-from .terms import AT_TURNING, DELAY, FOCAL, FOCUSING, READOUT, TERMS
+from .terms import CAUSES, TERMS, Group, at
 
 CERTAIN = 5.0  # standard deviations from which on an error is put into words, and known to change
-# Of each term: units per its own unit; what is said of it; and the word where it is positive, and negative.
-_SENTENCES = {
-    DELAY: (1e3, "the right camera is {:.2f} ± {:.2f} ms {}", "late", "early"),
-    READOUT: (1e3, "the shutters read out in {:.2f} ± {:.2f} ms{}", "", ", from the bottom up"),
-    FOCAL: (100, "the focal length is {:.2f} ± {:.2f} % {}", "longer", "shorter"),
-    FOCUSING: (100, "the focal length {2} by {0:.3f} ± {1:.3f} % per second", "grows", "shrinks"),
-}
 
 
 @record
@@ -27,6 +19,7 @@ class RigEstimate:
     units of `stream_sfm.rig_model.terms`. `prior_std` (m,): σ of each before any view, as far as has been learnt.
     `refined` (m,): the part of `mean` that a refinement of the calibration has already; None without one. `age_s`:
     for how long errors have grown by their rates; those of a Solution are of the start, of a FrameEstimate of now.
+    `evidence` (t,): on how many σ thirds of the run agree for each term; None while it is too short to have thirds.
     """
 
     mean: Array
@@ -37,6 +30,7 @@ class RigEstimate:
     prior_std: Array
     refined: Array | None = None
     age_s: float = 0.0
+    evidence: Array | None = None
 
     @property
     def applied(self) -> bool:
@@ -51,24 +45,32 @@ class RigEstimate:
 
     def term(self, name: str) -> tuple[float, float]:
         """Return one of the `TERMS` in its unit, and its standard deviation."""
-        at = TERMS.index(name)
-        return float(self.mean[at]), float(np.sqrt(self.cov[at, at]))
+        where = TERMS.index(name)
+        return float(self.mean[where]), float(np.sqrt(self.cov[where, where]))
+
+    def group(self, group: Group) -> tuple[float, ...]:
+        """Return the errors of a group, and then their standard deviations."""
+        errors, std = zip(*(self.term(name) for name in group.terms), strict=True)
+        return *errors, *std
+
+    def agrees(self, terms: tuple[str, ...]) -> bool:
+        """Whether thirds of the run agree about one of some terms that follow each other."""
+        return self.evidence is not None and float(self.evidence[at(terms)].max()) > CERTAIN
 
     def findings(self) -> list[str]:
-        """Sentences about what is certain of the cameras' timing and focal length, of an estimate in units."""
+        """Sentences about what is certain of the cameras' timing and focal length, of an estimate in units.
+
+        That is where all of the run says so, and its thirds agree about it.
+        """
         found = []
-        for term, (units, sentence, positive, negative) in _SENTENCES.items():
-            error, std = self.term(term)
-            if abs(error) > CERTAIN * std:
-                word = positive if error > 0 else negative
-                found.append(sentence.format(units * abs(error), units * std, word))
-        rate, cov = self.mean[AT_TURNING], self.cov[AT_TURNING, AT_TURNING]
-        if rate @ np.linalg.solve(cov, rate) > CERTAIN**2:
-            size = float(np.linalg.norm(rate))
-            std = float(np.sqrt(rate @ cov @ rate)) / size
-            found.append(
-                f"the right camera turns against the left one by {6e4 * size:.2f} ± {6e4 * std:.2f} mrad per minute"
-            )
+        for group in CAUSES:
+            where = at(group.terms)
+            error, cov = self.mean[where], self.cov[where, where]
+            if self.agrees(group.terms) and error @ np.linalg.pinv(cov) @ error > CERTAIN**2:
+                size = float(np.linalg.norm(error))
+                std = float(np.sqrt(error @ cov @ error)) / size
+                word = group.words[0] if error[0] > 0 else group.words[1]
+                found.append(group.sentence.format(group.per_unit * size, group.per_unit * std, word))
         return found
 
     def __repr__(self) -> str:

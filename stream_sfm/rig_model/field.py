@@ -13,7 +13,7 @@ import numpy as np
 from .. import core
 from ..geometry.se3 import Array
 
-_LENGTH = 0.1  # ℓ over the image's width; the evidence of three real logs is flat from .07 to .13
+_LENGTH = 0.1  # ℓ over the image's width; the evidence of three real logs is flat from 0.07 to 0.13
 # Of the inducing points, in ℓ. At 1.25 the field follows more of its own variance, with twice the amplitudes: measured,
 # kitti00_mid is 8 % better, kitti06 worse by a half, and an estimate takes half as long again.
 _SPACING = 1.6

@@ -15,10 +15,10 @@ from ..geometry.stereo import Pinholes, StereoProjection, places_over_image
 from ..record import record
 from .estimate import CERTAIN, RigEstimate
 from .field import NO_FIELD, Field, field_over
-from .terms import AT_TIMING, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
+from .terms import AT_TIMING, DISPARITY, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
 
 _FOCUSING_S = 1.0  # for about so long an autofocus moves
-_LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
+LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
 # What the three parts of the field move of a view (u_left, v_left, u_right, v_right): the disparity, and u and v of
 # both sides alike. Without the last two, halves of the image differ by up to 2.4 σ on euroc_mh01, with them by 1.7.
 FIELD_MOVES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -120,6 +120,15 @@ class RigModel:
         moved = core.timed_views(*self.cameras, points_in_cam, motion, timing_s, z_px)
         return moved * self.units_of_timing
 
+    def by_disparity(self, points: Array, cam_from_previous: Array, z_px: Array) -> Array:
+        """Return what amplitudes of 1 of the disparity's error do to views (n, 4) of points (n, 4) measured with it.
+
+        (n, 4, 6) px; points are homogeneous, in the previous camera, and have the error in their depths.
+        """
+        p = self.projection
+        by_term = core.disparity_effects(p.pinholes, (p.width, p.height), points, cam_from_previous, z_px)
+        return by_term @ self.root[DISPARITY, DISPARITY]
+
     def error_px(self, estimate: RigEstimate, z_px: Array) -> Array:
         """Return what the errors of an estimate in amplitudes do to views (n, 4), which stand still, now; px."""
         return self.effects(z_px, age_s=estimate.age_s)[..., : len(estimate.mean)] @ estimate.mean
@@ -127,7 +136,7 @@ class RigModel:
     def timing(self, mean: Array, cov: Array) -> tuple[Array, Array]:
         """Return mean (2,) and covariance (2, 2) of delay and readout, seconds, from those of all amplitudes."""
         at, unit = AT_TIMING, self.root[AT_TIMING, AT_TIMING]
-        return unit @ mean[at], unit @ (cov[at, at] + _LEAST_VARIANCE * np.eye(2)) @ unit.T
+        return unit @ mean[at], unit @ (cov[at, at] + LEAST_VARIANCE * np.eye(2)) @ unit.T
 
     def before_views(self) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Return mean and σ of all amplitudes (m,) before any view, and of which (m,) the size is to be learnt."""

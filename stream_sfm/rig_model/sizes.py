@@ -12,19 +12,18 @@ import numpy as np
 from .. import core
 from ..geometry.se3 import Array
 from ..record import record
-from .terms import DELAY, FOCAL, FOCUSING, READOUT, TERMS, TURNING
+from .terms import CAUSES, FOCAL, TERMS
 
 # Sizes that are considered, all equally probable: from those of rendered images to three times of what is assumed.
 _SIZES = np.geomspace(0.025, 3.0, 41)
 _FOCAL = TERMS.index(FOCAL)
-# What noise shows of the other terms is considered only: each of these groups is 0 or not, and beforehand the odds that
+# What noise shows of the other terms is considered only: each of `CAUSES` is 0 or not, and beforehand the odds that
 # it is not are _ODDS. At 1 : 5 the focus of an exact camera that looks down on a lawn seems to move, and the run fails:
 # a rendered mower, every frame or every other, ends up to 15 m off instead of .03. KITTI would be 3 to 12 % better.
-_MAY_BE_ZERO = ((FOCAL,), (DELAY,), (READOUT,), TURNING, (FOCUSING,))
 _ODDS = 0.05
-_COMBINATIONS = list(product((False, True), repeat=len(_MAY_BE_ZERO)))
+_COMBINATIONS = list(product((False, True), repeat=len(CAUSES)))
 _IS_ZERO = np.array(  # (32, 7): which terms are 0 in each combination
-    [[zero for terms, zero in zip(_MAY_BE_ZERO, zeros, strict=True) for _ in terms] for zeros in _COMBINATIONS]
+    [[zero for group, zero in zip(CAUSES, zeros, strict=True) for _ in group.terms] for zeros in _COMBINATIONS]
 )
 _LOG_PRIOR = np.log(_ODDS) * np.sum(~np.array(_COMBINATIONS), axis=1)
 # Of the information that views claim about these terms, the share that counts for whether they are wrong at all: errors
@@ -57,10 +56,11 @@ def likely_sizes(mean: Array, cov: Array, size: Array) -> Array:
     return result
 
 
-def mixture(mean: Array, cov: Array, size: Array, known_wrong: bool = False) -> Mixture:
+def mixture(mean: Array, cov: Array, size: Array, known_wrong: bool = False, spread: float = 1.0) -> Mixture:
     """Return the errors by N(`mean`, `cov`), where lenses with their field, or each of the other terms, may have none.
 
     What turns show of the focal length or of a delay, noise shows, too: until one is probable, it counts in the
-    covariance in full.
+    covariance in full. `spread`: how many σ parts of the run are apart about these terms.
     """
-    return Mixture(*core.rig_mixture(mean, cov, size, _FOCAL, _IS_ZERO, _LOG_PRIOR, _COUNTS, known_wrong))
+    counts = min(_COUNTS, spread**-2.0)
+    return Mixture(*core.rig_mixture(mean, cov, size, _FOCAL, _IS_ZERO, _LOG_PRIOR, counts, known_wrong))

@@ -10,11 +10,12 @@ is a term here.
 """
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from .. import core
-from ..camera.refinement import TERMS as LENS_TERMS
+from ..camera.refinement import LENS_TERMS
 from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, places_over_image
@@ -22,22 +23,91 @@ from .field import NO_FIELD
 
 FOCAL, DELAY, READOUT = "focal length", "delay", "readout"
 TURNING, FOCUSING = ("turning x", "turning y", "turning z"), "focusing"
-TERMS = (*LENS_TERMS, FOCAL, DELAY, READOUT, *TURNING, FOCUSING)
-AT_TIMING = slice(TERMS.index(DELAY), TERMS.index(READOUT) + 1)
-AT_TURNING = slice(TERMS.index(TURNING[0]), TERMS.index(TURNING[-1]) + 1)
-DISPARITY = slice(0, 6)  # the polynomial of the disparity
+
+
+class Group(NamedTuple):
+    """Terms of one cause, which are zero together or not at all.
+
+    `std`: the setting of `RigConfig` with σ of each, in the unit of the term. `key` is their name in files, and
+    `meaning` explains it; the terms of lenses have neither, as they are written together. `sentence` reports a certain
+    error: its size and σ, both multiplied by `per_unit`, and one of `words`, for a positive and for a negative error.
+    """
+
+    terms: tuple[str, ...]
+    std: str
+    key: str = ""
+    meaning: str = ""
+    per_unit: float = 1.0
+    sentence: str = ""
+    words: tuple[str, str] = ("", "")
+
+
+# All terms in their order, which `core.RigTerm` repeats for the formulas.
+GROUPS = (
+    Group(LENS_TERMS[:6], "std_disparity_px"),
+    Group(LENS_TERMS[6:12], "std_lens_px"),
+    Group(LENS_TERMS[12:], "std_lens_difference_px"),
+    Group(
+        terms=(FOCAL,),
+        std="std_focal",
+        key="focal_length",
+        meaning="error of the common focal length as a share of it",
+        per_unit=100,
+        sentence="the focal length is {:.2f} ± {:.2f} % {}",
+        words=("longer", "shorter"),
+    ),
+    Group(
+        terms=(DELAY,),
+        std="std_delay_s",
+        key="delay_s",
+        meaning="delay of the right camera, seconds",
+        per_unit=1e3,
+        sentence="the right camera is {:.2f} ± {:.2f} ms {}",
+        words=("late", "early"),
+    ),
+    Group(
+        terms=(READOUT,),
+        std="std_readout_s",
+        key="readout_s",
+        meaning="readout time of the shutters, from the top down, seconds",
+        per_unit=1e3,
+        sentence="the shutters read out in {:.2f} ± {:.2f} ms{}",
+        words=("", ", from the bottom up"),
+    ),
+    Group(
+        terms=TURNING,
+        std="std_turning_rad_s",
+        key="turning_rad_s",
+        meaning="turn of the right camera about x, y and z, radians per second",
+        per_unit=6e4,
+        sentence="the right camera turns against the left one by {:.2f} ± {:.2f} mrad per minute",
+    ),
+    Group(
+        terms=(FOCUSING,),
+        std="std_focusing_per_s",
+        key="focusing_per_s",
+        meaning="change of the focal length per second as a share of it",
+        per_unit=100,
+        sentence="the focal length {2} by {0:.3f} ± {1:.3f} % per second",
+        words=("grows", "shrinks"),
+    ),
+)
+CAUSES = tuple(group for group in GROUPS if group.key)  # those beside the lenses
+TERMS = tuple(term for group in GROUPS for term in group.terms)
+
+
+def at(terms: tuple[str, ...]) -> slice:
+    """Return where some terms are that follow each other."""
+    return slice(TERMS.index(terms[0]), TERMS.index(terms[-1]) + 1)
+
+
+AT_TIMING, AT_TURNING = at((DELAY, READOUT)), at(TURNING)
+DISPARITY = at(GROUPS[0].terms)  # the polynomial of the disparity
 
 
 def prior_std(config: RigConfig) -> Array:
-    """Return σ (t,) of each term: px, the focal length as a share of itself, delay and readout in seconds.
-
-    Of the last ones per second: turns of the right camera in radians, and the focal length.
-    """
-    std = dict.fromkeys(LENS_TERMS, config.std_lens_px) | dict.fromkeys(LENS_TERMS[:6], config.std_disparity_px)
-    std |= {"radial difference": config.std_lens_difference_px, FOCAL: config.std_focal}
-    std |= {DELAY: config.std_delay_s, READOUT: config.std_readout_s}
-    std |= dict.fromkeys(TURNING, config.std_turning_rad_s) | {FOCUSING: config.std_focusing_per_s}
-    return np.array([std[term] for term in TERMS])
+    """Return σ (t,) of each term before any view, in the term's unit."""
+    return np.array([getattr(config, group.std) for group in GROUPS for _ in group.terms])
 
 
 def columns(projection: StereoProjection, z_px: Array, age_s: Array | float = 0.0) -> Array:
@@ -57,6 +127,18 @@ def effects_of_turn(projection: StereoProjection, left_px: Array) -> Array:
     """
     right_px = left_px + np.array([projection.cx_right_px - projection.cx_left_px, 0.0])
     return core.effects_of_turn(projection.pinholes, right_px)
+
+
+def by_turn(projection: StereoProjection, z_px: Array, root: Array) -> Array:
+    """Return what amplitudes of a turn of the right camera, of covariance `root` (3, e) times its transpose, rad, do.
+
+    To views (n, 4): (n, 4, e) px; 0 for a missing side.
+    """
+    moved = np.zeros((len(z_px), 4, root.shape[1]))
+    seen = np.flatnonzero(np.isfinite(z_px[:, 2]))
+    if root.size and len(seen):
+        moved[seen, 2:] = core.effects_of_turn(projection.pinholes, z_px[seen, 2:]) @ root
+    return moved
 
 
 @lru_cache(maxsize=8)

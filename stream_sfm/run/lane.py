@@ -12,11 +12,11 @@ from ..config import Config
 from ..estimators import METHODS, make_estimator
 from ..evaluation.structure import StructureComparison
 from ..geometry.medians import median
+from ..lane import BareLane
 from ..observer import Observed, Observer
 from ..recording.ground_truth import DepthImages
 from ..report.records import RunRecord
 from ..results.folder import ResultFolder
-from ..rig_model.estimate import RigEstimate
 from ..types import (
     ExpectedMotion,
     FrameEstimate,
@@ -29,7 +29,7 @@ from ..types import (
 from .world import World
 
 
-class Lane:
+class Lane(BareLane):
     """One method: its estimator, its `record`, and its result `folder`, if results are written.
 
     With `depth`, points are compared with these images; `in_detail`, the record has the figures of all points, too.
@@ -47,14 +47,12 @@ class Lane:
     ) -> None:
         self.config, self._in_detail = config, in_detail
         projection = observer.projection
+        super().__init__(observer, make_estimator(config.method, projection, config))
         self.record = RunRecord(config.method, projection.f_px * projection.baseline_m)
         self.error: Exception | None = None
         self.folder = None if folder is None else ResultFolder(folder, observer.rig, config)
-        self.solution: Solution | None = None  # of the latest frame
-        self.rig: RigEstimate | None = None  # the estimator's latest knowledge of the rig's errors
-        self.observer, self._depth = observer, depth
+        self._depth = depth
         self.finds_rig = METHODS[config.method].finds_rig and not config.rig.exact
-        self._estimator = make_estimator(config.method, projection, config)
         self._structure = StructureComparison(observer.rig.left)
         self._world = World(config.motion)
 
@@ -62,36 +60,33 @@ class Lane:
         """Continue with the observer of another rig: a new map, in the same world."""
         self._world.begin_anew(self.observer.state.frame_index)
         self.observer, self.rig, self._structure.camera = observer, None, observer.rig.left
-        self._estimator = make_estimator(self.config.method, observer.projection, self.config)
+        self.estimator = make_estimator(self.config.method, observer.projection, self.config)
 
     def expect(self, stamp_ns: int, view: InertialView) -> ExpectedMotion | None:
         """Return the motion up to a frame that its inertial samples predict, if the method takes them."""
-        return expected_motion(self._estimator, stamp_ns, view)
+        return expected_motion(self.estimator, stamp_ns, view)
 
     def take(self, observed: Observed) -> FrameEstimate | None:
         """Estimate a frame and write it; None if the lane has failed, now or before."""
         self.solution = None
         if self.error is not None:
             return None
-        began_s = time.thread_time()  # CPU: other lanes run beside this one
         try:
-            solution = self._estimator.step(observed.observations)
+            estimate = self.estimate(observed)
         except np.linalg.LinAlgError as error:
             self.error = error
             self.record.failure = f"stopped at frame {observed.observations.frame_index}: {error}"
             return None
-        self.solution, self.rig = solution, solution.rig or self.rig
-        if isinstance(self._estimator, InertialEstimator):
-            self.record.inertial_problem = self._estimator.inertial_problem
-        estimate = self.observer.estimate(observed, solution, 1e3 * (time.thread_time() - began_s))
+        if isinstance(self.estimator, InertialEstimator):
+            self.record.inertial_problem = self.estimator.inertial_problem
         estimate = self._world.place(estimate, observed.observations)
         began_s = time.thread_time()
         if self.folder is not None:
             self.folder.write(estimate)
         total_ms = sum(estimate.timings_ms.values()) + 1e3 * (time.thread_time() - began_s)
         of_points = (np.nan, np.nan)
-        if self._in_detail and len(estimate.points_in_cam):
-            of_points = _median_sigma_m(estimate), self._reprojection_px(solution, observed.observations)
+        if self._in_detail and self.solution is not None and len(estimate.points_in_cam):
+            of_points = _median_sigma_m(estimate), self._reprojection_px(self.solution, observed.observations)
         self.record.add(estimate, total_ms, of_points)
         self._compare_depth(estimate)
         return estimate

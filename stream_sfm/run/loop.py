@@ -27,8 +27,8 @@ from ..types import Frame, FrameEstimate, Selection, Sink
 from ..wording import counted
 from .lane import Lane, without_rig_errors
 
-# Frames for which the first lane is ahead in the beginning: while it finds out the errors of the rig, lanes that are
-# only told of them would jump from frame to frame, by up to 45 mm on the demo.
+# The first lane runs this many frames ahead, until its rig estimate settles. Lanes that use this estimate would
+# otherwise jump from frame to frame, by up to 45 mm on the demo.
 _AHEAD_FRAMES = 30
 
 Frames = Generator[RecordedFrame, None, None]

@@ -8,14 +8,13 @@ import numpy as np
 
 from ..camera.calibration.document import Where
 from ..camera.known_timing import KnownTiming
-from ..camera.refinement import TERMS, combine
+from ..camera.refinement import LENS_TERMS, combine
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import ConfigError, LogError
 from ..recording.stereo_log import open_log
 from ..rig_model.estimate import CERTAIN, RigEstimate
-from ..rig_model.terms import DELAY, READOUT, prior_std
-from ..rig_model.terms import TERMS as TERMS_OF_RIG
+from ..rig_model.terms import DELAY, READOUT, TERMS, prior_std
 from ..types import Frame, FrameEstimate, Selection
 from .replay import replay
 
@@ -63,7 +62,7 @@ def refine(
         estimates.append(latest.rig)
     known = [e for e in estimates if e is not None]
     if known:
-        n = len(TERMS)
+        n = len(LENS_TERMS)
         priors_px = np.array([e.prior_std[:n] for e in known])
         refinement = combine([e.refinement for e in known], priors_px, prior_std(config.rig)[:n])
         rig = replace(rig, refinement=refinement, timing=timing_of(known, config))
@@ -85,7 +84,7 @@ class _Latest:
 def timing_of(estimates: Sequence[RigEstimate], config: Config) -> KnownTiming | None:
     """Return delay and readout by independent runs; None where no run is certain of either."""
     values, certain = [], False
-    for term in (TERMS_OF_RIG.index(DELAY), TERMS_OF_RIG.index(READOUT)):
+    for term in (TERMS.index(DELAY), TERMS.index(READOUT)):
         mean, var = np.array([(e.mean[term], e.cov[term, term]) for e in estimates]).T
         told = mean**2 > CERTAIN**2 * var
         information = (1 / var[told]).sum()

@@ -9,6 +9,7 @@ from ..estimators.lifecycle import lost_solution
 from ..estimators.motion_model import MotionModel
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..record import Kind, with_changes
 from ..types import FrameEstimate, Observations, Solution, Status
 
 _REASON = "the calibration has changed: a new map begins at the predicted pose"
@@ -48,29 +49,23 @@ class World:
         return estimate
 
     def _moved(self, estimate: FrameEstimate, from_map: Array) -> FrameEstimate:
-        first, first_id = self._first_frame, self._first_id
-        to_cam = se3.adjoint(se3.inverse(estimate.world_from_cam))
-        relative, change = estimate.relative, estimate.rig_change
-        if relative is not None:
-            relative = replace(relative, frame_indices=relative.frame_indices + first)
-        return replace(
+        """Return an estimate of the latest map in this world: `stream_sfm.types` says of what kind its fields are."""
+
+        def cov_pose(cov: Array, world_from_cam: Array) -> Array:
+            to_cam = se3.adjoint(se3.inverse(world_from_cam))
+            moved: Array = cov + to_cam @ self._cov @ to_cam.T
+            return moved
+
+        return with_changes(
             estimate,
-            frame_index=estimate.frame_index + first,
-            world_from_cam=se3.orthonormalise(from_map @ estimate.world_from_cam),
-            cov_pose=estimate.cov_pose + to_cam @ self._cov @ to_cam.T,
-            track_ids=estimate.track_ids + first_id,
-            points_in_world=se3.transform(from_map, estimate.points_in_world),
-            cov_points_in_world=self._cov_moved(estimate.points_in_world, estimate.cov_points_in_world, from_map),
-            window_frame_indices=estimate.window_frame_indices + first,
-            window_world_from_cam=from_map @ estimate.window_world_from_cam,
-            rejected_ids=estimate.rejected_ids + first_id,
-            ended_ids=estimate.ended_ids + first_id,
-            ended_points_in_world=se3.transform(from_map, estimate.ended_points_in_world),
-            ended_cov_points_in_world=self._cov_moved(
-                estimate.ended_points_in_world, estimate.ended_cov_points_in_world, from_map
-            ),
-            relative=relative,
-            rig_change=None if change is None else replace(change, frame_index=change.frame_index + first),
+            {
+                Kind.FRAMES: lambda frames, _: frames + self._first_frame,
+                Kind.TRACKS: lambda ids, _: ids + self._first_id,
+                Kind.POSES: lambda poses, _: se3.orthonormalise(from_map @ poses),
+                Kind.COV_POSE: cov_pose,
+                Kind.POINTS: lambda points, _: se3.transform(from_map, points),
+                Kind.COV_POINTS: lambda cov, points: self._cov_moved(points, cov, from_map),
+            },
         )
 
     def _cov_moved(self, points: Array, cov_points: Array, from_map: Array) -> Array:

@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from ..camera.refinement import TERMS
+from ..camera.refinement import LENS_TERMS
 from ..config import Config
 from ..estimators import make_estimator
 from ..estimators.baselines.full_batch import cramer_rao_bound
@@ -23,7 +23,7 @@ from .scenes import Scene, Sequence
 from .studies import Condition, Report, mean, of_conditions, ratio
 
 QUANTITIES = ("rotation", "position", "local_structure")
-EXPECTED = dict.fromkeys(QUANTITIES, 1.0) | {"nees_pose": 6.0, "nees_rig": float(len(TERMS))}
+EXPECTED = dict.fromkeys(QUANTITIES, 1.0) | {"nees_pose": 6.0, "nees_rig": float(len(LENS_TERMS))}
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Window:
     rig: bool
     lasting: bool
 
-    def told(self, observations: Observations) -> Observations:
+    def observations_for(self, observations: Observations) -> Observations:
         """Return the observations with the knowledge that this window has."""
         return replace(
             observations,
@@ -74,7 +74,7 @@ def measure(seed: np.random.SeedSequence, scene: Scene, wrong_rig: bool, frames:
     """
     of_scene, of_rig = seed.spawn(2)
     sequence = scene.sequence(of_scene)
-    error = np.random.default_rng(of_rig).normal(size=len(TERMS)) * wrong_rig
+    error = np.random.default_rng(of_rig).normal(size=len(LENS_TERMS)) * wrong_rig
     observations = seen_by_wrong_rig(sequence, error)
 
     def figures(frame: int, solution: Solution) -> dict[str, float]:
@@ -83,7 +83,7 @@ def measure(seed: np.random.SeedSequence, scene: Scene, wrong_rig: bool, frames:
     result = {}
     for window in WINDOWS if wrong_rig else _OF_EXACT_RIG:
         estimator = make_estimator("cross-frame", sequence.projection, Config())
-        told = [window.told(o) for o in observations]
+        told = [window.observations_for(o) for o in observations]
         result[window.label] = followed(estimator, told, frames, tuple(EXPECTED), figures)
     known = observations if wrong_rig else tuple(replace(o, rig=None) for o in observations)
     rho, truth = scene.autocorrelation, (sequence.world_from_cam, sequence.points_in_world)

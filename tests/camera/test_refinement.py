@@ -8,18 +8,18 @@ import pytest
 
 from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.camera.models import Camera
-from stream_sfm.camera.refinement import TERMS, Refinement, combine, disparity_rms_px
+from stream_sfm.camera.refinement import LENS_TERMS, Refinement, combine, disparity_rms_px
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config
 from stream_sfm.engine import Engine
 from stream_sfm.errors import ConfigError
 from tests.helpers.wall import Wall, camera_path, rig
 
-N = len(TERMS)
+N = len(LENS_TERMS)
 
 
 def _errors(error_px: dict[str, float]) -> np.ndarray:
-    return np.array([error_px.get(term, 0.0) for term in TERMS])
+    return np.array([error_px.get(term, 0.0) for term in LENS_TERMS])
 
 
 def test_a_refined_calibration_is_read_back_unchanged(tmp_path: Path) -> None:

@@ -35,8 +35,21 @@ TEMPLATES = (1, 4, 2, 3.0, 20.0, 4.0, 1.0)
 RULES = ((80.0, 60.0), 0.8, 2.0, 4, 0.1, False, False)
 TRACKS = (POINTS, np.ones(N), COV[:, :2, :2], MOTIONS, STARTS, STARTS, np.ones(N, int))
 BYTES, BYTES_STORED = IMAGE.astype(np.uint8), STORED.astype(np.uint8)
-STATE = (MOTIONS[:2], SLOTS, MOTIONS, POINTS[:, :3], np.zeros(8))
-SEEN = (SLOTS % 2, SLOTS, SLOTS > 0, VIEWS, np.ones((N, 4)), COV, SHARED, np.zeros((N, 4, 0)), FIELD, MOVES)
+STATE = (MOTIONS[:2], SLOTS, MOTIONS, POINTS[:, :3], np.zeros(8), np.zeros((2, 1)))
+SEEN = (
+    SLOTS % 2,
+    SLOTS,
+    SLOTS > 0,
+    VIEWS,
+    np.ones((N, 4)),
+    COV,
+    SHARED[..., :1],
+    SHARED,
+    np.zeros((N, 4, 0)),
+    FIELD,
+    MOVES,
+)
+ONE = (MOTIONS[:1], *STATE[1:5], np.zeros((1, 1))), (SLOTS * 0, *SEEN[1:])
 PRIOR = (SLOTS, POINTS[:, :3], COV[:, :3, :3], np.zeros((N, 3, 9)), np.eye(8), np.ones(8))
 OF_BOTH = np.zeros((N, 3, 12))
 
@@ -129,15 +142,16 @@ CALLS = {
     "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),
     "eliminate_points": (COV[:, :3, :3], np.zeros((N, 3, 12))),
     "window_system": (core.normal_blocks(PINHOLES, STATE, SEEN), PRIOR, POINTS[:, :3], np.zeros(9)),
-    "points_alone": (COV[:, :3, :3], POINTS[:, :3], SHARED[:, :3], POINTS[:, :3], np.ones(2)),
+    "points_alone": (COV[:, :3, :3], np.zeros((N, 3, 7)), POINTS[:, :3], SHARED[:, :3], POINTS[:, :3], np.ones(2)),
+    "disparity_effects": (PINHOLES, (80.0, 60.0), POINTS, np.eye(4), VIEWS),
     "leaving_views": (
-        *(PINHOLES, (MOTIONS[:1], *STATE[1:]), (SLOTS * 0, *SEEN[1:]), SLOTS > 2),
+        *(PINHOLES, *ONE, SLOTS > 2),
         *(np.ones((N, 3)), SLOTS > 1, SLOTS[3:], COV[3:, :3, :3]),
     ),
-    "absorbing_system": (core.normal_blocks(PINHOLES, STATE, SEEN), PRIOR, MOTIONS, POINTS[:, :3], np.zeros(9)),
+    "absorbing_system": (core.normal_blocks(PINHOLES, *ONE), PRIOR, MOTIONS, POINTS[:, :3], np.zeros(9)),
     "absorbed_points": (
         *(SLOTS, COV[:, :3, :3], FIELD[:, None] * np.ones((N, 3, 3)), POINTS[:, :3], POINTS[:, :3], SLOTS > 2),
-        (SLOTS[:2], POINTS[:2, :3], COV[:2, :3, :3], np.ones((2, 3, 1))),
+        (SLOTS[:2], POINTS[:2, :3], COV[:2, :3, :3], np.ones((2, 3, 2))),
     ),
 }
 VALUES = (np.nan, np.inf, -np.inf, 1e300, -1e300)

@@ -13,12 +13,12 @@ from stream_sfm.estimators.cross_frame.prior import Prior
 from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
-from tests.helpers.estimators import dense_system, in_reference, point_blocks, q_from_homogeneous, window_views
+from tests.helpers.estimators import in_reference, point_blocks, q_from_homogeneous, window_views, without_own
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
-N, K, M = 9, 10, 2  # points, modes, of which those of the rig
+N, K, M, E = 9, 10, 2, 2  # points, modes, of which those of the rig; errors that a frame has of its own
 FRAMES, TOTAL = 2, N + 3  # of a window, with three points that the prior does not know
-NO_POINTS = np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3, M))
+NEW = 2  # points that enter the prior with a frame
 ANCHORS = se3.exp(0.1 * np.random.default_rng(4).normal(size=(N, 6)))
 
 
@@ -69,16 +69,17 @@ def _estimated(prior: Prior) -> np.ndarray:
 def blocks_of(rng) -> NormalBlocks:
     """The normal equations of a view of each point but one, with Jacobians at random."""
     by_point, by_rig, r = 500 * rng.normal(size=(N, 4, 3)), rng.normal(size=(N, 4, M)), rng.normal(size=(N, 4))
-    by_point[2] = by_rig[2] = 0  # not seen
-    none = np.zeros((1, 6))
+    by_own = rng.normal(size=(N, 4, 6 + E))
+    by_own[..., :6] = 0  # the pose is the reference
+    by_point[2] = by_rig[2] = by_own[2] = 0  # not seen
     return NormalBlocks(
-        u=np.zeros((1, 6, 6)),
+        u=(np.einsum("nij,nik->jk", by_own, by_own) + np.diag(np.arange(6 + E) > 5))[None],
         v=np.swapaxes(by_point, 1, 2) @ by_point,
-        w=np.zeros((N, 3, 6)),
-        g_pose=none,
+        w=np.swapaxes(by_point, 1, 2) @ by_own,
+        g_pose=np.einsum("nij,ni->j", by_own, r)[None],
         g_point=np.einsum("nij,ni->nj", by_point, r),
         rig=np.einsum("nij,nik->jk", by_rig, by_rig),
-        rig_pose=np.zeros((1, 6, M)),
+        rig_pose=np.einsum("nij,nik->jk", by_own, by_rig)[None],
         rig_point=np.swapaxes(by_point, 1, 2) @ by_rig,
         g_rig=np.einsum("nij,ni->j", by_rig, r),
     )
@@ -103,10 +104,13 @@ def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, 
         info[3 * i : 3 * i + 3, n + 6 :] = b.rig_point[i]
         info[n + 6 :, 3 * i : 3 * i + 3] = b.rig_point[i].T
     info[n + 6 :, n + 6 :] = b.rig
+    with_own = np.concatenate([b.w[..., 6:].reshape(n, E), np.zeros((6, E)), b.rig_pose[0, 6:].T])
+    gain = np.linalg.solve(b.u[0, 6:, 6:], with_own.T).T
+    info -= gain @ with_own.T
     # the prior's mean at modes 0, seen from the state at modes y
     at_y = np.concatenate([(prior.mean - q).ravel(), -prior.world_modes @ y, -y[-M:]])
     away = carry[:, :-6] @ at_y
-    right = np.concatenate([b.g_point.ravel(), np.zeros(6), b.g_rig])
+    right = np.concatenate([b.g_point.ravel(), np.zeros(6), b.g_rig]) - gain @ b.g_pose[0, 6:]
     cov = before @ np.linalg.inv(np.eye(len(before)) + info @ before)
     return away + cov @ (right - info @ away), cov
 
@@ -120,7 +124,16 @@ def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> Non
     )  # linearised at the prior's own prediction, so that means can be compared linearly
     blocks = blocks_of(rng)
     mean, cov = absorbed_densely(prior, y, x, q, blocks)
-    after = prior.absorb_frame(y, x, se3.orthonormalise(x @ ANCHORS), q, blocks, np.ones(N, bool), NO_POINTS)
+    by_own, by_rig = rng.normal(size=(NEW, 3, E)), rng.normal(size=(NEW, 3, M))
+    new = N + np.arange(NEW), np.zeros((NEW, 3)), spd(rng, NEW, 3, 1e-6), by_own, by_rig
+    after = prior.absorb_frame(y, x, se3.orthonormalise(x @ ANCHORS), q, blocks, np.ones(N, bool), new)
+    # what points that begin with the frame share with it, by the posterior of its own amplitudes given the rest
+    shared = after.modes[N:].reshape(3 * NEW, -1)
+    cov_new = shared[:, :-M] @ shared[:, :-M].T
+    own = np.linalg.lstsq(by_own.reshape(3 * NEW, E), shared[:, :-M], rcond=None)[0]
+    assert np.allclose(by_own.reshape(3 * NEW, E) @ own, shared[:, :-M])
+    assert (np.linalg.eigvalsh(own @ own.T) < 1).all() and np.trace(cov_new) > 0
+    after = replace(after, ids=after.ids[:N], mean=after.mean[:N], cov=after.cov[:N], modes=after.modes[:N])
     scale = np.sqrt(np.diag(cov))
     # a pose of σ 10 is as good as unknown
     assert np.abs((dense(after) - cov) / np.outer(scale, scale)).max() < 1e-4
@@ -176,7 +189,7 @@ def assert_known(prior: Prior, mean: np.ndarray, cov: np.ndarray) -> None:
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ((0.2**-2 - 1, 2.0**-2 - 1), (0.0, 0.0)),  # σ of .2 and 2 instead of 1
+        ((0.2**-2 - 1, 2.0**-2 - 1), (0.0, 0.0)),  # σ of 0.2 and 2 instead of 1
         ((0.0, 3.0), (0.0, 0.7)),
         ((0.0, 1e6), (0.0, 0.7)),
         ((0.0, -0.2), (0.0, 0.7)),  # where rows say less than before
@@ -223,8 +236,9 @@ def window_of(prior: Prior, rng: np.random.Generator) -> tuple[State, NormalBloc
         z + rng.normal(size=z.shape),
         np.broadcast_to(2 * np.eye(4), (len(z), 4, 4)),
         rng.normal(size=(len(z), 4, M)),
+        own=rng.normal(size=(len(z), 4, E)),
     )
-    state = State(cams, np.arange(TOTAL), anchors, q, np.zeros(M))
+    state = State(cams, np.arange(TOTAL), anchors, q, np.zeros(M), rng.normal(size=(FRAMES, E)))
     lin = linearise(P, state, views)
     return state, lin, System(prior, np.arange(N), lin, q, np.zeros(K))
 
@@ -234,7 +248,7 @@ def dense_window(prior: Prior, lin: NormalBlocks) -> tuple[np.ndarray, np.ndarra
     a, b = 6 * FRAMES, 3 * TOTAL
     h, g = np.zeros((a + b + 6 + M, a + b + 6 + M)), np.zeros(a + b + 6 + M)
     seen = np.r_[: a + b, a + b + 6 : a + b + 6 + M]
-    h[np.ix_(seen, seen)], g[seen] = dense_system(lin)
+    h[np.ix_(seen, seen)], g[seen], _ = without_own(lin)
     with_prior = np.concatenate([a + np.arange(3 * N), a + b + np.arange(6 + M)])
     information = np.linalg.inv(dense(prior))
     h[np.ix_(with_prior, with_prior)] += information
@@ -284,7 +298,7 @@ def test_system_is_the_dense_solution(prior, own) -> None:
     held = prior.rig.mean + rng.normal(size=M)
     prior = replace(prior, rig=replace(prior.rig, held=held, weighted=rng.normal(size=M)))
     _, lin, system = window_of(prior, rng)
-    dx, dq, dy, decrease = system.step()
+    dx, _, dq, dy, decrease = system.step()
     a, b = 6 * FRAMES, 3 * TOTAL
     h, g = dense_window(prior, lin)
     cov = np.linalg.inv(h)
@@ -296,7 +310,7 @@ def test_system_is_the_dense_solution(prior, own) -> None:
     assert of_views == pytest.approx(cov[-M:, -M:], rel=1e-6)
     delta = delta + gain @ (held - mean)
     change = rng.normal(size=M)
-    px, pq, py = system.follow_rig(change)
+    px, _, pq, py = system.follow_rig(change)
     followed = np.concatenate([px.ravel(), pq.ravel(), prior.world_modes @ py, py[-M:]])
     assert np.abs((followed - gain @ change) / np.sqrt(np.diag(cov))).max() < 1e-6
     if own:
@@ -304,11 +318,13 @@ def test_system_is_the_dense_solution(prior, own) -> None:
         system.cov_rig = cov_held
         cov = cov + gain @ (cov_held - cov[-M:, -M:]) @ gain.T
     scale = np.sqrt(np.diag(cov))
-    by_rig = np.concatenate([system.by_rig[:a], prior.world_modes @ np.concatenate([system.by_rig[a:], np.eye(M)])])
+    by_rig = np.concatenate(
+        [system.by_rig[:a], prior.world_modes @ np.concatenate([system.by_rig[system.modes :], np.eye(M)])]
+    )
     assert by_rig == pytest.approx(gain[np.r_[:a, a + b : a + b + 6]], rel=1e-6, abs=1e-9)
     found = np.concatenate([dx.ravel(), dq.ravel(), prior.world_modes @ dy, dy[-M:]])
     assert np.abs((found - delta) / scale).max() < 1e-6
-    assert decrease == pytest.approx(g @ delta, rel=1e-9)
+    assert decrease == pytest.approx(g @ delta + without_own(lin)[2], rel=1e-9)
     own, by_rig_errors = system.covariances(FRAMES - 1)
     qq_given, of_both_given, both_given = _joint(system, own)
     qq, of_both, both = map(np.add, _joint(system, own), _joint(system, by_rig_errors, 0.0))

@@ -9,7 +9,7 @@ from stream_sfm.geometry import se3
 from tests.helpers.estimators import nees
 from tests.helpers.wall import Wall, camera_path, rig
 
-N, DISPARITY_PX = 20, 65  # .8 m away, before a wall at 3 m
+N, DISPARITY_PX = 20, 65  # 0.8 m away, before a wall at 3 m
 
 
 def with_arm(frame: sfm.StereoFrame, share: float, seed: int) -> sfm.StereoFrame:
@@ -36,5 +36,5 @@ def test_an_arm_in_front_of_the_scene_is_not_taken_for_it(share: float) -> None:
     assert nees(estimates[-1].world_from_cam, estimates[-1].cov_pose, poses[-1]) < 22.5  # χ² of 6: 99.9 %
     begin, end = (estimates[k].world_from_cam for k in (N // 2, N - 1))
     lately = se3.inverse(se3.inverse(begin) @ end) @ se3.inverse(poses[N // 2]) @ poses[-1]
-    assert np.linalg.norm(lately[:3, 3]) < 0.01  # of .23 m, which is the error of who follows the arm
+    assert np.linalg.norm(lately[:3, 3]) < 0.01  # of 0.23 m, which is the error of who follows the arm
     assert estimates[-1].status is sfm.Status.OK

@@ -78,7 +78,7 @@ def test_a_body_that_hides_the_wall_is_not_taken_for_it() -> None:
     assert covered.sum() >= 2
     statuses = [e.status for e in estimates]
     assert all(statuses[k] == sfm.Status.LOST for k in np.flatnonzero(covered))
-    assert any("the background is hidden" in e.reason for e in estimates)
+    assert any("background occluded" in e.reason for e in estimates)
     assert statuses[-1] == sfm.Status.OK
 
 

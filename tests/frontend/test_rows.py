@@ -171,14 +171,14 @@ def test_a_delay_that_is_told_counts_as_known() -> None:
     rows = Rows.unknown(P, Config()).learnt(at, smooth(at) + 8e-3 * speed + STD_PX * rng.normal(size=N), speed)
     assert np.abs(offsets_px(rows, GRID) - smooth(GRID)).max() > 0.2
     std = 1e-4
-    told, d = rows.told(-8e-3, std**2), rows_of._POLYNOMIAL
+    told, d = rows.with_delay(-8e-3, std**2), rows_of._POLYNOMIAL
     information = np.linalg.inv(rows.cov)
     information[d, d] += std**-2 - 1 / rows.cov[d, d]
     assert told.cov == pytest.approx(np.linalg.inv(information), abs=1e-12, rel=1e-6)
     assert told.mean[d] == pytest.approx(-8e-3)
     off = np.abs(offsets_px(told, GRID) - smooth(GRID))
     assert (off < 4 * np.sqrt(variance(told)) + 0.02).all()
-    assert rows.told(0.0, 1.0) is rows  # of what is known worse nothing is taken
+    assert rows.with_delay(0.0, 1.0) is rows  # of what is known worse nothing is taken
 
 
 def test_a_delay_that_is_not_possible_is_not_found() -> None:

@@ -24,7 +24,7 @@ row_of = own_rows(P)
 
 def told(delay_s: float, readout_s: float, std_s: float = 2e-4) -> Timing:
     prior = Timing.unknown(P, RigConfig(), row_of)
-    return prior.told(np.array([delay_s, readout_s]), std_s**2 * np.eye(2))
+    return prior.with_estimate(np.array([delay_s, readout_s]), std_s**2 * np.eye(2))
 
 
 def test_what_is_certain_is_told_and_what_is_near_zero_shrinks() -> None:
@@ -40,7 +40,7 @@ def test_what_is_certain_is_told_and_what_is_near_zero_shrinks() -> None:
 
 def test_an_exact_rig_takes_nothing_in() -> None:
     exact = Timing.unknown(P, RigConfig(exact=True), row_of)
-    assert exact.told(np.array([8e-3, 0.0]), 1e-8 * np.eye(2)) is exact
+    assert exact.with_estimate(np.array([8e-3, 0.0]), 1e-8 * np.eye(2)) is exact
     assert (exact.taken_out(POINTS, TWIST) == 0).all()
 
 
@@ -118,6 +118,6 @@ def test_points_begun_before_any_motion_are_placed_by_a_timing_that_is_known(ane
     front.step(frames[begin])
     assert front.state.timing.twist is None and not front.state.timing.mean[1] and len(front.state.tracks) > 100
     observed = front.step(frames[begin + 1])
-    assert "has moved against the left one" not in observed.note
+    assert "relative to the left" not in observed.note
     in_both = np.isfinite(observed.z_px[: len(observed.z_px) - observed.n_new, 2])
     assert in_both.mean() > 0.9

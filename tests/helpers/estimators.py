@@ -46,13 +46,23 @@ def q_from_homogeneous(points: Array) -> Array:
 
 
 def window_views(
-    frame: np.ndarray, ids: np.ndarray, z_px: np.ndarray, root: np.ndarray, terms: Array, *effects: Array
+    frame: np.ndarray,
+    ids: np.ndarray,
+    z_px: np.ndarray,
+    root: np.ndarray,
+    terms: Array,
+    *effects: Array,
+    own: Array | None = None,
 ) -> WhitenedViews:
-    """Views that are all used, of both sides, whose errors are independent; `effects`: of timing and field, if any."""
+    """Views that are all used, of both sides, whose errors are independent; `effects`: of timing and field, if any.
+
+    `own` (n, 4, e): what the views of a frame err by in common.
+    """
     n = len(ids)
     every, rest = np.ones(n, bool), effects or (np.zeros((n, 4, 0)), np.zeros((n, 0)))
+    own = np.zeros((n, 4, 0)) if own is None else own
     return WhitenedViews(
-        frame, ids, z_px, root, np.ones((n, 4)), every, every, z_px, np.zeros((n, 3)), terms, *rest
+        frame, ids, z_px, root, np.ones((n, 4)), every, every, z_px, np.zeros((n, 3)), own, terms, *rest
     )
 
 
@@ -62,8 +72,8 @@ def homogeneous_from_q(q: Array) -> Array:
 
 
 def dense_system(lin: NormalBlocks) -> tuple[Array, Array]:
-    """Matrix and right side of a window's normal equations, over poses, points and errors of the rig."""
-    a, b, m = 6 * len(lin.u), 3 * len(lin.v), len(lin.rig)
+    """Matrix and right side of a window's normal equations, over frames, points and errors of the rig."""
+    a, b, m = lin.g_pose.size, 3 * len(lin.v), len(lin.rig)
     h = np.zeros((a + b + m, a + b + m))
     h[a : a + b, :a] = lin.w.reshape(b, a)
     h[a + b :, :a] = lin.rig_pose.reshape(a, m).T
@@ -74,6 +84,20 @@ def dense_system(lin: NormalBlocks) -> tuple[Array, Array]:
         for at, block in zip(range(first, first + size * len(blocks), size), blocks, strict=True):
             h[at : at + size, at : at + size] = block
     return h, np.concatenate([lin.g_pose.ravel(), lin.g_point.ravel(), lin.g_rig])
+
+
+def without_own(lin: NormalBlocks) -> tuple[Array, Array, float]:
+    """The dense system with the amplitudes that frames have of their own marginalised: over poses, points and rig.
+
+    And the decrease of the sum of squares by these alone.
+    """
+    h, g = dense_system(lin)
+    frames, f = lin.g_pose.shape
+    own = np.zeros(len(g), bool)
+    own[: frames * f].reshape(frames, f)[:, 6:] = True
+    gain = np.linalg.solve(h[own][:, own], h[own]).T[~own]
+    decrease = float(g[own] @ np.linalg.solve(h[own][:, own], g[own]))
+    return h[~own][:, ~own] - gain @ h[own][:, ~own], g[~own] - gain @ g[own], decrease
 
 
 def point_blocks(cov: Array) -> Array:

@@ -26,6 +26,7 @@ LAYERS = (
     ("motion",),
     ("frontend", "estimators", "evaluation", "mcap_file"),
     ("observer", "sources"),
+    ("lane",),
     ("engine", "recording"),
     ("results", "places", "inspection", "importers", "simulation"),
     ("report",),

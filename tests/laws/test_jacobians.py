@@ -70,7 +70,7 @@ def test_projection_and_triangulation_are_inverse():
 
 
 def test_normal_equations_equal_those_of_a_numerical_jacobian():
-    frames, n, terms, basis = 3, 12, len(TERMS), 5
+    frames, n, terms, basis, e = 3, 12, len(TERMS), 5, 2
     cams = se3.exp(RNG.normal(size=(frames, 6)) * 0.05)
     anchors = se3.exp(RNG.normal(size=(n, 6)) * 0.1)
     q = q_from_homogeneous(np.c_[se3.transform(se3.inverse(anchors), POINTS[:n, None])[:, 0], np.ones(n)])
@@ -82,21 +82,25 @@ def test_normal_equations_equal_those_of_a_numerical_jacobian():
     roots = RNG.normal(size=(v, 4, 4))
     effects = [RNG.normal(size=shape) for shape in ((v, 4, terms), (v, 4, 2), (v, basis))]
     m = terms + FIELD_MOVES.shape[1] * basis
-    views = window_views(frame, point, z[frame, point], roots, *effects)
-    rig_error = RNG.normal(size=m)
-    end = 6 * frames + 3 * n
+    by_own = RNG.normal(size=(v, 4, e))
+    views = window_views(frame, point, z[frame, point], roots, *effects, own=by_own)
+    rig_error, own = RNG.normal(size=m), RNG.normal(size=(frames, e))
+    of_frames = (6 + e) * frames
+    end = of_frames + 3 * n
 
     def residual(x: np.ndarray) -> np.ndarray:
-        poses = se3.exp(x[: 6 * frames].reshape(frames, 6)) @ cams
-        points = q + x[6 * frames : end].reshape(n, 3)
+        of_frame = x[:of_frames].reshape(frames, 6 + e)
+        poses, amplitudes = se3.exp(of_frame[:, :6]) @ cams, own + of_frame[:, 6:]
+        points = q + x[of_frames:end].reshape(n, 3)
         in_cam = (poses[frame] @ in_reference(anchors, points)[point][..., None])[..., 0]
         off_px = views.z_px - P.project_homogeneous(in_cam) - views.shift_px(rig_error + x[end:])
-        return (roots @ off_px[..., None]).ravel()
+        off_px -= (by_own @ amplitudes[frame][..., None])[..., 0]
+        return np.concatenate([(roots @ off_px[..., None]).ravel(), -amplitudes.ravel()])  # with their prior
 
     size = end + m
     j = np.stack([(residual(h) - residual(-h)) / 2e-6 for h in 1e-6 * np.eye(size)], axis=1)
     h, g = j.T @ j, -j.T @ residual(np.zeros(size))
-    lin = linearise(P, State(cams, np.arange(n), anchors, q, rig_error), views)
+    lin = linearise(P, State(cams, np.arange(n), anchors, q, rig_error, own), views)
     dense, right = dense_system(lin)
     assert np.abs(h - dense).max() < 1e-6 * np.abs(h).max()
     assert np.abs(g - right).max() < 1e-6 * np.abs(g).max()

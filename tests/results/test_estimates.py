@@ -13,7 +13,7 @@ from rosbags.rosbag2 import Reader
 
 from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rig import StereoRig
-from stream_sfm.config import Config, config_to_toml
+from stream_sfm.config import Config, RigConfig, config_to_toml
 from stream_sfm.errors import InputError, LogError
 from stream_sfm.geometry import se3
 from stream_sfm.results.estimate_messages import TOPICS
@@ -23,6 +23,8 @@ from stream_sfm.results.frames import fixed_axis_covariance
 from stream_sfm.results.ros_messages import type_store
 from stream_sfm.results.run_results import read_results
 from stream_sfm.results.trajectory_files import NAMES, lines_of
+from stream_sfm.rig_model.estimate import RigEstimate
+from stream_sfm.rig_model.terms import CAUSES, TERMS, prior_std
 from stream_sfm.sources.pose_files import read_tum
 from stream_sfm.types import FrameEstimate, Status
 from tests.helpers.places import ROOM
@@ -152,6 +154,50 @@ def test_a_file_of_an_earlier_version_is_refused_with_the_way_out(tmp_path: Path
         writer.finish()
     with pytest.raises(LogError, match=r"/stream_sfm/estimate is encoded as 'json'.*replay the log again"):
         list(read_estimates(tmp_path / "old.mcap"))
+
+
+@pytest.mark.parametrize(
+    ("earlier", "missing"),
+    [
+        ("without_motions", ("relative", "common", "rig")),
+        ("without_rig", ("common", "rig")),
+        ("without_timing", ("common",)),
+        ("without_common_errors", ("common",)),
+        ("without_rates", ()),
+    ],
+)
+def test_files_of_each_earlier_schema_are_read(earlier: str, missing: tuple[str, ...]):
+    """Three frames of the sample log, written by the versions before each new field; named by what they lack."""
+    warnings: list[str] = []
+    frames = list(read_estimates(Path(__file__).parent / "earlier" / f"{earlier}.mcap", warnings))
+    assert not warnings and [e.frame_index for e in frames] == [0, 1, 2]
+    for e in frames:
+        assert np.allclose(se3.inverse(e.world_from_cam) @ e.world_from_cam, np.eye(4))
+        assert np.allclose(e.window_world_from_cam[-1], e.world_from_cam, rtol=0, atol=1e-12)
+    last = frames[-1]
+    assert {name for name in ("relative", "common", "rig") if getattr(last, name) is None} == set(missing)
+    if last.relative is not None:  # its motions lead to the poses of the window
+        before, now = last.window_world_from_cam
+        to = last.relative.frame_from_newest
+        assert last.relative.frame_indices.tolist() == [0, 1] and last.relative.cov.shape == (2, 6, 6)
+        assert np.allclose(before @ to[1], now, atol=1e-9)
+    if last.common is not None:
+        m = len(last.common.mean)
+        assert last.common.jacobian.shape == (6, m) and last.relative.common_jacobian.shape == (2, 6, m)
+    if last.rig is not None:
+        assert last.rig.findings() == [] and len(last.rig.mean) == len(TERMS)
+
+
+def test_what_is_known_of_the_rig_comes_back_with_its_findings(tmp_path: Path):
+    """Each physical term is written; only what terms of different causes have in common is not."""
+    std = 0.01 * prior_std(RigConfig())
+    mean = 8 * std
+    rig_errors = RigEstimate(mean, np.diag(std**2), 1.0, mean, np.diag(std**2), std, evidence=mean / std)
+    write(tmp_path / "estimates.mcap", [replace(estimate(0), rig=rig_errors)])
+    (read,) = read_estimates(tmp_path / "estimates.mcap")
+    assert read.rig is not None and len(read.rig.findings()) == len(CAUSES)
+    assert read.rig.findings() == rig_errors.findings()
+    assert np.allclose(read.rig.mean, mean, rtol=1e-12) and np.allclose(read.rig.cov, rig_errors.cov, rtol=1e-9)
 
 
 @pytest.mark.parametrize("read", [read_estimates, read_clouds])

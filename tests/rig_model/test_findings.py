@@ -15,7 +15,7 @@ def found(**known: tuple[float, float]) -> RigEstimate:
     mean, std = np.zeros(len(TERMS)), np.ones(len(TERMS))
     for name in (DELAY, READOUT, FOCAL, *TURNING, FOCUSING):
         mean[TERMS.index(name)], std[TERMS.index(name)] = known.get(name.replace(" ", "_"), (0.0, 1e-4))
-    return RigEstimate(mean, np.diag(std**2), 0.2, mean, np.diag(std**2), std)
+    return RigEstimate(mean, np.diag(std**2), 0.2, mean, np.diag(std**2), std, evidence=np.abs(mean) / std)
 
 
 @pytest.mark.parametrize(
@@ -36,6 +36,14 @@ def found(**known: tuple[float, float]) -> RigEstimate:
 )
 def test_what_is_certain_is_said(known: dict[str, tuple[float, float]], sentence: str) -> None:
     assert found(**known).findings() == [sentence]
+
+
+def test_what_thirds_of_the_run_do_not_agree_about_is_not_said() -> None:
+    """However small σ of all of it is; nor is anything said of a run that is too short to have thirds."""
+    sure = found(delay=(2e-3, 1e-5))
+    assert sure.findings()
+    assert replace(sure, evidence=np.full(len(TERMS), 3.0)).findings() == []
+    assert replace(sure, evidence=None).findings() == []
 
 
 def test_what_is_not_certain_is_not_said() -> None:

@@ -185,7 +185,7 @@ def test_frames_whose_truth_is_wrong_can_be_left_out(tmp_path: Path) -> None:
     opened = open_log(log, ground_truth=Trajectory(truth.stamps_ns, poses))
     options = {"config": read_config(None, [FEW]), "methods": ("ekf",)}
     found, left_out = (compare(opened, ignore_ground_truth=r, **options).report for r in ((), [(14, 15)]))
-    assert found["methods"]["ekf"]["ate_rmse_m"] > 0.05 > left_out["methods"]["ekf"]["ate_rmse_m"]  # .5/√30 = .09
+    assert found["methods"]["ekf"]["ate_rmse_m"] > 0.05 > left_out["methods"]["ekf"]["ate_rmse_m"]  # 0.5/√30 = 0.09
     assert left_out["frames_ignored"] == [[14, 15]] and left_out["frames_with_ground_truth"] == 29
 
 

@@ -5,13 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stream_sfm.camera.refinement import TERMS
+from stream_sfm.camera.refinement import LENS_TERMS
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config, RigConfig
 from stream_sfm.errors import ConfigError
 from stream_sfm.rig_model.estimate import RigEstimate
-from stream_sfm.rig_model.terms import DELAY, prior_std
-from stream_sfm.rig_model.terms import TERMS as TERMS_OF_RIG
+from stream_sfm.rig_model.terms import DELAY, TERMS, prior_std
 from stream_sfm.run.refine import refine, timing_of
 from stream_sfm.run.replay import replay
 from tests.helpers.wall_log import write_wall_log
@@ -27,7 +26,7 @@ def test_an_exact_calibration_stays_as_it_is_within_its_uncertainty(log: Path) -
     refinement = refined.rig.refinement
     assert refinement is not None
     assert refinement.error_px @ np.linalg.solve(refinement.cov_px2, refinement.error_px) < 42  # χ² of 13, 1e-4
-    assert (refinement.std_px <= prior_std(RigConfig())[: len(TERMS)]).all()
+    assert (refinement.std_px <= prior_std(RigConfig())[: len(LENS_TERMS)]).all()
 
 
 def test_several_logs_tell_more_than_one(log: Path) -> None:
@@ -39,8 +38,8 @@ def test_several_logs_tell_more_than_one(log: Path) -> None:
 
 def test_a_delay_that_is_certain_is_written_with_what_several_runs_know_of_it() -> None:
     """Two runs of one σ leave it at 0.71 of that; a readout that no run is certain of stays what is assumed."""
-    mean, cov = np.zeros(len(TERMS_OF_RIG)), np.diag(prior_std(RigConfig()) ** 2)
-    at = TERMS_OF_RIG.index(DELAY)
+    mean, cov = np.zeros(len(TERMS)), np.diag(prior_std(RigConfig()) ** 2)
+    at = TERMS.index(DELAY)
     mean[at], cov[at, at] = 0.008, 0.0002**2
     run = RigEstimate(mean, cov, 0.0, mean, cov, prior_std(RigConfig()))
     timing = timing_of([run, run], Config())

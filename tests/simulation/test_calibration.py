@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stream_sfm.camera.refinement import TERMS
+from stream_sfm.camera.refinement import LENS_TERMS
 from stream_sfm.estimators.baselines.bundle_adjustment import residuals_and_jacobians
 from stream_sfm.estimators.baselines.full_batch import cramer_rao_bound, gather_views
 from stream_sfm.simulation import calibration
@@ -56,9 +56,9 @@ def dense_bound(sequence: Sequence, effects: np.ndarray) -> np.ndarray:
 
 def test_the_bound_is_that_of_all_views_with_their_correlations() -> None:
     sequence = SMALL.sequence(np.random.SeedSequence(2))
-    observations = seen_by_wrong_rig(sequence, np.zeros(len(TERMS)))
+    observations = seen_by_wrong_rig(sequence, np.zeros(len(LENS_TERMS)))
     by_track = np.concatenate([o.rig.model.effects(o.z_px) for o in observations if o.rig is not None])[
-        ..., : len(TERMS)
+        ..., : len(LENS_TERMS)
     ]
     order = np.argsort(np.concatenate([o.track_ids for o in observations]), kind="stable")
     last = SMALL.frames - 1

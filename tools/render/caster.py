@@ -1,8 +1,9 @@
 """From a scene, a camera and its motion to an image, and to depth.
 
-Rays leave each raw pixel through the exact inverse of the lens distortion. Nine rays a pixel, on a rotated grid
-whose centroid is the pixel's centre, look up trilinearly filtered textures; the picture is their mean (box filter),
-so edges and textures are free of aliasing and nothing is shifted. Depth belongs to the pixel's centre alone.
+Rays leave each raw pixel through the exact inverse of the lens distortion. Nine rays a pixel (or four, for images that
+must be quick), on a rotated grid whose centroid is the pixel's centre, look up trilinearly filtered textures; the
+picture is their mean (box filter), so edges and textures are free of aliasing and nothing is shifted. Depth belongs to
+the pixel's centre alone.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,13 +21,30 @@ from .scene import FACE_AXES, LEVELS, Box, Scene
 
 Array = NDArray[np.floating[Any]]
 
-# Nine rooks: nine different columns and rows of a 9×9 grid, symmetric about the pixel's centre.
-# Each group of rays below has its centroid there too: the instants of an open shutter take them in turn.
-RAY_GROUPS = ((0, 4, 8), (1, 7), (2, 6), (3, 5))
-SUBPIXELS = np.stack([np.arange(9), [0, 3, 6, 1, 4, 7, 2, 5, 8]], axis=1) / 9 - 4 / 9
+
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """Rooks on a grid within each pixel, symmetric about its centre: as many columns and rows as rays.
+
+    `rows`: of the ray in each column. `groups`: rays with their centroid at the pixel's centre, too; the instants of an
+    open shutter take them in turn. `band_rows`: rendered at once, so that their rays fit into the processor's cache.
+    """
+
+    rows: tuple[int, ...]
+    groups: tuple[tuple[int, ...], ...]
+    band_rows: int
+
+    @property
+    def offsets_px(self) -> NDArray[np.float64]:
+        """(n, 2): where in a pixel its rays are, from its centre."""
+        n = len(self.rows)
+        return np.stack([np.arange(n), self.rows], axis=1) / n - (n - 1) / (2 * n)
+
+
+NINE_RAYS = Sampling((0, 3, 6, 1, 4, 7, 2, 5, 8), ((0, 4, 8), (1, 7), (2, 6), (3, 5)), band_rows=8)
+FOUR_RAYS = Sampling((1, 3, 0, 2), ((0, 3), (1, 2)), band_rows=16)
 
 BLUR_MOMENTS = 8  # instants of an open shutter: their images lie a pixel apart at 8 px of blur
-BAND_ROWS = 8  # rendered at once: their rays fit into the processor's cache
 MIRROR_SHARE = 0.85  # of the light that a mirror throws back: a clean one at home
 
 
@@ -65,13 +83,13 @@ def pixel_rays(camera: Camera, pixels: Array) -> NDArray[np.float64]:
 
 
 @lru_cache(maxsize=4)
-def _sampling_rays(key: tuple[int, int, bytes, tuple[float, ...], str]) -> NDArray[np.float32]:
-    """Rays (h, 3, 9, w) of all sub-pixels of a camera: exact at pixel centres, linear within a pixel (1e-4 px)."""
+def _sampling_rays(key: tuple[int, int, bytes, tuple[float, ...], str], sampling: Sampling) -> NDArray[np.float32]:
+    """Rays (h, 3, n, w) of all sub-pixels of a camera: exact at pixel centres, linear within a pixel (1e-4 px)."""
     width, height, k, d, model = key
     camera = Camera(width, height, np.frombuffer(k).reshape(3, 3), d, model)
     rays = _central_rays(camera)
     by_row, by_column = np.gradient(rays, axis=(0, 3), edge_order=2)
-    du, dv = SUBPIXELS.T[..., None]
+    du, dv = sampling.offsets_px.T[..., None]
     return (rays + du * by_column + dv * by_row).astype(np.float32)
 
 
@@ -198,7 +216,7 @@ def _bilinear(scene: Scene, face: int, level: Array, u: Array, v: Array) -> Arra
     return upper * (1 - y) + lower * y
 
 
-def _shaded(scene: Scene, camera: Camera, beams: _Beams, hits: _Hits) -> NDArray[np.float32]:
+def _shaded(scene: Scene, rays_per_rad: float, beams: _Beams, hits: _Hits) -> NDArray[np.float32]:
     """Grey levels (s, h, w) of what the rays met, black where nothing."""
     grey = np.zeros(hits.face.size, np.float32)
     faces, directions = hits.face.ravel(), beams.directions.reshape(3, -1)
@@ -214,7 +232,7 @@ def _shaded(scene: Scene, camera: Camera, beams: _Beams, hits: _Hits) -> NDArray
             for axis, sign in FACE_AXES[number ^ 1 if box.inside else number]
         )
         cosine = np.abs(along[number // 2]) / np.sqrt((along * along).sum(axis=0))
-        spacing_m = depth / np.float32(3 * camera.K[0, 0]) / np.maximum(cosine, np.float32(0.12))
+        spacing_m = depth / np.float32(rays_per_rad) / np.maximum(cosine, np.float32(0.12))
         lod = np.clip(np.log2(spacing_m / np.float32(scene.texel_m)), 0, np.float32(LEVELS - 1.001))
         level = lod.astype(np.int32)
         fine, coarse = (_bilinear(scene, face, number, u, v) for number in (level, level + 1))
@@ -222,11 +240,13 @@ def _shaded(scene: Scene, camera: Camera, beams: _Beams, hits: _Hits) -> NDArray
     return grey.reshape(hits.face.shape)
 
 
-def _light(scene: Scene, camera: Camera, room_from_cam: Array, rays: Array, rows: slice) -> NDArray[np.float32]:
+def _light(
+    scene: Scene, camera: Camera, room_from_cam: Array, rays: Array, rows: slice, rays_per_rad: float
+) -> NDArray[np.float32]:
     """Rows (h, w) of the image before the sensor, in grey levels, from their poses (h, 4, 4) and rays (h, 3, s, w)."""
     beams = _beams(room_from_cam, rays)
     hits = _cast(scene, beams, _columns(scene.boxes, camera, room_from_cam[0], rows))
-    grey = _shaded(scene, camera, beams, hits)
+    grey = _shaded(scene, rays_per_rad, beams, hits)
     for box, face in scene.mirrors:
         glass = hits.face == 6 * box + face
         if glass.any():
@@ -235,7 +255,7 @@ def _light(scene: Scene, camera: Camera, room_from_cam: Array, rays: Array, rows
             mirrored = beams.moved(reflection)
             columns = _columns(scene.boxes, camera, reflection @ room_from_cam[0], rows)
             behind = _cast(scene, mirrored, columns, beyond=hits.depth, without=box)
-            grey = np.where(glass, MIRROR_SHARE * _shaded(scene, camera, mirrored, behind), grey)
+            grey = np.where(glass, MIRROR_SHARE * _shaded(scene, rays_per_rad, mirrored, behind), grey)
     return grey.mean(axis=0)
 
 
@@ -245,6 +265,7 @@ def image_of(
     stamp_s: float,
     shutter_s: float = 0.0,
     readout_s: float = 0.0,
+    sampling: Sampling = NINE_RAYS,
 ) -> NDArray[np.float32]:
     """The raw image (h, w) before the sensor, in grey levels; `moment(t)` is the scene and its room_from_cam.
 
@@ -253,18 +274,21 @@ def image_of(
     moves on from row to row, bodies from band to band.
     """
     key = (camera.width, camera.height, np.asarray(camera.K, float).tobytes(), camera.D, camera.distortion_model)
-    all_rays = _sampling_rays(key)
+    all_rays = _sampling_rays(key, sampling)
+    rays_per_rad = float(np.sqrt(len(sampling.rows)) * camera.K[0, 0])
     row_s = stamp_s + readout_s * (np.arange(camera.height) - (camera.height - 1) / 2) / camera.height
-    groups = [RAY_GROUPS[k % len(RAY_GROUPS)] for k in range(BLUR_MOMENTS)] if shutter_s else [tuple(range(9))]
+    groups = [tuple(range(len(sampling.rows)))]
+    if shutter_s:
+        groups = [sampling.groups[k % len(sampling.groups)] for k in range(BLUR_MOMENTS)]
     image = np.zeros((camera.height, camera.width), np.float32)
-    for top in range(0, camera.height, BAND_ROWS):
-        rows = slice(top, min(top + BAND_ROWS, camera.height))
+    for top in range(0, camera.height, sampling.band_rows):
+        rows = slice(top, min(top + sampling.band_rows, camera.height))
         for k, group in enumerate(groups):
             times = row_s[rows] + shutter_s * ((k + 0.5) / len(groups) - 0.5)
             scene, room_from_cam = moment(times[len(times) // 2])
             poses = np.array([moment(t)[1] for t in times]) if readout_s else np.array(len(times) * [room_from_cam])
             rays = all_rays[rows][:, :, group]
-            image[rows] += _light(scene, camera, poses, rays, rows) / np.float32(len(groups))
+            image[rows] += _light(scene, camera, poses, rays, rows, rays_per_rad) / np.float32(len(groups))
     return image
 
 

@@ -10,7 +10,8 @@ from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.geometry import se3
 
-from .caster import Sensor, depth_of, exposed, image_of
+from .caster import NINE_RAYS, Sampling, Sensor, depth_of, exposed, image_of
+from .covers import Cover, covered
 from .scene import Scene
 
 Array = NDArray[np.float64]
@@ -36,6 +37,7 @@ class View:
     stamp_s: float  # of the exposure
     gain: float
     seed: tuple[int, ...]  # of the noise
+    covers: tuple[Cover, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,8 @@ class Recording:
     where moving boxes are. `gains(i)`: of the left and the right camera in frame i. `shutter_s`: how long the shutter
     is open, 0 for no blur. `readout_s`: of a rolling shutter, see `image_of`. `right_late_s`: by how much the right
     camera exposes after the stamp. `true_rig(i)`: the rig that takes frame i, where the calibration is wrong.
+    `stamp_error_s(i)`: of the stamp of frame i, which the left camera exposes at i / rate_hz. `covers`: layers over all
+    images. `jpeg_quality`: None for what the writer of the log prefers. `sampling`: rays of a pixel.
     """
 
     scene: Scene
@@ -60,9 +64,13 @@ class Recording:
     readout_s: float = 0.0
     right_late_s: float = 0.0
     true_rig: Callable[[int], StereoRig] | None = None
+    stamp_error_s: Callable[[int], float] = lambda _: 0.0
+    covers: tuple[Cover, ...] = ()
+    jpeg_quality: int | None = None
+    sampling: Sampling = NINE_RAYS
 
     def pose(self, i: int) -> Array:
-        """world_from_cam (4, 4) of frame i at its stamp: the world is the first left camera."""
+        """world_from_cam (4, 4) of frame i as it is exposed: the world is the first left camera."""
         return se3.inverse(self.path(0.0)) @ self.path(i / self.rate_hz)
 
     def view(self, i: int, side: str, seed: int) -> View:
@@ -72,7 +80,7 @@ class Recording:
         gain = self.gains(i)[k] * (self.sensor.gain_left, self.sensor.gain_right)[k]
         left_from_camera = se3.inverse(rig.right_from_left) if k else np.eye(4)
         stamp_s = i / self.rate_hz + k * self.right_late_s
-        return View(rig.cameras[side], left_from_camera, stamp_s, gain, (seed, i, k))
+        return View(rig.cameras[side], left_from_camera, stamp_s, gain, (seed, i, k), self.covers)
 
     def image(self, view: View) -> NDArray[np.uint8]:
         """The raw image of a view."""
@@ -80,7 +88,8 @@ class Recording:
         def moment(t: float) -> tuple[Scene, Array]:
             return self._scene(t), self.scene.room_from_world @ self.path(t) @ view.left_from_camera
 
-        light = image_of(view.camera, moment, view.stamp_s, self.shutter_s, self.readout_s)
+        light = image_of(view.camera, moment, view.stamp_s, self.shutter_s, self.readout_s, self.sampling)
+        light = covered(light, view.covers, view.seed[-1])
         return exposed(light, view.gain, self.sensor, view.seed)
 
     def depth_m(self, i: int) -> Array:

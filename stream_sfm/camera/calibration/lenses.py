@@ -16,7 +16,7 @@ from .document import Document, Size
 
 _WIDEST_RAD = np.radians(100)  # from the axis
 _RINGS, _SPOKES, _POWERS = 60, 48, 5
-_MOST_APART_PX = 0.5  # anywhere in the image; with .0004, as of KITTI-360, it is .33
+_MOST_APART_PX = 0.5  # anywhere in the image; with 0.0004, as of KITTI-360, it is 0.33
 _FEWEST = 200  # of the rays that must be in the image
 
 

@@ -15,7 +15,7 @@ from ...geometry.se3 import Array
 from ...inertial.samples import ImuCalibration
 from ..known_timing import KnownTiming
 from ..models import Camera
-from ..refinement import TERMS, Refinement
+from ..refinement import LENS_TERMS, Refinement
 from . import inertial
 from .document import Document, Format, Size, camera_matrix
 
@@ -43,7 +43,11 @@ def text(
         lines += ["", "[right_from_left]", f"rotation = {right_from_left[:3, :3].tolist()}"]
         lines += [f"translation_m = {right_from_left[:3, 3].tolist()}"]
     if refinement is not None:
-        lines += ["", f"[refinement]  # terms: {', '.join(TERMS)}", f"error_px = {refinement.error_px.tolist()}"]
+        lines += [
+            "",
+            f"[refinement]  # terms: {', '.join(LENS_TERMS)}",
+            f"error_px = {refinement.error_px.tolist()}",
+        ]
         lines += ["covariance_px2 = [", *(f"    {row}," for row in refinement.cov_px2.tolist()), "]"]
     if timing is not None:
         lines += ["", "[timing]", *(f"{name} = {value!r}" for name, value in asdict(timing).items())]
@@ -90,7 +94,7 @@ def _pose(document: Document, _: Document) -> Array:
 def _known(document: Document) -> tuple[Refinement | None, KnownTiming | None]:
     refinement = timing = None
     if (table := _section(document, "refinement", ("error_px", "covariance_px2"))) is not None:
-        n = len(TERMS)
+        n = len(LENS_TERMS)
         error = document.numbers(table.get("error_px"), "refinement.error_px", (n,))
         cov = document.numbers(table.get("covariance_px2"), "refinement.covariance_px2", (n, n))
         refinement = _checked(document, "refinement", lambda: Refinement(error, cov))

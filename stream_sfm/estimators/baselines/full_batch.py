@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ...camera.refinement import TERMS
+from ...camera.refinement import LENS_TERMS
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
@@ -84,7 +84,7 @@ def cramer_rao_bound(
 def _rig_effects(observations: Observations) -> Array:
     if observations.rig is None:
         return np.zeros((len(observations.track_ids), 4, 0))
-    return observations.rig.model.effects(observations.z_px)[..., : len(TERMS)]
+    return observations.rig.model.effects(observations.z_px)[..., : len(LENS_TERMS)]
 
 
 def _reduced(last: int, points: int, views: WeightedViews, now: Array, before: Array) -> Reduced:

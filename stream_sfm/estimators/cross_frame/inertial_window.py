@@ -117,12 +117,12 @@ class InertialWindow:
         """Return a root (6F, n + 3F) of the covariance of the true poses given the rig's errors, and how they move with
         these (6F, m)."""
         f, modes = len(self.intervals), system.prior.world_modes[6:]
-        own = len(system.root) - system.poses
+        own = len(system.root) - system.modes
         turn = self._lead @ self._gain[: 3 * f]
         by_poses, by_state = turn[:, : 6 * f] + np.eye(6 * f), turn[:, 6 * f :]
-        root = by_poses @ system.root[: 6 * f] + by_state @ (modes[:, :own] @ system.root[6 * f :])
+        root = by_poses @ system.root[: 6 * f] + by_state @ (modes[:, :own] @ system.root[system.modes :])
         by_rig = by_poses @ system.by_rig[: 6 * f]
-        by_rig = by_rig + by_state @ (modes[:, :own] @ system.by_rig[6 * f :] + modes[:, own:])
+        by_rig = by_rig + by_state @ (modes[:, :own] @ system.by_rig[system.modes :] + modes[:, own:])
         left = self._lead @ scaled_cholesky(self._cov_local[: 3 * f, : 3 * f]) if f else np.zeros((0, 0))
         return np.concatenate([root, left], axis=1), by_rig
 
@@ -131,7 +131,7 @@ class InertialWindow:
 
         `cams` (F, 4, 4): as the images show them; none where the newest camera is the reference.
         """
-        f, n, own = len(self.intervals), len(system.root), len(system.root) - system.poses
+        f, own = len(self.intervals), len(system.root) - system.modes
         of_modes = system.prior.world_modes
         x = self.true_cams(cams)[-1] if f else np.eye(4)
         now = state.copy()
@@ -159,11 +159,10 @@ class InertialWindow:
             rows[6:9, 6 * f + 6 :] = self._gain[-3:, 6 * f :]
             rest[6:9, -3:] = np.eye(3)
             now[VELOCITY] = self.velocities[-1]
-        by_variables = np.concatenate([rows[:, : 6 * f], rows[:, 6 * f :] @ of_modes[:, :own]], axis=1)
+        by_variables = _of_system(system, rows[:, : 6 * f], rows[:, 6 * f :] @ of_modes[:, :own])
         root = by_variables @ system.root
         by_rig = by_variables @ system.by_rig + rows[:, 6 * f :] @ of_modes[:, own:]
         cov = root @ root.T + by_rig @ system.cov_rig @ by_rig.T + rest @ self._cov_local @ rest.T
-        assert by_variables.shape[1] == n
         pose = se3.orthonormalise(world_from_ref @ se3.inverse(x))
         return Known(stamp_ns, pose, now, 0.5 * (cov + cov.T))
 
@@ -182,20 +181,20 @@ class InertialWindow:
         residual, j = core.inertial_rows(
             of_core(self.intervals[:1], self.factors), cams[:2], velocities[:2], state, self.cam_from_imu
         )
-        own = len(system.root) - system.poses
+        own = len(system.root) - system.modes
         modes = system.prior.world_modes[6:]
         local = np.zeros((9, 6 * f))
         local[:, :3], local[:, 3 * f : 3 * f + 3] = j[:, 3:6], j[:, 6 + STATE :]
         shared = np.zeros((9, 6 * f + STATE))
         shared[:, :6], shared[:, 6 * f :] = j[:, :6], j[:, 6 : 6 + STATE]
         total = shared + local @ self._gain
-        by_variables = np.concatenate([total[:, : 6 * f], total[:, 6 * f :] @ modes[:, :own]], axis=1)
+        by_variables = _of_system(system, total[:, : 6 * f], total[:, 6 * f :] @ modes[:, :own])
         root = by_variables @ system.root
         by_rig = by_variables @ system.by_rig + total[:, 6 * f :] @ modes[:, own:]
         cov = root @ root.T + by_rig @ system.cov_rig @ by_rig.T + local @ self._cov_local @ local.T
         left = np.clip(1 - np.diag(cov), 0.0, 1.0)
         gain = self._gain[:3]  # of the slide of the oldest frame
-        by_slide = np.concatenate([gain[:, : 6 * f], gain[:, 6 * f :] @ modes[:, :own]], axis=1)
+        by_slide = _of_system(system, gain[:, : 6 * f], gain[:, 6 * f :] @ modes[:, :own])
         root, by_rig = by_slide @ system.root, by_slide @ system.by_rig + gain[:, 6 * f :] @ modes[:, own:]
         cov = root @ root.T + by_rig @ system.cov_rig @ by_rig.T + self._cov_local[:3, :3]
         of_slide = np.clip(1 - np.diag(cov) / self._std_slides[0] ** 2, 0.0, 1.0)
@@ -203,6 +202,13 @@ class InertialWindow:
         weighted = left * np.concatenate([residual, self.slides[0] / self._std_slides[0]]) ** 2
         parts = slice(0, 3), slice(3, 9), slice(9, 12)
         self.surprise = np.array([[weighted[k].sum(), (left[k] ** 2).sum()] for k in parts])
+
+
+def _of_system(system: System, by_poses: Array, by_modes: Array) -> Array:
+    """Return rows by poses (r, 6F) and by modes (r, k) as rows by all variables of a system; what frames have of their
+    own is between them."""
+    between = np.zeros((len(by_poses), system.modes - system.poses))
+    return np.concatenate([by_poses, between, by_modes], axis=1)
 
 
 def _lead(cams_from_ref: Array) -> Array:

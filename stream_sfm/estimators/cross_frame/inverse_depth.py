@@ -22,6 +22,10 @@ from ...record import changed, record, rows_of
 from ...rig_model.model import FIELD_MOVES, RigModel
 from ...rig_model.terms import AT_TIMING
 
+# A view that has moved by less since its track's last place shows errors of the rig at that place: several times the
+# noise of an expected one.
+MOVED_PX = 0.3
+
 
 def q_of_views(projection: StereoProjection, z_px: Array) -> Array:
     """Return q (n, 3) of stereo views (n, 4) in the camera that saw them; the row is the mean of both."""
@@ -33,7 +37,8 @@ def q_of_views(projection: StereoProjection, z_px: Array) -> Array:
 class State(NamedTuple):
     """What views are predicted from: poses `cams_from_ref` (F, 4, 4), points (P,) and `rig_error` (m,) of the rig.
 
-    Of the points `ids`, which are ascending, `ref_from_anchor` (P, 4, 4) and `q` (P, 3).
+    Of the points `ids`, which are ascending, `ref_from_anchor` (P, 4, 4) and `q` (P, 3). `own` (F, e): amplitudes of
+    what each frame's views err by in common.
     """
 
     cams_from_ref: Array
@@ -41,6 +46,7 @@ class State(NamedTuple):
     ref_from_anchor: Array
     q: Array
     rig_error: Array
+    own: Array = np.zeros((0, 0))
 
 
 @record
@@ -49,12 +55,14 @@ class WhitenedViews:
 
     `frame` (V,): row of the frame, from 0; `ids` (V,): of the points, each pair at most once; `z_px` (V, 4) finite;
     `root` (V, 4, 4) whitens a residual, as one of its track, in which errors that last are counted once: RᵀR is the
-    information that counts, with zero rows for a side that is missing. `weight` (V, 4): the square root of its share
-    in what the view itself has, coordinate by coordinate; 1 where errors are independent. `used` (V,) bool: which views
-    count; `stereo` (V,) bool: both sides were seen. `expected_px` (V, 4): where the used views were expected before
-    they counted; there the rig's errors are taken. `var_drift` (V, 3): drift of q since the frame before.
-    What amplitudes of 1 of the rig's errors do, px: `terms` (V, 4, t); `timing` (V, 4, 2), which is added to those of
-    delay and readout, as it is renewed with the velocities, or (V, 4, 0); and the field's basis, `field` (V, K).
+    information that counts, with zero rows for a side that is missing. `weight` (V, 4): the square root of its
+    share in what the view itself has, coordinate by coordinate; 1 where errors are independent. `used` (V,) bool:
+    which views count; `stereo` (V,) bool: both sides were seen. `expected_px` (V, 4): where the used views were
+    expected before they counted, or where their tracks have hardly left; there the rig's errors are taken.
+    `var_drift` (V, 3): drift of q since the frame before. What amplitudes of σ = 1 that each frame has of its own
+    do, px: `own` (V, 4, e). What amplitudes of 1 of the rig's errors do, px: `terms` (V, 4, t); `timing` (V, 4, 2),
+    which is added to those of delay and readout, as it is renewed with the velocities, or (V, 4, 0); and the
+    field's basis, `field` (V, K).
     """
 
     frame: NDArray[np.intp]
@@ -66,6 +74,7 @@ class WhitenedViews:
     stereo: NDArray[np.bool_]
     expected_px: Array
     var_drift: Array
+    own: Array
     terms: Array
     timing: Array
     field: Array
@@ -80,7 +89,7 @@ class WhitenedViews:
     def of_core(self) -> tuple[Any, ...]:
         """The arrays that the compiled core takes."""
         seen = self.frame, self.ids, self.used, self.z_px, self.weight, self.root
-        return *seen, self.terms, self.timing, self.field, FIELD_MOVES
+        return *seen, self.own, self.terms, self.timing, self.field, FIELD_MOVES
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -101,10 +110,11 @@ _COLUMNS = attrgetter(*WhitenedViews.__slots__)  # type: ignore[attr-defined]
 
 
 class NormalBlocks(NamedTuple):
-    """The normal equations of all views, eq. (26): blocks of the poses, of the points, and between them.
+    """The normal equations of all views, eq. (26): blocks of the frames, of the points, and between them.
 
-    `u` (F, 6, 6), `v` (P, 3, 3), `w` (P, 3, 6F); right-hand sides `g_pose` (F, 6), `g_point` (P, 3). Of the rig's
-    errors `rig` (m, m), with the poses `rig_pose` (F, 6, m), with the points `rig_point` (P, 3, m), and `g_rig` (m,).
+    A frame has f = 6 + e unknowns: its pose, and e amplitudes of its own with their prior of σ = 1. `u` (F, f, f), `v`
+    (P, 3, 3), `w` (P, 3, fF); right-hand sides `g_pose` (F, f), `g_point` (P, 3). Of the rig's errors `rig` (m, m),
+    with the frames `rig_pose` (F, f, m), with the points `rig_point` (P, 3, m), and `g_rig` (m,).
     """
 
     u: Array
@@ -118,16 +128,38 @@ class NormalBlocks(NamedTuple):
     g_rig: Array
 
 
-def expected(state: State, views: WhitenedViews, rig: RigModel, age_s: float) -> WhitenedViews:
-    """Return views as the used ones are expected, with what errors of the rig that stands still do there.
+def expected(state: State, views: WhitenedViews, rig: RigModel) -> WhitenedViews:
+    """Return views with the used ones placed where they are expected."""
+    pinholes = rig.projection.pinholes
+    expected_px = core.expected_views(pinholes, state, views.of_core, views.stereo, views.expected_px)
+    return changed(views, expected_px=expected_px)
 
-    `age_s`: for how long these have grown.
+
+def held(views: WhitenedViews, ids: NDArray[np.int64], places_px: Array) -> WhitenedViews:
+    """Return views placed where tracks `ids` (n,), ascending, were, (n, 4), if they have hardly moved since.
+
+    Expected places err by the noise of their points. Where a camera rests that noise would be all by which errors of
+    the rig differ between views, and show them, (72i).
     """
-    expected_px = core.expected_views(
-        rig.projection.pinholes, state, views.of_core, views.stereo, views.expected_px
+    if not len(ids):
+        return views
+    at = np.minimum(np.searchsorted(ids, views.ids), len(ids) - 1)
+    before_px = places_px[at]
+    moved_px = np.abs(before_px - views.expected_px)
+    moved_px[np.isnan(views.expected_px)] = 0.0  # a side that is missing now
+    rests = (ids[at] == views.ids) & (moved_px.max(axis=1) < MOVED_PX)  # not where a side was missing then: NaN
+    return changed(
+        views, expected_px=np.where(rests[:, None] & ~np.isnan(views.expected_px), before_px, views.expected_px)
     )
-    terms, field = rig.at_rest(expected_px, age_s)
-    return changed(views, expected_px=expected_px, terms=terms, field=field)
+
+
+def at_rest(views: WhitenedViews, rig: RigModel, age_s: Array | float) -> WhitenedViews:
+    """Return views with what errors of the rig that stands still do at their places.
+
+    `age_s`, or one (V,) each: for how long these have grown.
+    """
+    terms, field = rig.at_rest(views.expected_px, age_s)
+    return changed(views, terms=terms, field=field)
 
 
 def timed(state: State, views: WhitenedViews, rig: RigModel, motions: Array, timing_s: Array) -> WhitenedViews:

@@ -19,11 +19,22 @@ from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
 from ...record import changed, rows_of
 from ...rig_model.estimate import CERTAIN, RigEstimate
-from ...rig_model.model import RigModel
+from ...rig_model.model import LEAST_VARIANCE, RigModel
+from ...rig_model.terms import DISPARITY
 from ...types import Solution
 from .inertial_window import InertialWindow
 from .interval import Known
-from .inverse_depth import NormalBlocks, State, WhitenedViews, expected, linearise, q_of_views, timed
+from .inverse_depth import (
+    NormalBlocks,
+    State,
+    WhitenedViews,
+    at_rest,
+    expected,
+    held,
+    linearise,
+    q_of_views,
+    timed,
+)
 from .marginals import Marginals
 from .normal_equations import System
 from .outliers import RejectionCounts
@@ -38,7 +49,8 @@ class Map:
 
     `ids` (P,) ascending, `q` (P, 3) and `ref_from_anchor` (P, 4, 4): every point; `begun_anew`: those that the newest
     frame began a second time, by one view. `frames`: the window, oldest first, and `views`: all of theirs, one after
-    the other, used or not; `cams_from_ref` (F, 4, 4): their poses. `reference`: the frame of the reference camera.
+    the other, used or not; `cams_from_ref` (F, 4, 4): their poses, and `own` (F, e): what the views of each err by in
+    common, in σ. `reference`: the frame of the reference camera.
     `prior`, and the `amplitudes` (k,) of its modes. `system`: the latest normal equations, factored. `marginals`: of
     the latest frame.
     """
@@ -59,7 +71,7 @@ class Map:
         """
         self.projection = projection
         self.frames: list[WindowFrame] = []
-        self.views, self.cams_from_ref = views[:0], np.empty((0, 4, 4))
+        self.views, self.cams_from_ref, self.own = views[:0], np.empty((0, 4, 4)), np.empty((0, views.own.shape[2]))
         self._clock, self._twist_error = ExposureClock(), TwistError()
         self._seconds = np.zeros(1)  # when the reference camera and the window exposed
         self._motions = np.zeros((1, 2, 6))  # of points in the reference camera and in the window
@@ -71,12 +83,13 @@ class Map:
         self.ids = first.track_ids
         views = changed(views, used=core.among(views.ids, self.ids))
         self._first: WhitenedViews | None = views  # of the reference camera, until another one is absorbed
+        self._places = views.ids, views.expected_px  # of the newest frame's tracks
         self.q = q_of_views(projection, corrected_px[views.used])
         self.ref_from_anchor = np.tile(np.eye(4), (len(self.ids), 1, 1))
-        state = State(np.eye(4)[None], self.ids, self.ref_from_anchor, self.q, rig.mean)
-        self.q, cov, by_rig = self._seen_alone(views, state, np.zeros(len(rig)))
+        state = self._state_of_one(self.ids, self.ref_from_anchor, self.q, rig.mean)
+        self.q, cov, by_own, by_rig = self._seen_alone(views, state, np.zeros(len(rig)))
         pose = first.world_from_cam, first.cov_pose
-        self.prior = Prior.from_first_frame(self.ids, self.q, cov, by_rig, *pose, rig)
+        self.prior = Prior.from_first_frame(self.ids, self.q, cov, by_own, by_rig, *pose, rig)
         self.inertia: InertialWindow | None = None
         self.marginals: Marginals
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
@@ -105,12 +118,16 @@ class Map:
 
     def state(self) -> State:
         """Return what views are predicted from."""
-        return State(self.cams_from_ref, self.ids, self.ref_from_anchor, self.q, self.rig_error)
+        return State(self.cams_from_ref, self.ids, self.ref_from_anchor, self.q, self.rig_error, self.own)
 
-    def _seen_alone(self, views: WhitenedViews, state: State, rig_step: Array) -> tuple[Array, Array, Array]:
+    def _state_of_one(self, ids: NDArray[np.int64], ref_from_anchor: Array, q: Array, rig_error: Array) -> State:
+        """Return what views of the reference camera alone are predicted from."""
+        return State(np.eye(4)[None], ids, ref_from_anchor, q, rig_error, np.zeros((1, self.own.shape[1])))
+
+    def _seen_alone(self, views: WhitenedViews, state: State, rig_step: Array) -> tuple[Array, Array, Array, Array]:
         """Return the points of a state by the reference camera's views alone, as `core.points_alone` does."""
         blocks = linearise(self.projection, state, views)
-        return core.points_alone(blocks.v, blocks.g_point, blocks.rig_point, state.q, rig_step)
+        return core.points_alone(blocks.v, blocks.w, blocks.g_point, blocks.rig_point, state.q, rig_step)
 
     @property
     def newest(self) -> slice:
@@ -119,7 +136,7 @@ class Map:
 
     def absorb_oldest(self) -> None:
         """Marginalise the oldest frame, eqs. (31)–(36): all that earlier frames say is in the prior again."""
-        cam_from_ref, leaving = self.cams_from_ref[0], None
+        cam_from_ref, own, leaving = self.cams_from_ref[0], self.own[:1], None
         if self.inertia is not None:
             of_gravity = self.prior.world_modes[9:12]
             leaving = self.inertia.leaving(cam_from_ref, self.inertial_state, of_gravity @ of_gravity.T)
@@ -127,7 +144,7 @@ class Map:
         prior, later = self.prior, self.views if self.frames else views
         seen_later = core.times_among(self.ids, later.ids, later.used) > 0
         known = np.searchsorted(self.ids, prior.ids)
-        in_reference = State(np.eye(4)[None], *self.state()[1:])
+        in_reference = State(np.eye(4)[None], self.ids, self.ref_from_anchor, self.q, self.rig_error, own)
         pinholes, seen = self.projection.pinholes, (views.of_core, views.stereo, views.var_drift)
         rows, stays, cov, anchors, q, blocks, new_ids, alone = core.leaving_views(
             pinholes, in_reference, *seen, seen_later, known, prior.cov
@@ -137,7 +154,8 @@ class Map:
         prior = changed(prior, cov=cov).absorb_frame(
             self.amplitudes, cam_from_ref, anchors, q, NormalBlocks(*blocks), stays, (new_ids, *alone), leaving
         )
-        self.prior = self._refocused(prior.truncate_modes(), frame)
+        prior = prior.truncate_modes()
+        self.prior = self._refocused(changed(prior, rig=prior.rig.with_part()), frame)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
         self.select(seen_later if self.frames else core.among(self.ids, self.prior.ids))
 
@@ -169,6 +187,7 @@ class Map:
         self._cov_doubt, self._cov_slides = ad @ self._cov_doubt @ ad.T, ad @ self._cov_slides @ ad.T
         self.ref_from_anchor = se3.orthonormalise(cam_from_ref @ self.ref_from_anchor)
         self.cams_from_ref = se3.orthonormalise(self.cams_from_ref[1:] @ se3.inverse(cam_from_ref))
+        self.own = self.own[1:]
         return frame, views
 
     def select(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> None:
@@ -207,13 +226,16 @@ class Map:
         views = changed(views, frame=np.full(len(views), len(self.frames)), used=(known | new) & wanted)
         self.frames.append(frame)
         self.cams_from_ref = np.concatenate([self.cams_from_ref, cam_from_ref[None]])
+        self.own = np.concatenate([self.own, np.zeros((1, self.own.shape[1]))])
         if self.inertia is not None and frame.interval is not None:  # where slides are unknowns
             self.inertia.enter(frame.interval, frame.velocity, frame.std_turn_rad)
             frame.std_turn_rad = 0.0
         turns = frame.std_turn_rad * se3.adjoint(se3.inverse(cam_from_ref))[:, 3:]
         self._cov_slides = self._cov_slides + turns @ turns.T
         if frame.rig is not None:
-            views = expected(self.state(), views, frame.rig, self.prior.rig.age_s(frame.stamp_ns))
+            views = held(expected(self.state(), views, frame.rig), *self._places)
+            views = at_rest(views, frame.rig, self.prior.rig.age_s(frame.stamp_ns))
+            self._places = views.ids, views.expected_px
         # views out of use stay so: only the drift of points that are in the map is asked for
         kept = np.flatnonzero(self.views.used | core.among(self.views.ids, self.ids))
         self.views = WhitenedViews.concatenate([self.views[kept], views])
@@ -305,12 +327,12 @@ class Map:
         self.rejections.add(self.views.ids[self.views.used & ~used])
         self.views = changed(self.views, used=used)
 
-    def _move(self, dx: Array, dq: Array, dy: Array) -> None:
-        """Move poses (F, 6), points (P, 3) and amplitudes (k,)."""
+    def _move(self, dx: Array, down: Array, dq: Array, dy: Array) -> None:
+        """Move poses (F, 6), their own (F, e), points (P, 3) and amplitudes (k,)."""
         if self.inertia is not None and self.frames:
             self.inertia.follow(dx, self.prior.world_modes[6:] @ dy)
         self.cams_from_ref = se3.orthonormalise(se3.exp(dx) @ self.cams_from_ref)
-        self.q, self.amplitudes = self.q + dq, self.amplitudes + dy
+        self.own, self.q, self.amplitudes = self.own + down, self.q + dq, self.amplitudes + dy
 
     def expect(
         self,
@@ -324,8 +346,8 @@ class Map:
         """Take what errors of the rig do to `rows` of the views of a frame to come, as they move there.
 
         Homogeneous points (n, 4) of the camera before, and roughly the motion (4, 4) since. Returns the views, and what
-        is not known of the timing of the rows, with accelerations of σ (6,): (n, 4, j) px of σ = 1; None where nothing
-        is.
+        they err by in common: by what is not known of the timing, with accelerations of σ (6,), by what is the frame's
+        own, and by what is not known of the disparity: (n, 4, j) px of σ = 1; None for an exact rig.
         """
         if frame.rig is None:
             return views, None
@@ -340,9 +362,14 @@ class Map:
         by_timing[rows] = frame.rig.by_timing(moved, now, timing[0], views.expected_px[rows])
         views = changed(views, timing=by_timing)
         of_twist = std_acceleration * (self._seconds[-1] - self._seconds[-2])
-        return views, core.timing_unknowns(
+        of_timing = core.timing_unknowns(
             *frame.rig.cameras, (points, before[0]), (moved, now[0]), *timing, of_twist
         )
+        held = self.prior.rig.cov_held[DISPARITY, DISPARITY] + LEAST_VARIANCE * np.eye(DISPARITY.stop)
+        of_disparity = frame.rig.by_disparity(points, cam_from_previous, views.z_px[rows]) @ np.linalg.cholesky(
+            held
+        )
+        return views, np.concatenate([of_timing, views.own[rows], of_disparity], axis=2)
 
     def renew_timing(self) -> None:
         """Take what delay and readout do to the used views of the window, with the velocities that are known now.
@@ -391,30 +418,30 @@ class Map:
         Possible as long as nothing else is in the prior.
         """
         at, rig_error = np.searchsorted(self.ids, self.prior.ids), self.rig_error
-        state = State(np.eye(4)[None], self.prior.ids, self.ref_from_anchor[at], self.q[at], rig_error)
+        state = self._state_of_one(self.prior.ids, self.ref_from_anchor[at], self.q[at], rig_error)
         views = changed(views, used=core.among(views.ids, state.ids))
-        views = expected(state, views, rig, self.prior.rig.age_s(self.reference.stamp_ns))
-        self._first = timed(state, views, rig, self._motions[:1], self._timing(rig)[0])
+        views = at_rest(expected(state, views, rig), rig, self.prior.rig.age_s(self.reference.stamp_ns))
+        self._first = views = timed(state, views, rig, self._motions[:1], self._timing(rig)[0])
+        ages_s = np.array([self.prior.rig.age_s(f.stamp_ns) for f in self.frames])
+        self.views = at_rest(held(self.views, views.ids, views.expected_px), rig, ages_s[self.views.frame])
         estimates = self._seen_alone(self._first, state, self.prior.rig.mean - rig_error)
         self.prior = self.prior.with_first_views(*estimates)
 
-    def judge_rig(self, misfit: bool) -> RigEstimate | None:
-        """Return what the latest system says about the rig's errors, which are held there; None for an exact rig.
-
-        `misfit`: as in `Observations`.
-        """
+    def judge_rig(self) -> RigEstimate | None:
+        """Return what the latest system says about the rig's errors, which are held there; None for an exact rig."""
         if not len(self.prior.rig):
             return None
         rig, model = self.prior.rig, self.frames[-1].rig
         mean, cov, information = self.system.rig_errors()
         changes = not rig.steady or (model is not None and model.focus_moves(mean, cov))
         counted = (mean, cov) if changes else rig.tempered(mean, cov, information)
-        rig, found = rig.judged(*counted, misfit)
+        rig, found = rig.judged(*counted)
         self._move(*self.system.follow_rig(rig.held - self.rig_error))
         self.prior = changed(self.prior, rig=rig)
         self.system.cov_rig = found.cov
         age = self.prior.rig.age_s(self.frames[-1].stamp_ns)
-        return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age)
+        evidence = rig.parts.evidence
+        return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age, evidence=evidence)
 
     def learn_rig(self, estimate: RigEstimate, field_std_px: float, by_rows: tuple[Array, Array]) -> None:
         """Give the prior of the rig's errors the sizes that their estimate makes likely, and what the rows said.
@@ -444,6 +471,7 @@ class Map:
 
         The window is empty by then: its frames were seen with the errors as they were.
         """
+        self._first = None  # its views met the errors as they were
         self.prior = self.prior.with_rig_change(root)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
 

@@ -45,7 +45,7 @@ class Marginals:
     @classmethod
     def compute(cls, system: System, state: State, world_from_ref: Array) -> "Marginals":
         """Marginalise the factored system; the newest camera is the last one of the state, or else the reference."""
-        cams_from_ref, ids, ref_from_anchor, q, _ = state
+        cams_from_ref, ids, ref_from_anchor, q, *_ = state
         cam_from_ref = cams_from_ref[-1] if len(cams_from_ref) else np.eye(4)
         own, by_rig = system.covariances(len(cams_from_ref) - 1)
         by_both = np.concatenate([-np.eye(6), se3.adjoint(cam_from_ref)], axis=1)

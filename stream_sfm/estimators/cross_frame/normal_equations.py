@@ -1,7 +1,8 @@
-"""The joint normal equations of the window, factored once per step: [poses 6F | modes k] dense, points eliminated.
+"""The joint normal equations of the window, factored once per step: [poses 6F | own eF | modes k].
 
-Given the poses and the common modes of the prior, points are independent of each other, so each is eliminated by
-itself, eqs. (27) and (30) (Schur complement, Triggs et al. 2000, section 6).
+What the views of a frame err by in common has e amplitudes in each frame. Given poses, these and the common modes of
+the prior, points are independent of each other, so each is eliminated by itself, eqs. (27) and (30) (Schur
+complement, Triggs et al. 2000, section 6).
 """
 
 from typing import NamedTuple
@@ -52,6 +53,8 @@ class System:
         `inertial`: information about poses and inertial state (6F + 17, …), and the right-hand side.
         """
         self.prior, self.poses = prior, 6 * len(blocks.u)
+        frames, of_frame = blocks.u.shape[:2]
+        self._own, self.modes = (frames, of_frame - 6), frames * of_frame  # where the modes begin
         rig, m = prior.rig, len(prior.rig)
         # `std_given` (P, 3, 3): root of the covariance of a point once poses and modes are given; `_reach` (P, 3, n +
         # m): of the others, in units of it; `_given` (P, 3): its step for itself
@@ -59,20 +62,20 @@ class System:
             blocks, (known, prior.mean, prior.cov, prior.modes, rig.information, rig.weighted), q, amplitudes
         )
         self._rig_error = rig.at(amplitudes[len(amplitudes) - m :])
-        h[self.poses :, self.poses :] += _flat(modes).T @ _flat(modes)
+        h[self.modes :, self.modes :] += _flat(modes).T @ _flat(modes)
         h -= _flat(self._reach).T @ _flat(self._reach)
         if inertial is not None:
             j = np.zeros((len(inertial[1]), len(h)))
             j[: self.poses, : self.poses] = np.eye(self.poses)
-            j[self.poses :, self.poses :] = prior.world_modes[6:]
+            j[self.poses :, self.modes :] = prior.world_modes[6:]
             h += j.T @ inertial[0] @ j
             self._g = self._g + j.T @ inertial[1]
         self._others = Elimination(h, len(h) - m)
         self.root, self.by_rig = self._others.root, self._others.by_others
         self.cov_rig = Cholesky(self._others.left).inverse()
 
-    def step(self) -> tuple[Array, Array, Array, float]:
-        """Return steps of poses (F, 6), points (P, 3) and mode amplitudes (k,), and the decrease gᵀδ they promise.
+    def step(self) -> tuple[Array, Array, Array, Array, float]:
+        """Return steps of poses (F, 6), their own (F, e), points (P, 3), modes (k,), and the decrease gᵀδ they promise.
 
         Errors of the rig move to where they are held.
         """
@@ -83,16 +86,17 @@ class System:
         decrease = float(g @ delta + (given * for_itself).sum())
         return *self._steps(delta, for_itself), decrease
 
-    def _steps(self, delta: Array, for_itself: Array) -> tuple[Array, Array, Array]:
-        """Return steps of poses (F, 6), points (P, 3) and amplitudes (k,)."""
-        return delta[: self.poses].reshape(-1, 6), matvec(self.std_given, for_itself), delta[self.poses :]
+    def _steps(self, delta: Array, for_itself: Array) -> tuple[Array, Array, Array, Array]:
+        """Return steps of poses (F, 6), their own (F, e), points (P, 3) and modes (k,)."""
+        poses, own, modes = np.split(delta, [self.poses, self.modes])
+        return poses.reshape(-1, 6), own.reshape(self._own), matvec(self.std_given, for_itself), modes
 
     def rig_errors(self) -> tuple[Array, Array, Array]:
         """Return mean (m,), covariance and information (m, m) of the rig's errors by all views."""
         return self._rig_error + self.cov_rig @ self._pull, self.cov_rig, self._others.left
 
-    def follow_rig(self, change: Array) -> tuple[Array, Array, Array]:
-        """Return by how much poses (F, 6), points (P, 3) and amplitudes (k,) move where the rig's errors do by (m,)."""
+    def follow_rig(self, change: Array) -> tuple[Array, Array, Array, Array]:
+        """Return the steps of all where the rig's errors move by (m,)."""
         delta = np.concatenate([self.by_rig @ change, change])
         return self._steps(delta, -(self._reach @ delta))
 
@@ -101,13 +105,13 @@ class System:
 
         Frame −1 is the reference camera, which has no error.
         """
-        n, own_modes = len(self.root), len(self.root) - self.poses
+        n, own_modes = len(self.root), len(self.root) - self.modes
         of_own, of_rig = np.split(self.prior.world_modes[:6], [own_modes], axis=1)
         own, rig = np.zeros((12, n)), np.zeros((12, len(self.cov_rig)))  # the rows of pose and world
         if frame >= 0:
             rows = slice(6 * frame, 6 * frame + 6)
             own[:6], rig[:6] = self.root[rows], self.by_rig[rows]
-        own[6:], rig[6:] = of_own @ self.root[self.poses :], of_own @ self.by_rig[self.poses :] + of_rig
+        own[6:], rig[6:] = of_own @ self.root[self.modes :], of_own @ self.by_rig[self.modes :] + of_rig
         by_own = product(self._reach[..., :n], self.root)
         by_rig = product(self._reach[..., :n], self.by_rig)
         by_rig += self._reach[..., n:]

@@ -42,8 +42,9 @@ _MIN_MODE_VARIANCE = 1e-2
 
 _LEAVING = 12  # modes of a leaving frame by inertia
 
-# Points that enter the prior: ids, ascending, mean (n, 3), covariance (n, 3, 3), ∂q by the rig's errors (n, 3, m).
-NewPoints = tuple[NDArray[np.int64], Array, Array, Array]
+# Points that enter the prior: ids, ascending, mean (n, 3), covariance (n, 3, 3), ∂q by amplitudes of their frame's own
+# (n, 3, e) and by the rig's errors (n, 3, m).
+NewPoints = tuple[NDArray[np.int64], Array, Array, Array, Array]
 
 
 @record
@@ -71,6 +72,7 @@ class Prior:
         ids: NDArray[np.int64],
         mean: Array,
         cov: Array,
+        by_own: Array,
         by_rig: Array,
         world_from_ref: Array,
         cov_pose: Array,
@@ -78,21 +80,23 @@ class Prior:
     ) -> "Prior":
         """Begin a map: points seen by the reference camera, whose own pose has `cov_pose` (6, 6).
 
-        `by_rig` (N, 3, m): ∂q per unit of the rig's errors; apart from them the points are independent.
+        `by_own` (N, 3, e) and `by_rig` (N, 3, m): ∂q by what the frame's views err by in common, and per unit of the
+        rig's errors; apart from them the points are independent.
         """
         root = scaled_cholesky(cov_pose + _ORIGIN_VARIANCE * np.eye(6))
-        modes = np.concatenate([np.zeros((len(ids), 3, 6)), by_rig], axis=2)
-        world_modes = np.concatenate([root, np.zeros((6, len(rig)))], axis=1)
+        modes = np.concatenate([np.zeros((len(ids), 3, 6)), by_own, by_rig], axis=2)
+        world_modes = np.concatenate([root, np.zeros((6, modes.shape[2] - 6))], axis=1)
         return cls(ids, mean, cov, modes, world_from_ref, world_modes, rig)
 
-    def with_first_views(self, mean: Array, cov: Array, by_rig: Array) -> "Prior":
+    def with_first_views(self, mean: Array, cov: Array, by_own: Array, by_rig: Array) -> "Prior":
         """Return the prior of a map with the views of its first frame linearised anew; nothing else is in it yet.
 
-        `mean` (N, 3) and `cov` (N, 3, 3) of q at the present mean of the rig's errors, `by_rig` as in
+        `mean` (N, 3) and `cov` (N, 3, 3) of q at the present mean of the rig's errors, `by_own` and `by_rig` as in
         `from_first_frame`.
         """
         modes = self.modes.copy()
-        modes[..., modes.shape[2] - len(self.rig) :] = by_rig
+        modes[..., 6 : 6 + by_own.shape[2]] = by_own
+        modes[..., modes.shape[2] - by_rig.shape[2] :] = by_rig
         return changed(self, mean=mean, cov=cov, modes=modes)
 
     def world(self, amplitudes: Array) -> Array:
@@ -139,25 +143,31 @@ class Prior:
 
         The anchors go with the points, C' = X C, so q stays what it is. The prior knows nothing about the error ξ of
         the new camera's pose: with K' = ∂q'/∂P', δq' = δq + K'G ξ and ω' = Ad(X) ω − ξ, six modes without prior
-        information. With Λ = D⁻¹ + V, points given the modes are N(Λ⁻¹(D⁻¹(mean + F y) + V…), Λ⁻¹), and the modes have
+        information. What the frame's views err by in common has e modes more, with a prior of σ = 1; these come first
+        here. With Λ = D⁻¹ + V, points given the modes are N(Λ⁻¹(D⁻¹(mean + F y) + V…), Λ⁻¹), and the modes have
         information S = P + Σ FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less what the rig's modes do to the views. `leaving`:
         what inertia says of the frame, with twelve modes more: its slide, its velocity and the walk of the biases.
         """
-        own, c = len(amplitudes) - len(self.rig) + 6, amplitudes[len(amplitudes) - len(self.rig) :]
+        before, c = np.split(amplitudes, [len(amplitudes) - len(self.rig)])
+        ids_new, mean_new, cov_new, by_own, by_rig = new
+        e = by_own.shape[2]
+        own = e + len(before) + 6
         state_rows, state = self.world_modes[6:], self.state
         if leaving is not None:
             cam_from_ref = se3.exp(np.concatenate([np.zeros(3), leaving.slide])) @ cam_from_ref
-            state, state_rows = self._state_in(cam_from_ref, leaving, self.state_at(amplitudes), own)
+            state, state_rows = self._state_in(cam_from_ref, leaving, self.state_at(amplitudes), e)
         world_modes = se3.adjoint(cam_from_ref) @ self.world_modes[:6]
-        world_modes = np.concatenate([world_modes[:, : own - 6], -np.eye(6), world_modes[:, own - 6 :]], axis=1)
+        of_own, of_rig = np.split(world_modes, [len(before)], axis=1)
+        world_modes = np.concatenate([np.zeros((6, e)), of_own, -np.eye(6), of_rig], axis=1)
         world = self.world(amplitudes) @ se3.inverse(cam_from_ref)
         known = np.arange(len(q)), self.mean, self.cov, self.modes, self.rig.information, self.rig.weighted
         s, whitened_modes, std, half, given, right = core.absorbing_system(blocks, known, anchors, q, amplitudes)
-        flat_modes, flat_half = whitened_modes.reshape(-1, len(s)), half.reshape(-1, len(s))
-        s += flat_modes.T @ flat_modes - flat_half.T @ flat_half
+        flat_modes, flat_half = whitened_modes.reshape(-1, len(s) - e), half.reshape(-1, len(s))
+        s[e:, e:] += flat_modes.T @ flat_modes
+        s -= flat_half.T @ flat_half
         right -= flat_half.T @ given.ravel()
         if leaving is not None:
-            s, right = self._with_leaving(leaving, s, right, own)
+            s, right = self._with_leaving(leaving, s, right, e)
             half, world_modes = (np.insert(a, [own] * _LEAVING, 0.0, axis=-1) for a in (half, world_modes))
             world_modes[3:, own : own + 3] = -np.eye(3)  # a slide turns the camera as its pose does
             world_modes, own = np.concatenate([world_modes, state_rows]), own + _LEAVING
@@ -172,43 +182,50 @@ class Prior:
             return moved
 
         world_modes = carried(world_modes)
+        modes_new = product(by_own, by_new[:e])
+        modes_new[..., own:-1] += by_rig
+        new_points = ids_new, mean_new + modes_new[..., -1], cov_new, modes_new[..., :-1]
         return Prior(
-            *core.absorbed_points(self.ids, std, carried(half), given, q, stays, new),
+            *core.absorbed_points(self.ids, std, carried(half), given, q, stays, new_points),
             world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[:6, -1])),
             world_modes=world_modes[:, :-1],
             rig=changed(self.rig, mean=self.rig.at(c), information=others.left, weighted=weighted),
             state=state + world_modes[6:, -1],
         )
 
-    def _with_leaving(self, leaving: Leaving, s: Array, right: Array, own: int) -> tuple[Array, Array]:
-        """Add what inertia says of a leaving frame to the information about modes (k + 6), of which the last of `own`
-        are those of its pose: (k + 18)."""
-        s, right = np.insert(s, [own] * _LEAVING, 0.0, axis=0), np.insert(right, [own] * _LEAVING, 0.0)
-        s = np.insert(s, [own] * _LEAVING, 0.0, axis=1)
+    def _with_leaving(self, leaving: Leaving, s: Array, right: Array, e: int) -> tuple[Array, Array]:
+        """Add what inertia says of a leaving frame to the information about modes: e of its own, the prior's, six of
+        its pose, twelve of inertia, which are new here, and those of the rig."""
+        before = self.world_modes.shape[1] - len(self.rig)
+        at = e + before + 6
+        s, right = np.insert(s, [at] * _LEAVING, 0.0, axis=0), np.insert(right, [at] * _LEAVING, 0.0)
+        s = np.insert(s, [at] * _LEAVING, 0.0, axis=1)
         j = np.zeros((len(leaving.g), len(s)))
-        j[:6, own - 6 : own] = np.eye(6)
-        j[6 : 6 + STATE, : own - 6] = self.world_modes[6:, : own - 6]
-        j[6 : 6 + STATE, own + _LEAVING :] = self.world_modes[6:, own - 6 :]
-        j[6 + STATE :, own : own + 6] = np.eye(6)
+        j[:6, at - 6 : at] = np.eye(6)
+        j[6 : 6 + STATE, e : e + before] = self.world_modes[6:, :before]
+        j[6 : 6 + STATE, at + _LEAVING :] = self.world_modes[6:, before:]
+        j[6 + STATE :, at : at + 6] = np.eye(6)
         s += j.T @ leaving.h @ j
-        walk = range(own + 6, own + _LEAVING)
+        walk = range(at + 6, at + _LEAVING)
         s[walk, walk] += 1.0
         return s, right + j.T @ leaving.g
 
-    def _state_in(self, x: Array, leaving: Leaving, now: Array, own: int) -> tuple[Array, Array]:
-        """Return the inertial state (17,) in the leaving camera x (4, 4), and its modes (17, k + 18)."""
-        rows = np.zeros((STATE, self.world_modes.shape[1] + 6 + _LEAVING))
-        rows[:, : own - 6] = self.world_modes[6:, : own - 6]
-        rows[:, own + _LEAVING :] = self.world_modes[6:, own - 6 :]
+    def _state_in(self, x: Array, leaving: Leaving, now: Array, e: int) -> tuple[Array, Array]:
+        """Return the inertial state (17,) in the leaving camera x (4, 4), and its modes, those of `_with_leaving`."""
+        before = self.world_modes.shape[1] - len(self.rig)
+        at = e + before + 6
+        rows = np.zeros((STATE, e + self.world_modes.shape[1] + 6 + _LEAVING))
+        rows[:, e : e + before] = self.world_modes[6:, :before]
+        rows[:, at + _LEAVING :] = self.world_modes[6:, before:]
         state = now.copy()
         state[VELOCITY], state[GRAVITY] = leaving.velocity, x[:3, :3] @ now[GRAVITY]
         rows[GRAVITY] = x[:3, :3] @ rows[GRAVITY]
         turned = -se3.skew(state[GRAVITY])
-        rows[GRAVITY, own - 3 : own] += turned
-        rows[GRAVITY, own : own + 3] += turned
+        rows[GRAVITY, at - 3 : at] += turned
+        rows[GRAVITY, at : at + 3] += turned
         rows[VELOCITY] = 0
-        rows[VELOCITY, own + 3 : own + 6] = np.eye(3)
-        rows[BIASES, own + 6 : own + _LEAVING] = np.diag(leaving.std_walk)
+        rows[VELOCITY, at + 3 : at + 6] = np.eye(3)
+        rows[BIASES, at + 6 : at + _LEAVING] = np.diag(leaving.std_walk)
         return state, rows
 
     def with_field(self, n: int) -> "Prior":

@@ -44,7 +44,7 @@ def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
     if rig is None:
         return None
     system = current.system
-    of_poses, of_modes = np.split(system.by_rig, [system.poses])
+    of_poses, of_modes = system.by_rig[: system.poses], system.by_rig[system.modes :]
     of_world = se3.adjoint(current.newest_cam_from_ref) @ system.prior.world_modes[:6]
     jacobian = of_world[:, : len(of_modes)] @ of_modes + of_world[:, len(of_modes) :] - of_poses[-6:]
     return CommonErrors(current.rig_error, rig.cov, jacobian)

@@ -14,8 +14,9 @@ from ...geometry.linear import Cholesky, symmetric
 from ...geometry.se3 import Array
 from ...record import changed, record
 from ...rig_model.estimate import RigEstimate
+from ...rig_model.parts import Parts
 from ...rig_model.sizes import Mixture, likely_sizes, mixture
-from ...rig_model.terms import TERMS
+from ...rig_model.terms import FOCAL, TERMS
 
 # Length of all errors together, each in the σ assumed for it beforehand: no calibration errs by more. Real rigs have
 # 4 to 16, the most one with a radial error of 12 px in the corner.
@@ -31,7 +32,7 @@ class RigKnowledge:
     window holds c, the mean of the mixture, and `cov_held` (m, m): its covariance. `size` (m,): σ of each error before
     any view, which is learnt where `sizes_unknown`.
     `steady`: the errors have not changed; once they have, no prior can be exchanged, and the calibration is wrong.
-    `since_ns`: from when on errors have grown, if they do.
+    `since_ns`: from when on errors have grown, if they do. `parts`: what parts of the run say, since the last change.
     """
 
     mean: Array
@@ -43,6 +44,7 @@ class RigKnowledge:
     sizes_unknown: NDArray[np.bool_] | bool = True
     steady: bool = True
     since_ns: int = 0
+    parts: Parts = Parts()
 
     @classmethod
     def unknown(
@@ -81,14 +83,11 @@ class RigKnowledge:
         counted = Cholesky(by_window + shared @ self.information).inverse()
         return self.mean + counted @ (by_window @ (mean - self.mean) + shared @ self.weighted), counted
 
-    def judged(self, mean: Array, cov: Array, misfit: bool) -> tuple["RigKnowledge", Mixture]:
-        """Return the knowledge that holds c at the mixture which N(`mean`, `cov`) from all views leads to.
-
-        In a `misfit` of images and calibration no more is corrected than before, and everything counts.
-        """
-        found = mixture(mean, cov, self.size, known_wrong=not self.steady)
-        if misfit and self.steady:
-            found = Mixture(self.held, cov + np.outer(mean - self.held, mean - self.held), found.p_wrong)
+    def judged(self, mean: Array, cov: Array) -> tuple["RigKnowledge", Mixture]:
+        """Return the knowledge that holds c at the mixture which N(`mean`, `cov`) from all views leads to."""
+        agreement = self.parts.agreement
+        spread = 1.0 if agreement is None else float(agreement.spread[TERMS.index(FOCAL) :].max())
+        found = mixture(mean, cov, self.size, not self.steady, spread)
         return changed(self, held=found.mean, cov_held=found.cov), found
 
     def likely_size(self, mean: Array, cov: Array, field_std_px: float) -> Array:
@@ -96,6 +95,11 @@ class RigKnowledge:
         size = np.where(self.sizes_unknown, likely_sizes(mean, cov, self.size), self.size)
         size[len(TERMS) :] = max(field_std_px, _LEAST_FIELD_PX)
         return size
+
+    def with_part(self) -> "RigKnowledge":
+        """Return the knowledge after a frame has left the window, which is one more of the run's parts."""
+        weighted = self.weighted + self.information @ self.mean
+        return changed(self, parts=self.parts.after(self.information, weighted, self.size))
 
     def informed(self, more: Array, weighted: Array) -> "RigKnowledge":
         """Return the knowledge with so much `more` information (m,) about each error, and its weighted sums (m,).
@@ -117,7 +121,10 @@ class RigKnowledge:
         held_back = cov_change @ (root.T @ self.weighted)
         apart = root @ np.linalg.cholesky(cov_change + np.outer(held_back, held_back))
         information = symmetric(self.information @ kept)
-        return changed(self, information=information, weighted=kept.T @ self.weighted, steady=False), kept, apart
+        knowledge = changed(
+            self, information=information, weighted=kept.T @ self.weighted, steady=False, parts=Parts()
+        )
+        return knowledge, kept, apart
 
     def with_field(self, n: int) -> "RigKnowledge":
         """Return the knowledge with n more errors, of a field of which nothing has been seen."""

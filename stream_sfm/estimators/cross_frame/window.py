@@ -58,7 +58,7 @@ class CrossFrame:
         self._std_acceleration = np.array(config.motion.std_acceleration)
         self._has_field = False
         self._said_by_rows = np.zeros(2)  # information about the delay and its weighted sum
-        self._impossible = ""  # why the calibration cannot be right; stays as long as the rig is known
+        self._impossible = ""  # why the calibration cannot be right, if it cannot
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
@@ -184,12 +184,15 @@ class CrossFrame:
         return more, weighted
 
     def _lose(self, observations: Observations, reason: str) -> Solution:
-        """End the map, and predict the pose; the rig is unknown again where a map could not begin or not go on once."""
+        """End the map, and predict the pose.
+
+        The rig is unknown again where a map could not begin or not go on once, and where its errors are impossible.
+        """
         current, self.map = self.map, None
         if observations.jumped:
             self.motion.jump()
         predicted = self.motion.predict(observations.stamp_ns)
-        if current is None or not current.frames:
+        if current is None or not current.frames or self._impossible:
             self.rig, self._said_by_rows, self._impossible = None, np.zeros(2), ""
         else:
             self.rig = current.prior.rig
@@ -233,13 +236,13 @@ class CrossFrame:
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
-        rig = current.judge_rig(observations.misfit)
+        rig = current.judge_rig()
         before, now = current.marginals, current.update_marginals()
         known, inertial = self.inertia.report(current)
         now = now if known is None else current.place_newest(known)
         cov_timing = current.cov_of_timing(self._std_acceleration)
         if motion.ambiguous is None:  # otherwise it may be the motion that is wrong
-            self._impossible = self._impossible or impossible(rig)
+            self._impossible = impossible(rig)
         observations = _with_misfit(observations, self._impossible)
         observations = _with_note(observations, "" if inertial is None else inertial.note)
         ids, used = current.views.ids[current.newest], current.views.used[current.newest]

@@ -8,6 +8,7 @@ from ... import core
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...rig_model.model import RigModel
+from ...rig_model.terms import by_turn
 from ...types import Observations
 from .interval import Interval
 from .inverse_depth import WhitenedViews
@@ -40,9 +41,10 @@ def views_of(observations: Observations, projection: StereoProjection, age_s: fl
     `age_s`: for how long errors of the rig have grown.
     """
     weight, n = _weights(observations), len(observations.track_ids)
-    terms, timing, field = np.zeros((n, 4, 0)), np.zeros((n, 4, 0)), np.zeros((n, 0))
+    own, terms, timing, field = np.zeros((n, 4, 0)), np.zeros((n, 4, 0)), np.zeros((n, 4, 0)), np.zeros((n, 0))
     if observations.rig is not None:
         timing = np.zeros((n, 4, 2))
+        own = by_turn(projection, observations.z_px, observations.rig.turn_root)
         terms, field = observations.rig.model.at_rest(observations.z_px, age_s)
     return WhitenedViews(
         frame=np.zeros(n, np.intp),
@@ -54,6 +56,7 @@ def views_of(observations: Observations, projection: StereoProjection, age_s: fl
         stereo=np.asarray(np.isfinite(observations.z_px).all(axis=1)),
         expected_px=observations.z_px,
         var_drift=_drift_variances(observations, projection),
+        own=own,
         terms=terms,
         timing=timing,
         field=field,

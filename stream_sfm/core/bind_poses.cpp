@@ -1,0 +1,56 @@
+// Python's view of poses.hpp.
+
+#include "described.hpp"
+#include "poses.hpp"
+
+namespace binding {
+
+DESCRIBED(PhysicalAxes, "PhysicalAxes")
+
+void bind_poses(nb::module_& m) {
+    describe<PhysicalAxes>(m, "PhysicalAxes", R"(Axes of the physical camera: the rotation (3, 3) of points into them, and σ of errors that no view shows, of lengths
+as a share of themselves, and of the axes about x and y, radians.)");
+    def<&among>(m, "among", R"(Return which of `ids` (n,) are in `known`, which is ascending.)",
+        "ids"_a, "known"_a);
+    def<&times_among>(m, "times_among", R"(Return how often each of `ids` (n,), which are ascending, is in those of `others` (m,) that are `counted`.)",
+        "ids"_a, "others"_a, "counted"_a);
+    def<&union_of>(m, "union_of", R"(Return ids (n,), in any order, ascending and each once.)",
+        "ids"_a);
+    def<&point_motions>(m, "point_motions", R"(Return how points move in each of a few cameras: twists ξ̇ and their change ξ̈ per second (n, 2, 6).
+
+A point X at the time of a pose is Exp(t ξ̇ + ½ t² ξ̈) X after t seconds. Poses (n, 4, 4), camera from reference, at
+ascending `seconds` (n,); from polynomials through the poses of the frames around each. Zero for a single one.)",
+        "poses"_a, "seconds"_a);
+    def<&reported_motions>(m, "reported_motions", R"(Return poses (n, 4, 4) in axes of the physical camera, with covariances (n, 6, 6) and what common errors do.
+
+`cov` (n, 6, 6) of the perturbations on their right gets that of errors that no view shows. Their perturbations, and
+those of further errors, of which they are `by_terms` (n, 6, t): (n, 6, 3 + t). Eqs. (7) and (73a).)",
+        "axes"_a, "poses"_a, "cov"_a, "by_terms"_a);
+    def<&reported_points>(m, "reported_points", R"(Return points (n, 3) in axes of the physical camera, with covariances (n, 3, 3), eqs. (18) and (73).
+
+They were seen from a camera (4, 4) in their frame; σ of their inverse depths (n,), 1/m, by an error that all views
+of a point share. `cov_points` (n, 3, 3) gets that of errors that no view shows.)",
+        "axes"_a, "points"_a, "cov_points"_a, "std_shared"_a, "frame_from_cam"_a);
+    def<&pose_exp>(m, "pose_exp", R"(Return the poses (n, 4, 4) Exp(ξ) of tangents (n, 6), eq. (3).)",
+        "xi"_a);
+    def<&pose_log>(m, "pose_log", R"(Return the tangents (n, 6) of poses (n, 4, 4); the inverse of `pose_exp`.)",
+        "poses"_a);
+    def<&pose_inverse>(m, "pose_inverse", R"(Return the inverses of poses (n, 4, 4).)",
+        "poses"_a);
+    def<&pose_adjoint>(m, "pose_adjoint", R"(Return Ad(T) (n, 6, 6) of poses (n, 4, 4), eq. (4).)",
+        "poses"_a);
+    def<&rotation_vectors>(m, "rotation_vectors", R"(Return rotation vectors (n, 3) of norm ≤ π of rotation matrices (n, 3, 3).)",
+        "rotations"_a);
+    def<&quaternions>(m, "quaternions", R"(Return unit quaternions (n, 4) = (x, y, z, w), w ≥ 0, of rotation matrices (n, 3, 3).)",
+        "rotations"_a);
+    def<&orthonormalise>(m, "orthonormalise", R"(Return poses (n, 4, 4) with their rotations, which nearly are such, projected onto SO(3).)",
+        "poses"_a);
+    def<&whiten_blocks>(m, "whiten_blocks", R"(Return L⁻¹ B (n, 3, k) of L Lᵀ = `cov` (n, 3, 3), lower triangles. Raises LinAlgError if one is not definite.)",
+        "cov"_a, "b"_a);
+    def<&invert_triangle>(m, "invert_triangle", R"(Return the inverse (n, n) of a lower triangle, its columns multiplied by `scale` (n,).)",
+        "lower"_a, "scale"_a);
+    def<&scaled_by_diagonal>(m, "scaled_by_diagonal", R"(Return S A S (n, n) with a diagonal of ones, and that of S (n,), which is 1 where A's is not positive.)",
+        "matrix"_a);
+}
+
+}  // namespace binding

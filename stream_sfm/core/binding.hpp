@@ -1,0 +1,276 @@
+// How Python calls stages: arrays are checked here, stages run without Python's lock, and the signature that Python sees,
+// with the types in the stub, is that of the stage.
+#pragma once
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/tuple.h>
+
+#include "arrays.hpp"
+#include "image.hpp"
+
+namespace binding {
+
+namespace nb = nanobind;
+using namespace core;
+using namespace nb::literals;
+
+template <class T, std::size_t N>
+using In = nb::ndarray<const T, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
+constexpr std::size_t MAX_SIDE = 1 << 24;  // of an image: floats count its pixels exactly
+
+// Whether a record has several parts.
+template <class T, class = void>
+struct has_parts : std::false_type {};
+template <class T>
+struct has_parts<T, std::void_t<decltype(std::declval<T&>().parts())>> : std::true_type {};
+
+// A stack of patches that a stage writes into.
+template <class T>
+struct Writable {
+    T* data;
+    std::array<std::size_t, 3> shape;
+};
+
+// The name of a record in the stub, where it has one: DESCRIBED below.
+template <class T>
+struct Described : std::false_type {};
+
+// The type of an argument or a result as the stub has it; arrays by the aliases at its head.
+template <class T, class = void>
+struct Typed;
+template <class T>
+constexpr auto typed = Typed<std::decay_t<T>>::text;
+template <class T>
+constexpr auto array_of() {
+    using nb::detail::const_name;
+    if constexpr (std::is_same_v<T, double>) return const_name("Array");
+    else if constexpr (std::is_same_v<T, bool>) return const_name("Mask");
+    else if constexpr (std::is_same_v<T, std::int64_t>) return const_name("Ids");
+    else if constexpr (std::is_same_v<T, float>) return const_name("Grey");
+    else return const_name("Bytes");
+}
+template <class T>
+constexpr auto number() {
+    using nb::detail::const_name;
+    if constexpr (std::is_same_v<T, bool>) return const_name("bool");
+    else if constexpr (std::is_floating_point_v<T>) return const_name("float");
+    else return const_name("int");
+}
+template <class T>
+constexpr auto array_given() {  // indices may be any integers, and pixels bytes or floats
+    using nb::detail::const_name;
+    if constexpr (std::is_same_v<T, std::int64_t>) return const_name("Pixels");
+    else if constexpr (std::is_same_v<T, float> || std::is_same_v<T, std::uint8_t>) return const_name("Image");
+    else return array_of<T>();
+}
+template <class T>
+struct Typed<T, std::enable_if_t<std::is_arithmetic_v<T>>> {
+    static constexpr auto text = number<T>();
+};
+template <class T, std::size_t N>
+struct Typed<Array<T, N>> {
+    static constexpr auto text = array_of<T>();
+};
+template <class T, std::size_t N>
+struct Typed<View<T, N>> {
+    static constexpr auto text = array_given<T>();
+};
+template <class T>
+struct Typed<ImageOf<T>> {
+    static constexpr auto text = nb::detail::const_name("Image");
+};
+template <class T>
+struct Typed<Writable<T>> {
+    static constexpr auto text = nb::detail::const_name("Image");
+};
+template <>
+struct Typed<void> {
+    static constexpr auto text = nb::detail::const_name("None");
+};
+template <class T>
+struct Typed<std::optional<T>> {
+    static constexpr auto text = typed<T> + nb::detail::const_name(" | None");
+};
+template <>
+struct Typed<std::array<double, 2>> {
+    static constexpr auto text = nb::detail::const_name("tuple[float, float]");
+};
+template <class Parts>
+struct TypedParts;
+template <class... Parts>
+struct TypedParts<std::tuple<Parts&...>> {
+    static constexpr auto text =
+        nb::detail::const_name("tuple[") + nb::detail::concat(typed<Parts>...) + nb::detail::const_name("]");
+};
+template <class T>
+constexpr auto typed_parts = TypedParts<decltype(std::declval<T&>().parts())>::text;
+template <class T>
+struct Typed<T, std::enable_if_t<has_parts<T>::value && !Described<T>::value>> {
+    static constexpr auto text = typed_parts<T>;
+};
+template <class T>
+struct Typed<T, std::enable_if_t<Described<T>::value>> {
+    static constexpr auto text = Described<T>::name;
+};
+#define DESCRIBED(Record, as)                                     \
+    template <>                                                   \
+    struct Described<Record> : std::true_type {                   \
+        static constexpr auto name = nb::detail::const_name(as);  \
+    };
+
+// What a stage returns, as Python sees it: an array, a number or None, or of several `parts` a tuple.
+template <class T, std::size_t N>
+nb::object given(Array<T, N>&& array) {
+    T* data = array.data.release();
+    nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<T*>(p); });
+    return nb::cast(nb::ndarray<nb::numpy, T>(data, N, array.shape.data(), owner));
+}
+template <class T>
+nb::object given(std::optional<T>&& perhaps);
+template <class T>
+nb::object given(T&& number) {
+    if constexpr (has_parts<std::decay_t<T>>::value)
+        return std::apply([](auto&... parts) { return nb::make_tuple(given(std::move(parts))...); }, number.parts());
+    else
+        return nb::cast(number);
+}
+template <class T>
+nb::object given(std::optional<T>&& perhaps) {
+    return perhaps ? given(std::move(*perhaps)) : nb::none();
+}
+
+// How Python gives an argument of a stage: numbers as they are.
+template <class T, class = void>
+struct Argument {
+    using Given = T;
+    static T of(const T& number) { return number; }
+};
+template <class T, std::size_t N>
+struct Argument<View<T, N>> {
+    using Given = In<T, N>;
+    static View<T, N> of(const Given& array) {
+        View<T, N> result{array.data(), {}};
+        for (std::size_t i = 0; i < N; i++) result.shape[i] = array.shape(i);
+        return result;
+    }
+};
+template <class T>
+struct Argument<ImageOf<T>> {
+    using Given = In<T, 2>;
+    static ImageOf<T> of(const Given& array) {
+        require(array.shape(0) < MAX_SIDE && array.shape(1) < MAX_SIDE, "the image is too large");
+        return {array.data(), static_cast<int>(array.shape(0)), static_cast<int>(array.shape(1))};
+    }
+};
+template <class T>
+struct Argument<Writable<T>> {
+    using Given = nb::ndarray<T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+    static Writable<T> of(const Given& array) { return {array.data(), {array.shape(0), array.shape(1), array.shape(2)}}; }
+};
+template <class T>
+struct Argument<std::optional<T>> {
+    using Given = std::optional<typename Argument<T>::Given>;
+    static std::optional<T> of(const Given& given) { return given ? std::optional<T>(Argument<T>::of(*given)) : std::nullopt; }
+};
+template <>
+struct Argument<std::array<double, 2>> {
+    using Given = std::tuple<double, double>;
+    static std::array<double, 2> of(const Given& given) { return {std::get<0>(given), std::get<1>(given)}; }
+};
+
+// A record that Python gives as a tuple of its parts.
+template <class Record, class Parts>
+struct RecordArgument;
+template <class Record, class... Parts>
+struct RecordArgument<Record, std::tuple<Parts&...>> {
+    using Given = std::tuple<typename Argument<Parts>::Given...>;
+    static Record of(const Given& given) {
+        return std::apply([](const auto&... parts) { return Record{Argument<Parts>::of(parts)...}; }, given);
+    }
+};
+template <class Record>
+struct Argument<Record, std::enable_if_t<has_parts<Record>::value>>
+    : RecordArgument<Record, decltype(std::declval<Record&>().parts())> {};
+
+// An argument and a result of a stage on their way, with the types that the signature shows.
+template <class T>
+struct Taken {
+    typename Argument<T>::Given given;
+};
+template <class T>
+struct Returned {
+    nb::object object;
+};
+
+template <auto Stage>
+struct Bound;
+template <class Result, class... Arguments, Result (*Stage)(Arguments...)>
+struct Bound<Stage> {
+    static Returned<Result> call(const Taken<std::decay_t<Arguments>>&... arguments) {
+        std::tuple<std::decay_t<Arguments>...> taken{Argument<std::decay_t<Arguments>>::of(arguments.given)...};
+        auto unlocked = [&] {
+            nb::gil_scoped_release release;
+            return std::apply(Stage, taken);
+        };
+        if constexpr (std::is_void_v<Result>) {
+            unlocked();
+            return {nb::none()};
+        } else {
+            return {given(unlocked())};
+        }
+    }
+};
+
+// The name of an image of one type of pixels; bytes are not made of floats.
+template <class T>
+auto pixels(const char* name) {
+    if constexpr (std::is_same_v<T, float>) return nb::arg(name);
+    else return nb::arg(name).noconvert();
+}
+
+// Bind a stage under its name, with what its help says and the names of its arguments.
+template <auto Stage, class... Names>
+void def(nb::module_& m, const char* name, const char* help, const Names&... names) {
+    m.def(name, &Bound<Stage>::call, help, names...);
+}
+
+// Tell the stub what a record consists of, and what its parts are.
+template <class Record>
+void describe(nb::module_& m, const char* name, const char* help) {
+    if (!nb::hasattr(m, "RECORDS")) m.attr("RECORDS") = nb::dict();
+    m.attr("RECORDS")[name] = nb::make_tuple(typed_parts<Record>.text, help);
+}
+
+void bind_images(nb::module_& m);
+void bind_poses(nb::module_& m);
+void bind_rig(nb::module_& m);
+void bind_tracks(nb::module_& m);
+void bind_views(nb::module_& m);
+void bind_resection(nb::module_& m);
+void bind_window(nb::module_& m);
+void bind_inertial(nb::module_& m);
+
+}  // namespace binding
+
+namespace nanobind::detail {
+template <class T>
+struct type_caster<binding::Taken<T>> {
+    using Inner = make_caster<typename binding::Argument<T>::Given>;
+    NB_TYPE_CASTER(binding::Taken<T>, binding::typed<T>)
+    bool from_python(handle source, uint8_t flags, cleanup_list* cleanup) noexcept {
+        Inner inner;
+        if (!inner.from_python(source, flags, cleanup)) return false;
+        value.given = inner.operator cast_t<typename binding::Argument<T>::Given>();
+        return true;
+    }
+};
+template <class T>
+struct type_caster<binding::Returned<T>> {
+    NB_TYPE_CASTER(binding::Returned<T>, binding::typed<T>)
+    static handle from_cpp(const binding::Returned<T>& result, rv_policy, cleanup_list*) noexcept {
+        return result.object.inc_ref();
+    }
+};
+}  // namespace nanobind::detail

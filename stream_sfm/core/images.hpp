@@ -1,0 +1,56 @@
+// Stages on pixels: matches along rows, patches, corners, slant; and PNG rows.
+#pragma once
+
+#include "algebra.hpp"
+#include "image.hpp"
+
+namespace core {
+
+// rows.cpp
+struct RowMatches {
+    Array<double, 1> disparity;
+    Array<bool, 1> unique;
+    auto parts() { return std::tie(disparity, unique); }
+};
+template <class T>  // float or std::uint8_t
+RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& right, Pixels points, std::int64_t first,
+                            std::int64_t last);
+
+// patches.cpp
+struct Patches {
+    Array<float, 3> inverse;
+    Array<double, 3> information;
+    Array<float, 1> level;
+    auto parts() { return std::tie(inverse, information, level); }
+};
+struct AlignedPatches {
+    Array<double, 2> at;
+    Array<bool, 1> found;
+    Array<double, 1> error;
+    auto parts() { return std::tie(at, found, error); }
+};
+template <class T>  // float or std::uint8_t
+void store_patches(T* stored, const std::array<std::size_t, 3>& shape, const ImageOf<T>& image, Pixels points, Indices slots);
+template <class T>
+Patches warp_patches(View<T, 3> stored, Indices slots, Matrices warps, int radius, int spacing);
+template <class T>
+AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse, Matrices information,
+                             View<float, 1> level, int radius, int spacing);
+Array<double, 3> gradient_matrices(Matrices information, int spacing);
+
+// corners.cpp
+template <class T>
+Array<float, 2> corner_strength(const ImageOf<T>& image);
+Array<std::int64_t, 2> new_corners(const Image& strength, View<bool, 2> allowed, Matrix taken, std::int64_t wanted,
+                                   double distance, double min_strength);
+
+// slant.cpp
+template <class T>
+Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& right, Pixels points, Matrix right_px,
+                                  int radius, double std_grey);
+std::vector<std::size_t> slanted_rows(Matrix slopes);  // those that do not face the camera
+
+// png.cpp
+Array<std::uint8_t, 2> unfilter_png(View<std::uint8_t, 2> filtered, std::size_t pixel);
+
+}  // namespace core

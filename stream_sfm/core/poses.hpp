@@ -1,0 +1,50 @@
+// Stages on poses and small arrays, and what is reported of a frame.
+#pragma once
+
+#include "algebra.hpp"
+
+namespace core {
+
+// poses.cpp
+Array<double, 3> pose_exp(Matrix xi);
+Array<double, 2> pose_log(Matrices poses);
+Array<double, 3> pose_inverse(Matrices poses);
+Array<double, 3> pose_adjoint(Matrices poses);
+Array<double, 3> point_motions(Matrices poses, Vector seconds);
+Array<double, 2> rotation_vectors(Matrices rotations);
+Array<double, 2> quaternions(Matrices rotations);
+Array<double, 3> orthonormalise(Matrices poses);
+
+// arrays.cpp
+Array<double, 3> whiten_blocks(Matrices cov, Matrices b);
+Array<double, 2> invert_triangle(Matrix lower, Vector scale);
+struct Scaled {
+    Array<double, 2> matrix;
+    Array<double, 1> scale;
+    auto parts() { return std::tie(matrix, scale); }
+};
+Scaled scaled_by_diagonal(Matrix matrix);
+Array<bool, 1> among(Indices ids, Indices known);
+Array<std::int64_t, 1> times_among(Indices ids, Indices others, Flags counted);
+Array<std::int64_t, 1> union_of(Indices ids);
+
+// reported.cpp
+struct PhysicalAxes {
+    Matrix rotation;
+    double std_scale, std_axes;
+    auto parts() { return std::tie(rotation, std_scale, std_axes); }
+};
+struct ReportedMotions {
+    Array<double, 3> poses, cov, jacobian;
+    auto parts() { return std::tie(poses, cov, jacobian); }
+};
+ReportedMotions reported_motions(const PhysicalAxes& axes, Matrices poses, Matrices cov, Matrices by_terms);
+struct ReportedPoints {
+    Array<double, 2> points;
+    Array<double, 3> cov;
+    auto parts() { return std::tie(points, cov); }
+};
+ReportedPoints reported_points(const PhysicalAxes& axes, Matrix points, Matrices cov, Vector std_shared,
+                               Matrix frame_from_cam);
+
+}  // namespace core

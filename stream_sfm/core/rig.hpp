@@ -1,0 +1,68 @@
+// Stages on the errors of a rig: what they do to views and rows, and how large they are.
+#pragma once
+
+#include "records.hpp"
+
+namespace core {
+
+// row_errors.cpp
+Array<double, 2> row_terms(const std::array<double, 2>& size, const Field& field, Matrix at, Vector speed);
+Array<double, 1> row_offsets(const RowModel& rows, Matrix at, Vector speed);
+Array<bool, 1> on_one_row(const RowModel& rows, Matrix left, Matrix right, Vector speed, double scale);
+struct UnknownOfViews {
+    Array<double, 3> errors;
+    Array<double, 2> cov_turn;
+    auto parts() { return std::tie(errors, cov_turn); }
+};
+UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, const RowModel& rows, Matrix before,
+                              Matrix now, Matrix z, Vector twist, Vector std_twist);
+
+// rig.cpp
+constexpr std::size_t TERMS = 20, AT_TIMING = 14;  // the order of rig_model/terms.py; delay and readout follow each other
+void check(const ExposedRows& exposed);
+struct RigEffects {
+    Array<double, 3> terms;
+    Array<double, 2> field;
+    auto parts() { return std::tie(terms, field); }
+};
+RigEffects rig_effects(const RigModel& model, Matrix z, Vector age);
+Array<double, 3> disparity_effects(const Pinholes& pinholes, const std::array<double, 2>& size, Matrix points,
+                                   Matrix motion, Matrix z);
+Array<double, 2> field_basis(const Field& field, Matrix at);
+Array<double, 2> polynomial_rows(const ExposedRows& exposed, Matrix z);
+Array<double, 2> velocities(const Pinholes& pinholes, Matrix points, Matrix twists);
+Array<double, 1> row_speeds(const Pinholes& pinholes, Matrix points, Vector twist);
+// ∂(row)/∂(u, v) on the left and on the right (4,) of a view.
+void slopes_of_rows(const ExposedRows& of, const double* z, double* out);
+// To a view at z of a homogeneous point with a motion (2, 6), per second of delay and of readout (4, 2), near a `timing` (2,).
+void timing_of_view(const Pinholes& pinholes, const ExposedRows& exposed, const double* point, const double* motion,
+                    const double* timing, const double* z, double* out);
+Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points, Matrix motion,
+                             Vector timing, std::optional<Matrix> z);
+Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points, Vector twist,
+                                  Vector mean);
+struct MovingPoints {
+    Matrix points;
+    Vector twist;
+    auto parts() { return std::tie(points, twist); }
+};
+Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& exposed, const MovingPoints& before,
+                                 const MovingPoints& now, Vector mean, Matrix cov, Vector std_twist);
+Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points, Vector size,
+                                   Matrix cov_twist);
+// Errors (n, k) as independent ones (n, j), of σ = 1 as they are, without those that do not matter beside a good view's noise.
+Array<double, 2> principal_components(Matrix errors);
+Array<double, 3> principal_errors(Matrices errors);  // of views (n, 4, k)
+
+// mixture.cpp
+struct Mixture {
+    Array<double, 1> mean;
+    Array<double, 2> cov;
+    double p_wrong;
+    auto parts() { return std::tie(mean, cov, p_wrong); }
+};
+Array<double, 2> log_evidence(Vector information, Vector weighted, Vector variances);
+Mixture rig_mixture(Vector mean, Matrix cov, Vector size, std::size_t lenses, View<bool, 2> is_zero, Vector log_prior,
+                    double counts, bool known_wrong);
+
+}  // namespace core

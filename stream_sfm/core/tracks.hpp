@@ -1,0 +1,88 @@
+// Stages on tracks: predicted, aligned, updated, begun; and errors that last along them.
+#pragma once
+
+#include "records.hpp"
+#include "image.hpp"
+
+namespace core {
+
+// tracks.cpp
+struct PredictedTracks {
+    Array<double, 2> points, left;
+    Array<double, 1> right_u;
+    Array<double, 3> left_warps, right_warps;
+    auto parts() { return std::tie(points, left, right_u, left_warps, right_warps); }
+};
+PredictedTracks predict_tracks(const Pinholes& pinholes, const Timing& timing, Vector twist, const TrackTable& tracks,
+                               Matrix cam_from_previous, Matrix cam_from_start, Matrix left, Flags agree);
+struct UpdatedTracks {
+    Array<double, 2> points;
+    Array<double, 1> var_rho;
+    Array<double, 3> cov_left;
+    auto parts() { return std::tie(points, var_rho, cov_left); }
+};
+UpdatedTracks update_depths(const Pinholes& pinholes, const TrackTable& tracks, Matrix cam_from_previous, Matrix z,
+                            Matrices cov, double forgetting);
+Array<bool, 1> templates_fit(Matrices warps, double radius, double half);
+Array<bool, 1> inside_area(View<bool, 2> area, Matrix at);
+Array<double, 3> view_covariances(Matrices gradients, Vector error_left, Vector error_right, double shared_pixels,
+                                  double scale, double factor);
+Array<double, 3> track_covariances(Matrices cov_left, Vector var_rho, Vector drift, double focal, double baseline);
+Array<double, 1> template_drift(Matrix points, Matrix cam_from_previous, Indices scale, double radius);
+
+// alignment.cpp
+template <class T>  // float or std::uint8_t
+struct Templates {
+    ImageOf<T> left;
+    std::optional<ImageOf<T>> right;
+    View<T, 3> stored;
+    View<bool, 2> area;
+    TemplateKind kind;
+    auto parts() { return std::tie(left, right, stored, area, kind); }
+};
+struct AlignedTracks {  // of tracks (n) which were expected in view, and of those found (k) their rows, points and views
+    Array<bool, 1> expected;
+    Array<std::int64_t, 1> rows;
+    Array<double, 2> points, z;
+    Array<double, 3> cov;
+    Array<double, 2> any_row, taken;
+    auto parts() { return std::tie(expected, rows, points, z, cov, any_row, taken); }
+};
+AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, const TrackTable& tracks, Indices slots,
+                           Matrix cam_from_previous, Matrix cam_from_start, Matrix left, Flags agree,
+                           const Templates<std::uint8_t>& ordinary, const std::optional<Templates<float>>& wide);
+
+// new_points.cpp
+struct NewMatches {
+    Array<std::int64_t, 1> slots;
+    Array<double, 2> z;
+    Array<double, 3> cov;
+    Array<double, 2> slopes;
+    Array<double, 1> apart;
+    auto parts() { return std::tie(slots, z, cov, slopes, apart); }
+};
+template <class T>  // float or std::uint8_t
+NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, View<T, 3> stored,
+                            const TemplateKind& kind, const RightSides& right_sides, Pixels corners, Indices slots,
+                            Vector disparity, double tolerance, double std_grey, double max_apart);
+struct PlacedPoints {  // rows of those that are kept, their views, and their points with the variances of 1/Z
+    Array<std::int64_t, 1> rows;
+    Array<double, 2> z, points;
+    Array<double, 1> var_rho;
+    auto parts() { return std::tie(rows, z, points, var_rho); }
+};
+PlacedPoints place_new_points(const RightSides& right_sides, const Timing& timing, Matrix seen, Matrices cov,
+                              double scale, double least_sigmas, double max_std);
+
+// lasting.cpp
+struct RowErrors {
+    Array<std::int64_t, 1> ages;
+    Array<double, 2> rows;
+    Array<double, 1> sums;
+    auto parts() { return std::tie(ages, rows, sums); }
+};
+RowErrors row_errors_of_tracks(Indices known, Indices ages, Matrix rows, Indices ids, Matrix z, Matrices cov,
+                               bool counts);
+Array<double, 2> view_inflation(Indices ages, double ratio_left, double ratio_right, double decay);
+
+}  // namespace core

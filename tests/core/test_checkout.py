@@ -1,0 +1,65 @@
+"""A checkout whose core has to be compiled says so, or refuses with the command that does it."""
+
+import ast
+import contextlib
+import importlib.util
+import io
+import os
+from pathlib import Path
+
+import pytest
+
+import stream_sfm.core
+from stream_sfm.core import _core
+from tests.helpers.places import ROOT
+
+TOOL = """\
+import sys
+print("stream-sfm: compiling up to 2 files", file=sys.stderr)
+sys.exit("stream-sfm: building needs cmake")
+"""
+
+
+def checkout(folder: Path) -> Path:
+    """A checkout with a source and no module, whose tool fails; returns the file that Python imports."""
+    core, tools = folder / "stream_sfm/core", folder / "tools/build"
+    for made in (core, tools):
+        made.mkdir(parents=True)
+    for name in ("CMakeLists.txt", "stage.cpp"):
+        (core / name).touch()
+    (tools / "in_place.py").write_text(TOOL)
+    (core / "__init__.py").write_bytes(Path(os.fspath(stream_sfm.core.__file__)).read_bytes())
+    return core / "__init__.py"
+
+
+def test_what_is_compiled_is_told_where_python_writes_its_errors(tmp_path: Path) -> None:
+    """As in a notebook, where that is not the standard error of the process."""
+    spec = importlib.util.spec_from_file_location("checkout_core", checkout(tmp_path))
+    assert spec and spec.loader
+    with contextlib.redirect_stderr(io.StringIO()) as told, pytest.raises(ImportError) as refused:
+        spec.loader.exec_module(importlib.util.module_from_spec(spec))
+    assert told.getvalue().splitlines() == [
+        "stream-sfm: compiling up to 2 files",
+        "stream-sfm: building needs cmake",
+    ]
+    assert "python -m pip install" in str(refused.value)
+
+
+def test_the_stub_is_what_the_module_says() -> None:
+    """`python tools/build/stub.py` and `ruff format` write it anew."""
+    spec = importlib.util.spec_from_file_location("stub", ROOT / "tools/build/stub.py")
+    assert spec and spec.loader
+    tool = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tool)
+    said = ast.dump(ast.parse(tool.stub(_core)))
+    assert said == ast.dump(ast.parse((ROOT / "stream_sfm/core/_core.pyi").read_text(encoding="utf-8")))
+
+
+def test_arguments_of_the_core_have_names_and_help() -> None:
+    described = [value for value in vars(_core).values() if callable(value)]
+    assert len(described) > 50
+    for function in described:
+        signature, help_text, *_ = function.__nb_signature__[0]
+        assert "arg0" not in signature and help_text, signature
+    with pytest.raises(TypeError, match="xi: Array"):
+        _core.pose_exp(xi="six numbers")

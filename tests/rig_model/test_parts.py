@@ -1,0 +1,50 @@
+"""What thirds of a run say about the rig's errors."""
+
+import numpy as np
+import pytest
+
+from stream_sfm.rig_model.parts import Parts
+from stream_sfm.rig_model.terms import DELAY, TERMS
+
+AT = TERMS.index(DELAY)
+
+
+def parts_of(frames: int, delay: float, drift: float, rng: np.random.Generator) -> Parts:
+    """Parts of a run whose frames tell of a delay, in σ of what is assumed, which seems to drift over the run."""
+    t = len(TERMS)
+    size = np.full(t, 0.7)
+    information, weighted, parts = np.diag(size**-2.0), np.zeros(t), Parts()
+    for k in range(frames):
+        direction = rng.normal(size=t)
+        seen = direction[AT] * (delay + drift * (k / frames - 0.5)) + rng.normal(scale=0.1)
+        information = information + np.outer(direction, direction) / 0.1**2
+        weighted = weighted + direction * seen / 0.1**2
+        parts = parts.after(information, weighted, size)
+    return parts
+
+
+@pytest.mark.parametrize("frames", [30, 97, 300])
+def test_thirds_that_agree_give_the_error_and_its_sigma(frames: int) -> None:
+    rng = np.random.default_rng(frames)
+    off = []
+    for _ in range(60):
+        found = parts_of(frames, 0.5, 0.0, rng).agreement
+        assert found is not None
+        off.append((found.mean[AT] - 0.5) / found.std[AT])
+    # with two degrees of freedom for the spread, which is 1 at least, σ is a little too large
+    assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.2
+
+
+def test_thirds_that_disagree_are_no_evidence() -> None:
+    rng = np.random.default_rng(1)
+    real, made_up = parts_of(200, 0.5, 0.0, rng), parts_of(200, 0.1, 3.0, rng)
+    assert real.evidence is not None and made_up.evidence is not None and made_up.agreement is not None
+    assert real.evidence[AT] > 20 and made_up.evidence[AT] < 2
+    assert made_up.agreement.spread[AT] > 10
+
+
+def test_a_short_run_has_no_thirds_and_a_long_one_keeps_few() -> None:
+    rng = np.random.default_rng(2)
+    assert parts_of(20, 0.5, 0.0, rng).evidence is None
+    long = parts_of(1000, 0.5, 0.0, rng)
+    assert len(long.ends) <= 12 and long.evidence is not None

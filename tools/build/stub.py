@@ -1,0 +1,62 @@
+"""Write the stub of the compiled core from the module itself: `python tools/build/stub.py`.
+
+Its functions are what the stub generator of nanobind says of the module; `help` has their descriptions. The aliases
+above them are the records that stages take, as the module describes them. A test compares the stub with the module.
+"""
+
+import sys
+import textwrap
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from nanobind.stubgen import StubGen
+
+STUB = Path(__file__).resolve().parents[2] / "stream_sfm/core/_core.pyi"
+_HEAD = """\
+# The compiled core as Python calls it, written by tools/build/stub.py from the module. Arrays of another type or order
+# are copied; one of a wrong shape is a ValueError (TypeError: of a wrong number of axes). Images are (h, w) grey;
+# what lies beyond their border is as its rim.
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Grey = NDArray[np.float32]
+Bytes = NDArray[np.uint8]
+Image = NDArray[np.float32] | NDArray[np.uint8]
+Pixels = NDArray[np.integer]
+Ids = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+"""
+
+
+class _OncePerSignature(StubGen):  # type: ignore[misc]
+    """Overloads for pixels of several types have one signature, which is written once."""
+
+    def put_nb_func(self, fn: Any, name: str | None = None, is_classmethod: bool = False) -> None:
+        self.put_nb_overload(fn, fn.__nb_signature__[0], name, is_classmethod)
+
+
+def stub(module: ModuleType) -> str:
+    """Return the stub of the module."""
+    generator = _OncePerSignature(module, include_docstrings=False)
+    for name in sorted(vars(module)):
+        if callable(value := vars(module)[name]):
+            generator.put(value, name)
+    records = []
+    for name, (kind, meaning) in module.RECORDS.items():
+        comment = textwrap.wrap(" ".join(meaning.split()), 120, initial_indent="# ", subsequent_indent="# ")
+        records += [*comment, f"{name} = {kind}"]
+    functions = generator.output.replace("\n\n\n", "\n\n")
+    records.append(
+        "RECORDS: dict[str, tuple[str, str]]  # of each of these records, its type and what its parts are"
+    )
+    return "\n".join([f"{_HEAD}{records[0]}", *records[1:], "", functions.strip(), ""])
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(STUB.parents[2]))
+    from stream_sfm.core import _core
+
+    STUB.write_text(stub(_core), encoding="utf-8")
