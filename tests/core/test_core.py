@@ -54,6 +54,10 @@ PRIOR = (SLOTS, POINTS[:, :3], COV[:, :3, :3], np.zeros((N, 3, 9)), np.eye(8), n
 OF_BOTH = np.zeros((N, 3, 12))
 
 # Each function with arguments that it takes
+INTERVALS = (
+    *(np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 6)), np.zeros((2, 9, 6)), np.zeros((2, 9))),
+    *(np.tile(np.eye(9), (2, 1, 1)), np.zeros((2, 6)), np.zeros(2), np.full(2, 0.1)),
+)
 CALLS = {
     "match_along_rows": (IMAGE, IMAGE, PIXELS, -5, 40),
     "unfilter_png": (IMAGE.astype(np.uint8) % 5, 1),
@@ -106,6 +110,16 @@ CALLS = {
     "place_new_points": (RIGHT_SIDES, TIMING, VIEWS, COV, 1.0, -2.0, 9.0),
     "effects_of_turn": (PINHOLES, STARTS),
     "point_motions": (MOTIONS, np.arange(N) / 10),
+    "preintegrate": (
+        np.arange(4) / 200,
+        np.ones((4, 3)),
+        np.ones((4, 3)),
+        np.ones(3),
+        np.zeros(6),
+        np.full(2, 1e-3),
+    ),
+    "inertial_rows": (INTERVALS, np.tile(np.eye(4), (3, 1, 1)), np.zeros((3, 3)), np.ones(17), np.eye(4)),
+    "inertial_motion": (tuple(a[:1] for a in INTERVALS), np.ones(17), np.eye(4)),
     "velocities": (PINHOLES, POINTS, RNG.normal(size=(N, 6))),
     "timed_views": (PINHOLES, EXPOSED, POINTS, np.ones((2, 6)), np.ones(2), VIEWS),
     "timing_unknowns": (PINHOLES, EXPOSED, *2 * ((POINTS, np.ones(6)),), np.ones(2), np.eye(2), np.ones(6)),
