@@ -23,6 +23,7 @@ _GRAVITY_M_S2, _STD_GRAVITY = 9.81, 0.1
 _DEGREES = 180 / np.pi
 # Of noise densities: what data sheets say counts as much as this share of one interval, and so many are remembered.
 _DATA_SHEET = 3.0
+_LITTLE = 0.1  # the same where residuals are larger than they can be: that noise is larger needs little evidence
 _MEMORY = 400.0
 _LEAST_FACTOR, _MOST_FACTOR = 0.05, 100.0
 # Odds that the scale, the axes or the clock are not exactly as calibrated, and the share of the information about them
@@ -98,27 +99,35 @@ class Densities:
     """Factors on the noise densities of gyroscope and accelerometer, and on slides, from their residuals, eq. (86).
 
     `squares`, `shares` (3,): sums of weighted squared residuals in units of what the data sheet says, and of what they
-    should be.
+    should be. `plain` (3, 2): the same without weights: samples whose noise is counted far too small leave the images
+    no say, so that all weights are small.
     """
 
     squares: Array
     shares: Array
+    plain: Array
 
     @classmethod
     def as_given(cls) -> "Densities":
         """Return those of the data sheet."""
-        return cls(np.full(3, _DATA_SHEET), np.full(3, _DATA_SHEET))
+        return cls(np.full(3, _DATA_SHEET), np.full(3, _DATA_SHEET), np.full((3, 2), _LITTLE))
 
     @property
     def factors(self) -> Array:
         """The factors (3,)."""
-        return np.clip(np.sqrt(self.squares / self.shares), _LEAST_FACTOR, _MOST_FACTOR)
+        known, at_least = self.squares / self.shares, self.plain[:, 0] / self.plain[:, 1]
+        at_least[2] = 0.0  # of slides: what the gyroscope shows alone
+        return np.clip(
+            np.sqrt(np.where(at_least > 1, np.maximum(known, at_least), known)), _LEAST_FACTOR, _MOST_FACTOR
+        )
 
     def after(self, surprise: Array) -> "Densities":
-        """Return them after an interval with a `surprise` (3, 2), as in `InertialWindow.learn`."""
+        """Return them after an interval with a `surprise` (3, 4), as in `InertialWindow.learn`."""
         keep = 1 - 1 / _MEMORY
         squares = keep * self.squares + (1 - keep) * _DATA_SHEET + surprise[:, 0] * self.factors**2
-        return Densities(squares, keep * self.shares + (1 - keep) * _DATA_SHEET + surprise[:, 1])
+        shares = keep * self.shares + (1 - keep) * _DATA_SHEET + surprise[:, 1]
+        plain = keep * self.plain + np.stack([surprise[:, 2] * self.factors**2, surprise[:, 3]], axis=1)
+        return Densities(squares, shares, plain)
 
 
 def likely(state: Array, cov: Array, std: Array) -> Array:

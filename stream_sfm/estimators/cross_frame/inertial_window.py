@@ -30,7 +30,7 @@ class InertialWindow:
         self.intervals: list[Interval] = []
         self.velocities, self.slides, self._std_slides = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
         self._clear()
-        self.surprise = np.zeros((3, 2))  # of the oldest interval, see `learn`
+        self.surprise = np.zeros((3, 4))  # of the oldest interval, see `learn`
 
     def _clear(self) -> None:
         f = len(self.intervals)
@@ -170,11 +170,11 @@ class InertialWindow:
         """Compare the residuals of the oldest interval with what they should be, diag(I − J Σ Jᵀ) of its own rows.
 
         Kept in `surprise`, of gyroscope, accelerometer and slides: sums of squared residuals, weighted by that, and of
-        its squares. Where it is small, a residual shows the noise of the images.
+        its squares, and both without these weights. Where it is small, a residual shows the noise of the images.
         """
         f = len(self.intervals)
         if self.intervals[0].opened > 1 or not self.intervals[0].complete:
-            self.surprise = np.zeros((3, 2))
+            self.surprise = np.zeros((3, 4))
             return
         velocities = np.concatenate([state[None, VELOCITY], self.velocities])
         cams = np.concatenate([np.eye(4)[None], self.true_cams(cams_from_ref)])
@@ -199,9 +199,10 @@ class InertialWindow:
         cov = root @ root.T + by_rig @ system.cov_rig @ by_rig.T + self._cov_local[:3, :3]
         of_slide = np.clip(1 - np.diag(cov) / self._std_slides[0] ** 2, 0.0, 1.0)
         left = np.concatenate([left, of_slide])
-        weighted = left * np.concatenate([residual, self.slides[0] / self._std_slides[0]]) ** 2
+        squares = np.concatenate([residual, self.slides[0] / self._std_slides[0]]) ** 2
+        rows = np.stack([left * squares, left**2, squares, left], axis=1)
         parts = slice(0, 3), slice(3, 9), slice(9, 12)
-        self.surprise = np.array([[weighted[k].sum(), (left[k] ** 2).sum()] for k in parts])
+        self.surprise = np.array([rows[k].sum(axis=0) for k in parts])
 
 
 def _of_system(system: System, by_poses: Array, by_modes: Array) -> Array:
