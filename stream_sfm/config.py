@@ -263,10 +263,6 @@ class Config(_Section, frozen=True, kw_only=True):
         str, Meta(description="estimator: cross-frame, ekf, frame-to-frame, or another name in estimators.METHODS")
     ] = "cross-frame"
     mono: Annotated[bool, Meta(description="use the left camera only; lengths have no unit")] = False
-    # Where the camera moves by little from frame to frame, views some frames apart say as much, for less work.
-    estimate_every: Annotated[
-        int, _number("estimate every k-th frame; resection places those between", 1, 1000)
-    ] = 1
     frontend: FrontendConfig = FrontendConfig()
     window: WindowConfig = WindowConfig()
     robust: RobustConfig = RobustConfig()
@@ -278,8 +274,6 @@ class Config(_Section, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.mono and self.estimate_every > 1:
-            raise ConfigError("estimate_every needs two cameras: with mono every frame is estimated")
         if self.mono and self.method != "cross-frame":
             raise ConfigError(f"method {self.method} needs two cameras: with mono the method is cross-frame")
 

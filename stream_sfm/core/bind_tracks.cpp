@@ -80,12 +80,11 @@ not found. `shared_pixels` have one noise value; a template's pixel is `scale` i
     def<&row_errors_of_tracks>(m, "row_errors_of_tracks", R"(Return ages (n,) of tracks in views, at most 59, and their row differences (n, k), the latest first, eq. (68).
 
 Tracks `ids` (n,) with views (n, 4) and covariances (n, 4, 4); those of the frame before, `known` (m,), with ages
-and row differences (m, k). All ids ascend; `counts`: whether this frame adds to the ages. Differences are in
-standard deviations, at most 3, without what a whole frame shares, and NaN without a right side. Also returns sums
-(6,): of squares of the differences of two successive frames, half of both, of their products, and of how many; and
-of tracks that were seen k frames ago, too: of these products, of the products of the differences now and then, and
-of how many.)",
-        "known"_a, "ages"_a, "rows"_a, "ids"_a, "z_px"_a, "cov_px"_a, "counts"_a);
+and row differences (m, k). All ids ascend. Differences are in standard deviations, at most 3, without what a whole
+frame shares, and NaN without a right side. Also returns sums (6,): of squares of the differences of two successive
+frames, half of both, of their products, and of how many; and of tracks that were seen k frames ago, too: of these
+products, of the products of the differences now and then, and of how many.)",
+        "known"_a, "ages"_a, "rows"_a, "ids"_a, "z_px"_a, "cov_px"_a);
     def<&view_inflation>(m, "view_inflation", R"(Return by how much (n, 2) the variances of views of tracks with these ages (n,) are to be multiplied, eq. (69).
 
 For an estimator that adds up the views of a track as if they were independent: then each says as much as it adds.

@@ -42,8 +42,7 @@ std::vector<double> inflation_by_age(double ratio, double decay) {
 
 }  // namespace
 
-RowErrors row_errors_of_tracks(Indices known, Indices ages, Matrix rows, Indices ids, Matrix z, Matrices cov,
-                               bool counts) {
+RowErrors row_errors_of_tracks(Indices known, Indices ages, Matrix rows, Indices ids, Matrix z, Matrices cov) {
     std::size_t n = ids.shape[0], m = known.shape[0], kept = rows.shape[1];
     require_shape(ages, {m}, "ages");
     require_shape(rows, {m, kept}, "rows");
@@ -61,7 +60,7 @@ RowErrors row_errors_of_tracks(Indices known, Indices ages, Matrix rows, Indices
         if (j == m || known.data[j] != ids.data[i]) continue;
         const double* before = rows[j];
         std::copy_n(before, kept - 1, row + 1);
-        result.ages.data[i] = std::min(std::clamp<std::int64_t>(ages.data[j], 0, MAX_AGE) + (counts ? 1 : 0), MAX_AGE - 1);
+        result.ages.data[i] = std::min(std::clamp<std::int64_t>(ages.data[j], 0, MAX_AGE) + 1, MAX_AGE - 1);
         double product = row[0] * before[0], later = row[0] * before[kept - 1];
         if (!std::isfinite(product)) continue;
         sums[0] += 0.5 * (row[0] * row[0] + before[0] * before[0]);

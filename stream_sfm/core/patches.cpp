@@ -18,6 +18,8 @@ constexpr double CONVERGED_PX = 0.05;         // a step leaves a tenth of itself
 constexpr double MIN_GAIN = 0.1, MAX_GAIN = 10.0;  // grey values now over then, chosen by hand: no exposure changes more
                                                    // within a track
 constexpr double MIN_EXPLAINED = 0.5;         // fraction of the image's variance, chosen by hand: at less it shows something else
+constexpr double SAME_EXPOSURE = 0.18;  // of the logarithm of gains, a fifth: light on one patch alone changes by that much
+constexpr std::size_t FEWEST_OF_EXPOSURE = 12, MOST_EXPOSURES = 3;  // as many views as do not agree by chance; and per life of a track
 constexpr int PARAMETERS = 4;                 // that a patch's residual has been fitted with: position, gain, offset
 constexpr double RIDGE = 1e-6, MIN_INFORMATION = 1e-3;  // relative to the trace, and grey²: without texture stays invertible
 
@@ -180,8 +182,20 @@ Array<double, 3> gradient_matrices(Matrices information, int spacing) {
     return result;
 }
 
-// A position is found with the patch's own gain and offset. What it is worth is judged with those that all patches have
-// in common, eq. (15): light that changes on one patch alone is a reflection or a shadow.
+// The gains that patches have in common, most frequent ones first: templates that were cut before and after a step of the
+// exposure have two. With one of them for all, those of the minority would count as changed by light, and end.
+std::vector<double> gains_in_common(std::vector<double> gains) {
+    std::vector<double> common;
+    do {
+        common.push_back(median(gains));
+        auto is_alike = [&](double gain) { return std::fabs(std::log(gain / common.back())) < SAME_EXPOSURE; };
+        gains.erase(std::remove_if(gains.begin(), gains.end(), is_alike), gains.end());
+    } while (gains.size() >= FEWEST_OF_EXPOSURE && common.size() < MOST_EXPOSURES);
+    return common;
+}
+
+// A position is found with the patch's own gain and offset. What it is worth is judged with those that patches of one
+// exposure have in common, eq. (15): light that changes on one patch alone is a reflection or a shadow.
 template <class T>
 AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse, Matrices information,
                              View<float, 1> level, int radius, int spacing) {
@@ -197,7 +211,7 @@ AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float,
     AlignedPatches result{{n, 2}, {n}, {n}};
     std::vector<float> there(k2), weighted(k2);
     Sampler<T> sampler(k2);
-    std::vector<double> rest(n), gain(n), offset(n), found_gains, found_offsets;
+    std::vector<double> rest(n), gain(n), offset(n), found_gains;
     for (std::size_t i = 0; i < n; i++) {
         float x = static_cast<float>(starts[i][0]), y = static_cast<float>(starts[i][1]);
         double fit[3] = {0, 0, 0}, mean = 0, total = 0, before = radius / MAX_STEP_RATIO;
@@ -233,15 +247,24 @@ AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float,
         if (result.found.data[i]) found_gains.push_back(fit[2]);
     }
     if (found_gains.empty()) return result;
-    double common_gain = median(found_gains);
-    for (std::size_t i = 0; i < n; i++)
-        if (result.found.data[i]) found_offsets.push_back(offset[i] -= common_gain * level.data[i]);
-    double common_offset = median(found_offsets);
+    const std::vector<double> common = gains_in_common(std::move(found_gains));
+    std::vector<std::size_t> exposure(n);  // of each patch, among the common ones
+    std::vector<std::vector<double>> offsets(common.size());
     for (std::size_t i = 0; i < n; i++) {
         if (!result.found.data[i]) continue;
-        double own_gain = gain[i] - common_gain, own_offset = offset[i] - common_offset;
+        auto apart = [&](std::size_t k) { return std::fabs(std::log(gain[i] / common[k])); };
+        for (std::size_t k = 1; k < common.size(); k++)
+            if (apart(k) < apart(exposure[i])) exposure[i] = k;
+        offsets[exposure[i]].push_back(offset[i] -= common[exposure[i]] * level.data[i]);
+    }
+    std::vector<double> common_offset(common.size());
+    for (std::size_t k = 0; k < common.size(); k++)
+        if (!offsets[k].empty()) common_offset[k] = median(offsets[k]);
+    for (std::size_t i = 0; i < n; i++) {
+        if (!result.found.data[i]) continue;
+        double own_gain = gain[i] - common[exposure[i]], own_offset = offset[i] - common_offset[exposure[i]];
         double squares = rest[i] + own_gain * own_gain * information[i][8] + k2 * own_offset * own_offset;
-        result.error.data[i] = std::sqrt(squares / (k2 - PARAMETERS)) / common_gain;
+        result.error.data[i] = std::sqrt(squares / (k2 - PARAMETERS)) / common[exposure[i]];
     }
     return result;
 }

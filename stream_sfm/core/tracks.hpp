@@ -81,8 +81,7 @@ struct RowErrors {
     Array<double, 1> sums;
     auto parts() { return std::tie(ages, rows, sums); }
 };
-RowErrors row_errors_of_tracks(Indices known, Indices ages, Matrix rows, Indices ids, Matrix z, Matrices cov,
-                               bool counts);
+RowErrors row_errors_of_tracks(Indices known, Indices ages, Matrix rows, Indices ids, Matrix z, Matrices cov);
 Array<double, 2> view_inflation(Indices ages, double ratio_left, double ratio_right, double decay);
 
 }  // namespace core

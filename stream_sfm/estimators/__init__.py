@@ -4,7 +4,6 @@ Not here: the pixels of images (`frontend/`), files (`recording/`). Equations "(
 
 * `cross_frame/`: the default, a window with a joint prior, for two cameras and for one.
 * `baselines/`: the methods to compare with, and the batch that bounds them all.
-* `every_kth`: any of them on every k-th frame, and the frames between by resection.
 * Shared: `initial_motion` (where every frame starts), `motion_model`, `lifecycle` (how maps begin and end),
   `triangulation`.
 
@@ -73,8 +72,4 @@ def make_estimator(name: str, projection: StereoProjection, config: Config) -> E
     kind = getattr(import_module(f"{__name__}.{method.module}"), method.kind)
     estimator: Estimator = kind(projection, config)
     estimator.name = name
-    if config.estimate_every == 1:
-        return estimator
-    from .every_kth import EveryKth
-
-    return EveryKth(estimator, projection, config)
+    return estimator

@@ -66,7 +66,7 @@ class StereoFrontEnd:
             rows=Rows.unknown(projection, config),
             turn_watch=None if config.rig.exact else TurnWatch(projection),
             disparity=DisparityError.of(self.rig),
-            errors=TemplateErrors(config.estimate_every),
+            errors=TemplateErrors(),
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:

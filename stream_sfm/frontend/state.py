@@ -14,6 +14,7 @@ from ..rig_model.terms import by_turn
 from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
+from .inertia import Unsteadiness
 from .pair_check import PairCheck
 from .prepared import PreparedImages
 from .right_turn import TurnWatch
@@ -64,7 +65,8 @@ class FrontEndState:
       images that are used, by the brightest ones so far.
     - `previous`: the images that the next frame is followed from, of a frame at `previous_ns`. `tracks` are the points
       that are followed, `next_id` is the id of the next new one. `cam_from_start` (4, 4): the front-end's own chain of
-      motions, which predicts how patches look and is not an estimate; `velocity` (6,): ξ of the last motion per second.
+      motions, which predicts how patches look and is not an estimate; `velocity` (6,): ξ of the last motion per second;
+      `unsteadiness`: how motions change, None before there were two.
     - `aligners`: templates and noise of views; `rows`, `timing`: what is known of the cameras; `turn_rad` (3,): of the
       right camera since its calibration, for which right views are corrected; `rows_waiting` (n, 4): new views of a
       frame whose velocity is not known yet, which a late camera would turn into rows that are off.
@@ -91,6 +93,7 @@ class FrontEndState:
     next_id: int = 0
     cam_from_start: Array = field(default_factory=lambda: np.eye(4))
     velocity: Array = field(default_factory=lambda: np.zeros(6))
+    unsteadiness: Unsteadiness | None = None
     background_hidden: bool = False
     ambiguity: AmbiguityMemory = field(default_factory=AmbiguityMemory)
     start: StartCheck = field(default_factory=StartCheck)

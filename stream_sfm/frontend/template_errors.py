@@ -61,14 +61,11 @@ def _guessed() -> Array:
 class TemplateErrors:
     """What is learnt of errors that last, the tracks of the latest frame, and σ of disparities by point.
 
-    `every`: of how many frames an estimator takes one; only the views of that one count. `frames` so far; `sums` (6,)
-    of squares and products of row differences, as `core.row_errors_of_tracks` returns them. `ids` (n,), with `ages`
-    (n,) in views and whitened `rows` (n, `_LAG`), the latest first. Points `begun` (m,), ascending, have `stds_px`
-    (m,), others `least_px`.
+    `sums` (6,) of squares and products of row differences, as `core.row_errors_of_tracks` returns them. `ids` (n,),
+    with `ages` (n,) in views and whitened `rows` (n, `_LAG`), the latest first. Points `begun` (m,), ascending, have
+    `stds_px` (m,), others `least_px`.
     """
 
-    every: int = 1
-    frames: int = 0
     sums: Array = field(default_factory=_guessed)
     ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     ages: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
@@ -94,10 +91,9 @@ class TemplateErrors:
 
     def after(self, ids: NDArray[np.int64], z_px: Array, cov_px: Array) -> "TemplateErrors":
         """Return the knowledge after a frame's views (n, 4) of tracks `ids` (n,), ascending, with covariances."""
-        counts = self.frames % self.every == 0
-        ages, rows, sums = core.row_errors_of_tracks(self.ids, self.ages, self.rows, ids, z_px, cov_px, counts)
+        ages, rows, sums = core.row_errors_of_tracks(self.ids, self.ages, self.rows, ids, z_px, cov_px)
         keep = max(0.0, 1 - sums[2] / _MEMORY_PAIRS)
-        return replace(self, frames=self.frames + 1, sums=keep * self.sums + sums, ids=ids, ages=ages, rows=rows)
+        return replace(self, sums=keep * self.sums + sums, ids=ids, ages=ages, rows=rows)
 
     @property
     def inflation(self) -> Array:
@@ -107,7 +103,7 @@ class TemplateErrors:
         """
         white, lasting = self.parts
         ratio = lasting / white
-        return white * core.view_inflation(self.ages, _LEFT_FRACTION * ratio, ratio, self.decay**self.every)
+        return white * core.view_inflation(self.ages, _LEFT_FRACTION * ratio, ratio, self.decay)
 
     def with_new(self, ids: NDArray[np.int64], apart_px: Array) -> "TemplateErrors":
         """Return the same with new points (n,), whose whole patch and inner half were matched (n,) apart."""

@@ -22,7 +22,7 @@ from ..types import ExpectedMotion
 from .alignment import WIDE, AlignedViews, learn_noise
 from .ambiguity import AmbiguityMemory
 from .depth_order import decided, depth_order, of_background
-from .inertia import steadier, without_newcomer
+from .inertia import Unsteadiness, steadier, without_newcomer
 from .inertial_choice import is_camera, nearer
 from .mono.parallax import update_by_parallax
 from .pair_check import Found
@@ -267,12 +267,14 @@ def _resect(
     motion = resect(point_views, start, weights, predicted)
     if motion.ok and not state.start.is_over:
         motion = decided(before, point_views, weights, motion)
-    if motion.ok and _jumps(setup, motion.cam_from_ref, predicted, dt_s):
+    assumed = setup.std_acceleration * dt_s**2
+    std_change = assumed if state.unsteadiness is None else np.minimum(assumed, state.unsteadiness.std)
+    if motion.ok and _jumps(motion.cam_from_ref, predicted, std_change):
         motion = steadier(before, point_views, weights, motion, predicted)
     in_question = not state.start.is_over or state.ambiguity.frames_left > 0
     if motion.ambiguous is not None and not in_question:
         jump, other_jumps = (
-            _jumps(setup, m, predicted, dt_s) for m in (motion.cam_from_ref, motion.ambiguous.cam_from_ref)
+            _jumps(m, predicted, assumed) for m in (motion.cam_from_ref, motion.ambiguous.cam_from_ref)
         )
         motion = without_newcomer(before, motion) if other_jumps and not jump else motion
     if by_inertia is not None:
@@ -294,10 +296,9 @@ def _judge_turn(
     return replace(state, turn_watch=watch), agree
 
 
-def _jumps(setup: Setup, cam_from_previous: Array, predicted: Array, dt_s: float) -> bool:
-    """Whether a motion (4, 4) is beyond what the last velocity and the assumed acceleration allow."""
-    apart = np.abs(se3.log(se3.inverse(predicted) @ cam_from_previous))
-    return bool((apart > _JUMP * setup.std_acceleration * dt_s**2).any())
+def _jumps(cam_from_previous: Array, predicted: Array, std_change: Array) -> bool:
+    """Whether a motion (4, 4) is beyond what the last velocity and changes of σ (6,) allow."""
+    return bool((np.abs(se3.log(se3.inverse(predicted) @ cam_from_previous)) > _JUMP * std_change).any())
 
 
 def _is_background_hidden(
@@ -308,7 +309,7 @@ def _is_background_hidden(
     needed = min(MANY_VIEWS, 0.5 * np.count_nonzero(state.tracks.agreed))
     if np.count_nonzero(agree & trusted) >= needed:
         return False
-    jumps = _jumps(setup, motion.cam_from_ref, predicted, dt_s)
+    jumps = _jumps(motion.cam_from_ref, predicted, setup.std_acceleration * dt_s**2)
     return (state.background_hidden or jumps) and int(np.count_nonzero(agree & ~trusted)) >= MANY_VIEWS
 
 
@@ -342,8 +343,15 @@ def _advance(
         # what lies before the points that agree may move by itself, and says nothing about them
         counts = motion.accepted | (depth_order(before, before.keep(motion.accepted)) >= 0)
         start = start.after(before.ids[counts], motion.accepted[counts])
+    unsteadiness = state.unsteadiness
+    if dt_s > 0 and state.velocity.any():
+        if unsteadiness is None:
+            unsteadiness = Unsteadiness((setup.std_acceleration[[0, 3]] * dt_s**2) ** 2)
+        expected = se3.exp(state.velocity * dt_s)
+        unsteadiness = unsteadiness.after(se3.log(se3.inverse(expected) @ motion.cam_from_ref))
     state = replace(
         state,
+        unsteadiness=unsteadiness,
         tracks=now.judged(motion.accepted[kept], ambiguous=other is not None),
         cam_from_start=cam_from_start,
         velocity=se3.log(motion.cam_from_ref) / dt_s if dt_s > 0 else np.zeros(6),

@@ -17,6 +17,7 @@ from .estimate import CERTAIN, RigEstimate
 from .field import NO_FIELD, Field, field_over
 from .terms import AT_TIMING, DISPARITY, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
 
+_REFOCUSING = 4.0  # of the σ assumed: how fast a focus moves that has begun to
 _FOCUSING_S = 1.0  # for about so long an autofocus moves
 LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
 # What the three parts of the field move of a view (u_left, v_left, u_right, v_right): the disparity, and u and v of
@@ -172,6 +173,14 @@ class RigModel:
             focal, unit = TERMS.index(FOCAL), np.diag(self.root)
             root[at] = mean[at] * np.sqrt(passed_s / _FOCUSING_S)
             root[focal] = -age_s * root[at] * unit[at] / unit[focal]
+        return root
+
+    def root_of_unknown_focus(self, m: int, age_s: float) -> Array:
+        """Return a root (m, 2) of the covariance of amplitudes by a focus that begins to move at `age_s`, eq. (72g)."""
+        root, focal, moving = np.zeros((m, 2)), TERMS.index(FOCAL), TERMS.index(FOCUSING)
+        unit = np.diag(self.root)
+        root[moving, 0], root[focal, 1] = _REFOCUSING, 1.0
+        root[focal, 0] = -age_s * _REFOCUSING * unit[moving] / unit[focal]
         return root
 
     def corrected(self, z_px: Array) -> Array:

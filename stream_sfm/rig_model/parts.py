@@ -1,12 +1,14 @@
 """Whether parts of a run agree about the rig's errors: evidence that does not rest on the σ of views.
 
 Errors of views that last, or that a model does not have, make the σ of an error several times too small, above all of
-those that only time tells apart: a delay, a readout, a turn, a focus. A real one is the same in each third of a run. One
-that is made up, to explain what wanders slowly, is not: thirds of a drive with a rigid, triggered rig said 0.8, 1.0 and
-0.3 ms, and all of it 1.5 ± 0.1. What the thirds say follows from the information that the prior had at their ends.
+those that only time tells apart: a delay, a readout, a turn, a focus. A real one is the same in each third of a run.
+One that is made up, to explain what wanders slowly, is not: thirds of a drive with a rigid, triggered rig said 0.8,
+1.0 and 0.3 ms, and all of it 1.5 ± 0.1. What the thirds say follows from the information that the prior had at their
+ends.
 """
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +30,7 @@ class _End(NamedTuple):
 
 
 class Agreement(NamedTuple):
-    """Of each term (t,): the mean of the thirds of a run, and its σ, with what they differ by in `spread`, 1 at least."""
+    """Of each term (t,): the mean of the thirds of a run, its σ, and `spread`: how many σ they differ by, or 1."""
 
     mean: Array
     std: Array
@@ -78,7 +80,7 @@ class Parts:
         t = len(self.latest.weighted)
         cuts = [_End(0, np.zeros((t, t)), np.zeros(t)), *inner, self.latest]
         means, variances = np.zeros((2, 3, t))
-        for k, (first, last) in enumerate(zip(cuts[:-1], cuts[1:], strict=True)):
+        for k, (first, last) in enumerate(pairwise(cuts)):
             values, axes = np.linalg.eigh(last.information - first.information)
             cov = (axes / (1 + np.maximum(values, 0.0))) @ axes.T  # no part says less than nothing
             means[k], variances[k] = cov @ (last.weighted - first.weighted), np.diag(cov)

@@ -130,9 +130,9 @@ def effects_of_turn(projection: StereoProjection, left_px: Array) -> Array:
 
 
 def by_turn(projection: StereoProjection, z_px: Array, root: Array) -> Array:
-    """Return what amplitudes of a turn of the right camera, of covariance `root` (3, e) times its transpose, rad, do.
+    """Return what amplitudes of a turn of the right camera do, of covariance `root` (3, e) times its transpose, rad.
 
-    To views (n, 4): (n, 4, e) px; 0 for a missing side.
+    Eq. (36b), to views (n, 4): (n, 4, e) px; 0 for a missing side.
     """
     moved = np.zeros((len(z_px), 4, root.shape[1]))
     seen = np.flatnonzero(np.isfinite(z_px[:, 2]))

@@ -66,7 +66,7 @@ CALLS = {
     "new_corners": (IMAGE, IMAGE > 9, STARTS, 20, 4.0, 80.0),
     "among": (SLOTS, SLOTS[2:]),
     "union_of": (SLOTS % 3,),
-    "row_errors_of_tracks": (SLOTS, SLOTS, np.ones((N, 5)), SLOTS, VIEWS, COV, True),
+    "row_errors_of_tracks": (SLOTS, SLOTS, np.ones((N, 5)), SLOTS, VIEWS, COV),
     "view_inflation": (SLOTS, 0.5, 1.0, 0.92),
     "warp_patches": (STORED, SLOTS, WARPS, 4, 2),
     "align_patches": (IMAGE, STARTS, *core.warp_patches(STORED, SLOTS, WARPS, 4, 2), 4, 2),

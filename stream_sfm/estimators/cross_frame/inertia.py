@@ -18,6 +18,7 @@ from ...geometry.resection import Resection, SecondMotion
 from ...geometry.se3 import Array
 from ...inertial.buffer import SampleBuffer
 from ...inertial.samples import ImuCalibration
+from ...record import changed
 from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction
 from ..motion_model import MotionModel
 from .inertia_checks import IMPOSSIBLE, Agreement, Densities, impossible, likely
@@ -236,8 +237,12 @@ class Inertia:
             return None
         return replace(inertial_estimate(known, self._densities.factors), dead_reckoned=True)
 
-    def report(self, current: Map) -> tuple[Known | None, InertialEstimate | None]:
-        """Read the newest pose and state off the map, what may be exactly zero by its odds; None without inertia."""
+    def report(self, current: Map, read_off: Map) -> tuple[Known | None, InertialEstimate | None]:
+        """Read the newest pose and state off two maps, what may be exactly zero by its odds; None without inertia.
+
+        The mean is that of the map that estimates are `read_off`, the covariance is the filter's, as of all that is
+        carried on.
+        """
         window = current.inertia
         if window is None:
             self.now = None
@@ -245,6 +250,10 @@ class Inertia:
         stamp_ns = (current.frames[-1] if current.frames else current.reference).stamp_ns
         seen = current.cams_from_ref, current.inertial_state
         known = window.newest(current.system, stamp_ns, current.world_from_ref, *seen)
+        if read_off.inertia is not None and read_off is not current:
+            seen_alike = read_off.cams_from_ref, read_off.inertial_state
+            mean = read_off.inertia.newest(read_off.system, stamp_ns, read_off.world_from_ref, *seen_alike)
+            known = changed(mean, cov=known.cov)
         if len(current.frames) == self._frames:
             window.learn(current.system, *seen)
             self._densities = self._densities.after(window.surprise)

@@ -97,6 +97,13 @@ class WhitenedViews:
     def __getitem__(self, rows: slice | NDArray[np.intp]) -> "WhitenedViews":
         return WhitenedViews(*[rows_of(column, rows) for column in _COLUMNS(self)])
 
+    def given_rig(self, amplitudes: Array) -> "WhitenedViews":
+        """Return the views as those of an exact rig, without what amplitudes (m,) of its errors do."""
+        if not len(amplitudes):
+            return self
+        none = {"terms": self.terms[..., :0], "timing": self.timing[..., :0], "field": self.field[:, :0]}
+        return changed(self, z_px=self.z_px - self.shift_px(amplitudes), **none)
+
     def shift_px(self, amplitudes: Array) -> Array:
         """Return what amplitudes (m,) of the rig's errors do (V, 4)."""
         own, timed = self.terms.shape[2], self.timing.shape[2]

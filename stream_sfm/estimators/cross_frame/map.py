@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ... import core
 from ...geometry import se3
 from ...geometry.gates import chi2_gate
-from ...geometry.linear import scaled_cholesky
+from ...geometry.linear import Cholesky, scaled_cholesky, symmetric
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
@@ -41,7 +41,14 @@ from .outliers import RejectionCounts
 from .prior import Prior
 from .rig_knowledge import RigKnowledge
 from .timing import ExposureClock, TwistError
+from .twist_unknown import TWIST, left_in_rows, twist_columns, with_room
 from .window_frame import WindowFrame
+
+_LEAST_TWIST = (
+    0.1  # of what accelerations are assumed to do to a twist: few frames have not shown all of its errors
+)
+PROBABLE = 2.0  # standard deviations from which on a delay is reckoned with
+FAR = 0.0, 0.0, 1.0, 0.0  # a point at infinity, straight ahead
 
 
 class Map:
@@ -52,7 +59,7 @@ class Map:
     the other, used or not; `cams_from_ref` (F, 4, 4): their poses, and `own` (F, e): what the views of each err by in
     common, in σ. `reference`: the frame of the reference camera.
     `prior`, and the `amplitudes` (k,) of its modes. `system`: the latest normal equations, factored. `marginals`: of
-    the latest frame.
+    the latest frame, as reported.
     """
 
     def __init__(
@@ -76,6 +83,9 @@ class Map:
         self._seconds = np.zeros(1)  # when the reference camera and the window exposed
         self._motions = np.zeros((1, 2, 6))  # of points in the reference camera and in the window
         self.reference = frame
+        self.has_twist = (
+            False  # whether the error of a frame's twist is one of its unknowns: where a delay is probable
+        )
         self.rejections = RejectionCounts()
         self.begun_anew = self._dropped = np.empty(0, np.int64)
         self._frames_ambiguous, self._cov_doubt = 0, np.zeros((6, 6))  # in axes of the reference camera
@@ -110,6 +120,11 @@ class Map:
     def inertial_state(self) -> Array:
         """The inertial state (17,) of the reference camera at the present amplitudes; (0,) without inertia."""
         return self.prior.state_at(self.amplitudes)
+
+    @property
+    def previous(self) -> WindowFrame:
+        """The frame before the newest one."""
+        return self.frames[-2] if len(self.frames) > 1 else self.reference
 
     @property
     def newest_cam_from_ref(self) -> Array:
@@ -261,8 +276,10 @@ class Map:
         count = core.times_among(ids, self.views.ids, self.views.used)
         return np.maximum(count + np.where(core.among(ids, self.prior.ids), len(self.frames), -1), 0)
 
-    def consider_other(self, motion: Resection) -> None:
+    def consider_other(self, motion: Resection, std_moved: Array) -> None:
         """Add to the world's uncertainty that the second of two plausible motions may be the true one.
+
+        No vehicle moves between two frames by much more than `std_moved` (6,) otherwise than it did.
 
         The difference of the two, in any direction, as the camera's motion may be that of a third set, which is hidden;
         and the error of the other, eq. (36a). The differences of frames in a row have one sign.
@@ -274,7 +291,9 @@ class Map:
         self._frames_ambiguous += 1
         first_from_other = motion.cam_from_ref @ se3.inverse(other.cam_from_ref)  # of the newest camera
         apart = np.linalg.norm(se3.log(first_from_other).reshape(2, 3), axis=1)
-        own = se3.adjoint(first_from_other) @ scaled_cholesky(other.cov_pose)
+        apart = np.minimum(apart, std_moved[[0, 3]])
+        cov = Cholesky(Cholesky(other.cov_pose).inverse() + np.diag(std_moved**-2.0)).inverse()
+        own = se3.adjoint(first_from_other) @ scaled_cholesky(cov)
         ambiguity = np.concatenate([np.diag(np.repeat(apart, 3)), own], axis=1)
         self.frames[-1].ambiguity = ambiguity
         modes = se3.adjoint(se3.inverse(self.newest_cam_from_ref)) @ ambiguity
@@ -327,6 +346,12 @@ class Map:
         self.rejections.add(self.views.ids[self.views.used & ~used])
         self.views = changed(self.views, used=used)
 
+    def follow(self, system: System) -> None:
+        """Move to the minimum of a system with the rig's errors as they are, and keep it."""
+        dx, down, dq, dy, _ = system.step()
+        self._move(dx, down, dq, np.concatenate([dy, np.zeros(len(self.prior.rig))]))
+        self.system = system
+
     def _move(self, dx: Array, down: Array, dq: Array, dy: Array) -> None:
         """Move poses (F, 6), their own (F, e), points (P, 3) and amplitudes (k,)."""
         if self.inertia is not None and self.frames:
@@ -362,6 +387,17 @@ class Map:
         by_timing[rows] = frame.rig.by_timing(moved, now, timing[0], views.expected_px[rows])
         views = changed(views, timing=by_timing)
         of_twist = std_acceleration * (self._seconds[-1] - self._seconds[-2])
+        delay_s, std_s = timing[0][0], np.sqrt(timing[1][0, 0])
+        if self.has_twist or abs(delay_s) > PROBABLE * std_s:
+            self._begin_twist()
+            in_cam = core.seen_points(self.projection.pinholes, views.z_px)
+            in_cam[rows] = moved
+            in_cam[~np.isfinite(in_cam).all(axis=1)] = FAR  # the left side alone, which is not late
+            cov_twist = self._twist_error.cov(std_acceleration, self._seconds)
+            cov_twist = cov_twist + np.diag((_LEAST_TWIST * of_twist) ** 2)
+            size_s = np.copysign(np.hypot(delay_s, std_s), delay_s)
+            own = twist_columns(self.projection.pinholes, views, in_cam, size_s, cov_twist)
+            views = changed(views, own=np.concatenate([views.own, own], axis=2))
         of_timing = core.timing_unknowns(
             *frame.rig.cameras, (points, before[0]), (moved, now[0]), *timing, of_twist
         )
@@ -370,6 +406,20 @@ class Map:
             held
         )
         return views, np.concatenate([of_timing, views.own[rows], of_disparity], axis=2)
+
+    def _begin_twist(self) -> None:
+        """Make room for the error of the twist among the unknowns of each frame; that of the frames before is known."""
+        if not self.has_twist:
+            self.has_twist = True
+            self.own = np.concatenate([self.own, np.zeros((len(self.own), TWIST))], axis=1)
+            self.views = changed(self.views, own=with_room(self.views.own))
+            if self._first is not None:
+                self._first = changed(self._first, own=with_room(self._first.own))
+                self.prior = self.prior.with_own_of_first(TWIST)
+                self.amplitudes = np.insert(self.amplitudes, [6 + self.own.shape[1] - TWIST] * TWIST, 0.0)
+        rows, own = self.newest, self.views.own.copy()
+        own[rows, :, -TWIST:] = left_in_rows(own[rows, :, -TWIST:])
+        self.views = changed(self.views, own=own)
 
     def renew_timing(self) -> None:
         """Take what delay and readout do to the used views of the window, with the velocities that are known now.
@@ -408,6 +458,8 @@ class Map:
         indices = [f.index for f in (self.reference, *self.frames)]
         self._twist_error.add(indices, self._motions[:, 0])
         mean, cov = self._timing(rig)
+        if self.has_twist:  # what it does by a delay is in the joint covariance
+            mean, cov = mean * [0.0, 1.0], cov * np.outer([0.0, 1.0], [0.0, 1.0])
         in_cam = core.points_of_views(self.state(), newest.of_core)
         cov_twist = self._twist_error.cov(std_acceleration, self._seconds)
         return core.cov_of_timed_pose(*rig.cameras, in_cam, np.sqrt(mean**2 + np.diag(cov)), cov_twist)
@@ -435,13 +487,25 @@ class Map:
         mean, cov, information = self.system.rig_errors()
         changes = not rig.steady or (model is not None and model.focus_moves(mean, cov))
         counted = (mean, cov) if changes else rig.tempered(mean, cov, information)
-        rig, found = rig.judged(*counted)
+        rig, found = rig.contradicted(mean, cov).judged(*counted)
         self._move(*self.system.follow_rig(rig.held - self.rig_error))
         self.prior = changed(self.prior, rig=rig)
         self.system.cov_rig = found.cov
         age = self.prior.rig.age_s(self.frames[-1].stamp_ns)
         evidence = rig.parts.evidence
         return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age, evidence=evidence)
+
+    @property
+    def root_of_refocusing(self) -> Array | None:
+        """A root (m, j) of the covariance by which the rig has changed, if windows contradict what is known of it.
+
+        What moves all of a lens's errors at once and goes on moving is its focus, eq. (72g); None where nothing does.
+        """
+        rig, model = self.prior.rig, self.frames[-1].rig if self.frames else None
+        if model is None or not rig.is_contradicted or self._frames_ambiguous or self._cov_doubt.any():
+            return None
+        root = model.root_of_unknown_focus(len(rig), rig.age_s(self.frames[-1].stamp_ns))
+        return np.concatenate([root, np.diag(rig.size)], axis=1) if rig.steady else root
 
     def learn_rig(self, estimate: RigEstimate, field_std_px: float, by_rows: tuple[Array, Array]) -> None:
         """Give the prior of the rig's errors the sizes that their estimate makes likely, and what the rows said.
@@ -509,6 +573,14 @@ class Map:
             poses = self.system.poses
             return self.cams_from_ref, self.system.root[:poses], self.system.by_rig[:poses]
         return self.inertia.true_cams(self.cams_from_ref), *self.inertia.true_poses(self.system)
+
+    @property
+    def cov_pose(self) -> Array:
+        """The covariance (6, 6) of the newest pose in the world by the latest system."""
+        own, rig = self.system.pose_and_world(len(self.frames) - 1)
+        by_both = np.concatenate([-np.eye(6), se3.adjoint(self.newest_cam_from_ref)], axis=1)
+        own, rig = by_both @ own, by_both @ rig
+        return symmetric(own @ own.T + rig @ self.system.cov_rig @ rig.T) + self.cov_doubt
 
     def update_marginals(self) -> Marginals:
         """Compute the marginals of the newest frame from the latest system."""

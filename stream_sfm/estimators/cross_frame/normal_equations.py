@@ -91,6 +91,22 @@ class System:
         poses, own, modes = np.split(delta, [self.poses, self.modes])
         return poses.reshape(-1, 6), own.reshape(self._own), matvec(self.std_given, for_itself), modes
 
+    def with_rig_of(self, other: "System", rows: NDArray[np.intp]) -> None:
+        """Take from another system how poses, modes and points move with the rig's errors, where this one has none.
+
+        `rows` (P,): the points in the other system. How they move hardly depends on the weights of the views.
+        """
+        self.prior, self.by_rig, self.cov_rig = other.prior, other.by_rig, other.cov_rig
+        m = len(self.cov_rig)
+        if m:
+            units = np.linalg.inv(self.std_given) @ other.std_given[rows]
+            self._reach = np.concatenate([self._reach, units @ other._reach[rows, :, -m:]], axis=2)
+
+    def taken_off_by(self, points: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return −Σ MᵀV⁻¹M (6F, 6F) and −Σ MᵀV⁻¹g (6F,) of eq. (27) over some points (P,), of the poses alone."""
+        reach = _flat(self._reach[points, :, : self.poses])
+        return -(reach.T @ reach), -(reach.T @ self._given[points].ravel())
+
     def rig_errors(self) -> tuple[Array, Array, Array]:
         """Return mean (m,), covariance and information (m, m) of the rig's errors by all views."""
         return self._rig_error + self.cov_rig @ self._pull, self.cov_rig, self._others.left
@@ -100,18 +116,22 @@ class System:
         delta = np.concatenate([self.by_rig @ change, change])
         return self._steps(delta, -(self._reach @ delta))
 
-    def covariances(self, frame: int) -> tuple[CovariancePart, CovariancePart]:
-        """Return the covariances given the rig's errors, with the pose of `frame`, and what these errors add.
+    def pose_and_world(self, frame: int) -> tuple[Array, Array]:
+        """Return a root (12, n) of the covariance of the pose of `frame` and of the world given the rig's errors.
 
-        Frame −1 is the reference camera, which has no error.
+        And how both move with these, (12, m). Frame −1 is the reference camera, which has no error.
         """
-        n, own_modes = len(self.root), len(self.root) - self.modes
-        of_own, of_rig = np.split(self.prior.world_modes[:6], [own_modes], axis=1)
-        own, rig = np.zeros((12, n)), np.zeros((12, len(self.cov_rig)))  # the rows of pose and world
+        of_own, of_rig = np.split(self.prior.world_modes[:6], [len(self.root) - self.modes], axis=1)
+        own, rig = np.zeros((12, len(self.root))), np.zeros((12, len(self.cov_rig)))
         if frame >= 0:
             rows = slice(6 * frame, 6 * frame + 6)
             own[:6], rig[:6] = self.root[rows], self.by_rig[rows]
         own[6:], rig[6:] = of_own @ self.root[self.modes :], of_own @ self.by_rig[self.modes :] + of_rig
+        return own, rig
+
+    def covariances(self, frame: int) -> tuple[CovariancePart, CovariancePart]:
+        """Return the covariances given the rig's errors, with the pose of `frame`, and what these errors add."""
+        n, (own, rig) = len(self.root), self.pose_and_world(frame)
         by_own = product(self._reach[..., :n], self.root)
         by_rig = product(self._reach[..., :n], self.by_rig)
         by_rig += self._reach[..., n:]

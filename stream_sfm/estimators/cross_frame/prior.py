@@ -99,6 +99,12 @@ class Prior:
         modes[..., modes.shape[2] - by_rig.shape[2] :] = by_rig
         return changed(self, mean=mean, cov=cov, modes=modes)
 
+    def with_own_of_first(self, n: int) -> "Prior":
+        """Return the prior of a map's first frame with n more amplitudes of its own, which do nothing so far."""
+        at = self.modes.shape[2] - len(self.rig)
+        modes, world_modes = (np.insert(m, [at] * n, 0.0, axis=-1) for m in (self.modes, self.world_modes))
+        return changed(self, modes=modes, world_modes=world_modes)
+
     def world(self, amplitudes: Array) -> Array:
         """Return world_from_ref (4, 4) at the given amplitudes (k,) of the modes."""
         return se3.orthonormalise(self.world_from_ref @ se3.exp(self.world_modes[:6] @ amplitudes))
@@ -227,6 +233,17 @@ class Prior:
         rows[VELOCITY, at + 3 : at + 6] = np.eye(3)
         rows[BIASES, at + 6 : at + _LEAVING] = np.diag(leaving.std_walk)
         return state, rows
+
+    def given_rig(self, amplitudes: Array) -> "Prior":
+        """Return the prior of an exact rig that it is where the errors of the rig have the amplitudes (m,)."""
+        own = self.modes.shape[2] - len(amplitudes)
+        return changed(
+            self,
+            mean=self.mean + self.modes[..., own:] @ amplitudes,
+            modes=np.ascontiguousarray(self.modes[..., :own]),
+            world_modes=self.world_modes[:, :own],
+            rig=RigKnowledge.unknown(np.zeros(0)),
+        )
 
     def with_field(self, n: int) -> "Prior":
         """Return the prior with n more errors of the rig, of a field that has done nothing to its points so far."""

@@ -14,22 +14,28 @@ from ...types import CommonErrors, RelativeMotions
 from .map import Map
 
 
-def relative_motions(current: Map, cov_newest: Array) -> RelativeMotions:
+def apart_from_newest(cams_from_ref: Array, of_poses: Array) -> Array:
+    """Return J of eq. (74), times (6F, n): for the reference and every camera (F, 4, 4) but the newest."""
+    from_newest = cams_from_ref[:-1] @ se3.inverse(cams_from_ref[-1])
+    blocks = of_poses.reshape(len(cams_from_ref), 6, -1)
+    return np.concatenate([-blocks[-1:], se3.adjoint(se3.inverse(from_newest)) @ blocks[:-1] - blocks[-1]])
+
+
+def relative_motions(current: Map, cov_newest: Array, by_span: Array) -> RelativeMotions:
     """Return the motions from the newest frame to the reference camera and to every other frame of the window.
 
-    `cov_newest` (6, 6): what only the newest pose does not know.
+    `cov_newest` (6, 6): what only the newest pose does not know. `by_span` (b,): the factors on σ over 1 … b frames, of
+    which the views of the window have the last one, eq. (74d).
     """
-    frames = current.frames
+    frames, system = current.frames, current.system
     true_cams, of_poses, of_rig = current.true_poses()
     cams = np.array([np.eye(4), *true_cams[:-1]])  # the reference is exact by definition
     from_newest = cams @ se3.inverse(true_cams[-1])
-    ad, system = se3.adjoint(se3.inverse(from_newest[1:])), current.system
-
-    def apart(of_poses: Array) -> Array:  # (6F, n): of each camera, less the newest one
-        blocks = of_poses.reshape(len(frames), 6, -1)
-        return np.concatenate([-blocks[-1:], ad @ blocks[:-1] - blocks[-1]])
-
-    half, by_rig = apart(of_poses), apart(of_rig)
+    half = apart_from_newest(true_cams, of_poses)
+    n, factors = len(system.root), by_span[: len(frames), None, None][::-1]
+    half[..., : system.modes] *= factors / by_span[-1]
+    half[..., system.modes : n] *= factors
+    by_rig = apart_from_newest(true_cams, of_rig)
     cov = half @ np.swapaxes(half, 1, 2) + product(by_rig, system.cov_rig) @ np.swapaxes(by_rig, 1, 2)
     return RelativeMotions(
         frame_indices=np.array([f.index for f in (current.reference, *frames[:-1])], np.int64),

@@ -7,6 +7,8 @@ As c stays in the joint state, its prior can be exchanged for one of another siz
 It is kept as information: what is learnt about c by other means, or a prior of another size, only adds to that.
 """
 
+from dataclasses import field
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +23,14 @@ from ...rig_model.terms import FOCAL, TERMS
 # Length of all errors together, each in the σ assumed for it beforehand: no calibration errs by more. Real rigs have
 # 4 to 16, the most one with a radial error of 12 px in the corner.
 _IMPOSSIBLE = 20.0
+# Frames over which innovations are averaged, and by how many calm ones the average begins: neighbouring windows share
+# most of their views. On sound logs, rendered and real, roots of the averages are 0.5 to 1.3 (KITTI 06 has 3.2 in one
+# term), where the focus moves 2 to 7.
+_INNOVATIONS, _CALM_FRAMES = 40, 10
+# In so many frames in a row a window contradicts a term by so many σ: at most by 4 on rendered logs that are sound, by
+# 6 on real ones, by 8 to 18 where the focus moves.
+_CONTRADICTS, _CONTRADICTIONS = 5.0, 3
+_LEAST_GAIN = 1e-9  # of a variance: less is rounding
 _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
 
 
@@ -33,6 +43,7 @@ class RigKnowledge:
     any view, which is learnt where `sizes_unknown`.
     `steady`: the errors have not changed; once they have, no prior can be exchanged, and the calibration is wrong.
     `since_ns`: from when on errors have grown, if they do. `parts`: what parts of the run say, since the last change.
+    `innovation2` (t,): mean square of what windows added about each term, in σ of that, over the last of `frames`.
     """
 
     mean: Array
@@ -45,6 +56,9 @@ class RigKnowledge:
     steady: bool = True
     since_ns: int = 0
     parts: Parts = Parts()
+    contradictions: int = 0
+    innovation2: Array = field(default_factory=lambda: np.ones(len(TERMS)))
+    frames: int = _CALM_FRAMES
 
     @classmethod
     def unknown(
@@ -83,12 +97,40 @@ class RigKnowledge:
         counted = Cholesky(by_window + shared @ self.information).inverse()
         return self.mean + counted @ (by_window @ (mean - self.mean) + shared @ self.weighted), counted
 
+    def contradicted(self, mean: Array, cov: Array) -> "RigKnowledge":
+        """Return the knowledge that has seen how far N(`mean`, `cov`) by all views is from what it expected, eq. (72j).
+
+        What a window adds about a term is of N(0, C₀ − C) where the term is the same as ever, and its σ right. Neither
+        is so of a lens that moves, or of errors that no term has: then σ of c is too small by as much.
+        """
+        t = len(TERMS)
+        prior = Cholesky(self.information)
+        gain = (mean - self.mean - prior.solve(self.weighted))[:t]
+        var = np.maximum(np.diag(prior.inverse() - cov)[:t], _LEAST_GAIN)
+        frames = min(self.frames + 1, _INNOVATIONS)
+        again = self.contradictions + 1 if (gain**2 > _CONTRADICTS**2 * var).any() else 0
+        mean_square = self.innovation2 + (gain**2 / var - self.innovation2) / frames
+        return changed(self, innovation2=mean_square, frames=frames, contradictions=again)
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether several windows in a row say that the errors are not what they were."""
+        return self.contradictions >= _CONTRADICTIONS
+
+    @property
+    def growth(self) -> Array:
+        """By how much (m,) σ of each error has to be larger than views have it."""
+        growth = np.ones(len(self))
+        growth[: len(TERMS)] = np.sqrt(np.maximum(self.innovation2, 1.0))
+        return growth
+
     def judged(self, mean: Array, cov: Array) -> tuple["RigKnowledge", Mixture]:
         """Return the knowledge that holds c at the mixture which N(`mean`, `cov`) from all views leads to."""
         agreement = self.parts.agreement
         spread = 1.0 if agreement is None else float(agreement.spread[TERMS.index(FOCAL) :].max())
         found = mixture(mean, cov, self.size, not self.steady, spread)
-        return changed(self, held=found.mean, cov_held=found.cov), found
+        knowledge = changed(self, held=found.mean, cov_held=found.cov)
+        return knowledge, Mixture(found.mean, found.cov * np.outer(self.growth, self.growth), found.p_wrong)
 
     def likely_size(self, mean: Array, cov: Array, field_std_px: float) -> Array:
         """Return the sizes (m,) of the errors that N(`mean`, `cov`) from all views makes likely, eq. (72a)."""
@@ -122,7 +164,12 @@ class RigKnowledge:
         apart = root @ np.linalg.cholesky(cov_change + np.outer(held_back, held_back))
         information = symmetric(self.information @ kept)
         knowledge = changed(
-            self, information=information, weighted=kept.T @ self.weighted, steady=False, parts=Parts()
+            self,
+            information=information,
+            weighted=kept.T @ self.weighted,
+            steady=False,
+            parts=Parts(),
+            contradictions=0,
         )
         return knowledge, kept, apart
 

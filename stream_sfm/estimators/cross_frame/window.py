@@ -28,11 +28,14 @@ from ..lifecycle import (
     too_few_inliers,
     with_ended,
 )
+from .halves import SpanFactors
 from .inertia import Inertia, InertialMotionModel
 from .inverse_depth import WhitenedViews
 from .map import Map
 from .minimise import minimise
+from .outliers import RejectionCounts
 from .relative import common_errors, relative_motions
+from .reported import reported
 from .rig_knowledge import RigKnowledge, impossible
 from .window_frame import WindowFrame, views_of
 
@@ -57,6 +60,7 @@ class CrossFrame:
         self.waiting = False  # for tracks of the map to return, since a frame without any view
         self._std_acceleration = np.array(config.motion.std_acceleration)
         self._has_field = False
+        self._factors = SpanFactors.unknown(config.window.frames)
         self._said_by_rows = np.zeros(2)  # information about the delay and its weighted sum
         self._impossible = ""  # why the calibration cannot be right, if it cannot
 
@@ -99,6 +103,9 @@ class CrossFrame:
         views = views_of(observations, self.projection, age_s)
         if observations.rig is not None and observations.rig.change_root is not None:
             self._change_rig(observations.rig.change_root)
+        if self.map is not None and (root := self.map.root_of_refocusing) is not None:
+            self.map.rejections = RejectionCounts()  # they were by the errors as they were
+            self._change_rig(root)
         current = self.map
         if current is None:
             return self._start(observations, frame, views)
@@ -141,7 +148,8 @@ class CrossFrame:
         current.enter(frame, cam_from_ref, views, corrected_px, rejected, ambiguous=motion.ambiguous is not None)
         if observations.settled:
             current.settle()
-        current.consider_other(motion)
+        passed_s = (observations.stamp_ns - current.previous.stamp_ns) / 1e9
+        current.consider_other(motion, self.motion.std_speed * passed_s)
         current.renew_timing()
         iterations = minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
         return self._report(current, observations, motion, iterations)
@@ -237,8 +245,12 @@ class CrossFrame:
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
         rig = current.judge_rig()
-        before, now = current.marginals, current.update_marginals()
-        known, inertial = self.inertia.report(current)
+        before, factors = current.marginals, self._factors
+        tells = observations.lasting.inflation is not None and motion.ambiguous is None and not observations.misfit
+        read_off, self._factors = reported(current, factors, tells)
+        # the world has moved with all errors that last, which only the weights of eq. (69) allow for
+        now = current.marginals = replace(read_off.update_marginals(), cov_pose=current.cov_pose)
+        known, inertial = self.inertia.report(current, read_off)
         now = now if known is None else current.place_newest(known)
         cov_timing = current.cov_of_timing(self._std_acceleration)
         if motion.ambiguous is None:  # otherwise it may be the motion that is wrong
@@ -261,14 +273,14 @@ class CrossFrame:
             points_in_world=now.points_in_world[shown],
             cov_points_in_world=now.cov_points_in_world[shown],
             window_frame_indices=np.array([f.index for f in current.frames], np.int64),
-            window_world_from_cam=current.world_from_ref @ se3.inverse(current.true_poses()[0]),
+            window_world_from_cam=read_off.world_from_ref @ se3.inverse(read_off.true_poses()[0]),
             rejected_ids=ids[~used],
             iterations=iterations,
             nis=motion.chi2,
             nis_dof=motion.dof,
             rig=rig,
-            relative=relative_motions(current, cov_timing),
-            common=common_errors(current, rig),
+            relative=relative_motions(read_off, cov_timing, factors.by_span),
+            common=common_errors(read_off, rig),
             inertial=inertial,
         )
         if rig is not None and observations.rig is not None:

@@ -1,0 +1,118 @@
+"""By how much σ has to grow because errors of views last, measured from halves of the tracks, eq. (69b).
+
+Given the modes of the prior, points are independent of each other. So are then the poses that two halves of the tracks
+lead to, each of which is one Newton step away from the common minimum. How far they are apart, in units of the σ that
+they claim, is known without any truth, and without a model of what lasts. There are two kinds of halves: even and odd
+tracks, and those first seen left and right of the image's middle, which show what neighbours have in common.
+"""
+
+from contextlib import suppress
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import core
+from ...geometry.linear import Cholesky, mahalanobis2
+from ...geometry.se3 import Array
+from ...record import changed, record
+from .inverse_depth import State, WhitenedViews, linearise
+from .map import Map
+from .normal_equations import System
+from .relative import apart_from_newest
+
+_KINDS = ((0, 1), (0, 2))  # halves that the quarters 0 … 3 begin with: even tracks, and those on the left
+_MEMORY = 25.0  # looks: errors that last are a property of cameras and scene, and change slowly
+# Once so many are known, one frame in so many is looked at: neighbouring windows have most of their views in common.
+_EVERY = 4
+_GUESS = 2.5  # weight in looks of the first guess, which is 1
+# Of one frame, in units of the mean so far: a body that moves in one half is not an error that lasts. Gaussian errors
+# are beyond it in one frame of 10¹⁰.
+_MOST = 10.0
+
+
+@record
+class SpanFactors:
+    """What is known of the factors over spans of 1 … b frames.
+
+    `squares` (2, b): means of δᵀC⁻¹δ/6 over the frames so far, of both kinds of halves; `frames` (2, b): how many were
+    looked at.
+    """
+
+    squares: Array
+    frames: Array
+
+    @classmethod
+    def unknown(cls, spans: int) -> "SpanFactors":
+        """Return the first guess: errors do not last."""
+        return cls(np.ones((2, spans)), np.full((2, spans), _GUESS))
+
+    @property
+    def by_span(self) -> Array:
+        """The factors (b,) on σ over 1 … b frames: 1 at least, and never falling with the span."""
+        return np.asarray(np.sqrt(np.maximum.accumulate(np.maximum(self.squares.max(axis=0), 1.0))))
+
+    def asks_for(self, frame_index: int) -> bool:
+        """Whether this frame is to be looked at."""
+        return frame_index % _EVERY == 0 or bool(self.frames.min() < _MEMORY)
+
+    def after(self, found: Array) -> "SpanFactors":
+        """Return the knowledge after a frame with squares `found` (2, f) over its spans, NaN where there is none."""
+        squares, frames = self.squares.copy(), self.frames.copy()
+        known = np.zeros(squares.shape, bool)
+        known[:, : found.shape[1]] = np.isfinite(found)
+        frames[known] = np.minimum(frames[known] + 1, _MEMORY)
+        limited = np.minimum(found[np.isfinite(found)], _MOST * squares[known])
+        squares[known] += (limited - squares[known]) / frames[known]
+        return SpanFactors(squares, frames)
+
+
+def squares_of_halves(of: Map, system: System, at: State, views: WhitenedViews) -> Array:
+    """Return δᵀC⁻¹δ/6 (2, f) over spans of 1 … f frames, of both kinds of halves; NaN where one knows too little.
+
+    `system`: of a map, with an exact rig, linearised at the state `at` with `views`.
+    """
+    parts = [_poses_by(of, system, at, views, points) for points in _quarters(of, at)]
+    found = np.full((2, len(of.frames)), np.nan)
+    for kind, (first, second) in enumerate(_KINDS):
+        third, fourth = (k for k in range(4) if k not in (first, second))
+        with suppress(np.linalg.LinAlgError):
+            found[kind] = _squares(
+                of, _together(parts[first], parts[second]), _together(parts[third], parts[fourth])
+            )
+    return found
+
+
+def _together(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the sums of information and right-hand sides."""
+    return one[0] + other[0], one[1] + other[1]
+
+
+def _quarters(of: Map, at: State) -> list[NDArray[np.bool_]]:
+    """Return masks of the points: even on the left, even on the right, odd on the left, odd on the right.
+
+    A point is where its anchor, the camera that first saw it, has it.
+    """
+    p, odd = of.projection, at.ids % 2 == 1
+    right = p.f_px * at.q[:, 0] + p.cx_left_px > p.width / 2
+    return [(odd == o) & (right == r) for o in (False, True) for r in (False, True)]
+
+
+def _poses_by(
+    of: Map, system: System, at: State, views: WhitenedViews, points: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Return what some points say of the window's poses, given all modes: information (n, n), right side (n,)."""
+    of_points = changed(views, used=views.used & core.among(views.ids, at.ids[points]))
+    blocks = linearise(of.projection, at, of_points)
+    information, right = system.taken_off_by(points)
+    for f, own in enumerate(blocks.u):
+        information[6 * f : 6 * f + 6, 6 * f : 6 * f + 6] += own[:6, :6]
+    return information, right + blocks.g_pose[:, :6].ravel()
+
+
+def _squares(of: Map, one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
+    """Return δᵀC⁻¹δ/6 (f,) of two halves' information and right-hand sides; newest span first."""
+    roots = [Cholesky(information, repair=False).root for information, _ in (one, other)]
+    steps = [root @ (root.T @ right) for root, (_, right) in zip(roots, (one, other), strict=True)]
+    apart = apart_from_newest(of.cams_from_ref, np.column_stack([*roots, steps[0] - steps[1]]))
+    cov = apart[..., :-1] @ np.swapaxes(apart[..., :-1], 1, 2)
+    return mahalanobis2(apart[..., -1], cov)[::-1] / 6

@@ -1,0 +1,56 @@
+"""What is reported: the window's minimum with views of one weight, next to the one that the filter goes on from.
+
+Errors that last are shared by neighbouring views of a track, and cancel between two frames, as long as these views have
+one weight. With those of eq. (69), which an unknown rig needs, they do not: the motion over one frame then errs by a
+quarter to a half more. So for the report the views of the window have their own covariances, times one factor, eq.
+(69a). That minimum is one Newton step away, with the prior and the rig's errors as they are. Nothing of it is fed back
+into them.
+"""
+
+import copy
+
+import numpy as np
+
+from ...record import changed
+from .halves import SpanFactors, squares_of_halves
+from .inverse_depth import linearise
+from .map import Map
+from .normal_equations import System
+
+
+def reported(current: Map, factors: SpanFactors, learns: bool) -> tuple[Map, SpanFactors]:
+    """Return the map that estimates are read off, and the factors after this frame.
+
+    `learns`: whether errors may last, and this frame tells. Where a view less leaves a point open, it is the same map.
+    """
+    try:
+        return _reported(current, factors, learns)
+    except np.linalg.LinAlgError:
+        return current, factors
+
+
+def _reported(current: Map, factors: SpanFactors, learns: bool) -> tuple[Map, SpanFactors]:
+    """Return the map of `reported`. Raises LinAlgError where its views do not determine it."""
+    result, views, factor = copy.copy(current), current.views, factors.by_span[-1]
+    own = np.full_like(views.weight, 1 / factor)
+    result.views = changed(views, root=views.root * (own / views.weight)[:, None, :], weight=own)
+    result.drop_undetermined()
+    m, k = len(result.prior.rig), len(result.amplitudes)
+    at, views = result.state()._replace(rig_error=np.zeros(0)), result.views.given_rig(result.rig_error)
+    inertial = None
+    if current.inertia is not None:  # a copy, which nothing feeds back either
+        result.inertia = copy.copy(current.inertia)
+        inertial = result.inertia.linearise(result.cams_from_ref, result.inertial_state)
+    system = System(
+        result.prior.given_rig(result.amplitudes[k - m :]),
+        np.searchsorted(result.ids, result.prior.ids),
+        linearise(result.projection, at, views),
+        result.q,
+        result.amplitudes[: k - m],
+        inertial,
+    )
+    if learns and factors.asks_for(result.frames[-1].index):
+        factors = factors.after(factor**2 * squares_of_halves(result, system, at, views))
+    result.follow(system)
+    system.with_rig_of(current.system, np.searchsorted(current.ids, result.ids))
+    return result, factors
