@@ -9,12 +9,13 @@ from ...inputs import LIMITS, read_small
 from ..models import Camera
 from .document import Document, Format, Pair, Size, Where, load
 from .inertial import is_imu_file
+from .makers import OAK, ZED
 from .projections import KITTI, OPENCV, ROS
 from .slam import BASALT, EUROC, KALIBR, ORB_SLAM
 from .toml_file import TOML
 
-FORMATS: tuple[Format, ...] = (TOML, KALIBR, BASALT, ORB_SLAM, ROS, EUROC, KITTI, OPENCV)
-_SUFFIXES = (".toml", ".yaml", ".yml", ".xml", ".json", ".txt", ".npz")
+FORMATS: tuple[Format, ...] = (TOML, KALIBR, BASALT, ORB_SLAM, ROS, EUROC, KITTI, OAK, ZED, OPENCV)
+CALIBRATION_SUFFIXES = (".toml", ".yaml", ".yml", ".xml", ".json", ".txt", ".npz", ".conf")
 _IN_FOLDERS = ("cam0/sensor.yaml", "cam1/sensor.yaml", "mav0/cam0/sensor.yaml", "mav0/cam1/sensor.yaml")
 _SIDES = (("left", "cam0", "camera0"), ("right", "cam1", "camera1"))
 
@@ -55,7 +56,7 @@ def pair_of(documents: Sequence[Document], size: Size | None) -> Pair:
     return (
         form.camera(left, 0, size),
         form.camera(right, 1, size),
-        form.pose(left, right),
+        form.pose(left, right, size),
         *form.known(left),
         form.imu(left),
     )
@@ -103,7 +104,7 @@ def _joined(documents: Sequence[Document]) -> Document:
 
 def _in_folder(folder: Path) -> list[Document]:
     """The calibration in a folder: one file, or the files of left and right. Raises ConfigError."""
-    files = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in _SUFFIXES)
+    files = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in CALIBRATION_SUFFIXES)
     files += [folder / name for name in _IN_FOLDERS if (folder / name).is_file()]
     documents = [read_document(path) for path in files if is_calibration(path)]
     units = [document for path in files if is_imu_file((document := _read(path)).data)]

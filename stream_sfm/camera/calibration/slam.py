@@ -42,11 +42,13 @@ def _cam(document: Document, name: str) -> Mapping[str, Any]:
     return table
 
 
-def _kalibr_pose(document: Document, _: Document) -> Array:
-    first, second = _cam(document, "cam0"), _cam(document, "cam1")
+def _kalibr_pose(document: Document, _: Document, _size: Size | None) -> Array:
+    second = _cam(document, "cam1")
     if "T_cn_cnm1" in second:
         return document.pose(second["T_cn_cnm1"], "cam1.T_cn_cnm1")
-    poses = [inertial.cam_from_imu_of(document, cam, f"cam{n}") for n, cam in enumerate((first, second))]
+    poses = [
+        inertial.cam_from_imu_of(document, cam, f"cam{n}") for n, cam in enumerate((_cam(document, "cam0"), second))
+    ]
     if poses[0] is not None and poses[1] is not None:
         return poses[1] @ se3.inverse(poses[0])
     raise document.error("cam1.T_cn_cnm1, the pose of cam0 in cam1, is missing: calibrate both cameras together")
@@ -134,7 +136,7 @@ def _orb_slam_name(data: Mapping[str, Any], side: int) -> str:
     return f"Camera{side + 1 if 'Stereo.T_c1_c2' in data else 1}" if "Camera1.fx" in data else "Camera"
 
 
-def _orb_slam_pose(document: Document, _: Document) -> Array:
+def _orb_slam_pose(document: Document, _: Document, _size: Size | None) -> Array:
     """T_c1_c2 carries points of the right camera into the left one. A rectified pair has a baseline only."""
     data = document.data
     if "Stereo.T_c1_c2" in data:
@@ -159,7 +161,7 @@ def _is_orb_slam(data: Mapping[str, Any]) -> bool:
 
 
 KALIBR = Format(
-    "Kalibr camchain (YAML)",
+    "Kalibr or OpenVINS camchain (YAML)",
     1,
     lambda data: isinstance(data.get("cam0"), Mapping) and "intrinsics" in data["cam0"],
     lambda calib, n, _: _lens(calib, _cam(calib, f"cam{n}"), f"cam{n}.", "distortion_coeffs", "none"),
@@ -171,7 +173,9 @@ EUROC = Format(
     2,
     lambda data: "T_BS" in data and "intrinsics" in data,
     lambda calib, _, size: _lens(calib, calib.data, "", "distortion_coefficients", "plumb_bob"),
-    lambda left, right: se3.inverse(right.pose(right.data["T_BS"], "T_BS")) @ left.pose(left.data["T_BS"], "T_BS"),
+    lambda left, right, _: (
+        se3.inverse(right.pose(right.data["T_BS"], "T_BS")) @ left.pose(left.data["T_BS"], "T_BS")
+    ),
     imu=inertial.of_euroc,
 )
 BASALT = Format(
@@ -179,7 +183,7 @@ BASALT = Format(
     1,
     _is_basalt,
     _basalt_camera,
-    lambda calib, _: se3.inverse(_imu_from_cam(calib, 1)) @ _imu_from_cam(calib, 0),
+    lambda calib, _, _size: se3.inverse(_imu_from_cam(calib, 1)) @ _imu_from_cam(calib, 0),
     imu=lambda calib: inertial.of_basalt(calib, _imu_from_cam(calib, 0), _basalt(calib.data)),
 )
 ORB_SLAM = Format(
