@@ -7,6 +7,7 @@ from .camera.rig import StereoRig as StereoRig
 from .config import Config as Config
 from .config import DenseConfig as DenseConfig
 from .config import FrontendConfig as FrontendConfig
+from .config import ImuConfig as ImuConfig
 from .config import MotionConfig as MotionConfig
 from .config import RigConfig as RigConfig
 from .config import RobustConfig as RobustConfig
@@ -35,6 +36,8 @@ from .importers import import_euroc as import_euroc
 from .importers import import_images as import_images
 from .importers import import_kitti as import_kitti
 from .importers import recover as recover
+from .inertial.samples import ImuCalibration as ImuCalibration
+from .inertial.samples import ImuSamples as ImuSamples
 from .inspection.overview import inspect_log as inspect
 from .motion import Motion as Motion
 from .motion import Odometry as Odometry
@@ -61,8 +64,10 @@ from .simulation.experiments import simulate as simulate
 from .types import CommonErrors as CommonErrors
 from .types import Estimator as Estimator
 from .types import FrameEstimate as FrameEstimate
+from .types import InertialEstimate as InertialEstimate
 from .types import MonoFrame as MonoFrame
 from .types import Observations as Observations
+from .types import Prediction as Prediction
 from .types import RelativeMotions as RelativeMotions
 from .types import Selection as Selection
 from .types import Sink as Sink

@@ -9,6 +9,7 @@ import logging
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -20,12 +21,22 @@ from .config import Config
 from .errors import EngineBusyError
 from .estimators import make_estimator
 from .frontend.prepared import PreparedImages
+from .geometry import se3
 from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
+from .inertial.driver import DriverSamples
 from .lane import BareLane
 from .motion import in_world
 from .observer import Observer
-from .types import Estimator, Frame, FrameEstimate, Observations
+from .types import (
+    Estimator,
+    Frame,
+    FrameEstimate,
+    InertialEstimator,
+    Observations,
+    Prediction,
+    expected_motion,
+)
 
 
 class Engine:
@@ -54,6 +65,7 @@ class Engine:
             self.observer = Observer(rig, self.config)
             self._make = partial(make_estimator, self.config.method) if estimator is None else estimator
             self.lane = BareLane(self.observer, self._make(self.observer.projection, self.config))
+        self._samples = DriverSamples()
         # Of the first frame since a reset; None: that frame is the world.
         self._world_from_first: Array | None = None
         self.observations: Observations | None = None  # of the latest frame, in axes of the rectified pair
@@ -83,7 +95,8 @@ class Engine:
         and takes the next frame. Raises EngineBusyError while another thread is in `step`.
         """
         with self._exclusively(), one_thread:
-            observed = self.observer.observe(frame, prepared)
+            frame = self._samples.joined_to(frame)
+            observed = self.observer.observe(frame, prepared, partial(expected_motion, self.lane.estimator))
             self.observations = observed.observations
             estimate = self.lane.estimate(observed)
             self.observer.learn(self.lane.solution)
@@ -99,10 +112,35 @@ class Engine:
         with self._exclusively(), one_thread:
             self.observer.reset()
             self.lane = BareLane(self.observer, self._make(self.observer.projection, self.config))
+            self._samples = DriverSamples()
             self.observations, self._world_from_first = None, pose
 
     def __repr__(self) -> str:
         return f"<Engine {self.lane.estimator.name}, {self.observer.state.frame_index} frames, {self.rig!r}>"
+
+    def add_imu(self, stamp_ns: int, gyro_rad_s: ArrayLike, accel_m_s2: ArrayLike) -> None:
+        """Take one inertial sample (3,) and (3,), as a driver delivers them: it is kept for the frame it belongs to.
+
+        Samples come in order of time, from any thread. `step` gives a frame all that have come by then, and waits for
+        none. A frame that has samples of its own needs no others. Raises FrameError for what is not a sample.
+        """
+        self._samples.add(stamp_ns, gyro_rad_s, accel_m_s2)
+
+    def predict(self, stamp_ns: int) -> Prediction | None:
+        """Predict pose, velocity and covariance at a time after the latest frame by the inertial samples taken so far.
+
+        At the rate of the samples; those of `add_imu` count at once. None without inertial samples that lead there.
+        """
+        if not isinstance(self.lane.estimator, InertialEstimator):
+            return None
+        with self._exclusively(), one_thread:
+            found = self.lane.estimator.predict(stamp_ns, self.observer.view_of(self._samples.so_far()))
+            if found is None:
+                return None
+            found = self.observer.prediction(found)
+            if self._world_from_first is None:
+                return found
+            return replace(found, world_from_cam=se3.orthonormalise(self._world_from_first @ found.world_from_cam))
 
     def __copy__(self) -> "Engine":
         """Return an engine that goes on from here by itself, as `copy.deepcopy` does."""

@@ -5,6 +5,7 @@
 
 import logging
 import time
+from collections.abc import Callable
 from dataclasses import field, fields, replace
 from pathlib import Path
 
@@ -28,16 +29,21 @@ from .frontend.state import FrontEndState
 from .frontend.template_errors import TemplateErrors
 from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
+from .inertial.samples import ImuSamples
 from .inputs import INT64
 from .record import changed, record, rows_of
 from .rig_model.estimate import RigEstimate
 from .rig_model.terms import TERMS
 from .types import (
     CommonErrors,
+    ExpectedMotion,
     Frame,
     FrameEstimate,
+    InertialEstimate,
+    InertialView,
     MonoFrame,
     Observations,
+    Prediction,
     RelativeMotions,
     Solution,
     Status,
@@ -47,6 +53,9 @@ from .types import (
 # Between two frames: no camera is faster, and stamps at arrival are further apart. Closer ones seem to count
 # milliseconds or frames; σ of a prediction would then be far too small.
 _MIN_INTERVAL_NS = 10_000
+
+
+Expect = Callable[[int, InertialView], ExpectedMotion | None]  # of a stamp, and the samples that come with it
 
 
 @record
@@ -100,7 +109,10 @@ class Observer:
         self._made_by = f"{self.rectifier.fingerprint} {self._smoothing_px}"
         self._exact = self.rig.unscaled or config.rig.exact  # with one camera no length is known anyway
         unseen = () if self._exact else (config.rig.std_baseline, config.rig.std_axes_rad)
+        self._std_axes_rad = config.rig.std_axes_rad
         self._axes = PhysicalAxes(self.rectifier.rect_from_cam, *unseen)
+        imu = self.rig.imu if isinstance(self.rig, StereoRig) and config.imu.enabled else None
+        self._imu = None if imu is None else imu.mounted_in(self.rectifier.rect_from_cam[:3, :3])
 
     def prepare(self, frame: Frame, frame_index: int | None = None, grey_bits: int | None = None) -> PreparedImages:
         """Do the work on the images that depends on no other frame; it changes nothing, so any thread may do it.
@@ -124,9 +136,24 @@ class Observer:
             self._frontend.prepare(prepared, frame_index)
         return prepared
 
-    def observe(self, frame: Frame, prepared: PreparedImages | None = None) -> Observed:
+    def inertial_view(self, frame: Frame) -> InertialView | None:
+        """Return the inertial samples of a frame, where they are used, with their calibration in rectified axes."""
+        samples = frame.imu if isinstance(frame, StereoFrame) else None
+        if samples is not None and not isinstance(samples, ImuSamples):
+            raise FrameError(f"imu of the frame is {_described(samples)}; give ImuSamples")
+        return None if samples is None else self.view_of(samples)
+
+    def view_of(self, samples: ImuSamples) -> InertialView | None:
+        """Return inertial samples with their calibration in rectified axes; None where they are not used."""
+        return None if self._imu is None else InertialView(samples, self._imu)
+
+    def observe(
+        self, frame: Frame, prepared: PreparedImages | None = None, expect: Expect | None = None
+    ) -> Observed:
         """Return the observations of the next frame; `prepared` is what `prepare` returned, if it was called.
 
+        `expect`: gives the motion that an estimator predicts by the inertial samples that come with the frame, from
+        which the front-end starts.
         Raises FrameError for images of the wrong kind or a stamp that does not increase; the observer is then
         unchanged.
         """
@@ -142,8 +169,11 @@ class Observer:
         if images.grey_bits not in (None, grey_bits):
             images = self.prepare(frame, index, grey_bits)
         rectified = time.perf_counter()
-        state = replace(self.state, grey_bits=grey_bits)
-        self.state, observations = self._frontend.step(state, images, stamp_ns)
+        state, view = replace(self.state, grey_bits=grey_bits), self.inertial_view(frame)
+        expected = None if view is None or expect is None else expect(stamp_ns, view)
+        self.state, observations = self._frontend.step(state, images, stamp_ns, expected)
+        if view is not None:
+            observations = replace(observations, inertial=view)
         timings_ms = {"rectify": 1e3 * (rectified - began), "frontend": 1e3 * (time.perf_counter() - rectified)}
         now, n = self.state, len(observations.track_ids)
         moving = None if now.timing.twist is None else (now.tracks.points[:n], now.timing.twist)
@@ -181,7 +211,9 @@ class Observer:
         The covariance of each point gets the disparity error that all its views share. Points seen for the first time
         are not reported yet: one match of left and right may be wrong, and only a second view can tell.
         """
-        observations, axes = observed.observations, self._axes
+        observations = observed.observations
+        solution = solution if solution.inertial is None else _in_metres(solution, solution.inertial.scale)
+        axes = self._axes_with(solution.inertial)
         n_old = len(observations.track_ids) - observations.n_new
         shown = np.flatnonzero(~core.among(solution.track_ids, observations.track_ids[n_old:]))
         ids, world_from_cam = solution.track_ids[shown], solution.world_from_cam
@@ -201,7 +233,7 @@ class Observer:
         )
         weights = None if solution.common is None else solution.common.weights(len(TERMS))
         by_common = None if solution.common is None else solution.common.jacobian
-        pose = self._motions(world_from_cam[None], solution.cov_pose[None], by_common, weights)
+        pose = _motions(axes, world_from_cam[None], solution.cov_pose[None], by_common, weights)
         values = {f.name: getattr(solution, f.name) for f in fields(Solution)}  # those that have no axes stay
         return FrameEstimate(
             **values
@@ -217,8 +249,9 @@ class Observer:
                 "ended_points_in_world": ended[0],
                 "ended_cov_points_in_world": ended[1],
                 "rig": self._frontend.rig_in_px(observed.turn_rad, solution.rig),
-                "relative": self._relative(solution.relative, weights),
+                "relative": self._relative(axes, solution.relative, weights),
                 "common": self._common(solution, pose[2][0], observed.turned_at),
+                "inertial": None if solution.inertial is None else self._turned(solution.inertial),
             },
             frame_index=observations.frame_index,
             stamp_ns=int(observations.stamp_ns),
@@ -233,24 +266,41 @@ class Observer:
             rig_change=None if observations.rig is None else observations.rig.change,
         )
 
-    def _motions(
-        self, poses: Array, cov: Array, by_rig: Array | None, weights: Array | None
-    ) -> tuple[Array, Array, Array]:
-        """Poses (n, 4, 4), covariances and perturbations by common errors, as `PhysicalAxes.motions` turns them.
+    def prediction(self, found: Prediction) -> Prediction:
+        """Turn a prediction in rectified axes into axes of the physical left camera."""
+        axes, pose = self._axes_with(found.inertial), found.world_from_cam.copy()
+        pose[:3, 3] *= 1 + found.inertial.scale
+        poses, cov, _ = _motions(axes, pose[None], found.cov_pose[None], None, None)
+        return Prediction(found.stamp_ns, poses[0], cov[0], self._turned(found.inertial))
 
-        Of the rig's errors, by which they are moved (…, 6, m), the physical terms count: the field over the image is
-        what these tell of it, by `weights` (m, t); the rest is the motion's own.
-        """
-        of_terms = None if by_rig is None or weights is None else (by_rig @ weights).reshape(len(poses), 6, -1)
-        return self._axes.motions(poses, cov, of_terms)
+    def _axes_with(self, inertial: InertialEstimate | None) -> PhysicalAxes:
+        """The physical axes, with lengths as uncertain as inertia leaves them."""
+        if inertial is None or self._exact:
+            return self._axes
+        std_scale = float(np.sqrt(inertial.cov[18, 18]))
+        return PhysicalAxes(self.rectifier.rect_from_cam, std_scale, self._std_axes_rad)
 
-    def _relative(self, relative: RelativeMotions | None, weights: Array | None) -> RelativeMotions | None:
+    def _turned(self, inertial: InertialEstimate) -> InertialEstimate:
+        """The inertial state in axes of the physical camera."""
+        cam_from_rect = self.rectifier.rect_from_cam[:3, :3].T
+        turn = np.eye(len(inertial.cov))
+        for k in range(0, 12, 3):
+            turn[k : k + 3, k : k + 3] = cam_from_rect
+        return replace(
+            inertial,
+            velocity=cam_from_rect @ inertial.velocity,
+            gravity=cam_from_rect @ inertial.gravity,
+            cov=turn @ inertial.cov @ turn.T,
+        )
+
+    def _relative(
+        self, axes: PhysicalAxes, relative: RelativeMotions | None, weights: Array | None
+    ) -> RelativeMotions | None:
         """Relative motions in axes of the physical camera, with the errors that no view shows."""
         if relative is None:
             return None
-        poses, cov, by_common = self._motions(
-            relative.frame_from_newest, relative.cov, relative.common_jacobian, weights
-        )
+        seen = relative.frame_from_newest, relative.cov, relative.common_jacobian
+        poses, cov, by_common = _motions(axes, *seen, weights)
         return RelativeMotions(relative.frame_indices, poses, cov, None if self._exact else by_common)
 
     def _common(self, solution: Solution, jacobian: Array, since: int) -> CommonErrors | None:
@@ -316,6 +366,49 @@ class Observer:
                 "milliseconds that is stamp * 10**6, of a frame counter round(count / frames_per_s * 1e9)"
             )
         return stamp_ns
+
+
+def _motions(
+    axes: PhysicalAxes, poses: Array, cov: Array, by_rig: Array | None, weights: Array | None
+) -> tuple[Array, Array, Array]:
+    """Poses (n, 4, 4), covariances and perturbations by common errors, as `PhysicalAxes.motions` turns them.
+
+    Of the rig's errors, by which they are moved (…, 6, m), the physical terms count: the field over the image is
+    what these tell of it, by `weights` (m, t); the rest is the motion's own.
+    """
+    of_terms = None if by_rig is None or weights is None else (by_rig @ weights).reshape(len(poses), 6, -1)
+    return axes.motions(poses, cov, of_terms)
+
+
+def _in_metres(solution: Solution, scale: float) -> Solution:
+    """Return a solution whose lengths by images are too short by a share of themselves in metres."""
+    if not scale:
+        return solution
+    k = 1 + scale
+
+    def longer(poses: Array) -> Array:
+        return np.concatenate([poses[..., :3], poses[..., 3:] * np.array([k, k, k, 1.0])[:, None]], axis=-1)
+
+    lengths = np.diag(np.repeat([k, 1.0], 3))
+    relative, common = solution.relative, solution.common
+    if relative is not None:
+        by_common = None if relative.common_jacobian is None else lengths @ relative.common_jacobian
+        motions, cov = longer(relative.frame_from_newest), lengths @ relative.cov @ lengths
+        relative = RelativeMotions(relative.frame_indices, motions, cov, by_common)
+    return replace(
+        solution,
+        world_from_cam=longer(solution.world_from_cam),
+        cov_pose=lengths @ solution.cov_pose @ lengths,
+        points_in_cam=k * solution.points_in_cam,
+        cov_points=k**2 * solution.cov_points,
+        points_in_world=k * solution.points_in_world,
+        cov_points_in_world=k**2 * solution.cov_points_in_world,
+        ended_points_in_world=k * solution.ended_points_in_world,
+        ended_cov_points_in_world=k**2 * solution.ended_cov_points_in_world,
+        window_world_from_cam=longer(solution.window_world_from_cam),
+        relative=relative,
+        common=None if common is None else replace(common, jacobian=lengths @ common.jacobian),
+    )
 
 
 def _used_cameras(rig: StereoRig | MonoRig, config: Config) -> StereoRig | MonoRig:

@@ -7,13 +7,14 @@ is one short line.
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ConfigError
 from .geometry.se3 import Array
+from .inertial.samples import ImuCalibration, ImuSamples
 from .record import Kind, about
 from .rig_model.estimate import RigEstimate
 from .rig_model.model import RigModel
@@ -39,12 +40,14 @@ class StereoFrame:
     Images are uint8 or uint16: grey (h, w) or (h, w, 1), or colour as OpenCV has it, blue first: (h, w, 3), (h, w, 4).
 
     `pictures`, if given, are what a viewer shows: the same images, for instance as the JPEG bytes they arrived in.
+    `imu`: the inertial samples since the frame before, and one beyond, if there are any.
     """
 
     stamp_ns: int
     left: Image
     right: Image
     pictures: tuple[Picture, ...] = ()
+    imu: ImuSamples | None = None
 
     @property
     def images(self) -> tuple[Image, ...]:
@@ -191,6 +194,74 @@ class RigView:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
+class InertialView:
+    """The inertial `samples` that came with a frame, and the `calibration` of their unit, in rectified axes."""
+
+    samples: ImuSamples
+    calibration: ImuCalibration
+
+    def __repr__(self) -> str:
+        return f"<InertialView {len(self.samples)} samples>"
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ExpectedMotion:
+    """The motion that inertial samples predict from the frame at `since_ns` on.
+
+    `previous_from_cam` (4, 4) with its covariance `cov` (6, 6), right perturbation; `twist` (6,): how points of the
+    scene move in the camera at the end, m/s and rad/s. `carried`: it is from before the present map, whose start it can
+    judge.
+    """
+
+    since_ns: int
+    previous_from_cam: Array
+    cov: Array
+    twist: Array
+    carried: bool = False
+
+    def __repr__(self) -> str:
+        return f"<ExpectedMotion since {self.since_ns} ns>"
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class InertialEstimate:
+    """What a frame's estimate knows by inertia, in axes of the camera; SI and radians.
+
+    `velocity` (3,); `gravity` (3,): its direction and size, as a falling body would be accelerated; `gyro_bias` (3,),
+    `accel_bias` (3,), in axes of the unit; `scale`: by which share lengths by images alone are too short, as already
+    corrected; `axes_rad` (3,): turn of the unit against its calibration; `time_offset_s`: beyond the calibrated one.
+    `cov` (23, 23): joint, of the pose's perturbation (6), then these 17 in order. `densities` (2,): factors on the
+    noise densities of gyroscope and accelerometer, as learnt. `distance2`: squared distance of the images' motion from
+    that of the samples, 6 expected. `dead_reckoned`: the pose is by the samples alone. `note`: what is wrong with them.
+    """
+
+    velocity: Array
+    gravity: Array
+    gyro_bias: Array
+    accel_bias: Array
+    scale: float
+    axes_rad: Array
+    time_offset_s: float
+    cov: Array
+    densities: Array
+    distance2: float = 0.0
+    dead_reckoned: bool = False
+    note: str = ""
+
+    @property
+    def std_tilt_rad(self) -> float:
+        """σ of the direction of gravity in the camera, the larger one of two."""
+        size = float(np.linalg.norm(self.gravity))
+        across = np.linalg.svd(self.gravity[None] / size)[2][1:]
+        return float(np.sqrt(np.linalg.eigvalsh(across @ self.cov[9:12, 9:12] @ across.T)[-1])) / size
+
+    def __repr__(self) -> str:
+        return (
+            f"<InertialEstimate {np.linalg.norm(self.velocity):.2f} m/s, tilt ±{1e3 * self.std_tilt_rad:.1f} mrad>"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Observations:
     """What the front-end found in one frame, in pixels of the rectified images.
 
@@ -208,6 +279,7 @@ class Observations:
     - `lasting`: errors that the views share with those of earlier frames.
     - `rig`: what errors of the rig do to the views; None where the calibration is exact.
     - `start`: with one camera, what a map can start from, as soon as depths are known.
+    - `inertial`: samples of an inertial unit since the frame before, and how it is mounted.
     """
 
     frame_index: int
@@ -225,6 +297,7 @@ class Observations:
     lasting: LastingErrors = field(default_factory=LastingErrors)
     rig: RigView | None = None
     start: MapStart | None = None
+    inertial: InertialView | None = None
 
     @property
     def misfit(self) -> bool:
@@ -331,6 +404,7 @@ class Solution:
       covariance of them, or where left and right image are inconsistent.
     - `common`: the errors that all poses and motions share, and their effect on `world_from_cam`, for fusion. None
       where the rig is taken as exact, where the pose is only predicted, and in the first frame of a map.
+    - `inertial`: velocity, gravity and biases; None without inertial samples.
     """
 
     status: Status
@@ -356,6 +430,7 @@ class Solution:
     rig: RigEstimate | None = None
     relative: RelativeMotions | None = field(metadata=about(Kind.PARTS), default=None)
     common: CommonErrors | None = field(metadata=about(Kind.PARTS), default=None)
+    inertial: InertialEstimate | None = None
 
     def __repr__(self) -> str:
         pose = _pose(self.world_from_cam, self.cov_pose)
@@ -373,6 +448,42 @@ class Estimator(Protocol):
 
     def step(self, observations: Observations) -> Solution:
         """Return the solution of the next frame; frames come in order."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Prediction:
+    """Where the camera is at `stamp_ns` by inertial samples since the latest frame.
+
+    `world_from_cam` (4, 4) with `cov_pose` (6, 6), as in a FrameEstimate; `inertial`: velocity, gravity and all else.
+    """
+
+    stamp_ns: int
+    world_from_cam: Array
+    cov_pose: Array
+    inertial: InertialEstimate
+
+    def __repr__(self) -> str:
+        return f"<Prediction at {self.stamp_ns} ns {_pose(self.world_from_cam, self.cov_pose)}>"
+
+
+@runtime_checkable
+class InertialEstimator(Protocol):
+    """An estimator that uses inertial samples, and predicts the camera's motion by them."""
+
+    @property
+    def inertial_problem(self) -> str:
+        """Why samples that have come are not used; empty where they are."""
+
+    def expect(self, stamp_ns: int, view: InertialView | None) -> ExpectedMotion | None:
+        """Return the motion since the latest estimate up to a stamp, with the samples that come with that frame."""
+
+    def predict(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
+        """Return pose and state later on, with further samples, which are not kept; None where none lead there."""
+
+
+def expected_motion(estimator: object, stamp_ns: int, view: InertialView) -> ExpectedMotion | None:
+    """Return the motion that an estimator predicts for the next frame; None of one that takes no inertial samples."""
+    return estimator.expect(stamp_ns, view) if isinstance(estimator, InertialEstimator) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False, kw_only=True)

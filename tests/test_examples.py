@@ -17,6 +17,7 @@ from mcap_ros2.decoder import DecoderFactory
 import stream_sfm as sfm
 from stream_sfm.config import RigConfig
 from stream_sfm.types import RelativeMotions
+from tests.helpers.imu_log import write_imu_log
 from tests.helpers.places import DEMO, LAB_LATERAL, ROOM, ROOT
 from tests.results.test_estimates import estimate
 
@@ -49,6 +50,15 @@ def test_live(tmp_path: Path) -> None:
     assert f"{FRAMES} frames" in said and "ok" in said.splitlines()[-2] and " m/s" in said
     assert shown.stat().st_size > 1000  # bytes
     assert len(sfm.read_results(out).stamps_ns) == FRAMES
+
+
+def test_inertial(tmp_path: Path) -> None:
+    log, without, _ = write_imu_log(tmp_path)
+    said = run("inertial.py", log, "--dark", 6, 9)
+    assert said.count("dead-reckoned by the IMU") == 3 and "(predicted)" in said
+    command = [sys.executable, str(ROOT / "examples/inertial.py"), str(without)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=1800)
+    assert done.returncode and "no inertial samples" in done.stderr
 
 
 def test_tour(monkeypatch: pytest.MonkeyPatch) -> None:

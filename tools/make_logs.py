@@ -13,6 +13,7 @@ The five before these are worlds that are seen more than once. Another seed has 
 logs are the scenes of tools/render/hard.py and tools/render/loops.py, and motions of tools/render/motions.py with the
 faults of tools/render/faults.py, as walking_clean and walking_rs20. Logs drawn at random are those of
 tools/render/worlds.py. README.txt beside them says what is wrong in each.
+With --imu bmi160 (or consumer) hard logs have the samples of such a unit, too (tools/render/inertial.py).
 Images that several logs of one call share are rendered once. The logs follow docs/log-profile.md.
 """
 
@@ -44,11 +45,14 @@ from mcap_protobuf.writer import Writer
 
 sys.path.insert(0, str(Path(__file__).parent))
 from render import FAULTS, LOOPS, MOTIONS, RECORDINGS, SIDES, Recording, Sensor, demo_recording, room_recording
+from render.inertial import UNITS, measured
 from render.worlds import DRAWN_FAULTS, World, drawn_world
 
 from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.geometry import se3
+from stream_sfm.mcap_file.message import Message as Stored
+from stream_sfm.sources.profile import ProfileEncoder
 
 START_NS = 1_760_000_000_000_000_000
 SEED = 7
@@ -91,6 +95,7 @@ class Order:
     width: int = 640
     frames: int | None = None
     seed: int = 0
+    imu: str | None = None
 
     def recording(self) -> Recording:
         """Build the scene, which takes some seconds unless it was built before."""
@@ -275,6 +280,30 @@ def _frame(task: tuple[Rendered, int, Path]) -> tuple[int, list[tuple[str, str, 
     ]
 
 
+def inertial_messages(order: Order) -> list[Stored]:
+    """The mounting and the samples of the inertial unit of a log, in order of time; none without one."""
+    if order.imu is None:
+        return []
+    recording, unit, encoder = order.recording(), UNITS[order.imu], ProfileEncoder(None)
+    down = recording.scene.room_from_world[:3, :3].T @ np.array([0, 0, -1.0])
+    span_s = (-0.2, (recording.frames - 1) / recording.rate_hz + 0.05)
+    samples = measured(recording.path, span_s, down, unit, SEED + order.seed, START_NS)
+    rows = np.concatenate([samples.gyro_rad_s, samples.accel_m_s2], axis=1)
+    stored = [encoder.imu_mounting(int(samples.stamps_ns[0]), unit.calibration)]
+    return [*stored, *map(encoder.imu_sample, samples.stamps_ns.tolist(), rows)]
+
+
+def _write_samples(writer: Writer, waiting: list[Stored], until_ns: int, channels: dict[str, int]) -> None:
+    """Write the inertial messages up to a time, and forget them."""
+    plain = writer._writer  # the one of MCAP, as these messages are no protobuf
+    while waiting and waiting[0].log_time_ns <= until_ns:
+        channel, time_ns, data, *_ = waiting.pop(0)
+        if channel.topic not in channels:
+            schema = plain.register_schema(channel.schema_name, channel.schema_encoding, channel.definition)
+            channels[channel.topic] = plain.register_channel(channel.topic, channel.message_encoding, schema)
+        plain.add_message(channels[channel.topic], time_ns, data, time_ns)
+
+
 def write_logs(folder: Path, orders: Sequence[Rendered], workers: int) -> None:
     """Render logs into a folder, each one MCAP file in zstd chunks, which has its name when it is whole.
 
@@ -291,26 +320,32 @@ def write_logs(folder: Path, orders: Sequence[Rendered], workers: int) -> None:
             (frames,) = mapped(_frames, [order])
             path = folder / f"{order.stem}.mcap"
             part = path.with_name(f"{path.name}.{os.getpid()}.part")  # another process may render the same
-            _write(part, mapped(_frame, ((order, i, shared) for i in range(frames))), frames)
+            waiting = inertial_messages(order) if isinstance(order, Order) else []
+            _write(part, mapped(_frame, ((order, i, shared) for i in range(frames))), frames, waiting)
             part.replace(path)
             print(f"{path}: {path.stat().st_size / 1e6:.2f} MB", file=sys.stderr)
             if order.stem not in SAMPLES:
                 _note(folder / "README.txt", path.stem, order.truth.format(middle=frames // 2))
 
 
-def _write(path: Path, content: Iterable[tuple[int, list[tuple[str, str, bytes]]]], frames: int) -> None:
-    """Write the stamps and messages of frames into a log; says on a terminal how far it is."""
+def _write(
+    path: Path, content: Iterable[tuple[int, list[tuple[str, str, bytes]]]], frames: int, waiting: list[Stored]
+) -> None:
+    """Write the stamps and messages of frames, and inertial ones, into a log; says on a terminal how far it is."""
     told = sys.stderr.isatty()
     with (
         path.open("wb") as file,
         Writer(file, chunk_size=512 * 1024, compression=CompressionType.ZSTD) as writer,
     ):
+        channels: dict[str, int] = {}
         for i, (stamp_ns, messages) in enumerate(content):
+            _write_samples(writer, waiting, stamp_ns, channels)
             for topic, kind, data in messages:
                 message = MESSAGES[kind].FromString(data)
                 writer.write_message(topic, message, log_time=stamp_ns, publish_time=stamp_ns, sequence=i)
             if told:
                 print(f"\r{path.stem}: frame {i + 1} of {frames} ", end="", file=sys.stderr, flush=True)
+        _write_samples(writer, waiting, 2**62, channels)
 
 
 def _note(path: Path, name: str, truth: str) -> None:
@@ -355,6 +390,7 @@ def main() -> None:
     parser.add_argument(
         "--seed", type=int, default=0, help="of textures, noise and paths; not 0: in the log's name"
     )
+    parser.add_argument("--imu", choices=tuple(UNITS), help="give hard logs the samples of an inertial unit")
     parser.add_argument("--frames", type=int, help="frames of hard logs; default: as many as each has")
     arguments = parser.parse_args()
     if arguments.random:
@@ -374,7 +410,7 @@ def main() -> None:
     unknown = [p for p in patterns if not any(fnmatchcase(name, p) for name in HARD)]
     if unknown:
         parser.error(f"no hard log is called {unknown[0]}; there are {', '.join(HARD)}")
-    orders = [Order(name, arguments.width, arguments.frames, arguments.seed) for name in names]
+    orders = [Order(name, arguments.width, arguments.frames, arguments.seed, arguments.imu) for name in names]
     write_logs(Path(folder), orders, arguments.workers)
 
 

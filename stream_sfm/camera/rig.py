@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import ConfigError
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..inertial.samples import ImuCalibration
 from .calibration import toml_file
 from .calibration.document import Pair, Where, load, named, short
 from .known_timing import KnownTiming
@@ -24,8 +25,9 @@ _USUAL_BASELINE_M = (0.005, 5.0)  # from endoscopes to aircraft; outside, a unit
 class StereoRig:
     """Two cameras and `right_from_left` (4, 4), metres: carries points of the left camera into the right one.
 
-    `refinement`: errors of this calibration that are known; `timing`: what is known of delay and readout. `unscaled`:
-    whether lengths have no unit. Raises ConfigError where the pair cannot be a stereo pair.
+    `refinement`: errors of this calibration that are known; `timing`: what is known of delay and readout; `imu`: how an
+    inertial unit is mounted. `unscaled`: whether lengths have no unit. Raises ConfigError where the pair cannot be a
+    stereo pair.
     """
 
     unscaled: ClassVar[bool] = False
@@ -34,6 +36,7 @@ class StereoRig:
     right_from_left: Array
     refinement: Refinement | None = None
     timing: KnownTiming | None = None
+    imu: ImuCalibration | None = None
 
     def __post_init__(self) -> None:
         for side, camera in (("left", self.left), ("right", self.right)):
@@ -41,6 +44,8 @@ class StereoRig:
                 raise ConfigError(f"the {side} camera is of type {type(camera).__name__}; give a Camera")
         if self.refinement is not None and not isinstance(self.refinement, Refinement):
             raise ConfigError(f"the refinement is of type {type(self.refinement).__name__}; give a Refinement")
+        if self.imu is not None and not isinstance(self.imu, ImuCalibration):
+            raise ConfigError(f"imu is of type {type(self.imu).__name__}; give an ImuCalibration")
         object.__setattr__(self, "right_from_left", checked_pose(self.right_from_left))
         if (self.left.width, self.left.height) != (self.right.width, self.right.height):
             raise ConfigError(
@@ -101,7 +106,7 @@ class StereoRig:
 
     def to_toml(self) -> str:
         """The text of a calibration file that `from_calibration` reads back unchanged, but for masks."""
-        return toml_file.text(self.cameras, self.right_from_left, self.refinement, self.timing)
+        return toml_file.text(self.cameras, self.right_from_left, self.refinement, self.timing, self.imu)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

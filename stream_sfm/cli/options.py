@@ -212,11 +212,13 @@ class Settings:
     Attributes:
         config: read settings from this file; `stream-sfm config` prints one
         set: change one setting, for example window.frames=12; may be repeated
+        no_imu: leave out the inertial samples of a log
         mask: PNGs of the images' size, black where they show the robot or dirt: there no point is followed
     """
 
     config: MaybeFile = None
     set: Annotated[list[str] | None, Parameter(metavar="KEY=VALUE", completer=_setting_names)] = None
+    no_imu: Annotated[bool, Parameter(negative="")] = False
     mask: Annotated[
         list[str] | None, Parameter(group=CAMERAS, consume_multiple=True, metavar="LEFT.png", validator=_one_or_two)
     ] = None
@@ -232,6 +234,7 @@ class Settings:
         masks = dict(zip(("mask_left", "mask_right"), self.mask or (), strict=False))
         chosen |= {name: os.path.abspath(path) for name, path in masks.items()}  # the run says so in config.toml
         further = [f"{name}={json.dumps(value)}" for name, value in chosen.items() if value]
+        further += ["imu.enabled=false"] if self.no_imu else []
         found = read_config(self.config, [*(self.set or []), *further])
         check_method(found.method)
         return found

@@ -141,6 +141,12 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
         yield "", f"heading {end['heading_deg']:.2f}°, σ {end['std_heading_deg']:.2g}°"
     if rig := summary.get("rig"):
         yield "calibration", rig["text"]
+    if imu := summary.get("imu"):
+        yield "inertia", f"{imu['frames']} frames, {imu['dead_reckoned']} of them by the IMU alone"
+        tilt, lengths = 1e3 * imu["std_tilt_rad"], imu["std_scale_percent"]
+        yield "", f"tilt σ {tilt:.2g} mrad, lengths {imu['scale_percent']:+.2f} %, σ {lengths:.2g} %"
+        offset_ms, std_ms = 1e3 * imu["time_offset_s"], 1e3 * imu["std_time_offset_s"]
+        yield "", f"its clock {offset_ms:+.2f} ms, σ {std_ms:.2g} ms"
     for name, spans in summary.get("self_test", {}).items():
         yield f"halves of the {name}", f"differ by {factors_text(spans)}"
     if back := summary.get("there_and_back"):

@@ -255,6 +255,7 @@ void bind_tracks(nb::module_& m);
 void bind_views(nb::module_& m);
 void bind_resection(nb::module_& m);
 void bind_window(nb::module_& m);
+void bind_inertial(nb::module_& m);
 
 }  // namespace binding
 

@@ -11,5 +11,7 @@ NB_MODULE(_core, m) {
         }
     });
     using namespace binding;
-    for (auto bind : {bind_images, bind_poses, bind_rig, bind_tracks, bind_views, bind_resection, bind_window}) bind(m);
+    for (auto bind : {bind_images, bind_poses, bind_rig, bind_tracks, bind_views, bind_resection, bind_window,
+                      bind_inertial})
+        bind(m);
 }

@@ -19,7 +19,7 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
-from ..types import Ambiguity, LastingErrors, Observations, RigChange, RigView
+from ..types import Ambiguity, ExpectedMotion, LastingErrors, Observations, RigChange, RigView
 from .alignment import WIDE, TemplateAligner, valid_area
 from .disparity_error import DisparityError
 from .image_checks import are_alike, image_note
@@ -83,11 +83,20 @@ class StereoFrontEnd:
             _ = images.corner_strength  # computed now, kept for `step`
 
     def step(
-        self, state: FrontEndState, images: PreparedImages, stamp_ns: int
+        self,
+        state: FrontEndState,
+        images: PreparedImages,
+        stamp_ns: int,
+        expected: ExpectedMotion | None = None,
     ) -> tuple[FrontEndState, Observations]:
-        """Return the state after the next frame, and the frame's observations; stamps ascend."""
+        """Return the state after the next frame, and the frame's observations; stamps ascend.
+
+        `expected`: the motion up to this frame by inertial samples, if there are any.
+        """
         state, change = self._take_out_turn(state)
-        state, observed = self._step(state, images, stamp_ns)
+        if expected is not None and expected.since_ns != state.previous_ns:
+            expected = None  # it is of another frame than the one that is followed from
+        state, observed = self._step(state, images, stamp_ns, expected)
         state = replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns)
         if change is None or observed.rig is None:
             return state, observed
@@ -108,10 +117,10 @@ class StereoFrontEnd:
         return state, rig_change(self.setup.projection, first, rad)
 
     def _step(
-        self, state: FrontEndState, images: PreparedImages, stamp_ns: int
+        self, state: FrontEndState, images: PreparedImages, stamp_ns: int, expected: ExpectedMotion | None
     ) -> tuple[FrontEndState, Observations]:
         """Return the observations of the next frame, with the known turn of the right camera corrected."""
-        before, (state, followed) = state, follow(self.setup, state, images, stamp_ns)
+        before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
         change = None if followed is None else self._change(before, followed, stamp_ns)
         state = replace(state, steps=state.steps.after(change, self.setup.projection.f_px))
         found = None if followed is None else followed.found

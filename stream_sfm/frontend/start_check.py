@@ -53,6 +53,10 @@ class StartCheck:
         """Whether the start is to be redone: what was doubted is still followed, and points agree now."""
         return self.doubted and self.is_over and not self.gone
 
+    def settled(self) -> "StartCheck":
+        """Return the check where it is known otherwise that the motion is the camera's."""
+        return replace(self, calm_frames=FULL_HISTORY, doubted=False)
+
     def after(self, ids: NDArray[np.int64], accepted: NDArray[np.bool_]) -> "StartCheck":
         """Return the check after a frame in which the tracks `ids` (n,), ascending, were found.
 

@@ -18,10 +18,12 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record, rows_of
 from ..rig_model.terms import by_turn
+from ..types import ExpectedMotion
 from .alignment import WIDE, AlignedViews, learn_noise
 from .ambiguity import AmbiguityMemory
 from .depth_order import decided, depth_order, of_background
 from .inertia import Unsteadiness, steadier, without_newcomer
+from .inertial_choice import is_camera, nearer
 from .mono.parallax import update_by_parallax
 from .pair_check import Found
 from .prepared import PreparedImages
@@ -78,16 +80,23 @@ class _Known:
 
 
 def follow(
-    setup: Setup, state: FrontEndState, images: PreparedImages, stamp_ns: int
+    setup: Setup,
+    state: FrontEndState,
+    images: PreparedImages,
+    stamp_ns: int,
+    by_inertia: ExpectedMotion | None = None,
 ) -> tuple[FrontEndState, Followed | None]:
     """Follow all tracks from the frame before into this one; None where no motion is found.
 
-    The state is then the same but for what the frame says about the cameras and about a hidden background.
+    `by_inertia`: the motion that inertial samples predict, from which flow and templates start then. Without a motion
+    the state is the same but for what the frame says about the cameras and about a hidden background.
     """
     dt_s = (stamp_ns - state.previous_ns) / 1e9
     if state.previous is None or not len(state.tracks):
         return state, None
     predicted, known_motion = se3.exp(state.velocity * dt_s), bool(state.velocity.any())
+    if by_inertia is not None:
+        predicted, known_motion = se3.inverse(by_inertia.previous_from_cam), True
     rough = find_rough_motion(setup, state.aligners, state.previous, images, state.tracks, predicted, known_motion)
     if rough is None:
         return state, None
@@ -95,13 +104,15 @@ def follow(
         rough = of_background(setup, state, state.previous, images, rough, predicted)
     rough, rival = _likelier_of_alike(setup, state, state.previous, images, rough)
     twist = _twist_now(state.velocity, rough.cam_from_previous, dt_s)
+    if by_inertia is not None:  # a shaken camera turns by now as no two frames tell
+        twist = np.concatenate([twist[:3], by_inertia.twist[3:]])
     if state.rows_waiting is not None:
         state = replace(state, rows=state.rows.after(state.rows_waiting, twist), rows_waiting=None)
     if state.timing.twist is None:  # the first frame did not know how its points moved
         state = _first_timed(setup.projection, state, twist)
     views, expected = align(setup, state, images, state.tracks, rough, twist)
     known = _known(setup, state, expected, views, rough.cam_from_previous, twist, dt_s)
-    motions = rough.cam_from_previous, predicted
+    motions = rough.cam_from_previous, predicted, by_inertia
     state, motion = _resect(setup, state, known, views, *motions, dt_s)
     start = rough.cam_from_previous if motion is None else motion.cam_from_ref
     state, turned = _judge_turn(state, known, views, start)
@@ -114,6 +125,8 @@ def follow(
     state = replace(state, aligners=aligners, timing=replace(state.timing, twist=twist))
     # a pair whose right sides agree with a turn of the right camera is whole
     found_px = views.z_px if turned is None else np.where(turned[:, None], views.any_row_px, views.z_px)
+    if is_camera(by_inertia, motion):
+        state = replace(state, start=state.start.settled())
     return _advance(setup, state, views, Found(known.before, found_px, views.cov_px, motion), rival, dt_s)
 
 
@@ -246,11 +259,12 @@ def _resect(
     views: AlignedViews,
     start: Array,
     predicted: Array,
+    by_inertia: ExpectedMotion | None,
     dt_s: float,
 ) -> tuple[FrontEndState, Resection | None]:
     """The motion that the views found agree on; its gate says which tracks live on. None where too few agree.
 
-    It is sought from `start` (4, 4); `predicted` (4, 4): by the last velocity.
+    It is sought from `start` (4, 4); `predicted` (4, 4): by the last velocity, or `by_inertia`.
     """
     before, weights, gate_probability = known.before, known.weights, setup.config.robust.gate_probability
     seen = before.points, known.cov_points, views.z_px - known.known_px, views.cov_px
@@ -268,6 +282,8 @@ def _resect(
             _jumps(m, predicted, assumed) for m in (motion.cam_from_ref, motion.ambiguous.cam_from_ref)
         )
         motion = without_newcomer(before, motion) if other_jumps and not jump else motion
+    if by_inertia is not None:
+        motion = nearer(by_inertia, point_views, weights, motion)
     agree = motion.ok and weights[motion.accepted].sum() >= _MIN_AGREEMENT * known.weight
     hidden = _is_background_hidden(setup, state, before, motion, predicted, dt_s)
     state = replace(state, background_hidden=hidden or (state.background_hidden and not agree))

@@ -7,6 +7,7 @@ from typing import NamedTuple, Protocol
 
 from mcap.records import Attachment
 
+from ..inertial.samples import ImuCalibration
 from ..record import record
 from ..wording import LISTED
 
@@ -78,6 +79,7 @@ class Source(Protocol):
     format: str
     profile: str | None = None
     library: str | None = None
+    imu: ImuCalibration | None = None  # of its inertial unit, where files beside the samples say it
     left_out: int = 0  # pairs of a camera that came faster than they were taken
     in_order: bool = False  # messages come as they were stamped: nothing is held back to be sorted
 

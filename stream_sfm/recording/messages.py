@@ -29,7 +29,7 @@ _KINDS = {
     "CameraCalibration": "calibration", "CameraInfo": "calibration",
     "PoseInFrame": "pose", "PoseStamped": "pose", "PoseWithCovarianceStamped": "pose", "Odometry": "pose",
     "FrameTransform": "transform", "FrameTransforms": "transform", "TransformStamped": "transform",
-    "TFMessage": "transform", "tfMessage": "transform",
+    "TFMessage": "transform", "tfMessage": "transform", "Imu": "imu",
 }  # fmt: skip
 
 _QUATERNION_NORMS = (0.5, 2.0)  # beyond any rounding error; outside it the numbers are not a rotation
@@ -91,6 +91,18 @@ class PoseMessage:
     parent: str
     child: str
     parent_from_child: Array
+
+
+@record
+class ImuMessage:
+    """One sample of an inertial unit in the frame `frame_id`: `gyro_rad_s` and `accel_m_s2` (3,), NaN where the message
+    has none."""
+
+    topic: str
+    stamp_ns: int
+    frame_id: str
+    gyro_rad_s: Array
+    accel_m_s2: Array
 
 
 def kind_of(schema_name: str) -> str:
@@ -155,6 +167,10 @@ class MessageDecoder:
         """Decode the poses in a message, several for a list of transforms. Raises as `image`."""
         return self._record(message, _poses, LIMITS.small_bytes)
 
+    def imu(self, message: Message) -> ImuMessage:
+        """Decode a sample of an inertial unit. Raises as `image`."""
+        return self._record(message, _imu, LIMITS.small_bytes)
+
     def _record(self, message: Message, make: Callable[[str, Any], T], max_bytes: int | None = None) -> T:
         decoded, topic = self._decode(message, max_bytes), message.channel.topic
         try:
@@ -212,6 +228,16 @@ def _calibration(topic: str, m: Any) -> CalibrationMessage:
 
 def _poses(topic: str, m: Any) -> list[PoseMessage]:
     return [_pose(t) for t in _get(m, "transforms")] if _has(m, "transforms") else [_pose(m)]
+
+
+def _imu(topic: str, m: Any) -> ImuMessage:
+    """ROS marks what a unit does not measure by −1 as the first number of its covariance."""
+    values = []
+    for name in ("angular_velocity", "linear_acceleration"):
+        of, cov = _get(m, name), _get(m, f"{name}_covariance", default=())
+        missing = len(cov) > 0 and float(cov[0]) == -1
+        values.append(np.full(3, np.nan) if missing else np.array([float(_get(of, axis)) for axis in "xyz"]))
+    return ImuMessage(topic, _stamp_ns(m), _frame_id(m), *values)
 
 
 def same_numbers(a: Any, b: Any) -> bool:

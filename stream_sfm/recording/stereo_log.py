@@ -21,6 +21,7 @@ from ..types import Selection, Trajectory
 from ..wording import counted
 from .frames import FrameDecoder, RecordedFrame
 from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_truth, truth_topic
+from .inertial import find_topics, mounted, with_imu, with_samples
 from .messages import CalibrationMessage, MessageDecoder, decoded
 from .pair_reader import PairReader, ReadStats, StereoPair
 from .rig import FoundRig, check_rig, find_rig, rig_of_messages
@@ -191,6 +192,9 @@ class StereoLog:
         self._reader = PairReader(source, choice.left, choice.right)
         self.expected_frames = survey.topics[choice.left].count if survey.whole else None
         self.duration_s = (survey.end_ns - survey.start_ns) / 1e9 if survey.whole else None
+        self.imu_topics = find_topics(survey) if isinstance(found.rig, StereoRig) else None
+        self.imu_problem = ""  # why the inertial unit of the log is not used
+        self._mount_imu()
         self._given_truth: Trajectory | None = None
         self._given_truth_name = ""
         self._read_span_ns: tuple[int, int] | None = None  # of the pairs read last
@@ -199,6 +203,16 @@ class StereoLog:
         frames = "" if self.expected_frames is None else f", {counted(self.expected_frames, 'frame')}"
         span = "" if self.duration_s is None else f" in {self.duration_s:.2f} s"
         return f"<StereoLog {self.path.name}{frames}{span}, {self.rig!r}>"
+
+    def _mount_imu(self) -> None:
+        """Give the rig the inertial unit of the log, or none of its samples where it is not known where that is."""
+        if self.imu_topics is None or not isinstance(self.rig, StereoRig):
+            return
+        try:
+            self.rig = mounted(self._source, self.survey, self.imu_topics, self.rig, self._left_frame)
+        except LogError as error:
+            self.imu_problem = f"{self.path}: the IMU is not used: {error}"
+            self.imu_topics = None
 
     @property
     def stereo_rig(self) -> StereoRig:
@@ -231,7 +245,10 @@ class StereoLog:
         delivered = 0
         pairs = self._selected(selection, all_calibrations)
         try:
-            with closing(decoder.frames(pairs)) as frames:
+            with closing(decoder.frames(pairs)) as decoded_frames:
+                frames: Iterator[RecordedFrame] = decoded_frames
+                if self.imu_topics is not None:
+                    frames = with_samples(frames, self._source, self.imu_topics)
                 for delivered, frame in enumerate(frames, start=1):
                     yield frame
                     if delivered == selection.max_frames:
@@ -239,7 +256,7 @@ class StereoLog:
         finally:
             pairs.close()  # first: it completes `stats`
             stats = self.stats
-            stats.warnings += baseline_warnings(self.rig)
+            stats.warnings += [*baseline_warnings(self.rig), *filter(None, [self.imu_problem])]
             stats.undecodable += decoder.skipped
             if decoder.skipped:
                 stats.complete = False
@@ -302,7 +319,7 @@ class StereoLog:
                 raise LogError(f"another camera took them, of {message.width}×{message.height} pixels")
         rig = rig_of_messages(self._source, self.survey, sent, is_rectified(self.left_topic)).rig
         check_rig(self._source, rig)
-        return rig
+        return with_imu(rig, self.rig.imu if isinstance(self.rig, StereoRig) else None)
 
     def ground_truth(self) -> Trajectory | None:
         """`world_from_cam` of the physical left camera; None where there is none that can be used.

@@ -21,7 +21,7 @@ from ..motion import Odometry
 from ..observer import Observed
 from ..recording.pairing import gaps_after
 from ..rig_model.estimate import RigEstimate
-from ..types import FrameEstimate, RigChange, Status, Trajectory
+from ..types import FrameEstimate, InertialEstimate, RigChange, Status, Trajectory
 from ..wording import counted
 
 STAGES = ("decode", "frontend", "estimator", "total")
@@ -53,6 +53,9 @@ class RunRecord:
         self.structure: StructureComparison | None = None
         self.relative = RelativeRecord()
         self.rig: RigEstimate | None = None
+        self._inertial: tuple[Array, InertialEstimate] | None = None  # of the latest frame, with its rotation
+        self.inertial_problem = ""  # why samples were not used
+        self._inertial_frames = self._dead_reckoned = 0
         self.rig_changes: list[RigChange] = []
         self._corrected_from: tuple[int, RigEstimate] | None = None  # the first frame, and what was corrected in it
         self._stamps_ns, self._rows = array("q"), array("d")
@@ -80,10 +83,40 @@ class RunRecord:
         self._rows.frombytes(row.tobytes())
         self.relative.add(estimate)
         self.rig = estimate.rig or self.rig
+        if estimate.inertial is not None:
+            self._inertial_frames += 1
+            self._dead_reckoned += estimate.inertial.dead_reckoned
+            self._inertial = (estimate.world_from_cam[:3, :3], estimate.inertial)
         if estimate.rig_change is not None:
             self.rig_changes.append(estimate.rig_change)
         if self._corrected_from is None and not self.rig_changes and estimate.rig and estimate.rig.applied:
             self._corrected_from = (estimate.frame_index, estimate.rig)
+
+    def inertial(self) -> dict[str, Any] | None:
+        """What the inertial samples have told by the end of the run; None without any."""
+        if self._inertial is None:
+            return None
+        world_from_cam, last = self._inertial
+        std = np.sqrt(np.diag(last.cov))[6:]
+        up = -world_from_cam @ last.gravity / np.linalg.norm(last.gravity)
+        return {
+            "frames": self._inertial_frames,
+            "dead_reckoned": self._dead_reckoned,
+            "up_in_world": up.tolist(),
+            "std_tilt_rad": last.std_tilt_rad,
+            "gravity_m_s2": float(np.linalg.norm(last.gravity)),
+            "gyro_bias_rad_s": last.gyro_bias.tolist(),
+            "std_gyro_bias_rad_s": std[6:9].tolist(),
+            "accel_bias_m_s2": last.accel_bias.tolist(),
+            "std_accel_bias_m_s2": std[9:12].tolist(),
+            "scale_percent": 100 * last.scale,
+            "std_scale_percent": float(100 * std[12]),
+            "axes_rad": last.axes_rad.tolist(),
+            "std_axes_rad": std[13:16].tolist(),
+            "time_offset_s": last.time_offset_s,
+            "std_time_offset_s": float(std[16]),
+            "densities_over_data_sheet": last.densities.tolist(),
+        }
 
     def refuse(self, error: FrameError) -> None:
         """Count a frame that the front-end refused."""
@@ -147,6 +180,8 @@ class RunRecord:
             )
         if self.refused:
             notes.append(f"{counted(self.refused, 'frame')} refused, the first: {self.first_refusal}")
+        if self.inertial_problem:
+            notes.append(self.inertial_problem)
         if lost := self.count(Status.LOST):
             notes.append(f"tracking was lost in {counted(lost, 'frame')}, {self._first(Status.LOST)}")
         if 2 * (degraded := self.count(Status.DEGRADED)) > len(self):  # the recording is at fault, not the scene

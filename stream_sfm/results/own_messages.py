@@ -16,7 +16,7 @@ from ..config import RigConfig
 from ..geometry import se3
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.terms import CAUSES, TERMS, at, prior_std
-from ..types import CommonErrors, FrameEstimate, RelativeMotions, Status
+from ..types import CommonErrors, FrameEstimate, InertialEstimate, RelativeMotions, Status
 
 SCHEMA_VERSION = 2
 ESTIMATE, SCALARS, TIMING = (f"stream_sfm_msgs/msg/{name}" for name in ("Estimate", "Scalars", "Timing"))
@@ -52,6 +52,12 @@ float64[] rig_cov_px2  # their covariance, one matrix, or empty
 {_OF_CAUSES}
 float64[] rig_evidence  # on how many σ thirds of the run agree about each term; empty while it is short
 bool rig_applied  # whether the calibration is more probably wrong than right
+float64[] inertial_state  # by inertial samples: velocity, gravity, both in the camera, biases of gyroscope and \
+accelerometer, scale, turn of the unit, time offset: 17 numbers; or empty
+float64[] inertial_cov  # joint covariance 23×23 of ξ and that state
+float64[] inertial_densities  # factors on the noise densities of gyroscope and accelerometer, as learnt
+float64 inertial_distance2  # squared distance of the images' motion from that of the samples, 6 expected
+bool dead_reckoned  # the pose is by inertial samples alone
 bool unscaled  # with one camera: lengths are in units of the first baseline, not in metres
 float64 nis  # whitened squared innovation of the accepted views
 int64 nis_dof  # its degrees of freedom; nis/nis_dof is 1 where the noise is as assumed
@@ -112,8 +118,33 @@ def estimate_fields(estimate: FrameEstimate) -> dict[str, Any]:
     values["rig_applied"] = rig is not None and rig.applied
     values |= {f"rig_{cause.key}": () if rig is None else rig.group(cause) for cause in CAUSES}
     values["rig_evidence"] = () if rig is None or rig.evidence is None else rig.evidence
+    values |= _inertial_fields(estimate.inertial)
     of_lenses = ((), ()) if rig is None else (rig.mean[:n], rig.cov[:n, :n])
     return values | dict(zip(("rig_error_px", "rig_cov_px2"), of_lenses, strict=True))
+
+
+def _inertial_fields(of: InertialEstimate | None) -> dict[str, Any]:
+    if of is None:
+        names = ("inertial_state", "inertial_cov", "inertial_densities")
+        return dict.fromkeys(names, ()) | {"inertial_distance2": 0.0, "dead_reckoned": False}
+    parts = of.velocity, of.gravity, of.gyro_bias, of.accel_bias, [of.scale], of.axes_rad, [of.time_offset_s]
+    return {
+        "inertial_state": np.concatenate(parts),
+        "inertial_cov": of.cov,
+        "inertial_densities": of.densities,
+        "inertial_distance2": of.distance2,
+        "dead_reckoned": of.dead_reckoned,
+    }
+
+
+def _inertial(m: Any) -> InertialEstimate | None:
+    """The recorded inertial state; None where there is none, as in files of earlier versions."""
+    s: Any = getattr(m, "inertial_state", ())
+    if not len(s):
+        return None
+    of = np.asarray(s)
+    rest = m.inertial_cov.reshape(23, 23), m.inertial_densities, m.inertial_distance2, m.dead_reckoned
+    return InertialEstimate(of[:3], of[3:6], of[6:9], of[9:12], float(of[12]), of[13:16], float(of[16]), *rest)
 
 
 def estimate_of(m: Any, points: tuple[NDArray[Any], ...] | None = None) -> FrameEstimate:
@@ -139,6 +170,7 @@ def estimate_of(m: Any, points: tuple[NDArray[Any], ...] | None = None) -> Frame
         relative=_part(m, "relative", RelativeMotions, m=0 if common is None else len(common.mean)),
         common=common,
         rig=_rig(m) if len(getattr(m, "rig_error_px", ())) else None,
+        inertial=_inertial(m),
     )
 
 

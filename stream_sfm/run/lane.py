@@ -15,7 +15,15 @@ from ..observer import Observed, Observer
 from ..recording.ground_truth import DepthImages
 from ..report.records import RunRecord
 from ..results.folder import ResultFolder
-from ..types import FrameEstimate, Observations, Solution
+from ..types import (
+    ExpectedMotion,
+    FrameEstimate,
+    InertialEstimator,
+    InertialView,
+    Observations,
+    Solution,
+    expected_motion,
+)
 from .world import World
 
 
@@ -51,6 +59,10 @@ class Lane(BareLane):
         self.observer, self.rig, self._structure.camera = observer, None, observer.rig.left
         self.estimator = make_estimator(self.config.method, observer.projection, self.config)
 
+    def expect(self, stamp_ns: int, view: InertialView) -> ExpectedMotion | None:
+        """Return the motion up to a frame that its inertial samples predict, if the method takes them."""
+        return expected_motion(self.estimator, stamp_ns, view)
+
     def take(self, observed: Observed) -> FrameEstimate | None:
         """Estimate a frame and write it; None if the lane has failed, now or before."""
         self.solution = None
@@ -64,6 +76,8 @@ class Lane(BareLane):
             kind = "" if isinstance(error, np.linalg.LinAlgError) else f"{type(error).__name__}: "
             self.record.failure = f"stopped at frame {observed.observations.frame_index}: {kind}{error}"
             return None
+        if isinstance(self.estimator, InertialEstimator):
+            self.record.inertial_problem = self.estimator.inertial_problem
         began_s = time.thread_time()
         if self.folder is not None:
             self.folder.write(estimate)

@@ -132,7 +132,7 @@ def _step(
     Returns None where the lane has failed. Raises FrameError where the front-end refuses the frame.
     """
     with one_thread:
-        observed = lane.observer.observe(frame, prepared)
+        observed = lane.observer.observe(frame, prepared, lane.expect)
         observed = changed(observed, timings_ms={"decode": waited_ms} | observed.timings_ms)
         estimate = lane.take(observed)
         if lane.solution is not None:

@@ -40,6 +40,7 @@ def summarise(
         "frames": _frame_counts(stats, selection, record),
         **record.summary(),
         "end": None if config.mono else end_pose(trajectory),
+        "imu": record.inertial(),
         **(further or {}),
     }
     if truth.poses is None:

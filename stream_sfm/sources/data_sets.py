@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..camera.calibration.inertial import kalibr_noise
 from ..camera.calibration.projections import cam_from_cam0, kitti_camera
 from ..camera.calibration.read import CALIBRATION_SUFFIXES, is_calibration, read_document
 from ..camera.calibration.slam import body_from_left
@@ -22,12 +23,22 @@ from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..inertial.samples import ImuCalibration
 from ..mcap_file.message import Source
 from .image_files import ImageFile, ImageFilesSource, size_of
 from .image_folders import image_sides
 from .image_sets import IMAGE_SUFFIXES, images_in, open_images
 from .joined import JoinedSource
-from .pose_files import check_ascending, read_euroc, read_kitti, read_rows, read_table, read_text, read_times
+from .pose_files import (
+    check_ascending,
+    read_euroc,
+    read_kitti,
+    read_rows,
+    read_stamped,
+    read_table,
+    read_text,
+    read_times,
+)
 from .sides import possible_pairs
 from .video import VideoSource
 
@@ -202,7 +213,25 @@ def _open_euroc(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
     elif truth_file is not None:
         where = "no calibration says where the camera is on the body whose poses they are"
         notes.append(f"{truth_file} is not used: {where}")
-    return ImageFilesSource(folder, layout.name, rig, images, poses, notes)
+    imu = None if body_from_cam is None else _euroc_imu(mav / "imu0", se3.inverse(body_from_cam), notes)
+    return ImageFilesSource(folder, layout.name, rig, images, poses, notes, imu)
+
+
+def _euroc_imu(
+    folder: Path, cam_from_body: Array, notes: list[str]
+) -> tuple[list[tuple[int, Array]], ImuCalibration] | None:
+    """The samples of the inertial unit, which is the body, and its noise, as far as a file says it."""
+    if not (path := folder / "data.csv").is_file():
+        return None
+    try:
+        stamps, rows = read_stamped(path, 6, "`stamp wx wy wz ax ay az`")
+        sensor = folder / "sensor.yaml"
+        document = read_document(sensor) if sensor.is_file() else None
+        noise = {} if document is None else kalibr_noise(document)
+        return list(zip(stamps, rows, strict=True)), ImuCalibration(cam_from_body, **noise)
+    except (LogError, ConfigError) as error:
+        notes.append(f"the IMU is not used: {error}")
+        return None
 
 
 def _euroc_rig(mav: Path, cameras: Sequence[Path]) -> tuple[StereoRig | None, Array | None]:

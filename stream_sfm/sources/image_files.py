@@ -13,6 +13,7 @@ from ..camera.rectification import check_rectifiable
 from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError, RigError
 from ..geometry.se3 import Array
+from ..inertial.samples import ImuCalibration
 from ..inputs import LIMITS, read_small, reading
 from ..mcap_file.message import Channel, Contents, Damage, Message, Source
 from ..record import record
@@ -31,9 +32,9 @@ class ImageFile:
 class ImageFilesSource(Source):
     """Left and right images and poses (stamp_ns, world_from_cam), each ascending in time; `notes` for people.
 
-    `format` names the data set. An image that cannot be read, or has another size than the rig's, is skipped and
-    added to the damage of a reading. Raises LogError where no left and right image have the same stamp, ConfigError
-    where no image can be rectified by the rig.
+    `format` names the data set; `imu`: samples (stamp_ns, (6,) rad/s and m/s²) of an inertial unit. An image that
+    cannot be read, or has another size than the rig's, is skipped and added to the damage of a reading. Raises LogError
+    where no left and right image have the same stamp, ConfigError where no image can be rectified by the rig.
     """
 
     def __init__(
@@ -44,8 +45,11 @@ class ImageFilesSource(Source):
         images: tuple[Sequence[ImageFile], Sequence[ImageFile]],
         poses: Sequence[tuple[int, Array]] = (),
         notes: Sequence[str] = (),
+        imu: tuple[Sequence[tuple[int, Array]], ImuCalibration] | None = None,
     ) -> None:
         self.path, self.format, self.rig = path, format, rig
+        self._samples: Sequence[tuple[int, Array]] = () if imu is None else imu[0]
+        self.imu = None if imu is None else imu[1]
         if rig is not None:
             try:
                 check_rectifiable(rig)
@@ -72,6 +76,8 @@ class ImageFilesSource(Source):
             channels += [(channel, None) for channel in encoder.calibrations]
         if self.poses:
             channels.append((encoder.poses, len(self.poses)))
+        if self._samples:
+            channels += [(encoder.imu, len(self._samples)), (encoder.transforms, 1)]
         return Contents(channels, min(stamps), max(stamps))
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
@@ -83,15 +89,22 @@ class ImageFilesSource(Source):
             ((stamp, 0, pose) for stamp, pose in self.poses),
             ((image.stamp_ns, 1, image.path) for image in self.images[0]),
             ((image.stamp_ns, 2, image.path) for image in self.images[1]),
+            ((stamp, 3, values) for stamp, values in self._samples),
             key=lambda event: event[:2],
         )
 
         def wanted(messages: Iterable[Message]) -> Iterator[Message]:
             return (m for m in messages if topics is None or m.channel.topic in topics)
 
+        unmounted = self.imu
         for stamp_ns, kind, item in events:
+            if unmounted is not None:
+                yield from wanted([encoder.imu_mounting(stamp_ns, unmounted)])
+                unmounted = None
             if not isinstance(item, Path):
-                yield from wanted([encoder.pose(stamp_ns, item)])
+                yield from wanted(
+                    [encoder.imu_sample(stamp_ns, item) if kind == 3 else encoder.pose(stamp_ns, item)]
+                )
                 continue
             side = kind - 1
             yield from wanted(encoder.due_calibration(side, stamp_ns))

@@ -133,6 +133,12 @@ def read_rows(path: Path, columns: int, form: str) -> Array:
     return _read(path, columns, form).values
 
 
+def read_stamped(path: Path, columns: int, form: str) -> tuple[list[int], Array]:
+    """The stamps and numbers (n, columns) of a file whose stamps ascend; more columns may follow. Raises LogError."""
+    rows = _read(path, columns, form, stamped=True, more=True)
+    return rows.stamps_ns.tolist(), rows.values
+
+
 class _Rows(NamedTuple):
     """The numbers (n, k) of a file, their stamps where it has them, and the numbers of their lines."""
 

@@ -1,5 +1,6 @@
 """Encodes the messages of the log profile (docs/log-profile.md): Foxglove protobuf, image bytes unchanged."""
 
+import json
 from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
@@ -13,9 +14,11 @@ from ..camera.rectification import Rectifier
 from ..camera.rig import StereoRig
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..inertial.samples import ImuCalibration
 from ..mcap_file.message import Channel, Message
 
 _SIDES = ("left", "right")
+_IMU_FRAME = "imu"
 _FRAME_IDS = ("left_camera_optical_frame", "right_camera_optical_frame")
 _CALIBRATION_PERIOD_NS = 1_000_000_000  # calibrations are repeated, so that a part of the log can be read alone
 _MODELS = {"none": "plumb_bob", "equidistant": "kannala_brandt"}  # other names in Foxglove's CameraCalibration
@@ -30,6 +33,10 @@ class ProfileEncoder:
         self.both_images = raw_channel("/camera/both/image")  # beside or above each other
         self.calibrations = tuple(_channel(f"/camera/{side}/calibration", "CameraCalibration") for side in _SIDES)
         self.poses = _channel("/ground_truth/pose", "PoseInFrame")
+        self.imu, self.transforms = (
+            _json("/imu", "sensor_msgs/msg/Imu"),
+            _json("/tf_static", "foxglove.FrameTransform"),
+        )
         self._rig = rig
         self._messages = None if rig is None else calibration_messages(rig)
         self._last_calibration_ns: list[int | None] = [None, None]
@@ -58,6 +65,38 @@ class ProfileEncoder:
         p.x, p.y, p.z = world_from_cam[:3, 3]
         q.x, q.y, q.z, q.w = se3.quat_xyzw_from_matrix(world_from_cam[:3, :3])
         return _encoded(self.poses, message, stamp_ns)
+
+    def imu_sample(self, stamp_ns: int, values: Array) -> Message:
+        """One sample of an inertial unit: rad/s and m/s² (6,)."""
+        rate, force = (dict(zip("xyz", map(float, v), strict=True)) for v in (values[:3], values[3:]))
+        header = {"stamp": _time(stamp_ns), "frame_id": _IMU_FRAME}
+        return _as_json(
+            self.imu, {"header": header, "angular_velocity": rate, "linear_acceleration": force}, stamp_ns
+        )
+
+    def imu_mounting(self, stamp_ns: int, imu: ImuCalibration) -> Message:
+        """Where the unit is on the left camera."""
+        pose = imu.cam_from_imu
+        transform = {
+            "timestamp": _time(stamp_ns),
+            "parent_frame_id": _FRAME_IDS[0],
+            "child_frame_id": _IMU_FRAME,
+            "translation": dict(zip("xyz", pose[:3, 3].tolist(), strict=True)),
+            "rotation": dict(zip("xyzw", se3.quat_xyzw_from_matrix(pose[:3, :3]).tolist(), strict=True)),
+        }
+        return _as_json(self.transforms, transform, stamp_ns)
+
+
+def _time(stamp_ns: int) -> dict[str, int]:
+    return {"sec": stamp_ns // 1_000_000_000, "nsec": stamp_ns % 1_000_000_000}
+
+
+def _json(topic: str, schema: str) -> Channel:
+    return Channel(topic, MessageEncoding.JSON, schema, SchemaEncoding.JSONSchema, b'{"type": "object"}')
+
+
+def _as_json(channel: Channel, message: dict[str, Any], stamp_ns: int) -> Message:
+    return Message(channel, stamp_ns, json.dumps(message).encode())
 
 
 def raw_channel(topic: str) -> Channel:

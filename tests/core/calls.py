@@ -50,8 +50,19 @@ ONE = (MOTIONS[:1], *STATE[1:5], np.zeros((1, 1))), (SLOTS * 0, *SEEN[1:])
 PRIOR = (SLOTS, POINTS[:, :3], COV[:, :3, :3], np.zeros((N, 3, 9)), np.eye(8), np.ones(8))
 OF_BOTH = np.zeros((N, 3, 12))
 
+INTERVALS = (
+    *(np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 6)), np.zeros((2, 9, 6)), np.zeros((2, 9))),
+    *(np.tile(np.eye(9), (2, 1, 1)), np.zeros((2, 6)), np.zeros(2), np.full(2, 0.1)),
+)
+
 # Each function with arguments that it takes
 CALLS = {
+    "preintegrate": (
+        *(np.arange(4) / 200, np.ones((4, 3)), np.ones((4, 3))),
+        *(np.ones(3), np.zeros(6), np.full(2, 1e-3)),
+    ),
+    "inertial_rows": (INTERVALS, np.tile(np.eye(4), (3, 1, 1)), np.zeros((3, 3)), np.ones(17), np.eye(4)),
+    "inertial_motion": (tuple(a[:1] for a in INTERVALS), np.ones(17), np.eye(4)),
     "match_along_rows": (IMAGE, IMAGE, PIXELS, -5, 40),
     "unfilter_png": (IMAGE.astype(np.uint8) % 5, 1),
     "store_patches": (STORED.copy(), IMAGE, PIXELS, SLOTS),

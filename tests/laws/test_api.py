@@ -30,8 +30,8 @@ OF_COMMAND = {
 }
 # Parameters that are attributes of what public names return, or given to a caller's function: they need no name.
 HANDED_ON = {
-    "Ambiguity", "JobResult", "KnownTiming", "LastingErrors", "MapStart", "PreparedImages", "Refinement", "RigChange",
-    "RigEstimate", "RigModel", "RigView", "StereoPair", "StructureComparison",
+    "Ambiguity", "InertialView", "JobResult", "KnownTiming", "LastingErrors", "MapStart", "PreparedImages",
+    "Refinement", "RigChange", "RigEstimate", "RigModel", "RigView", "StereoPair", "StructureComparison",
 }  # fmt: skip
 PROGRAMS = [
     *(ROOT / "examples").glob("*.py"),

@@ -18,6 +18,7 @@ LAYERS = (
     ("inputs", "outputs"),
     ("core",),
     ("geometry", "blas", "files", "deflate", "interrupts", "executors", "memory", "wording", "methods"),
+    ("inertial",),
     ("camera",),
     ("config",),
     ("rig_model",),

@@ -19,6 +19,7 @@ from .recording import Recording
 
 KNOCK_RAD = 5e-4 * np.array([2, 1, 2]) / 3
 TURN_PER_FRAME_RAD = 2e-5 * np.array([1, 2, -2]) / 3
+SHAKEN_RAD = 0.03  # amplitude: 40 to 60 degrees per second at 4 Hz
 FOCUS_S = (1.0, 3.0)  # when an autofocus moves
 
 
@@ -29,7 +30,9 @@ class Fault:
     `calibrated_focal`: focal lengths of the calibration over the true ones. `focus(t, i)`: true focal lengths at time
     t, seconds, in frame i, over the clean ones. `turn_rad(i, middle)`: Exp of it multiplies right_from_left from the
     left, so that the right camera turns about its own centre. `stamp_error_s(i)` of frame i. `gain(i)`: brightness of
-    both images over the clean ones. `covers` and `jpeg_quality` as those of a `Recording`.
+    both images over the clean ones. `covers` and `jpeg_quality` as those of a `Recording`. `shaken_hz`: the rig is
+    shaken at that frequency; `dark_s`: for how long both images are black from the middle on; `shutter_s`: for how long
+    the shutters are open.
     """
 
     truth: str
@@ -43,6 +46,10 @@ class Fault:
     covers: tuple[Cover, ...] = ()
     jpeg_quality: int | None = None
 
+    shaken_hz: float = 0.0
+    dark_s: float = 0.0
+    shutter_s: float | None = None
+
     def applied(self, before: Recording) -> Recording:
         """The recording with this fault as well."""
 
@@ -52,12 +59,20 @@ class Fault:
             turned = se3.from_rotation_translation(se3.exp_so3(self.turn_rad(i, before.frames // 2)), np.zeros(3))
             return replace(rig, right_from_left=turned @ rig.right_from_left)
 
+        def path(t: float) -> np.ndarray:
+            wave = np.sin(2 * np.pi * self.shaken_hz * t * np.array([1, 0.83, 1.21]) + np.array([0, 1, 2]))
+            return np.asarray(before.path(t) @ se3.exp(np.r_[0.01 * wave, SHAKEN_RAD * wave[::-1]]))
+
         def gains(i: int) -> tuple[float, float]:
             left, right = before.gains(i)
-            return left * self.gain(i), right * self.gain(i)
+            is_dark = 0 <= i - before.frames // 2 < self.dark_s * before.rate_hz
+            gain = 0.0 if is_dark else self.gain(i)
+            return left * gain, right * gain
 
         return replace(
             before,
+            path=path if self.shaken_hz else before.path,
+            shutter_s=before.shutter_s if self.shutter_s is None else self.shutter_s,
             rig=with_focal(before.rig, self.calibrated_focal),
             true_rig=true_rig,
             readout_s=before.readout_s + self.readout_s,
@@ -131,6 +146,17 @@ FAULTS: dict[str, Fault] = {
     "late2": late(2),
     "late8": late(8),
     **{f"focal{percent:+g}": focal(percent) for percent in (0.5, -0.5, 0.2, -0.2)},
+    **{
+        f"shaken{hz}rs{ms}": Fault(
+            f"shaken at {hz} Hz by {SHAKEN_RAD} rad and 1 cm, with a rolling shutter of {ms / 1e3:g} s as above",
+            readout_s=ms / 1e3,
+            shaken_hz=hz,
+        )
+        for hz, ms in ((3, 20), (4, 30), (5, 30))
+    },
+    "late12": late(12),
+    "dark": Fault("from frame {middle} on images are black for a second", dark_s=1.0),
+    "blurred": Fault("shutters are open for 0.03 s", shutter_s=0.03),
     "autofocus2pct": zoom(0.02, *FOCUS_S),
     "autofocus01": Fault(
         "true focal lengths of both cameras in frame i are 1 + 0.0001 * i times the calibrated ones",

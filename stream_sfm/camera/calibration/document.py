@@ -13,14 +13,15 @@ import numpy as np
 from ...errors import ConfigError
 from ...geometry import se3
 from ...geometry.se3 import Array
+from ...inertial.samples import ImuCalibration
 from ...inputs import LIMITS, check_text, check_values, parse_toml
 from ...record import record
 from ..known_timing import KnownTiming
 from ..models import DISTORTION_COEFFICIENTS, DISTORTION_MODELS, Camera
 from ..refinement import Refinement
 
-# left, right, right_from_left (4, 4) in metres, and what is known about their errors
-Pair = tuple[Camera, Camera, Array, Refinement | None, KnownTiming | None]
+# left, right, right_from_left (4, 4) in metres, what is known about their errors, and an inertial unit
+Pair = tuple[Camera, Camera, Array, Refinement | None, KnownTiming | None, ImuCalibration | None]
 Size = tuple[int, int]  # width, height in pixels
 Where: TypeAlias = str | Path | Sequence[str | Path]  # a file, the files of left and right, or a folder
 
@@ -100,7 +101,8 @@ class Format(NamedTuple):
 
     `camera` gives the camera of a side (0 left, 1 right), by the size of its images where the format does not tell it;
     `pose`, of the files of left and right, which may be one, and that size, `right_from_left` (4, 4) in metres;
-    `known`, what is known about their errors. They raise ConfigError.
+    `known`, what is known about their errors; `imu`, an inertial unit, if the file of the left one has one. They raise
+    ConfigError.
     """
 
     name: str
@@ -109,6 +111,7 @@ class Format(NamedTuple):
     camera: Callable[[Document, int, Size | None], Camera]
     pose: Callable[[Document, Document, Size | None], Array]
     known: Callable[[Document], tuple[Refinement | None, KnownTiming | None]] = lambda _: (None, None)
+    imu: Callable[[Document], ImuCalibration | None] = lambda _: None
 
 
 def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Array:

@@ -8,6 +8,7 @@ from ...errors import ConfigError
 from ...inputs import LIMITS, read_small
 from ..models import Camera
 from .document import Document, Format, Pair, Size, Where, load
+from .inertial import is_imu_file
 from .makers import OAK, ZED
 from .projections import KITTI, OPENCV, ROS
 from .slam import BASALT, EUROC, KALIBR, ORB_SLAM
@@ -39,10 +40,11 @@ def documents_at(where: Where) -> list[Document]:
 
 
 def pair_of(documents: Sequence[Document], size: Size | None) -> Pair:
-    """Left camera, right camera, `right_from_left` (4, 4) in metres, and what is known about their errors.
+    """Left camera, right camera, `right_from_left` (4, 4) in metres, what is known about their errors, and the IMU.
 
     `size` (width, height): of the images, for formats that do not tell it. Raises ConfigError naming file and key.
     """
+    documents = _with_imu_file(documents)
     form = _format(documents)
     if form.files == 2 and len(documents) != 2:
         raise documents[0].error(
@@ -51,11 +53,28 @@ def pair_of(documents: Sequence[Document], size: Size | None) -> Pair:
     if form.files == 1 and len(documents) != 1:
         raise documents[1].error("this is a second calibration of a pair: give one")
     left, right = documents if form.files == 2 else 2 * [_joined(documents)]
-    return form.camera(left, 0, size), form.camera(right, 1, size), form.pose(left, right, size), *form.known(left)
+    return (
+        form.camera(left, 0, size),
+        form.camera(right, 1, size),
+        form.pose(left, right, size),
+        *form.known(left),
+        form.imu(left),
+    )
+
+
+def _with_imu_file(documents: Sequence[Document]) -> Sequence[Document]:
+    """The documents of cameras, the first with what an imu.yaml of Kalibr among them says."""
+    cameras = [document for document in documents if not is_imu_file(document.data)]
+    units = [document for document in documents if is_imu_file(document.data)]
+    if not cameras or not units:
+        return documents
+    first = cameras[0]
+    return [Document(first.name, {**units[0].data, **first.data}, first.is_toml), *cameras[1:]]
 
 
 def left_of(documents: Sequence[Document], size: Size | None) -> Camera:
     """The left camera alone; there need not be another. Raises as `pair_of`."""
+    documents = _with_imu_file(documents)
     form = _format(documents)
     return form.camera(documents[0] if form.files else _joined(documents), 0, size)
 
@@ -66,6 +85,14 @@ def is_calibration(path: Path) -> bool:
         return _format_of(read_document(path)) is not None
     except ConfigError:
         return False
+
+
+def _read(path: Path) -> Document:
+    """The content of a file, nothing where it cannot be read."""
+    try:
+        return read_document(path)
+    except ConfigError:
+        return Document(str(path), {})
 
 
 def _joined(documents: Sequence[Document]) -> Document:
@@ -80,12 +107,13 @@ def _in_folder(folder: Path) -> list[Document]:
     files = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in CALIBRATION_SUFFIXES)
     files += [folder / name for name in _IN_FOLDERS if (folder / name).is_file()]
     documents = [read_document(path) for path in files if is_calibration(path)]
+    units = [document for path in files if is_imu_file((document := _read(path)).data)]
     if not documents:
         raise ConfigError(f"{folder} holds no calibration; known are {_known()}")
     forms = [_format_of(document) for document in documents]
     if all(form is forms[0] for form in forms):
         if forms[0] is OPENCV or len(documents) == 1:
-            return documents
+            return documents + units[:1]
         if forms[0] is not None and forms[0].files == 2 and len(documents) == 2:
             return sorted(documents, key=lambda d: _side(d.name))
     listed = ", ".join(Path(d.name).name for d in documents)

@@ -8,6 +8,7 @@ import numpy as np
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ..models import Camera
+from . import inertial
 from .document import Document, Format, Size, camera_matrix
 from .lenses import MODELS, nearest_fisheye
 
@@ -30,17 +31,9 @@ def body_from_left(document: Document) -> Array | None:
         return document.pose(document.data["T_BS"], "T_BS")
     if BASALT.matches(document.data):
         return _imu_from_cam(document, 0)
-    pose = _kalibr_from_imu(document, "cam0")
+    cam0 = document.data.get("cam0")
+    pose = inertial.cam_from_imu_of(document, cam0, "cam0") if isinstance(cam0, Mapping) else None
     return None if pose is None else se3.inverse(pose)
-
-
-def _kalibr_from_imu(document: Document, name: str) -> Array | None:
-    """The pose (4, 4) of the IMU in a camera, by Kalibr's T_cam_imu or OpenVINS's T_imu_cam; None without either."""
-    table = document.data.get(name)
-    if (pose := _in(table, "T_cam_imu")) is not None:
-        return document.pose(pose, f"{name}.T_cam_imu")
-    pose = _in(table, "T_imu_cam")
-    return None if pose is None else se3.inverse(document.pose(pose, f"{name}.T_imu_cam"))
 
 
 def _cam(document: Document, name: str) -> Mapping[str, Any]:
@@ -53,9 +46,11 @@ def _kalibr_pose(document: Document, _: Document, _size: Size | None) -> Array:
     second = _cam(document, "cam1")
     if "T_cn_cnm1" in second:
         return document.pose(second["T_cn_cnm1"], "cam1.T_cn_cnm1")
-    left_from_imu, right_from_imu = (_kalibr_from_imu(document, name) for name in ("cam0", "cam1"))
-    if left_from_imu is not None and right_from_imu is not None:
-        return right_from_imu @ se3.inverse(left_from_imu)
+    poses = [
+        inertial.cam_from_imu_of(document, cam, f"cam{n}") for n, cam in enumerate((_cam(document, "cam0"), second))
+    ]
+    if poses[0] is not None and poses[1] is not None:
+        return poses[1] @ se3.inverse(poses[0])
     raise document.error("cam1.T_cn_cnm1, the pose of cam0 in cam1, is missing: calibrate both cameras together")
 
 
@@ -171,6 +166,7 @@ KALIBR = Format(
     lambda data: isinstance(data.get("cam0"), Mapping) and "intrinsics" in data["cam0"],
     lambda calib, n, _: _lens(calib, _cam(calib, f"cam{n}"), f"cam{n}.", "distortion_coeffs", "none"),
     _kalibr_pose,
+    imu=inertial.of_kalibr,
 )
 EUROC = Format(
     "EuRoC sensor.yaml",
@@ -180,6 +176,7 @@ EUROC = Format(
     lambda left, right, _: (
         se3.inverse(right.pose(right.data["T_BS"], "T_BS")) @ left.pose(left.data["T_BS"], "T_BS")
     ),
+    imu=inertial.of_euroc,
 )
 BASALT = Format(
     "Basalt calibration (JSON)",
@@ -187,5 +184,8 @@ BASALT = Format(
     _is_basalt,
     _basalt_camera,
     lambda calib, _, _size: se3.inverse(_imu_from_cam(calib, 1)) @ _imu_from_cam(calib, 0),
+    imu=lambda calib: inertial.of_basalt(calib, _imu_from_cam(calib, 0), _basalt(calib.data)),
 )
-ORB_SLAM = Format("ORB-SLAM settings (YAML)", 1, _is_orb_slam, _orb_slam_camera, _orb_slam_pose)
+ORB_SLAM = Format(
+    "ORB-SLAM settings (YAML)", 1, _is_orb_slam, _orb_slam_camera, _orb_slam_pose, imu=inertial.of_orb_slam
+)

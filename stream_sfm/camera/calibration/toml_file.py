@@ -12,14 +12,16 @@ import numpy as np
 from ...errors import ConfigError
 from ...geometry import se3
 from ...geometry.se3 import Array
+from ...inertial.samples import ImuCalibration
 from ..known_timing import KnownTiming
 from ..models import Camera
 from ..refinement import LENS_TERMS, Refinement
+from . import inertial
 from .document import Document, Format, Size, camera_matrix
 
 T = TypeVar("T")
 
-_SECTIONS = ("left", "right", "right_from_left", "refinement", "timing")
+_SECTIONS = ("left", "right", "right_from_left", "refinement", "timing", "imu")
 _CAMERA_KEYS = ("width", "height", "K", "fx", "fy", "cx", "cy", "distortion_model", "D")
 _TIMING_KEYS = tuple(field.name for field in fields(KnownTiming))
 
@@ -29,8 +31,9 @@ def text(
     right_from_left: Array | None = None,
     refinement: Refinement | None = None,
     timing: KnownTiming | None = None,
+    imu: ImuCalibration | None = None,
 ) -> str:
-    """Cameras by name as text that is read back unchanged; of a pair the pose of the right one, and known errors."""
+    """Cameras by name as text that is read back unchanged; of a pair the right one's pose, known errors, an IMU."""
     lines = ["# calibration: pixels and metres"]
     for name, camera in cameras.items():
         lines += ["", f"[{name}]", f"width = {camera.width}", f"height = {camera.height}"]
@@ -48,6 +51,8 @@ def text(
         lines += ["covariance_px2 = [", *(f"    {row}," for row in refinement.cov_px2.tolist()), "]"]
     if timing is not None:
         lines += ["", "[timing]", *(f"{name} = {value!r}" for name, value in asdict(timing).items())]
+    if imu is not None:
+        lines += inertial.lines(imu)
     return "\n".join(lines) + "\n"
 
 
@@ -122,4 +127,12 @@ def _checked(document: Document, name: str, make: Callable[[], T]) -> T:
         raise document.error(f"{name}: {error}") from None
 
 
-TOML = Format("TOML of stream_sfm", 1, lambda data: not set(data).isdisjoint(_SECTIONS), _camera, _pose, _known)
+TOML = Format(
+    "TOML of stream_sfm",
+    1,
+    lambda data: not set(data).isdisjoint(_SECTIONS),
+    _camera,
+    _pose,
+    _known,
+    inertial.of_toml,
+)

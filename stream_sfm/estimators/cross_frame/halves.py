@@ -113,6 +113,6 @@ def _squares(of: Map, one: tuple[Array, Array], other: tuple[Array, Array]) -> A
     """Return δᵀC⁻¹δ/6 (f,) of two halves' information and right-hand sides; newest span first."""
     roots = [Cholesky(information, repair=False).root for information, _ in (one, other)]
     steps = [root @ (root.T @ right) for root, (_, right) in zip(roots, (one, other), strict=True)]
-    apart = apart_from_newest(of, np.column_stack([*roots, steps[0] - steps[1]]))
+    apart = apart_from_newest(of.cams_from_ref, np.column_stack([*roots, steps[0] - steps[1]]))
     cov = apart[..., :-1] @ np.swapaxes(apart[..., :-1], 1, 2)
     return mahalanobis2(apart[..., -1], cov)[::-1] / 6

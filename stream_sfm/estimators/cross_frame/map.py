@@ -4,6 +4,9 @@ The reference camera p is the newest frame that has left the window; frames p+1 
 Points are q in the cameras that first saw them (`inverse_depth`); the world is one more pose, carried by the prior.
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +22,8 @@ from ...rig_model.estimate import CERTAIN, RigEstimate
 from ...rig_model.model import LEAST_VARIANCE, RigModel
 from ...rig_model.terms import DISPARITY
 from ...types import Solution
+from .inertial_window import InertialWindow
+from .interval import Known
 from .inverse_depth import (
     NormalBlocks,
     State,
@@ -95,6 +100,8 @@ class Map:
         self.q, cov, by_own, by_rig = self._seen_alone(views, state, np.zeros(len(rig)))
         pose = first.world_from_cam, first.cov_pose
         self.prior = Prior.from_first_frame(self.ids, self.q, cov, by_own, by_rig, *pose, rig)
+        self.inertia: InertialWindow | None = None
+        self.marginals: Marginals
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
         self.gauss_newton_step()
         self.update_marginals()
@@ -108,6 +115,11 @@ class Map:
     def rig_error(self) -> Array:
         """The errors (m,) of the rig that are taken out of the views at the present amplitudes."""
         return self.prior.rig.at(self.amplitudes[len(self.amplitudes) - len(self.prior.rig) :])
+
+    @property
+    def inertial_state(self) -> Array:
+        """The inertial state (17,) of the reference camera at the present amplitudes; (0,) without inertia."""
+        return self.prior.state_at(self.amplitudes)
 
     @property
     def previous(self) -> WindowFrame:
@@ -139,7 +151,10 @@ class Map:
 
     def absorb_oldest(self) -> None:
         """Marginalise the oldest frame, eqs. (31)–(36): all that earlier frames say is in the prior again."""
-        cam_from_ref, own = self.cams_from_ref[0], self.own[:1]
+        cam_from_ref, own, leaving = self.cams_from_ref[0], self.own[:1], None
+        if self.inertia is not None:
+            of_gravity = self.prior.world_modes[9:12]
+            leaving = self.inertia.leaving(cam_from_ref, self.inertial_state, of_gravity @ of_gravity.T)
         frame, views = self._remove_oldest()
         prior, later = self.prior, self.views if self.frames else views
         seen_later = core.times_among(self.ids, later.ids, later.used) > 0
@@ -152,7 +167,7 @@ class Map:
         if len(rows) < len(known):
             prior = changed(prior, ids=prior.ids[rows], mean=prior.mean[rows], modes=rows_of(prior.modes, rows))
         prior = changed(prior, cov=cov).absorb_frame(
-            self.amplitudes, cam_from_ref, anchors, q, NormalBlocks(*blocks), stays, (new_ids, *alone)
+            self.amplitudes, cam_from_ref, anchors, q, NormalBlocks(*blocks), stays, (new_ids, *alone), leaving
         )
         prior = prior.truncate_modes()
         self.prior = self._refocused(changed(prior, rig=prior.rig.with_part()), frame)
@@ -180,6 +195,8 @@ class Map:
         frame, cam_from_ref = self.frames.pop(0), self.cams_from_ref[0]
         self._first = None  # its views stay in the prior as they are
         self.reference = frame
+        if self.inertia is not None:
+            self.inertia.drop_oldest()
         self._seconds = self._seconds[1:]
         ad = se3.adjoint(cam_from_ref)
         self._cov_doubt, self._cov_slides = ad @ self._cov_doubt @ ad.T, ad @ self._cov_slides @ ad.T
@@ -225,6 +242,9 @@ class Map:
         self.frames.append(frame)
         self.cams_from_ref = np.concatenate([self.cams_from_ref, cam_from_ref[None]])
         self.own = np.concatenate([self.own, np.zeros((1, self.own.shape[1]))])
+        if self.inertia is not None and frame.interval is not None:  # where slides are unknowns
+            self.inertia.enter(frame.interval, frame.velocity, frame.std_turn_rad)
+            frame.std_turn_rad = 0.0
         turns = frame.std_turn_rad * se3.adjoint(se3.inverse(cam_from_ref))[:, 3:]
         self._cov_slides = self._cov_slides + turns @ turns.T
         if frame.rig is not None:
@@ -311,7 +331,10 @@ class Map:
         """Move poses, points and modes by one step, and return the decrease of the sum of squares that it promised."""
         blocks = linearise(self.projection, self.state(), self.views)
         known = np.searchsorted(self.ids, self.prior.ids)
-        self.system = System(self.prior, known, blocks, self.q, self.amplitudes)
+        inertial = None
+        if self.inertia is not None and self.frames:
+            inertial = self.inertia.linearise(self.cams_from_ref, self.inertial_state)
+        self.system = System(self.prior, known, blocks, self.q, self.amplitudes, inertial)
         *change, decrease = self.system.step()
         self._move(*change)
         return decrease
@@ -331,6 +354,8 @@ class Map:
 
     def _move(self, dx: Array, down: Array, dq: Array, dy: Array) -> None:
         """Move poses (F, 6), their own (F, e), points (P, 3) and amplitudes (k,)."""
+        if self.inertia is not None and self.frames:
+            self.inertia.follow(dx, self.prior.world_modes[6:] @ dy)
         self.cams_from_ref = se3.orthonormalise(se3.exp(dx) @ self.cams_from_ref)
         self.own, self.q, self.amplitudes = self.own + down, self.q + dq, self.amplitudes + dy
 
@@ -354,7 +379,8 @@ class Map:
         poses = [np.eye(4), *self.cams_from_ref, cam_from_previous @ self.newest_cam_from_ref]
         stamps_ns = [f.stamp_ns for f in (self.reference, *self.frames, frame)]
         self._seconds = self._clock.seconds(np.array(poses), stamps_ns, std_acceleration)
-        *_, before, now = core.point_motions(np.array(poses), self._seconds)
+        motions = _as_turning(core.point_motions(np.array(poses), self._seconds), (*self.frames, frame))
+        *_, before, now = motions
         moved = clamp_depth(points @ cam_from_previous.T)
         by_timing = np.zeros_like(views.timing)
         timing = self._timing(frame.rig)
@@ -405,7 +431,8 @@ class Map:
         rig = self.frames[-1].rig
         if rig is None:
             return
-        self._motions = core.point_motions(np.array([np.eye(4), *self.cams_from_ref]), self._seconds)
+        motions = core.point_motions(np.array([np.eye(4), *self.cams_from_ref]), self._seconds)
+        self._motions = _as_turning(motions, self.frames)
         if self._first is not None:
             self._renew_first(self._first, rig)
         self.views = timed(self.state(), self.views, rig, self._motions[1:], self._timing(rig)[0])
@@ -512,6 +539,41 @@ class Map:
         self.prior = self.prior.with_rig_change(root)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
 
+    def begin_inertia(self, window: InertialWindow, known: Known) -> None:
+        """Add an inertial state, `known` in the newest camera, or begin it anew: that is the reference then."""
+        while self.frames:
+            self.absorb_oldest()
+        rows = self.prior.world_modes[:6]
+        self.prior = changed(self.prior, world_modes=rows, state=np.zeros(0)).with_state(known.state, known.cov)
+        self.inertia = window
+        self.amplitudes = np.zeros(self.prior.modes.shape[2])
+        self.gauss_newton_step()
+
+    def end_inertia(self) -> None:
+        """Go on without inertia: what it has told of poses and points stays."""
+        while self.frames:
+            self.absorb_oldest()
+        self.inertia = None
+        self.prior = changed(self.prior, world_modes=self.prior.world_modes[:6], state=np.zeros(0))
+        self.amplitudes = np.zeros(self.prior.modes.shape[2])
+        self.gauss_newton_step()
+
+    def place_newest(self, known: Known) -> Marginals:
+        """Put the newest camera where images and inertia together have it; points keep their places in it."""
+        before: Marginals = self.marginals
+        pose, cov = known.world_from_cam, known.cov[:6, :6] + self.cov_doubt
+        in_world = se3.transform(pose, before.points_in_cam)
+        self.marginals = replace(before, world_from_cam=pose, cov_pose=cov, points_in_world=in_world)
+        return self.marginals
+
+    def true_poses(self) -> tuple[Array, Array, Array]:
+        """Return the cameras of the window (F, 4, 4) where they are, a root (6F, n) of their covariance given the rig's
+        errors, and how they move with these (6F, m): without the turns that patches feign, as far as inertia shows."""
+        if self.inertia is None:
+            poses = self.system.poses
+            return self.cams_from_ref, self.system.root[:poses], self.system.by_rig[:poses]
+        return self.inertia.true_cams(self.cams_from_ref), *self.inertia.true_poses(self.system)
+
     @property
     def cov_pose(self) -> Array:
         """The covariance (6, 6) of the newest pose in the world by the latest system."""
@@ -525,3 +587,14 @@ class Map:
         marginals = Marginals.compute(self.system, self.state(), self.world_from_ref)
         self.marginals = marginals.doubted(self.cov_doubt)
         return self.marginals
+
+
+def _as_turning(motions: Array, frames: Sequence[WindowFrame]) -> Array:
+    """Return motions (n, 2, 6) of points, those of the last frames turning as the gyroscope says, where there is one.
+
+    A polynomial through poses cannot follow a camera that is shaken.
+    """
+    for motion, frame in zip(motions[len(motions) - len(frames) :], frames, strict=True):
+        if frame.turning is not None:
+            motion[:, 3:] = frame.turning
+    return motions

@@ -40,9 +40,18 @@ class System:
     """
 
     def __init__(
-        self, prior: Prior, known: NDArray[np.intp], blocks: NormalBlocks, q: Array, amplitudes: Array
+        self,
+        prior: Prior,
+        known: NDArray[np.intp],
+        blocks: NormalBlocks,
+        q: Array,
+        amplitudes: Array,
+        inertial: tuple[Array, Array] | None = None,
     ) -> None:
-        """Take the points as they are at q (P, 3), where views were linearised, and modes at `amplitudes` (k,)."""
+        """Take the points as they are at q (P, 3), where views were linearised, and modes at `amplitudes` (k,).
+
+        `inertial`: information about poses and inertial state (6F + 17, …), and the right-hand side.
+        """
         self.prior, self.poses = prior, 6 * len(blocks.u)
         frames, of_frame = blocks.u.shape[:2]
         self._own, self.modes = (frames, of_frame - 6), frames * of_frame  # where the modes begin
@@ -55,6 +64,12 @@ class System:
         self._rig_error = rig.at(amplitudes[len(amplitudes) - m :])
         h[self.modes :, self.modes :] += _flat(modes).T @ _flat(modes)
         h -= _flat(self._reach).T @ _flat(self._reach)
+        if inertial is not None:
+            j = np.zeros((len(inertial[1]), len(h)))
+            j[: self.poses, : self.poses] = np.eye(self.poses)
+            j[self.poses :, self.modes :] = prior.world_modes[6:]
+            h += j.T @ inertial[0] @ j
+            self._g = self._g + j.T @ inertial[1]
         self._others = Elimination(h, len(h) - m)
         self.root, self.by_rig = self._others.root, self._others.by_others
         self.cov_rig = Cholesky(self._others.left).inverse()
@@ -106,7 +121,7 @@ class System:
 
         And how both move with these, (12, m). Frame −1 is the reference camera, which has no error.
         """
-        of_own, of_rig = np.split(self.prior.world_modes, [len(self.root) - self.modes], axis=1)
+        of_own, of_rig = np.split(self.prior.world_modes[:6], [len(self.root) - self.modes], axis=1)
         own, rig = np.zeros((12, len(self.root))), np.zeros((12, len(self.cov_rig)))
         if frame >= 0:
             rows = slice(6 * frame, 6 * frame + 6)

@@ -14,8 +14,11 @@ holds the same and costs fifty times as much.)
 
 Camera-centred: the world's origin is one more pose among the variables, so nothing that touches the prior is ever
 relinearised in world coordinates, and unobservable directions stay unobservable (otherwise a bias grows with the number
-of frames; docs/mathematics.md, section 6). ω is the right perturbation of world_from_ref.
+of frames; docs/mathematics.md, section 6). ω is the right perturbation of world_from_ref. With inertia, the state of
+`interval.py` stands beside the world in the same modes.
 """
+
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,15 +28,19 @@ from ...geometry import se3
 from ...geometry.linear import Elimination, product, scaled_cholesky
 from ...geometry.se3 import Array
 from ...record import changed, record
+from .interval import BIASES, GRAVITY, STATE, VELOCITY, Leaving
 from .inverse_depth import NormalBlocks
 from .rig_knowledge import RigKnowledge
 
 # Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
 # micrometre and a microradian are far below any estimate.
 _ORIGIN_VARIANCE = 1e-12
+_LEAST_STATE = 1e-9  # of the variances of an inertial state, for rounding
 # Variance of a common mode in units of the points' own noise, summed over the points, below which the mode is folded
 # away: it then correlates no two points by more than a hundredth. Trades the size of the system for that.
 _MIN_MODE_VARIANCE = 1e-2
+
+_LEAVING = 12  # modes of a leaving frame by inertia
 
 # Points that enter the prior: ids, ascending, mean (n, 3), covariance (n, 3, 3), ∂q by amplitudes of their frame's own
 # (n, 3, e) and by the rig's errors (n, 3, m).
@@ -46,7 +53,8 @@ class Prior:
 
     `ids` (N,) ascending; `mean` (N, 3) of q in their anchors, which the map has; `cov` (N, 3, 3) = D; `modes` (N, 3, k)
     = F; `world_from_ref` (4, 4): mean of the reference camera's pose; `world_modes` (6, k) = F_w. `rig`: what is known
-    about the m errors of the rig, to which the last m modes belong.
+    about the m errors of the rig, to which the last m modes belong. `state` (17,): mean of the inertial state, to which
+    further rows of `world_modes` belong, (23, k); (0,) without inertia.
     """
 
     ids: NDArray[np.int64]
@@ -56,6 +64,7 @@ class Prior:
     world_from_ref: Array
     world_modes: Array
     rig: RigKnowledge
+    state: Array = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def from_first_frame(
@@ -86,7 +95,8 @@ class Prior:
         `from_first_frame`.
         """
         modes = self.modes.copy()
-        modes[..., 6:] = np.concatenate([by_own, by_rig], axis=2)
+        modes[..., 6 : 6 + by_own.shape[2]] = by_own
+        modes[..., modes.shape[2] - by_rig.shape[2] :] = by_rig
         return changed(self, mean=mean, cov=cov, modes=modes)
 
     def with_own_of_first(self, n: int) -> "Prior":
@@ -97,7 +107,27 @@ class Prior:
 
     def world(self, amplitudes: Array) -> Array:
         """Return world_from_ref (4, 4) at the given amplitudes (k,) of the modes."""
-        return se3.orthonormalise(self.world_from_ref @ se3.exp(self.world_modes @ amplitudes))
+        return se3.orthonormalise(self.world_from_ref @ se3.exp(self.world_modes[:6] @ amplitudes))
+
+    def state_at(self, amplitudes: Array) -> Array:
+        """Return the inertial state (17,) at the given amplitudes (k,) of the modes."""
+        return np.asarray(self.state + self.world_modes[6:] @ amplitudes)
+
+    def with_state(self, state: Array, joint: Array) -> "Prior":
+        """Return the prior with an inertial state (17,), whose covariance with the world is in `joint` (23, 23).
+
+        The prior's own modes have the world's; what the state has beyond these are 17 modes that no point shares.
+        """
+        world, n = self.world_modes[:6], len(self.rig)
+        own = world.shape[1] - n
+        by_world = np.linalg.solve(joint[:6, :6] + _ORIGIN_VARIANCE * np.eye(6), joint[:6, 6:]).T
+        left = joint[6:, 6:] - by_world @ joint[:6, 6:]
+        root = scaled_cholesky(0.5 * (left + left.T) + np.diag(_LEAST_STATE * np.diag(joint[6:, 6:])))
+        rows = np.zeros((6 + STATE, own + STATE + n))
+        rows[:6, :own], rows[:6, own + STATE :] = world[:, :own], world[:, own:]
+        rows[6:, :own], rows[6:, own : own + STATE] = by_world @ world[:, :own], root
+        modes = [self.modes[..., :own], np.zeros((*self.modes.shape[:2], STATE)), self.modes[..., own:]]
+        return changed(self, state=state, world_modes=rows, modes=np.concatenate(modes, axis=2))
 
     def absorb_frame(
         self,
@@ -108,6 +138,7 @@ class Prior:
         blocks: NormalBlocks,
         stays: NDArray[np.bool_],
         new: NewPoints,
+        leaving: Leaving | None = None,
     ) -> "Prior":
         """Return the posterior after one camera's own views, in that camera as the new reference, eqs. (31)–(35).
 
@@ -120,13 +151,18 @@ class Prior:
         the new camera's pose: with K' = ∂q'/∂P', δq' = δq + K'G ξ and ω' = Ad(X) ω − ξ, six modes without prior
         information. What the frame's views err by in common has e modes more, with a prior of σ = 1; these come first
         here. With Λ = D⁻¹ + V, points given the modes are N(Λ⁻¹(D⁻¹(mean + F y) + V…), Λ⁻¹), and the modes have
-        information S = P + Σ FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less what the rig's modes do to the views.
+        information S = P + Σ FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less what the rig's modes do to the views. `leaving`:
+        what inertia says of the frame, with twelve modes more: its slide, its velocity and the walk of the biases.
         """
         before, c = np.split(amplitudes, [len(amplitudes) - len(self.rig)])
         ids_new, mean_new, cov_new, by_own, by_rig = new
         e = by_own.shape[2]
         own = e + len(before) + 6
-        world_modes = se3.adjoint(cam_from_ref) @ self.world_modes
+        state_rows, state = self.world_modes[6:], self.state
+        if leaving is not None:
+            cam_from_ref = se3.exp(np.concatenate([np.zeros(3), leaving.slide])) @ cam_from_ref
+            state, state_rows = self._state_in(cam_from_ref, leaving, self.state_at(amplitudes), e)
+        world_modes = se3.adjoint(cam_from_ref) @ self.world_modes[:6]
         of_own, of_rig = np.split(world_modes, [len(before)], axis=1)
         world_modes = np.concatenate([np.zeros((6, e)), of_own, -np.eye(6), of_rig], axis=1)
         world = self.world(amplitudes) @ se3.inverse(cam_from_ref)
@@ -136,6 +172,11 @@ class Prior:
         s[e:, e:] += flat_modes.T @ flat_modes
         s -= flat_half.T @ flat_half
         right -= flat_half.T @ given.ravel()
+        if leaving is not None:
+            s, right = self._with_leaving(leaving, s, right, e)
+            half, world_modes = (np.insert(a, [own] * _LEAVING, 0.0, axis=-1) for a in (half, world_modes))
+            world_modes[3:, own : own + 3] = -np.eye(3)  # a slide turns the camera as its pose does
+            world_modes, own = np.concatenate([world_modes, state_rows]), own + _LEAVING
         others = Elimination(s, own)
         step, weighted = others.reduced(right)
         # the others by the new modes, by the rig's errors, and their step; these are held, and moved by the window
@@ -152,10 +193,46 @@ class Prior:
         new_points = ids_new, mean_new + modes_new[..., -1], cov_new, modes_new[..., :-1]
         return Prior(
             *core.absorbed_points(self.ids, std, carried(half), given, q, stays, new_points),
-            world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[:, -1])),
+            world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[:6, -1])),
             world_modes=world_modes[:, :-1],
             rig=changed(self.rig, mean=self.rig.at(c), information=others.left, weighted=weighted),
+            state=state + world_modes[6:, -1],
         )
+
+    def _with_leaving(self, leaving: Leaving, s: Array, right: Array, e: int) -> tuple[Array, Array]:
+        """Add what inertia says of a leaving frame to the information about modes: e of its own, the prior's, six of
+        its pose, twelve of inertia, which are new here, and those of the rig."""
+        before = self.world_modes.shape[1] - len(self.rig)
+        at = e + before + 6
+        s, right = np.insert(s, [at] * _LEAVING, 0.0, axis=0), np.insert(right, [at] * _LEAVING, 0.0)
+        s = np.insert(s, [at] * _LEAVING, 0.0, axis=1)
+        j = np.zeros((len(leaving.g), len(s)))
+        j[:6, at - 6 : at] = np.eye(6)
+        j[6 : 6 + STATE, e : e + before] = self.world_modes[6:, :before]
+        j[6 : 6 + STATE, at + _LEAVING :] = self.world_modes[6:, before:]
+        j[6 + STATE :, at : at + 6] = np.eye(6)
+        s += j.T @ leaving.h @ j
+        walk = range(at + 6, at + _LEAVING)
+        s[walk, walk] += 1.0
+        return s, right + j.T @ leaving.g
+
+    def _state_in(self, x: Array, leaving: Leaving, now: Array, e: int) -> tuple[Array, Array]:
+        """Return the inertial state (17,) in the leaving camera x (4, 4), and its modes, those of `_with_leaving`."""
+        before = self.world_modes.shape[1] - len(self.rig)
+        at = e + before + 6
+        rows = np.zeros((STATE, e + self.world_modes.shape[1] + 6 + _LEAVING))
+        rows[:, e : e + before] = self.world_modes[6:, :before]
+        rows[:, at + _LEAVING :] = self.world_modes[6:, before:]
+        state = now.copy()
+        state[VELOCITY], state[GRAVITY] = leaving.velocity, x[:3, :3] @ now[GRAVITY]
+        rows[GRAVITY] = x[:3, :3] @ rows[GRAVITY]
+        turned = -se3.skew(state[GRAVITY])
+        rows[GRAVITY, at - 3 : at] += turned
+        rows[GRAVITY, at : at + 3] += turned
+        rows[VELOCITY] = 0
+        rows[VELOCITY, at + 3 : at + 6] = np.eye(3)
+        rows[BIASES, at + 6 : at + _LEAVING] = np.diag(leaving.std_walk)
+        return state, rows
 
     def given_rig(self, amplitudes: Array) -> "Prior":
         """Return the prior of an exact rig that it is where the errors of the rig have the amplitudes (m,)."""
@@ -171,7 +248,7 @@ class Prior:
     def with_field(self, n: int) -> "Prior":
         """Return the prior with n more errors of the rig, of a field that has done nothing to its points so far."""
         modes = np.concatenate([self.modes, np.zeros((*self.modes.shape[:2], n))], axis=2)
-        world_modes = np.concatenate([self.world_modes, np.zeros((6, n))], axis=1)
+        world_modes = np.concatenate([self.world_modes, np.zeros((len(self.world_modes), n))], axis=1)
         return changed(self, modes=modes, world_modes=world_modes, rig=self.rig.with_field(n))
 
     def with_rig_change(self, root: Array) -> "Prior":
@@ -191,13 +268,15 @@ class Prior:
     def truncate_modes(self) -> "Prior":
         """Return the same prior in as few modes as matter, eq. (36).
 
-        Six modes carry the world exactly, and those of the rig stay. The others are principal components of the points'
+        Six modes carry the world exactly, 17 more the inertial state, and those of the rig stay. The others are
+        principal components of the points'
         common error in units of their own noise; what is left out goes to that noise.
         """
         own = self.modes.shape[2] - len(self.rig)
         q, r = np.linalg.qr(self.world_modes[:, :own].T, mode="complete")
         modes = product(self.modes[..., :own], q)
-        shared = modes[..., 6:]
+        fixed = len(self.world_modes)
+        shared = modes[..., fixed:]
         whitened = core.whiten_blocks(self.cov, shared).reshape(-1, shared.shape[2])
         variance, axes = np.linalg.eigh(whitened.T @ whitened)
         shared = product(shared, axes)
@@ -207,6 +286,8 @@ class Prior:
         return changed(
             self,
             cov=self.cov + folded @ np.swapaxes(folded, 1, 2),
-            modes=np.concatenate([modes[..., :6], shared[..., ~small], self.modes[..., own:]], axis=2),
-            world_modes=np.concatenate([r.T[:, :6], np.zeros((6, kept)), self.world_modes[:, own:]], axis=1),
+            modes=np.concatenate([modes[..., :fixed], shared[..., ~small], self.modes[..., own:]], axis=2),
+            world_modes=np.concatenate(
+                [r.T[:, :fixed], np.zeros((fixed, kept)), self.world_modes[:, own:]], axis=1
+            ),
         )

@@ -14,10 +14,10 @@ from ...types import CommonErrors, RelativeMotions
 from .map import Map
 
 
-def apart_from_newest(current: Map, of_poses: Array) -> Array:
-    """Return J of eq. (74), for the reference and every other frame of the window but the newest, times (6F, n)."""
-    from_newest = current.cams_from_ref[:-1] @ se3.inverse(current.newest_cam_from_ref)
-    blocks = of_poses.reshape(len(current.frames), 6, -1)
+def apart_from_newest(cams_from_ref: Array, of_poses: Array) -> Array:
+    """Return J of eq. (74), times (6F, n): for the reference and every camera (F, 4, 4) but the newest."""
+    from_newest = cams_from_ref[:-1] @ se3.inverse(cams_from_ref[-1])
+    blocks = of_poses.reshape(len(cams_from_ref), 6, -1)
     return np.concatenate([-blocks[-1:], se3.adjoint(se3.inverse(from_newest)) @ blocks[:-1] - blocks[-1]])
 
 
@@ -28,13 +28,14 @@ def relative_motions(current: Map, cov_newest: Array, by_span: Array) -> Relativ
     which the views of the window have the last one, eq. (74d).
     """
     frames, system = current.frames, current.system
-    cams = np.array([np.eye(4), *current.cams_from_ref[:-1]])  # the reference is exact by definition
-    from_newest = cams @ se3.inverse(current.newest_cam_from_ref)
-    half = apart_from_newest(current, system.root[: system.poses])
-    factors = by_span[: len(frames), None, None][::-1]
+    true_cams, of_poses, of_rig = current.true_poses()
+    cams = np.array([np.eye(4), *true_cams[:-1]])  # the reference is exact by definition
+    from_newest = cams @ se3.inverse(true_cams[-1])
+    half = apart_from_newest(true_cams, of_poses)
+    n, factors = len(system.root), by_span[: len(frames), None, None][::-1]
     half[..., : system.modes] *= factors / by_span[-1]
-    half[..., system.modes :] *= factors
-    by_rig = apart_from_newest(current, system.by_rig[: system.poses])
+    half[..., system.modes : n] *= factors
+    by_rig = apart_from_newest(true_cams, of_rig)
     cov = half @ np.swapaxes(half, 1, 2) + product(by_rig, system.cov_rig) @ np.swapaxes(by_rig, 1, 2)
     return RelativeMotions(
         frame_indices=np.array([f.index for f in (current.reference, *frames[:-1])], np.int64),
@@ -50,7 +51,7 @@ def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
         return None
     system = current.system
     of_poses, of_modes = system.by_rig[: system.poses], system.by_rig[system.modes :]
-    of_world = se3.adjoint(current.newest_cam_from_ref) @ system.prior.world_modes
+    of_world = se3.adjoint(current.newest_cam_from_ref) @ system.prior.world_modes[:6]
     jacobian = of_world[:, : len(of_modes)] @ of_modes + of_world[:, len(of_modes) :] - of_poses[-6:]
     return CommonErrors(current.rig_error, rig.cov, jacobian)
 

@@ -37,12 +37,17 @@ def _reported(current: Map, factors: SpanFactors, learns: bool) -> tuple[Map, Sp
     result.drop_undetermined()
     m, k = len(result.prior.rig), len(result.amplitudes)
     at, views = result.state()._replace(rig_error=np.zeros(0)), result.views.given_rig(result.rig_error)
+    inertial = None
+    if current.inertia is not None:  # a copy, which nothing feeds back either
+        result.inertia = copy.copy(current.inertia)
+        inertial = result.inertia.linearise(result.cams_from_ref, result.inertial_state)
     system = System(
         result.prior.given_rig(result.amplitudes[k - m :]),
         np.searchsorted(result.ids, result.prior.ids),
         linearise(result.projection, at, views),
         result.q,
         result.amplitudes[: k - m],
+        inertial,
     )
     if learns and factors.asks_for(result.frames[-1].index):
         factors = factors.after(factor**2 * squares_of_halves(result, system, at, views))

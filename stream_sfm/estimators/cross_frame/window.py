@@ -17,7 +17,7 @@ from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...rig_model.terms import DELAY, TERMS
-from ...types import Ambiguity, Observations, Solution
+from ...types import Ambiguity, ExpectedMotion, InertialView, Observations, Prediction, Solution, Status
 from ..initial_motion import initial_motion
 from ..lifecycle import (
     LostError,
@@ -28,8 +28,8 @@ from ..lifecycle import (
     too_few_inliers,
     with_ended,
 )
-from ..motion_model import MotionModel
 from .halves import SpanFactors
+from .inertia import Inertia, InertialMotionModel
 from .inverse_depth import WhitenedViews
 from .map import Map
 from .minimise import minimise
@@ -53,7 +53,8 @@ class CrossFrame:
     def __init__(self, projection: StereoProjection, config: Config) -> None:
         self.projection = projection
         self.config = config
-        self.motion = MotionModel(config.motion)
+        self.inertia = Inertia(config)
+        self.motion = InertialMotionModel(config, self.inertia)
         self.map: Map | None = None
         self.rig: RigKnowledge | None = None  # of the latest map
         self.waiting = False  # for tracks of the map to return, since a frame without any view
@@ -65,10 +66,32 @@ class CrossFrame:
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
+        self.inertia.take(observations.inertial)
         try:
-            return self._take(observations)
+            solution = self._take(observations)
         except np.linalg.LinAlgError:
-            return self._lose(observations, "the views do not determine the motion")
+            solution = self._lose(observations, "the views do not determine the motion")
+        if solution.status != Status.LOST or solution.inertial is not None:
+            return solution
+        by_inertia = self.inertia.dead_reckoned(observations.stamp_ns)
+        if by_inertia is None:
+            return solution
+        reason = f"dead-reckoned by the IMU: {solution.reason}"
+        return replace(solution, status=Status.DEGRADED, reason=reason, inertial=by_inertia)
+
+    @property
+    def inertial_problem(self) -> str:
+        """Why inertial samples are not used; see `InertialEstimator`."""
+        return self.inertia.problem
+
+    def expect(self, stamp_ns: int, view: InertialView | None) -> ExpectedMotion | None:
+        """Return the motion that inertial samples predict for the next frame; see `InertialEstimator`."""
+        self.inertia.take(view)
+        return self.inertia.expected_motion(stamp_ns) if self.inertia.is_trusted else None
+
+    def predict(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
+        """Return pose and state at a later time by inertial samples; see `InertialEstimator`."""
+        return self.inertia.prediction(stamp_ns, view)
 
     def _take(self, observations: Observations) -> Solution:
         """Start a map or follow the camera. Raises LinAlgError where the views do not determine what is sought."""
@@ -107,13 +130,16 @@ class CrossFrame:
         solution = first_solution(self.projection, self.config.robust, self.motion, corrected)
         if len(solution.track_ids):
             self.map = Map(self.projection, frame, views, corrected.z_px, solution, self.rig)
+            self.inertia.begin(self.map, frame.stamp_ns, solution.world_from_cam, solution.cov_pose)
         return solution
 
     def _advance(
         self, current: Map, observations: Observations, frame: WindowFrame, views: WhitenedViews
     ) -> Solution:
         """Follow the camera by one frame."""
+        self.inertia.enter(frame, current)
         motion, rejected, views, corrected_px = self._initial_motion(current, observations, frame, views)
+        motion = self.inertia.judge(motion, frame)
         current.rejections.forget_all_but(views.ids)
         if len(current.frames) == self.config.window.frames:
             current.absorb_oldest()
@@ -224,10 +250,13 @@ class CrossFrame:
         read_off, self._factors = reported(current, factors, tells)
         # the world has moved with all errors that last, which only the weights of eq. (69) allow for
         now = current.marginals = replace(read_off.update_marginals(), cov_pose=current.cov_pose)
+        known, inertial = self.inertia.report(current, read_off)
+        now = now if known is None else current.place_newest(known)
         cov_timing = current.cov_of_timing(self._std_acceleration)
         if motion.ambiguous is None:  # otherwise it may be the motion that is wrong
             self._impossible = impossible(rig)
         observations = _with_misfit(observations, self._impossible)
+        observations = _with_note(observations, "" if inertial is None else inertial.note)
         ids, used = current.views.ids[current.newest], current.views.used[current.newest]
         n_accepted = int(np.count_nonzero(used & core.among(ids, before.ids)))  # by the joint minimum, too
         status, reason = frame_status(n_accepted, observations.note, self.config.robust, motion)
@@ -244,7 +273,7 @@ class CrossFrame:
             points_in_world=now.points_in_world[shown],
             cov_points_in_world=now.cov_points_in_world[shown],
             window_frame_indices=np.array([f.index for f in current.frames], np.int64),
-            window_world_from_cam=read_off.world_from_ref @ se3.inverse(read_off.cams_from_ref),
+            window_world_from_cam=read_off.world_from_ref @ se3.inverse(read_off.true_poses()[0]),
             rejected_ids=ids[~used],
             iterations=iterations,
             nis=motion.chi2,
@@ -252,6 +281,7 @@ class CrossFrame:
             rig=rig,
             relative=relative_motions(read_off, cov_timing, factors.by_span),
             common=common_errors(read_off, rig),
+            inertial=inertial,
         )
         if rig is not None and observations.rig is not None:
             by_rows = self._since_by_rows(observations, len(rig.mean))
@@ -264,8 +294,14 @@ def _with_misfit(observations: Observations, reason: str) -> Observations:
     if not reason:
         return observations
     ambiguity = replace(observations.ambiguity or Ambiguity(), misfit=True)
-    note = f"{observations.note}; {reason}" if observations.note else reason
-    return replace(observations, ambiguity=ambiguity, note=note)
+    return _with_note(replace(observations, ambiguity=ambiguity), reason)
+
+
+def _with_note(observations: Observations, note: str) -> Observations:
+    """Return the observations with one more note, if there is one."""
+    if not note:
+        return observations
+    return replace(observations, note=f"{observations.note}; {note}" if observations.note else note)
 
 
 def _unknown_rig(observations: Observations) -> RigKnowledge:

@@ -10,6 +10,7 @@ from ...geometry.stereo import StereoProjection
 from ...rig_model.model import RigModel
 from ...rig_model.terms import by_turn
 from ...types import Observations
+from .interval import Interval
 from .inverse_depth import WhitenedViews
 
 
@@ -19,7 +20,9 @@ class WindowFrame:
 
     `std_turn_rad`: σ of the turn since the frame before that patches feign which slide alike, about each axis.
     `ambiguity` (6, k): by what else the motion from the frame before may be wrong, in axes of this camera; frames in
-    a row share the first six columns, the others are of each alone.
+    a row share the first six columns, the others are of each alone. `interval`: the inertial samples since the frame
+    before, with the `velocity` (3,) that they predict, and `turning` (2, 3), angular velocity and acceleration of
+    points by the gyroscope; None without.
     """
 
     index: int
@@ -27,6 +30,9 @@ class WindowFrame:
     rig: RigModel | None
     std_turn_rad: float = 0.0
     ambiguity: Array = field(default_factory=lambda: np.zeros((6, 0)))
+    interval: Interval | None = None
+    velocity: Array = field(default_factory=lambda: np.zeros(3))
+    turning: Array | None = None
 
 
 def views_of(observations: Observations, projection: StereoProjection, age_s: float = 0.0) -> WhitenedViews:

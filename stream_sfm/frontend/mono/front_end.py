@@ -16,7 +16,7 @@ from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import KNOWN_DEPTH_SIGMAS, StereoProjection
 from ...rig_model.estimate import RigEstimate
-from ...types import LastingErrors, MapStart, Observations
+from ...types import ExpectedMotion, LastingErrors, MapStart, Observations
 from ..alignment import TemplateAligner
 from ..image_checks import image_note
 from ..new_points import begin_tracks, detect_missing
@@ -62,9 +62,13 @@ class MonoFrontEnd:
         """As `StereoFrontEnd.prepare`: nothing, as corners are rarely wanted, and computed in `step`."""
 
     def step(
-        self, state: FrontEndState, images: PreparedImages, stamp_ns: int
+        self,
+        state: FrontEndState,
+        images: PreparedImages,
+        stamp_ns: int,
+        expected: ExpectedMotion | None = None,
     ) -> tuple[FrontEndState, Observations]:
-        """As `StereoFrontEnd.step`; no views while depths are not observable."""
+        """As `StereoFrontEnd.step`, where nothing is `expected`; no views while depths are not observable."""
         if state.map.mapped:
             state, followed = self._follow(state, images, stamp_ns)
         else:

@@ -1,0 +1,128 @@
+"""The inertial unit of a calibration: where it is mounted, its noise and its clock, as each format writes them."""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from ...errors import ConfigError
+from ...geometry import se3
+from ...geometry.se3 import Array
+from ...inertial.samples import ImuCalibration
+from .document import Document
+
+KEYS = tuple(field.name for field in fields(ImuCalibration))
+# Kalibr's imu.yaml, also within `imu0`, and EuRoC's imu0/sensor.yaml.
+_KALIBR = {
+    "gyroscope_noise_density": "gyro_noise", "gyroscope_random_walk": "gyro_walk",
+    "accelerometer_noise_density": "accel_noise", "accelerometer_random_walk": "accel_walk",
+}  # fmt: skip
+_BASALT = {
+    "gyro_noise_std": "gyro_noise", "gyro_bias_std": "gyro_walk",
+    "accel_noise_std": "accel_noise", "accel_bias_std": "accel_walk",
+}  # fmt: skip
+_ORB_SLAM = {
+    "IMU.NoiseGyro": "gyro_noise", "IMU.GyroWalk": "gyro_walk",
+    "IMU.NoiseAcc": "accel_noise", "IMU.AccWalk": "accel_walk",
+}  # fmt: skip
+
+
+def is_imu_file(data: Mapping[str, Any]) -> bool:
+    """Whether a document is Kalibr's imu.yaml: noise of a unit, and no camera."""
+    return any("accelerometer_noise_density" in table for table in (data, _table(data)))
+
+
+def _table(data: Mapping[str, Any]) -> Mapping[str, Any]:
+    inside = data.get("imu0")
+    return inside if isinstance(inside, Mapping) else {}
+
+
+def imu_of(document: Document, cam_from_imu: Array | None, noise: Mapping[str, float]) -> ImuCalibration | None:
+    """Return a unit mounted so, with the numbers that are known; None where its mounting is not. Raises ConfigError."""
+    if cam_from_imu is None:
+        return None
+    try:
+        return ImuCalibration(cam_from_imu, **noise)
+    except ConfigError as error:
+        raise document.error(str(error)) from None
+
+
+def noise_of(document: Document, table: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, float]:
+    """Return the densities of a table, as far as it has them; one per axis as their root mean square."""
+    found = {}
+    for key, name in names.items():
+        if key in table:
+            value = np.atleast_1d(np.asarray(table[key], object))
+            numbers = [document.number(x, key) for x in value.ravel()]
+            if (size := float(np.sqrt(np.mean(np.square(numbers))))) > 0:
+                found[name] = size
+    return found
+
+
+def kalibr_noise(document: Document) -> dict[str, float]:
+    """Return the densities of Kalibr's imu.yaml, or of EuRoC's imu0/sensor.yaml. Raises ConfigError."""
+    return noise_of(document, {**document.data, **_table(document.data)}, _KALIBR)
+
+
+def of_toml(document: Document) -> ImuCalibration | None:
+    """Return that of the section [imu] of our own format."""
+    table = document.data.get("imu")
+    if table is None:
+        return None
+    if not isinstance(table, Mapping) or (unknown := sorted(set(table) - set(KEYS))):
+        more = "" if not isinstance(table, Mapping) else f", not {unknown[0]!r}"
+        raise document.error(f"imu must be a section with {', '.join(KEYS)}{more}")
+    if "cam_from_imu" not in table:
+        raise document.error("imu.cam_from_imu, a 4×4 matrix in metres, is missing")
+    numbers = {key: document.number(table[key], f"imu.{key}") for key in KEYS[1:] if key in table}
+    return imu_of(document, document.numbers(table["cam_from_imu"], "imu.cam_from_imu", (4, 4)), numbers)
+
+
+def lines(imu: ImuCalibration) -> list[str]:
+    """Return the section [imu] of our own format."""
+    rows = [f"cam_from_imu = {imu.cam_from_imu.tolist()}"]
+    return ["", "[imu]", *rows, *(f"{key} = {float(getattr(imu, key))!r}" for key in KEYS[1:])]
+
+
+def of_kalibr(document: Document) -> ImuCalibration | None:
+    """Return that of a camchain (T_cam_imu, or T_imu_cam of OpenVINS), with an imu.yaml that is given beside it."""
+    cam0 = document.data.get("cam0")
+    if not isinstance(cam0, Mapping):
+        return None
+    pose = cam_from_imu_of(document, cam0, "cam0")
+    noise = kalibr_noise(document)
+    if "timeshift_cam_imu" in cam0:  # t_imu = t_cam + shift
+        noise["time_offset_s"] = document.number(cam0["timeshift_cam_imu"], "cam0.timeshift_cam_imu")
+    return imu_of(document, pose, noise)
+
+
+def cam_from_imu_of(document: Document, cam: Mapping[str, Any], name: str) -> Array | None:
+    """Return cam_from_imu (4, 4) of a camera in a chain, which may be written the other way round; None without."""
+    if "T_cam_imu" in cam:
+        return document.pose(cam["T_cam_imu"], f"{name}.T_cam_imu")
+    if "T_imu_cam" in cam:
+        return np.asarray(se3.inverse(document.pose(cam["T_imu_cam"], f"{name}.T_imu_cam")))
+    return None
+
+
+def of_basalt(document: Document, imu_from_cam: Array, values: Mapping[str, Any]) -> ImuCalibration | None:
+    """Return that of a calibration of Basalt, whose left camera is at (4, 4) on the unit."""
+    noise = noise_of(document, values, _BASALT)
+    noise["time_offset_s"] = 1e-9 * document.number(values.get("cam_time_offset_ns", 0), "cam_time_offset_ns")
+    return imu_of(document, np.asarray(se3.inverse(imu_from_cam)), noise)
+
+
+def of_orb_slam(document: Document) -> ImuCalibration | None:
+    """Return that of settings of ORB-SLAM3: IMU.T_b_c1 carries points of the left camera into the unit."""
+    key = next((k for k in ("IMU.T_b_c1", "Tbc") if k in document.data), None)
+    if key is None:
+        return None
+    pose = np.asarray(se3.inverse(document.pose(document.data[key], key)))
+    return imu_of(document, pose, noise_of(document, document.data, _ORB_SLAM))
+
+
+def of_euroc(document: Document) -> ImuCalibration | None:
+    """Return that of the left camera's sensor.yaml: its body is the unit of EuRoC."""
+    pose = np.asarray(se3.inverse(document.pose(document.data["T_BS"], "T_BS")))
+    return imu_of(document, pose, kalibr_noise(document))

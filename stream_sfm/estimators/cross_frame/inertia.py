@@ -1,0 +1,342 @@
+"""Inertia in the window estimator: samples to intervals, predictions between frames, and the state that is reported.
+
+Nothing has to be initialised: velocity, gravity and biases begin wide, in the first frame that has samples, and are
+linear in what the samples say. The map has them beside its world (`inertial_window.py`).
+"""
+
+import logging
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from ... import core
+from ...config import Config
+from ...geometry import se3
+from ...geometry.linear import symmetric
+from ...geometry.resection import Resection, SecondMotion
+from ...geometry.se3 import Array
+from ...inertial.buffer import SampleBuffer
+from ...inertial.samples import ImuCalibration
+from ...record import changed
+from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction
+from ..motion_model import MotionModel
+from .inertia_checks import IMPOSSIBLE, Agreement, Densities, impossible, likely
+from .inertial_window import InertialWindow
+from .interval import (
+    ACCEL_BIAS,
+    AXES,
+    BIASES,
+    CLOCK,
+    FIXED,
+    GRAVITY,
+    GYRO_BIAS,
+    SCALE,
+    STATE,
+    VELOCITY,
+    Interval,
+    Known,
+    of_core,
+)
+from .map import Map
+from .window_frame import WindowFrame
+
+# σ of what is not known when inertia begins: velocity, m/s; what the accelerometer measures beside gravity, m/s²; and
+# the biases, rad/s and m/s², of consumer-grade units.
+_STD_VELOCITY, _STD_START, _STD_GYRO_BIAS, _STD_ACCEL_BIAS = 3.0, 4.0, 0.05, 0.3
+_LEAST_STD_SCALE = 1e-6
+_MAX_GAP_S = 10.0  # from the last estimate: beyond it samples lead nowhere
+_MAX_STD_TURN_RAD = 0.1  # as far as a pose by samples alone is reported as one
+_FARTHER = 1.5  # factor on the images' σ of a motion: errors of views that last
+
+
+class Inertia:
+    """All that an estimator knows by inertia between two frames. `now`: of the latest estimate; None before one."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config.imu
+        scale = _LEAST_STD_SCALE if config.rig.exact else max(config.rig.std_baseline, _LEAST_STD_SCALE)
+        self._std_fixed = np.r_[scale, np.full(3, self._config.std_axes_rad), self._config.std_time_offset_s]
+        self._calibration: ImuCalibration | None = None
+        self._buffer = SampleBuffer(ImuCalibration())
+        self.now: Known | None = None
+        self._agreement, self._densities = Agreement(), Densities.as_given()
+        self._distance2, self._note = 0.0, ""
+        self._frames = config.window.frames
+        self._carried = False  # the state is from before the present map
+        self._anew: Known | None = None  # with which the state begins again in the next frame
+
+    @property
+    def problem(self) -> str:
+        """Why samples cannot be used; empty where they can."""
+        return self._buffer.problem
+
+    @property
+    def is_trusted(self) -> bool:
+        """Whether the samples agreed with the images of the latest frame, so that the next ones are sought by them."""
+        return not self._agreement.distrusted and self._distance2 < IMPOSSIBLE
+
+    def take(self, view: InertialView | None) -> None:
+        """Take the samples that have come with a frame; twice the same are taken once."""
+        if view is None:
+            return
+        if self._calibration is None:
+            self._calibration = view.calibration
+            self._buffer = SampleBuffer(view.calibration)
+        self._buffer.add(view.samples)
+        if self.problem and self.now is not None:
+            logging.getLogger("stream_sfm").warning(self.problem)
+            self.now = self._anew = None
+
+    def _begun(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Known | None:
+        """Return the state of a camera of which nothing is known by inertia; None without samples around it."""
+        if self._calibration is None or self._buffer.problem:
+            return None
+        mean = self._buffer.mean_acceleration(stamp_ns)
+        if mean is None:
+            return None
+        state, joint = np.zeros(STATE), np.zeros((6 + STATE, 6 + STATE))
+        state[GRAVITY] = -self._calibration.cam_from_imu[:3, :3] @ mean
+        std = np.repeat([_STD_VELOCITY, _STD_START, _STD_GYRO_BIAS, _STD_ACCEL_BIAS], 3)
+        joint[:6, :6] = cov_pose
+        joint[6:, 6:] = np.diag(np.r_[std, self._std_fixed] ** 2)
+        return Known(stamp_ns, world_from_cam, state, joint)
+
+    def begin(self, current: Map, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
+        """Give a map that has begun its inertial state: the one carried on, or one of which nothing is known."""
+        known = self.predicted(stamp_ns)
+        self._carried = known is not None and not self._agreement.is_young
+        if known is None:
+            known = self._begun(stamp_ns, world_from_cam, cov_pose)
+        if known is None or self._calibration is None:
+            return
+        window = InertialWindow(self._calibration.cam_from_imu, self._densities.factors, self._knows_gravity(known))
+        current.begin_inertia(window, known)
+        self.now = known
+
+    def _knows_gravity(self, known: Known) -> bool:
+        return bool(np.trace(known.cov[9:12, 9:12]) < 1.0)
+
+    def predicted(self, stamp_ns: int) -> Known | None:
+        """Return pose and state at a later time, by the samples alone, eq. (81); None where they do not lead there."""
+        now, calibration = self.now, self._calibration
+        if now is None or calibration is None or self._buffer.problem:
+            return None
+        if stamp_ns <= now.stamp_ns:
+            return now if stamp_ns == now.stamp_ns else None
+        if stamp_ns - now.stamp_ns > _MAX_GAP_S * 1e9 or not self._buffer.covers(now.stamp_ns, stamp_ns):
+            return None
+        interval = self._interval(now.stamp_ns, stamp_ns, now.state)
+        return carried(now, interval, self._densities.factors, calibration.cam_from_imu, stamp_ns)
+
+    def prediction(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
+        """Return pose and state later on, with further samples, which are not kept; None where none lead there."""
+        ahead = copy(self)
+        ahead._buffer = self._buffer.copied()
+        ahead.take(view)
+        known = ahead.predicted(stamp_ns)
+        if known is None:
+            return None
+        inertial = inertial_estimate(known, self._densities.factors)
+        return Prediction(stamp_ns, known.world_from_cam, known.cov[:6, :6], inertial)
+
+    def _interval(self, first_ns: int, last_ns: int, state: Array) -> Interval:
+        calibration = self._calibration
+        if calibration is None or not self._buffer.covers(first_ns, last_ns):
+            return Interval.unknown((last_ns - first_ns) / 1e9, state)
+        samples = self._buffer.between(first_ns, last_ns, float(state[CLOCK][0]))
+        return Interval.of(samples, calibration, state, self._densities.factors)
+
+    def enter(self, frame: WindowFrame, current: Map) -> None:
+        """Give a frame that is about to enter a map what the samples since the one before it say."""
+        self._begin_late(current)
+        window, now = current.inertia, self.now
+        if window is not None and now is None:
+            current.end_inertia()
+        if window is None or now is None:
+            return
+        before = (current.frames[-1] if current.frames else current.reference).stamp_ns
+        if current.frames and not window.intervals[-1].complete:  # by now its samples have come
+            first = (current.frames[-2] if len(current.frames) > 1 else current.reference).stamp_ns
+            window.intervals[-1] = self._interval(first, before, now.state)
+        frame.interval = self._interval(before, frame.stamp_ns, now.state)
+        _, then = core.inertial_motion(of_core([frame.interval], window.factors), now.state, window.cam_from_imu)
+        frame.velocity = then[VELOCITY] if frame.interval.cov_gyro.any() else now.state[VELOCITY]
+        self._note = frame.interval.note
+        frame.turning = self._turning(frame.stamp_ns, now.state) if self.is_trusted else None
+
+    def _turning(self, stamp_ns: int, state: Array) -> Array | None:
+        """Return angular velocity and acceleration (2, 3) of points in the camera at a time, by the gyroscope."""
+        found = self._buffer.turning(stamp_ns, float(state[CLOCK][0]))
+        if found is None or self._calibration is None:
+            return None
+        mounted = self._calibration.cam_from_imu[:3, :3] @ se3.exp_so3(state[AXES])
+        return -np.stack([found[0] - state[GYRO_BIAS], found[1]]) @ mounted.T
+
+    def _begin_late(self, current: Map) -> None:
+        """Begin the state of a map in its newest camera: anew after a contradiction, or because samples come late."""
+        begun, self._anew, calibration = self._anew, None, self._calibration
+        if current.inertia is None and not self.problem:
+            newest = (current.frames[-1] if current.frames else current.reference).stamp_ns
+            begun = self._begun(newest, current.marginals.world_from_cam, current.marginals.cov_pose)
+        if begun is not None and calibration is not None:
+            window = InertialWindow(calibration.cam_from_imu, self._densities.factors, knows_gravity=False)
+            current.begin_inertia(window, begun)
+            self.now = begun
+
+    def judge(self, motion: Resection, frame: WindowFrame) -> Resection:
+        """Compare the motion of the images with that of the samples, eq. (85); where they do not agree, either of them
+        may be the camera's."""
+        now = self.now
+        if frame.interval is None or now is None:
+            return motion
+        expected = self.expected_motion(frame.stamp_ns)
+        if expected is None or not frame.interval.cov_gyro.any():
+            return motion
+        distance2 = _distance2(expected, motion.cam_from_ref, motion.spread * motion.cov_pose, frame.std_turn_rad)
+        turns = (
+            float(np.linalg.norm(se3.log_so3(frame.interval.rotation))),
+            float(np.linalg.norm(se3.log_so3(motion.cam_from_ref[:3, :3]))),
+        )
+        self._distance2 = distance2
+        self._agreement = self._agreement.after(distance2, frame.interval.seconds, turns)
+        if self._agreement.contradicts or distance2 > IMPOSSIBLE:  # this one may be wrong, whatever the others say
+            frame.interval = frame.interval.open()
+        if not (self._agreement.contradicts or (self._agreement.distrusted and self._agreement.is_young)):
+            return motion
+        other = SecondMotion(
+            se3.inverse(expected.previous_from_cam), expected.cov, np.zeros_like(motion.accepted), odds=1.0
+        )
+        return replace(motion, second=other)
+
+    def expected_motion(self, stamp_ns: int) -> ExpectedMotion | None:
+        """Return the motion since the latest estimate that the samples up to a stamp predict."""
+        now, calibration = self.now, self._calibration
+        if now is None or calibration is None:
+            return None
+        cov = now.cov.copy()
+        cov[:6], cov[:, :6] = 0.0, 0.0
+        at_origin = Known(now.stamp_ns, np.eye(4), now.state, cov)
+        before, self.now = self.now, at_origin
+        then = self.predicted(stamp_ns)
+        self.now = before
+        if then is None or then is at_origin:
+            return None
+        rate = self._buffer.rate(stamp_ns, float(then.state[CLOCK][0])) - then.state[GYRO_BIAS]
+        mounted = calibration.cam_from_imu[:3, :3] @ se3.exp_so3(then.state[AXES])
+        twist = -np.concatenate([then.state[VELOCITY], mounted @ rate])
+        return ExpectedMotion(now.stamp_ns, then.world_from_cam, then.cov[:6, :6], twist, self._carried)
+
+    def dead_reckoned(self, stamp_ns: int) -> InertialEstimate | None:
+        """Return the state at a time at which no image tells the pose; None where σ does not allow to report one."""
+        known = self.predicted(stamp_ns)
+        if known is None:
+            return None
+        std_m, std_rad = (float(np.sqrt(np.linalg.eigvalsh(known.cov[k : k + 3, k : k + 3])[-1])) for k in (0, 3))
+        if not (std_m <= self._config.max_std_m and std_rad <= _MAX_STD_TURN_RAD):
+            return None
+        return replace(inertial_estimate(known, self._densities.factors), dead_reckoned=True)
+
+    def report(self, current: Map, read_off: Map) -> tuple[Known | None, InertialEstimate | None]:
+        """Read the newest pose and state off two maps, what may be exactly zero by its odds; None without inertia.
+
+        The mean is that of the map that estimates are `read_off`, the covariance is the filter's, as of all that is
+        carried on.
+        """
+        window = current.inertia
+        if window is None:
+            self.now = None
+            return None, None
+        stamp_ns = (current.frames[-1] if current.frames else current.reference).stamp_ns
+        seen = current.cams_from_ref, current.inertial_state
+        known = window.newest(current.system, stamp_ns, current.world_from_ref, *seen)
+        if read_off.inertia is not None and read_off is not current:
+            seen_alike = read_off.cams_from_ref, read_off.inertial_state
+            mean = read_off.inertia.newest(read_off.system, stamp_ns, read_off.world_from_ref, *seen_alike)
+            known = changed(mean, cov=known.cov)
+        if len(current.frames) == self._frames:
+            window.learn(current.system, *seen)
+            self._densities = self._densities.after(window.surprise)
+            window.factors = self._densities.factors
+        known = self._with_odds(known)
+        self.now = known
+        is_wrong = impossible(known.state, known.cov[6:, 6:], _STD_ACCEL_BIAS)
+        if is_wrong or (
+            self._agreement.contradicts and self._agreement.is_young
+        ):  # forget what a wrong motion told
+            self._agreement = self._agreement.anew()
+            self._anew = self._begun(stamp_ns, known.world_from_cam, known.cov[:6, :6])
+        note = "; ".join(filter(None, [self._agreement.note, self._note]))
+        estimate = inertial_estimate(known, self._densities.factors, self._distance2, note)
+        return known, estimate
+
+    def _with_odds(self, known: Known) -> Known:
+        """Return pose and state where scale, axes and clock are as probable, eq. (87)."""
+        state, cov = known.state, known.cov
+        apart = likely(state, cov[6:, 6:], self._std_fixed) - state[FIXED]
+        at = slice(6 + FIXED.start, 6 + FIXED.stop)
+        gain = np.linalg.solve(cov[at, at], cov[at]).T
+        moved = gain @ apart
+        state = state + moved[6:]
+        pose = se3.orthonormalise(known.world_from_cam @ se3.exp(moved[:6]))
+        cov = symmetric(cov + np.outer(moved, moved))  # of the fixed ones about where they are put
+        return Known(known.stamp_ns, pose, state, cov)
+
+
+def _distance2(expected: ExpectedMotion, cam_from_previous: Array, cov: Array, std_slide_rad: float) -> float:
+    """Squared distance of a motion (4, 4) with the covariance (6, 6) of its inverse from the expected one."""
+    apart = se3.log(se3.inverse(expected.previous_from_cam) @ se3.inverse(cam_from_previous))
+    both = expected.cov + _FARTHER**2 * cov
+    both[range(3, 6), range(3, 6)] += std_slide_rad**2
+    return float(apart @ np.linalg.solve(both, apart))
+
+
+def carried(known: Known, interval: Interval, factors: Array, cam_from_imu: Array, stamp_ns: int) -> Known:
+    """Return pose and state after an interval, by its samples alone, with their joint covariance, eq. (81)."""
+    of = of_core([interval], factors)
+    previous_from_now, state = core.inertial_motion(of, known.state, cam_from_imu)
+    cam = se3.inverse(previous_from_now)
+    velocities = np.stack([known.state[VELOCITY], state[VELOCITY]])
+    _, j = core.inertial_rows(of, np.stack([np.eye(4), cam]), velocities, known.state, cam_from_imu)
+    # whitened residuals are zero at the end and N(0, I): J_end (ξ, δv) + J_s δs + n = 0
+    at_end = np.linalg.inv(np.concatenate([j[:, :6], j[:, 6 + STATE :]], axis=1))
+    by_state = -at_end @ j[:, 6 : 6 + STATE]
+    rows, noise = np.zeros((6 + STATE, 6 + STATE)), np.zeros((6 + STATE, 9))
+    rows[:6, :6] = se3.adjoint(cam)
+    rows[:6, 6:], noise[:6] = -by_state[:6], at_end[:6]
+    rows[6:, 6:] = np.eye(STATE)
+    at_v, at_g = slice(6, 9), slice(9, 12)
+    rows[at_v, 6:], noise[at_v] = by_state[6:], -at_end[6:]
+    turned = -se3.skew(state[GRAVITY])
+    rows[at_g, 6:] = cam[:3, :3] @ rows[at_g, 6:] + turned @ by_state[3:6]
+    noise[at_g] = -turned @ at_end[3:6]
+    cov = rows @ known.cov @ rows.T + noise @ noise.T
+    walk = range(6 + BIASES.start, 6 + BIASES.stop)
+    cov[walk, walk] += interval.std_walk**2
+    pose = se3.orthonormalise(known.world_from_cam @ previous_from_now)
+    return Known(stamp_ns, pose, state, symmetric(cov))
+
+
+def inertial_estimate(known: Known, factors: Array, distance2: float = 0.0, note: str = "") -> InertialEstimate:
+    """Return what is reported of a state."""
+    s = known.state
+    return InertialEstimate(
+        *(s[VELOCITY], s[GRAVITY], s[GYRO_BIAS], s[ACCEL_BIAS], float(s[SCALE][0]), s[AXES], float(s[CLOCK][0])),
+        *(known.cov, factors[:2], distance2),
+        note=note,
+    )
+
+
+class InertialMotionModel(MotionModel):
+    """The motion model where there are inertial samples: these predict, where they lead to the time asked for."""
+
+    def __init__(self, config: Config, inertia: Inertia) -> None:
+        super().__init__(config.motion)
+        self._inertia = inertia
+
+    def predict(self, stamp_ns: int) -> tuple[Array, Array]:
+        """Predict pose (4, 4) and covariance (6, 6), eq. (81), else as a motion model does."""
+        known = self._inertia.predicted(stamp_ns) if self.started else None
+        if known is None:
+            return super().predict(stamp_ns)
+        return known.world_from_cam, known.cov[:6, :6].copy()

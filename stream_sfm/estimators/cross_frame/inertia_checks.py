@@ -1,0 +1,159 @@
+"""What keeps inertia from harm: whether it and the images agree, how large its noise is, and what is exactly zero.
+
+Each of them is asked from the first frame on. Equations (85) to (87).
+"""
+
+from itertools import product
+
+import numpy as np
+
+from ...geometry.se3 import Array
+from ...record import record
+from .interval import ACCEL_BIAS, FIXED, GRAVITY
+
+_FRAMES = 5  # whose distances are added up
+IMPOSSIBLE = 40.0  # what one frame adds to the sum at most: a single bad frame is not a contradiction, but not used
+_BOUND = 100.0  # sum of squared distances of five frames, 30 expected; more where they are larger anyway
+_LARGEST_BOUND = 180.0
+_EXPECTED, _USUAL_FRAMES = 6.0, 20.0  # of one frame, and over how many the usual distance is taken
+_AGREED_S = 1.0
+_FAR_BIAS = 25.0  # squared distance of the accelerometer's biases from what is assumed, 3 expected
+_FAR_GRAVITY = 25.0  # of the size of gravity
+_GRAVITY_M_S2, _STD_GRAVITY = 9.81, 0.1
+_DEGREES = 180 / np.pi
+# Of noise densities: what data sheets say counts as much as this share of one interval, and so many are remembered.
+_DATA_SHEET = 3.0
+_LITTLE = 0.1  # the same where residuals are larger than they can be: that noise is larger needs little evidence
+_MEMORY = 400.0
+_LEAST_FACTOR, _MOST_FACTOR = 0.05, 100.0
+# Odds that the scale, the axes or the clock are not exactly as calibrated, and the share of the information about them
+# that counts for it, as for the rig (`rig_model/sizes.py`): errors of views that last look like these.
+_ODDS = 0.05
+_COUNTS = 0.25
+_SIZES = (1, 3, 1)  # of the groups
+
+
+@record
+class Agreement:
+    """Whether the motions of images and samples agree: squared `distances2` of the latest frames, for how long they
+    have agreed, whether they have contradicted each other and not agreed for long since, and whether they never have.
+    `usual`: the distance lately; `log_ratio`: of how far gyroscope and images turn, smoothed."""
+
+    distances2: tuple[float, ...] = ()
+    agreed_s: float = 0.0
+    distrusted: bool = False
+    is_young: bool = True
+    log_ratio: float = 0.0
+    usual: float = _EXPECTED
+
+    def after(self, distance2: float, seconds: float, turns_rad: tuple[float, float]) -> "Agreement":
+        """Return it after a frame whose motions are so far apart; turns by gyroscope and by images."""
+        latest = (*self.distances2, min(distance2, IMPOSSIBLE))[-_FRAMES:]
+        contradicts = sum(latest) > self.bound
+        usual = self.usual + (latest[-1] - self.usual) / _USUAL_FRAMES
+        agreed_s = 0.0 if contradicts else self.agreed_s + seconds
+        log_ratio = self.log_ratio
+        if min(turns_rad) > 1e-3:
+            log_ratio += 0.2 * (np.log(turns_rad[0] / turns_rad[1]) - log_ratio)
+        distrusted = contradicts or (self.distrusted and agreed_s < _AGREED_S)
+        return Agreement(latest, agreed_s, distrusted, self.is_young and agreed_s < _AGREED_S, log_ratio, usual)
+
+    @property
+    def bound(self) -> float:
+        """The sum of the latest squared distances beyond which there is a contradiction."""
+        return min(_BOUND * max(1.0, self.usual / _EXPECTED), _LARGEST_BOUND)
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the latest frames do not agree."""
+        return sum(self.distances2) > self.bound
+
+    def anew(self) -> "Agreement":
+        """Return it for a state that begins again: the images are not trusted until both agree."""
+        return Agreement(distrusted=True, log_ratio=self.log_ratio)
+
+    @property
+    def note(self) -> str:
+        """What is said about it."""
+        if not (self.contradicts or (self.distrusted and self.is_young)):
+            return ""
+        if abs(self.log_ratio - np.log(_DEGREES)) < 0.5:
+            return (
+                "the IMU contradicts the images: its rates are some 57 times too high, are they degrees per second?"
+            )
+        return "the IMU contradicts the images"
+
+
+def impossible(state: Array, cov: Array, std_accel_bias: float) -> bool:
+    """Whether a state (17,) with `cov` (17, 17) cannot be, so that it has begun with a wrong motion, eq. (85)."""
+    bias, gravity = state[ACCEL_BIAS], state[GRAVITY]
+    if bias @ bias > _FAR_BIAS * std_accel_bias**2 + _FAR_BIAS * np.trace(cov[ACCEL_BIAS, ACCEL_BIAS]):
+        return True
+    size = np.linalg.norm(gravity)
+    variance = _STD_GRAVITY**2 + gravity @ cov[GRAVITY, GRAVITY] @ gravity / size**2
+    return bool((size - _GRAVITY_M_S2) ** 2 > _FAR_GRAVITY * variance)
+
+
+@record
+class Densities:
+    """Factors on the noise densities of gyroscope and accelerometer, and on slides, from their residuals, eq. (86).
+
+    `squares`, `shares` (3,): sums of weighted squared residuals in units of what the data sheet says, and of what they
+    should be. `plain` (3, 2): the same without weights: samples whose noise is counted far too small leave the images
+    no say, so that all weights are small.
+    """
+
+    squares: Array
+    shares: Array
+    plain: Array
+
+    @classmethod
+    def as_given(cls) -> "Densities":
+        """Return those of the data sheet."""
+        return cls(np.full(3, _DATA_SHEET), np.full(3, _DATA_SHEET), np.full((3, 2), _LITTLE))
+
+    @property
+    def factors(self) -> Array:
+        """The factors (3,)."""
+        known, at_least = self.squares / self.shares, self.plain[:, 0] / self.plain[:, 1]
+        at_least[2] = 0.0  # of slides: what the gyroscope shows alone
+        return np.clip(
+            np.sqrt(np.where(at_least > 1, np.maximum(known, at_least), known)), _LEAST_FACTOR, _MOST_FACTOR
+        )
+
+    def after(self, surprise: Array) -> "Densities":
+        """Return them after an interval with a `surprise` (3, 4), as in `InertialWindow.learn`."""
+        keep = 1 - 1 / _MEMORY
+        squares = keep * self.squares + (1 - keep) * _DATA_SHEET + surprise[:, 0] * self.factors**2
+        shares = keep * self.shares + (1 - keep) * _DATA_SHEET + surprise[:, 1]
+        plain = keep * self.plain + np.stack([surprise[:, 2] * self.factors**2, surprise[:, 3]], axis=1)
+        return Densities(squares, shares, plain)
+
+
+def likely(state: Array, cov: Array, std: Array) -> Array:
+    """Return the mean (5,) of scale, axes and clock, each of which may be exactly zero, eq. (87).
+
+    From their state (17,), covariance (17, 17), and σ (5,) beforehand.
+    """
+    mean, own = state[FIXED], cov[FIXED, FIXED]
+    scaled = own / np.outer(std, std)
+    information = np.linalg.inv(scaled + 1e-9 * np.eye(5))
+    weighted = information @ (mean / std)
+    information = information - np.eye(5)
+    values, axes = np.linalg.eigh(0.5 * (information + information.T))
+    information = (axes * np.maximum(values, 0.0)) @ axes.T
+    log_odds, means = [], []
+    for there in product((False, True), repeat=len(_SIZES)):
+        rows = np.flatnonzero(np.repeat(there, _SIZES))
+        at = np.ix_(rows, rows)
+        counted = np.eye(len(rows)) + _COUNTS * information[at]
+        log_odds.append(
+            np.log(_ODDS) * sum(there)
+            - 0.5 * np.linalg.slogdet(counted)[1]
+            + 0.5 * _COUNTS**2 * weighted[rows] @ np.linalg.solve(counted, weighted[rows])
+        )
+        mean = np.zeros(5)
+        mean[rows] = np.linalg.solve(np.eye(len(rows)) + information[at], weighted[rows])
+        means.append(mean)
+    weights = np.exp(np.array(log_odds) - max(log_odds))
+    return np.asarray(weights @ np.array(means) / weights.sum() * std)

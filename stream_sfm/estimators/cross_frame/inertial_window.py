@@ -1,0 +1,220 @@
+"""What inertia adds to a map: the velocities and slides of its window, eliminated, and what they say of all else.
+
+A slide is a turn that patches feign which slide alike, eq. (17a); the images show the camera's rotation with it, the
+gyroscope without. So poses of the window are those that the images show, and camera k is really at Exp(τ_k) X_k, with
+τ_k the sum of the slides δ up to k, each about its own camera. Velocities and slides stand in inertial rows only.
+"""
+
+import numpy as np
+
+from ... import core
+from ...geometry import se3
+from ...geometry.linear import Cholesky, scaled_cholesky
+from ...geometry.se3 import Array
+from .interval import GRAVITY, STATE, VELOCITY, Interval, Known, Leaving, of_core
+from .normal_equations import System
+
+_GRAVITY_M_S2, _STD_GRAVITY = 9.81, 0.03  # anywhere on Earth, and with the scale of an accelerometer
+_KNOWN_GRAVITY = 1.0  # trace of the covariance of gravity, m²/s⁴, from which on its size counts
+_LEAST_SLIDE_RAD = 1e-7
+
+
+class InertialWindow:
+    """Intervals, velocities (F, 3) and slides (F, 3) of the frames in the window, in their order.
+
+    `factors` (3,): on the noise densities, and on the slides.
+    """
+
+    def __init__(self, cam_from_imu: Array, factors: Array, knows_gravity: bool) -> None:
+        self.cam_from_imu, self.factors, self.knows_gravity = cam_from_imu, factors, knows_gravity
+        self.intervals: list[Interval] = []
+        self.velocities, self.slides, self._std_slides = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+        self._clear()
+        self.surprise = np.zeros((3, 4))  # of the oldest interval, see `learn`
+
+    def _clear(self) -> None:
+        f = len(self.intervals)
+        self._lead = np.zeros((6 * f, 3 * f))  # of poses by slides
+        self._cov_local, self._gain = np.zeros((6 * f, 6 * f)), np.zeros((6 * f, 6 * f + STATE))
+        self._g_local = np.zeros(6 * f)
+
+    def enter(self, interval: Interval, velocity: Array, std_slide_rad: float) -> None:
+        """Add the newest frame."""
+        self.intervals.append(interval)
+        self.velocities = np.concatenate([self.velocities, velocity[None]])
+        self.slides = np.concatenate([self.slides, np.zeros((1, 3))])
+        self._std_slides = np.append(self._std_slides, max(self.factors[2] * std_slide_rad, _LEAST_SLIDE_RAD))
+
+    def drop_oldest(self) -> None:
+        """Take the oldest frame out."""
+        self.intervals.pop(0)
+        self.velocities, self.slides, self._std_slides = self.velocities[1:], self.slides[1:], self._std_slides[1:]
+
+    def true_cams(self, cams_from_ref: Array) -> Array:
+        """Return the cameras (F, 4, 4) where they are, without what slides feign."""
+        if not len(cams_from_ref):
+            return cams_from_ref
+        turns = (_lead(cams_from_ref) @ self.slides.ravel()).reshape(-1, 6)
+        return np.asarray(se3.orthonormalise(se3.exp(turns) @ cams_from_ref))
+
+    def linearise(self, cams_from_ref: Array, state: Array) -> tuple[Array, Array]:
+        """Return information (6F + 17, …) about poses and state and the right-hand side, the rest eliminated, (82)."""
+        f = len(self.intervals)
+        self._lead = _lead(cams_from_ref)
+        cams = np.concatenate([np.eye(4)[None], self.true_cams(cams_from_ref)])
+        velocities = np.concatenate([state[None, VELOCITY], self.velocities])
+        residual, j = core.inertial_rows(
+            of_core(self.intervals, self.factors), cams, velocities, state, self.cam_from_imu
+        )
+        shared = j[:, : 6 * f + STATE]
+        local = np.concatenate([j[:, : 6 * f] @ self._lead, j[:, 6 * f + STATE :]], axis=1)
+        about_slides = np.repeat(self._std_slides**-2.0, 3)
+        h_local = local.T @ local
+        h_local[range(3 * f), range(3 * f)] += about_slides
+        g_local = -local.T @ residual
+        g_local[: 3 * f] -= about_slides * self.slides.ravel()
+        self._cov_local = Cholesky(h_local).inverse()
+        coupling = local.T @ shared
+        self._gain, self._g_local = -self._cov_local @ coupling, g_local
+        return (
+            shared.T @ shared + coupling.T @ self._gain,
+            self._gain.T @ g_local - shared.T @ residual,
+        )
+
+    def follow(self, dposes: Array, dstate: Array) -> None:
+        """Move velocities and slides by what poses (F, 6) and state (17,) do; their own step is made once."""
+        f = len(self.intervals)
+        step = self._cov_local @ self._g_local
+        step = step + self._gain @ np.concatenate([dposes.ravel(), dstate])
+        self._g_local = np.zeros(6 * f)
+        self.slides = self.slides + step[: 3 * f].reshape(-1, 3)
+        self.velocities = self.velocities + step[3 * f :].reshape(-1, 3)
+
+    def leaving(self, cam_from_ref: Array, state: Array, cov_gravity: Array) -> Leaving:
+        """Return what the oldest interval says, with the slide of its frame, for the prior to absorb."""
+        slide, velocity = self.slides[0], self.velocities[0]
+        cams = np.stack([np.eye(4), se3.exp(np.concatenate([np.zeros(3), slide])) @ cam_from_ref])
+        residual, j = core.inertial_rows(
+            of_core(self.intervals[:1], self.factors), cams, np.stack([state[VELOCITY], velocity]), state,
+            self.cam_from_imu,
+        )  # fmt: skip
+        j = np.concatenate(
+            [j[:, : 6 + STATE], j[:, 3:6], j[:, 6 + STATE :]], axis=1
+        )  # a slide turns as a pose does
+        h, g = j.T @ j, -j.T @ residual
+        rows = range(6 + STATE, 6 + STATE + 3)
+        h[rows, rows] += self._std_slides[0] ** -2
+        g[rows] -= slide * self._std_slides[0] ** -2
+        if not self.knows_gravity and np.trace(cov_gravity) < _KNOWN_GRAVITY:
+            self.knows_gravity = True
+            at, gravity = slice(6 + GRAVITY.start, 6 + GRAVITY.stop), state[GRAVITY]
+            down = gravity / np.linalg.norm(gravity)
+            h[at, at] += np.outer(down, down) / _STD_GRAVITY**2
+            g[at] += down * (_GRAVITY_M_S2 - np.linalg.norm(gravity)) / _STD_GRAVITY**2
+        return Leaving(h, g, slide, velocity, self.intervals[0].std_walk)
+
+    def true_poses(self, system: System) -> tuple[Array, Array]:
+        """Return a root (6F, n + 3F) of the covariance of the true poses given the rig's errors, and how they move with
+        these (6F, m)."""
+        f, modes = len(self.intervals), system.prior.world_modes[6:]
+        own = len(system.root) - system.modes
+        turn = self._lead @ self._gain[: 3 * f]
+        by_poses, by_state = turn[:, : 6 * f] + np.eye(6 * f), turn[:, 6 * f :]
+        root = by_poses @ system.root[: 6 * f] + by_state @ (modes[:, :own] @ system.root[system.modes :])
+        by_rig = by_poses @ system.by_rig[: 6 * f]
+        by_rig = by_rig + by_state @ (modes[:, :own] @ system.by_rig[system.modes :] + modes[:, own:])
+        left = self._lead @ scaled_cholesky(self._cov_local[: 3 * f, : 3 * f]) if f else np.zeros((0, 0))
+        return np.concatenate([root, left], axis=1), by_rig
+
+    def newest(self, system: System, stamp_ns: int, world_from_ref: Array, cams: Array, state: Array) -> Known:
+        """Return pose and state of the newest camera with their joint covariance, eq. (84).
+
+        `cams` (F, 4, 4): as the images show them; none where the newest camera is the reference.
+        """
+        f, own = len(self.intervals), len(system.root) - system.modes
+        of_modes = system.prior.world_modes
+        x = self.true_cams(cams)[-1] if f else np.eye(4)
+        now = state.copy()
+        now[GRAVITY] = x[:3, :3] @ state[GRAVITY]
+        # columns: poses 6F, world 6, state 17; the rest is what velocities and slides have of their own
+        rows = np.zeros((6 + STATE, 6 * f + 6 + STATE))
+        rows[:6, 6 * f : 6 * f + 6] = se3.adjoint(x)
+        rows[6:, 6 * f + 6 :] = np.eye(STATE)
+        rest = np.zeros((6 + STATE, 6 * f))
+        if f:
+            last = self._lead[-6:]
+            moved = np.zeros((6, rows.shape[1]))
+            moved[:, 6 * f - 6 : 6 * f] = np.eye(6)
+            by_gain = last @ self._gain[: 3 * f]
+            moved[:, : 6 * f] += by_gain[:, : 6 * f]
+            moved[:, 6 * f + 6 :] += by_gain[:, 6 * f :]
+            rows[:6] -= moved
+            rest[:6, : 3 * f] = -last
+            at = slice(6 + GRAVITY.start, 6 + GRAVITY.stop)
+            turned = -se3.skew(now[GRAVITY])
+            rows[at] = x[:3, :3] @ rows[at] + turned @ moved[3:]
+            rest[at, : 3 * f] = turned @ last[3:]
+            rows[6:9] = 0
+            rows[6:9, : 6 * f] = self._gain[-3:, : 6 * f]
+            rows[6:9, 6 * f + 6 :] = self._gain[-3:, 6 * f :]
+            rest[6:9, -3:] = np.eye(3)
+            now[VELOCITY] = self.velocities[-1]
+        by_variables = _of_system(system, rows[:, : 6 * f], rows[:, 6 * f :] @ of_modes[:, :own])
+        root = by_variables @ system.root
+        by_rig = by_variables @ system.by_rig + rows[:, 6 * f :] @ of_modes[:, own:]
+        cov = root @ root.T + by_rig @ system.cov_rig @ by_rig.T + rest @ self._cov_local @ rest.T
+        pose = se3.orthonormalise(world_from_ref @ se3.inverse(x))
+        return Known(stamp_ns, pose, now, 0.5 * (cov + cov.T))
+
+    def learn(self, system: System, cams_from_ref: Array, state: Array) -> None:
+        """Compare the residuals of the oldest interval with what they should be, diag(I − J Σ Jᵀ) of its own rows.
+
+        Kept in `surprise`, of gyroscope, accelerometer and slides: sums of squared residuals, weighted by that, and of
+        its squares, and both without these weights. Where it is small, a residual shows the noise of the images.
+        """
+        f = len(self.intervals)
+        if self.intervals[0].opened > 1 or not self.intervals[0].complete:
+            self.surprise = np.zeros((3, 4))
+            return
+        velocities = np.concatenate([state[None, VELOCITY], self.velocities])
+        cams = np.concatenate([np.eye(4)[None], self.true_cams(cams_from_ref)])
+        residual, j = core.inertial_rows(
+            of_core(self.intervals[:1], self.factors), cams[:2], velocities[:2], state, self.cam_from_imu
+        )
+        own = len(system.root) - system.modes
+        modes = system.prior.world_modes[6:]
+        local = np.zeros((9, 6 * f))
+        local[:, :3], local[:, 3 * f : 3 * f + 3] = j[:, 3:6], j[:, 6 + STATE :]
+        shared = np.zeros((9, 6 * f + STATE))
+        shared[:, :6], shared[:, 6 * f :] = j[:, :6], j[:, 6 : 6 + STATE]
+        total = shared + local @ self._gain
+        by_variables = _of_system(system, total[:, : 6 * f], total[:, 6 * f :] @ modes[:, :own])
+        root = by_variables @ system.root
+        by_rig = by_variables @ system.by_rig + total[:, 6 * f :] @ modes[:, own:]
+        cov = root @ root.T + by_rig @ system.cov_rig @ by_rig.T + local @ self._cov_local @ local.T
+        left = np.clip(1 - np.diag(cov), 0.0, 1.0)
+        gain = self._gain[:3]  # of the slide of the oldest frame
+        by_slide = _of_system(system, gain[:, : 6 * f], gain[:, 6 * f :] @ modes[:, :own])
+        root, by_rig = by_slide @ system.root, by_slide @ system.by_rig + gain[:, 6 * f :] @ modes[:, own:]
+        cov = root @ root.T + by_rig @ system.cov_rig @ by_rig.T + self._cov_local[:3, :3]
+        of_slide = np.clip(1 - np.diag(cov) / self._std_slides[0] ** 2, 0.0, 1.0)
+        left = np.concatenate([left, of_slide])
+        squares = np.concatenate([residual, self.slides[0] / self._std_slides[0]]) ** 2
+        rows = np.stack([left * squares, left**2, squares, left], axis=1)
+        parts = slice(0, 3), slice(3, 9), slice(9, 12)
+        self.surprise = np.array([rows[k].sum(axis=0) for k in parts])
+
+
+def _of_system(system: System, by_poses: Array, by_modes: Array) -> Array:
+    """Return rows by poses (r, 6F) and by modes (r, k) as rows by all variables of a system; what frames have of their
+    own is between them."""
+    between = np.zeros((len(by_poses), system.modes - system.poses))
+    return np.concatenate([by_poses, between, by_modes], axis=1)
+
+
+def _lead(cams_from_ref: Array) -> Array:
+    """Return how slides (3F,) of all frames move their poses (6F,): each those from its own frame on."""
+    f = len(cams_from_ref)
+    of_earlier = se3.adjoint(cams_from_ref[:, None] @ se3.inverse(cams_from_ref)[None])[..., 3:]
+    of_earlier[np.triu_indices(f, 1)] = 0.0
+    return np.asarray(of_earlier.transpose(0, 2, 1, 3).reshape(6 * f, 3 * f))

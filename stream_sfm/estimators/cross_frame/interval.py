@@ -1,0 +1,116 @@
+"""Inertial samples between two frames of a map, preintegrated, eqs. (78) and (79)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ... import core
+from ...geometry.se3 import Array
+from ...inertial.buffer import Samples
+from ...inertial.samples import ImuCalibration
+from ...record import changed, record
+
+# The state that inertia adds to a map: velocity and gravity in axes of the reference camera, biases of gyroscope and
+# accelerometer, scale (metres = (1 + scale) of the images' lengths), turn of the unit, and time offset.
+STATE = 17
+VELOCITY, GRAVITY, GYRO_BIAS, ACCEL_BIAS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
+SCALE, AXES, CLOCK = slice(12, 13), slice(13, 16), slice(16, 17)
+BIASES, FIXED = slice(6, 12), slice(12, 17)  # those that are fixed may be exactly zero
+# Variances where nothing is measured: of a turn, a velocity, and a displacement within an interval.
+_UNKNOWN = np.repeat([4.0, 400.0, 400.0], 3)
+_LEAST = np.repeat([1e-14, 1e-12, 1e-14], 3)
+_OPENED = 1e4  # factor on the variance of an interval that the images contradict
+
+Intervals = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
+
+
+@record
+class Interval:
+    """What `core.preintegrate` gives, between stamps of which the later one is `end_ns`, at `biases` (6,) and a time
+    offset `clock`; `std_walk` (6,): of the biases meanwhile; `complete`: whether all samples were there."""
+
+    rotation: Array
+    motion: Array
+    by_bias: Array
+    by_clock: Array
+    cov_gyro: Array
+    cov_accel: Array
+    biases: Array
+    clock: float
+    seconds: float
+    std_walk: Array
+    opened: float = 1.0
+    complete: bool = True
+    note: str = ""
+
+    @classmethod
+    def of(cls, samples: Samples, calibration: ImuCalibration, state: Array, factors: Array) -> "Interval":
+        """Preintegrate samples at the biases and the clock of a state (17,); `factors` (3,): on the densities."""
+        of = calibration
+        parts = core.preintegrate(
+            *(samples.seconds, samples.gyro, samples.accel, samples.widened, state[BIASES]),
+            np.array([of.gyro_noise, of.accel_noise]),
+        )
+        seconds = float(samples.seconds[-1] - samples.seconds[0])
+        std_walk = np.repeat(factors[:2] * np.array([of.gyro_walk, of.accel_walk]) * np.sqrt(seconds), 3)
+        clock = float(state[CLOCK][0])
+        return cls(
+            *parts, state[BIASES].copy(), clock, seconds, std_walk, complete=samples.complete, note=samples.note
+        )
+
+    @classmethod
+    def unknown(cls, seconds: float, state: Array) -> "Interval":
+        """Return an interval without samples."""
+        nothing, unknown = np.zeros((9, 9)), np.diag(_UNKNOWN)
+        std_walk = np.repeat([1e-4, 1e-3], 3) * np.sqrt(seconds)
+        biases, clock = state[BIASES].copy(), float(state[CLOCK][0])
+        return cls(
+            np.eye(3), np.zeros((2, 3)), np.zeros((9, 6)), np.zeros((3, 3)), nothing, unknown,
+            biases, clock, seconds, std_walk, note="there are no inertial samples",
+        )  # fmt: skip
+
+    def open(self) -> "Interval":
+        """Return the interval with what it says counting for nearly nothing."""
+        return changed(self, opened=_OPENED)
+
+    def cov(self, factors: Array) -> Array:
+        """Return the covariance (9, 9) with factors on the noise densities."""
+        by_both = factors[0] ** 2 * self.cov_gyro + factors[1] ** 2 * self.cov_accel
+        return np.asarray(np.diag(_LEAST) + self.opened * by_both)
+
+
+def of_core(intervals: Sequence[Interval], factors: Array) -> Intervals:
+    """Return intervals in a row as the compiled core takes them."""
+    n = len(intervals)
+    return (
+        np.stack([i.rotation for i in intervals]),
+        np.stack([i.motion for i in intervals]).reshape(n, 6),
+        np.stack([i.by_bias for i in intervals]),
+        np.stack([i.by_clock for i in intervals]).reshape(n, 9),
+        np.stack([i.cov(factors) for i in intervals]),
+        np.stack([i.biases for i in intervals]),
+        np.array([i.clock for i in intervals]),
+        np.array([i.seconds for i in intervals]),
+    )
+
+
+@record
+class Leaving:
+    """The information about a leaving frame: `h` (n, n) and `g` (n,) of its pose (6), the state of the reference (17),
+    its slide (3) and its velocity (3); the present `slide` and `velocity`, and σ of the walk of the biases (6,)."""
+
+    h: Array
+    g: Array
+    slide: Array
+    velocity: Array
+    std_walk: Array
+
+
+@record
+class Known:
+    """Pose, state (17,) of a camera, and their joint covariance (23, 23), at a stamp."""
+
+    stamp_ns: int
+    world_from_cam: Array
+    state: Array
+    cov: Array

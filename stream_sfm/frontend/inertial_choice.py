@@ -1,0 +1,42 @@
+"""Of two motions that views agree with, the one that inertial samples allow, where they allow one only."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..geometry import se3
+from ..geometry.point_views import PointViews
+from ..geometry.resection import Resection, refine
+from ..geometry.se3 import Array
+from ..types import ExpectedMotion
+
+_NEAR = 20.0  # squared distance of a motion that is the camera's
+_APART = 15.0  # by which their squared distances differ then; the camera's is 6 on average
+
+
+def nearer(expected: ExpectedMotion, views: PointViews, weights: Array, motion: Resection) -> Resection:
+    """Return the nearer one of the motion found and the second one, by both covariances, eq. (85).
+
+    A body in uniform motion looks to an accelerometer like one at rest, until it or the camera turns, or the velocity
+    is known.
+    """
+    second = motion.second
+    if not motion.ok or second is None:
+        return motion
+    other = refine(views, weights, second.cam_from_ref, motion.amplitudes)
+    if not other.ok:
+        return motion
+    first, then = _distance2(expected, motion), _distance2(expected, other)
+    if first - then > _APART:
+        return replace(other, second=None)
+    return replace(motion, second=None) if then - first > _APART else motion
+
+
+def is_camera(expected: ExpectedMotion | None, motion: Resection) -> bool:
+    """Whether a motion is that of samples which were known before the map began: it is no body's then."""
+    return expected is not None and expected.carried and _distance2(expected, motion) < _NEAR
+
+
+def _distance2(expected: ExpectedMotion, motion: Resection) -> float:
+    apart = se3.log(se3.inverse(expected.previous_from_cam) @ se3.inverse(motion.cam_from_ref))
+    return float(apart @ np.linalg.solve(expected.cov + motion.spread * motion.cov_pose, apart))

@@ -1,0 +1,185 @@
+"""The latest samples of an inertial unit: checked as they come, and handed out by intervals.
+
+What cannot be is dropped or widened, and counted: the estimate then relies less on it. Nothing waits for samples.
+"""
+
+from copy import copy
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.se3 import Array
+from ..record import record
+from .samples import ImuCalibration, ImuSamples
+
+_KEPT_S = 12.0  # of samples; an interval that is longer is not bridged
+_GAP_PERIODS = 3.0  # longer ones are gaps
+_WIDENED = 1e4  # factor on variances where samples are missing or saturated; of a gap it grows with its square
+_GAP_S = 0.01  # a gap of this length is widened by just that
+_EQUAL = 5  # samples in a row that are the same and large: the sensor has reached its range
+_LEAST_RANGE = 1 / 16  # of the widest usual range: the narrowest that sensors are set to
+_TURNING_S, _LEAST_TURNING = 0.02, 3  # before a time, and half of it after: samples that tell how a camera turns
+_UNIT_SAMPLES = 100  # after which units are asked for
+_IN_G = (0.5, 2.0)  # median of the accelerations' norm that is g, not m/s²
+
+
+@record
+class Samples:
+    """The samples of an interval, its ends interpolated: `seconds` (n,), `gyro`, `accel` (n, 3); `widened` (n − 1,),
+    factors on the variance of each step. `complete`: they reach beyond both ends; `note`: what is wrong with them."""
+
+    seconds: Array
+    gyro: Array
+    accel: Array
+    widened: Array
+    complete: bool
+    note: str
+
+
+class SampleBuffer:
+    """Samples of the last seconds, in the clock of the camera as far as its offset is calibrated.
+
+    `problem`: why none of them can be used; empty while nothing says so. `counts`: of samples taken, not finite, with
+    stamps that do not ascend, saturated.
+    """
+
+    def __init__(self, calibration: ImuCalibration) -> None:
+        self._offset_ns = round(calibration.time_offset_s * 1e9)
+        self._ranges = calibration.gyro_range_rad_s, calibration.accel_range_m_s2
+        self._samples = ImuSamples.joined([])
+        self._saturated = np.zeros(0, bool)
+        self._period_ns = 0.0
+        self.problem = ""
+        self.counts = {"samples": 0, "not finite": 0, "backwards": 0, "saturated": 0}
+
+    def copied(self) -> "SampleBuffer":
+        """Return a buffer that goes on from here by itself."""
+        other = copy(self)
+        other.counts = dict(self.counts)
+        return other
+
+    @property
+    def last_ns(self) -> int | None:
+        """The stamp of the newest sample."""
+        return int(self._samples.stamps_ns[-1]) if len(self._samples) else None
+
+    def add(self, samples: ImuSamples) -> None:
+        """Take the next samples; those that are there already are left out."""
+        samples = ImuSamples(samples.stamps_ns - self._offset_ns, samples.gyro_rad_s, samples.accel_m_s2)
+        if self.last_ns is not None:
+            samples = samples[samples.stamps_ns > self.last_ns]
+        finite = np.isfinite(samples.gyro_rad_s).all(axis=1) & np.isfinite(samples.accel_m_s2).all(axis=1)
+        ahead = np.ones(len(samples), bool)
+        if len(samples) > 1:
+            ahead[1:] = samples.stamps_ns[1:] > np.maximum.accumulate(samples.stamps_ns)[:-1]
+        kept = samples[finite & ahead]
+        self.counts["samples"] += len(samples)
+        self.counts["not finite"] += int((~finite).sum())
+        self.counts["backwards"] += int((~ahead).sum())
+        if not len(kept):
+            return
+        everything = ImuSamples.joined([self._samples, kept])
+        recent = everything.stamps_ns > everything.stamps_ns[-1] - round(_KEPT_S * 1e9)
+        found = self._find_saturated(everything[-len(kept) - _EQUAL :])
+        saturated = np.concatenate([self._saturated, np.zeros(len(kept), bool)])
+        saturated[-len(found) :] |= found
+        self.counts["saturated"] += int(saturated.sum() - self._saturated.sum())
+        self._samples, self._saturated = everything[recent], saturated[recent]
+        if len(self._samples) > 1:
+            self._period_ns = float(np.median(np.diff(self._samples.stamps_ns[-200:])))
+        if not self.problem and len(self._samples) >= _UNIT_SAMPLES:
+            self.problem = self._unit_problem()
+
+    def _find_saturated(self, samples: ImuSamples) -> NDArray[np.bool_]:
+        """Return which samples (n,) are at the end of the sensor's range: beyond it, or large and stuck."""
+        found = np.zeros(len(samples), bool)
+        for values, most in zip((samples.gyro_rad_s, samples.accel_m_s2), self._ranges, strict=True):
+            found |= (np.abs(values) >= most).any(axis=1)
+            if len(samples) < _EQUAL:
+                continue
+            runs = np.lib.stride_tricks.sliding_window_view(values, _EQUAL, axis=0)  # (n − 4, 3, 5)
+            stuck = (runs == runs[..., :1]).all(axis=2) & (np.abs(runs[..., 0]) > _LEAST_RANGE * most)
+            for start in np.flatnonzero(stuck.any(axis=1)):
+                found[start : start + _EQUAL] = True
+        return found
+
+    def _unit_problem(self) -> str:
+        """Say that samples are in other units, if their sizes are."""
+        norm = float(np.median(np.linalg.norm(self._samples.accel_m_s2, axis=1)))
+        turned = float(np.median(np.linalg.norm(self._samples.gyro_rad_s, axis=1)))
+        if _IN_G[0] < norm < _IN_G[1]:
+            return (
+                f"the IMU is not used: its accelerations are about {norm:.2f} in the median, which looks like g: give "
+                "m/s² (multiply by 9.80665), gravity included"
+            )
+        if norm < _IN_G[0]:
+            return (
+                f"the IMU is not used: its accelerations are about {norm:.2g} m/s² in the median: gravity seems to "
+                "have been taken out; give the raw accelerations"
+            )
+        if norm > 100:
+            return f"the IMU is not used: its accelerations are about {norm:.0f} m/s² in the median: give m/s²"
+        if turned > self._ranges[0]:
+            return (
+                f"the IMU is not used: it turns at {turned:.0f} rad/s in the median, beyond its range: are these "
+                "degrees? Give rad/s"
+            )
+        return ""
+
+    def covers(self, first_ns: int, last_ns: int) -> bool:
+        """Whether there is a sample within an interval, or close enough to it to go on from."""
+        stamps = self._samples.stamps_ns
+        if not len(stamps):
+            return False
+        reach_ns = max(5 * self._period_ns, 1e7)
+        return bool(stamps[0] <= first_ns + reach_ns and stamps[-1] >= min(first_ns, last_ns - reach_ns))
+
+    def mean_acceleration(self, stamp_ns: int, over_s: float = 0.1) -> Array | None:
+        """Return the mean specific force (3,) just before a time, or just after it; None without samples near it."""
+        stamps = self._samples.stamps_ns
+        near = (stamps <= stamp_ns + 1e7) & (stamps >= stamp_ns - round(over_s * 1e9))
+        return self._samples.accel_m_s2[near].mean(axis=0) if near.any() else None
+
+    def rate(self, stamp_ns: int, late_s: float) -> Array:
+        """Return the angular rate (3,) at a time, by the samples around it."""
+        at = (self._samples.stamps_ns - stamp_ns) / 1e9
+        return np.array([np.interp(late_s, at, self._samples.gyro_rad_s[:, k]) for k in range(3)])
+
+    def turning(self, stamp_ns: int, late_s: float) -> tuple[Array, Array] | None:
+        """Return angular rate and acceleration (3,) at a time, by a straight line through the samples around it."""
+        at = (self._samples.stamps_ns - stamp_ns) / 1e9 - late_s
+        rows = np.flatnonzero((at > -_TURNING_S) & (at < _TURNING_S / 2))
+        if len(rows) < _LEAST_TURNING or at[rows[-1]] < -_TURNING_S / 2:
+            return None
+        line = np.stack([np.ones(len(rows)), at[rows]], axis=1)
+        rate, acceleration = np.linalg.lstsq(line, self._samples.gyro_rad_s[rows], rcond=None)[0]
+        return rate, acceleration
+
+    def between(self, first_ns: int, last_ns: int, late_s: float) -> Samples:
+        """Return the samples from one stamp of the camera to another, whose clock is early by `late_s`.
+
+        Where they end too soon the last ones hold, and the step is widened as that of a gap.
+        """
+        at = (self._samples.stamps_ns - first_ns) / 1e9
+        first, last = late_s, late_s + (last_ns - first_ns) / 1e9
+        inside = np.flatnonzero((at > first) & (at < last))
+        seconds = np.concatenate([[first], at[inside], [last]])
+        gyro, accel = (
+            np.stack([np.interp(seconds, at, values[:, k]) for k in range(3)], axis=1)
+            for values in (self._samples.gyro_rad_s, self._samples.accel_m_s2)
+        )
+        steps = np.diff(seconds)
+        around = np.searchsorted(at, (seconds[:-1] + seconds[1:]) / 2)  # each step lies between samples i − 1 and i
+        spacing = np.diff(at, prepend=-np.inf, append=np.inf)[around]
+        period_s = max(self._period_ns / 1e9, 1e-4)
+        beyond = np.where(np.isfinite(spacing), spacing, np.where(steps > 0.5 * period_s, steps, 0.0))
+        held = ~np.isfinite(spacing) & (steps > 0)
+        gaps = (beyond > _GAP_PERIODS * period_s) | held
+        lost = np.concatenate([[False], self._saturated, [False]])
+        saturated = lost[around] | lost[around + 1]
+        widened = np.where(gaps, _WIDENED * np.maximum(np.where(held, steps, beyond) / _GAP_S, 0.1) ** 2, 1.0)
+        widened = np.where(saturated, np.maximum(widened, _WIDENED), widened)
+        notes = ["inertial samples are missing"] * bool((gaps & (steps > _GAP_PERIODS * period_s)).any())
+        notes += ["the IMU is saturated"] * bool(saturated.any())
+        complete = bool(at[0] <= first and at[-1] >= last)
+        return Samples(seconds, gyro, accel, widened, complete, "; ".join(notes))

@@ -1,0 +1,135 @@
+"""The inertial unit of a log: its topics, how it is mounted, and the samples that belong to each frame."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ..camera.rig import MonoRig, StereoRig
+from ..errors import ConfigError, LogError
+from ..geometry.se3 import Array
+from ..inertial.samples import ImuCalibration, ImuSamples
+from ..mcap_file.message import Source
+from ..record import record
+from .frames import RecordedFrame
+from .messages import ImuMessage, MessageDecoder, decoded
+from .survey import Survey
+from .transforms import fixed_transform
+
+_BEFORE_NS = 200_000_000  # samples before the first frame that come with it
+_MOST = 20_000  # samples of one frame; more are a clock that jumped
+
+
+@record
+class ImuTopics:
+    """Where a log has inertial samples: `gyro` and `accel`, which may be one topic."""
+
+    gyro: str
+    accel: str
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Each topic once."""
+        return (self.gyro,) if self.gyro == self.accel else (self.gyro, self.accel)
+
+
+def find_topics(survey: Survey) -> ImuTopics | None:
+    """Return the topics of the inertial unit; of several units the first by name. None where there is none.
+
+    RealSense sends the gyroscope and the accelerometer on topics of their own.
+    """
+    topics = sorted(t for t, count in survey.of_kind("imu").items() if count != 0)
+    gyro = next((t for t in topics if "gyro" in t.lower()), None)
+    accel = next((t for t in topics if "accel" in t.lower()), None)
+    both = [t for t in topics if t not in (gyro, accel)]
+    if both:
+        return ImuTopics(both[0], both[0])
+    if gyro is None or accel is None:
+        return None
+    return ImuTopics(gyro, accel)
+
+
+def mounted(source: Source, survey: Survey, topics: ImuTopics, rig: StereoRig, left_frame: str) -> StereoRig:
+    """Return the rig with its inertial unit, by its calibration or by transforms. Raises LogError where neither says
+    where it is."""
+    if rig.imu is not None:
+        return rig
+    if source.imu is not None:
+        return replace(rig, imu=source.imu)
+    first = next(decoded(source, [topics.gyro], MessageDecoder.imu), None)
+    if first is None:
+        raise LogError(f"no sample on topic {topics.gyro} can be read")
+    pose = fixed_transform(source, survey, left_frame, first.frame_id) if left_frame else None
+    if pose is None:
+        raise LogError(
+            f"no fixed transform leads from frame {first.frame_id!r} of {topics.gyro} to the left camera, "
+            f"{left_frame!r}: give [imu] in the calibration"
+        )
+    try:
+        return replace(rig, imu=ImuCalibration(pose))
+    except ConfigError as error:
+        raise LogError(str(error)) from None
+
+
+def with_imu(rig: StereoRig | MonoRig, imu: ImuCalibration | None) -> StereoRig | MonoRig:
+    """Return a rig with a unit, unless it has one of its own."""
+    if imu is None or not isinstance(rig, StereoRig) or rig.imu is not None:
+        return rig
+    return replace(rig, imu=imu)
+
+
+def with_samples(frames: Iterator[RecordedFrame], source: Source, topics: ImuTopics) -> Iterator[RecordedFrame]:
+    """Yield frames with their samples: all since the frame before, and one beyond."""
+    samples = _samples(source, topics)
+    coming = next(samples, None)
+    first, given_ns = True, None  # and the stamp of the sample given last
+    for frame in frames:
+        taken: list[ImuMessage] = []
+        while coming is not None and (given_ns is None or given_ns <= frame.stamp_ns):
+            if not first or coming.stamp_ns > frame.stamp_ns - _BEFORE_NS:
+                taken.append(coming)
+                del taken[:-_MOST]
+            given_ns, coming = coming.stamp_ns, next(samples, None)
+        first = False
+        yield replace(frame, imu=_joined(taken))
+
+
+def _joined(taken: list[ImuMessage]) -> ImuSamples:
+    if not taken:
+        return ImuSamples.joined([])
+    return ImuSamples(
+        np.array([m.stamp_ns for m in taken], np.int64),
+        np.array([m.gyro_rad_s for m in taken]),
+        np.array([m.accel_m_s2 for m in taken]),
+    )
+
+
+def _samples(source: Source, topics: ImuTopics) -> Iterator[ImuMessage]:
+    """Yield the samples of a unit; of two topics those of the gyroscope, with interpolated accelerations."""
+    messages = decoded(source, topics.names, MessageDecoder.imu)
+    if topics.gyro == topics.accel:
+        yield from messages
+        return
+    waiting: list[ImuMessage] = []  # of the gyroscope
+    before: ImuMessage | None = None
+    for message in messages:
+        if message.topic == topics.gyro:
+            waiting.append(message)
+            del waiting[:-_MOST]
+            continue
+        rest = []
+        for sample in waiting:
+            if sample.stamp_ns > message.stamp_ns:
+                rest.append(sample)
+                continue
+            yield replace(sample, accel_m_s2=_between(before or message, message, sample.stamp_ns))
+        waiting, before = rest, message
+    for sample in waiting:
+        if before is not None:
+            yield replace(sample, accel_m_s2=before.accel_m_s2)
+
+
+def _between(first: ImuMessage, then: ImuMessage, stamp_ns: int) -> Array:
+    apart = then.stamp_ns - first.stamp_ns
+    part = min(max((stamp_ns - first.stamp_ns) / apart, 0.0), 1.0) if apart > 0 else 1.0
+    return (1 - part) * first.accel_m_s2 + part * then.accel_m_s2

@@ -1,0 +1,154 @@
+"""Preintegration against finer integration and Monte Carlo, and the Jacobian of the factor against differences."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stream_sfm import core
+from stream_sfm.geometry import se3
+
+RNG = np.random.default_rng(5)
+SECONDS = np.arange(21) / 200
+GYRO = np.array([0.4, -0.7, 0.9]) + np.cumsum(RNG.normal(0, 0.15, (21, 3)), axis=0)
+ACCEL = np.array([1.0, 9.4, -2.0]) + np.cumsum(RNG.normal(0, 0.5, (21, 3)), axis=0)
+BIASES = np.array([0.01, -0.02, 0.015, 0.1, -0.05, 0.08])
+DENSITIES = np.array([2e-3, 2e-2])
+CAM_FROM_IMU = se3.exp([0.03, 0.015, -0.02, 0.02, -0.03, 1.55])
+
+
+def integrated(seconds=SECONDS, gyro=GYRO, accel=ACCEL, biases=BIASES):
+    return core.preintegrate(seconds, gyro, accel, np.ones(len(seconds) - 1), biases, DENSITIES)
+
+
+def change(base, other) -> np.ndarray:
+    """The error (9,) of one preintegrated motion against another."""
+    turned = se3.log_so3(base[0].T @ other[0])
+    return np.concatenate([turned, (other[1] - base[1]).ravel()])
+
+
+def by_runge_kutta(seconds, gyro, accel, rate_hz=10_000):
+    """Rotation, velocity and position of samples that are straight lines in between."""
+
+    def rates(t, q, v):
+        w = np.array([np.interp(t, seconds, gyro[:, k]) for k in range(3)]) - BIASES[:3]
+        a = np.array([np.interp(t, seconds, accel[:, k]) for k in range(3)]) - BIASES[3:]
+        x, y, z, s = q
+        product = 0.5 * np.array(
+            [s * w[0] + y * w[2] - z * w[1], s * w[1] + z * w[0] - x * w[2], s * w[2] + x * w[1] - y * w[0], 0]
+        )
+        product[3] = -0.5 * (np.array([x, y, z]) @ w)
+        return product, Rotation.from_quat(q).as_matrix() @ a, v
+
+    q, v, p = np.array([0, 0, 0, 1.0]), np.zeros(3), np.zeros(3)
+    steps = round((seconds[-1] - seconds[0]) * rate_hz)
+    h = (seconds[-1] - seconds[0]) / steps
+    for k in range(steps):
+        t = seconds[0] + k * h
+        k1 = rates(t, q, v)
+        k2 = rates(t + h / 2, q + h / 2 * k1[0], v + h / 2 * k1[1])
+        k3 = rates(t + h / 2, q + h / 2 * k2[0], v + h / 2 * k2[1])
+        k4 = rates(t + h, q + h * k3[0], v + h * k3[1])
+        q, v, p = (
+            x + h / 6 * (a + 2 * b + 2 * c + d) for x, a, b, c, d in zip((q, v, p), k1, k2, k3, k4, strict=True)
+        )
+        q = q / np.linalg.norm(q)
+    return Rotation.from_quat(q).as_matrix(), v, p
+
+
+def test_preintegration_is_that_of_a_finer_integration():
+    rotation, v, p = by_runge_kutta(SECONDS, GYRO, ACCEL)
+    error = change(integrated(), (rotation, np.stack([v, p])))
+    assert np.abs(error[:3]).max() < 1e-7 and np.abs(error[3:6]).max() < 1e-6 and np.abs(error[6:]).max() < 1e-7
+
+
+def test_jacobian_by_biases_equals_differences():
+    base, step = integrated(), 1e-5
+    numerical = np.stack(
+        [
+            (change(base, integrated(biases=BIASES + d)) - change(base, integrated(biases=BIASES - d))) / (2 * step)
+            for d in step * np.eye(6)
+        ],
+        axis=1,
+    )
+    assert np.abs(base[2] - numerical).max() < 2e-3 * np.abs(numerical).max()
+
+
+def test_jacobian_by_the_clock_equals_differences():
+    late = 1e-4
+
+    def shifted(by):  # both ends moved, along the same straight lines
+        at = np.concatenate([[0.01 + by], SECONDS[(0.01 + by < SECONDS) & (0.09 + by > SECONDS)], [0.09 + by]])
+        of = [np.stack([np.interp(at, SECONDS, x[:, k]) for k in range(3)], axis=1) for x in (GYRO, ACCEL)]
+        return integrated(at, *of)
+
+    base = shifted(1e-3)
+    numerical = (change(base, shifted(1e-3 + late)) - change(base, shifted(1e-3 - late))) / (2 * late)
+    assert np.abs(base[3].ravel() - numerical).max() < 5e-3 * np.abs(numerical).max()
+
+
+def test_covariance_is_that_of_samples_with_noise():
+    base, n = integrated(), 3000
+    root = 1 / np.sqrt(np.diff(SECONDS)[0])
+    errors = []
+    for _ in range(n):
+        gyro = GYRO + DENSITIES[0] * root * RNG.normal(size=GYRO.shape)
+        accel = ACCEL + DENSITIES[1] * root * RNG.normal(size=ACCEL.shape)
+        errors.append(change(base, integrated(gyro=gyro, accel=accel)))
+    cov = base[4] + base[5]
+    root_cov = np.linalg.cholesky(cov)
+    whitened = np.linalg.solve(root_cov, np.array(errors).T)
+    # samples at both ends count by half, as those of two intervals do: a twentieth less than white noise in each step
+    found = whitened @ whitened.T / n
+    assert np.abs(np.diag(found) - 1).max() < 0.2
+    assert np.abs(found - np.diag(np.diag(found))).max() < 0.15
+
+
+@pytest.mark.parametrize("intervals", [1, 3])
+def test_jacobian_of_the_factor_equals_differences(intervals):
+    n = intervals
+    parts = [integrated(gyro=GYRO + 0.1 * k) for k in range(n)]
+    cov = np.stack([p[4] + p[5] + 1e-12 * np.eye(9) for p in parts])
+    rows = (
+        np.stack([p[0] for p in parts]),
+        np.stack([p[1].ravel() for p in parts]),
+        np.stack([p[2] for p in parts]),
+        np.stack([p[3].ravel() for p in parts]),
+        cov,
+        np.tile(BIASES, (n, 1)),
+        np.full(n, 1e-3),
+        np.full(n, 0.1),
+    )
+    state = np.r_[0.4, -0.3, 0.8, 0.5, 9.7, 1.0, BIASES + 1e-4, 0.01, 0.02, -0.01, 0.03, 1.1e-3]
+    cams, velocities, then = [np.eye(4)], [state[:3]], state
+    for k in range(n):  # near where the samples lead: there the Jacobian of the rotation is exact
+        from_now, then = core.inertial_motion(tuple(row[k : k + 1] for row in rows), then, CAM_FROM_IMU)
+        cams.append(se3.exp(RNG.normal(0, 1e-4, 6)) @ se3.inverse(from_now) @ cams[-1])
+        velocities.append(then[:3] + RNG.normal(0, 0.1, 3))
+    cams, velocities = np.array(cams), np.array(velocities)
+
+    def residual(x):
+        moved = np.concatenate([cams[:1], se3.exp(x[: 6 * n].reshape(-1, 6)) @ cams[1:]])
+        s = state + x[6 * n : 6 * n + 17]
+        v = np.concatenate([s[None, :3], velocities[1:] + x[6 * n + 17 :].reshape(-1, 3)])
+        return core.inertial_rows(rows, moved, v, s, CAM_FROM_IMU)[0]
+
+    _, jacobian = core.inertial_rows(rows, cams, velocities, state, CAM_FROM_IMU)
+    numerical = np.empty_like(jacobian)
+    for k in range(jacobian.shape[1]):
+        d = np.zeros(jacobian.shape[1])
+        d[k] = 1e-6
+        numerical[:, k] = (residual(d) - residual(-d)) / 2e-6
+    assert np.abs((jacobian - numerical) / (np.abs(numerical).max(axis=0) + 1e-9)).max() < 1e-3
+
+
+def test_the_motion_by_samples_alone_leaves_no_residual():
+    part = integrated()
+    rows = (
+        part[0][None], part[1].reshape(1, 6), part[2][None], part[3].reshape(1, 9), (part[4] + part[5])[None],
+        BIASES[None], np.zeros(1), np.array([SECONDS[-1]]),
+    )  # fmt: skip
+    state = np.r_[0.3, -0.2, 1.0, 0.5, 9.7, 1.0, BIASES + 1e-4, 0.01, 0.02, -0.01, 0.03, 1e-4]
+    previous_from_now, then = core.inertial_motion(rows, state, CAM_FROM_IMU)
+    cams = np.stack([np.eye(4), se3.inverse(previous_from_now)])
+    residual, _ = core.inertial_rows(rows, cams, np.stack([state[:3], then[:3]]), state, CAM_FROM_IMU)
+    assert np.abs(residual).max() < 1e-6

@@ -1,0 +1,95 @@
+"""Samples of logs reach their frames, and calibrations of other programs say where the unit is."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import stream_sfm as sfm
+from stream_sfm.geometry import se3
+from tests.helpers.imu_log import write_imu_log
+from tests.helpers.wall import rig
+from tools.render.inertial import BMI160
+
+CAM_FROM_IMU = BMI160.calibration.cam_from_imu
+RATE_NS = 5_000_000
+
+
+@pytest.fixture(scope="module")
+def imu_log(tmp_path_factory):
+    """A log with the samples of a unit, and the same without."""
+    return write_imu_log(tmp_path_factory.mktemp("imu"))
+
+
+def test_each_frame_has_its_samples_and_one_beyond(imu_log):
+    path, _, samples = imu_log
+    log = sfm.open_log(path)
+    assert not log.imu_problem and np.allclose(log.stereo_rig.imu.cam_from_imu, CAM_FROM_IMU, atol=1e-9)
+    frames = list(log.frames())
+    given = np.concatenate([f.imu.stamps_ns for f in frames])
+    assert (np.diff(given) == RATE_NS).all()
+    for frame in frames:
+        assert (frame.imu.stamps_ns > frame.stamp_ns).sum() == 1
+    row = np.searchsorted(samples.stamps_ns, given[3])
+    assert np.allclose(frames[0].imu.gyro_rad_s[3], samples.gyro_rad_s[row])
+
+
+def test_a_replay_uses_them_unless_told_not_to(imu_log, tmp_path):
+    path, plain, _ = imu_log
+    result = sfm.replay(path, tmp_path / "with")
+    assert result.summary["imu"]["frames"] == 12 - 1
+    estimates = list(sfm.read_results(tmp_path / "with").estimates())
+    assert np.isfinite(estimates[-1].inertial.cov).all() and len(estimates[-1].inertial.velocity) == 3
+    off = sfm.read_config(None, ["imu.enabled=false"])
+    sfm.replay(path, tmp_path / "off", off)
+    sfm.replay(plain, tmp_path / "plain", off)
+    names = ("trajectory.tum", "trajectory.csv")
+    assert all((tmp_path / "off" / n).read_bytes() == (tmp_path / "plain" / n).read_bytes() for n in names)
+    assert json.loads((tmp_path / "off/summary.json").read_bytes())["imu"] is None
+
+
+def test_a_unit_that_is_nowhere_is_told_and_not_used(imu_log, monkeypatch):
+    monkeypatch.setattr("stream_sfm.recording.inertial.fixed_transform", lambda *_: None)
+    log = sfm.open_log(imu_log[0])
+    assert "no fixed transform" in log.imu_problem and log.stereo_rig.imu is None
+    assert next(log.frames()).imu is None
+
+
+def test_our_own_calibration_is_read_back_unchanged():
+    given = replace(rig(), imu=sfm.ImuCalibration(CAM_FROM_IMU, gyro_noise=1e-3, time_offset_s=0.002))
+    read = sfm.StereoRig.parse_calibration(given.to_toml().encode(), "calibration.toml")
+    assert np.allclose(read.imu.cam_from_imu, CAM_FROM_IMU) and read.imu.gyro_noise == 1e-3
+    assert read.imu.time_offset_s == 0.002 and read.to_toml() == given.to_toml()
+    with pytest.raises(sfm.ConfigError, match="cam_from_imu"):
+        sfm.StereoRig.parse_calibration((rig().to_toml() + "\n[imu]\ngyro_noise = 1e-3\n").encode(), "c.toml")
+
+
+def camera(key: str, pose: np.ndarray, right: bool) -> str:
+    moved = pose if not right else se3.inverse(rig().right_from_left) @ pose
+    rows = "\n".join(f"  - {row}" for row in moved.tolist())
+    return f"""
+  camera_model: pinhole
+  intrinsics: [260.0, 260.0, 159.5, 119.5]
+  distortion_model: radtan
+  distortion_coeffs: [0, 0, 0, 0]
+  resolution: [320, 240]
+  timeshift_cam_imu: 0.004
+  {key}:
+{rows}
+"""
+
+
+@pytest.mark.parametrize("key", ["T_cam_imu", "T_imu_cam"])
+def test_chains_of_kalibr_and_openvins_with_the_noise_beside(tmp_path, key):
+    poses = [CAM_FROM_IMU, rig().right_from_left @ CAM_FROM_IMU]
+    poses = poses if key == "T_cam_imu" else [se3.inverse(p) for p in poses]
+    chain = "".join(f"cam{n}:{camera(key, pose, False)}" for n, pose in enumerate(poses))
+    (tmp_path / "camchain.yaml").write_text(chain)
+    (tmp_path / "imu.yaml").write_text(
+        "imu0:\n  accelerometer_noise_density: 0.02\n  gyroscope_noise_density: 0.001\n"
+    )
+    for where in (tmp_path, [tmp_path / "camchain.yaml", tmp_path / "imu.yaml"]):
+        found = sfm.StereoRig.from_calibration(where)
+        assert np.allclose(found.imu.cam_from_imu, CAM_FROM_IMU, atol=1e-9) and found.imu.accel_noise == 0.02
+        assert found.imu.time_offset_s == 0.004 and found.baseline_m == pytest.approx(0.2)
