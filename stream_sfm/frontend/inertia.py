@@ -23,9 +23,9 @@ _AT_MOST = 9.0  # times the mean square: a jump that was a body's says nothing o
 
 @record
 class Unsteadiness:
-    """By how much motions change from frame to frame: mean squares (2,) of translations and turns, m² and rad².
+    """By how much motions change from frame to frame in this run, by mean squares (2,) of translations and turns.
 
-    Beside what is assumed of any camera, over so many `frames`.
+    In m² and rad², beside what is assumed of any camera, over so many `frames`.
     """
 
     mean_square: Array
@@ -55,7 +55,7 @@ def steadier(tracks: Tracks, views: PointViews, weights: Array, motion: Resectio
         return motion
     only_other = motion.accepted & (near.squared_residuals > BEYOND * views.gate)
     if np.count_nonzero(only_other) < MIN_SECOND_VIEWS:  # few views tell the two apart
-        return near if near.share >= motion.share else motion
+        return replace(near, second=motion.second) if near.share >= motion.share else motion
     return replace(near, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_other, odds=1.0))
 
 
