@@ -1,9 +1,10 @@
-"""A sink of your own: note where the pose is too uncertain to drive by.
+"""A sink of your own: say where the velocity is too uncertain to drive by.
 
-    python examples/custom_sink.py logs/room.mcap --limit 0.002
+    python examples/custom_sink.py logs/room.mcap --limit 0.02
 
 A sink is anything with `write` and `close`. `replay` gives it every estimate with its frame; a live program calls
-`write` itself, after `Engine.step`.
+`write` itself, after `Engine.step`. The σ of a position grows with the path, as nothing corrects it, so an alarm by it
+would never end; that of the velocity says how well the camera sees now.
 """
 
 import argparse
@@ -14,28 +15,33 @@ import stream_sfm as sfm
 
 
 class UncertaintyGuard:
-    """Keeps the stamps of the frames whose position is uncertain by more than `limit_m` (σ of the worst direction)."""
+    """Keeps the stamps of frames whose velocity is uncertain by more than `limit_m_s` (σ of the worst direction)."""
 
-    def __init__(self, limit_m: float) -> None:
-        self.limit_m = limit_m
+    def __init__(self, limit_m_s: float) -> None:
+        self.limit_m_s = limit_m_s
         self.too_uncertain_ns: list[int] = []
+        self._odometry: sfm.Odometry | None = None
 
     def write(self, estimate: sfm.FrameEstimate, frame: sfm.StereoFrame | sfm.MonoFrame) -> None:
         """Judge one estimate; its `frame`, with the images, is not needed here."""
-        worst_sigma_m = np.sqrt(np.linalg.eigvalsh(estimate.cov_pose[:3, :3])[-1])
-        if estimate.status == sfm.Status.LOST or worst_sigma_m > self.limit_m:
+        self._odometry = sfm.Odometry.after(self._odometry, estimate)
+        cov = self._odometry.cov_twist
+        if cov is None:  # the first frame has no velocity
+            return
+        worst_sigma_m_s = np.sqrt(np.linalg.eigvalsh(cov[:3, :3])[-1])
+        if estimate.status == sfm.Status.LOST or worst_sigma_m_s > self.limit_m_s:
             self.too_uncertain_ns.append(estimate.stamp_ns)
 
     def close(self) -> None:
         """Report; called once, also where the run ends early."""
-        print(f"{len(self.too_uncertain_ns)} frames with σ above {1e3 * self.limit_m:g} mm, or lost")
+        print(f"{len(self.too_uncertain_ns)} frames with σ above {1e3 * self.limit_m_s:g} mm/s, or lost")
 
 
 def main() -> None:
     """Replay a log into the sink alone; no files are written."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("log")
-    parser.add_argument("--limit", type=float, default=0.002, metavar="M", help="metres (0.002)")
+    parser.add_argument("--limit", type=float, default=0.02, metavar="M/S", help="metres per second (0.02)")
     args = parser.parse_args()
     result = sfm.replay(args.log, sinks=[UncertaintyGuard(args.limit)])
     print(f"{len(result.trajectory)} frames in all")

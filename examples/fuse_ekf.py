@@ -7,7 +7,7 @@ The state is the error of the pose, and the errors that all motions share: they 
 """
 
 import argparse
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +15,6 @@ from filterpy.kalman import KalmanFilter
 
 import stream_sfm as sfm
 
-SPAN = 8  # frames of a motion: at most those of the window, `window.frames`
-NO_MOTION = (
-    "frame {end} has no motion to frame {before}: the map was lost between them, or there is one camera only"
-)
 UNSEEN = 3  # of the common errors: no view shows them, so the odometry never learns them, but another sensor may
 Fused = Callable[[sfm.RunResults, dict[int, np.ndarray], float], tuple[int, np.ndarray, np.ndarray]]
 
@@ -27,7 +23,7 @@ class Filter:
     """The pose (4, 4) of the newest frame in the first one, and its covariance (6, 6), translation first."""
 
     def __init__(self, m: int) -> None:
-        self.pose = np.eye(4)
+        self.pose, self._since = np.eye(4), 0
         self._filter = KalmanFilter(dim_x=6 + m, dim_z=3)
         self._filter.P = np.diag(np.r_[np.full(6, 1e-12), np.ones(m)])
 
@@ -38,11 +34,14 @@ class Filter:
 
     def move(self, motion: sfm.Motion) -> None:
         """Take a motion since the last one: truth = measured·Exp(J (c − mean) + own)."""
-        f, m = self._filter, len(motion.mean)
-        self._learn(motion)
-        step = motion.earlier_from_newest @ _exp(motion.common_jacobian @ (f.x[6:, 0] - motion.mean))
+        f, m = self._filter, self._filter.dim_x - 6
+        step, jacobian = motion.earlier_from_newest, np.zeros((6, m))
+        if len(motion.mean):  # a predicted motion has nothing in common with others
+            self._learn(motion)
+            jacobian = motion.common_jacobian
+            step = step @ sfm.se3_exp(jacobian @ (f.x[6:, 0] - motion.mean))
         f.F, f.Q = np.eye(6 + m), np.zeros((6 + m, 6 + m))
-        f.F[:6, :6], f.F[:6, 6:] = _adjoint_of_inverse(step), motion.common_jacobian
+        f.F[:6, :6], f.F[:6, 6:] = sfm.se3_adjoint(sfm.se3_inverse(step)), jacobian
         f.Q[:6, :6] = motion.cov_own
         f.P = f.F @ f.P @ f.F.T + f.Q
         self.pose = self.pose @ step
@@ -50,8 +49,14 @@ class Filter:
     def _learn(self, motion: sfm.Motion) -> None:
         """Know the rig's errors as the odometry does by now: poses that they have moved follow."""
         f, rig = self._filter, slice(6 + UNSEEN, None)
-        if len(motion.mean) > UNSEEN:
-            mean, cov = motion.mean[UNSEEN:, None], motion.cov_common[UNSEEN:, UNSEEN:]
+        mean, cov = motion.mean[UNSEEN:, None], motion.cov_common[UNSEEN:, UNSEEN:]
+        if (
+            motion.common_since != self._since
+        ):  # a camera was knocked: of the new errors the path so far says nothing
+            self._since = motion.common_since
+            f.P[rig, :] = f.P[:, rig] = 0
+            f.P[rig, rig], f.x[rig] = cov, mean
+        if len(mean):
             gain = f.P[:, rig] @ np.linalg.pinv(f.P[rig, rig], hermitian=True)
             f.x = f.x + gain @ (mean - f.x[rig])
             f.P = f.P + gain @ (cov - f.P[rig, rig]) @ gain.T
@@ -67,27 +72,7 @@ class Filter:
 
     def _reset(self) -> None:
         """Put the error of the pose, as far as it is known, into the pose."""
-        self.pose, self._filter.x[:6] = self.pose @ _exp(self._filter.x[:6, 0]), 0.0
-
-
-def _skew(v: np.ndarray) -> np.ndarray:
-    return np.cross(np.eye(3), v)
-
-
-def _exp(xi: np.ndarray) -> np.ndarray:
-    """Return the pose (4, 4) of a small tangent (translation, rotation), as an exact rotation."""
-    angle, pose = max(float(np.linalg.norm(xi[3:])), 1e-12), np.eye(4)
-    k = _skew(xi[3:] / angle)
-    pose[:3, :3] += np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
-    pose[:3, 3] = xi[:3]
-    return pose
-
-
-def _adjoint_of_inverse(pose: np.ndarray) -> np.ndarray:
-    r_t, ad = pose[:3, :3].T, np.zeros((6, 6))
-    ad[:3, :3] = ad[3:, 3:] = r_t
-    ad[:3, 3:] = -r_t @ _skew(pose[:3, 3])
-    return ad
+        self.pose, self._filter.x[:6] = self.pose @ sfm.se3_exp(self._filter.x[:6, 0]), 0.0
 
 
 def fused(
@@ -98,27 +83,15 @@ def fused(
     `positions` (3,) in the first frame by the stamp of the frame, each with σ `std_m`.
     """
     estimates = list(run.estimates())
-    common = estimates[-1].common
-    state, before = Filter(0 if common is None else len(common.mean)), 0
-    for end in ends([estimate.stamp_ns for estimate in estimates], positions):
-        motion = sfm.Motion.of(estimates[end], end - before)
-        if motion is None:
-            raise SystemExit(NO_MOTION.format(end=end, before=before))
+    stamps_ns = {estimate.frame_index: estimate.stamp_ns for estimate in estimates}
+    motions = sfm.chain(estimates, to=[index for index, stamp_ns in stamps_ns.items() if stamp_ns in positions])
+    state, end = Filter(max((len(motion.mean) for motion in motions), default=0)), estimates[0].frame_index
+    for motion in motions:
         state.move(motion)
-        if (position := positions.get(estimates[end].stamp_ns)) is not None:
+        end = motion.newest if motion.newest is not None else end
+        if (position := positions.get(stamps_ns[end])) is not None:
             state.fix(position, std_m)
-        before = end
-    return before, state.pose, state.cov
-
-
-def ends(stamps_ns: list[int], positions: Collection[int]) -> list[int]:
-    """Return the frames at which motions end, up to the last one: every SPAN-th, and each that has a position."""
-    found, end = list[int](), len(stamps_ns) - 1
-    while end > 0:
-        found.append(end)
-        near = range(max(end - SPAN, 0), end)
-        end = max((k for k in near if stamps_ns[k] in positions), default=near[0])
-    return found[::-1]
+    return end, state.pose, state.cov
 
 
 def read_positions(path: Path | None) -> dict[int, np.ndarray]:
@@ -149,7 +122,10 @@ def main(purpose: str, fused: Fused) -> None:
     used = len(set(run.stamps_ns[1:].tolist()) & set(positions))
     if used < len(positions):
         print(f"{used} of {len(positions)} positions are used: the others are not at the stamp of a later frame")
-    end, pose, cov = fused(run, positions, given.std)
+    try:
+        end, pose, cov = fused(run, positions, given.std)
+    except sfm.ConfigError as error:
+        raise SystemExit(str(error)) from None
     std_mm = 1e3 * np.sqrt(np.trace(cov[:3, :3]))
     print(f"frame {end} is at {np.round(pose[:3, 3], 4).tolist()} m, σ {std_mm:.2f} mm")
 

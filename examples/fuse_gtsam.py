@@ -4,18 +4,23 @@ pip install gtsam
 stream-sfm replay logs/room.mcap
 python examples/fuse_gtsam.py runs/latest --positions fixes.tum --std 0.02
 
-Every eighth frame, and each with a position, is a pose; between two of them is one motion, and the errors that all
-motions share are one variable.
+About every eighth frame, and each with a position, is a pose; between two of them is one motion. The errors that all
+motions share are one variable, and those of a rig that was knocked another one.
 """
 
 import gtsam
 import numpy as np
-from fuse_ekf import NO_MOTION, ends, main
+from fuse_ekf import UNSEEN, main
 
 import stream_sfm as sfm
 
-C = gtsam.symbol("c", 0)  # the common errors
+LENGTHS = gtsam.symbol("l", 0)  # the common errors that no view shows: of lengths and axes
 TURNED = np.r_[3:6, 0:3]  # GTSAM's tangents have the rotation first
+
+
+def rig_of(motion: sfm.Motion) -> int:
+    """The variable of the rig's own errors, which is another one since the rig was knocked."""
+    return int(gtsam.symbol("r", motion.common_since))
 
 
 def fused(
@@ -26,48 +31,53 @@ def fused(
     `positions` (3,) in the first frame by the stamp of the frame, each with σ `std_m`.
     """
     estimates = list(run.estimates())
-    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    graph.add(gtsam.PriorFactorPose3(0, gtsam.Pose3(), gtsam.noiseModel.Isotropic.Sigma(6, 1e-6)))
-    values.insert(0, gtsam.Pose3())
-    known = estimates[-1].common  # the last frame knows best what is common
-    if known is not None:
-        least = 1e-12 * np.eye(len(known.mean))  # what is known for certain has no information matrix
-        graph.add(gtsam.PriorFactorVector(C, known.mean, gtsam.noiseModel.Gaussian.Covariance(known.cov + least)))
-        values.insert(C, known.mean)
-    before = 0
-    for end in ends([estimate.stamp_ns for estimate in estimates], positions):
-        motion = sfm.Motion.of(estimates[end], end - before)
-        if motion is None:
-            raise SystemExit(NO_MOTION.format(end=end, before=before))
-        graph.add(_factor(before, end, motion))
-        step = motion.earlier_from_newest
-        values.insert(end, values.atPose3(before).compose(gtsam.Pose3(step)))
-        if (position := positions.get(estimates[end].stamp_ns)) is not None:
+    stamps_ns = {estimate.frame_index: estimate.stamp_ns for estimate in estimates}
+    motions = sfm.chain(estimates, to=[index for index, stamp_ns in stamps_ns.items() if stamp_ns in positions])
+    graph, values, end = gtsam.NonlinearFactorGraph(), gtsam.Values(), estimates[0].frame_index
+    graph.add(gtsam.PriorFactorPose3(end, gtsam.Pose3(), gtsam.noiseModel.Isotropic.Sigma(6, 1e-6)))
+    values.insert(end, gtsam.Pose3())
+    known = {}  # the last motion knows best what is common
+    for motion in motions:
+        if len(motion.mean):
+            known[LENGTHS] = motion.mean[:UNSEEN], motion.cov_common[:UNSEEN, :UNSEEN]
+        if len(motion.mean) > UNSEEN:
+            known[rig_of(motion)] = motion.mean[UNSEEN:], motion.cov_common[UNSEEN:, UNSEEN:]
+    for variable, (mean, cov) in known.items():
+        least = 1e-12 * np.eye(len(mean))  # what is known for certain has no information matrix
+        graph.add(gtsam.PriorFactorVector(variable, mean, gtsam.noiseModel.Gaussian.Covariance(cov + least)))
+        values.insert(variable, mean)
+    for motion in motions:
+        graph.add(_factor(motion))
+        before, end = end, motion.newest if motion.newest is not None else end
+        values.insert(end, values.atPose3(before).compose(gtsam.Pose3(motion.earlier_from_newest)))
+        if (position := positions.get(stamps_ns[end])) is not None:
             graph.add(gtsam.GPSFactor(end, position, gtsam.noiseModel.Isotropic.Sigma(3, std_m)))
-        before = end
     solution = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
-    cov = gtsam.Marginals(graph, solution).marginalCovariance(before)
-    return before, solution.atPose3(before).matrix(), cov[np.ix_(TURNED, TURNED)]
+    cov = gtsam.Marginals(graph, solution).marginalCovariance(end)
+    return end, solution.atPose3(end).matrix(), cov[np.ix_(TURNED, TURNED)]
 
 
-def _factor(earlier: int, newest: int, motion: sfm.Motion) -> gtsam.CustomFactor:
+def _factor(motion: sfm.Motion) -> gtsam.CustomFactor:
     """What a motion says: truth = measured·Exp(J (c − mean) + own)."""
-    measured, j = gtsam.Pose3(motion.earlier_from_newest), motion.common_jacobian[TURNED]
-    keys = [earlier, newest] + ([C] if len(motion.mean) else [])
+    measured, ends, m = gtsam.Pose3(motion.earlier_from_newest), [motion.earlier, motion.newest], len(motion.mean)
+    parts = {LENGTHS: slice(0, UNSEEN)} if m else {}
+    if m > UNSEEN:
+        parts[rig_of(motion)] = slice(UNSEEN, m)
+    j = motion.common_jacobian[TURNED]
 
     def error(_: object, values: gtsam.Values, jacobians: list[np.ndarray] | None) -> np.ndarray:
-        moved = values.atPose3(earlier).between(values.atPose3(newest))
+        moved = values.atPose3(ends[0]).between(values.atPose3(ends[1]))
         own: np.ndarray = gtsam.Pose3.Logmap(measured.between(moved))
-        if C in keys:
-            own = own - j @ (values.atVector(C) - motion.mean)
-        if jacobians is not None:
-            parts = [-moved.inverse().AdjointMap(), np.eye(6), -j]  # `own` is small
-            for k in range(len(keys)):
-                jacobians[k] = parts[k]
+        for variable, part in parts.items():
+            own = own - j[:, part] @ (values.atVector(variable) - motion.mean[part])
+        if jacobians is not None:  # `own` is small
+            found = [-moved.inverse().AdjointMap(), np.eye(6), *(-j[:, part] for part in parts.values())]
+            for k, jacobian in enumerate(found):
+                jacobians[k] = jacobian
         return own
 
     noise = gtsam.noiseModel.Gaussian.Covariance(motion.cov_own[np.ix_(TURNED, TURNED)])
-    return gtsam.CustomFactor(noise, keys, error)
+    return gtsam.CustomFactor(noise, [*ends, *parts], error)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ logs.
 import json
 import re
 from pathlib import Path
-from typing import Annotated, Any, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_origin, get_type_hints
 
 import msgspec
 from msgspec import Meta
@@ -16,6 +16,10 @@ from .errors import ConfigError
 from .inputs import LIMITS, parse_toml, read_small
 from .wording import expected, invalid_setting
 
+if TYPE_CHECKING:
+    from .camera.rig import MonoRig, StereoRig
+
+Rig = TypeVar("Rig", "StereoRig", "MonoRig", "StereoRig | MonoRig")
 _FRAME_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_/]{0,99}")
 _FRAMES = {"world_frame": "map", "odom_frame": "odom", "base_frame": "base_link", "camera_frame": "left_camera"}
 
@@ -244,6 +248,10 @@ class Config(_Section, frozen=True, kw_only=True):
     method: Annotated[
         str, Meta(description="estimator: cross-frame, ekf, frame-to-frame, or another name in estimators.METHODS")
     ] = "cross-frame"
+    mask_left: Annotated[
+        str, Meta(description="PNG of the left images' size, black where they show the robot or dirt; empty: none")
+    ] = ""
+    mask_right: Annotated[str, Meta(description="the same of the right images")] = ""
     mono: Annotated[bool, Meta(description="use the left camera only; lengths have no unit")] = False
     frontend: FrontendConfig = FrontendConfig()
     window: WindowConfig = WindowConfig()
@@ -257,6 +265,12 @@ class Config(_Section, frozen=True, kw_only=True):
         super().__post_init__()
         if self.mono and self.method != "cross-frame":
             raise ConfigError(f"method {self.method} needs two cameras: with mono the method is cross-frame")
+
+    def masked(self, rig: Rig) -> Rig:
+        """Return a StereoRig or MonoRig with the masks that are set here. Raises ConfigError where they do not fit."""
+        if not (self.mask_left or self.mask_right):
+            return rig
+        return rig.masked(self.mask_left or None, self.mask_right or None)
 
     def needs_scale(self, what: str) -> None:
         """Raise a ConfigError if `what` is to be done with one camera."""

@@ -1,7 +1,7 @@
 """The page to read first: one stereo frame in, one estimate out. Nothing is read, written or printed here.
 
 frame -> observer (rectification and front-end) -> observations -> estimator -> solution -> observer -> the estimate in
-the axes of the physical left camera. A run takes the same three steps, with a lane per method (`run/loop.py`).
+the axes of the physical left camera. A run takes the same three steps, with record and files (`run/loop.py`).
 """
 
 import copy
@@ -12,14 +12,18 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from .blas import one_thread
-from .camera.rig import MonoRig, StereoRig, baseline_warnings
+from .camera.rig import MonoRig, StereoRig, baseline_warnings, checked_pose
 from .config import Config
 from .errors import EngineBusyError
 from .estimators import make_estimator
 from .frontend.prepared import PreparedImages
+from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
 from .lane import BareLane
+from .motion import in_world
 from .observer import Observer
 from .types import Estimator, Frame, FrameEstimate, Observations
 
@@ -36,6 +40,7 @@ class Engine:
     estimates, to the byte.
 
     `estimator` makes a method of your own from the rectified pair and the configuration, in place of `config.method`.
+    It is kept for `reset`: to be pickled with the engine it is a class or a function of a module.
     """
 
     def __init__(
@@ -47,8 +52,10 @@ class Engine:
         self.config = Config() if config is None else config
         with one_thread:
             self.observer = Observer(rig, self.config)
-            make = partial(make_estimator, self.config.method) if estimator is None else estimator
-            self.lane = BareLane(self.observer, make(self.observer.projection, self.config))
+            self._make = partial(make_estimator, self.config.method) if estimator is None else estimator
+            self.lane = BareLane(self.observer, self._make(self.observer.projection, self.config))
+        # Of the first frame since a reset; None: that frame is the world.
+        self._world_from_first: Array | None = None
         self.observations: Observations | None = None  # of the latest frame, in axes of the rectified pair
         self._stepping = threading.Lock()
         for question in baseline_warnings(self.rig):
@@ -80,7 +87,22 @@ class Engine:
             self.observations = observed.observations
             estimate = self.lane.estimate(observed)
             self.observer.learn(self.lane.solution)
-            return estimate
+            return estimate if self._world_from_first is None else in_world(estimate, self._world_from_first)
+
+    def reset(self, world_from_cam: ArrayLike | None = None) -> None:
+        """Begin anew: the next frame is the first one, as of a new engine, whatever its stamp is.
+
+        `world_from_cam` (4, 4): where the camera is then, as somebody else knows it; None: that frame is the world.
+        Raises ConfigError for what is no pose, and EngineBusyError while another thread is in `step`.
+        """
+        pose = None if world_from_cam is None else checked_pose(world_from_cam, "world_from_cam")
+        with self._exclusively(), one_thread:
+            self.observer.reset()
+            self.lane = BareLane(self.observer, self._make(self.observer.projection, self.config))
+            self.observations, self._world_from_first = None, pose
+
+    def __repr__(self) -> str:
+        return f"<Engine {self.lane.estimator.name}, {self.observer.state.frame_index} frames, {self.rig!r}>"
 
     def __copy__(self) -> "Engine":
         """Return an engine that goes on from here by itself, as `copy.deepcopy` does."""

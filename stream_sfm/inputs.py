@@ -43,6 +43,7 @@ class Limits(NamedTuple):
     image_file_bytes: int = 2**28  # the largest image without any compression is half of it
     json_values: int = 2**22  # as many as a list of the pixels of a 4-megapixel image has
     json_text_bytes: int = 2**24  # that is not ASCII, which Python may widen to four bytes; base64 is ASCII
+    mask_bytes: int = 2**24  # of a PNG that is black and white; an image of 12 megapixels in all colours has more
     settings_bytes: int = 2**18  # of TOML or YAML, which take the parser seconds; real ones have kilobytes
     raw_image_bytes: int = 2**25  # several are in memory at a time: as recorded, decompressed, and as a message
     jpeg_scans: int = 64  # progressive images have about ten, and each costs a pass over the whole image

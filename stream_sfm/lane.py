@@ -10,18 +10,22 @@ from .types import Estimator, FrameEstimate, Solution
 class BareLane:
     """Makes estimates of what an observer observes, frame by frame; without record and files.
 
-    `solution`: of the latest frame, None where the estimator failed; `rig`: what it has found out about the rig so far.
+    `solution`: of the latest frame, None where the estimator failed; `rig`: what it has found out about the rig so far;
+    `spent_s`: the CPU time of the estimator.
     """
 
     def __init__(self, observer: Observer, estimator: Estimator) -> None:
         self.observer, self.estimator = observer, estimator
         self.solution: Solution | None = None
         self.rig: RigEstimate | None = None
+        self.spent_s = 0.0
 
     def estimate(self, observed: Observed) -> FrameEstimate:
         """Return the estimate of the next frame, in axes of the physical left camera."""
         self.solution = None
         began_s = time.thread_time()  # CPU: other lanes run beside this one
         solution = self.estimator.step(observed.observations)
+        took_s = time.thread_time() - began_s
+        self.spent_s += took_s
         self.solution, self.rig = solution, solution.rig or self.rig
-        return self.observer.estimate(observed, solution, 1e3 * (time.thread_time() - began_s))
+        return self.observer.estimate(observed, solution, 1e3 * took_s)

@@ -1,16 +1,25 @@
 """Motions between two frames, their errors split into own ones and those common to all motions of a run, eq. (74a).
 
-And the path that they make in a row: odometry, which is continuous, where the pose in the world may be corrected.
+And the paths that they make in a row: chains of independent motions, to be fused, and odometry, which is continuous,
+where the pose in the world may be corrected.
 """
 
-from dataclasses import dataclass, field
+import logging
+from bisect import bisect_left, bisect_right
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from .errors import ConfigError
 from .geometry import se3
 from .geometry.linear import symmetric
 from .geometry.se3 import Array
+from .record import Kind, with_changes
 from .types import CommonErrors, FrameEstimate, RelativeMotions, Status
+
+# Common errors that come first: no view shows those of lengths and axes, and no change of the rig ends them.
+UNSEEN = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -19,7 +28,9 @@ class Motion:
 
     `earlier_from_newest` (4, 4): where it is with common errors c = `mean` (m,). truth = earlier_from_newest·
     Exp(`common_jacobian` (c − mean) + own), with own ~ N(0, `cov_own` (6, 6)) and c as known, N(`mean`, `cov_common`).
-    m is 0 where nothing is known to be common.
+    m is 0 where nothing is known to be common. It leads from frame `earlier` to frame `newest`; None where it was made
+    without saying so. `common_since`: the frame from which these common errors have been those of the rig.
+    `predicted`: no view shows it; it is what the motion before lets expect, with a covariance to match.
     """
 
     earlier_from_newest: Array
@@ -27,32 +38,64 @@ class Motion:
     common_jacobian: Array = field(default_factory=lambda: np.zeros((6, 0)))
     mean: Array = field(default_factory=lambda: np.zeros(0))
     cov_common: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    earlier: int | None = None
+    newest: int | None = None
+    common_since: int = 0
+    predicted: bool = False
 
     @classmethod
     def of(cls, estimate: FrameEstimate, frames: int = 1) -> "Motion | None":
         """Return the motion since `frames` frames before; None where there is none, as in the first frame."""
         if estimate.status == Status.LOST:
             return None
-        return cls.to_frame(estimate.frame_index - frames, estimate.relative, estimate.common)
+        index = estimate.frame_index
+        return cls.to_frame(index - frames, estimate.relative, estimate.common, newest=index)
 
     @classmethod
     def to_frame(
-        cls, frame_index: int, relative: RelativeMotions | None, common: CommonErrors | None
+        cls,
+        frame_index: int,
+        relative: RelativeMotions | None,
+        common: CommonErrors | None,
+        newest: int | None = None,
     ) -> "Motion | None":
-        """Return the motion of a frame to the one with an index; None where there is none."""
+        """Return the motion of a frame, `newest`, to the one with an index; None where there is none."""
         if relative is None or frame_index not in relative.frame_indices:
             return None
         row = int(np.flatnonzero(relative.frame_indices == frame_index)[0])
         pose, cov = relative.frame_from_newest[row], relative.cov[row]
         if common is None or relative.common_jacobian is None:
-            return cls(pose, cov)
-        j = relative.common_jacobian[row]
-        return cls(pose, cov - j @ common.cov @ j.T, j, common.mean, common.cov)
+            return cls(pose, cov, earlier=frame_index, newest=newest)
+        j, ends = relative.common_jacobian[row], (frame_index, newest, common.since)
+        return cls(pose, cov - j @ common.cov @ j.T, j, common.mean, common.cov, *ends)
+
+    @classmethod
+    def predicted_between(cls, before: FrameEstimate, after: FrameEstimate) -> "Motion":
+        """Return the motion between the poses of two estimates, with what the covariance of the pose has grown by.
+
+        It is what the engine expects where tracking was lost and a new map began; nothing in it is common.
+        """
+        moved = se3.orthonormalise(se3.inverse(before.world_from_cam) @ after.world_from_cam)
+        ad = se3.adjoint(se3.inverse(moved))
+        values, vectors = np.linalg.eigh(symmetric(after.cov_pose - ad @ before.cov_pose @ ad.T))
+        cov = symmetric(vectors * np.maximum(values, 0) @ vectors.T)
+        return cls(moved, cov, earlier=before.frame_index, newest=after.frame_index, predicted=True)
 
     def then(self, later: "Motion") -> "Motion":
-        """Return the motion over this one and a `later` one, which begins where this one ends, eq. (74b)."""
+        """Return the motion over this one and a `later` one, which begins where this one ends, eq. (74b).
+
+        Raises ConfigError where it begins at another frame. Where the rig has changed between them, what is known of
+        the errors of the former rig ends there.
+        """
+        if None not in (self.newest, later.earlier) and self.newest != later.earlier:
+            raise ConfigError(
+                f"a motion ends at frame {self.newest}, and the next one begins at frame {later.earlier}: what lies "
+                "between them is missing, such as frames that were lost; sfm.chain finds motions without gaps"
+            )
         known = later if len(later.mean) else self
-        first, then = self.given(known.mean, known.cov_common), later.given(known.mean, known.cov_common)
+        changed = len(self.mean) and len(later.mean) and self.common_since != later.common_since
+        first = (self.of_former_rig() if changed else self).given(known.mean, known.cov_common)
+        then = later.given(known.mean, known.cov_common)
         ad = se3.adjoint(se3.inverse(then.earlier_from_newest))
         return Motion(
             se3.orthonormalise(first.earlier_from_newest @ then.earlier_from_newest),
@@ -60,7 +103,19 @@ class Motion:
             ad @ first.common_jacobian + then.common_jacobian,
             known.mean,
             known.cov_common,
+            self.earlier,
+            later.newest,
+            known.common_since,
+            self.predicted or later.predicted,
         )
+
+    def of_former_rig(self) -> "Motion":
+        """Return the same motion for a rig that has changed since: only what no view shows is still common."""
+        rig = slice(UNSEEN, None)
+        by_rig, j = self.common_jacobian[:, rig], self.common_jacobian.copy()
+        j[:, rig] = 0
+        own = symmetric(self.cov_own + by_rig @ self.cov_common[rig, rig] @ by_rig.T)
+        return replace(self, cov_own=own, common_jacobian=j)
 
     def given(self, mean: Array, cov_common: Array) -> "Motion":
         """Return the same motion with the common errors as they are known by now, (m,) and (m, m)."""
@@ -68,13 +123,19 @@ class Motion:
         moved = self.earlier_from_newest
         if len(self.mean):
             moved = se3.orthonormalise(moved @ se3.exp(j @ (mean - self.mean)))
-        return Motion(moved, self.cov_own, j, mean, cov_common)
+        return replace(self, earlier_from_newest=moved, common_jacobian=j, mean=mean, cov_common=cov_common)
 
     def back(self) -> "Motion":
         """Return the same motion the other way."""
         ad = se3.adjoint(self.earlier_from_newest)
-        pose, cov = se3.inverse(self.earlier_from_newest), symmetric(ad @ self.cov_own @ ad.T)
-        return Motion(pose, cov, -ad @ self.common_jacobian, self.mean, self.cov_common)
+        return replace(
+            self,
+            earlier_from_newest=se3.inverse(self.earlier_from_newest),
+            cov_own=symmetric(ad @ self.cov_own @ ad.T),
+            common_jacobian=-ad @ self.common_jacobian,
+            earlier=self.newest,
+            newest=self.earlier,
+        )
 
     @property
     def cov(self) -> Array:
@@ -82,7 +143,94 @@ class Motion:
         return symmetric(self.cov_own + self.common_jacobian @ self.cov_common @ self.common_jacobian.T)
 
     def __repr__(self) -> str:
-        return f"<Motion of {np.linalg.norm(self.earlier_from_newest[:3, 3]):.3g} m>"
+        length = f"{np.linalg.norm(self.earlier_from_newest[:3, 3]):.3g} m"
+        frames = "" if self.newest is None else f" from frame {self.earlier} to {self.newest}"
+        return f"<Motion of {length}{frames}{', predicted' * self.predicted}>"
+
+
+def chain(estimates: Iterable[FrameEstimate], to: Collection[int] = ()) -> list[Motion]:
+    """Return motions in a row from the first to the last of the estimates, which share no frames but their ends.
+
+    They are as few as possible, and end at each of the frames `to` that a motion reaches: those at which another
+    sensor measures, for example. They cross a loss wherever the window does. Where nothing does, the motion is
+    `predicted`, and the logger `stream_sfm` warns: its covariance is that of what the camera may have done in the
+    meantime. Added up, by `functools.reduce(Motion.then, motions)`, they are the motion over the whole run. Raises
+    ConfigError where no estimate has a motion, as with one camera, whose lengths have no scale.
+    """
+    frames = {estimate.frame_index: estimate for estimate in estimates}
+    if len(frames) > 1 and all(e.relative is None or e.unscaled for e in frames.values()):
+        raise ConfigError(
+            f"none of {len(frames)} estimates has a motion to an earlier frame with a known scale: all of them are "
+            "lost, or they are of one camera, or of a method without covariances of motions"
+        )
+    came_from, steps, index = _ways(frames, sorted(to)), list[tuple[int, int]](), next(reversed(frames), None)
+    while index is not None and (earlier := came_from[index]) is not None:
+        steps.append((earlier, index))
+        index = earlier
+    motions = [_motion(frames[earlier], frames[newest]) for earlier, newest in reversed(steps)]
+    for motion in motions:
+        if motion.predicted:
+            logging.getLogger("stream_sfm").warning(
+                f"no view connects frame {motion.earlier} with frame {motion.newest} or a later one: the motion "
+                f"between them is predicted, with a σ of {np.sqrt(np.trace(motion.cov[:3, :3])):.2g} m"
+            )
+    return motions
+
+
+def _ways(frames: dict[int, FrameEstimate], wanted: list[int]) -> dict[int, int | None]:
+    """Return from which earlier frame the best way to each one comes; None for the first.
+
+    Best is what has the fewest predictions, then what misses the fewest `wanted` frames, then the fewest motions.
+    """
+    costs: dict[int, tuple[int, int, int]] = {}
+    came_from: dict[int, int | None] = {}
+    last = None  # frame that was not lost, or is wanted: what is predicted begins there
+    for index, estimate in frames.items():
+        seen = [] if estimate.relative is None else estimate.relative.frame_indices.tolist()
+        known = [] if estimate.status == Status.LOST else [earlier for earlier in seen if earlier in costs]
+        best = None
+        for earlier in known or ([] if last is None else [last]):
+            missed = bisect_left(wanted, index) - bisect_right(wanted, earlier)
+            predictions, others, motions = costs[earlier]
+            cost = predictions + (not known), others + missed, motions + 1
+            best = min(best or (cost, earlier), (cost, earlier))
+        costs[index], came_from[index] = best or ((0, 0, 0), None)
+        if last is None or estimate.status != Status.LOST or index in wanted:
+            last = index
+    return came_from
+
+
+def _motion(earlier: FrameEstimate, newest: FrameEstimate) -> Motion:
+    """Return the motion between two frames, predicted where none was estimated."""
+    known = Motion.of(newest, newest.frame_index - earlier.frame_index)
+    return Motion.predicted_between(earlier, newest) if known is None else known
+
+
+def in_world(estimate: FrameEstimate, world_from_map: Array, cov: Array | None = None) -> FrameEstimate:
+    """Return an estimate, whose world is a map's, in the world where that map lies at `world_from_map` (4, 4).
+
+    `cov` (6, 6): of the perturbation on the right of world_from_map; None where it is exact.
+    """
+    r = world_from_map[:3, :3]
+    cov = np.zeros((6, 6)) if cov is None else cov
+
+    def cov_pose(own: Array, world_from_cam: Array) -> Array:
+        to_cam = se3.adjoint(se3.inverse(world_from_cam))
+        return np.asarray(own + to_cam @ cov @ to_cam.T)
+
+    def cov_points(own: Array, points: Array) -> Array:
+        j = se3.point_in_source_jacobian(points)
+        return np.asarray(r @ (own + j @ cov @ np.swapaxes(j, 1, 2)) @ r.T)
+
+    return with_changes(
+        estimate,
+        {
+            Kind.POSES: lambda poses, _: se3.orthonormalise(world_from_map @ poses),
+            Kind.COV_POSE: cov_pose,
+            Kind.POINTS: lambda points, _: se3.transform(world_from_map, points),
+            Kind.COV_POINTS: cov_points,
+        },
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -1,11 +1,11 @@
 """What all methods share: from a frame to its observations, and from a solution to the estimate that is reported.
 
-`Engine` is an Observer with one lane, `compare` an Observer with several (`lane.py`).
+`Engine` is an Observer with one lane (`lane.py`); `compare` gives what an Observer has observed to several.
 """
 
 import logging
 import time
-from dataclasses import fields, replace
+from dataclasses import field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,10 +25,12 @@ from .frontend.mono.front_end import MonoFrontEnd
 from .frontend.pair_check import resolution_problem
 from .frontend.prepared import PreparedImages
 from .frontend.state import FrontEndState
+from .frontend.template_errors import TemplateErrors
 from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
 from .inputs import INT64
-from .record import record, rows_of
+from .record import changed, record, rows_of
+from .rig_model.estimate import RigEstimate
 from .rig_model.terms import TERMS
 from .types import (
     CommonErrors,
@@ -49,10 +51,19 @@ _MIN_INTERVAL_NS = 10_000
 
 @record
 class Observed:
-    """The observations of one frame, and the milliseconds of each stage that led to them."""
+    """The observations of one frame, and what else it takes to make estimates of them.
+
+    `timings_ms`: of each stage that led to them. What the front-end knows with this frame: `errors` that the views of a
+    point share; `turn_rad` (3,), by which right views are corrected since frame `turned_at`; `moving`: the homogeneous
+    points (n, 4) in view and their twist (6,), None before there was a motion.
+    """
 
     observations: Observations
     timings_ms: dict[str, float]
+    errors: TemplateErrors = field(default_factory=TemplateErrors)
+    turn_rad: Array = field(default_factory=lambda: np.zeros(3))
+    turned_at: int = 0
+    moving: tuple[Array, Array] | None = None
 
 
 class Observer:
@@ -73,7 +84,14 @@ class Observer:
             valid, refinement = self.rectifier.valid, self.rig.refinement
             row_of = self.rectifier.rows_of
             self._frontend = StereoFrontEnd(
-                self.projection, config, valid, refinement, row_of, self.rig.timing, resolution_problem(self.rig)
+                self.projection,
+                config,
+                valid,
+                refinement,
+                row_of,
+                self.rig.timing,
+                resolution_problem(self.rig),
+                self.rectifier.valid_in_right,
             )
         else:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
@@ -127,15 +145,38 @@ class Observer:
         state = replace(self.state, grey_bits=grey_bits)
         self.state, observations = self._frontend.step(state, images, stamp_ns)
         timings_ms = {"rectify": 1e3 * (rectified - began), "frontend": 1e3 * (time.perf_counter() - rectified)}
-        return Observed(observations, timings_ms)
+        now, n = self.state, len(observations.track_ids)
+        moving = None if now.timing.twist is None else (now.tracks.points[:n], now.timing.twist)
+        return Observed(observations, timings_ms, now.errors, now.turn_rad, now.turned_at, moving)
+
+    def reset(self) -> None:
+        """Forget all frames: the next one is the first."""
+        self.state = self._frontend.start
 
     def learn(self, solution: Solution | None) -> None:
         """Use what an estimator has found out about the cameras' timing for the frames to come."""
         if solution is not None and solution.rig is not None:
             self.state = self._frontend.learn(self.state, solution.rig)
 
+    def calibrated(self, observed: Observed, errors: RigEstimate | None) -> Observed:
+        """Return what would have been observed with a calibration that has not the `errors`, and is exact then.
+
+        They are those of a Solution, None for none: of the rig at rest, and of its timing as far as it is known how the
+        points move.
+        """
+        seen = observed.observations
+        if seen.rig is None or errors is None:
+            return changed(observed, observations=replace(seen, rig=None))
+        model = seen.rig.model
+        z_px = seen.z_px - model.error_px(errors, seen.z_px)
+        if observed.moving is not None:
+            mean_s, cov_s2 = model.timing(errors.mean, errors.cov)
+            timing = replace(self._frontend.start.timing, mean=mean_s, cov=cov_s2)
+            z_px -= timing.taken_out(*observed.moving)
+        return changed(observed, observations=replace(seen, z_px=z_px, rig=None))
+
     def estimate(self, observed: Observed, solution: Solution, estimator_ms: float) -> FrameEstimate:
-        """Turn the solution of the latest frame, in rectified axes, into axes of the physical left camera.
+        """Turn the solution of an observed frame, in rectified axes, into axes of the physical left camera.
 
         The covariance of each point gets the disparity error that all its views share. Points seen for the first time
         are not reported yet: one match of left and right may be wrong, and only a second view can tell.
@@ -144,7 +185,7 @@ class Observer:
         n_old = len(observations.track_ids) - observations.n_new
         shown = np.flatnonzero(~core.among(solution.track_ids, observations.track_ids[n_old:]))
         ids, world_from_cam = solution.track_ids[shown], solution.world_from_cam
-        std_shared = self._std_shared(ids)
+        std_shared = self._std_shared(observed.errors, ids)
         in_cam, in_world = (
             axes.points(rows_of(points, shown), rows_of(cov, shown), std_shared, frame_from_cam)
             for points, cov, frame_from_cam in (
@@ -155,7 +196,7 @@ class Observer:
         ended = axes.points(
             solution.ended_points_in_world,
             solution.ended_cov_points_in_world,
-            self._std_shared(solution.ended_ids),
+            self._std_shared(observed.errors, solution.ended_ids),
             solution.window_world_from_cam[0],  # an ended point was seen last about when the window begins
         )
         weights = None if solution.common is None else solution.common.weights(len(TERMS))
@@ -175,9 +216,9 @@ class Observer:
                 "window_world_from_cam": axes.poses(solution.window_world_from_cam),
                 "ended_points_in_world": ended[0],
                 "ended_cov_points_in_world": ended[1],
-                "rig": self._frontend.rig_in_px(self.state, solution.rig),
+                "rig": self._frontend.rig_in_px(observed.turn_rad, solution.rig),
                 "relative": self._relative(solution.relative, weights),
-                "common": self._common(solution, pose[2][0]),
+                "common": self._common(solution, pose[2][0], observed.turned_at),
             },
             frame_index=observations.frame_index,
             stamp_ns=int(observations.stamp_ns),
@@ -212,20 +253,21 @@ class Observer:
         )
         return RelativeMotions(relative.frame_indices, poses, cov, None if self._exact else by_common)
 
-    def _common(self, solution: Solution, jacobian: Array) -> CommonErrors | None:
-        """The errors that all frames share, with those that no view shows, and how they move (6, m) the pose."""
+    def _common(self, solution: Solution, jacobian: Array, since: int) -> CommonErrors | None:
+        """The errors that all frames `since` one share, and those that no view shows; they move the pose (6, m)."""
         if self._exact or solution.status in (Status.INITIALISING, Status.LOST):
             return None
         if solution.common is None:
-            return CommonErrors(np.zeros(3), np.eye(3), jacobian)
+            return CommonErrors(np.zeros(3), np.eye(3), jacobian, since)
         t = len(TERMS)
         cov = np.eye(3 + t)
         cov[3:, 3:] = solution.common.cov[:t, :t]
-        return CommonErrors(np.concatenate([np.zeros(3), solution.common.mean[:t]]), cov, jacobian)
+        mean = np.concatenate([np.zeros(3), solution.common.mean[:t]])
+        return CommonErrors(mean, cov, jacobian, since)
 
-    def _std_shared(self, track_ids: NDArray[np.int64]) -> Array:
+    def _std_shared(self, errors: TemplateErrors, track_ids: NDArray[np.int64]) -> Array:
         """Return σ (n,) of inverse depths, 1/m, by the disparity error that all views of a point share, eq. (18)."""
-        return self.state.errors.std_disparity_px(track_ids) / (self.projection.f_px * self.projection.baseline_m)
+        return errors.std_disparity_px(track_ids) / (self.projection.f_px * self.projection.baseline_m)
 
     def _check_images(self, frame: Frame, where: str) -> None:
         """Raise a FrameError where the images are not those of the cameras; `where`: which frame it is."""
@@ -278,6 +320,7 @@ class Observer:
 
 def _used_cameras(rig: StereoRig | MonoRig, config: Config) -> StereoRig | MonoRig:
     """Return the rig to estimate with. Only here is `Config.mono` asked; everything else asks the rig."""
+    rig = config.masked(rig)
     if config.mono:
         if isinstance(rig, StereoRig) and rig.timing is not None:
             logging.getLogger("stream_sfm").warning(

@@ -62,14 +62,14 @@ Change = Callable[[Any, Any], Any]
 def with_changes(of: T, changes: Mapping[Kind, Change]) -> T:
     """Return a dataclass whose fields of each kind, also those of its parts, are what `changes` make of them.
 
-    A change is given the value, and of a covariance also what it belongs to.
+    A change is given the value, and of a covariance also what it belongs to. Fields of other kinds stay as they are.
     """
     values = {}
     for each in fields(of):  # type: ignore[arg-type]
         value, kind = getattr(of, each.name), each.metadata.get("kind")
         if value is not None and kind is Kind.PARTS:
             values[each.name] = with_changes(value, changes)
-        elif value is not None and kind is not None:
+        elif value is not None and kind is not None and kind in changes:
             values[each.name] = changes[kind](value, getattr(of, each.metadata["of"] or each.name))
     return replace(of, **values)  # type: ignore[type-var]
 

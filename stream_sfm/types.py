@@ -294,12 +294,14 @@ class CommonErrors:
     of the rig (of a Solution the whole of it, and only that). In σ of what is assumed for each beforehand.
     This frame was estimated with c = `mean` (m,), and knows it with `cov` (m, m). `jacobian` (6, m): truth =
     world_from_cam·Exp(jacobian (c − mean) + own), where `own` has the covariance cov_pose − jacobian cov jacobianᵀ; so
-    do the motions of `RelativeMotions`, eq. (74a).
+    do the motions of `RelativeMotions`, eq. (74a). c is that of all frames from `since` on: where a camera is knocked,
+    or the log has another calibration, another c begins.
     """
 
     mean: Array = field(metadata=about(shape=("m",)))
     cov: Array = field(metadata=about(shape=("m", "m")))
     jacobian: Array = field(metadata=about(shape=(6, "m")))
+    since: int = field(metadata=about(Kind.FRAMES), default=0)
 
     def weights(self, n: int) -> Array:
         """Return W (m, n): what is known of c follows from its first n as W c[:n], but for an independent rest."""
@@ -353,7 +355,7 @@ class Solution:
     nis_dof: int = 0
     rig: RigEstimate | None = None
     relative: RelativeMotions | None = field(metadata=about(Kind.PARTS), default=None)
-    common: CommonErrors | None = None
+    common: CommonErrors | None = field(metadata=about(Kind.PARTS), default=None)
 
     def __repr__(self) -> str:
         pose = _pose(self.world_from_cam, self.cov_pose)

@@ -118,7 +118,10 @@ def test_settings_are_given_by_name_and_unknown_names_are_refused() -> None:
         ("dense.voxel_m=1e-308", r"dense\.voxel_m is 1e-308; give at least 0\.0001, or 0"),
         ("window.frame=8", r"unknown setting 'window\.frame'; did you mean window\.frames\?"),
         ("widow.frames=8", r"unknown section 'widow'; did you mean window\?"),
-        ("nonsense=1", r"unknown setting 'nonsense'; known are method, mono, frontend, window"),
+        (
+            "nonsense=1",
+            r"unknown setting 'nonsense'; known are method, mask_left, mask_right, mono, frontend, window",
+        ),
     ],
 )
 def test_a_file_is_refused_with_the_setting_and_what_it_must_be(override: str, message: str) -> None:

@@ -354,3 +354,27 @@ def test_a_baseline_that_is_hardly_in_metres_is_questioned(caplog) -> None:
     assert not caplog.messages
     sfm.Engine(dataclasses.replace(rig(), right_from_left=millimetres))
     assert "are these millimetres?" in caplog.messages[0]
+
+
+def test_after_a_reset_an_engine_is_a_new_one_that_begins_where_it_is_told() -> None:
+    """All estimates are those of a new engine to the byte, moved by the given pose; covariances of the pose as well."""
+    frames = Wall(2).frames(rig(), camera_path(6))
+    engine, new = sfm.Engine(rig()), sfm.Engine(rig())
+    for frame in frames:
+        engine.step(frame)
+    engine.reset()
+    for frame in frames:
+        assert np.array_equal(engine.step(frame).world_from_cam, new.step(frame).world_from_cam)
+    start, new = se3.exp([1.0, -2, 3, 0.5, 1, -0.3]), sfm.Engine(rig())
+    engine.reset(start)
+    for frame in frames:
+        moved, plain = engine.step(frame), new.step(frame)
+        assert moved.frame_index == plain.frame_index and np.array_equal(moved.cov_pose, plain.cov_pose)
+        assert np.allclose(moved.world_from_cam, start @ plain.world_from_cam, atol=1e-12)
+        assert np.allclose(moved.points_in_world, se3.transform(start, plain.points_in_world), atol=1e-9)
+        assert np.allclose(moved.window_world_from_cam, start @ plain.window_world_from_cam, atol=1e-12)
+        assert np.array_equal(moved.points_in_cam, plain.points_in_cam)
+        turned = start[:3, :3] @ plain.cov_points_in_world @ start[:3, :3].T
+        assert np.allclose(moved.cov_points_in_world, turned, rtol=1e-6, atol=1e-12)
+    with pytest.raises(sfm.ConfigError, match="world_from_cam holds no rotation"):
+        engine.reset(2 * np.eye(4) - np.diag([0, 0, 0, 1]))

@@ -5,19 +5,25 @@ import re
 import runpy
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 
 import stream_sfm as sfm
 from stream_sfm.config import RigConfig
+from stream_sfm.types import RelativeMotions
 from tests.helpers.places import DEMO, LAB_LATERAL, ROOM, ROOT
+from tests.results.test_estimates import estimate
 
 pytestmark = pytest.mark.slow
 
 FRAMES = 6
+BLACK = range(40, 52)  # frames of the demo without a picture, across which the window reaches
 EXAMPLES = sorted(path.name for path in (ROOT / "examples").glob("*.py"))
 
 
@@ -53,11 +59,13 @@ def test_tour(monkeypatch: pytest.MonkeyPatch) -> None:
     backend = matplotlib.get_backend()
     matplotlib.use("agg")
     names: dict[str, Any] = {}
+    shown: list[str] = []
     for cell in json.loads(Path("tour.ipynb").read_text(encoding="utf-8"))["cells"]:
         if cell["cell_type"] == "code":
-            assert not cell["outputs"]  # what they show is of who runs them
+            shown += [kind for output in cell["outputs"] for kind in output["data"]]
             exec(compile("".join(cell["source"]), "tour.ipynb", "exec"), names)
     matplotlib.use(backend)
+    assert shown.count("image/png") == 2 and shown.count("text/plain") == 5  # who reads it sees what it shows
     assert names["errors_m"].max() < 0.01 and names["odometry"].twist is not None
     assert names["sigmas_m"][-1] > names["errors_m"][-1]
 
@@ -84,14 +92,27 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, sfm.RunResults]
         folder = tmp_path_factory.mktemp(log.stem)
         sfm.replay(log, folder, sfm.Config() if log == DEMO else exact)
         runs[log] = sfm.read_results(folder)
+    runs[DEMO.with_stem("black")] = with_black_frames(tmp_path_factory.mktemp("black"))
     return runs
+
+
+def with_black_frames(folder: Path) -> sfm.RunResults:
+    """The run over the demo with some frames black."""
+    log = sfm.open_log(DEMO)
+    engine = sfm.Engine(log.rig)
+    with sfm.ResultFolder(folder, log.rig, engine.config) as results:
+        for k, frame in enumerate(log.frames()):
+            images = [np.zeros_like(image) if k in BLACK else image for image in frame.images]
+            shown = sfm.StereoFrame(frame.stamp_ns, *images)
+            results.write(engine.step(shown), shown)
+    return sfm.read_results(folder)
 
 
 def check_fusion(example: str, runs: dict[Path, sfm.RunResults], folder: Path) -> None:
     """Without another sensor the end is as certain as the engine's, and as right; with one it is where that says."""
     fused = runpy.run_path(str(ROOT / "examples" / example))["fused"]
     for log, results in runs.items():
-        truth = sfm.open_log(log).ground_truth()
+        truth = sfm.open_log(log if log.exists() else DEMO).ground_truth()
         assert truth is not None
         first, last = (truth.world_from_cam[truth.stamps_ns == results.stamps_ns[k]][0] for k in (0, -1))
         true = np.linalg.inv(first) @ last
@@ -128,10 +149,107 @@ def test_fuse_ekf(runs: dict[Path, sfm.RunResults], tmp_path: Path) -> None:
     check_fusion("fuse_ekf.py", runs, tmp_path)
 
 
+def test_a_run_that_begins_a_new_map_is_fused_with_what_another_sensor_says(tmp_path: Path) -> None:
+    """Half of the frames are missing, for longer than any track lives; a position afterwards says where it goes on."""
+    log, fused = sfm.open_log(ROOM), runpy.run_path(str(ROOT / "examples/fuse_ekf.py"))["fused"]
+    truth, engine = log.ground_truth(), sfm.Engine(log.rig)
+    assert truth is not None
+    with sfm.ResultFolder(tmp_path, log.rig, engine.config) as results:
+        for k, frame in enumerate(log.frames(sfm.Selection(max_frames=70))):
+            images = [np.zeros_like(image) if 30 <= k < 50 else image for image in frame.images]
+            shown = sfm.StereoFrame(frame.stamp_ns, *images)
+            results.write(engine.step(shown), shown)
+    run = sfm.read_results(tmp_path)
+    assert "initialising" in run.statuses[1:]
+    end, pose, cov = fused(run, {}, 1.0)
+    assert end == 69 and np.sqrt(np.trace(cov[:3, :3])) > 0.5  # metres: of a motion that was not seen
+    in_first = np.linalg.inv(truth.world_from_cam[0])
+    true = [(in_first @ truth.world_from_cam[k])[:3, 3] for k in range(70)]
+    rng, squares = np.random.default_rng(4), []
+    for _ in range(20):
+        fixes = {int(run.stamps_ns[k]): true[k] + 0.005 * rng.normal(size=3) for k in (55, 60, 65)}
+        _, pose, cov = fused(run, fixes, 0.005)
+        error = pose[:3, 3] - true[69]
+        squares.append(error @ np.linalg.solve(pose[:3, :3] @ cov[:3, :3] @ pose[:3, :3].T, error))
+        assert np.sqrt(np.trace(cov[:3, :3])) < 0.2
+    assert 1 < np.mean(squares) < 6  # 3 expected of a position
+
+
+def test_mavlink_odometry() -> None:
+    """North-east-down, on numbers: a vehicle that faces east drives forwards, climbs and turns to the right."""
+    module = runpy.run_path(str(ROOT / "examples/mavlink_odometry.py"))
+    east = sfm.se3_exp([0, 0, 0, 0, 0, np.pi / 2])  # z is down: a positive turn is to the right
+    east[:3, 3] = 10, 20, -5
+    mounted = sfm.se3_exp([0.3, 0.1, -0.2, 0, -0.2, 0]) @ module["FRD_FROM_CAM"]  # looks 0.2 rad downwards
+    messages = module["MavlinkOdometry"](mounted, east)
+    step = sfm.se3_exp([0.5, 0, -0.1, 0, 0, 0.05])  # of the body: forwards, upwards, to the right
+    in_cam = sfm.se3_inverse(mounted) @ step @ mounted
+    std, cov = np.array([1e-2, 2e-2, 3e-2, 1e-3, 2e-3, 3e-3]), np.zeros((6, 6))
+    cov[np.diag_indices(6)] = std**2
+    first = replace(estimate(0), world_from_cam=np.eye(4), cov_pose=np.zeros((6, 6)))
+    fields = messages.fields(first)
+    assert (fields["x"], fields["y"], fields["z"]) == pytest.approx((10, 20, -5), abs=1e-9)
+    assert fields["q"] == pytest.approx([np.sqrt(0.5), 0, 0, np.sqrt(0.5)]) and np.isnan(fields["vx"])
+    relative = RelativeMotions(np.array([0]), in_cam[None], cov[None])
+    moved = replace(estimate(1), world_from_cam=in_cam, cov_pose=cov, relative=relative)
+    fields = messages.fields(moved)
+    assert (
+        fields["time_usec"] == moved.stamp_ns // 1000 and fields["reset_counter"] == 0 and fields["quality"] == 100
+    )
+    position = np.array([fields[name] for name in "xyz"]) - (10, 20, -5)
+    assert position == pytest.approx([0, 0.5, -0.1], abs=0.02)  # forwards is to the east, and up is −z
+    assert [fields[name] for name in ("vx", "vy", "vz")] == pytest.approx(
+        [5, 0, -1], abs=1e-6
+    )  # of the body, in 0.1 s
+    assert [fields[name] for name in ("rollspeed", "pitchspeed", "yawspeed")] == pytest.approx(
+        [0, 0, 0.5], abs=1e-6
+    )
+    yaw = 2 * np.arctan2(fields["q"][3], fields["q"][0])
+    assert yaw == pytest.approx(np.pi / 2 + 0.05, abs=1e-6)
+    rng, sample = np.random.default_rng(0), []
+    for xi in rng.normal(size=(4000, 6)) * std / 10:  # a tenth, so that nothing bends
+        other = east @ mounted @ in_cam @ sfm.se3_exp(xi) @ sfm.se3_inverse(mounted)
+        true = east @ step
+        sample.append(
+            np.r_[other[:3, 3] - true[:3, 3], sfm.se3_log(with_rotation(other @ sfm.se3_inverse(true)))[3:]]
+        )
+    expected = 100 * np.cov(np.array(sample).T)[np.triu_indices(6)]
+    stated, scale = np.array(fields["pose_covariance"]), np.sqrt(np.diag(100 * np.cov(np.array(sample).T)))
+    tolerance = 5 * np.outer(scale, scale)[np.triu_indices(6)] * np.sqrt(2 / 4000)
+    assert stated.shape == (21,) and (np.abs(stated - expected) < tolerance).all()
+    anew = replace(estimate(2), status=sfm.Status.INITIALISING)
+    assert messages.fields(anew)["reset_counter"] == 1
+    said = run("mavlink_odometry.py", ROOM, "--max-frames", 3).splitlines()
+    assert len(said) == 3 and said[-1].endswith("100 %") and said[0].startswith("1760000000000000 us")
+
+
+def with_rotation(pose: np.ndarray) -> np.ndarray:
+    """The rotation of a pose alone."""
+    turned = np.eye(4)
+    turned[:3, :3] = pose[:3, :3]
+    return turned
+
+
 def test_custom_sink() -> None:
-    said = run("custom_sink.py", ROOM, "--limit", 0.0005)
+    """Uncertain in the beginning, before the points are known well, and no longer: the alarm ends."""
+    said = run("custom_sink.py", ROOM)
     uncertain, frames = map(int, re.findall(r"^(\d+) frames", said, re.MULTILINE))
-    assert 0 < uncertain < frames == 84  # σ grows from 0 beyond half a millimetre
+    assert 0 < uncertain < 10 < frames == 84
+
+
+def test_foxglove_layout(tmp_path: Path) -> None:
+    """Its topics and fields are those of a run."""
+    sfm.replay(ROOM, tmp_path, selection=sfm.Selection(max_frames=FRAMES))
+    with (tmp_path / "estimates.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        known = {channel.topic: message for _, channel, _, message in reader.iter_decoded_messages()}
+    layout = (ROOT / "examples/foxglove-layout.json").read_text(encoding="utf-8")
+    paths = re.findall(r'"(/stream_sfm/\w+)(?:\.(\w+))?"', layout)
+    assert len(paths) > 10
+    for topic, field in paths:
+        assert topic in known and (not field or hasattr(known[topic], field)), (topic, field)
+    panels = json.loads(layout)
+    assert set(re.findall(r'"(?:first|second)": "([^"]+)"', layout)) == set(panels["configById"])
 
 
 def test_custom_estimator() -> None:

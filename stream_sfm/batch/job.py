@@ -23,11 +23,12 @@ from ..executors import ONE_THREAD
 from ..files import json_bytes, write_whole
 from ..inputs import open_regular
 from ..outputs import RESULTS, only_writer
+from ..report.pages import PAGE_OF_LOG
 
 T = TypeVar("T")
 
 _RECORD, _STDERR = "job.json", "stderr.txt"
-FILES = (*RESULTS, _RECORD, _STDERR)  # what a job writes to its folder
+FILES = (*RESULTS, _RECORD, _STDERR, PAGE_OF_LOG)  # what a job, and the batch, write to its folder
 _ERROR_PREFIX = "stream-sfm: "  # how the command line begins the line that states an error
 JobStatus = Literal["done", "incomplete", "failed", "interrupted"]
 POLL_S = 0.2  # how soon a request to end is seen

@@ -84,6 +84,13 @@ def _logs_below(folder: Path, skipped: list[str]) -> Iterator[Path]:
             yield path
 
 
+def size_bytes(log: Path) -> int:
+    """How large a recording is on disk, with all files of a folder; 0 where it cannot be told."""
+    if not os.path.isdir(log):
+        return os.path.getsize(log) if os.path.isfile(log) else 0
+    return sum(os.path.getsize(file) for file in log.rglob("*") if os.path.isfile(file))
+
+
 def names_for(logs: Mapping[Path, int], reserved: Sequence[str] = ()) -> dict[Path, str]:
     """A unique name for each log: its file name without the suffix, after as many parent folders as needed.
 

@@ -22,7 +22,7 @@ from ..files import json_bytes, make_folder, write_whole
 from ..interrupts import deferred_interrupts
 from ..outputs import only_writer, refuse_overwriting
 from ..recording.truth_file import GroundTruthFile
-from ..report.pages import render_batch
+from ..report.pages import PAGE_OF_LOG, render_batch, render_log
 from ..types import Selection
 from .job import FILES, POLL_S, Job, JobResult, read_summary, run_job
 from .logs import find_logs, names_for, truth_files
@@ -41,6 +41,7 @@ def replay_batch(
     left: str | None = None,
     right: str | None = None,
     calibration: Where | None = None,
+    rate_hz: float | None = None,
     ground_truth: str | Path | GroundTruthFile | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
@@ -48,8 +49,9 @@ def replay_batch(
 ) -> dict[str, Any]:
     """Replay many logs, each in its own process, into one folder per log, and return the content of batch.json.
 
-    `logs`: recordings of any kind, folders of them, patterns. `ground_truth`: a file for all logs, or a folder with
-    files that are named after the logs, instead of what the logs have. `workers` processes of this machine (None: one
+    `logs`: recordings of any kind, folders of them, patterns. `left`, `right`, `calibration`, `rate_hz`: as in
+    `open_log`. `ground_truth`: a file for all logs, or a folder with files that are named after the logs, instead of
+    what the logs have. `workers` processes of this machine (None: one
     per core), or those of the Dask `scheduler`. `on_done` is called with the result of each. A second call processes
     only what is missing or has changed. On the first Ctrl-C or SIGTERM the running replays end after their current
     frame, and no further one is started. Raises ConfigError, LogError and OutputError before any log is started.
@@ -62,7 +64,7 @@ def replay_batch(
     skipped: list[str] = []
     names = names_for(find_logs([str(log) for log in logs], skipped), reserved=(RECORD, PAGE))
     truths = {} if truth is None else truth_files(Path(truth.path).resolve(), names)
-    options = _options(left, right, selection or Selection(), truth)
+    options = _options(left, right, rate_hz, selection or Selection(), truth)
     stop = out / f".stop-{uuid.uuid4().hex}"  # no name that a file of the user, or another batch, could have
     toml, jobs = config_to_toml(config), []
     for log, name in names.items():
@@ -89,17 +91,24 @@ def replay_batch(
                 "complete": all(result.status == "done" for result in results),
                 "counts": dict(Counter(result.status for result in results)),
                 "reused": sum(result.reused for result in results),
-                "logs": [
-                    msgspec.to_builtins(result) | {"summary": read_summary(job.folder) if result.key else None}
-                    for job, result in zip(jobs, results, strict=True)
-                ],
+                "logs": [_finished(job, result) for job, result in zip(jobs, results, strict=True)],
             }
             write_whole(out / RECORD, json_bytes(content))
             write_whole(out / PAGE, render_batch(content, out).encode())
     return content
 
 
-def _options(left: str | None, right: str | None, chosen: Selection, truth: GroundTruthFile | None) -> list[str]:
+def _finished(job: Job, result: JobResult) -> dict[str, Any]:
+    """A log in batch.json; its page is written where it has been estimated."""
+    log = msgspec.to_builtins(result) | {"summary": read_summary(job.folder) if result.key else None}
+    if log["summary"]:
+        write_whole(job.folder / PAGE_OF_LOG, render_log(log, job.folder).encode())
+    return log
+
+
+def _options(
+    left: str | None, right: str | None, rate_hz: float | None, chosen: Selection, truth: GroundTruthFile | None
+) -> list[str]:
     """What was chosen, as options of the command `replay`, which the process of each log runs."""
     frame = truth.frame if truth is not None else None
     if frame is not None and os.path.isfile(frame):
@@ -107,6 +116,7 @@ def _options(left: str | None, right: str | None, chosen: Selection, truth: Grou
     values = {
         "left": left,
         "right": right,
+        "rate": rate_hz,
         "start": chosen.start_s,
         "end": chosen.end_s,
         "max-frames": chosen.max_frames,

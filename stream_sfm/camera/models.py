@@ -6,6 +6,7 @@ import numpy as np
 
 from ..errors import ConfigError
 from ..geometry.se3 import Array
+from .masks import Mask, checked_mask
 
 MAX_PIXELS = 12_500_000  # of an image: a run with sensors of 12 megapixels stays below a gigabyte
 MANY_PIXELS = 2**22  # of an image: nothing is done ahead of larger ones, for which there would be no memory
@@ -29,8 +30,9 @@ class Camera:
     """One pinhole camera as delivered, before rectification.
 
     `K` (3, 3) pixels; `D` distortion coefficients in OpenCV's order; `distortion_model` one of none, plumb_bob
-    (4 or 5), rational_polynomial (8), equidistant (4), or what others call these. Raises ConfigError for impossible
-    values.
+    (4 or 5), rational_polynomial (8), equidistant (4), or what others call these. `mask` (h, w): false (0) where its
+    images always show the robot itself, or dirt on the lens; None where they never do. Raises ConfigError for
+    impossible values.
     """
 
     width: int
@@ -38,6 +40,7 @@ class Camera:
     K: Array
     D: tuple[float, ...] = ()
     distortion_model: str = "plumb_bob"
+    mask: Mask | None = None
 
     def __post_init__(self) -> None:
         edges = (_pixels(self.width), _pixels(self.height))
@@ -59,11 +62,16 @@ class Camera:
             raise ConfigError(f"camera matrix K {problem}")
         if not np.isfinite(d).all() or (any(d) and len(d) not in DISTORTION_COEFFICIENTS[model]):
             raise ConfigError(_coefficients_problem(model, d))
+        if self.mask is not None:
+            object.__setattr__(self, "mask", checked_mask(self.mask, *edges))
 
     def __repr__(self) -> str:
         (fx, _, cx), (_, fy, cy) = self.K[:2]
         lens = self.distortion_model if any(self.D) else "no distortion"
-        return f"<Camera {self.width}×{self.height} f=({fx:.2f}, {fy:.2f}) c=({cx:.2f}, {cy:.2f}) px, {lens}>"
+        masked = "" if self.mask is None else f", {1 - self.mask.mean():.0%} masked"
+        return (
+            f"<Camera {self.width}×{self.height} f=({fx:.2f}, {fy:.2f}) c=({cx:.2f}, {cy:.2f}) px, {lens}{masked}>"
+        )
 
 
 def _pixels(edge: object) -> int:

@@ -79,12 +79,31 @@ class Rectifier:
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
-        """Which pixels (h, w) of the rectified left image hold image content. Raises RigError where hardly any does."""
+        """Which pixels (h, w) of the rectified left image show the scene: image content that no mask leaves out.
+
+        Raises RigError where hardly any does.
+        """
+        return self._shows_scene(0)
+
+    @cached_property
+    def valid_in_right(self) -> NDArray[np.bool_] | None:
+        """The same of the right image, where a mask leaves pixels of it out; None where none does."""
+        return None if self._sides[-1][0].mask is None or len(self._sides) < 2 else self._shows_scene(1)
+
+    def _shows_scene(self, side: int) -> NDArray[np.bool_]:
+        camera = self._sides[side][0]
         white = np.full((self.projection.height, self.projection.width), 255, np.uint8)
-        valid = np.asarray(self._rectified(white, 0) == 255)
-        if valid.mean() < _MIN_VALID:
+        if (valid := self._rectified(white, side) == 255).mean() < _MIN_VALID:
             raise _no_image([camera for camera, *_ in self._sides])
-        return valid
+        if camera.mask is None:
+            return np.asarray(valid)
+        valid = self._rectified(np.where(camera.mask, white, 0).astype(np.uint8), side) == 255
+        if valid.mean() < _MIN_VALID:
+            raise RigError(
+                f"the mask of the {('left', 'right')[side]} camera leaves hardly any of its image: it is black where "
+                "pixels are left out, and white elsewhere"
+            )
+        return np.asarray(valid)
 
     def rectify(self, *images: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
         """Rectify an image (h, w) uint8 of each camera; the same array where nothing has to move."""

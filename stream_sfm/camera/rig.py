@@ -1,6 +1,6 @@
 """Rigs: what the images of a log or a program come from, two cameras or one."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -12,9 +12,11 @@ from ..geometry.se3 import Array
 from .calibration import toml_file
 from .calibration.document import Pair, Where, load, named, short
 from .known_timing import KnownTiming
+from .masks import Mask, read_mask
 from .models import Camera
 from .refinement import Refinement
 
+MaskOrFile = Mask | str | Path
 _USUAL_BASELINE_M = (0.005, 5.0)  # from endoscopes to aircraft; outside, a unit was probably mistaken
 
 
@@ -39,10 +41,7 @@ class StereoRig:
                 raise ConfigError(f"the {side} camera is of type {type(camera).__name__}; give a Camera")
         if self.refinement is not None and not isinstance(self.refinement, Refinement):
             raise ConfigError(f"the refinement is of type {type(self.refinement).__name__}; give a Refinement")
-        pose = _checked_pose(self.right_from_left)
-        if not se3.is_rotation(pose[:3, :3]):
-            raise ConfigError(f"right_from_left holds no rotation: {pose[:3, :3].tolist()}")
-        object.__setattr__(self, "right_from_left", se3.orthonormalise(pose))
+        object.__setattr__(self, "right_from_left", checked_pose(self.right_from_left))
         if (self.left.width, self.left.height) != (self.right.width, self.right.height):
             raise ConfigError(
                 f"left images are {self.left.width}×{self.left.height}, right ones "
@@ -92,8 +91,16 @@ class StereoRig:
         except ConfigError as error:
             raise ConfigError(f"calibration {named(name)}: {error}") from None
 
+    def masked(self, left: MaskOrFile | None, right: MaskOrFile | None = None) -> "StereoRig":
+        """Return the rig for images of which parts are always of the robot, or dirt: there no point is followed.
+
+        `left`, `right`: PNG files of the images' size, black where pixels are left out, or arrays (h, w) that are 0
+        there; None: none. Raises ConfigError.
+        """
+        return replace(self, left=_masked(self.left, left), right=_masked(self.right, right))
+
     def to_toml(self) -> str:
-        """The text of a calibration file that `from_calibration` reads back unchanged."""
+        """The text of a calibration file that `from_calibration` reads back unchanged, but for masks."""
         return toml_file.text(self.cameras, self.right_from_left, self.refinement, self.timing)
 
 
@@ -126,9 +133,22 @@ class MonoRig:
 
         return cls(left_of([load(content, name)], None))
 
+    def masked(self, left: MaskOrFile | None, right: MaskOrFile | None = None) -> "MonoRig":
+        """Return the rig for images of which parts are always of the robot, as `StereoRig.masked`."""
+        return MonoRig(_masked(self.left, left))
+
     def to_toml(self) -> str:
-        """The text of a calibration file that `from_calibration` reads back unchanged."""
+        """The text of a calibration file that `from_calibration` reads back unchanged, but for masks."""
         return toml_file.text(self.cameras)
+
+
+def _masked(camera: Camera, mask: MaskOrFile | None) -> Camera:
+    """The camera with a mask from a file or an array; as it is where there is none."""
+    if mask is None:
+        return camera
+    if isinstance(mask, str | Path):
+        mask = read_mask(mask, camera.width, camera.height)
+    return replace(camera, mask=mask)
 
 
 def baseline_warnings(rig: StereoRig | MonoRig) -> list[str]:
@@ -143,9 +163,9 @@ def baseline_warnings(rig: StereoRig | MonoRig) -> list[str]:
     ]
 
 
-def _checked_pose(given: object) -> Array:
-    """`right_from_left` as an array (4, 4) of finite numbers in metres. Raises ConfigError."""
-    wanted = "right_from_left must be a 4×4 pose in metres"
+def checked_pose(given: object, name: str = "right_from_left") -> Array:
+    """A pose (4, 4) in metres as an array with an exact rotation. Raises ConfigError, which calls it `name`."""
+    wanted = f"{name} must be a 4×4 pose in metres"
     try:
         pose: Array = np.array(given, dtype=float)
     except (TypeError, ValueError):
@@ -157,7 +177,9 @@ def _checked_pose(given: object) -> Array:
     if not np.allclose(pose[3], (0, 0, 0, 1)):
         turned = "; it is transposed" if np.allclose(pose[:, 3], (0, 0, 0, 1)) else ""
         raise ConfigError(f"{wanted} with the last row 0 0 0 1, got {pose.tolist()}{turned}")
-    return pose
+    if not se3.is_rotation(pose[:3, :3]):
+        raise ConfigError(f"{name} holds no rotation: {pose[:3, :3].tolist()}")
+    return se3.orthonormalise(pose)
 
 
 def checked_paths(calibration: Where) -> list[Path]:

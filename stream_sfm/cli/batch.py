@@ -34,7 +34,7 @@ def batch(
         out: folder for the results of all logs
         scheduler: use a Dask cluster instead, such as tcp://127.0.0.1:8786 (needs stream-sfm[cluster])
     """
-    from ..batch.logs import find_logs
+    from ..batch.logs import find_logs, size_bytes
     from ..batch.replay_batch import replay_batch
     from .progress import counter
     from .summaries import print_batch
@@ -43,20 +43,18 @@ def batch(
     if workers is not None and scheduler is not None:
         raise ConfigError("--workers and --scheduler exclude each other: leave one out")
     config, selection = settings.read(method=method), frames.selection()
-    left, right, calibration = cameras.chosen
-    with counter("batch", "logs", len(find_logs(logs)), quiet) as advance:
+    sizes = {str(log): size_bytes(log) for log in find_logs(logs)}  # logs take as long as they are large
+    with counter("batch", "logs", len(sizes), quiet, sum(sizes.values())) as advance:
         content = replay_batch(
             logs,
             out,
             config,
             selection,
-            left=left,
-            right=right,
-            calibration=calibration,
+            **cameras.chosen,
             ground_truth=truth.read(),
             workers=workers,
             scheduler=scheduler,
-            on_done=lambda result: advance(1, f"{result.name}: {result.status}"),
+            on_done=lambda result: advance(1, f"{result.name}: {result.status}", sizes.get(result.log)),
         )
     if not quiet:
         print_notes("skipped", content["skipped"])

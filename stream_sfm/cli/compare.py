@@ -14,6 +14,7 @@ def compare(
     *,
     out: options.MaybeFolder = None,
     methods: options.Names = "",
+    as_is: options.ResultFlag = False,
     self_test: options.ResultFlag = False,
     loops: options.ResultFlag = False,
     cameras: options.Cameras = options.Cameras(),
@@ -26,33 +27,36 @@ def compare(
 ) -> int:
     """Compare the drift of the cross-frame method and the EKF in an HTML report.
 
-    Runs several methods on the same observations: by default the cross-frame method (joint, per-point WC and
-    per-point CC), three EKFs (plain; iterated and camera-centred; linearised at a constant velocity) and
-    frame-to-frame estimation. Writes report.html (a single file), report.json, and one result folder per method, as
-    `replay` does.
+    Runs several methods on the same observations with the same calibration, which a first pass corrects: by default the
+    cross-frame method (joint, per-point WC and per-point CC), three EKFs (plain; iterated and camera-centred;
+    linearised at a constant velocity) and frame-to-frame estimation. Writes report.html (a single file), report.json,
+    and one result folder per method, as `replay` does.
 
     Args:
         out: result folder; runs/LOG-TIME if not given
         methods: the methods, separated by commas; without this option seven, from cross-frame to frame-to-frame
+        as_is: give each method the calibration of the log, as a user has it; adds a row of cross-frame's newest motions
         self_test: check the covariances without ground truth: disjoint halves of the tracks and of the image must agree
         loops: also show the first method with loops closed; needs the extra map
     """
     from ..inspection.overview import inspect_log
+    from ..methods import COMPARED
     from ..recording.stereo_log import open_log
     from ..results.folder import new_run_folder, point_latest_to
     from ..run import compare as comparison
-    from .progress import frame_progress
+    from .progress import counter
     from .summaries import print_comparison
 
     config, selection = settings.read(), frames.selection()
-    recording = open_log(log, *cameras.chosen, ground_truth=truth.read())
+    recording = open_log(log, **cameras.chosen, ground_truth=truth.read())
     folder = Path(out) if out else new_run_folder(log)
-    names = tuple(dict.fromkeys(filter(None, map(str.strip, methods.split(","))))) or comparison.COMPARED
+    names = tuple(dict.fromkeys(filter(None, map(str.strip, methods.split(","))))) or COMPARED
     written = comparison.outputs(folder, names)
     options.protect(written, log, truth.ground_truth, settings.config, cameras.calibration)
-    inspection = inspect_log(log, *cameras.chosen)
+    inspection = inspect_log(log, **cameras.chosen)
     print_notes("problem", inspection["problems"])
-    with frame_progress("compare", selection.count(recording.expected_frames), quiet) as progress:
+    frames_in_all = selection.count(recording.expected_frames)
+    with counter("compare", "frames in two passes", frames_in_all and 2 * frames_in_all, quiet) as advance:
         result = comparison.compare(
             recording,
             folder,
@@ -61,10 +65,11 @@ def compare(
             methods=names,
             ignore_ground_truth=errors.ignore_ground_truth,
             inspection=inspection,
+            as_is=as_is,
             self_test=self_test,
             loops=loops,
             std_truth=errors.ground_truth_std,
-            sinks=[progress],
+            on_frame=advance,
         )
     if not out:
         point_latest_to(folder)

@@ -41,16 +41,23 @@ def evaluate(
     if out is not None and Path(out).suffix.lower() != ".html":
         raise ConfigError(f"--out {out}: the name must end in .html")
     options.protect([out], *runs, truth.ground_truth)
-    found, told, missing = [], [], []
+    found, told, missing, failed = [], [], [], []
     for name in dict.fromkeys(runs):
-        run = read_results(name)
+        try:
+            run = read_results(name)
+            used = without_frames(_truth(run, truth), run.stamps_ns, errors.ignore_ground_truth)
+            figures, method = _figures(run, used, errors), run.config.method
+        except (InputError, ConfigError) as error:  # one of many; the others are compared
+            failed.append(error)
+            continue
         missing += run.warnings
-        used = without_frames(_truth(run, truth), run.stamps_ns, errors.ignore_ground_truth)
-        figures, method = _figures(run, used, errors), run.config.method
         found.append(Evaluated(name, method, figures, run.trajectory, used))
         told.append({"run": name, "method": method, "log": run.summary.get("log"), "ground_truth": figures})
         if not figures["frames_compared"]:
             missing.append(_why_none(run, used, truth.ground_truth or "of the log"))
+    if not found:
+        raise failed[0]
+    missing += map(str, failed)
     if out is not None:
         write_whole(out, render_evaluation(found).encode())
     if json:

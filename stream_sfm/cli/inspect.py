@@ -25,12 +25,12 @@ def inspect(
     from ..run import replay
     from ..types import Selection
 
-    found = inspect_log(log, *cameras.chosen)
+    found = inspect_log(log, **cameras.chosen)
     found["rig_errors"] = None
     if not found["problems"]:
         try:
             # in some seconds most cameras turn
-            look = replay.replay(open_log(log, *cameras.chosen), selection=Selection(max_frames=60))
+            look = replay.replay(open_log(log, **cameras.chosen), selection=Selection(max_frames=60))
             found["rig_errors"] = look.summary.get("rig")
         except StreamSfmError as error:
             found["warnings"].append(f"the first frames cannot be estimated: {error}")

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 from cyclopts import Group, Parameter, Token
 
 from ..errors import ConfigError
+from ..methods import METHODS
 
 if TYPE_CHECKING:
     from ..config import Config
@@ -24,11 +26,10 @@ RESULTS, CAMERAS, FRAMES = Group("Results", sort_key=1), Group("Cameras", sort_k
 SETTINGS, TRUTH = Group("Settings", sort_key=4), Group("Ground truth", sort_key=5)
 PARALLEL, GENERAL = Group("Parallel work", sort_key=6), Group("General", sort_key=7)
 
-# The names of `estimators.METHODS`, which a command line must know without importing the estimators.
-Method = Literal[
-    "cross-frame", "cross-frame-wc", "cross-frame-cc", "cross-frame-cc-literal", "ekf", "iterated-ekf", "ekf-cv",
-    "frame-to-frame", "depth-filter",
-]  # fmt: skip
+if TYPE_CHECKING:
+    Method = str
+else:
+    Method = Literal[tuple(METHODS)]
 
 
 def each(parse: Callable[[str], T]) -> Callable[[Any, Sequence[Token]], Any]:
@@ -47,6 +48,19 @@ def _at_least(least: int) -> Callable[[Any, int | None], None]:
 def _finite(text: str) -> float:
     if not math.isfinite(value := float(text)):
         raise ValueError(f"{text!r} is not a finite number")
+    return value
+
+
+def _size(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d{2,5})[x×](\d{2,5})", text.strip())
+    if found is None:
+        raise ValueError(f"{text!r} is not a size: give width and height in pixels, such as 640x480")
+    return int(found[1]), int(found[2])
+
+
+def _positive(text: str) -> float:
+    if not (value := _finite(text)) > 0:
+        raise ValueError(f"{text!r} is not a number above 0")
     return value
 
 
@@ -99,6 +113,13 @@ NewLog = Annotated[str, Parameter("OUT.mcap", help="the log to write")]
 MaybeSeconds = Annotated[float | None, Parameter(metavar="S")]
 Count = Annotated[int, Parameter(validator=_at_least(1), metavar="N")]
 MaybeCount = Annotated[int | None, Parameter(validator=_at_least(1), metavar="N")]
+MaybeSize = Annotated[
+    tuple[int, int] | None,
+    Parameter(group=CAMERAS, converter=each(_size), n_tokens=1, accepts_keys=False, metavar="WxH"),
+]
+MaybePositive = Annotated[
+    float | None, Parameter(group=CAMERAS, converter=each(_positive), n_tokens=1, metavar="HZ")
+]
 MaybeIndex = Annotated[int | None, Parameter(group=FRAMES, validator=_at_least(0), metavar="N")]
 Workers = Annotated[
     MaybeCount, Parameter(group=PARALLEL, help="number of processes; one per CPU core if not given")
@@ -144,16 +165,19 @@ class Cameras:
         left: topic of the left images; found automatically
         right: topic of the right images; found automatically
         calibration: use this file or folder, ours (TOML) or of other tools, or the files of left and right
+        rate: frames per second of a folder of images without stamps (10)
     """
 
     left: MaybeTopic = None
     right: MaybeTopic = None
     calibration: Calibration = None
+    rate: Annotated[float | None, Parameter(metavar="HZ")] = None
 
     @property
-    def chosen(self) -> tuple[str | None, str | None, str | list[str] | None]:
-        """Left topic, right topic and calibration, as `open_log` takes them."""
-        return self.left, self.right, calibration_files(self.calibration)
+    def chosen(self) -> dict[str, Any]:
+        """Left topic, right topic, calibration and rate, as `open_log` takes them."""
+        files = calibration_files(self.calibration)
+        return {"left": self.left, "right": self.right, "calibration": files, "rate_hz": self.rate}
 
 
 @Parameter(name="*", group=FRAMES)
@@ -188,10 +212,14 @@ class Settings:
     Attributes:
         config: read settings from this file; `stream-sfm config` prints one
         set: change one setting, for example window.frames=12; may be repeated
+        mask: PNGs of the images' size, black where they show the robot or dirt: there no point is followed
     """
 
     config: MaybeFile = None
     set: Annotated[list[str] | None, Parameter(metavar="KEY=VALUE", completer=_setting_names)] = None
+    mask: Annotated[
+        list[str] | None, Parameter(group=CAMERAS, consume_multiple=True, metavar="LEFT.png", validator=_one_or_two)
+    ] = None
 
     def read(self, **chosen: str | bool | None) -> "Config":
         """The configuration, with settings that have an option of their own (None or False: not given).
@@ -201,6 +229,8 @@ class Settings:
         from ..config import read_config
         from ..estimators import check_method
 
+        masks = dict(zip(("mask_left", "mask_right"), self.mask or (), strict=False))
+        chosen |= {name: os.path.abspath(path) for name, path in masks.items()}  # the run says so in config.toml
         further = [f"{name}={json.dumps(value)}" for name, value in chosen.items() if value]
         found = read_config(self.config, [*(self.set or []), *further])
         check_method(found.method)

@@ -11,57 +11,106 @@ from ..wording import printable
 if TYPE_CHECKING:
     from ..types import Frame, FrameEstimate
 
+_KEPT = 512  # entries of a history, of which older ones are thinned
 LINE_INTERVAL_S = 10.0  # without a terminal; often enough to see that a run is alive, rare enough for a log file
 
 
 class Advance(Protocol):
-    """Called with the number of things just finished, and with a line to print above the bar if there is one."""
+    """Called with the number of things just finished, a line to print above the bar, and how much work they were."""
 
-    def __call__(self, finished: int = 1, line: str = "") -> None: ...
+    def __call__(self, finished: int = 1, line: str = "", work: float | None = None) -> None: ...
+
+
+class Remaining:
+    """How long the rest takes, by the pace of the second half of what is done: a beginning is slower or quicker.
+
+    `total`: the work altogether, in any unit; None: unknown.
+    """
+
+    def __init__(self, total: float | None) -> None:
+        self._total = total
+        self._history = [(time.monotonic(), 0.0)]  # times, and the work done by then
+
+    def add(self, work: float) -> None:
+        """Note that so much work has just been done."""
+        self._history.append((time.monotonic(), self._history[-1][1] + work))
+        if len(self._history) > _KEPT:
+            del self._history[1:-1:2]
+
+    def text(self) -> str:
+        """Such as "about 40 s left"; empty while nothing can be said."""
+        now_s, done = self._history[-1]
+        half_s, at_half = next(entry for entry in reversed(self._history) if 2 * entry[1] <= done)
+        if not self._total or done <= at_half or now_s <= half_s:
+            return ""
+        left_s = (self._total - done) * (now_s - half_s) / (done - at_half) - (time.monotonic() - now_s)
+        return f"about {_duration(max(left_s, 0.0))} left"
 
 
 @contextmanager
-def counter(label: str, unit: str, total: int | None, quiet: bool = False) -> Iterator[Advance]:
-    """Shows how many of `total` (None: unknown) are finished, such as "simulate rates: 40 of 600 trials"."""
+def counter(
+    label: str, unit: str, total: int | None, quiet: bool = False, work: float | None = None
+) -> Iterator[Advance]:
+    """Shows how many of `total` (None: unknown) are finished, such as "simulate rates: 40 of 600 trials".
+
+    `work`: of all of them, where they differ; else each is as much as the other.
+    """
+    remaining = Remaining(total if work is None else work)
     if quiet:
-        yield lambda finished=1, line="": None
+        yield lambda finished=1, line="", work=None: None
     elif not sys.stderr.isatty():
-        yield _lines(label, unit, total)
+        yield _lines(label, unit, total, remaining)
     else:
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
         from .printing import rich_console
 
-        columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TextColumn(unit), TimeRemainingColumn())
+        columns = (
+            TextColumn(label),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn(unit),
+            TextColumn("{task.fields[left]}"),
+        )
         with Progress(*columns, console=rich_console(stderr=True), transient=True) as bar:
-            task = bar.add_task(label, total=total)
+            task = bar.add_task(label, total=total, left="")
 
-            def advance(finished: int = 1, line: str = "") -> None:
+            def advance(finished: int = 1, line: str = "", work: float | None = None) -> None:
                 if line:
                     bar.console.print(printable(line), markup=False, highlight=False)
-                bar.advance(task, finished)
+                remaining.add(finished if work is None else work)
+                bar.update(task, advance=finished, left=remaining.text())
 
             yield advance
 
 
-def _lines(label: str, unit: str, total: int | None) -> Advance:
+def _lines(label: str, unit: str, total: int | None, remaining: Remaining) -> Advance:
     started_s = printed_s = time.monotonic()
     done = 0
 
-    def advance(finished: int = 1, line: str = "") -> None:
+    def advance(finished: int = 1, line: str = "", work: float | None = None) -> None:
         nonlocal done, printed_s
         done += finished
+        remaining.add(finished if work is None else work)
         lines, now_s = [printable(line)] if line else [], time.monotonic()
         if now_s - printed_s >= LINE_INTERVAL_S:
             printed_s, elapsed_s = now_s, now_s - started_s
-            left = f", about {elapsed_s * (total - done) / done:.0f} s left" if total and done else ""
+            left = f", {text}" if (text := remaining.text()) else ""
             count = f"{done} of {total}" if total else str(done)
-            lines.append(f"{label}: {count} {unit} after {elapsed_s:.0f} s{left}")
+            lines.append(f"{label}: {count} {unit} after {_duration(elapsed_s)}{left}")
         for text in lines:
             with suppress(BrokenPipeError):  # nobody reads it: no reason to end the run
                 print(text, file=sys.stderr, flush=True)
 
     return advance
+
+
+def _duration(seconds: float) -> str:
+    """Seconds, or minutes and hours where they are many."""
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60} min"
 
 
 class ProgressSink:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from ..errors import ExitCode
+from ..wording import printable
 from . import options
 from .printing import print_error, print_json, print_notes
 
@@ -43,6 +44,7 @@ def replay(
     shown: _Shown = _Shown(),
     strict: options.ResultFlag = False,
     self_test: options.ResultFlag = False,
+    there_and_back: options.ResultFlag = False,
     loops: options.ResultFlag = False,
     map: options.ResultFile = None,
     save_map: options.ResultFile = None,
@@ -63,6 +65,7 @@ def replay(
         out: result folder; runs/LOG-TIME if not given
         strict: exit with code 3 if there was any warning
         self_test: check the covariances without ground truth: disjoint halves of the tracks and of the image must agree
+        there_and_back: show drift without ground truth: how far from its beginning the way back, estimated anew, ends
         loops: close loops and write the corrected poses to trajectory_map.tum; needs the extra map
         map: continue in a map that --save-map wrote; implies --loops
         save_map: write the map at the end, also over the one that was read; implies --loops
@@ -78,8 +81,14 @@ def replay(
     options.protect([shown.rrd, folder / MAP_TRAJECTORY, *changed_results(folder, config)], *inputs, map)
     options.protect([save_map], *inputs)
     options.protect([shown.rrd, save_map, *(folder / name for name in (*RESULTS, MAP_TRAJECTORY))])
-    recording = open_log(log, *cameras.chosen, mono=config.mono, ground_truth=truth.read())
-    known = {"self_test": self_test, "loops": loops, "known_map": map, "save_map": save_map}
+    recording = open_log(log, **cameras.chosen, mono=config.mono, ground_truth=truth.read())
+    known = {
+        "self_test": self_test,
+        "there_and_back": there_and_back,
+        "loops": loops,
+        "known_map": map,
+        "save_map": save_map,
+    }
     return _run("replay", recording, folder, config, selection, shown, is_latest=not out, strict=strict, **known)
 
 
@@ -93,6 +102,10 @@ def live(
     shown: _Shown = _Shown(),
     force: Annotated[bool, Parameter(group=options.RESULTS)] = False,
     calibration: options.Calibration = None,
+    size: options.MaybeSize = None,
+    rate: options.MaybePositive = None,
+    serial: Annotated[str | None, Parameter(group=options.CAMERAS, metavar="NUMBER")] = None,
+    exposure: Annotated[options.MaybePositive, Parameter(metavar="MS")] = None,
     max_frames: options.MaybeCount = None,
     settings: options.Settings = options.Settings(),
     method: options.MethodName = None,
@@ -100,17 +113,22 @@ def live(
     """Estimate the camera's motion and the local structure live, until Ctrl-C.
 
     Cameras: realsense, oak or zed, with their factory calibration; or, by OpenCV, the number, device file or
-    address of one camera that gives both images beside or above each other, or two of them, left and right. Ctrl-C ends
+    address of one camera that gives both images beside or above each other, or two of them, left and right. A recording
+    is a camera too: its images come at the pace at which they were recorded. Ctrl-C ends
     after the current frame and finishes all files. Images that arrive faster than they can be estimated are skipped in
     the estimates and kept in the recording.
 
     Args:
-        camera: realsense, oak, zed, or a camera of OpenCV such as 0
+        camera: realsense, oak, zed, a camera of OpenCV such as 0, or a recording
         right: the right camera, where it is another one
         out: result folder as of a replay; runs/CAMERA-TIME if not given
         record: write a log of every picture, for later replays
         force: replace the file of --record if it exists
         calibration: of the pair, instead of the factory's: a file, the files of left and right, or their folder
+        size: of each image, pixels
+        rate: pictures per second
+        serial: which of several cameras of that kind
+        exposure: of each picture, milliseconds; automatic if not given
         max_frames: end after N frames
     """
     from ..recording.stereo_log import open_camera
@@ -120,9 +138,20 @@ def live(
     names = [camera] if right is None else [camera, right]
     name = "-".join(name.rsplit("/", 1)[-1] for name in names)
     config, folder = settings.read(method=method), Path(out) if out else new_run_folder(name)
-    options.protect([record, shown.rrd, *changed_results(folder, config)], settings.config, calibration)
+    inputs = [name for name in names if os.path.isfile(name) or os.path.isdir(name)]
+    options.protect([record, shown.rrd, *changed_results(folder, config)], settings.config, calibration, inputs)
     given = options.calibration_files(calibration)
-    with closing(open_camera(*names, calibration=given, record=record, overwrite=force)) as log:
+    camera_log = open_camera(
+        *names,
+        calibration=given,
+        record=record,
+        overwrite=force,
+        size=size,
+        rate_hz=rate,
+        serial=serial,
+        exposure_ms=exposure,
+    )
+    with closing(camera_log) as log:
         return _run("live", log, folder, config, Selection(max_frames=max_frames), shown, is_latest=not out)
 
 
@@ -151,7 +180,7 @@ def _run(
         from ..viewer import open_viewer
 
         truth = None if config.mono else log.ground_truth()
-        viewers.append(open_viewer(log.rig, shown.rrd, shown.view, truth, log.path.stem))
+        viewers.append(open_viewer(config.masked(log.rig), shown.rrd, shown.view, truth, log.path.stem))
     interrupted = False
     try:
         total = selection.count(log.expected_frames)
@@ -171,6 +200,11 @@ def _run(
         from .summaries import print_summary
 
         print_summary(summary, folder, stages=shown.verbose)
+        if shown.rrd:
+            from importlib.metadata import version
+
+            page = f"https://app.rerun.io/version/{version('rerun-sdk')}"
+            print(printable(f"`rerun {shown.rrd}` opens the recording; so does a browser, dragged to {page}"))
     for problem in result.problems:
         print_error(problem)
     if interrupted:

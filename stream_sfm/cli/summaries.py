@@ -2,38 +2,14 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..wording import printable
-from .printing import broken_at, factors_text, interval, number, print_table
+from .printing import broken_at, factors_text, number, print_table
 
-# Keys of the section `ground_truth` of a summary, and of a method in report.json: heading and format.
-_ERRORS = {
-    "ate_rmse_aligned_m": ("ATE aligned\nm", ".3g"),
-    "ate_rmse_m": ("ATE\nm", ".3g"),
-    "final_drift_percent": ("drift\n%", ".3g"),
-    "t_rel_percent": ("t_rel\n%", ".3g"),
-    "r_rel_deg_per_100m": ("r_rel\n°/100 m", ".3g"),
-    "scale_error_percent": ("scale\n%", "+.2f"),
-    "nees_pose_mean": ("NEES", ".3g"),
-}
-_OF_RUNS = {
-    **_ERRORS,
-    "relative_motion_over_sigma": ("motion\nover σ", ".3g"),
-    "ate_rmse_sim3_m": ("ATE, Sim(3)\nm", ".3g"),
-    "metres_per_unit": ("one unit\nm", ".4g"),
-}
-_OF_METHODS = {
-    **{key: _ERRORS[key] for key in _ERRORS if key not in ("ate_rmse_m", "scale_error_percent")},
-    "ms_per_frame_p50": ("time\nms/frame", ".4g"),
-}
-_WITHOUT_TRUTH = {
-    "divergence_from_cross_frame_m": ("away from\ncross-frame m", ".3g"),
-    "end_std_position_m": ("σ at the\nend m", ".3g"),
-    "end_std_heading_deg": ("σ of the\nheading °", ".2g"),
-    "nis_over_dof": ("NIS\n1 expected", ".3g"),
-    "ms_per_frame_p50": ("time\nms/frame", ".4g"),
-}
+if TYPE_CHECKING:
+    from ..evaluation.figures import Figure, LengthUnit
+
 _NAME_WIDTH, _EVALUATION_WIDTH = 28, 130  # characters of the name of a run; columns of a table in a pipe
 _OF_BATCH = ("ate_rmse_aligned_m", "final_drift_percent", "t_rel_percent")
 
@@ -45,49 +21,78 @@ def print_summary(summary: dict[str, Any], folder: Path | None, stages: bool) ->
 
 
 def print_comparison(content: dict[str, Any]) -> None:
-    """Print the methods of report.json; a figure that does not exist for this log is a dash."""
-    ratios = content["error_over_cross_frame"]
-    columns = _OF_METHODS if content["frames_with_ground_truth"] else _WITHOUT_TRUTH
-    rows = [[key.replace("_", "-"), *_cells(figures, columns)] for key, figures in content["methods"].items()]
-    headings = ["method", *_headings(columns)]
-    if ratios:
-        headings.append("position error\nover cross-frame")
-        for row, key in zip(rows, content["methods"], strict=True):
-            ratio = ratios.get(key, {}).get("position")
-            row.append(interval(ratio["value"], *ratio["ci95"]) if ratio else "–")
-    print_table(rows, headings)
+    """Print the conclusion and the methods of report.json; a figure that does not exist for this log is a dash."""
+    from ..evaluation.figures import TIME, units_of
+    from ..report.numbers import figures_of
+    from ..report.tables import of_method
+
+    print(content["conclusion"])
+    keys, methods = list(content["methods"]), list(content["methods"].values())
+    figures = figures_of(content)
+    headings, cells = _columns((*figures, *TIME), methods, units_of(methods, figures))
+    names = [of_method(key).name for key in keys]
+    print_table([[name, *row] for name, row in zip(names, cells, strict=True)], ["method", *headings])
+    if lines := content["drift"]["table"]:
+        _print_drift(content["drift"], lines, dict(zip(keys, names, strict=True)))
     for name, spans in (content["self_test"] or {}).items():
         print(f"halves of the {name} differ by {factors_text(spans)}")
 
 
+def _print_drift(drift: dict[str, Any], lines: list[dict[str, Any]], names: dict[str, str]) -> None:
+    """Print what each method errs over each span, its ratio to the reference, and the factor of its σ."""
+    from ..evaluation.figures import number_text, unit_for
+
+    unit = unit_for([of["position_rms_m"] for line in lines for of in line["methods"].values()])
+    rows = []
+    for key, name in names.items():
+        rows.append([name])
+        for line in lines if key in lines[0]["methods"] else ():
+            of = line["methods"][key]
+            ratio, factor = of.get(f"position_over_{drift['reference']}"), of.get("sigma_factor")
+            text = [number_text(of["position_rms_m"], unit.per_m)]
+            if ratio is not None:
+                mark = "*" if of["position_from_halves"] else ""
+                text.append(f"×{ratio['value']:.2f}{mark}")
+                text += ["[{:.2f}, {:.2f}]".format(*ratio["ci95"])] if ratio["ci95"] else []
+            rows[-1].append("\n".join([*text, *([f"σ ×{factor:.2g}"] if factor else [])]))
+    headings = [f"{line['frames']} frame{'' if line['frames'] == 1 else 's'}\n{unit.name}" for line in lines]
+    print_table(rows, ["position error over", *headings])
+    if any(of["position_from_halves"] for line in lines for of in line["methods"].values()):
+        print("* the truth cannot tell here: ratio of what halves of the tracks show")
+
+
 def print_evaluation(runs: Sequence[dict[str, Any]]) -> None:
     """Print the runs of `evaluate`, one row each, with the figures that any of them has."""
-    rows, told = [], [run["ground_truth"] | _over_sigma(run["ground_truth"]) for run in runs]
-    columns = {key: _OF_RUNS[key] for key in _OF_RUNS if any(key in figures for figures in told)}
-    for run, figures in zip(runs, told, strict=True):
-        name = broken_at(run["run"], "/._-", _NAME_WIDTH)
-        rows.append([name, run["method"], str(figures["frames_compared"]), *_cells(figures, columns)])
-    headings = ["run", "method", "frames", *_headings(columns)]
-    print_table(rows, headings, width=_EVALUATION_WIDTH, text_columns=2)
+    from ..evaluation.figures import ABSOLUTE, ACCURACY, CONSISTENCY, OF_RUNS, units_of
+
+    figures = (ACCURACY[0], ABSOLUTE[0], *ACCURACY[1:], *ABSOLUTE[1:], *CONSISTENCY, *OF_RUNS)
+    told = [run["ground_truth"] | _over_sigma(run["ground_truth"]) for run in runs]
+    shown = [figure for figure in figures if any(figure.key in of for of in told)]
+    headings, cells = _columns(shown, told, units_of(told, shown))
+    rows = [
+        [broken_at(run["run"], "/._-", _NAME_WIDTH), run["method"], str(of["frames_compared"]), *row]
+        for run, of, row in zip(runs, told, cells, strict=True)
+    ]
+    print_table(rows, ["run", "method", "frames", *headings], width=_EVALUATION_WIDTH, text_columns=2)
 
 
 def print_batch(content: dict[str, Any], folder: Path) -> None:
     """Print the logs of batch.json, one row each, how many are done, and where the page is."""
+    from ..evaluation.figures import ACCURACY, Figure, units_of
     from ..report.pages import conclusion
 
-    rows = []
+    figures = (Figure("path_length_m", "path", "m"), *ACCURACY[:3], Figure("p50", "time", "ms/frame"))
+    summaries = [log["summary"] for log in content["logs"] if log["summary"]]
+    told = [s | s.get("ground_truth", {}) | s["timing_ms"]["total"] for s in summaries]
+    headings, cells = _columns(figures, told, units_of(told, figures))
+    rows, found = [], iter(zip(summaries, cells, strict=True))
     for log in content["logs"]:
         rows.append([log["name"], log["status"]])
-        if summary := log["summary"]:
-            frames, truth = summary["frames"], summary.get("ground_truth", {})
-            figures = [summary["path_length_m"], *map(truth.get, _OF_BATCH), summary["timing_ms"]["total"]["p50"]]
-            rows[-1] += [str(frames["estimated"]), str(frames["lost"]), *(number(f, ".3g") for f in figures)]
-    errors = (_ERRORS[key][0].replace(" aligned", "") for key in _OF_BATCH)
-    print_table(rows, ["log", "status", "frames", "lost", "path\nm", *errors, "time\nms/frame"], text_columns=2)
+        if log["summary"]:
+            summary, row = next(found)
+            rows[-1] += [str(summary["frames"]["estimated"]), str(summary["frames"]["lost"]), *row]
+    print_table(rows, ["log", "status", "frames", "lost", *headings], text_columns=2)
     print(f"{conclusion(content)}\n{printable(str(folder / 'report.html'))}")
-
-
-Columns = dict[str, tuple[str, str]]
 
 
 def _over_sigma(figures: dict[str, Any]) -> dict[str, float]:
@@ -96,12 +101,19 @@ def _over_sigma(figures: dict[str, Any]) -> dict[str, float]:
     return {"relative_motion_over_sigma": spans[0]["factor"]} if spans else {}
 
 
-def _headings(columns: Columns) -> Iterator[str]:
-    return (heading for heading, _ in columns.values())
+def _columns(
+    figures: "Sequence[Figure]", runs: Sequence[dict[str, Any]], units: "dict[str, LengthUnit]"
+) -> tuple[list[str], list[list[str]]]:
+    """Headings of the figures with their units, and the cells of each run; a figure that it has not is a dash."""
+    from ..evaluation.figures import LengthUnit, number_text
 
-
-def _cells(figures: dict[str, Any], columns: Columns) -> Iterator[str]:
-    return (number(figures.get(key), form) for key, (_, form) in columns.items())
+    found = [units.get(figure.unit, LengthUnit(figure.unit, 1.0)) for figure in figures]
+    headings = ["\n".join(filter(None, (*f.name.split(), u.name))) for f, u in zip(figures, found, strict=True)]
+    rows = []
+    for run in runs:
+        values = [run.get(figure.key) for figure in figures]
+        rows.append(["–" if v is None else number_text(v, u.per_m) for v, u in zip(values, found, strict=True)])
+    return headings, rows
 
 
 def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]]:
@@ -117,6 +129,9 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
         yield "time per frame", _milliseconds(timing["total"])
     for stage in ("decode", "frontend", "estimator") if stages else ():
         yield f"  {stage}", _milliseconds(timing[stage])
+    if live := summary.get("live"):
+        p50, p99, most = (number(live["latency_ms"][key], ".0f") for key in ("p50", "p99", "max"))
+        yield "latency", f"{p50} ms median, {p99} ms in 99 %, {most} ms at most; {live['left_out']} pairs left out"
     memory = number(summary["peak_rss_mib"], ".0f")
     yield "speed", f"{summary['frames_per_s']:.1f} frames/s, {summary['cpu_s']:.1f} s of CPU time, {memory} MiB"
     if end := summary.get("end"):
@@ -128,6 +143,13 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
         yield "calibration", rig["text"]
     for name, spans in summary.get("self_test", {}).items():
         yield f"halves of the {name}", f"differ by {factors_text(spans)}"
+    if back := summary.get("there_and_back"):
+        share = f" ({back['apart_percent']:.2g} % of the path)" if back["apart_percent"] is not None else ""
+        yield (
+            "there and back",
+            f"ends {back['apart_m']:.3g} m{share} and {back['apart_deg']:.2g}° from its beginning",
+        )
+        yield "", f"{back['over_sigma']:.2f} × the estimated σ; {back['lost']} frames lost on the way back"
     if places := summary.get("map"):
         yield "loops", places["problem"] or f"{places['loops']} over {places['keyframes']} keyframes"
         if truth := places.get("ground_truth"):

@@ -59,7 +59,7 @@ def surface(
     if not os.access(path.parent, os.W_OK):
         raise OutputError(f"cannot write {out}: no permission to write to {path.parent}")
     options.protect([out], log, settings.config, cameras.calibration)
-    recording = open_log(log, *cameras.chosen)
+    recording = open_log(log, **cameras.chosen)
     with frame_progress("surface", selection.count(recording.expected_frames), quiet or not all) as progress:
         found = dense.surface(recording, number, config, selection, sinks=[progress] if all else [])
     axes = "all frames, world: the first left camera" if all else f"frame {number}, axes of its left camera"

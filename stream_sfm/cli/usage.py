@@ -7,7 +7,7 @@ from cyclopts import App, Argument, CycloptsError, MissingArgumentError, UnusedC
 from ..errors import StreamSfmError
 
 _PAIR = "--calibration"  # takes the files of left and right one after the other, too
-_OF_CALIBRATIONS = (".yaml", ".yml", ".json", ".xml", ".toml", ".txt", ".npz")
+_OF_CALIBRATIONS = (".yaml", ".yml", ".json", ".xml", ".toml", ".txt", ".npz", ".conf")
 
 # Errors hint at arguments of the library's functions (`StreamSfmError.hint`), most of which are options by that name,
 # and at other functions, which are commands.
@@ -15,7 +15,8 @@ _OPTIONS = {"overwrite": "force", "rate_hz": "rate"}
 COMMANDS = {
     "replay_batch": "`stream-sfm batch DIR` replays all of a folder",
     "config_to_toml": "`stream-sfm config --expert` prints every setting",
-    "import_images": "`stream-sfm import --help` lists what can be imported",
+    "import_images": "any two sets of images: "
+    "`stream-sfm import images --left DIR --right DIR --calibration FILE --rate HZ OUT.mcap`",
     "inspect": "`stream-sfm inspect LOG` checks the calibration against the images",
 }
 

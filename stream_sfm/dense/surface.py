@@ -154,7 +154,7 @@ def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Select
         if not log.stats.complete:
             raise LogError(f"{log.path}: frame {number} could not be read: {'; '.join(log.stats.warnings)}")
         raise ConfigError(f"{log.path} has no frame {number}: the last one is {read - 1}")
-    view = DenseView(Rectifier(log.stereo_rig), config)
+    view = DenseView(Rectifier(config.masked(log.stereo_rig)), config)
     found, picture = view.see(frame)
     mesh = mesh_of_frame(view.projection, found, picture, config.dense.max_disparity_step_px)
     if not len(mesh.faces):
@@ -170,7 +170,7 @@ def _of_all_frames(log: StereoLog, config: Config, selection: Selection | None, 
         lane = Lane(config, observer, None, None)
         fused = _Fused(log, config, observer.rectifier)
     with deferred_interrupts() as interruption:
-        course = run(log, [lane], [fused, *sinks], selection=selection or Selection(), interruption=interruption)
+        course = run(log, lane, [fused, *sinks], selection=selection or Selection(), interruption=interruption)
     if lane.error is not None:
         course.end(lane.error)
     if course.error is not None:

@@ -7,48 +7,20 @@ Not here: the pixels of images (`frontend/`), files (`recording/`). Equations "(
 * Shared: `initial_motion` (where every frame starts), `motion_model`, `lifecycle` (how maps begin and end),
   `triangulation`.
 
-`METHODS` lists them by name. A method is imported when it is asked for, so that its heavy dependency (filterpy for the
-EKF) costs the others nothing.
+`methods.py` lists them by name. A method is imported when it is asked for, so that its heavy dependency (filterpy for
+the EKF) costs the others nothing.
 """
 
 from importlib import import_module
-from typing import NamedTuple
 
 import msgspec
 
 from ..config import Config
 from ..errors import ConfigError
 from ..geometry.stereo import StereoProjection
+from ..methods import METHODS
 from ..types import Estimator
 from ..wording import unknown_name
-
-
-class Method(NamedTuple):
-    """A class, by its module here; `frames` of its window, None: as configured."""
-
-    module: str
-    kind: str
-    frames: int | None = None
-
-    @property
-    def finds_rig(self) -> bool:
-        """Whether it estimates the errors of the rig, too."""
-        return self.kind == "CrossFrame"
-
-
-METHODS = {
-    "cross-frame": Method("cross_frame.window", "CrossFrame"),
-    "cross-frame-wc": Method("baselines.per_point", "CrossFrameWC"),
-    "cross-frame-cc": Method("baselines.per_point", "CrossFrameCC"),
-    "cross-frame-cc-literal": Method("baselines.per_point", "CrossFrameCCLiteral"),
-    "ekf": Method("baselines.ekf", "Ekf"),
-    # Gauss-Newton on one frame's views and the joint prior is the iterated update (Bell and Cathey, The iterated Kalman
-    # filter update as a Gauss-Newton method, 1993); the world is one more pose, about which iterating tells nothing.
-    "iterated-ekf": Method("cross_frame.window", "CrossFrame", frames=1),
-    "ekf-cv": Method("baselines.ekf", "EkfConstantVelocity"),
-    "frame-to-frame": Method("baselines.frame_to_frame", "FrameToFrame"),
-    "depth-filter": Method("baselines.per_point", "CrossFrameWC", frames=1),  # the classical one
-}
 
 
 def check_method(name: str) -> None:

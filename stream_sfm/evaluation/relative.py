@@ -20,8 +20,7 @@ _BLOCKS = 10  # long blocks keep the correlation of the errors, many give a stab
 _SPANS = 12  # at most, evenly spaced in the logarithm
 _LEAST_KNOWN = 0.8  # of the frames: leaves at least a third of the starts of the longest span, a quarter of them
 _CONFIDENCE, _OF_BOTH = 0.95, 0.975  # of each of two intervals, so that position and rotation hold together
-# Which blocks are exchanged (blocks, exchanges): none at first, and never the last, as only the size of a ratio counts.
-_EXCHANGES = (np.arange(2 ** (_BLOCKS - 1)) >> np.arange(_BLOCKS)[:, None] & 1).astype(float)
+_FEWEST_BLOCKS = 6  # of fewer no exchange is as rare as one in twenty
 _SHORTEST, _LONGEST = 1e-4, 20.0  # half an interval of a ratio's logarithm
 _TURNING_RAD_S = np.radians(5.0)  # faster counts as turning; a convention of the report
 
@@ -48,7 +47,7 @@ def known_frames(truth: Array) -> NDArray[np.bool_]:
 def relative_errors(estimate: Array, truth: Array, span: int) -> tuple[Array, Array]:
     """Return position (m) and rotation (rad) errors (n − span,) of the motion from frame i to i + span."""
     position, rotation = np.full((2, len(truth) - span), np.nan)
-    known = known_frames(truth)
+    known = known_frames(truth) & known_frames(estimate)
     i = np.flatnonzero(known[:-span] & known[span:])
     e = se3.inverse(estimate[i]) @ estimate[i + span]
     t = se3.inverse(truth[i]) @ truth[i + span]
@@ -79,6 +78,44 @@ def mean_squares(estimate: Array, truth: Array, spans: list[int]) -> tuple[Array
     """Return the mean squared position (m²) and rotation (rad²) errors for each span."""
     pairs = [relative_errors(estimate, truth, s) for s in spans]
     return np.array([np.nanmean(p**2) for p, _ in pairs]), np.array([np.nanmean(r**2) for _, r in pairs])
+
+
+def band(errors: Array) -> Interval:
+    """Return the RMS of errors (n,) over one span with its 95 % interval, NaN where that is not known.
+
+    Of this log's errors, as if their size were everywhere the same: a band for a chart. It does not tell methods apart.
+    """
+    squares = errors[np.isfinite(errors)] ** 2
+    if not squares.any():
+        return Interval(0.0 if len(squares) else float("nan"), float("nan"), float("nan"))
+    value = float(np.sqrt(squares.mean()))
+    if len(squares) < 2 * _BLOCKS:
+        return Interval(value, float("nan"), float("nan"))
+    means, _ = _jackknife(errors**2)
+    found = _interval(0.5 * np.log(means), np.full(_BLOCKS, 1 / _BLOCKS))
+    return Interval(value, float(np.exp(found.low)), float(np.exp(found.high)))
+
+
+def span_ratio(mine: Array, theirs: Array, span: int) -> Interval | None:
+    """Return the ratio of the RMS errors (n,) of two methods over one span; None where one has none.
+
+    The interval, as that of `paired_ratio`, is of blocks that share no motion, and NaN where these are too few. It lies
+    about the ratio of all spans, which are more than those within blocks.
+    """
+    known = np.isfinite(mine) & np.isfinite(theirs)
+    a, b = (np.where(known, x, 0.0) ** 2 for x in (mine, theirs))
+    if not a.any() or not b.any():
+        return None
+    value = float(np.sqrt(a.sum() / b.sum()))
+    blocks = min(_BLOCKS, (len(known) + span) // (span + 1))
+    edges = np.linspace(0, len(known) + span - 1, blocks + 1).round().astype(int)
+    of_blocks = [_in_blocks(x, span, edges) for x in (a, b)]
+    used = of_blocks[0].astype(bool) & of_blocks[1].astype(bool)
+    if used.sum() < _FEWEST_BLOCKS:
+        return Interval(value, float("nan"), float("nan"))
+    found = _exchange_ratio(of_blocks[0][None, used], of_blocks[1][None, used], _CONFIDENCE)
+    shift = value / found.value
+    return Interval(value, shift * found.low, shift * found.high)
 
 
 def growth_exponents(estimate: Array, truth: Array) -> tuple[Interval, Interval] | None:
@@ -122,7 +159,7 @@ def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Interva
         )
         if not mine.any(axis=1).all() or not theirs.any(axis=1).all():
             return None
-        result.append(_exchange_ratio(mine, theirs))
+        result.append(_exchange_ratio(mine, theirs, _OF_BOTH))
     return result[0], result[1]
 
 
@@ -131,21 +168,28 @@ def _in_blocks(squares: Array, span: int, edges: NDArray[np.intp]) -> Array:
     return np.array([np.nansum(squares[first : last - span + 1]) for first, last in pairwise(edges)])
 
 
-def _exchange_ratio(mine: Array, theirs: Array) -> Interval:
+def _exchanges(blocks: int) -> Array:
+    """Which blocks are exchanged (blocks, exchanges): none at first, and never the last, as only the size of a ratio
+    counts."""
+    return (np.arange(2 ** (blocks - 1)) >> np.arange(blocks)[:, None] & 1).astype(float)
+
+
+def _exchange_ratio(mine: Array, theirs: Array, confidence: float) -> Interval:
     """Return the ratio of RMS errors from their squares (spans, blocks), with the interval of an exchange test.
 
     If the methods were equal but for a factor, each block of one could be exchanged with that of the other, however
     large the errors in it. The interval contains the factors for which the observed ratio is not among the most extreme
     of all exchanges.
     """
-    kept, swapped = (np.stack([mine, theirs]) @ swaps for swaps in (1.0 - _EXCHANGES, _EXCHANGES))
+    exchanges = _exchanges(mine.shape[1])
+    kept, swapped = (np.stack([mine, theirs]) @ swaps for swaps in (1.0 - exchanges, exchanges))
     value = 0.5 * float(np.mean(np.log(kept[0, :, 0] / kept[1, :, 0])))
 
     def plausible(log_factor: float) -> bool:
         scale = np.exp(-2 * log_factor)
         ratios = (scale * kept[0] + swapped[1]) / (kept[1] + scale * swapped[0])
         sizes = np.abs(np.log(ratios).sum(axis=0))
-        return bool(np.mean(sizes >= sizes[0] * (1 - 1e-9)) > 1 - _OF_BOTH)
+        return bool(np.mean(sizes >= sizes[0] * (1 - 1e-9)) > 1 - confidence)
 
     low, high = (_end(plausible, value, sign) for sign in (-1, 1))
     return Interval(float(np.exp(value)), float(np.exp(low)), float(np.exp(high)))

@@ -18,7 +18,7 @@ from ..motion import Motion
 from ..types import FrameEstimate, Trajectory
 from .association import matched
 
-SPANS = (1, 2, 5, 8, 20, 100)
+SPANS = (1, 2, 5, 8, 10, 20, 50, 100)
 _OF_WINDOW = SPANS[:4]  # frames that the window's own covariance reaches
 _CHAINED = 20, 40  # composed of these once, of which longer spans are
 _UPPER = np.triu_indices(6)
@@ -35,7 +35,7 @@ class Motions(NamedTuple):
 
 
 class RelativeRecord:
-    """A sink's memory of relative motions: some 1300 bytes per frame, and more of the last hundred.
+    """A sink's memory of relative motions: some 1700 bytes per frame, and more of the last hundred.
 
     `stamps_ns`, `frame_indices`: of all frames; some indices are missing where a file was damaged.
     """

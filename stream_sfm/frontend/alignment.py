@@ -64,7 +64,7 @@ class TemplateAligner:
         return cls(
             config,
             scale,
-            _valid_area(valid, scale * radius_px),
+            valid_area(valid, scale * radius_px),
             TemplateAtlas.empty(config.max_tracks, radius_px, of_bytes=scale == 1),
             ViewNoise.unknown(config.smoothing_px, scale),
         )
@@ -94,7 +94,7 @@ class TemplateAligner:
         return replace(self, atlas=self.atlas.stored(images.grey(self.scale)[0], corners, free)), free
 
 
-def _valid_area(valid: NDArray[np.bool_], radius_px: int) -> NDArray[np.bool_]:
+def valid_area(valid: NDArray[np.bool_], radius_px: int) -> NDArray[np.bool_]:
     """Pixels (h, w) around which a patch of 2 `radius_px` + 1 lies within the image and its `valid` pixels (h, w)."""
     r = radius_px
     inside = np.zeros_like(valid)

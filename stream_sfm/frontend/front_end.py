@@ -20,7 +20,7 @@ from ..geometry.stereo import StereoProjection
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
 from ..types import Ambiguity, LastingErrors, Observations, RigChange, RigView
-from .alignment import WIDE, TemplateAligner
+from .alignment import WIDE, TemplateAligner, valid_area
 from .disparity_error import DisparityError
 from .image_checks import are_alike, image_note
 from .new_points import begin_points, renews
@@ -45,7 +45,8 @@ class StereoFrontEnd:
 
     `valid` (h, w): pixels of the left image that hold picture. `refinement`: errors of the calibration that are known,
     which the observations do not have any more. `row_of`, `known_timing`: as in `RigModel`. `problem`: what is wrong
-    with the calibration in any frame.
+    with the calibration in any frame. `valid_in_right`: as `valid`, of the right image; None where a point may be
+    anywhere.
     """
 
     def __init__(
@@ -57,8 +58,12 @@ class StereoFrontEnd:
         row_of: ExposedRows | None = None,
         known_timing: KnownTiming | None = None,
         problem: str = "",
+        valid_in_right: NDArray[np.bool_] | None = None,
     ) -> None:
-        self.setup, self.problem = Setup(projection, config), problem
+        right_area = (
+            None if valid_in_right is None else valid_area(valid_in_right, config.frontend.window_radius_px)
+        )
+        self.setup, self.problem = Setup(projection, config, right_area), problem
         self.rig = RigModel.of(projection, config.rig, refinement, row_of, known_timing)
         self.start = FrontEndState(
             aligners={scale: TemplateAligner.empty(config.frontend, valid, scale) for scale in (1, WIDE)},
@@ -96,8 +101,10 @@ class StereoFrontEnd:
         if watch is None or rad is None:
             return state, None
         first = state.frame_index - len(watch.unusual)
+        calm, turn_rad = watch.calm(), state.turn_rad + rad
         disparity = DisparityError.of(self.rig)  # what is left of it is as unknown as at first
-        state = replace(state, turn_rad=state.turn_rad + rad, turn_watch=watch.calm(), disparity=disparity)
+        now = state.frame_index
+        state = replace(state, turn_rad=turn_rad, turned_at=now, turn_watch=calm, disparity=disparity)
         return state, rig_change(self.setup.projection, first, rad)
 
     def _step(
@@ -110,7 +117,7 @@ class StereoFrontEnd:
             change = before.change_to(followed.cam_from_previous, stamp_ns)
         state = replace(state, steps=state.steps.after(change, self.setup.projection.f_px))
         found = None if followed is None else followed.found
-        fit = None if found is None else PairFit.of(found, *self.setup)
+        fit = None if found is None else PairFit.of(found, self.setup.projection, self.setup.config)
         problem = self.problem or problem_of(
             images, state.previous, fit, state.rows, state.aligners[1].noise.factor
         )
@@ -204,12 +211,12 @@ class StereoFrontEnd:
         state = replace(state, disparity=DisparityError.of(self.rig, self.rig.in_units(estimate)))
         return learn_timing(self.setup.projection, state, *self.rig.timing(estimate.mean, estimate.cov))
 
-    def rig_in_px(self, state: FrontEndState, estimate: RigEstimate | None) -> RigEstimate | None:
-        """Return errors of the calibration in units of their σ, in pixels."""
+    def rig_in_px(self, turn_rad: Array, estimate: RigEstimate | None) -> RigEstimate | None:
+        """Return errors of the calibration in units of their σ, in pixels; `turn_rad` (3,): of the right camera."""
         if estimate is None:
             return None
-        found, rad = self.rig.in_units(estimate), state.turn_rad
-        return found if not rad.any() else with_turn(self.rig, found, rad)
+        found = self.rig.in_units(estimate)
+        return found if not turn_rad.any() else with_turn(self.rig, found, turn_rad)
 
 
 def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:

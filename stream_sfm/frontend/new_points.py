@@ -136,6 +136,9 @@ def _begin(
     rows, z_px, points, var_rho = core.place_new_points(
         right_sides, state.timing.of_core(twist), z_px, cov_px, scale, *gates
     )
+    if setup.right_area is not None:
+        seen = ~setup.unseen_in_right(z_px)
+        rows, z_px, points, var_rho = rows[seen], z_px[seen], points[seen], var_rho[seen]
     cov_px, slopes = cov_px[rows], slopes[rows] / setup.projection.baseline_m
     by_turn_px2 = (state.with_turn(z_px, cov_px) - cov_px)[:, 2, 2]
     var_rho = var_rho + by_turn_px2 / (setup.projection.f_px * setup.projection.baseline_m) ** 2

@@ -59,7 +59,7 @@ def find_rough_motion(
 
     `motion_known`: whether `predicted` (4, 4) is informative.
     """
-    (projection, config), best = setup, None
+    projection, config, best = setup.projection, setup.config, None
     exposed, gate = as_exposed(previous, images), chi2_gate(2, config.robust.gate_probability)
     # where half of the view is covered, mean and contrast change, and the exposure does not
     before_halves = [exposed] if exposed is previous.left_half else [exposed, previous.left_half]

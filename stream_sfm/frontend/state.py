@@ -4,7 +4,9 @@ from dataclasses import field, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from .. import core
 from ..camera.pixels import FEWEST_BITS
 from ..config import Config
 from ..geometry import se3
@@ -31,10 +33,20 @@ RightSides = tuple[tuple[float, float, float, float, float], RowsOfCore, Array, 
 
 
 class Setup(NamedTuple):
-    """What does not change during a run: the projection of the rectified images, and all settings."""
+    """What does not change during a run: the projection of the rectified images, and all settings.
+
+    `right_area` (h, w): pixels of the right image around which a whole patch shows the scene; None: all of them.
+    """
 
     projection: StereoProjection
     config: Config
+    right_area: NDArray[np.bool_] | None = None
+
+    def unseen_in_right(self, z_px: Array) -> NDArray[np.bool_]:
+        """Which views (n, 4) have a right side where a mask says that it cannot be of the scene."""
+        if self.right_area is None:
+            return np.zeros(len(z_px), bool)
+        return ~core.inside_area(self.right_area, z_px[:, 2:].copy())
 
     @property
     def std_acceleration(self) -> Array:
@@ -70,8 +82,9 @@ class FrontEndState:
       motions, which predicts how patches look and is not an estimate; `velocity` (6,): ξ of the last motion per second;
       `unsteadiness`: how motions change, None before there were two.
     - `aligners`: templates and noise of views; `rows`, `timing`: what is known of the cameras; `turn_rad` (3,): of the
-      right camera since its calibration, for which right views are corrected; `rows_waiting` (n, 4): new views of a
-      frame whose velocity is not known yet, which a late camera would turn into rows that are off.
+      right camera since its calibration, for which right views are corrected, as they are since frame `turned_at`;
+      `rows_waiting` (n, 4): new views of a frame whose velocity is not known yet, which a late camera would turn into
+      rows that are off.
     - `turn_watch`: of the right camera, None where it cannot turn; `pair`: whether left and right fit each other;
       `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions; `start`:
       whether the map has started with the motion of the camera; `steps`: whether both images have been displaced.
@@ -86,6 +99,7 @@ class FrontEndState:
     errors: TemplateErrors
     disparity: DisparityError | None = None
     turn_rad: Array = field(default_factory=lambda: np.zeros(3))
+    turned_at: int = 0
     frame_index: int = 0
     stamp_ns: int | None = None
     grey_bits: int = FEWEST_BITS

@@ -107,8 +107,12 @@ class TemplateErrors:
 
     def with_new(self, ids: NDArray[np.int64], apart_px: Array) -> "TemplateErrors":
         """Return the same with new points (n,), whose whole patch and inner half were matched (n,) apart."""
-        stds_px = np.concatenate([self.stds_px, np.hypot(self.least_px, apart_px)])[-_REMEMBERED:]
-        return replace(self, begun=np.concatenate([self.begun, ids])[-_REMEMBERED:], stds_px=stds_px)
+        return self.joined(TemplateErrors(begun=ids, stds_px=np.hypot(self.least_px, apart_px)))
+
+    def joined(self, later: "TemplateErrors") -> "TemplateErrors":
+        """Return the same with the points of a later one, too."""
+        begun = np.concatenate([self.begun, later.begun])[-_REMEMBERED:]
+        return replace(self, begun=begun, stds_px=np.concatenate([self.stds_px, later.stds_px])[-_REMEMBERED:])
 
     def std_disparity_px(self, ids: NDArray[np.int64]) -> Array:
         """Return σ (n,) px of what all views of points (n,), living or ended, err by in common."""

@@ -207,6 +207,11 @@ def align(
         state.aligners[1].of_core(images, in_both),
         wide.of_core(images, in_both) if wide is not None and has_wide else None,
     )
+    if setup.right_area is not None:
+        left_only = np.array([False, False, True, True])
+        z_px, any_row_px = (
+            np.where(left_only & setup.unseen_in_right(px)[:, None], np.nan, px) for px in (z_px, any_row_px)
+        )
     return AlignedViews(rows, points, z_px, cov_px, any_row_px, taken_px), expected
 
 

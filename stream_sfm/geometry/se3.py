@@ -128,3 +128,7 @@ def matrix_from_quat_xyzw(quat_xyzw: ArrayLike) -> Array:
     k = skew(q[..., :3])
     rotation: Array = _EYE + 2 * q[..., 3, None, None] * k + 2 * (k @ k)
     return rotation
+
+
+# As `stream_sfm` exports them, where their names stand without that of this module.
+se3_adjoint, se3_exp, se3_inverse, se3_log = adjoint, exp, inverse, log

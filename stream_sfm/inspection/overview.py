@@ -25,6 +25,7 @@ from ..recording.rig import check_rig, find_rig
 from ..recording.stereo_log import choose_cameras
 from ..recording.survey import Survey, survey_log
 from ..recording.topics import PairChoice, is_rectified
+from ..recording.video_topics import with_videos
 from ..sources.joined import JoinedSource
 from ..sources.recognise import open_source
 from ..wording import LISTED
@@ -46,6 +47,7 @@ def inspect_log(
     left: str | None = None,
     right: str | None = None,
     calibration: Where | StereoRig | None = None,
+    rate_hz: float | None = None,
 ) -> dict[str, Any]:
     """Describe a log, ready for JSON. The arguments are those of `open_log`.
 
@@ -53,7 +55,7 @@ def inspect_log(
     could not be found out are None. Raises LogError only where the path is not a recording at all, ConfigError for a
     calibration file.
     """
-    inspection = _Inspection(open_source(path))
+    inspection = _Inspection(open_source(path, calibration is not None, rate_hz))
     inspection.run(left, right, calibration)
     return {
         "log": str(path),
@@ -86,10 +88,10 @@ class _Inspection:
     """One inspection of a log; what it finds is collected in `result`, `problems` and `warnings`."""
 
     def __init__(self, source: Source) -> None:
-        self.source = source
         self.problems: list[str] = []
         damage = Damage()
-        self.survey = survey = survey_log(source, damage)
+        self.source, self.survey = with_videos(source, survey_log(source, damage))
+        survey = self.survey
         self.warnings = list(damage.notes)
         self.result: dict[str, Any] = {
             "size_bytes": source.size_bytes,

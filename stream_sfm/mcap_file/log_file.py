@@ -30,18 +30,20 @@ from .walk import READ, Record, Walk
 class LogFile(Source):
     """One MCAP file, opened anew for every reading, so that readings do not disturb each other.
 
-    `index` is None where the file has none that can be trusted; `damage` then says why. `descriptor`: of an open file
-    with the content, in place of what lies at `path`; it is closed with this object. Raises LogError where the path
-    cannot be opened, is empty, or is not MCAP.
+    `index` is None where the file has none that can be trusted; `damage` then says why. `copy`: where the
+    content is, in place of what lies at `path`; `release` is called when this object ends. Raises LogError where the
+    path cannot be opened, is empty, or is not MCAP.
     """
 
     format = "MCAP"
 
-    def __init__(self, path: str | Path, descriptor: int | None = None) -> None:
+    def __init__(
+        self, path: str | Path, copy: str | None = None, release: Callable[[], object] | None = None
+    ) -> None:
         self.path = Path(path)
-        self._descriptor = descriptor
-        if descriptor is not None:
-            weakref.finalize(self, os.close, descriptor)
+        self._content = copy or self.path
+        if release is not None:
+            weakref.finalize(self, release)
         self.damage = Damage()  # of its beginning and of its index
         with reading(self.path), self._open() as stream:
             self.size_bytes = os.fstat(stream.fileno()).st_size
@@ -64,8 +66,7 @@ class LogFile(Source):
 
     def _open(self) -> IO[bytes]:
         with reading(self.path):
-            descriptor = self._descriptor
-            return open_regular(self.path if descriptor is None else f"/proc/self/fd/{descriptor}", 1 << 18)
+            return open_regular(self._content, 1 << 18)
 
     @property
     def indexed(self) -> bool:

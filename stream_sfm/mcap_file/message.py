@@ -78,6 +78,7 @@ class Source(Protocol):
     format: str
     profile: str | None = None
     library: str | None = None
+    left_out: int = 0  # pairs of a camera that came faster than they were taken
     in_order: bool = False  # messages come as they were stamped: nothing is held back to be sorted
 
     @property
@@ -94,6 +95,10 @@ class Source(Protocol):
     def attachments(self, damage: Damage) -> Iterator[Attachment]:
         """Yield the files attached to the recording, of at most 1 MiB each."""
         return iter(())
+
+    def age_s(self, stamp_ns: int) -> float | None:
+        """Seconds since a camera has delivered the images of this stamp; None of a recording."""
+        return None
 
     def close(self) -> None:
         """Give back what is open: a camera, and what it is recorded in."""

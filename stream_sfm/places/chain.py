@@ -5,12 +5,11 @@ import numpy as np
 from ..geometry import se3
 from ..geometry.linear import symmetric
 from ..geometry.se3 import Array
-from ..motion import Motion
+from ..motion import UNSEEN, Motion
 from ..types import FrameEstimate, Status
 from .settings import SETTINGS
 
 LEAST_VARIANCE = 1e-12  # m² and rad²: of a motion that is known by definition, so that it can be inverted
-UNSEEN = 3  # common errors that come first: of lengths and axes, which turn and scale motions and loops alike
 
 
 class Chain:

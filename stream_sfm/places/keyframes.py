@@ -50,15 +50,19 @@ def make_keyframe(
     odom_from_cam: Array,
     points: Array,
     cov_points: Array,
+    valid: NDArray[np.bool_] | None = None,
 ) -> Keyframe:
-    """Describe a frame by its rectified images and the points (n, 3) with covariances that the engine reported."""
+    """Describe a frame by its rectified images and the points (n, 3) with covariances that the engine reported.
+
+    `valid` (h, w): pixels of the left image that show the scene; None: all.
+    """
     z = projection.project(points)
     last = projection.width - 1, projection.height - 1
     rows = np.flatnonzero((points[:, 2] > 0) & ((z[:, :2] >= 0) & (z[:, :2] <= last)).all(axis=1))
     if len(rows) > SETTINGS.max_points:
         rows = rows[np.linspace(0, len(rows) - 1, SETTINGS.max_points).astype(int)]
     points, cov_points, z = points[rows], cov_points[rows], z[rows]
-    px, feature_points, descriptors = _features(images, projection, z)
+    px, feature_points, descriptors = _features(images, projection, z, valid)
     depth_m = float(np.median(points[:, 2])) if len(points) else 1.0
     filled = np.linspace(0, len(px) - 1, min(len(px), SETTINGS.max_points - len(points))).astype(int)
     points = np.concatenate([points, feature_points[filled]])
@@ -117,7 +121,7 @@ def _mosaic(image: NDArray[np.float32], px: Array) -> bytes:
 
 
 def _features(
-    images: Sequence[Image], projection: StereoProjection, z_px: Array
+    images: Sequence[Image], projection: StereoProjection, z_px: Array, valid: NDArray[np.bool_] | None = None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
     """ORB features that have a depth: pixels (m, 2), points (m, 3), descriptors (m, 32).
 
@@ -126,7 +130,8 @@ def _features(
     none = np.zeros((0, 2), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 32), np.uint8)
     # Points of the engine alone gave a recall of 0.2 instead of 1.0 on a corridor; the usual threshold of 20 grey
     # values leaves bare walls without features.
-    corners, descriptors = cv2.ORB.create(500, fastThreshold=10).detectAndCompute(images[0], None)
+    shown = None if valid is None else valid.astype(np.uint8)
+    corners, descriptors = cv2.ORB.create(500, fastThreshold=10).detectAndCompute(images[0], shown)
     if not corners or not len(z_px):
         return none
     left = np.array([corner.pt for corner in corners], np.float32)

@@ -26,9 +26,9 @@ from ..config import Config
 from ..errors import ConfigError
 from ..geometry import se3
 from ..geometry.se3 import Array
-from ..motion import Motion
+from ..motion import UNSEEN, Motion
 from ..types import Frame, FrameEstimate, Trajectory
-from .chain import UNSEEN, Chain
+from .chain import Chain
 from .finding import Words, apart, may_overlap, nearest_poses, offsets_m, stds
 from .graph import Loop, PoseGraph
 from .keyframes import Keyframe, make_keyframe
@@ -85,9 +85,9 @@ class PlaceMap:
         self._graph = PoseGraph()
         self._nodes: dict[int, _Node] = {}
         self._max_keyframes = max_keyframes
-        self._rectifier = Rectifier(rig)
-        self._rect_from_cam = se3.from_rotation_translation(self._rectifier.rect_from_cam, np.zeros(3))
         config = config or Config()
+        self._rectifier = Rectifier(config.masked(rig))
+        self._rect_from_cam = se3.from_rotation_translation(self._rectifier.rect_from_cam, np.zeros(3))
         self._gate = float(chdtri(6, 1 - config.robust.gate_probability))  # χ² of motions that are the same
         errors, rect_from_cam = config.rig, self._rectifier.rect_from_cam
         self._axes = self._axes_with_unseen = PhysicalAxes(rect_from_cam)
@@ -250,6 +250,7 @@ class PlaceMap:
             estimate.world_from_cam,
             estimate.points_in_cam @ turn.T,
             turn @ estimate.cov_points @ turn.T,
+            self._rectifier.valid,
         )
         if (common := estimate.common) is not None:
             self._graph.know(common.mean[UNSEEN:], common.cov[UNSEEN:, UNSEEN:])

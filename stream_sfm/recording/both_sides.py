@@ -9,11 +9,11 @@ from ..errors import LogError
 from ..mcap_file.message import Contents, Damage, Message, Source
 from ..sources.devices import halves
 from ..sources.profile import ProfileEncoder
+from ..sources.sides import is_camera
 from .images import UndecodableImage, check_encoding, decode_grey
 from .messages import MessageDecoder, UndecodableMessage
 from .rig import first_size
 from .survey import Survey
-from .topics import is_camera
 
 
 def both_sides(

@@ -40,6 +40,7 @@ _LUMA_BYTE = {"yuv422": 1, "uyvy": 1, "yuv422_uyvy": 1, "yuyv": 0, "yuv422_yuy2"
 _LUMA_PLANE = ("nv12", "nv21", "nv24", "i420", "yuv420")  # luma first, one byte a pixel
 
 RAW_ENCODINGS = (*_PLAIN, *_LUMA_BYTE, *_LUMA_PLANE)
+COMPRESSED_FORMATS = ("png", "jpeg", "webp")  # of one image by itself; video is in `video_topics.py`
 _PNG_UNIT_M = 1e-4  # of a plain 16-bit PNG: the log profile's
 _ROS_UNIT_M = 1e-3  # of 16UC1 images: REP 118
 # compressed_depth_image_transport puts these before the PNG: format, and the two parameters of inverse depth
@@ -69,16 +70,15 @@ def check_encoding(message: ImageMessage, path: object) -> None:
             )
         if name not in RAW_ENCODINGS:
             raise LogError(
-                f"{where}: image encoding {message.encoding!r} is not supported; supported are mono8, mono16, rgb8, "
-                "bgr8, rgba8, bgra8 (8 or 16 bits), bayer_*, yuv422, yuyv, uyvy, nv12, nv21, nv24, i420: record one of "
-                "these"
+                f"{where}: image encoding {message.encoding!r} is not supported; supported are "
+                f"{', '.join(RAW_ENCODINGS)}: record one of these"
             )
     elif image_header.image_format(message.data) is None and not re.search(
         r"png|jpe?g|webp", message.encoding.lower()
     ):
         raise LogError(
-            f"{where}: compressed images in format {message.encoding!r} are not supported, only png, jpeg and webp: "
-            "record the images in one of these, or raw"
+            f"{where}: compressed images in format {message.encoding!r} are not supported, only "
+            f"{', '.join(COMPRESSED_FORMATS)}, H.264 and H.265: record the images in one of these, or raw"
         )
     if "compresseddepth" in message.encoding.lower().replace(" ", ""):
         raise LogError(f"{where} holds depth images: name the topics of the two cameras", hint=("left", "right"))

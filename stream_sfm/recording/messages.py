@@ -2,6 +2,7 @@
 
 import base64
 import json
+from array import array
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
@@ -144,7 +145,7 @@ class MessageDecoder:
 
     def image(self, message: Message) -> ImageMessage:
         """Decode an image. Raises UndecodableMessage; LogError where the topic as a whole cannot be read."""
-        return self._record(message, _image)
+        return self._record(message, image_of)
 
     def calibration(self, message: Message) -> CalibrationMessage:
         """Decode a calibration message. Raises as `image`."""
@@ -184,11 +185,12 @@ def decoded(
         yield made
 
 
-def _image(topic: str, m: Any) -> ImageMessage:
+def image_of(topic: str, m: Any) -> ImageMessage:
+    """The image in a message that has the fields of one. Raises UndecodableMessage, ValueError, TypeError."""
     known = topic, _stamp_ns(m), _frame_id(m)
     data = _bytes(_get(m, "data"))
-    if _has(m, "format"):
-        return ImageMessage(*known, True, _text(_get(m, "format")), data)
+    if _has(m, "format") or _has(m, "pts"):  # the latter of ffmpeg_image_transport, with width and height, too
+        return ImageMessage(*known, True, _text(_get(m, "format", "encoding")), data)
     width, height, step = (int(_get(m, name)) for name in ("width", "height", "step"))
     big_endian = bool(_get(m, "is_bigendian", default=0))
     return ImageMessage(*known, False, _text(_get(m, "encoding")), data, width, height, step, big_endian)
@@ -286,17 +288,17 @@ def _bytes(data: Any) -> bytes:
         return data
     if isinstance(data, str):
         return base64.b64decode(data, validate=True)
-    if isinstance(data, list | np.ndarray):
+    if isinstance(data, list | np.ndarray | array):  # the last one of rclpy
         return bytes(data)
     raise ValueError(f"data of type {type(data).__name__}")  # bytes(n) of a number would be n zeros
 
 
 def _matrix(values: Any, rows: int, columns: int) -> Array:
     """A matrix as sent; all zeros where nothing was sent."""
-    array = np.array([float(x) for x in values], dtype=float)
-    if array.size not in (0, rows * columns):
-        raise ValueError(f"a calibration matrix has {array.size} numbers instead of {rows * columns}")
-    return array.reshape(rows, columns) if array.size else np.zeros((rows, columns))
+    found = np.array([float(x) for x in values], dtype=float)
+    if found.size not in (0, rows * columns):
+        raise ValueError(f"a calibration matrix has {found.size} numbers instead of {rows * columns}")
+    return found.reshape(rows, columns) if found.size else np.zeros((rows, columns))
 
 
 def _pose(message: Any) -> PoseMessage:

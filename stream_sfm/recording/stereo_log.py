@@ -1,10 +1,15 @@
 """A stereo log: its rig and its frames, streamed in bounded memory."""
 
-from collections.abc import Generator, Iterator, Sequence
+import os
+import time
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..camera.calibration.document import Where
 from ..camera.rig import MonoRig, StereoRig, baseline_warnings
@@ -22,6 +27,7 @@ from .rig import FoundRig, check_rig, find_rig, rig_of_messages
 from .survey import Survey, survey_log
 from .topics import PairChoice, choose_one, choose_pair, is_rectified
 from .truth_file import GroundTruthFile, load_truth, time_warning
+from .video_topics import with_videos
 
 
 def open_log(
@@ -31,15 +37,17 @@ def open_log(
     calibration: Where | StereoRig | MonoRig | None = None,
     mono: bool = False,
     ground_truth: str | Path | GroundTruthFile | Trajectory | None = None,
+    rate_hz: float | None = None,
 ) -> "StereoLog":
     """Open a recording as a stereo log.
 
     `left`, `right`: topics; they are found by schema and name if not given. `calibration`: a rig, or a calibration in
     any format that `StereoRig.from_calibration` reads, instead of the one in the log. `mono`: use the left camera
     alone; the log need not have another. `ground_truth`: a trajectory of the left camera, or the file of one, instead
-    of the one in the log. Raises LogError where the log cannot be used, ConfigError for the calibration.
+    of the one in the log. `rate_hz`: of a folder of images without stamps; 10 if not given. Raises LogError where the
+    log cannot be used, ConfigError for the calibration.
     """
-    source = open_source(path)
+    source = open_source(path, calibration is not None, rate_hz)
     try:
         log = _open(source, left, right, calibration, mono)
     except LogError:
@@ -56,24 +64,38 @@ def open_camera(
     calibration: Where | StereoRig | None = None,
     record: str | Path | None = None,
     overwrite: bool = False,
+    size: tuple[int, int] | None = None,
+    rate_hz: float | None = None,
+    serial: str | None = None,
+    exposure_ms: float | None = None,
 ) -> "StereoLog":
     """Open a stereo camera as a log whose frames are the pictures that it delivers from now on.
 
-    `names`: `realsense`, `oak` or `zed`; or for OpenCV one camera that gives both images beside or above each other, or
-    those of left and right: numbers, device files, addresses of streams. `calibration` as in `open_log`; without it
+    `names`: `realsense`, `oak` or `zed`; for OpenCV one camera that gives both images beside or above each other, or
+    those of left and right: numbers, device files, addresses of streams; or a recording, whose pictures come at the
+    pace at which they were recorded. `calibration` as in `open_log`; without it
     the one of the factory is used, which OpenCV's cameras have not. `record`: a log of every picture, in grey, whether
     or not it is estimated; it is complete when the frames end, however they do. `overwrite`: a file of this name may
-    be replaced. Close the log in the end. Raises LogError where the camera cannot be opened, ConfigError, OutputError.
+    be replaced. `size`, `rate_hz`, `serial`, `exposure_ms`: of the images, of the pictures per second, of the camera,
+    of each picture; what is usual, where they are not given. Close the log in the end. Raises LogError where the camera
+    cannot be opened, ConfigError, OutputError.
     """
     from ..mcap_file.log_writer import MessageWriter
     from ..sources.camera import CameraSource
-    from ..sources.devices import open_device
+    from ..sources.devices import CameraOptions, Device, open_device
 
     if record is not None:
         refuse_existing(record, overwrite)
-    if calibration is not None and not isinstance(calibration, StereoRig):
-        calibration = StereoRig.from_calibration(calibration)
-    device = open_device(names, calibration)
+    options = CameraOptions(size, rate_hz, serial, exposure_ms)
+    if len(names) == 1 and (os.path.isfile(names[0]) or os.path.isdir(names[0])):
+        if any(option is not None for option in options):
+            raise ConfigError(f"{names[0]} is a recording: its size, rate and exposure are what they were")
+        recorded = open_log(names[0], calibration=calibration)
+        calibration, device = recorded.stereo_rig, Device(recorded.stereo_rig, paced(recorded), recorded.close)
+    else:
+        if calibration is not None and not isinstance(calibration, StereoRig):
+            calibration = StereoRig.from_calibration(calibration)
+        device = open_device(names, calibration, options)
     rig = calibration or device.rig
     if rig is None:
         device.close()
@@ -84,11 +106,27 @@ def open_camera(
     return _open(CameraSource(" ".join(names), device, rig, recorder), None, None, rig, mono=False)
 
 
+def paced(log: "StereoLog") -> Callable[[], tuple[int, NDArray[np.uint8], NDArray[np.uint8]] | None]:
+    """Return a function that waits for the next frame of a log until it is due, as a camera's is; None at the end."""
+    frames, began = log.frames(), list[float]()
+
+    def grab() -> tuple[int, NDArray[np.uint8], NDArray[np.uint8]] | None:
+        if (frame := next(frames, None)) is None:
+            return None
+        since_s = frame.stamp_ns / 1e9
+        began.append(time.monotonic() - since_s)
+        time.sleep(max(0.0, began[0] + since_s - time.monotonic()))
+        del began[1:]
+        return frame.stamp_ns, np.asarray(frame.left, np.uint8), np.asarray(frame.right, np.uint8)
+
+    return grab
+
+
 def _open(
     source: Source, left: str | None, right: str | None, calibration: Where | StereoRig | MonoRig | None, mono: bool
 ) -> "StereoLog":
     damage = Damage()
-    survey = survey_log(source, damage)
+    source, survey = with_videos(source, survey_log(source, damage))
     if mono:
         choice = choose_one(source.path, _image_topics(source, survey, left, None, damage.notes), left)
     elif isinstance(calibration, MonoRig):
@@ -126,9 +164,8 @@ def _image_topics(
     images = survey.of_kind("image")
     if any(t in videos for t in (left, right)) or (not images and videos):
         raise LogError(
-            f"{source.path}: topic {next(iter(videos))} is compressed video (H.264 or similar), which is not "
-            "supported because its frames depend on each other: record or convert to CompressedImage (jpeg, png) or "
-            "raw images"
+            f"{source.path}: topic {next(iter(videos))} is compressed video that is neither H.264 nor H.265: record or "
+            "convert to one of these, to CompressedImage (jpeg, png) or to raw images"
         )
     if not survey.topics:
         more = "".join(f"; {note}" for note in notes)
@@ -157,6 +194,11 @@ class StereoLog:
         self._given_truth: Trajectory | None = None
         self._given_truth_name = ""
         self._read_span_ns: tuple[int, int] | None = None  # of the pairs read last
+
+    def __repr__(self) -> str:
+        frames = "" if self.expected_frames is None else f", {counted(self.expected_frames, 'frame')}"
+        span = "" if self.duration_s is None else f" in {self.duration_s:.2f} s"
+        return f"<StereoLog {self.path.name}{frames}{span}, {self.rig!r}>"
 
     @property
     def stereo_rig(self) -> StereoRig:
@@ -276,6 +318,15 @@ class StereoLog:
         if topic is None:
             return None
         return read_truth(self._source, topic, self._left_frame, self.stats.warnings)
+
+    def age_s(self, stamp_ns: int) -> float | None:
+        """Seconds since a live camera has delivered the pair of this stamp; None of a recording, and of an old pair."""
+        return self._source.age_s(stamp_ns)
+
+    @property
+    def left_out(self) -> int:
+        """How many pairs a live camera delivered while others waited, and which are not among the frames."""
+        return self._source.left_out
 
     def close(self) -> None:
         """Give a camera back, and finish what it is recorded in; of a file nothing is open."""

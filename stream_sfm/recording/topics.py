@@ -1,8 +1,7 @@
 """Chooses the topics of the left and the right camera, and the calibration that belongs to each.
 
-By schema first, then by name. Two names make a pair when they differ in the side only: left/right, l/r,
-cam0/cam1, infra1/infra2 and the like. Of several pairs that are one camera pair in several forms the order of
-preference is: rectified before raw images (the vendor's rectification fits the images even where R and D are
+By schema first, then by name (sources/sides.py). Of several pairs that are one camera pair in several forms the order
+of preference is: rectified before raw images (the vendor's rectification fits the images even where R and D are
 missing), grey before colour, uncompressed before compressed. Anything else is the user's choice.
 """
 
@@ -12,22 +11,9 @@ from pathlib import Path
 
 from ..errors import LogError
 from ..record import record
+from ..sources.sides import is_camera, possible_pairs, side_keys
 from ..wording import some_of
 
-_NOT_A_CAMERA = re.compile(
-    r"depth(?!ai)|disparity|mask|segment|semantic|confidence|label|normals|overlay|debug|heatmap", re.IGNORECASE
-)
-# what may stand before 0/1 or 1/2 in the names of a pair of cameras
-_NUMBERED = r"(cam(?:era)?|infra(?:red)?|ir|image|img|mono|gr[ae]y|stereo|fisheye|sensor|eye)([_-]?0*)"
-_SIDES: tuple[tuple[re.Pattern[str], re.Pattern[str]], ...] = tuple(
-    (re.compile(left), re.compile(right))
-    for left, right in (
-        (r"[Ll]eft|LEFT", r"[Rr]ight|RIGHT"),
-        (r"(?<![A-Za-z])[lL](?![A-Za-z])", r"(?<![A-Za-z])[rR](?![A-Za-z])"),
-        (rf"{_NUMBERED}0(?!\d)", rf"{_NUMBERED}1(?!\d)"),
-        (rf"{_NUMBERED}1(?!\d)", rf"{_NUMBERED}2(?!\d)"),
-    )
-)  # fmt: skip
 _FORM = re.compile(r"(?<![a-z])(compressed|rect|rectified|raw|colou?r|mono|gr[ae]y|rgb|image)(?![a-z])")
 _RECTIFIED = re.compile(r"(?<![a-z])rect(ified)?(?![a-z])")
 _COLOUR = re.compile(r"(?<![a-z])(colou?r|rgb)(?![a-z])")
@@ -45,37 +31,6 @@ class PairChoice:
 def is_rectified(topic: str) -> bool:
     """Whether the name says, as ROS names do, that the images are rectified (`image_rect`, `rect_color` …)."""
     return _RECTIFIED.search(topic) is not None
-
-
-def is_camera(topic: str) -> bool:
-    """Whether the images are a camera's: depth, disparity, masks and drawings also come as image messages."""
-    return _NOT_A_CAMERA.search(topic) is None
-
-
-def side_keys(topic: str, side: int) -> dict[int, str]:
-    """Rule number -> the topic with its side (0 left, 1 right) replaced by `*`, for each rule that matches."""
-    keys = {}
-    for rule, patterns in enumerate(_SIDES):
-        key, found = patterns[side].subn(lambda m: f"{m.group(1) if m.re.groups else ''}*", topic)
-        if found:
-            keys[rule] = key
-    return keys
-
-
-def possible_pairs(topics: Iterable[str]) -> list[tuple[str, str]]:
-    """All (left, right) among `topics` whose names differ in the side only, the clearest rule first."""
-    topics = sorted(topics)
-    pairs: list[tuple[str, str]] = []
-    paired: set[str] = set()
-    for rule in range(len(_SIDES)):
-        rights = {key: t for t in topics if (key := side_keys(t, 1).get(rule)) is not None}
-        for topic in topics:
-            right = rights.get(side_keys(topic, 0).get(rule, ""))
-            # cam1 of a pair (cam0, cam1) is not the left one of (cam1, cam2)
-            if right is not None and right != topic and not {topic, right} & paired:
-                pairs.append((topic, right))
-                paired |= {topic, right}
-    return pairs
 
 
 def choose_pair(

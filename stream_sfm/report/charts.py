@@ -8,15 +8,17 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from ..evaluation.association import matched
-from ..evaluation.relative import enough_known, mean_squares, spans_for
+from ..evaluation.drift import KINDS
+from ..evaluation.figures import NEES_INTERVAL, LengthUnit
 from ..evaluation.trajectory import distances_m, from_first_camera, nees_pose
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..methods import REFERENCE
 from ..record import record
 from ..types import Trajectory
 from .records import NO_LOOPS, FrontRecord, RunRecord
 from .svg import Chart, Row, Series, draw, intervals, lifetimes
-from .tables import NEES_INTERVAL, REFERENCE, LengthUnit, Look, Looks, of_method
+from .tables import Look, Looks, of_method
 
 
 @record
@@ -128,9 +130,8 @@ def ratios(content: dict[str, Any]) -> Markup:
         look = of_method(key)
         for quantity, f in found.items():
             low, high = f["ci95"]
-            name = look.name if quantity == "position" else ""
-            rows.append(Row(name, f["value"], low, high, look.colour))
-    return intervals(f"Errors over those of {REFERENCE}", "ratio", rows, "position above rotation, 95 %")
+            rows.append(Row(f"{look.name}, {quantity}", f["value"], low, high, look.colour))
+    return intervals(f"Errors over those of {REFERENCE}", "ratio", rows, "spans to a twentieth of the log, 95 %")
 
 
 def innovations(runs: Iterable[RunRecord], gaps: Sequence[int] = ()) -> Markup:
@@ -153,17 +154,24 @@ def apart(runs: Sequence[RunRecord], gaps: Sequence[int], unit: LengthUnit) -> M
     return draw(Chart(title, "frame", unit.name, series, "positions, not aligned", zero=True, marks=gaps))
 
 
-def growth(traces: Traces, unit: LengthUnit) -> Markup:
-    """RMS errors of relative motions over spans of frames."""
+def drift(content: dict[str, Any], kind: int, unit: LengthUnit) -> Markup:
+    """RMS errors of relative motions over their span, of position (0, in `unit`) or rotation (1), with 95 % bands.
+
+    `content`: the section `drift` of report.json. Thin lines have the slopes of a random walk and of a bias.
+    """
+    name, factor = (unit.name, unit.per_m) if kind == 0 else ("mrad", 1e3)
+    key = f"{KINDS[kind]}_rms_{('m', 'rad')[kind]}"
+    frames = np.array(content["curves"]["frames"], float)
     series = []
-    for name, t in traces.items():
-        estimate, truth = np.full((2, t.frames[-1] - t.frames[0] + 1, 4, 4), np.nan)
-        estimate[t.frames - t.frames[0]], truth[t.frames - t.frames[0]] = t.estimate, t.truth
-        if enough_known(truth) and (spans := spans_for(len(t.frames))):
-            squares, _ = mean_squares(estimate, truth, spans)
-            series.append(_line(of_method(name), np.array(spans, float), unit.per_m * np.sqrt(squares), dots=True))
-    note = "slope ½: random walk, 1: bias"
-    return draw(Chart("Error of relative motions", "span, frames", unit.name, series, note, log_x=True, log_y=True))
+    for method, found in content["curves"]["methods"].items():
+        if len(found[key]):
+            value, low, high = factor * np.array(found[key], float).T
+            look = of_method(method)
+            series.append(Series(look.name, frames, value, look.colour, dots=True, band=(low, high)))
+    of_what = "from halves of the tracks" if content["against"] == "halves" else "against the truth"
+    note = f"{of_what}; shaded: 95 %; thin: slope ½, random walk, and 1, bias"
+    title = f"{KINDS[kind].capitalize()} error of relative motions"
+    return draw(Chart(title, "span, frames", name, series, note, log_x=True, log_y=True, slopes=(0.5, 1.0)))
 
 
 def structure(runs: Sequence[RunRecord], unit: LengthUnit) -> Markup:

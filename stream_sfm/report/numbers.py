@@ -4,32 +4,31 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import __version__
 from ..config import config_to_toml
-from ..evaluation.association import matched, truth_of_frames
-from ..evaluation.relative import (
-    enough_known,
-    growth_exponents,
-    known_frames,
-    mean_squares,
-    paired_ratio,
-    relative_errors,
-    turning,
+from ..evaluation.association import matched
+from ..evaluation.figures import (
+    ACCURACY,
+    CONSISTENCY,
+    CONSISTENCY_COMPARED,
+    CONSISTENCY_UNTOLD,
+    WITHOUT_TRUTH,
+    Figure,
 )
+from ..evaluation.relative import growth_exponents, mean_squares, paired_ratio, relative_errors, turning
 from ..evaluation.summary import FIGURES, end_pose, evaluate_run
 from ..evaluation.trajectory import path_length_m
-from ..geometry.se3 import Array
-from ..types import Trajectory
+from ..methods import REFERENCE
+from .drift import Against, consistency_of, drift_of, in_words, truth_in_a_row, whole_runs
 from .records import Comparison, RunRecord, Truth, quantiles
-from .tables import REFERENCE, of_method
 
 SCHEMA_VERSION = 1
 _AGAINST_TRUTH = (
     *FIGURES, "growth_exponent", "growth_exponent_ci95", "growth_exponent_rotation", "growth_exponent_rotation_ci95",
     "rpe_position_rms_m", "rpe_rotation_rms_deg", "std_truth", "relative_consistency", "straight", "turning",
 )  # fmt: skip
+_NO_CONSISTENCY = dict.fromkeys(("nees_pose_mean_without_common", "sigma_factor", "sigma_factor_from"))
 _TURN_SPAN = 10  # frames over which the camera counts as straight or turning
 
 
@@ -38,13 +37,15 @@ def numbers(c: Comparison) -> dict[str, Any]:
     known = [0]
     if c.truth.poses is not None:
         known += [len(matched(r.trajectory(), c.truth.poses)[0]) for r in c.runs]
-    whole = [run for run in c.runs if 0 < len(run) == len(c.front)]  # those that processed all frames
-    in_a_row = _in_a_row(whole[0].stamps_ns, c.truth.poses) if whole and c.truth.poses is not None else None
-    ratios, away = _over_cross_frame(whole, in_a_row), _divergence(whole)
+    whole, against = whole_runs(c), truth_in_a_row(c)
+    ratios, away, of_spans = _over_cross_frame(whole, against), _divergence(whole), drift_of(c, against)
     methods = {}
     for run in c.runs:
-        figures = _against_truth(run, c.truth, in_a_row) if run in whole else {}
+        figures = _against_truth(run, c.truth, against) if run in whole else {}
         methods[run.key] = dict.fromkeys(_AGAINST_TRUTH) | figures | _of_run(run)
+        methods[run.key] |= (
+            consistency_of(c, run, against, of_spans["truth_tells"]) if run in whole else _NO_CONSISTENCY
+        )
         methods[run.key]["divergence_from_cross_frame_m"] = away.get(run.key)
     return {
         "schema_version": SCHEMA_VERSION,
@@ -52,13 +53,14 @@ def numbers(c: Comparison) -> dict[str, Any]:
         "log": c.log,
         "complete": c.complete and not any(r.failure for r in c.runs),
         "warnings": c.warnings,
+        "conclusion": in_words(of_spans, methods),
         "frames": len(c.front),
         "frames_with_ground_truth": max(known),
-        "conclusion": _in_words(methods, ratios),
         "frames_in_doubt": [],  # nothing is judged; kept for programs that read it
         "frames_ignored": [list(r) for r in c.truth.ignored],
         "gaps_before_frames": c.front.gaps,
         "methods": methods,
+        "drift": of_spans,
         "ekf_over_cross_frame": ratios.get("ekf"),
         "error_over_cross_frame": ratios,
         "there_and_back": None,  # not done any more; kept for programs that read it
@@ -73,20 +75,13 @@ def numbers(c: Comparison) -> dict[str, Any]:
     }
 
 
-def _in_words(methods: dict[str, Any], ratios: dict[str, Any]) -> str:
-    """Say what the log shows about its methods: errors over those of cross-frame, and how large the covariances are."""
-    errors = []
-    for key, found in ratios.items():
-        low, high = found["position"]["ci95"]
-        errors.append(f"{of_method(key).name} {found['position']['value']:.2f} [{low:.2f}, {high:.2f}]")
-    nees = [
-        f"{of_method(key).name} {m['nees_pose_mean']:.3g}"
-        for key, m in methods.items()
-        if m["nees_pose_mean"] is not None
-    ]
-    said = [f"position errors over those of cross-frame: {', '.join(errors)}"] if errors else []
-    said += [f"NEES of the pose, 6 expected: {', '.join(nees)}"] if nees else []
-    return "; ".join(said) or "there is no ground truth for these frames"
+def figures_of(content: dict[str, Any]) -> tuple[Figure, ...]:
+    """The figures of a comparison that come first, on its page and in the terminal; `content` of report.json."""
+    if not content["frames_with_ground_truth"]:
+        return WITHOUT_TRUTH
+    if not content["drift"]["truth_tells"]:
+        return (*ACCURACY, *CONSISTENCY_UNTOLD)
+    return (*ACCURACY, *(CONSISTENCY_COMPARED if content["drift"]["common"] else CONSISTENCY))
 
 
 def _of_run(run: RunRecord) -> dict[str, Any]:
@@ -115,24 +110,14 @@ def _median(values: Any) -> float | None:
     return float(np.median(finite)) if len(finite) else None
 
 
-def _in_a_row(stamps_ns: NDArray[np.int64], truth: Trajectory) -> tuple[slice, Array] | None:
-    """Frames in a row and their truth, NaN where it is not known; None where it rarely is."""
-    true = truth_of_frames(stamps_ns, truth)
-    rows = np.flatnonzero(known_frames(true))
-    if len(rows) < 2 or not enough_known(true[rows[0] : rows[-1] + 1]):
-        return None
-    row = slice(rows[0], rows[-1] + 1)
-    return row, true[row]
-
-
-def _against_truth(run: RunRecord, truth: Truth, in_a_row: tuple[slice, Array] | None) -> dict[str, Any]:
+def _against_truth(run: RunRecord, truth: Truth, against: Against | None) -> dict[str, Any]:
     """The figures of a whole run; RPE, growth and turning spans only where most frames in a row have a truth."""
     if truth.poses is None:
         return {}
     result = evaluate_run(run.trajectory(), run.relative, truth.poses, truth.std, run.structure)
-    if in_a_row is None:
+    if against is None:
         return result
-    row, t = in_a_row
+    row, t = against.row, against.poses
     e = run.poses[row]
     position2, rotation2 = mean_squares(e, t, [1])
     result |= {
@@ -155,13 +140,13 @@ def _against_truth(run: RunRecord, truth: Truth, in_a_row: tuple[slice, Array] |
     return result
 
 
-def _over_cross_frame(whole: list[RunRecord], in_a_row: tuple[slice, Array] | None) -> dict[str, dict[str, Any]]:
+def _over_cross_frame(whole: list[RunRecord], against: Against | None) -> dict[str, dict[str, Any]]:
     """RMS relative error of each method over that of cross-frame: geometric mean over spans, with 95 % intervals."""
     by_name = {r.name: r for r in whole}
     reference = by_name.pop(REFERENCE, None)
-    if reference is None or in_a_row is None:
+    if reference is None or against is None:
         return {}
-    (row, true), result = in_a_row, {}
+    row, true, result = against.row, against.corrected, {}
     for run in by_name.values():
         if (found := paired_ratio(run.poses[row], reference.poses[row], true)) is not None:
             result[run.key] = {

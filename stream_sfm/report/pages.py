@@ -1,4 +1,4 @@
-"""The pages, one HTML file each: a comparison, finished runs against ground truth, and all logs of a batch."""
+"""The pages, one HTML file each: a comparison, finished runs against ground truth, a batch and each of its logs."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,36 +8,42 @@ from typing import Any, NamedTuple
 from markupsafe import Markup
 
 from ..errors import InputError
+from ..evaluation.figures import (
+    ABSOLUTE,
+    ACCURACY,
+    CONSISTENCY,
+    ERRORS,
+    LOCAL,
+    OF_COMPARISON,
+    STRUCTURE,
+    TIME,
+    Figure,
+    LengthUnit,
+    unit_for,
+    units_of,
+)
 from ..files import json_bytes, write_whole
 from ..sources.pose_files import read_tum
 from ..types import Status, Trajectory
 from ..wording import counted
-from . import charts
+from . import charts, masks
 from .charts import Traces, traces_of
-from .records import Comparison
+from .numbers import figures_of
+from .records import Comparison, RunRecord
 from .svg import Chart, Series, draw
-from .tables import ACCURACY, FURTHER, Figure, LengthUnit, Name, of_method, of_runs, render, table, unit_for
+from .tables import Name, of_method, of_runs, render, table, text_of
 
+PAGE_OF_LOG = "report.html"  # in the folder of a log of a batch
 REPORT = ("report.json", "report.html")  # the files of a report
-_RATIO_AND_TIME = (
-    Figure("ratio", "position error", "over cross-frame"),
-    Figure("ms_per_frame_p50", "time", "ms per frame"),
+_RATIO = (Figure("ratio", "position error", "over cross-frame"),)
+_OF_BATCH = (
+    Figure("frames", "frames"),
+    Figure("path_length_m", "path", "m"),
+    *ACCURACY,
+    *CONSISTENCY,
+    *ABSOLUTE,
+    *LOCAL,
 )
-_WITHOUT_TRUTH = (
-    Figure("divergence_from_cross_frame_m", "away from cross-frame", "errors"),
-    Figure("end_std_position_m", "σ at the end", "errors"),
-    Figure("end_std_heading_deg", "σ of the heading", "°"),
-    Figure("nis_over_dof", "NIS", "1 expected"),
-)
-_FURTHER = (
-    *FURTHER,
-    Figure("rpe_position_rms_m", "error per frame", "errors"),
-    Figure("rpe_rotation_rms_deg", "rotation per frame", "°"),
-    Figure("growth_exponent", "growth", "1 random, 2 bias"),
-    Figure("nis_over_dof", "NIS", "1 expected"),
-    Figure("reprojection_rms_px", "reprojection", "px"),
-)
-_OF_BATCH = (Figure("frames", "frames"), Figure("path_length_m", "path", "m"), *ACCURACY, *FURTHER)
 _COSTS = (
     Figure("degraded", "degraded"),
     Figure("lost", "lost"),
@@ -60,17 +66,15 @@ def write_report(comparison: Comparison, content: dict[str, Any], folder: Path) 
 def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
     """Render a comparison and its figures, the content of report.json, as HTML."""
     traces = traces_of((run.name, run.trajectory(), c.truth.poses) for run in c.runs)
-    ratios = content["error_over_cross_frame"]
+    ratios, of_spans = content["error_over_cross_frame"], content["drift"]
     methods = [content["methods"][r.key] | {"ratio": ratios.get(r.key, {}).get("position")} for r in c.runs]
     looks = [of_method(run.name) for run in c.runs]
     names = [Name(look.name, run.failure, look.colour) for look, run in zip(looks, c.runs, strict=True)]
-    away_m = content["divergence_from_cross_frame_m"].values()
-    errors = unit_for(*(t.position_m for t in traces.values())) if traces else unit_for(list(away_m))
-    local = unit_for([m["local_sigma_median_m"] or 0.0 for m in methods])
-    units = {"errors": errors, "structure": local}
-    more = []
+    figures = figures_of(content)
+    units = units_of(methods, figures) | {STRUCTURE: unit_for([m["local_sigma_median_m"] or 0.0 for m in methods])}
+    errors, local, more = units[ERRORS], units[STRUCTURE], []
     if traces:
-        more = [charts.rotation_errors(traces), charts.growth(traces, errors), charts.structure(c.runs, local)]
+        more = [charts.rotation_errors(traces), charts.structure(c.runs, local)]
     return render(
         "compare.html.j2",
         title=c.log,
@@ -78,18 +82,63 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
         n=content,
         notes=_notes(c, content),
         path_m=float(next(iter(traces.values())).distance_m[-1]) if traces else methods[0]["path_length_m"],
-        main=table((*(ACCURACY if traces else _WITHOUT_TRUTH), *_RATIO_AND_TIME), names, methods, units),
-        further=table(_FURTHER, names, methods, units),
+        of_spans=_spans(of_spans, names, c.runs),
+        untold=any(of["position_from_halves"] for line in of_spans["table"] for of in line["methods"].values()),
+        reference=of_method(of_spans["reference"]).name,
+        drift_charts=[charts.drift(of_spans, kind, _unit_of_spans(of_spans)) for kind in (0, 1)],
+        main=table((*figures, *_RATIO, *TIME), names, methods, units),
+        further=table(OF_COMPARISON, names, methods, units),
         charts=_charts(c, content, traces, errors),
         more_charts=more,
         lives=charts.lives(c.front),
+        masks=masks.pictures(c.config.masked(c.rig)),
         statuses=[(look.name, {s: r.count(s) for s in Status}) for look, r in zip(looks, c.runs, strict=True)],
         warnings=list(dict.fromkeys([*(content["health"].get("problems") or ()), *content["warnings"]])),
     )
 
 
+class SpanCell(NamedTuple):
+    """The error of a method over a span, and what is said below it: ratio, and factor of σ."""
+
+    error: str
+    below: list[str]
+
+
+class SpanTable(NamedTuple):
+    """Errors by span: a row per method."""
+
+    frames: list[int]
+    unit: str
+    rows: list[tuple[Name, list[SpanCell]]]
+
+
+def _spans(content: dict[str, Any], names: Sequence[Name], runs: Sequence[RunRecord]) -> SpanTable:
+    """The table by spans of the section `drift` of report.json."""
+    lines, unit = content["table"], _unit_of_spans(content)
+    rows = []
+    for name, run in zip(names, runs, strict=True):
+        of_run = [line["methods"].get(run.key) for line in lines]
+        if any(of_run):
+            rows.append((name, [_span_cell(of, content, unit) for of in of_run]))
+    return SpanTable([line["frames"] for line in lines], unit.name, rows)
+
+
+def _span_cell(of: dict[str, Any] | None, content: dict[str, Any], unit: LengthUnit) -> SpanCell:
+    if of is None:
+        return SpanCell(text_of(None), [])
+    ratio, factor = of.get(f"position_over_{content['reference']}"), of.get("sigma_factor")
+    below = [] if ratio is None else [text_of(ratio)]
+    if of["position_from_halves"]:
+        below.append("from halves" if ratio else "the truth cannot tell")
+    return SpanCell(text_of(of["position_rms_m"], unit.per_m), below + ([f"σ × {factor:.2g}"] if factor else []))
+
+
+def _unit_of_spans(content: dict[str, Any]) -> LengthUnit:
+    return unit_for([x["position_rms_m"] for line in content["table"] for x in line["methods"].values()])
+
+
 def _charts(c: Comparison, content: dict[str, Any], traces: Traces, unit: LengthUnit) -> list[Markup]:
-    """The four that are always shown."""
+    """Those that are always shown, beside the ones by span."""
     gaps, path = c.front.gaps, charts.path({r.name: r.poses for r in c.runs if len(r)}, traces, loops=c.loops)
     if not traces:
         return [
@@ -142,7 +191,7 @@ def render_evaluation(runs: Sequence[Evaluated]) -> str:
     unit = unit_for(*(trace.position_m for trace in traces.values()))
     looks = of_runs([run.name for run in runs])
     names = [Name(run.name, of_method(run.method).name, looks(run.name).colour) for run in runs]
-    figures = (Figure("frames_compared", "frames"), *ACCURACY, *FURTHER[:2])
+    figures = (Figure("frames_compared", "frames"), *ACCURACY, *CONSISTENCY, *ABSOLUTE)
     return render(
         "evaluation.html.j2",
         title=counted(len(runs), "run"),
@@ -160,22 +209,12 @@ def render_batch(content: dict[str, Any], folder: Path) -> str:
     """Render the content of batch.json as HTML; the paths are read from the result folders of the logs."""
     estimated = [log for log in content["logs"] if log["summary"]]
     unfinished = [log for log in content["logs"] if log["status"] != "done"]
-    summaries = [log["summary"] for log in estimated]
-    names = [
-        Name(log["name"], "" if log["status"] == "done" else log["status"], href=log["name"]) for log in estimated
-    ]
-    rows = [s | s.get("ground_truth", {}) | {"frames": s["frames"]["estimated"]} for s in summaries]
+    names = [_name_of(log, f"{log['name']}/{PAGE_OF_LOG}") for log in estimated]
+    rows = [_row_of(log["summary"]) for log in estimated]
     # Lengths do not compare, as paths differ.
-    compared = [f for f in _OF_BATCH[2:] if f.unit not in ("errors", "structure")]
+    compared = [f for f in _OF_BATCH[2:] if f.unit not in (ERRORS, STRUCTURE)]
     middle = [{f.key: _median([row.get(f.key) for row in rows]) for f in compared}] if len(rows) > 1 else []
-    units = {
-        "errors": unit_for([row.get(key) or 0.0 for row in rows for key in ("ate_rmse_aligned_m", "ate_rmse_m")]),
-        "structure": unit_for([row.get("local_structure_median_m") or 0.0 for row in rows]),
-    }
-    costs = [
-        s | s["frames"] | s["timing_ms"]["total"] | {"cpu_ms": 1000 * s["cpu_s"] / s["frames"]["estimated"]}
-        for s in summaries
-    ]
+    of_rows = [*names, *(Name("median") for _ in middle)]
     return render(
         "batch.html.j2",
         title=f"{counted(len(content['logs']), 'log')}, method {content['method']}",
@@ -188,14 +227,42 @@ def render_batch(content: dict[str, Any], folder: Path) -> str:
             unfinished,
             {},
         ),
-        accuracy=table(_OF_BATCH, [*names, *(Name("median") for _ in middle)], [*rows, *middle], units),
-        costs=table(_COSTS, names, costs, {}),
+        accuracy=table(_OF_BATCH, of_rows, [*rows, *middle], units_of(rows, _OF_BATCH), compared=False),
+        costs=table(_COSTS, names, [_costs_of(log["summary"]) for log in estimated], {}),
         statuses=[(log["name"], log["summary"]["statuses"]) for log in estimated],
         warnings=[(log["name"], warning) for log in estimated for warning in log["summary"]["warnings"]],
-        frames=sum(s["frames"]["estimated"] for s in summaries),
-        path_m=sum(s["path_length_m"] for s in summaries),
-        paths=[_path(log["name"], folder) for log in estimated],
+        frames=sum(row["frames"] for row in rows),
+        path_m=sum(log["summary"]["path_length_m"] for log in estimated),
+        paths=[_path(log["name"], folder / log["name"]) for log in estimated],
     )
+
+
+def render_log(log: dict[str, Any], folder: Path) -> str:
+    """Render one log of batch.json, which has been estimated, as HTML; its path is read from its result `folder`."""
+    summary, row = log["summary"], _row_of(log["summary"])
+    return render(
+        "log.html.j2",
+        title=log["name"],
+        log=log,
+        summary=summary,
+        accuracy=table(_OF_BATCH, [_name_of(log)], [row], units_of([row], _OF_BATCH)),
+        costs=table(_COSTS, [_name_of(log)], [_costs_of(summary)], {}),
+        statuses=[(log["name"], summary["statuses"])],
+        path=_path("Path seen from above", folder),
+    )
+
+
+def _name_of(log: dict[str, Any], href: str = "") -> Name:
+    return Name(log["name"], "" if log["status"] == "done" else log["status"], href=href)
+
+
+def _row_of(summary: dict[str, Any]) -> dict[str, Any]:
+    """The figures of a summary in one level."""
+    return summary | summary.get("ground_truth", {}) | {"frames": summary["frames"]["estimated"]}
+
+
+def _costs_of(s: dict[str, Any]) -> dict[str, Any]:
+    return s | s["frames"] | s["timing_ms"]["total"] | {"cpu_ms": 1000 * s["cpu_s"] / s["frames"]["estimated"]}
 
 
 def conclusion(content: dict[str, Any]) -> str:
@@ -214,10 +281,10 @@ def _median(values: list[float | None]) -> float | None:
     return median(known) if len(known) > 1 else None
 
 
-def _path(name: str, folder: Path) -> Markup:
-    """The path seen from above, empty where there is no file of it."""
+def _path(title: str, folder: Path) -> Markup:
+    """The path of a run seen from above, empty where there is no file of it."""
     try:
-        t = read_tum(folder / name / "trajectory.tum").world_from_cam[:, :3, 3]
+        t = read_tum(folder / "trajectory.tum").world_from_cam[:, :3, 3]
     except InputError:
         return Markup()
-    return draw(Chart(name, "x, m (right)", "z, m (forward)", [Series(name, t[:, 0], t[:, 2], "c1")], path=True))
+    return draw(Chart(title, "x, m (right)", "z, m (forward)", [Series(title, t[:, 0], t[:, 2], "c1")], path=True))

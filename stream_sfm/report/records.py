@@ -17,10 +17,11 @@ from ..evaluation.relative_consistency import RelativeRecord
 from ..evaluation.structure import StructureComparison
 from ..evaluation.trajectory import path_length_m
 from ..geometry.se3 import Array
+from ..motion import Odometry
 from ..observer import Observed
 from ..recording.pairing import gaps_after
 from ..rig_model.estimate import RigEstimate
-from ..types import Frame, FrameEstimate, RigChange, Status, Trajectory
+from ..types import FrameEstimate, RigChange, Status, Trajectory
 from ..wording import counted
 
 STAGES = ("decode", "frontend", "estimator", "total")
@@ -179,6 +180,55 @@ class RunRecord:
         }
 
 
+class AddedMotions:
+    """Keeps the path that the newest motions of a run make, added up one after the other."""
+
+    def __init__(self) -> None:
+        self._odometry: Odometry | None = None
+        self._rows = array("d")
+        self._stamps_ns = array("q")
+
+    def add(self, estimate: FrameEstimate) -> None:
+        """Add the motion of one estimate."""
+        self._odometry = Odometry.after(self._odometry, estimate)
+        self._stamps_ns.append(estimate.stamp_ns)
+        self._rows.frombytes(
+            np.concatenate([self._odometry.odom_from_cam, self._odometry.cov], axis=None).tobytes()
+        )
+
+    def trajectory(self) -> Trajectory:
+        """All poses with their covariances."""
+        table = np.array(self._rows).reshape(-1, _COV.stop)
+        poses = table[:, _POSE].reshape(-1, 4, 4)
+        return Trajectory(np.array(self._stamps_ns, np.int64), poses, table[:, _COV].reshape(-1, 6, 6))
+
+
+class HalvesRecord:
+    """What a method makes of two halves of the tracks: poses, NaN where it was lost, and how far apart in σ."""
+
+    def __init__(self) -> None:
+        self._poses, self._nees = array("d"), array("d")
+
+    def add(self, poses: Array, nees: float) -> None:
+        """Keep the poses (2, 4, 4) of a frame, and the NEES of their difference."""
+        self._poses.frombytes(np.ascontiguousarray(poses, float).tobytes())
+        self._nees.append(nees)
+
+    def __len__(self) -> int:
+        return len(self._nees)
+
+    @property
+    def poses(self) -> Array:
+        """Poses (2, n, 4, 4) of each half."""
+        return np.array(self._poses).reshape(-1, 2, 4, 4).swapaxes(0, 1)
+
+    @property
+    def nees_mean(self) -> float | None:
+        """The mean of the NEES, 6 expected; None where there is none."""
+        nees = np.array(self._nees)
+        return float(np.nanmean(nees)) if np.isfinite(nees).any() else None
+
+
 def quantiles(values: Any) -> dict[str, float] | None:
     """Median, 95th percentile and maximum of some values; None where there are none."""
     if not len(values):
@@ -209,14 +259,14 @@ class FrontRecord:
         """Frames that follow a gap in time."""
         return [frame + 1 for frame in gaps_after(self._stamps_ns)]
 
-    def add(self, observed: Observed, frame: Frame, estimates: Mapping[str, FrameEstimate]) -> None:
+    def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
         """Keep one frame; `estimates`: by method."""
         index = observed.observations.frame_index
         for stage, times in self.times_ms.items():
             times.append(observed.timings_ms[stage])
         for track in observed.observations.track_ids.tolist():
             self.lives.setdefault(track, [index, index])[1] = index
-        self._stamps_ns.append(frame.stamp_ns)
+        self._stamps_ns.append(observed.observations.stamp_ns)
         if (cc := estimates.get("cross-frame-cc")) and (wc := estimates.get("cross-frame-wc")):
             _, i, j = np.intersect1d(cc.track_ids, wc.track_ids, return_indices=True)
             if len(i):
@@ -254,7 +304,8 @@ class Comparison:
 
     `inspection` as `inspect_log` returns it, or empty; `self_test`: the result of that, if it was done;
     `calibration`: what the images have told about it, as in summary.json; `loops` (n, 2, 3): ends of the lines between
-    places that were seen again.
+    places that were seen again. `halves`: of methods by name, where they were estimated from halves of the tracks, too.
+    `as_is`: each method had the calibration of the log.
     """
 
     log: str
@@ -270,3 +321,5 @@ class Comparison:
     self_test: dict[str, list[dict[str, Any]]] | None = None
     calibration: dict[str, Any] | None = None
     loops: Array = field(default_factory=lambda: NO_LOOPS)
+    halves: dict[str, HalvesRecord] = field(default_factory=dict)
+    as_is: bool = False

@@ -15,27 +15,34 @@ from numpy.typing import NDArray
 
 from ..record import record
 
-_WIDTH_PX, _HEIGHT_PX, _TEXT_PX = 480, 270, 11
+_WIDTH_PX, _HEIGHT_PX, _TEXT_PX = 480, 280, 13  # a phone shows them at two thirds of that
+_ROW_PX = 20  # of a value with its interval
+_NARROW = 5.0  # ratio of the ends of a logarithmic axis
 _VARIABLES = (*(f"c{k}" for k in range(1, 9)), "other", "truth", "soft", "axis", "line", "ok", "lost", "card")
 _COLOUR = {name: f"#1234{k:02x}" for k, name in enumerate(_VARIABLES)}
 
 
 @record
 class Series:
-    """One line of a chart; NaN breaks it. `colour`: a variable of page.css; `dots` marks each point."""
+    """One line of a chart; NaN breaks it. `colour`: a variable of page.css; `dots` marks each point.
+
+    `band`: the lower and the upper end of its shaded interval.
+    """
 
     name: str
     x: NDArray[Any]
     y: NDArray[Any]
     colour: str
     dots: bool = False
+    band: tuple[NDArray[Any], NDArray[Any]] | None = None
 
 
 @record
 class Chart:
     """One chart: `marks` (x) are vertical lines, `expected` the y between which values should be, shaded.
 
-    On a `path` both axes have the same scale, and the first series has its start and end marked.
+    On a `path` both axes have the same scale, and the first series has its start and end marked. `slopes`: of thin
+    lines through the smallest value at the first x, on logarithmic axes.
     """
 
     title: str
@@ -49,6 +56,7 @@ class Chart:
     zero: bool = False  # y begins at zero
     expected: tuple[float, float] | None = None
     marks: Sequence[float] = ()
+    slopes: Sequence[float] = ()
 
 
 class Row(NamedTuple):
@@ -74,6 +82,7 @@ def draw(chart: Chart) -> Markup:
     for s, drawn in usable:
         marker = "o" if s.dots or drawn.sum() == 1 else ""
         axes.plot(s.x, s.y, color=_COLOUR[s.colour], lw=3.0 if s.colour == "truth" else 1.8, marker=marker, ms=5)
+    _add_bands_and_slopes(axes, chart, [s for s, _ in usable])
     if chart.zero and not chart.log_y:
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
     if chart.path:
@@ -85,16 +94,30 @@ def draw(chart: Chart) -> Markup:
     return figure(chart.title, chart.note, _svg(canvas, chart.title), names)
 
 
+def _add_bands_and_slopes(axes: Any, chart: Chart, series: Sequence[Series]) -> None:
+    """Draw them without changing what part of the plane is shown."""
+    limits = axes.get_xlim(), axes.get_ylim()
+    for s in series:
+        if s.band is not None:
+            axes.fill_between(s.x, *s.band, color=_COLOUR[s.colour], alpha=0.12, lw=0)
+    for slope in chart.slopes:
+        x, y = np.asarray(series[0].x, float), min(float(np.nanmin(s.y)) for s in series)
+        ends = np.array([x[0], x[-1]])
+        axes.plot(ends, y * (ends / ends[0]) ** slope, color=_COLOUR["axis"], lw=0.8, ls="--")
+    if chart.slopes or any(s.band is not None for s in series):
+        axes.set(xlim=limits[0], ylim=limits[1])
+
+
 def intervals(title: str, x_label: str, rows: Sequence[Row], note: str = "") -> Markup:
     """A `<figure>` with a value and its interval in each row, on a logarithmic axis; the line is at 1."""
-    canvas, axes = _axes(x_label, "", (True, False))
+    canvas, axes = _axes(x_label, "", (True, False), height_px=max(_HEIGHT_PX, 60 + _ROW_PX * len(rows)))
     axes.axvline(1.0, color=_COLOUR["axis"], lw=1, ls="--")
     for k, row in enumerate(rows):
         axes.plot([row.low, row.high], [k, k], color=_COLOUR[row.colour], lw=1.8)
         axes.plot([row.value], [k], color=_COLOUR[row.colour], marker="o", ms=7)
     axes.set_yticks(range(len(rows)), [row.name for row in rows])
     axes.invert_yaxis()
-    axes.grid(False)
+    axes.grid(False, axis="y")
     for text, row in zip(axes.get_yticklabels(), rows, strict=True):
         text.set(color=_COLOUR[row.colour], weight="bold")
     return figure(title, note, _svg(canvas, title))
@@ -129,11 +152,13 @@ def _drawn(chart: Chart, s: Series) -> NDArray[np.bool_]:
     return np.isfinite(x) & np.isfinite(y) & ((x > 0) | (not chart.log_x)) & ((y > 0) | (not chart.log_y))
 
 
-def _axes(x_label: str, y_label: str, log: tuple[bool, bool], width_px: int = _WIDTH_PX) -> tuple[Any, Any]:
+def _axes(
+    x_label: str, y_label: str, log: tuple[bool, bool], width_px: int = _WIDTH_PX, height_px: int = _HEIGHT_PX
+) -> tuple[Any, Any]:
     """A figure of one point per px, and its axes."""
     from matplotlib.figure import Figure
 
-    canvas = Figure(figsize=(width_px / 72, _HEIGHT_PX / 72), dpi=72, layout="constrained")
+    canvas = Figure(figsize=(width_px / 72, height_px / 72), dpi=72, layout="constrained")
     axes = canvas.add_subplot()
     axes.set_frame_on(False)
     axes.grid(color=_COLOUR["line"], lw=1)
@@ -149,19 +174,22 @@ def _axes(x_label: str, y_label: str, log: tuple[bool, bool], width_px: int = _W
 def _svg(canvas: Any, title: str) -> Markup:
     """The figure as SVG that takes its colours and its font from the page; equal figures give equal bytes."""
     from matplotlib import rc_context
-    from matplotlib.ticker import LogLocator, StrMethodFormatter
+    from matplotlib.ticker import LogLocator, MaxNLocator, StrMethodFormatter
 
     for axis in (canvas.axes[0].xaxis, canvas.axes[0].yaxis):
         if axis.get_scale() == "log":
             low, high = axis.get_view_interval()
-            wide = high >= 300 * low  # only powers of ten are named
-            axis.set_major_locator(LogLocator(subs=(1,) if wide else (1, 2, 5), numticks=9))
+            if high < _NARROW * low:  # no numbers of a decade lie in it
+                axis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
+            else:  # of a wide one only powers of ten are named
+                axis.set_major_locator(LogLocator(subs=(1,) if high >= 300 * low else (1, 2, 5), numticks=9))
             axis.set_major_formatter(StrMethodFormatter("{x:g}"))
             axis.set_minor_formatter("")
     file = io.StringIO()
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "stream_sfm"}):
         canvas.savefig(file, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    box, text = f"0 0 {canvas.get_figwidth() * 72:.0f} {_HEIGHT_PX}", file.getvalue()
+    box = f"0 0 {canvas.get_figwidth() * 72:.0f} {canvas.get_figheight() * 72:.0f}"
+    text = file.getvalue()
     text = text[text.index(">", text.index("<svg")) + 1 :]
     text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", text, flags=re.DOTALL)
     text = re.sub(r"font-family: [^;\"]*;? ?", "", text)

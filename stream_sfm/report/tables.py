@@ -6,60 +6,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
-from numpy.typing import ArrayLike
 
 from .. import __version__
-
-REFERENCE = "cross-frame"  # errors of the others are given over its errors
-NEES_INTERVAL = (1.24, 14.45)  # 95 % of one pose, 6 expected: poses of a log share their errors and say hardly more
-
-
-class LengthUnit(NamedTuple):
-    """A unit of length: its name, and how many of them are a metre."""
-
-    name: str
-    per_m: float
-
-
-METRES, MILLIMETRES = LengthUnit("m", 1.0), LengthUnit("mm", 1e3)
-
-
-def unit_for(*lengths_m: ArrayLike) -> LengthUnit:
-    """Millimetres where all of a family of lengths that are known are below a metre, else metres."""
-    known = np.concatenate([np.empty(0), *(np.asarray(x, float).ravel() for x in lengths_m)])
-    return METRES if (abs(known) >= 1).any() else MILLIMETRES
-
-
-class Figure(NamedTuple):
-    """A figure by its key in summary.json or report.json.
-
-    `unit`: "errors" or "structure" for lengths, whose unit the page chooses; `best`: whether the smallest value is
-    marked; `expected`: values above this range are marked.
-    """
-
-    key: str
-    name: str
-    unit: str = ""
-    best: bool = False
-    expected: tuple[float, float] | None = None
-
-
-ACCURACY = (
-    Figure("ate_rmse_aligned_m", "ATE aligned", "errors", best=True),
-    Figure("final_drift_percent", "final drift", "%", best=True),
-    Figure("t_rel_percent", "t_rel", "%", best=True),
-    Figure("r_rel_deg_per_100m", "r_rel", "°/100 m", best=True),
-    Figure("nees_pose_mean", "NEES", "6 expected", expected=NEES_INTERVAL),
-)
-FURTHER = (
-    Figure("ate_rmse_m", "ATE", "errors"),
-    Figure("scale_error_percent", "scale", "%"),
-    Figure("local_structure_median_m", "local structure", "structure"),
-    Figure("local_structure_error_over_sigma", "… over σ", "1 expected"),
-)
+from ..evaluation.figures import Figure, LengthUnit, number_text
+from ..methods import COMPARED, METHODS
 
 
 class Name(NamedTuple):
@@ -83,15 +35,19 @@ def table(
     names: Sequence[Name],
     runs: Sequence[dict[str, Any]],
     units: dict[str, LengthUnit],
+    compared: bool = True,
 ) -> Table:
-    """The figures of some runs, a row each, without those that no run has; the best of several values is marked."""
+    """The figures of some runs, a row each, without those that no run has.
+
+    The best of several values is marked where the runs are `compared`: those of different logs are not.
+    """
     headings, columns = [], []
     for figure in figures:
         values = [run.get(figure.key) for run in runs]
         if all(value is None for value in values):
             continue
         unit = units.get(figure.unit, LengthUnit(figure.unit, 1.0))
-        sizes = [abs(v) for v in values if v is not None] if figure.best else []
+        sizes = [abs(v) for v in values if v is not None] if figure.best and compared else []
         least = min(sizes) if len(sizes) > 1 else None
         headings.append((figure.name, unit.name))
         columns.append([(text_of(v, unit.per_m), _mark(figure, v, least)) for v in values])
@@ -114,13 +70,11 @@ def text_of(value: Any, factor: float = 1.0) -> str:
     if value is None:
         return Markup('<span class="nil">–</span>')
     if isinstance(value, dict):
-        interval = Markup(" <small>[{:.2f}, {:.2f}]</small>").format(*value["ci95"])
+        interval = Markup(" <small>[{:.2f}, {:.2f}]</small>").format(*value["ci95"]) if value["ci95"] else ""
         return Markup("×{:.2f}{}").format(value["value"], interval)
     if isinstance(value, str | int):
         return value if isinstance(value, str) else str(value)
-    x = factor * value
-    # of large numbers all digits before the point
-    return (f"{x:.0f}" if 1000 <= abs(x) < 1e6 else f"{x:#.3g}").rstrip(".").replace("-", "−")
+    return number_text(value, factor).replace("-", "−")
 
 
 class Look(NamedTuple):
@@ -131,29 +85,25 @@ class Look(NamedTuple):
 
 
 Looks = Callable[[str], Look]
-_LOOKS = {
-    "cross-frame": Look("cross-frame", "c1"),
-    "ekf": Look("EKF", "c2"),
-    "iterated-ekf": Look("iterated EKF", "c3"),
-    "frame-to-frame": Look("frame-to-frame", "c4"),
-    "cross-frame-wc": Look("per-point WC", "c5"),
-    "cross-frame-cc": Look("per-point CC", "c6"),
-    "ekf-cv": Look("constant-velocity EKF", "c7"),
-    "cross-frame-loops": Look("cross-frame with loops", "c8"),
-}
+_COLOURS = 8  # c1 to c8 of page.css
+_LOOKS = {name: Look(METHODS[name].label, f"c{k}") for k, name in enumerate(COMPARED, 1)}
+_OF_VARIANTS = {"-loops": "with loops", "-added": "motions added"}  # of a method's name, and of its label
 
 
 def of_method(name: str) -> Look:
     """How a method is named and drawn."""
-    return _LOOKS.get(name.replace("_", "-"), Look(name, "other"))
+    name = name.replace("_", "-")
+    for ending, words in _OF_VARIANTS.items():
+        if name.endswith(ending):
+            return Look(f"{of_method(name.removesuffix(ending)).name}, {words}", f"c{_COLOURS}")
+    return _LOOKS.get(name) or Look(METHODS[name].label if name in METHODS else name, "other")
 
 
 def of_runs(names: Sequence[str]) -> Looks:
     """How runs are drawn, by the names of their folders: in the colours of the methods one after the other."""
-    colours = [look.colour for look in _LOOKS.values()]
     last = [Path(name).name for name in names]
     told = [name if last.count(name) == 1 else whole for name, whole in zip(last, names, strict=True)]
-    return {name: Look(told[k], colours[k % len(colours)]) for k, name in enumerate(names)}.__getitem__
+    return {name: Look(told[k], f"c{k % _COLOURS + 1}") for k, name in enumerate(names)}.__getitem__
 
 
 def render(template: str, /, **values: Any) -> str:

@@ -1,6 +1,6 @@
 """Estimates as ROS 2 messages, in the frames and axes of the settings `[ros]`: for `estimates.mcap`, and for a node."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -69,6 +69,10 @@ class RosMessages:
         """Return the bytes of a message in CDR, as ROS 2 sends them."""
         return ros.encode(message)
 
+    def world_from_cam(self, pose: Array) -> Array:
+        """Return the pose of the camera (4, 4), as `Engine.reset` takes it, of one of robot or camera as ROS has it."""
+        return self._frames.pose_of_camera(pose)
+
     @property
     def last(self) -> FrameEstimate | None:
         """The estimate that was given last."""
@@ -81,9 +85,9 @@ class RosMessages:
             if len(last.track_ids):
                 yield self._map(last, last.track_ids, last.points_in_world, last.cov_points_in_world)
 
-    def diagnostics(self, estimate: FrameEstimate) -> Any:
-        """Make a DiagnosticArray of the status of a frame."""
-        values = {**estimate.counts, "frame": estimate.frame_index}
+    def diagnostics(self, estimate: FrameEstimate, counts: Mapping[str, int] | None = None) -> Any:
+        """Make a DiagnosticArray of the status of a frame, with further counts by name."""
+        values = {**estimate.counts, "frame": estimate.frame_index, **(counts or {})}
         pairs = [ros.make("diagnostic_msgs/msg/KeyValue", key=k, value=str(v)) for k, v in values.items()]
         status = ros.make(
             "diagnostic_msgs/msg/DiagnosticStatus",

@@ -51,6 +51,10 @@ class RosFrames:
         """Return the pose (4, 4) of the moving frame, base or camera, in the fixed one: world or odom."""
         return np.asarray(self.fixed_from_world @ world_from_cam @ self._cam_from_moving)
 
+    def pose_of_camera(self, fixed_from_moving: Array) -> Array:
+        """Return world_from_cam (4, 4) of a pose of the moving frame in the fixed one; the inverse of `pose`."""
+        return np.asarray(self._world_from_fixed @ fixed_from_moving @ se3.inverse(self._cam_from_moving))
+
     def between(self, world_from_odom: Array) -> Array:
         """Return the pose (4, 4) of the odom frame in that of the world, both with the axes of the settings."""
         return np.asarray(self.fixed_from_world @ world_from_odom @ self._world_from_fixed)

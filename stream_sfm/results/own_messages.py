@@ -46,6 +46,7 @@ float64[] relative_common_jacobian  # how common errors move these motions, each
 float64[] common_mean  # errors c that all poses and motions share: of lengths, of the axes, of the rig; or empty
 float64[] common_cov  # their covariance, m×m row by row
 float64[] common_jacobian  # how they move the pose, 6×m row by row; c is in σ of what was assumed
+int64 common_since  # the frame from which c has been that of the rig: a knock or another calibration begins another c
 float64[] rig_error_px  # errors of the calibration as known now, px; empty where it is taken for exact
 float64[] rig_cov_px2  # their covariance, one matrix, or empty
 {_OF_CAUSES}
@@ -106,6 +107,7 @@ def estimate_fields(estimate: FrameEstimate) -> dict[str, Any]:
     for prefix, kind in _PARTS.items():
         part = {f"{prefix}_{f.name}": getattr(getattr(estimate, prefix), f.name, None) for f in fields(kind)}
         values |= {name: () if value is None else value for name, value in part.items() if name in _IN_ESTIMATE}
+    values["common_since"] = 0 if estimate.common is None else estimate.common.since
     values |= {former: values[name] for name, former in _FORMER.items()}
     values["rig_applied"] = rig is not None and rig.applied
     values |= {f"rig_{cause.key}": () if rig is None else rig.group(cause) for cause in CAUSES}
@@ -148,10 +150,13 @@ def _shaped(value: Any, of: Field[Any], m: int = -1) -> Any:
 
 def _part(message: Any, prefix: str, kind: type[Part], m: int | None = None) -> Part | None:
     """A part of an estimate; None where the message has nothing of it."""
-    values = {}
+    values: dict[str, Any] = {}
     for f in fields(kind):  # type: ignore[arg-type]
         name = f"{prefix}_{f.name}"
         value = getattr(message, name, getattr(message, _FORMER.get(name, name), ()))
+        if np.ndim(value) == 0:  # a number, which is there even where the part is not
+            values |= {f.name: value} if values else {}
+            continue
         m = len(value) if m is None else m  # the first field of common errors is their mean
         if len(value) and (m or "m" not in f.metadata["shape"]):
             values[f.name] = _shaped(value, f, m)

@@ -1,7 +1,11 @@
-"""Compares methods on one log in one pass: a run with several lanes, a result folder each, and the report."""
+"""Compares methods on one log: a pass that observes and finds the calibration, one with all methods, the report."""
 
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import closing
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,25 +18,27 @@ from ..errors import ConfigError
 from ..estimators import check_method
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..interrupts import deferred_interrupts
-from ..observer import Observer
+from ..methods import COMPARED, REFERENCE
+from ..observer import Observed, Observer
 from ..outputs import RESULTS, refuse_overwriting
+from ..recording.pair_reader import ReadStats
 from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration import describe
+from ..report.drift import needs_halves
 from ..report.numbers import numbers
 from ..report.pages import REPORT, write_report
-from ..report.records import Comparison, FrontRecord, Truth
-from ..types import Selection, Sink
+from ..report.records import AddedMotions, Comparison, FrontRecord, HalvesRecord, RunRecord, Truth
+from ..results.folder import close_all
+from ..types import FrameEstimate, Selection, Sink
+from .halves import MOST_FRAMES, Halves
 from .lane import Lane
-from .loop import run
+from .loop import Check, Course, run
 from .self_test import SelfTest
+from .stored import StoredObservations
 from .summary import summarise
 
 if TYPE_CHECKING:
     from ..places.place_map import PlaceMap
-
-COMPARED = (
-    "cross-frame", "cross-frame-wc", "cross-frame-cc", "ekf", "iterated-ekf", "ekf-cv", "frame-to-frame",
-)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -58,23 +64,30 @@ def compare(
     left: str | None = None,
     right: str | None = None,
     calibration: str | Path | StereoRig | None = None,
+    as_is: bool = False,
     ignore_ground_truth: Sequence[tuple[int, int]] = (),
     inspection: dict[str, Any] | None = None,
     self_test: bool = False,
     loops: bool = False,
     std_truth: tuple[float, float] = (0.0, 0.0),
     sinks: Sequence[Sink] = (),
+    on_frame: Callable[[], None] = lambda: None,
 ) -> ComparisonResult:
     """Run several methods on the selected frames of a log and write results and report to `out_dir` (None: nowhere).
 
+    The first pass observes all frames and finds the errors of the calibration, by the window; the second gives every
+    method, the window too, the same observations without these errors, from the first frame on, as of a calibration
+    that is exact. With `rig.exact` none are sought. `as_is`: each method has the calibration of the log instead, and
+    finds its errors by itself, if it does that; the window is then in two rows, by its poses and by its newest motions
+    added up.
+
     `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with a folder of its own.
     `ignore_ground_truth`: ranges [first, end) of frames of this run whose ground truth is not compared.
-    `inspection`: what `inspect_log` found, for the report. `self_test`, `std_truth`: as in `replay`. The
-    errors of the calibration that the window finds are taken out of the views of the other methods too, so that methods
-    are compared and not calibrations: from their first frame on those known after 30, if the window is named first.
-    `sinks` are given one estimate per frame, of the first method that has not failed, and are closed at the end.
-    `loops`: show the first method with loops closed, too, which need the extra map. Raises LogError where no frame can
-    be read, ConfigError for an unknown method, OutputError.
+    `inspection`: what `inspect_log` found, for the report. `self_test`, `std_truth`: as in `replay`. `sinks` are given
+    the estimates of the first method, for which images are read a second time, and are closed at the end. `on_frame`
+    is called after each frame of each pass. `loops`: show the first method with loops closed, too, which need the extra
+    map. An interruption ends the first pass, and what was observed is still estimated; a second one ends that. Raises
+    LogError where no frame can be read, ConfigError for an unknown method, OutputError.
     """
     config, selection = config or Config(), selection or Selection()
     config.needs_scale("compare")
@@ -90,53 +103,212 @@ def compare(
         refuse_overwriting(outputs(folder, methods), [log.path])
     if (poses := log.ground_truth()) is not None:
         check_rigid(poses)
-    depth, front = log.depth_images(), FrontRecord()
-    with one_thread:
-        observer = Observer(log.stereo_rig, config)
-        of_methods = [msgspec.structs.replace(config, method=name) for name in methods]
-        lanes = [Lane(c, observer, depth, folder and folder / _key(c.method), True) for c in of_methods]
-    tests = [SelfTest(observer.projection, config)] if self_test else []
-    places = []
-    if loops:
+    with closing(_Comparing(log, config, selection, methods, as_is, folder)) as comparing:
+        return comparing.run(truth._replace(poses=poses), inspection or {}, self_test, loops, sinks, on_frame)
+
+
+class _Comparing:
+    """The passes of a comparison, and what is made of them."""
+
+    def __init__(
+        self,
+        log: StereoLog,
+        config: Config,
+        selection: Selection,
+        methods: Sequence[str],
+        as_is: bool,
+        folder: Path | None,
+    ) -> None:
+        self._log, self._config, self._selection, self._folder = log, config, selection, folder
+        self._as_is, self._depth = as_is, log.depth_images()
+        of_rig = config.rig if as_is else msgspec.structs.replace(config.rig, exact=True)
+        of_methods = [msgspec.structs.replace(config, method=name, rig=of_rig) for name in methods]
+        with one_thread:
+            observer = Observer(log.stereo_rig, config)
+            self._finder = Lane(msgspec.structs.replace(config, method=REFERENCE), observer, None, None)
+            reporting = observer if as_is else Observer(log.stereo_rig, of_methods[0])
+            self._lanes = [
+                Lane(c, reporting, self._depth, folder and folder / _key(c.method), True) for c in of_methods
+            ]
+        self._stored = StoredObservations(self._finder)
+
+    def close(self) -> None:
+        """Remove what is stored."""
+        self._stored.close()
+
+    def run(
+        self,
+        truth: Truth,
+        inspection: dict[str, Any],
+        self_test: bool,
+        loops: bool,
+        sinks: Sequence[Sink],
+        on_frame: Callable[[], None],
+    ) -> ComparisonResult:
+        """Do all passes, and write the report."""
+        front, lanes, log = FrontRecord(), self._lanes, self._log
+        tests = [SelfTest(self._finder.observer.projection, lanes[0].config)] if self_test else []
+        added = {lane: AddedMotions() for lane in lanes if self._as_is and lane.config.method == REFERENCE}
+        places = self._place_maps(loops)
+        course = self._observe(on_frame)
+        if course.error is not None and not course.frames:
+            raise course.error
+        stats = log.stats
+        self._estimate(course, [*places, *sinks], [front, *tests], added, on_frame)
+        found = self._found(course, stats, front, truth, inspection, added)
+        found.self_test = next((test.result() for test in tests), None)
+        for place_map in places:
+            _add_corrected(found, place_map)
+        if not found.interrupted and needs_halves(found):
+            found.halves = self._halves()
+        report = numbers(found)
+        if self._folder is not None:
+            for lane in lanes:
+                summary = summarise(log, stats, lane, self._selection, found.truth, found.complete, found.warnings)
+                if lane.folder is not None:
+                    lane.folder.write_summary(summary)
+            write_report(found, report, self._folder)
+        if course.error is not None:
+            raise course.error
+        return ComparisonResult(report, self._folder, found)
+
+    def _found(
+        self,
+        course: Course,
+        stats: ReadStats,
+        front: FrontRecord,
+        truth: Truth,
+        inspection: dict[str, Any],
+        added: Mapping[Lane, AddedMotions],
+    ) -> Comparison:
+        """What the report is made from."""
+        warnings = [*stats.warnings, self._depth.problem, *map(str, self._stored.changes), *course.warnings]
+        runs = [lane.record for lane in self._lanes]
+        for lane, motions in added.items():
+            if len(lane.record):
+                runs.insert(runs.index(lane.record) + 1, _with_added(lane.record, motions))
+        if truth.poses is not None:
+            stamps_ns = max(runs, key=len).stamps_ns
+            truth = truth._replace(poses=without_frames(truth.poses, stamps_ns, truth.ignored))
+        return Comparison(
+            log=self._log.path.absolute().name,  # which "." has too
+            rig=self._log.stereo_rig,
+            config=self._config,
+            runs=runs,
+            front=front,
+            truth=truth,
+            inspection=inspection,
+            warnings=list(dict.fromkeys(filter(None, warnings))),
+            complete=stats.complete and course.complete,
+            interrupted=course.interrupted,
+            calibration=self._calibration(),
+            as_is=self._as_is,
+        )
+
+    def _place_maps(self, loops: bool) -> "list[PlaceMap]":
+        if not loops:
+            return []
         from ..places.place_map import PlaceMap  # as in a replay
 
-        places.append(PlaceMap(log.stereo_rig, lanes[0].config, wait=True))
-    with deferred_interrupts() as interruption:
-        course = run(log, lanes, [*places, *sinks], [front, *tests], selection=selection, interruption=interruption)
-    if course.error is not None and not course.frames:
-        raise course.error
-    runs = [lane.record for lane in lanes]
-    changes = map(str, runs[0].rig_changes)
-    warnings = list(dict.fromkeys(filter(None, [*log.stats.warnings, depth.problem, *changes, *course.warnings])))
-    if poses is not None:
-        stamps_ns = max(runs, key=len).stamps_ns
-        truth = truth._replace(poses=without_frames(poses, stamps_ns, truth.ignored))
-    found = Comparison(
-        log=log.path.absolute().name,  # which "." has too
-        rig=log.stereo_rig,
-        config=config,
-        runs=runs,
-        front=front,
-        truth=truth,
-        inspection=inspection or {},
-        warnings=warnings,
-        complete=log.stats.complete and course.complete,
-        interrupted=course.interrupted,
-        self_test=next((test.result() for test in tests), None),
-        calibration=next((describe(observer.projection, r.rig) for r in runs if r.rig is not None), None),
-    )
-    for place_map in places:
-        _add_corrected(found, place_map)
-    report = numbers(found)
-    if folder is not None:
+        return [PlaceMap(self._log.stereo_rig, self._lanes[0].config, wait=True)]
+
+    def _observe(self, on_frame: Callable[[], None]) -> Course:
+        """The first pass: all observations, and the errors of the calibration."""
+        with deferred_interrupts() as interruption:
+            checks = (self._stored, _Counter(on_frame))
+            return run(
+                self._log,
+                self._finder,
+                (),
+                checks,
+                selection=self._selection,
+                interruption=interruption,
+                to_end=True,
+            )
+
+    def _observed(self) -> Iterator[Observed]:
+        """What the methods are given."""
+        return iter(self._stored) if self._as_is else self._stored.calibrated(self._finder.observer)
+
+    def _estimate(
+        self,
+        course: Course,
+        sinks: Sequence[Sink],
+        checks: Sequence[Check],
+        added: Mapping[Lane, AddedMotions],
+        on_frame: Callable[[], None],
+    ) -> None:
+        """The second pass: every method, beside each other, on what was observed."""
+        lanes, frames = self._lanes, iter(self._log.frames(self._selection) if sinks else ())
         for lane in lanes:
-            summary = summarise(log, lane, selection, truth, found.complete, found.warnings)
-            if lane.folder is not None:
-                lane.folder.write_summary(summary)
-        write_report(found, report, folder)
-    if course.error is not None:
-        raise course.error
-    return ComparisonResult(report, folder, found)
+            lane.record.refused = self._finder.record.refused
+            lane.record.first_refusal = self._finder.record.first_refusal
+        observed_frames, course.frames = course.frames, 0
+        try:
+            with deferred_interrupts() as interruption, ThreadPoolExecutor(os.cpu_count()) as pool:
+                for observed in interruption.until_requested(self._observed()):
+                    estimates = _taken(observed, lanes, pool)
+                    course.frames += 1
+                    for lane, motions in added.items():
+                        if lane.record.name in estimates:
+                            motions.add(estimates[lane.record.name])
+                    for check in checks:
+                        check.add(observed, estimates)
+                    if sinks and lanes[0].record.name in estimates:
+                        stamp_ns = observed.observations.stamp_ns
+                        frame = next(frame for frame in frames if frame.stamp_ns == stamp_ns)
+                        for sink in sinks:
+                            sink.write(estimates[lanes[0].record.name], frame)
+                    on_frame()
+                    if not estimates:
+                        break
+        except BaseException as error:
+            course.end(error)
+        if course.frames < observed_frames and interruption.requested:
+            course.interrupt()
+        try:
+            close_all([*(lane.folder for lane in lanes if lane.folder is not None), *sinks])
+        except Exception as error:
+            course.error = course.error or error
+
+    def _halves(self) -> dict[str, HalvesRecord]:
+        """A third pass: each method on halves of the tracks."""
+        projection = self._finder.observer.projection
+        with one_thread, ThreadPoolExecutor(os.cpu_count()) as pool:
+            halves = [Halves(projection, lane.config) for lane in self._lanes if lane.error is None]
+            for observed in islice(self._observed(), MOST_FRAMES):
+                wait([pool.submit(half.take, observed.observations) for half in halves])
+        return {half.method: half.record for half in halves if not half.failed}
+
+    def _calibration(self) -> dict[str, Any] | None:
+        """What was found about the calibration, as in summary.json."""
+        rig = self._finder.record.rig
+        return None if rig is None else describe(self._finder.observer.projection, rig)
+
+
+class _Counter:
+    """A check that only counts frames."""
+
+    def __init__(self, on_frame: Callable[[], None]) -> None:
+        self._on_frame = on_frame
+
+    def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
+        """Count one."""
+        self._on_frame()
+
+
+def _taken(observed: Observed, lanes: Sequence[Lane], pool: ThreadPoolExecutor) -> dict[str, FrameEstimate]:
+    """What each lane that has not failed makes of a frame, by method. Those that take long begin first."""
+    with one_thread:
+        coming = {lane: pool.submit(lane.take, observed) for lane in sorted(lanes, key=lambda lane: -lane.spent_s)}
+        wait(coming.values())  # all of them, whatever one of them raises
+        found = {lane.record.name: coming[lane].result() for lane in lanes}
+    return {name: estimate for name, estimate in found.items() if estimate is not None}
+
+
+def _with_added(record: RunRecord, motions: AddedMotions) -> RunRecord:
+    """The run with the path that its newest motions make."""
+    return record.with_poses(f"{record.name}-added", motions.trajectory())
 
 
 def _add_corrected(found: Comparison, places: "PlaceMap") -> None:

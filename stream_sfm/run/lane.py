@@ -1,15 +1,13 @@
 """A lane of a run: one estimator on the observations that all lanes share, with its record and its files."""
 
 import time
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from .. import core
 from ..config import Config
-from ..estimators import METHODS, make_estimator
+from ..estimators import make_estimator
 from ..evaluation.structure import StructureComparison
 from ..geometry.medians import median
 from ..lane import BareLane
@@ -26,7 +24,7 @@ class Lane(BareLane):
 
     With `depth`, points are compared with these images; `in_detail`, the record has the figures of all points, too.
 
-    If the estimator fails, the lane ends there: `error` and `record.failure` say why, and other lanes go on.
+    If the estimator fails, however, the lane ends there: `error` and `record.failure` say why, and other lanes go on.
     """
 
     def __init__(
@@ -44,7 +42,6 @@ class Lane(BareLane):
         self.error: Exception | None = None
         self.folder = None if folder is None else ResultFolder(folder, observer.rig, config)
         self._depth = depth
-        self.finds_rig = METHODS[config.method].finds_rig and not config.rig.exact
         self._structure = StructureComparison(observer.rig.left)
         self._world = World(config.motion)
 
@@ -60,12 +57,13 @@ class Lane(BareLane):
         if self.error is not None:
             return None
         try:
-            estimate = self.estimate(observed)
-        except np.linalg.LinAlgError as error:
+            estimate = self._world.place(self.estimate(observed), observed.observations)
+        except Exception as error:
+            self.solution = None
             self.error = error
-            self.record.failure = f"stopped at frame {observed.observations.frame_index}: {error}"
+            kind = "" if isinstance(error, np.linalg.LinAlgError) else f"{type(error).__name__}: "
+            self.record.failure = f"stopped at frame {observed.observations.frame_index}: {kind}{error}"
             return None
-        estimate = self._world.place(estimate, observed.observations)
         began_s = time.thread_time()
         if self.folder is not None:
             self.folder.write(estimate)
@@ -103,17 +101,3 @@ def _median_sigma_m(estimate: FrameEstimate) -> float:
     rays = estimate.points_in_cam / np.maximum(np.linalg.norm(estimate.points_in_cam, axis=1, keepdims=True), 1e-9)
     variance = np.einsum("ni,nij,nj->n", rays, estimate.cov_points, rays)
     return float(np.sqrt(median(np.maximum(variance, 0))))
-
-
-def without_rig_errors(lane: Lane, lanes: Sequence[Lane], observed: Observed) -> Observed:
-    """Return the observations for a lane.
-
-    Those of the rig's errors that another lane has found are taken out, unless this one finds them itself: methods are
-    compared, not calibrations.
-    """
-    learnt = next((other.rig for other in lanes if other.rig is not None), None)
-    seen = observed.observations
-    if lane.finds_rig or learnt is None or seen.rig is None:
-        return observed
-    z_px = seen.z_px - seen.rig.timing_px - seen.rig.model.error_px(learnt, seen.z_px)
-    return replace(observed, observations=replace(seen, z_px=z_px))

@@ -1,15 +1,14 @@
-"""The one loop: frames of a log, one observer, the estimators of all lanes, then sinks and checks.
+"""The one loop: frames of a log, an observer, the estimator of a lane, then sinks and checks.
 
 Ctrl-C, SIGTERM and SIGHUP end a run after the current frame; a log that breaks off, a full disk or a defect end it
 where they occur. In each case the estimates so far are written, and the `Course` says how it went.
 """
 
-import os
 import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Protocol
 
@@ -20,26 +19,23 @@ from ..errors import FrameError, InputError, LogError
 from ..frontend.prepared import PreparedImages
 from ..interrupts import Interruption
 from ..observer import Observed, Observer
+from ..record import changed
 from ..recording.frames import RecordedFrame
 from ..recording.stereo_log import StereoLog
 from ..results.folder import close_all
-from ..types import Frame, FrameEstimate, Selection, Sink
+from ..types import FrameEstimate, Selection, Sink
 from ..wording import counted
-from .lane import Lane, without_rig_errors
-
-# The first lane runs this many frames ahead, until its rig estimate settles. Lanes that use this estimate would
-# otherwise jump from frame to frame, by up to 45 mm on the demo.
-_AHEAD_FRAMES = 30
+from .lane import Lane
 
 Frames = Generator[RecordedFrame, None, None]
 PreparedFrames = Generator[tuple[RecordedFrame, PreparedImages | None], None, None]
 
 
 class Check(Protocol):
-    """Checks what all lanes share, frame by frame."""
+    """Takes the observations of all frames, and what was made of them."""
 
-    def add(self, observed: Observed, frame: Frame, estimates: Mapping[str, FrameEstimate]) -> None:
-        """Take the next frame; `estimates`: by method, of the lanes that have not failed."""
+    def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
+        """Take the next frame; `estimates`: by method, of those that have not failed."""
         ...
 
 
@@ -52,6 +48,11 @@ class Course:
     interrupted: bool = False
     warnings: list[str] = field(default_factory=list)
     error: BaseException | None = None
+
+    def interrupt(self) -> None:
+        """Note that the run was interrupted."""
+        self.complete, self.interrupted = False, True
+        self.warnings.append(f"interrupted after {counted(self.frames, 'frame')}")
 
     def end(self, error: BaseException) -> None:
         """End the run early; a log that breaks off is no error if part of it was read."""
@@ -66,131 +67,79 @@ class Course:
 
 def run(
     log: StereoLog,
-    lanes: Sequence[Lane],
+    lane: Lane,
     sinks: Sequence[Sink] = (),
     checks: Sequence[Check] = (),
     *,
     selection: Selection,
     interruption: Interruption,
     all_calibrations: bool = False,
+    to_end: bool = False,
 ) -> Course:
-    """Feed the selected frames to all lanes, which share one observer, and say how it went; errors are in the result.
+    """Feed the selected frames to a lane through its observer, and say how it went; errors are in the result.
 
-    `sinks` are given one estimate per frame, of the first lane that has not failed, and are closed at the end.
-    `all_calibrations`: where the log has another one the lanes start anew with it; otherwise the run ends there.
+    `sinks` are given the estimate of each frame, and are closed at the end. `all_calibrations`: where the log has
+    another one the lane starts anew with it; otherwise the run ends there. `to_end`: the checks are given all frames,
+    even where the lane fails on the way.
     """
-    course, held = Course(), _Held(lanes[0].finds_rig and len(lanes) > 1)
+    course = Course()
     try:
         recorded = log.frames(selection, all_calibrations=all_calibrations)
-        pool = ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="lane")  # of lanes beside the first one
-        with pool, closing(recorded), closing(_by_rig(lanes, log.rig, recorded)) as frames:
-            try:
-                for frame, prepared, waited_ms in interruption.until_requested(_timed(frames)):
-                    estimates = _step(frame, prepared, waited_ms, lanes, checks, pool, held)
-                    if estimates is None:
+        with closing(recorded), closing(_by_rig(lane, log.rig, recorded)) as frames:
+            for frame, prepared, waited_ms in interruption.until_requested(_timed(frames)):
+                try:
+                    estimate = _step(frame, prepared, waited_ms, lane, checks)
+                except FrameError as error:
+                    lane.record.refuse(error)
+                    continue
+                course.frames += 1
+                if estimate is None:
+                    if to_end:
                         continue
-                    course.frames += 1
-                    for sink in sinks if estimates else ():
-                        sink.write(next(iter(estimates.values())), frame)
-                    if all(lane.error is not None for lane in lanes):
-                        break
-            finally:  # however it ends, what was observed is estimated
-                _catch_up(lanes, pool, held)
+                    break
+                for sink in sinks:
+                    sink.write(estimate, frame)
     except BaseException as error:
         course.end(error)
-    refusal = lanes[0].record.first_refusal
+    refusal = lane.record.first_refusal
     if not course.frames and refusal is not None and course.error is None:
         course.error = LogError(f"{log.path}: no frame could be used: {refusal}")
     if interruption.requested:
-        course.complete, course.interrupted = False, True
-        course.warnings.append(f"interrupted after {counted(course.frames, 'frame')}")
+        course.interrupt()
     try:
-        close_all([*(lane.folder for lane in lanes if lane.folder is not None), *sinks])
+        close_all([*([] if lane.folder is None else [lane.folder]), *sinks])
     except Exception as error:
         course.error = course.error or error
     return course
 
 
-def _by_rig(lanes: Sequence[Lane], rig: StereoRig | MonoRig, frames: Frames) -> PreparedFrames:
-    """Yield the frames as `prepared_ahead` does; where their rig changes, the lanes have begun anew with it."""
+def _by_rig(lane: Lane, rig: StereoRig | MonoRig, frames: Frames) -> PreparedFrames:
+    """Yield the frames as `prepared_ahead` does; where their rig changes, the lane has begun anew with it."""
     for now, group in groupby(frames, key=lambda frame: frame.recorded.rig):
         if now is not None and now is not rig:
             rig = now
             with one_thread:
-                observer = Observer(rig, lanes[0].config)
-                for lane in lanes:
-                    lane.begin_anew(observer)
-        with closing(prepared_ahead(lanes[0].observer, (frame for frame in group))) as prepared:
+                lane.begin_anew(Observer(rig, lane.config))
+        with closing(prepared_ahead(lane.observer, (frame for frame in group))) as prepared:
             yield from prepared
 
 
 def _step(
-    frame: RecordedFrame,
-    prepared: PreparedImages | None,
-    waited_ms: float,
-    lanes: Sequence[Lane],
-    checks: Sequence[Check],
-    pool: ThreadPoolExecutor,
-    held: "_Held",
-) -> dict[str, FrameEstimate] | None:
-    """Pass one frame through the observer, and its observations through all lanes and checks.
+    frame: RecordedFrame, prepared: PreparedImages | None, waited_ms: float, lane: Lane, checks: Sequence[Check]
+) -> FrameEstimate | None:
+    """Pass one frame through the observer, and its observations through the lane and all checks.
 
-    Returns the estimates by method; None where the front-end refuses the frame, which each record counts.
+    Returns None where the lane has failed. Raises FrameError where the front-end refuses the frame.
     """
     with one_thread:
-        try:
-            observed = lanes[0].observer.observe(frame, prepared)
-        except FrameError as error:
-            for lane in lanes:
-                lane.record.refuse(error)
-            return None
-        observed = replace(observed, timings_ms={"decode": waited_ms} | observed.timings_ms)
-        found = _estimates(observed, lanes, pool, held)
-        estimates = {lane.record.name: e for lane, e in zip(lanes, found, strict=True) if e is not None}
-        taught = next((lane.solution for lane in lanes if lane.solution and lane.solution.rig), None)
-        if taught is not None:  # by one lane only, so that it estimates as it would alone
-            lanes[0].observer.learn(taught)
+        observed = lane.observer.observe(frame, prepared)
+        observed = changed(observed, timings_ms={"decode": waited_ms} | observed.timings_ms)
+        estimate = lane.take(observed)
+        if lane.solution is not None:
+            lane.observer.learn(lane.solution)
         for check in checks:
-            check.add(observed, frame, estimates)
-        return estimates
-
-
-@dataclass(slots=True)
-class _Held:
-    """The `frames` that lanes have not taken yet which the first one is ahead of, as long as it `is_ahead`."""
-
-    is_ahead: bool
-    frames: list[Observed] = field(default_factory=list)
-
-
-def _estimates(
-    observed: Observed, lanes: Sequence[Lane], pool: ThreadPoolExecutor, held: _Held
-) -> list[FrameEstimate | None]:
-    """Return what each lane estimates: the first one by itself, as it may find what is wrong with the rig, then all
-    others beside each other. They have no estimate while the first one is ahead."""
-    found = lanes[0].take(without_rig_errors(lanes[0], lanes, observed))
-    held.frames.append(observed)
-    held.is_ahead = held.is_ahead and len(held.frames) < _AHEAD_FRAMES and lanes[0].error is None
-    if held.is_ahead:
-        return [found, *(None for _ in lanes[1:])]
-    return [found, *_catch_up(lanes, pool, held)]
-
-
-def _catch_up(lanes: Sequence[Lane], pool: ThreadPoolExecutor, held: _Held) -> list[FrameEstimate | None]:
-    """Have all lanes but the first take the frames held, and return their last estimates."""
-    frames, held.frames = held.frames, []
-
-    def take(lane: Lane, seen: Sequence[Observed]) -> FrameEstimate | None:
-        estimate = None
-        for observed in seen:
-            estimate = lane.take(observed)
+            check.add(observed, {} if estimate is None else {lane.record.name: estimate})
         return estimate
-
-    with one_thread:
-        seen = [[without_rig_errors(lane, lanes, observed) for observed in frames] for lane in lanes[1:]]
-        coming = [pool.submit(take, *of_lane) for of_lane in zip(lanes[1:], seen, strict=True)]
-        wait(coming)  # all of them, whatever one of them raises
-    return [future.result() for future in coming]
 
 
 def prepared_ahead(observer: Observer, frames: Frames) -> PreparedFrames:

@@ -6,24 +6,27 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
+import numpy as np
+
 from ..blas import one_thread
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config
-from ..errors import InputError, OutputError
+from ..errors import ConfigError, InputError, OutputError
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..evaluation.summary import evaluate
 from ..inspection.calibration_check import CalibrationSink
-from ..interrupts import deferred_interrupts
+from ..interrupts import Interruption, deferred_interrupts
 from ..observer import Observer
 from ..outputs import MAP_TRAJECTORY, RESULTS, refuse_overwriting
 from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration import describe
 from ..report.records import Truth
-from ..types import Selection, Sink, Trajectory
+from ..types import Frame, FrameEstimate, Selection, Sink, Trajectory
 from .lane import Lane
 from .loop import Course, run
 from .self_test import SelfTest
 from .summary import peak_rss_mib, summarise
+from .there_and_back import drift_there_and_back
 
 if TYPE_CHECKING:
     from ..places.place_map import PlaceMap
@@ -75,6 +78,7 @@ def replay(
     calibration: str | Path | StereoRig | MonoRig | None = None,
     ignore_ground_truth: Sequence[tuple[int, int]] = (),
     self_test: bool = False,
+    there_and_back: bool = False,
     loops: bool = False,
     known_map: str | Path | None = None,
     save_map: str | Path | None = None,
@@ -85,7 +89,8 @@ def replay(
 
     `left`, `right`, `calibration`: as in `open_log`. `ignore_ground_truth`: ranges [first, end) of frames of this
     run whose ground truth is not compared, because it is wrong. `self_test`: estimate from
-    disjoint halves of the tracks, too, and tell in the summary how large their difference is in σ. `loops`: find
+    disjoint halves of the tracks, too, and tell in the summary how large their difference is in σ. `there_and_back`:
+    estimate the frames once more, backwards, and tell how far from its beginning that ends. `loops`: find
     places again beside the engine, and write the poses that follow, trajectory_map.tum; so do `known_map`, a file in
     whose world the camera is looked for, and `save_map`, a file to write the map to at the end. `std_truth`: σ of the
     ground truth itself, in metres and radians. `sinks` are given each estimate and its frame after the files have
@@ -93,28 +98,28 @@ def replay(
     log. Raises ConfigError, LogError where not one frame could be estimated, OutputError, ReplayInterrupted.
     """
     config, selection = config or Config(), selection or Selection()
-    if self_test:
-        config.needs_scale("the self-test")
+    if self_test or there_and_back:
+        config.needs_scale("the self-test" if self_test else "there and back")
     truth = Truth(None, checked_ranges(ignore_ground_truth), std_truth)
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration, mono=config.mono)
     folder, map_file = (None if path is None else Path(path) for path in (out_dir, save_map))
     written = [] if folder is None else [folder / name for name in (*RESULTS, MAP_TRAJECTORY)]
     refuse_overwriting([*written, *filter(None, [map_file])], [log.path])
-    replayed = _Replay(log, config, selection, folder, self_test)
+    replayed = _Replay(log, config, selection, folder, self_test, there_and_back)
     if loops or known_map is not None or map_file is not None:
         replayed.find_places(known_map, map_file, sinks)
     with deferred_interrupts() as interruption:
         course = run(
             log,
-            [replayed.lane],
+            replayed.lane,
             [*replayed.sinks, *sinks],
             replayed.checks,
             selection=selection,
             interruption=interruption,
             all_calibrations=replayed.starts_anew,
         )
-        result = replayed.result(course, truth)
+        result = replayed.result(course, truth, interruption)
     if interruption.requested:
         raise ReplayInterrupted(result)
     if course.error is not None:
@@ -126,7 +131,13 @@ class _Replay:
     """The lane of a replay, its sinks and checks, and its result."""
 
     def __init__(
-        self, log: StereoLog, config: Config, selection: Selection, folder: Path | None, self_test: bool
+        self,
+        log: StereoLog,
+        config: Config,
+        selection: Selection,
+        folder: Path | None,
+        self_test: bool,
+        there_and_back: bool,
     ) -> None:
         self._began_cpu_s = time.process_time()
         self._log, self._config, self._selection = log, config, selection
@@ -139,8 +150,10 @@ class _Replay:
         self._places: PlaceMap | None = None
         self._save_map: Path | None = None
         # Where the calibration changes; not with one camera, whose unit of length would change, too.
-        self.starts_anew = not (config.mono or self_test)
-        self.sinks: list[Sink] = [] if config.mono else [self._calibration]
+        self._there_and_back = there_and_back
+        self.starts_anew = not (config.mono or self_test or there_and_back)
+        self._latency = _Latency(log)
+        self.sinks: list[Sink] = [self._latency] if config.mono else [self._calibration, self._latency]
 
     def find_places(self, known: str | Path | None, save: Path | None, sinks: Sequence[Sink]) -> None:
         """Make a map beside the estimates, starting from the file `known` if one is given."""
@@ -156,7 +169,7 @@ class _Replay:
             if isinstance(sink, MapSink):
                 sink.show_map(places)
 
-    def result(self, course: Course, truth: Truth) -> ReplayResult:
+    def result(self, course: Course, truth: Truth, interruption: Interruption) -> ReplayResult:
         """Write the summary; a failure of this is the error of the course unless there is one already."""
         lane, record, folder = self.lane, self.lane.record, self.lane.folder
         if lane.error is not None:
@@ -169,17 +182,21 @@ class _Replay:
             "peak_rss_mib": peak_rss_mib(),
             "problems": self._calibration.problems or problems,
         }
+        if self._latency.ages_ms:
+            further["live"] = self._latency.summary()
         if record.rig is not None:
             further["rig"] = describe(lane.observer.projection, record.rig)
         for test in self.checks:
             further["self_test"] = test.result()
+        if self._there_and_back and not course.interrupted and len(record):
+            further["there_and_back"] = self._back(course, interruption)
         corrected = None
         if self._places is not None and len(record):
             corrected, further["map"] = self._corrected(self._places, course, truth)
         depth = [self._depth.problem] if self._depth is not None and self._depth.problem else []
         complete = course.complete and self._log.stats.complete
         warnings = [*self._log.stats.warnings, *course.warnings, *depth]
-        summary = summarise(self._log, lane, self._selection, truth, complete, warnings, further)
+        summary = summarise(self._log, self._log.stats, lane, self._selection, truth, complete, warnings, further)
         try:
             if folder is not None:
                 folder.write_summary(summary)
@@ -193,6 +210,15 @@ class _Replay:
             except OutputError as error:  # the run's own files are complete
                 course.error = course.error or error
         return ReplayResult(summary, None if folder is None else folder.path, record.trajectory())
+
+    def _back(self, course: Course, interruption: Interruption) -> dict[str, Any] | None:
+        """Return what the way back shows; what is already estimated is not lost where it fails."""
+        there = self.lane.record.trajectory()
+        try:
+            return drift_there_and_back(self._log, self._config, self._selection, there, interruption)
+        except (ConfigError, InputError) as error:
+            course.warnings.append(f"there and back: {error}")
+            return None
 
     def _corrected(
         self, places: "PlaceMap", course: Course, truth: Truth
@@ -222,3 +248,24 @@ class _Replay:
         except InputError as error:
             return truth, [f"{self._log.path}: {error}"]
         return truth._replace(poses=without_frames(poses, stamps_ns, truth.ignored)), []
+
+
+class _Latency:
+    """A sink that notes how old the pictures of a live camera are when their estimates have been written."""
+
+    def __init__(self, log: StereoLog) -> None:
+        self._log = log
+        self.ages_ms: list[float] = []
+
+    def write(self, estimate: FrameEstimate, frame: Frame) -> None:
+        """Note the age of a frame's pictures."""
+        if (age_s := self._log.age_s(frame.stamp_ns)) is not None:
+            self.ages_ms.append(1e3 * age_s)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def summary(self) -> dict[str, Any]:
+        """`latency_ms` from picture to estimate, and how many pairs were `left_out`."""
+        p50, p99, most = np.percentile(self.ages_ms, [50, 99, 100]).tolist()
+        return {"latency_ms": {"p50": p50, "p99": p99, "max": most}, "left_out": self._log.left_out}

@@ -21,7 +21,7 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..motion import Motion
 from ..observer import Observed
-from ..types import Frame, FrameEstimate, LastingErrors, Observations, Solution, Status
+from ..types import FrameEstimate, LastingErrors, Observations, Solution, Status
 
 SPANS = (1, 2, 5, 8)
 TESTS = ("tracks", "image")
@@ -39,7 +39,7 @@ class SelfTest:
         self._apart: dict[tuple[str, int], list[tuple[Array, Array, Array]]] = {}
         self._born_left: dict[int, bool] = {}  # of the tracks in view
 
-    def add(self, observed: Observed, frame: Frame, estimates: Mapping[str, FrameEstimate]) -> None:
+    def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
         """Estimate the next frame from each half."""
         o = observed.observations
         left = o.z_px[:, 0] < self._middle_px
@@ -50,7 +50,7 @@ class SelfTest:
         halves = {"tracks": o.track_ids % 2 == 0, "image": np.array(list(self._born_left.values()), bool)}
         for test, first in halves.items():
             a, b = (
-                estimator.step(_part(o, rows))
+                estimator.step(part_of(o, rows))
                 for estimator, rows in zip(self._pairs[test], (first, ~first), strict=True)
             )
             if Status.LOST not in (a.status, b.status):
@@ -84,8 +84,8 @@ class SelfTest:
         return found
 
 
-def _part(observations: Observations, rows: Mask) -> Observations:
-    """The observations of some tracks."""
+def part_of(observations: Observations, rows: Mask) -> Observations:
+    """Return the observations of some tracks."""
     o, n_old = observations, len(observations.track_ids) - observations.n_new
     return replace(
         o,

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ..evaluation.summary import end_pose, evaluate_run, evaluate_unscaled
+from ..recording.pair_reader import ReadStats
 from ..recording.stereo_log import StereoLog
 from ..report.records import RunRecord, Truth
 from ..results.folder import UNIT_WITHOUT_SCALE
@@ -15,6 +16,7 @@ from .lane import Lane
 
 def summarise(
     log: StereoLog,
+    stats: ReadStats,
     lane: Lane,
     selection: Selection,
     truth: Truth,
@@ -22,7 +24,7 @@ def summarise(
     warnings: list[str],
     further: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The content of summary.json of a lane; `complete` and `warnings`: of the run.
+    """The content of summary.json of a lane; `stats`: of the reading of the log; `complete`, `warnings`: of the run.
 
     `further` fields come before those of the ground truth.
     """
@@ -35,7 +37,7 @@ def summarise(
         "unit_of_length": UNIT_WITHOUT_SCALE if config.mono else "metre",
         "complete": complete and not record.failure,
         "warnings": list(dict.fromkeys([*warnings, *record.warnings()])),
-        "frames": _frame_counts(log, selection, record),
+        "frames": _frame_counts(stats, selection, record),
         **record.summary(),
         "end": None if config.mono else end_pose(trajectory),
         **(further or {}),
@@ -51,14 +53,13 @@ def summarise(
     return summary
 
 
-def _frame_counts(log: StereoLog, selection: Selection, record: RunRecord) -> dict[str, int]:
+def _frame_counts(stats: ReadStats, selection: Selection, record: RunRecord) -> dict[str, int]:
     """`frames` of the summary.
 
     `read`: left images read; `paired`: stereo frames among them, or of the selection if it is a part of the log;
     `estimated`: frames with an estimate of any status, `degraded`, `lost` among them; `dropped`:
     images that were out of order, undecodable or refused.
     """
-    stats = log.stats
     return {
         "read": stats.left_read,
         "paired": stats.paired if selection.is_everything else len(record) + record.refused,

@@ -7,8 +7,8 @@ import numpy as np
 from ..config import MotionConfig
 from ..estimators.lifecycle import lost_solution
 from ..estimators.motion_model import MotionModel
-from ..geometry import se3
 from ..geometry.se3 import Array
+from ..motion import in_world
 from ..record import Kind, with_changes
 from ..types import FrameEstimate, Observations, Solution, Status
 
@@ -50,27 +50,10 @@ class World:
 
     def _moved(self, estimate: FrameEstimate, from_map: Array) -> FrameEstimate:
         """Return an estimate of the latest map in this world: `stream_sfm.types` says of what kind its fields are."""
-
-        def cov_pose(cov: Array, world_from_cam: Array) -> Array:
-            to_cam = se3.adjoint(se3.inverse(world_from_cam))
-            moved: Array = cov + to_cam @ self._cov @ to_cam.T
-            return moved
-
         return with_changes(
-            estimate,
+            in_world(estimate, from_map, self._cov),
             {
                 Kind.FRAMES: lambda frames, _: frames + self._first_frame,
                 Kind.TRACKS: lambda ids, _: ids + self._first_id,
-                Kind.POSES: lambda poses, _: se3.orthonormalise(from_map @ poses),
-                Kind.COV_POSE: cov_pose,
-                Kind.POINTS: lambda points, _: se3.transform(from_map, points),
-                Kind.COV_POINTS: lambda cov, points: self._cov_moved(points, cov, from_map),
             },
         )
-
-    def _cov_moved(self, points: Array, cov_points: Array, from_map: Array) -> Array:
-        """Covariances (n, 3, 3) in this world of points (n, 3) of the map."""
-        j = se3.point_in_source_jacobian(points)
-        r = from_map[:3, :3]
-        cov: Array = r @ (cov_points + j @ self._cov @ np.swapaxes(j, 1, 2)) @ r.T
-        return cov

@@ -12,6 +12,7 @@ from . import figure6
 from .calibration import CALIBRATION
 from .rates import RATES
 from .studies import CONSISTENCY, EFFICIENCY, Progress, Report
+from .tables import to_csv
 
 EXPERIMENTS = {
     "efficiency": EFFICIENCY,
@@ -33,9 +34,10 @@ def simulate(
 ) -> Report:
     """Run a Monte Carlo study on the paper's simulated stereo pair, and return the content of results.json.
 
-    `experiment`: efficiency, consistency, calibration, rates or figure6; with `out_dir` results.json is written, and
-    for figure6 the picture. `workers` processes of this machine (None: one per core); the numbers depend on `seed`
-    alone. `on_progress` is called with the number of trials just finished. Raises ConfigError, OutputError.
+    `experiment`: efficiency, consistency, calibration, rates or figure6; with `out_dir` results.json and results.csv
+    are written, and for figure6 the picture. `workers` processes of this machine (None: one per core); the numbers
+    depend on `seed` alone. `on_progress` is called with the number of trials just finished. Raises ConfigError,
+    OutputError.
     """
     if experiment not in EXPERIMENTS:
         raise ConfigError(f"experiment {experiment!r} is not known; known are {', '.join(EXPERIMENTS)}")
@@ -46,6 +48,7 @@ def simulate(
     report: Report = msgspec.to_builtins({"experiment": experiment, "trials": trials, "seed": seed, **found})
     if out_dir is not None:
         write_whole(Path(out_dir, "results.json"), json_bytes(report))
+        write_whole(Path(out_dir, "results.csv"), to_csv(report).encode())
         try:
             if experiment == "figure6":
                 figure6.draw(report, Path(out_dir))

@@ -26,10 +26,6 @@ KINDS = {  # prefix of the labels -> estimator, and title of a column of panels
     "literal": ("cross-frame-cc-literal", "CC, literal"),
     "wc": ("cross-frame-wc", "world-centred (WC)"),
 }
-METHODS = (
-    *(Method(name, b, f"{kind}_b{b}") for kind, (name, _) in KINDS.items() for b in BATCHES),
-    *(Method(name) for name in ("cross-frame", "ekf", "iterated-ekf", "frame-to-frame")),
-)
 _STYLE: Any = {
     "font.size": 9,
     "axes.spines.top": False,
@@ -47,6 +43,10 @@ _OTHERS = {
     "cross-frame": ("joint prior, b = 8", "#1b9e77", "-"),
     "bound": ("Cramér–Rao bound", "black", ":"),
 }
+METHODS = (
+    *(Method(name, b, f"{kind}_b{b}") for kind, (name, _) in KINDS.items() for b in BATCHES),
+    *(Method(name) for name in reversed(_OTHERS) if name != "bound"),
+)
 _ROWS = ("pose: rotation, mrad", "pose: position, mm", "global structure, mm", "local structure, mm")
 
 

@@ -14,13 +14,12 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
-from ..estimators import METHODS
 from ..evaluation.relative import Interval
 from ..geometry.se3 import Array
+from ..methods import COMPARED, METHODS, REFERENCE
 from .measure import NORMALISED, QUANTITIES, Measured, Method, measure
 from .scenes import Scene
 
-REFERENCE = "cross-frame"
 EXPECTED = dict(zip(NORMALISED, (6.0, 3.0, 3.0), strict=True))
 Result = TypeVar("Result")
 Progress = Callable[[int], None]  # called with the number of trials just finished
@@ -174,9 +173,7 @@ def judged(
     return Condition(trial, share, scene=scene, frames=frames)
 
 
-_OF_LONG_RUNS = tuple(
-    map(Method, (REFERENCE, "cross-frame-wc", "cross-frame-cc", "ekf", "iterated-ekf", "frame-to-frame"))
-)
+_OF_LONG_RUNS = tuple(Method(name) for name in COMPARED if name != "ekf-cv")
 _FRAMES, _LATE_FRAMES = tuple(range(10, 31)), tuple(range(20, 201, 20))
 CONDITIONS = {
     "nominal": judged(Scene(track_length=8), _FRAMES),

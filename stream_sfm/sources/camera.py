@@ -4,6 +4,7 @@ So live estimates are made exactly as in a replay, and the recording made beside
 """
 
 import threading
+import time
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +21,8 @@ from .profile import ProfileEncoder
 
 WAITING_PAIRS = 4  # pairs of pictures that wait; older ones are left out, because a late estimate is of no use live
 
+_REMEMBERED = 64  # pairs whose arrival is known: more than wait, and are worked on ahead
+
 
 class CameraSource(Source):
     """The pictures of an open device from the moment they are read; each reading goes on where the last one ended.
@@ -34,6 +37,7 @@ class CameraSource(Source):
     def __init__(self, name: str, device: Device, rig: StereoRig, recorder: MessageWriter | None = None) -> None:
         self.path, self.size_bytes = Path(name), 0
         self._device, self._rig, self._recorder = device, rig, recorder
+        self._grabber: _Grabber | None = None
 
     def contents(self) -> Contents | None:
         """The topics; how many messages there will be is not known."""
@@ -47,12 +51,13 @@ class CameraSource(Source):
             for side in (0, 1):  # the calibration is known without a picture
                 yield from (m for m in encoder.due_calibration(side, 0) if m.channel.topic in topics)
             return
-        grabber = _Grabber(self._device, encoder, self._recorder)
+        self._grabber = grabber = _Grabber(self._device, encoder, self._recorder)
         try:
             while (messages := grabber.next()) is not None:
                 yield from (m for m in messages if topics is None or m.channel.topic in topics)
         finally:
             grabber.stop()
+            self.left_out = grabber.left_out
             if grabber.left_out:
                 damage.note(
                     f"{grabber.left_out} pairs of images were left out, because the camera was faster than the "
@@ -60,6 +65,11 @@ class CameraSource(Source):
                 )
             if grabber.error is not None:
                 damage.add(f"{self.path}: {grabber.error}")
+
+    def age_s(self, stamp_ns: int) -> float | None:
+        """Seconds since the pair of this stamp has come; None where it is not one of the last ones."""
+        came_s = None if self._grabber is None else self._grabber.came_s.get(stamp_ns)
+        return None if came_s is None else time.monotonic() - came_s
 
     def close(self) -> None:
         """Give the camera back, and finish what it is recorded in."""
@@ -79,6 +89,7 @@ class _Grabber:
         self._news, self._ended, self._stopped = threading.Condition(), False, False
         self._last_ns: int | None = None
         self.left_out = 0
+        self.came_s: dict[int, float] = {}  # of the last pairs, by their stamps
         self.error: Exception | None = None
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
@@ -112,6 +123,7 @@ class _Grabber:
         if self._stopped or (self._last_ns is not None and stamp_ns <= self._last_ns):
             return  # the camera answered only after the recording was finished, or with the same picture once more
         self._last_ns = stamp_ns
+        self.came_s = dict([*self.came_s.items(), (stamp_ns, time.monotonic())][-_REMEMBERED:])
         messages: list[Message] = []
         for side, image in enumerate(images):
             messages += self._encoder.due_calibration(side, stamp_ns)

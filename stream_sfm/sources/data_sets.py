@@ -1,21 +1,21 @@
 """Recordings that are folders: KITTI, EuRoC, TartanAir, folders of images or videos of left and right.
 
-A folder is recognised by the folders of its two cameras, and by files that a data set has beside them. To add a data
-set: a line in `LAYOUTS`, and the function that opens it.
+A data set is recognised by the folders of its two cameras and by files that it has beside them; any other folder by
+what its folders or files are called. To add a data set: a line in `LAYOUTS`, and the function that opens it.
 """
 
+import os
+import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from itertools import product
 from os.path import exists, isdir
 from pathlib import Path
-from re import findall
 from typing import NamedTuple
 
 import numpy as np
 
 from ..camera.calibration.projections import cam_from_cam0, kitti_camera
-from ..camera.calibration.read import is_calibration, read_document
+from ..camera.calibration.read import CALIBRATION_SUFFIXES, is_calibration, read_document
 from ..camera.calibration.slam import body_from_left
 from ..camera.models import Camera
 from ..camera.rig import StereoRig
@@ -24,12 +24,13 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from ..mcap_file.message import Source
 from .image_files import ImageFile, ImageFilesSource, size_of
+from .image_folders import image_sides
 from .image_sets import IMAGE_SUFFIXES, images_in, open_images
 from .joined import JoinedSource
 from .pose_files import check_ascending, read_euroc, read_kitti, read_rows, read_table, read_text, read_times
+from .sides import possible_pairs
 from .video import VideoSource
 
-_SIDES = (("left", "right"), ("l", "r"), ("cam0", "cam1"), ("image_0", "image_1"), ("image_2", "image_3"))
 _STAMPS = ("times.txt", "stamps.txt", "timestamps.txt")
 _EUROC_FILES = ("cam0/sensor.yaml", "cam1/sensor.yaml", "cam0/data.csv", "cam1/data.csv")
 _EUROC_TRUTHS = ("state_groundtruth_estimate0/data.csv", "mocap0/data.csv", "gt/data.csv")
@@ -41,36 +42,46 @@ _TARTANAIR_F_PX, _TARTANAIR_BASELINE_M = 320.0, 0.25
 _BODY_FROM_CAM = se3.from_rotation_translation([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [0, 0, 0])
 
 
+class Given(NamedTuple):
+    """What its user says of a recording: not to use the calibration in it, and the rate of images without stamps."""
+
+    calibrated: bool = False
+    rate_hz: float | None = None
+
+
+NOTHING = Given()
+
+
 class Layout(NamedTuple):
     """One way in which a recording lies in a folder: folders of left and right, and files of which one is there."""
 
     name: str
-    open: Callable[[Path, "Layout"], ImageFilesSource]
+    open: Callable[[Path, "Layout", Given], ImageFilesSource]
     sides: tuple[str, str]
-    files: Sequence[str] = ()
+    files: Sequence[str]
 
     def has_sides(self, folder: Path) -> bool:
-        """Return whether a folder has those of left and right; where these hold images alone, with images."""
-        # `isdir`, as that of a Path raises OSError where a name is too long
-        inside = all(isdir(folder / side) for side in self.sides)
-        return inside and (bool(self.files) or all(images_in(folder / side) for side in self.sides))
+        """Return whether a folder has those of left and right."""
+        return all(isdir(folder / side) for side in self.sides)  # that of a Path raises OSError for too long a name
 
     def fits(self, folder: Path) -> bool:
         """Whether a folder is laid out so."""
-        return self.has_sides(folder) and (not self.files or any(exists(folder / name) for name in self.files))
+        return self.has_sides(folder) and any(exists(folder / name) for name in self.files)
 
 
-def open_folder(folder: Path) -> Source | None:
+def open_folder(folder: Path, given: Given = NOTHING) -> Source | None:
     """Return the recording in a folder; None where no layout fits. Raises LogError, ConfigError."""
     if (layout := next((layout for layout in LAYOUTS if layout.fits(folder)), None)) is not None:
-        return layout.open(folder, layout)
-    videos = _videos(folder)
-    return JoinedSource(folder, [VideoSource(path, side) for side, path in enumerate(videos)]) if videos else None
+        return layout.open(folder, layout, given)
+    if (videos := _videos(folder)) is not None:
+        return JoinedSource(folder, [VideoSource(path, side) for side, path in enumerate(videos)])
+    return _open_images(folder, given)
 
 
 def is_data_set(folder: Path) -> bool:
     """Whether `open_folder` knows a folder."""
-    return any(layout.fits(folder) for layout in LAYOUTS) or _videos(folder) is not None
+    known = any(layout.fits(folder) for layout in LAYOUTS) or _videos(folder) is not None
+    return known or image_sides(folder) is not None
 
 
 def open_kitti(folder: Path, poses: str | Path | None = None) -> ImageFilesSource:
@@ -82,12 +93,12 @@ def open_kitti(folder: Path, poses: str | Path | None = None) -> ImageFilesSourc
     layout = _known(
         folder, "KITTI", "image_0 and image_1 (or 2 and 3): one sequence, or one drive of its raw data (…_sync)"
     )
-    return _open_kitti(folder, layout, poses)
+    return _open_kitti(folder, layout, NOTHING, poses)
 
 
 def open_euroc(folder: Path) -> ImageFilesSource:
     """A recording laid out like EuRoC's: mav0, or what contains it. Raises LogError; ConfigError."""
-    return _open_euroc(folder, _known(folder, "EuRoC", "mav0 with cam0 and cam1"))
+    return _open_euroc(folder, _known(folder, "EuRoC", "mav0 with cam0 and cam1"), NOTHING)
 
 
 def _known(folder: Path, name: str, content: str) -> Layout:
@@ -100,8 +111,7 @@ def _known(folder: Path, name: str, content: str) -> Layout:
     raise LogError(f"{folder} is not laid out like {name}: give the folder that holds {content}")
 
 
-def _open_kitti(folder: Path, layout: Layout, poses: str | Path | None = None) -> ImageFilesSource:
-    cameras = [int(findall(r"\d+", side)[0]) for side in layout.sides]
+def _open_kitti(folder: Path, layout: Layout, given: Given, poses: str | Path | None = None) -> ImageFilesSource:
     files = [sorted((folder / side).glob("*.png")) for side in layout.sides]
     if not files[0] or not files[1]:
         raise LogError(f"{folder}: {layout.sides[0]} and {layout.sides[1]} must hold .png images")
@@ -117,26 +127,46 @@ def _open_kitti(folder: Path, layout: Layout, poses: str | Path | None = None) -
                     f"{file}: the name is not the number of a line of the times, which are {len(stamps)}"
                 )
         images.append([ImageFile(stamps[int(file.stem)], file) for file in side])
-    path = next(folder / name for name in layout.files if exists(folder / name))
-    document, size = read_document(path), size_of(files[0][0])
-    left_from_cam0, right_from_cam0 = (cam_from_cam0(document, number) for number in cameras)
-    cam0_from_left = se3.inverse(left_from_cam0)
+    rig: StereoRig | None = None
+    cam0_from_left = np.eye(4)
     try:
-        left, right = (kitti_camera(document, number, size) for number in cameras)
-        rig = StereoRig(left, right, right_from_cam0 @ cam0_from_left)
-    except ConfigError as error:
-        raise document.error(str(error)) from None
-    resolved, notes, truth = folder.resolve(), [], list[tuple[int, Array]]()
-    own = folder / "poses.txt", resolved.parent.parent / "poses" / f"{resolved.name}.txt"
-    truth_file = next((p for p in own if p.is_file()), None) if poses is None else Path(poses)
-    if truth_file is not None:
+        rig, cam0_from_left = _kitti_rig(folder, layout, size_of(files[0][0]))
+    except ConfigError:
+        if not given.calibrated:
+            raise
+    known = rig is not None or re.match("image_0?0", layout.sides[0])  # of camera 0, whose poses they are
+    notes, truth = list[str](), list[tuple[int, Array]]()
+    truth_file = _kitti_truth(folder) if poses is None else Path(poses)
+    if truth_file is not None and not known:
+        notes.append(f"{truth_file} is not used: its poses are camera 0's, and no calibration says where that is")
+    elif truth_file is not None:
         world_from_left = read_kitti(truth_file) @ cam0_from_left
         if (count := len(world_from_left)) > len(stamps):
             raise LogError(f"{truth_file} has {count} poses for {len(stamps)} times in {folder}")
         if count < len(stamps):
             notes.append(f"{truth_file} has poses for the first {count} of {len(stamps)} frames")
         truth = list(zip(stamps, world_from_left, strict=False))
-    return ImageFilesSource(folder, layout.name, rig, (images[0], images[1]), truth, notes)
+    used = None if given.calibrated else rig
+    return ImageFilesSource(folder, layout.name, used, (images[0], images[1]), truth, notes)
+
+
+def _kitti_rig(folder: Path, layout: Layout, size: tuple[int, int]) -> tuple[StereoRig, Array]:
+    """The rig, and the pose (4, 4) of the left camera in camera 0. Raises ConfigError."""
+    document = read_document(next(folder / name for name in layout.files if exists(folder / name)))
+    cameras = [int(re.findall(r"\d+", side)[0]) for side in layout.sides]
+    left_from_cam0, right_from_cam0 = (cam_from_cam0(document, number, size) for number in cameras)
+    cam0_from_left = se3.inverse(left_from_cam0)
+    left, right = (kitti_camera(document, number, size) for number in cameras)
+    try:
+        return StereoRig(left, right, right_from_cam0 @ cam0_from_left), cam0_from_left
+    except ConfigError as error:
+        raise document.error(str(error)) from None
+
+
+def _kitti_truth(folder: Path) -> Path | None:
+    resolved = folder.resolve()
+    own = folder / "poses.txt", resolved.parent.parent / "poses" / f"{resolved.name}.txt"
+    return next((p for p in own if p.is_file()), None)
 
 
 def _read_dates(path: Path) -> list[int]:
@@ -152,13 +182,20 @@ def _read_dates(path: Path) -> list[int]:
     return stamps
 
 
-def _open_euroc(folder: Path, layout: Layout) -> ImageFilesSource:
+def _open_euroc(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
     """Ground truth is the body in the world; it is carried into the left camera where a calibration says how."""
     cameras = [folder / side for side in layout.sides]
-    mav, images = cameras[0].parent, (_euroc_images(cameras[0]), _euroc_images(cameras[1]))
-    rig, body_from_cam = _euroc_rig(mav, cameras)
-    truth_file = next((mav / name for name in _EUROC_TRUTHS if (mav / name).is_file()), None)
     poses, notes = list[tuple[int, Array]](), list[str]()
+    mav, images = cameras[0].parent, (_euroc_images(cameras[0], notes), _euroc_images(cameras[1], notes))
+    rig: StereoRig | None = None
+    body_from_cam: Array | None = None
+    try:
+        rig, body_from_cam = _euroc_rig(mav, cameras)
+    except ConfigError:
+        if not given.calibrated:
+            raise
+    rig = None if given.calibrated else rig
+    truth_file = next((mav / name for name in _EUROC_TRUTHS if (mav / name).is_file()), None)
     if truth_file is not None and body_from_cam is not None:
         truth = read_euroc(truth_file)
         poses += zip(truth.stamps_ns.tolist(), truth.world_from_cam @ body_from_cam, strict=True)
@@ -186,8 +223,11 @@ def _euroc_rig(mav: Path, cameras: Sequence[Path]) -> tuple[StereoRig | None, Ar
     return None, None
 
 
-def _euroc_images(folder: Path) -> list[ImageFile]:
-    """The images of a camera by its table; without one, their names are the stamps."""
+def _euroc_images(folder: Path, notes: list[str]) -> list[ImageFile]:
+    """The images of a camera by its table; without one, their names are the stamps.
+
+    Images of the table that are not there are noted: a part of a recording is a whole one of its own.
+    """
     path, images = folder / "data.csv", []
     if path.is_file():
         for number, cells in read_table(path, "table"):
@@ -196,48 +236,63 @@ def _euroc_images(folder: Path) -> list[ImageFile]:
                     f"{path}, line {number} is not a stamp in nanoseconds and the name of an image: {cells}"
                 )
             images.append(ImageFile(int(cells[0]), folder / "data" / cells[1]))
+        there = {file.name for file in images_in(folder / "data")} if isdir(folder / "data") else set()
+        listed, images = len(images), [image for image in images if image.path.name in there]
+        if images and len(images) < listed:
+            notes.append(
+                f"{listed - len(images)} of {listed} images in {path} are not in the folder {folder / 'data'}"
+            )
     else:
         found = [p for p in (folder / "data").glob("*") if p.suffix in IMAGE_SUFFIXES and p.stem.isdecimal()]
         images = sorted((ImageFile(int(p.stem), p) for p in found), key=lambda image: image.stamp_ns)
     if not images:
-        raise LogError(f"{path} must list stamps and file names, one image per line")
+        raise LogError(f"{path} must list stamps and names of files that are in {folder / 'data'}, one per line")
     check_ascending([image.stamp_ns for image in images], path)
     return images
 
 
-def _open_tartanair(folder: Path, layout: Layout) -> ImageFilesSource:
-    source = open_images(str(folder / layout.sides[0]), str(folder / layout.sides[1]), None, path=folder)
+def _open_tartanair(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
+    """Its images are numbered, as are the lines of its poses; there may be fewer of either."""
+    left, right = (str(folder / side) for side in layout.sides)
+    source = open_images(left, right, None, rate_hz=given.rate_hz, path=folder)
     width, height = size_of(source.images[0][0].path)
     k = np.array([[_TARTANAIR_F_PX, 0, width / 2], [0, _TARTANAIR_F_PX, height / 2], [0, 0, 1]])
     camera = Camera(width, height, k, (), "none")
     rig = StereoRig(camera, camera, se3.exp([-_TARTANAIR_BASELINE_M, 0, 0, 0, 0, 0]))
-    poses, stamps = folder / layout.files[0], [image.stamp_ns for image in source.images[0]]
-    truth = []
+    poses, truth, notes = folder / layout.files[0], list[tuple[int, Array]](), list(source.notes)
     if poses.is_file():
         rows = read_rows(poses, 7, "`x y z qx qy qz qw`")
-        if len(rows) != len(stamps):
-            raise LogError(f"{poses} has {len(rows)} poses for {len(stamps)} images: fetch both of one trajectory")
         rotations = se3.matrix_from_quat_xyzw(rows[:, 3:])
         world_from_cam = se3.from_rotation_translation(rotations, rows[:, :3]) @ _BODY_FROM_CAM
-        truth = list(zip(stamps, se3.inverse(_BODY_FROM_CAM) @ world_from_cam, strict=True))
-    return ImageFilesSource(folder, layout.name, rig, source.images, truth, source.notes)
+        in_cam_axes = se3.inverse(_BODY_FROM_CAM) @ world_from_cam
+        numbers = [int(found[0]) if (found := re.findall(r"\d+", i.path.stem)) else -1 for i in source.images[0]]
+        of = [(i.stamp_ns, n) for i, n in zip(source.images[0], numbers, strict=True) if 0 <= n < len(rows)]
+        truth = [(stamp_ns, in_cam_axes[n]) for stamp_ns, n in of]
+        if len(rows) != len(numbers):
+            notes.append(f"{poses} has {len(rows)} poses for {len(numbers)} images: {len(truth)} belong together")
+    return ImageFilesSource(folder, layout.name, None if given.calibrated else rig, source.images, truth, notes)
 
 
-def _open_images(folder: Path, layout: Layout) -> ImageFilesSource:
-    """With stamps and a calibration, if there are any beside the two folders."""
+def _open_images(folder: Path, given: Given) -> ImageFilesSource | None:
+    """Images by the names of their folders or their own, with stamps and a calibration if there are any beside them."""
+    if (sides := image_sides(folder)) is None:
+        return None
     stamps = next((folder / name for name in _STAMPS if (folder / name).is_file()), None)
-    known = any(is_calibration(p) for p in folder.iterdir() if p.is_file())
-    rig = StereoRig.from_calibration(folder) if known else None
-    return open_images(str(folder / layout.sides[0]), str(folder / layout.sides[1]), rig, stamps, path=folder)
+    stamps = stamps if given.rate_hz is None else None
+    source = open_images(sides.left, sides.right, None, stamps, given.rate_hz, path=folder)
+    files = [p for p in folder.iterdir() if p.suffix.lower() in CALIBRATION_SUFFIXES and p.is_file()]
+    rig: StereoRig | None = None
+    if not given.calibrated and any(map(is_calibration, files)):
+        rig = StereoRig.from_calibration(folder, size_of(source.images[0][0].path))
+    others = [f"{other} hold images, too, which are not used" for other in sides.others]
+    return ImageFilesSource(folder, source.format, rig, source.images, notes=[*source.notes, *others])
 
 
 def _videos(folder: Path) -> tuple[Path, Path] | None:
     """The videos of left and right in a folder."""
-    for sides, suffix in product(_SIDES, _VIDEO_SUFFIXES):
-        left, right = (folder / f"{side}{suffix}" for side in sides)
-        if left.is_file() and right.is_file():
-            return left, right
-    return None
+    files = [name for name in os.listdir(folder) if name.lower().endswith(_VIDEO_SUFFIXES)]
+    pairs = possible_pairs(files)
+    return (folder / pairs[0][0], folder / pairs[0][1]) if len(pairs) == 1 else None
 
 
 _KITTI_RAW = ("calib_cam_to_cam.txt", "../calib_cam_to_cam.txt")
@@ -251,6 +306,4 @@ LAYOUTS = (
     Layout("TartanAir", _open_tartanair, ("image_left", "image_right"), ("pose_left.txt", "image_left")),
     Layout("TartanAir", _open_tartanair, ("image_lcam_front", "image_rcam_front"),
            ("pose_lcam_front.txt", "image_lcam_front")),
-    *(Layout("image files", _open_images, (f"{left}{inner}", f"{right}{inner}"))
-      for (left, right), inner in product(_SIDES, ("", "/data"))),
 )  # fmt: skip

@@ -18,8 +18,13 @@ from ..geometry import se3
 
 Image = NDArray[np.uint8]
 Grab = Callable[[], tuple[int, Image, Image] | None]
-_RATE_HZ = 30
 _OAK_SIZE = 640, 400  # half the resolution of its sensors, binned
+_OAK_ISO = 400  # with an exposure by hand, which depthai takes together with a gain
+# Sizes of ZED's pictures by the names of its SDK.
+_ZED_SIZES = {
+    (2208, 1242): "HD2K", (1920, 1200): "HD1200", (1920, 1080): "HD1080", (1280, 720): "HD720", (960, 600): "SVGA",
+    (672, 376): "VGA",
+}  # fmt: skip
 WAIT_S = 5  # longest wait for a picture; a camera that gives none for so long is gone
 
 
@@ -34,26 +39,46 @@ class Device(NamedTuple):
     close: Callable[[], object]
 
 
-def open_device(names: Sequence[str], rig: StereoRig | None) -> Device:
+class CameraOptions(NamedTuple):
+    """What a camera is asked for: `size` (width, height) of each image, pictures per second, which one of several by
+    its serial number, and the time of exposure in milliseconds; None: what is usual, exposure automatic."""
+
+    size: tuple[int, int] | None = None
+    rate_hz: float | None = None
+    serial: str | None = None
+    exposure_ms: float | None = None
+
+    @property
+    def rate(self) -> int:
+        """Pictures per second, a whole number as the makers' packages want it."""
+        return round(self.rate_hz or 30)
+
+
+def open_device(names: Sequence[str], rig: StereoRig | None, options: CameraOptions | None = None) -> Device:
     """Open `realsense`, `oak`, `zed`, or one or two cameras or streams of OpenCV. Raises ConfigError, LogError.
 
     `rig` says how large the images are where one camera gives both of them beside each other.
     """
+    options = options or CameraOptions()
     if len(names) == 1 and (known := OPEN.get(names[0].lower())) is not None:
         try:
-            return known()
+            return known(options)
         except (RuntimeError, OSError) as error:  # of the maker's package
             said = " ".join(str(error).split())
             raise LogError(f"camera {names[0]} cannot be opened: {said}; is it connected, and permitted?") from None
-    return _opencv(names, rig)
+    return _opencv(names, rig, options)
 
 
-def _opencv(names: Sequence[str], rig: StereoRig | None) -> Device:
+def _opencv(names: Sequence[str], rig: StereoRig | None, options: CameraOptions) -> Device:
     """Cameras by number, or whatever else OpenCV opens: a device file, the address of a stream."""
     import cv2
 
     if len(names) not in (1, 2):
         raise ConfigError(f"{len(names)} cameras were given: give one that holds both images, or left and right")
+    if options.serial:
+        raise ConfigError(
+            f"camera {names[0]} is opened by OpenCV, which knows no serial numbers: give its device file"
+        )
     logging = cv2.utils.logging
     said = logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # what is wrong is said below
     try:
@@ -66,6 +91,8 @@ def _opencv(names: Sequence[str], rig: StereoRig | None) -> Device:
                 f"camera {name} cannot be opened: it is not connected, in use or not permitted, or this is no camera; "
                 f"give its number, such as 0, or one of {', '.join(OPEN)}"
             )
+
+        _ask(capture, options, sides=3 - len(names))
 
     def grab() -> tuple[int, Image, Image] | None:
         grabbed, stamp_ns = [capture.grab() for capture in captures], time.time_ns()
@@ -84,6 +111,23 @@ def _opencv(names: Sequence[str], rig: StereoRig | None) -> Device:
     return Device(None, grab, close)
 
 
+def _ask(capture: Any, options: CameraOptions, sides: int) -> None:
+    """Ask a camera of OpenCV that gives the images of so many `sides`; drivers take what they can."""
+    import cv2
+
+    width, height = options.size or (0, 0)
+    wanted = {
+        cv2.CAP_PROP_FRAME_WIDTH: sides * width,
+        cv2.CAP_PROP_FRAME_HEIGHT: height,
+        cv2.CAP_PROP_FPS: options.rate_hz or 0,
+        cv2.CAP_PROP_AUTO_EXPOSURE: 1 if options.exposure_ms else 0,  # 1 is by hand, for Video4Linux
+        cv2.CAP_PROP_EXPOSURE: 10 * (options.exposure_ms or 0),  # there in units of 0.1 ms
+    }
+    for what, value in wanted.items():
+        if value:
+            capture.set(what, value)
+
+
 def halves(image: NDArray[Any], rig: StereoRig | None, name: str) -> tuple[NDArray[Any], NDArray[Any]]:
     """The images of left and right in one that holds both, beside or above each other. Raises LogError."""
     height, width = image.shape[:2]
@@ -99,19 +143,24 @@ def halves(image: NDArray[Any], rig: StereoRig | None, name: str) -> tuple[NDArr
     )
 
 
-def _realsense() -> Device:
+def _realsense(options: CameraOptions) -> Device:
     """The two infrared cameras of a RealSense D400, rectified by the device, with the projector off.
 
     Its dots would move with the camera.
     """
     rs = _package("pyrealsense2", "realsense")
     pipeline, config = rs.pipeline(), rs.config()
+    if options.serial:
+        config.enable_device(options.serial)
     for number in (1, 2):
-        config.enable_stream(rs.stream.infrared, number, 640, 480, rs.format.y8, _RATE_HZ)
+        config.enable_stream(rs.stream.infrared, number, *(options.size or (640, 480)), rs.format.y8, options.rate)
     profile = pipeline.start(config)
     sensor = profile.get_device().first_depth_sensor()
     if sensor.supports(rs.option.emitter_enabled):
         sensor.set_option(rs.option.emitter_enabled, 0)
+    if options.exposure_ms:
+        sensor.set_option(rs.option.enable_auto_exposure, 0)
+        sensor.set_option(rs.option.exposure, 1000 * options.exposure_ms)  # microseconds
     sides = [profile.get_stream(rs.stream.infrared, n).as_video_stream_profile() for n in (1, 2)]
     cameras = [
         Camera(i.width, i.height, _matrix(i.fx, i.fy, i.ppx, i.ppy), tuple(i.coeffs))
@@ -129,17 +178,23 @@ def _realsense() -> Device:
     return Device(rig, grab, pipeline.stop)
 
 
-def _oak() -> Device:
+def _oak(options: CameraOptions) -> Device:
     """The two grey cameras of an OAK-D, as they are, by version 3 of depthai."""
     dai = _package("depthai", "oak")
-    pipeline, (width, height) = dai.Pipeline(), _OAK_SIZE
     sockets = dai.CameraBoardSocket.CAM_B, dai.CameraBoardSocket.CAM_C
+    width, height = options.size or _OAK_SIZE
     queues = []
-    for socket in sockets:
-        camera = pipeline.create(dai.node.Camera).build(socket)
-        output = camera.requestOutput((width, height), dai.ImgFrame.Type.GRAY8, fps=_RATE_HZ)
-        queues.append(output.createOutputQueue())
-    pipeline.start()
+    try:
+        pipeline = dai.Pipeline(dai.Device(options.serial)) if options.serial else dai.Pipeline()
+        for socket in sockets:
+            camera = pipeline.create(dai.node.Camera).build(socket)
+            if options.exposure_ms:
+                camera.initialControl.setManualExposure(round(1000 * options.exposure_ms), _OAK_ISO)
+            output = camera.requestOutput((width, height), dai.ImgFrame.Type.GRAY8, fps=options.rate)
+            queues.append(output.createOutputQueue())
+        pipeline.start()
+    except RuntimeError as error:
+        raise LogError(f"OAK: {error}: is it plugged in, and not in use?") from None
     factory = pipeline.getDefaultDevice().readCalibration()
     cameras = []
     for socket in sockets:
@@ -161,14 +216,24 @@ def _oak() -> Device:
     return Device(rig, grab, pipeline.stop)
 
 
-def _zed() -> Device:
+def _zed(options: CameraOptions) -> Device:
     """Both cameras of a ZED in grey, rectified by its own software; depth is not computed."""
     sl = _package("pyzed.sl", "zed")
     camera, settings = sl.Camera(), sl.InitParameters()
-    settings.camera_fps, settings.depth_mode = _RATE_HZ, sl.DEPTH_MODE.NONE
+    settings.camera_fps, settings.depth_mode = options.rate, sl.DEPTH_MODE.NONE
     settings.coordinate_units = sl.UNIT.METER
+    if options.serial:
+        settings.set_from_serial_number(int(options.serial))
+    if options.size:
+        if (name := _ZED_SIZES.get(options.size)) is None:
+            sizes = ", ".join(f"{width}×{height}" for width, height in _ZED_SIZES)
+            raise ConfigError(f"a ZED has no images of {options.size[0]}×{options.size[1]}: give one of {sizes}")
+        settings.camera_resolution = getattr(sl.RESOLUTION, name)
     if (status := camera.open(settings)) != sl.ERROR_CODE.SUCCESS:
         raise LogError(f"ZED: {status}")
+    if options.exposure_ms:  # per cent of the time between two pictures
+        share = round(min(100.0, options.exposure_ms * options.rate / 10))
+        camera.set_camera_settings(sl.VIDEO_SETTINGS.EXPOSURE, share)
     factory = camera.get_camera_information().camera_configuration.calibration_parameters
     cameras = [
         Camera(c.image_size.width, c.image_size.height, _matrix(c.fx, c.fy, c.cx, c.cy))
@@ -189,7 +254,7 @@ def _zed() -> Device:
     return Device(rig, grab, camera.close)
 
 
-OPEN: dict[str, Callable[[], Device]] = {"realsense": _realsense, "oak": _oak, "zed": _zed}
+OPEN: dict[str, Callable[[CameraOptions], Device]] = {"realsense": _realsense, "oak": _oak, "zed": _zed}
 
 
 def _package(name: str, extra: str) -> Any:

@@ -78,7 +78,8 @@ def first_image(patterns: str | Sequence[str]) -> Path | None:
 
 def images_in(folder: Path) -> list[Path]:
     """The image files in a folder, in no order."""
-    return [p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES]
+    with os.scandir(folder) as entries:
+        return [Path(entry.path) for entry in entries if entry.name.lower().endswith(IMAGE_SUFFIXES)]
 
 
 def _matches(side: str, patterns: str | Sequence[str]) -> list[Path]:

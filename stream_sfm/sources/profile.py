@@ -26,8 +26,8 @@ class ProfileEncoder:
 
     def __init__(self, rig: StereoRig | None) -> None:
         self.images = tuple(_channel(f"/camera/{side}/image", "CompressedImage") for side in _SIDES)
-        self.raw_images = tuple(_channel(f"/camera/{side}/image", "RawImage") for side in _SIDES)
-        self.both_images = _channel("/camera/both/image", "RawImage")  # beside or above each other
+        self.raw_images = tuple(raw_channel(f"/camera/{side}/image") for side in _SIDES)
+        self.both_images = raw_channel("/camera/both/image")  # beside or above each other
         self.calibrations = tuple(_channel(f"/camera/{side}/calibration", "CameraCalibration") for side in _SIDES)
         self.poses = _channel("/ground_truth/pose", "PoseInFrame")
         self._rig = rig
@@ -41,12 +41,8 @@ class ProfileEncoder:
 
     def raw_image(self, side: int | None, stamp_ns: int, image: Grey) -> Message:
         """One image of `side`, None where it holds both; grey (h, w) with 8 or 16 bits, not compressed."""
-        height, width = image.shape
-        encoding, step = f"mono{8 * image.itemsize}", width * image.itemsize
-        frame_id = _FRAME_IDS[side or 0]
-        message = _schema("RawImage")(frame_id=frame_id, width=width, height=height, encoding=encoding, step=step)
-        message.data = image.tobytes()
-        return _encoded(self.both_images if side is None else self.raw_images[side], message, stamp_ns)
+        channel = self.both_images if side is None else self.raw_images[side]
+        return raw_message(channel, _FRAME_IDS[side or 0], stamp_ns, image)
 
     def due_calibration(self, side: int, stamp_ns: int) -> Iterator[Message]:
         """Yield the calibration of `side` where it is due before an image of this stamp."""
@@ -62,6 +58,20 @@ class ProfileEncoder:
         p.x, p.y, p.z = world_from_cam[:3, 3]
         q.x, q.y, q.z, q.w = se3.quat_xyzw_from_matrix(world_from_cam[:3, :3])
         return _encoded(self.poses, message, stamp_ns)
+
+
+def raw_channel(topic: str) -> Channel:
+    """A channel of raw images."""
+    return _channel(topic, "RawImage")
+
+
+def raw_message(channel: Channel, frame_id: str, stamp_ns: int, image: Grey) -> Message:
+    """One grey image (h, w) with 8 or 16 bits, not compressed, of a camera with this frame."""
+    height, width = image.shape
+    encoding, step = f"mono{8 * image.itemsize}", width * image.itemsize
+    message = _schema("RawImage")(frame_id=frame_id, width=width, height=height, encoding=encoding, step=step)
+    message.data = image.tobytes()
+    return _encoded(channel, message, stamp_ns)
 
 
 def calibration_messages(rig: StereoRig) -> tuple[Any, Any]:

@@ -6,15 +6,16 @@ Of the sources, only MCAP's is imported before it is needed: most logs are MCAP,
 import os
 import re
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 
-from ..errors import LogError
+from ..errors import ConfigError, LogError
 from ..inputs import open_regular, reading
 from ..mcap_file.log_file import LogFile
 from ..mcap_file.message import Source
 from ..mcap_file.records import MAGIC as MCAP_MAGIC
 from ..mcap_file.records import ends_with_magic
-from ..wording import some_of
+from ..wording import LISTED, some_of
 
 _OTHER_FILES = (
     ((b"\x89PNG", b"\xff\xd8\xff"), "an image: give the folder of a recording, or import images into a log"),
@@ -22,6 +23,7 @@ _OTHER_FILES = (
     ((b"\x28\xb5\x2f\xfd",), "compressed with zstd: decompress it with `zstd -d`"),
 )
 _BAG_METADATA = "metadata.yaml"  # by which the folder of a ROS 2 bag is known
+_WITHOUT_STAMPS = ("image files", "TartanAir")  # formats
 _RESULT = "estimates.mcap"  # of a run
 SUFFIXES = (".mcap", ".bag", ".db3")
 SUPPORTED = (
@@ -30,8 +32,12 @@ SUPPORTED = (
 )
 
 
-def open_source(path: str | Path) -> Source:
-    """Open the recording at `path`. Raises LogError where it cannot be read or is not a recording."""
+def open_source(path: str | Path, calibrated: bool = False, rate_hz: float | None = None) -> Source:
+    """Open the recording at `path`. Raises LogError where it cannot be read or is not a recording.
+
+    `calibrated`: its user has a calibration, and the one in a folder is not used, so that it may be a broken one;
+    `rate_hz`: of images that have no stamps. Raises ConfigError for a rate where there are stamps.
+    """
     if not isinstance(path, str | Path):
         kind = "None" if path is None else f"of type {type(path).__name__}"
         raise LogError(f"the log is {kind}; give the path of a file or a folder")
@@ -40,7 +46,10 @@ def open_source(path: str | Path) -> Source:
         str(path).encode()
     except UnicodeEncodeError:  # it could not be named in any result
         raise LogError(f"{str(path)!a}: the name of the file is not UTF-8: rename it") from None
-    return _open_folder(path) if os.path.isdir(path) else _open_file(path)
+    source = _open_folder(path, calibrated, rate_hz) if os.path.isdir(path) else _open_file(path)
+    if rate_hz is not None and source.format not in _WITHOUT_STAMPS:
+        raise ConfigError(f"{path}: a rate was given, but a recording of this kind ({source.format}) has stamps")
+    return source
 
 
 def is_recording(path: Path) -> bool:
@@ -88,14 +97,15 @@ def _open_file(path: Path) -> Source:
     raise LogError(f"{path} is not a recording ({SUPPORTED}); its first bytes are {start[:8]!r}")
 
 
-def _open_folder(path: Path) -> Source:
-    from .data_sets import open_folder
+def _open_folder(path: Path, calibrated: bool = False, rate_hz: float | None = None) -> Source:
+    from .data_sets import Given, open_folder
+    from .image_folders import image_folders
     from .rosbag2 import bag_files, open_rosbag2
 
     with reading(path):
         if (path / _BAG_METADATA).is_file():
             return open_rosbag2(path)
-        if (found := open_folder(path)) is not None:
+        if (found := open_folder(path, Given(calibrated, rate_hz))) is not None:
             return found
         if bag_files(path):
             return open_rosbag2(path)
@@ -103,8 +113,9 @@ def _open_folder(path: Path) -> Source:
     with suppress(OSError):
         inside = [str(p) for p in sorted(path.iterdir()) if not p.name.startswith(".") and is_recording(p)]
     if inside:
-        listed = some_of(inside)
         raise LogError(
-            f"{path} holds several recordings or other files: give one of {listed}", hint=("replay_batch",)
+            f"{path} holds several recordings or other files: give one of {some_of(inside)}", hint=("replay_batch",)
         )
-    raise LogError(f"{path} is a folder without a recording ({SUPPORTED})", hint=("import_images",))
+    listed = [f"{folder} ({count})" for folder, count in islice(image_folders(path), LISTED)]
+    images = f"; there are images in {some_of(listed)}, of which no names tell left from right" if listed else ""
+    raise LogError(f"{path} is a folder without a recording ({SUPPORTED}){images}", hint=("import_images",))

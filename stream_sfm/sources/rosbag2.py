@@ -7,6 +7,7 @@ by their suffix, and ordered by their content. Files and messages may be compres
 import os
 import re
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import IO
 
@@ -91,8 +92,11 @@ def _open_plain(path: Path) -> Source:
     return LogFile(path) if path.suffix == ".mcap" else SqliteBagSource(path)
 
 
+_OPEN_FILES = "/proc/self/fd"  # of Linux, by which a file without a name is opened for each reading
+
+
 class _Decompressor:
-    """Opens files that were compressed as a whole, by copies that have no name and so end with the process.
+    """Opens files that were compressed as a whole, by copies that have no name, so that they end with the process.
 
     SQLite and the index of MCAP need to jump in them. What all of them may hold is bounded by their size.
     """
@@ -113,10 +117,20 @@ class _Decompressor:
         with os.fdopen(descriptor, "w+b") as copy:
             # SQLite opens a file by its name, so before that is removed, and reads it when it is first asked.
             database = connect(Path(name), "mode=ro") if kind == ".db3" else None
-            os.unlink(name)
-            size = self._decompress(path, copy)
-            if database is None:
-                return LogFile(path, os.dup(copy.fileno()))
+            unnamed = database is not None or os.path.isdir(_OPEN_FILES)
+            if unnamed:
+                os.unlink(name)
+            try:
+                size = self._decompress(path, copy)
+            except LogError:
+                if not unnamed:
+                    os.unlink(name)
+                raise
+            if database is None and unnamed:
+                kept = os.dup(copy.fileno())
+                return LogFile(path, f"{_OPEN_FILES}/{kept}", partial(os.close, kept))
+            if database is None:  # as on macOS, where what is open cannot be opened once more
+                return LogFile(path, name, partial(os.unlink, name))
             # SQLite's two versions: 1 with a rollback journal, 2 with a write-ahead log, which is not beside a copy
             os.pwrite(copy.fileno(), b"\1\1", 18)
             return SqliteBagSource(path, database, size)

@@ -10,6 +10,7 @@ from ..camera.pixels import to_grey
 from ..errors import LogError
 from ..mcap_file.message import Contents, Damage, Message, Source
 from .profile import ProfileEncoder
+from .video_stream import quiet_ffmpeg
 
 
 class VideoSource(Source):
@@ -31,6 +32,7 @@ class VideoSource(Source):
         self._channel = encoder.both_images if side is None else encoder.raw_images[side]
 
     def _open(self) -> cv2.VideoCapture:
+        quiet_ffmpeg()
         capture = cv2.VideoCapture(os.fspath(self.path))
         if not capture.isOpened():
             raise LogError(

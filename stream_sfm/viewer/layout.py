@@ -79,6 +79,9 @@ def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Bluepri
     )
 
 
+MASKED = rr.AnnotationContext([(0, "scene", (0, 0, 0, 0)), (1, "masked", (200, 60, 60, 255))])
+
+
 def styles() -> dict[str, rr.AsComponents]:
     """Colours and sizes per entity path, which are the same for every frame and sent once."""
     ui = rr.Radius.ui_points

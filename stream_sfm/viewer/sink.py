@@ -71,6 +71,10 @@ class RerunSink:
             )
             log(side, pinhole, static=True)
             log(side, _transform(se3.inverse(from_left)), static=True)
+            if camera.mask is not None:
+                log(f"{side}/mask", layout.MASKED, static=True)
+                hidden = rr.SegmentationImage((~camera.mask).astype(np.uint8), opacity=0.6, draw_order=1)
+                log(f"{side}/mask", hidden, static=True)
         drift, colours = ["estimated σ", "error"], [layout.ELLIPSOID_COLOUR, layout.ESTIMATE_COLOUR]
         n = 1 if self._truth is None else 2
         log(layout.DRIFT, rr.SeriesLines(names=drift[:n], colors=colours[:n]), static=True)

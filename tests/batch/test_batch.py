@@ -29,7 +29,8 @@ def test_a_corrupt_and_a_killed_log_do_not_harm_the_others(first: Any, logs: Pat
     assert set(found) == {*GOOD, "corrupt", "victim"}
     for name in GOOD:
         assert found[name]["status"] == "done" and found[name]["summary"]["complete"], name
-        assert {p.name for p in (out / name).iterdir()} == {*RESULTS, "job.json"}
+        assert {p.name for p in (out / name).iterdir()} == {*RESULTS, "job.json", "report.html"}
+        assert f'href="{name}/report.html"' in page and name in (out / name / "report.html").read_text()
     assert found["corrupt"]["status"] == found["victim"]["status"] == "failed"
     assert "corrupt.mcap holds no message" in found["corrupt"]["reason"]
     assert "SIGKILL" in found["victim"]["reason"] and "memory" in found["victim"]["reason"]
@@ -39,7 +40,7 @@ def test_a_corrupt_and_a_killed_log_do_not_harm_the_others(first: Any, logs: Pat
     assert found["corrupt"]["reason"] in shown and found["victim"]["reason"] in shown
     assert page.count('class="chart"') == len(GOOD)
     links = set(re.findall(r'<a href="([^"]*)">', page))
-    assert links == {f"{name}/" for name in GOOD} and all((out / link).is_dir() for link in links)
+    assert links == {f"{name}/report.html" for name in GOOD} and all((out / link).is_file() for link in links)
     loads = re.sub("<a [^>]*>", "", page)
     assert not re.findall(r'(?:src|href)="(?!data:|#)|url\((?!#)|@import|https?://(?!www\.w3\.org/2000/svg)', loads)
 

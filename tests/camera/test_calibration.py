@@ -9,6 +9,8 @@ import pytest
 
 from stream_sfm import Camera, ConfigError, MonoRig, StereoRig, open_log
 from stream_sfm.camera.calibration.document import make_camera
+from stream_sfm.camera.calibration.read import read_document
+from stream_sfm.camera.calibration.slam import body_from_left
 from stream_sfm.camera.lens import project_into_image
 from stream_sfm.geometry import se3
 from tests.helpers.data_sets import kalibr, kitti_projection, matrix_rows, sensor_yaml
@@ -119,6 +121,71 @@ def test_kalibr_with_an_imu_instead_of_a_chain(tmp_path):
     cam_from_imu = se3.exp(RNG.normal(size=6) * 0.2)
     text = kalibr(BOTH, from_imu=(cam_from_imu, POSE @ cam_from_imu))
     check(write(tmp_path / "camchain.yaml", text))
+
+
+def test_openvins_with_the_camera_in_the_imu(tmp_path):
+    """Its head is OpenCV's, and its poses are the inverses of Kalibr's."""
+    cam_from_imu = se3.exp(RNG.normal(size=6) * 0.3)
+    text = kalibr(BOTH, from_imu=(se3.inverse(cam_from_imu), se3.inverse(POSE @ cam_from_imu)))
+    path = write(tmp_path / "chain.yaml", "%YAML:1.0\n\n" + text.replace("T_cam_imu", "T_imu_cam"))
+    check(path, RIG)
+    np.testing.assert_allclose(body_from_left(read_document(path)), se3.inverse(cam_from_imu), atol=1e-9)
+
+
+@pytest.mark.parametrize("by_third", [False, True])
+def test_oak_calibration_of_the_eeprom(tmp_path, by_third):
+    """Of twice the size of the images; the pose in centimetres, from socket to socket."""
+    third_from_left = se3.exp(RNG.normal(size=6) * 0.1)
+    to_third = (third_from_left, third_from_left @ se3.inverse(POSE)) if by_third else (POSE, None)
+    half = np.array([[2, 0, 0.5], [0, 2, 0.5], [0, 0, 1]])  # of pixels whose centres are whole numbers
+    entries = [[0, {"cameraType": 0, "extrinsics": {"toCameraSocket": -1}}]]
+    for socket, camera, pose in zip((1, 2), BOTH, to_third, strict=True):
+        t = dict(zip("xyz", np.zeros(3) if pose is None else 100 * pose[:3, 3], strict=True))
+        link = {
+            "rotationMatrix": (np.eye(3) if pose is None else pose[:3, :3]).tolist(),
+            "translation": t, "specTranslation": {"x": -7.5, "y": 0.0, "z": 0.0},
+            "toCameraSocket": (0 if by_third else 2) if pose is not None else -1,
+        }  # fmt: skip
+        values = {"width": 2 * camera.width, "height": 2 * camera.height, "extrinsics": link, "cameraType": 0}
+        entries.append(
+            [
+                socket,
+                values
+                | {"intrinsicMatrix": (half @ camera.K).tolist(), "distortionCoeff": [*camera.D, *[0.0] * 10]},
+            ]
+        )
+    text = json.dumps(
+        {"boardName": "OAK-D", "cameraData": entries, "stereoRectificationData": {"leftCameraSocket": 1}}
+    )
+    path = write(tmp_path / "calib.json", text)
+    rig = StereoRig.from_calibration(path, (LEFT.width, LEFT.height))
+    np.testing.assert_allclose(rig.right_from_left, POSE, atol=1e-9)
+    for camera, expected in zip((rig.left, rig.right), BOTH, strict=True):
+        np.testing.assert_allclose(camera.K, expected.K, atol=1e-9)
+        assert camera.D[:4] == expected.D and not any(camera.D[4:])
+    assert StereoRig.from_calibration(path).left.width == 2 * LEFT.width
+    with pytest.raises(ConfigError, match=r"cameraData\[1\]\. is for .* of which 640×480 is no scaled image"):
+        StereoRig.from_calibration(path, (640, 480))
+
+
+def test_zed_conf_of_the_size_of_the_images(tmp_path):
+    """In millimetres and radians: where the right camera is, and the turn that OpenCV is given."""
+    text = (
+        "[LEFT_CAM_HD]\nfx=700.1\nfy=700.2\ncx=640.5\ncy=360.25\nk1=-0.17\nk2=0.02\np1=0.001\np2=-0.002\nk3=0.003\n"
+        "[RIGHT_CAM_HD]\nfx=701.1\nfy=701.2\ncx=641.5\ncy=361.25\nk1=-0.16\nk2=0.03\n"
+        "[LEFT_CAM_VGA]\nfx=350\nfy=350\ncx=336\ncy=188\n[RIGHT_CAM_VGA]\nfx=350\nfy=350\ncx=336\ncy=188\n"
+        "[STEREO]\nBaseline=119.975\nTY=0.5\nTZ=-0.25\nCV_HD=0.01\nRX_HD=-0.002\nRZ_HD=0.001\nCV_VGA=0.02\n"
+    )
+    path = write(tmp_path / "SN1234.conf", text)
+    rig = StereoRig.from_calibration(path, (1280, 720))
+    assert rig.left.D == (-0.17, 0.02, 0.001, -0.002, 0.003) and rig.right.K[1, 2] == 361.25
+    np.testing.assert_allclose(rig.right_from_left[:3, 3], [-0.119975, -0.0005, 0.00025])
+    np.testing.assert_allclose(rig.right_from_left[:3, :3], cv2.Rodrigues(np.array([-0.002, 0.01, 0.001]))[0])
+    assert StereoRig.from_calibration(tmp_path, (672, 376)).left.K[0, 0] == 350
+    with pytest.raises(ConfigError, match="for several sizes of images"):
+        StereoRig.from_calibration(path)
+    with pytest.raises(ConfigError, match="images of 640×480 are of no size that a ZED has"):
+        StereoRig.from_calibration(path, (640, 480))
 
 
 def test_ros_camera_info(tmp_path):

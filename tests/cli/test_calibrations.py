@@ -72,4 +72,4 @@ def test_the_input_is_never_overwritten(tmp_path: Path, cli) -> None:
 def test_the_log_stays_the_log(arguments: list[str], calibration: object) -> None:
     _, bound, _ = build_app().parse_args(rewritten(["replay", *arguments]))
     assert bound.args[0] in ("LOG", "log.mcap")
-    assert bound.kwargs["cameras"].chosen[2] == calibration
+    assert bound.kwargs["cameras"].chosen["calibration"] == calibration

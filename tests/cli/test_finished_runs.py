@@ -41,10 +41,10 @@ def test_the_table_has_the_figures_that_any_run_has(runs: list[Path], tmp_path: 
         given = (runs[0], "--ground-truth-std", std)
         (found,) = cli("evaluate", *given, "--json").json["runs"]
         factor = found["ground_truth"]["relative_consistency"][0]["factor"]
-        assert f"{factor:.3g}" in cli("evaluate", *given).out
+        assert f"{factor:#.3g}" in cli("evaluate", *given).out
     sfm.replay(ROOM, tmp_path, sfm.Config(mono=True), sfm.Selection(max_frames=FRAMES))
     figures = cli("evaluate", tmp_path, "--json").json["runs"][0]["ground_truth"]
-    assert f"{figures['ate_rmse_sim3_m']:.3g}" in cli("evaluate", tmp_path).out
+    assert f"{1e3 * figures['ate_rmse_sim3_m']:#.3g}" in cli("evaluate", tmp_path).out  # mm
 
 
 def test_runs_stand_side_by_side_on_a_page(runs: list[Path], tmp_path: Path, cli) -> None:
@@ -95,6 +95,12 @@ def test_what_cannot_be_read_of_a_run_is_told(runs: list[Path], tmp_path: Path, 
     said = cli("evaluate", damaged, "--json", code=3)
     assert 0 < json.loads(said.out)["runs"][0]["ground_truth"]["frames_compared"] < FRAMES
     assert f"warning: {damaged / 'estimates.mcap'} at byte" in said.err
+
+
+def test_one_run_that_cannot_be_read_does_not_cost_the_others(runs: list[Path], tmp_path: Path, cli) -> None:
+    said = cli("evaluate", runs[0], tmp_path, runs[1], "--json", code=3)
+    assert [run["run"] for run in said.json["runs"]] == [str(run) for run in runs]
+    assert f"warning: {tmp_path} holds no results" in said.err
 
 
 def test_what_is_not_a_run_is_named(tmp_path: Path, cli) -> None:

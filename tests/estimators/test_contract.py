@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
-from stream_sfm.estimators import METHODS, make_estimator
+from stream_sfm.estimators import make_estimator
 from stream_sfm.geometry import se3
+from stream_sfm.methods import METHODS
 from stream_sfm.simulation.scenes import Scene
 from stream_sfm.types import Status
 from tests.helpers.estimators import nees, nees_of_points, run, without_views

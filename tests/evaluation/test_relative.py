@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stream_sfm.evaluation.relative import growth_exponents, paired_ratio, relative_errors, turning
+from stream_sfm.evaluation.relative import growth_exponents, paired_ratio, relative_errors, span_ratio, turning
 from stream_sfm.geometry import se3
 
 Array = NDArray[np.float64]
@@ -53,6 +53,26 @@ def test_equal_methods_are_told_apart_in_one_log_of_twenty(kind: str) -> None:
     ratios = [paired_ratio(a, b, truth) for a, b in zip(paths(STD * one), paths(STD * other), strict=True)]
     apart = np.mean([any(not r.low <= 1 <= r.high for r in pair) for pair in ratios if pair])
     assert SHARE[0] < apart < SHARE[1]
+
+
+@pytest.mark.parametrize("span", [1, 5, 20])
+def test_over_one_span_too_equal_methods_are_told_apart_in_one_log_of_twenty(span: int) -> None:
+    rng = np.random.default_rng(span)
+    truth = paths(np.zeros((1, 149, 6)))[0]
+    found = []
+    for a, b in zip(*(paths(STD * noise(rng, 150, 0.5)) for _ in range(2)), strict=True):
+        ratio = span_ratio(relative_errors(a, truth, span)[0], relative_errors(b, truth, span)[0], span)
+        assert ratio is not None and ratio.low < ratio.value < ratio.high
+        found.append(not ratio.low <= 1 <= ratio.high)
+    assert np.mean(found) < SHARE[1]
+
+
+def test_over_a_span_that_fits_five_times_there_is_no_interval() -> None:
+    """The ratio of errors one of which is three times the other is three, whatever their sizes."""
+    errors = np.random.default_rng(1).normal(size=90)
+    ratio = span_ratio(3 * errors, errors, 18)
+    assert ratio is not None and ratio.value == pytest.approx(3) and np.isnan(ratio.low)
+    assert span_ratio(errors, 0 * errors, 18) is None
 
 
 def test_a_difference_that_is_there_is_found() -> None:

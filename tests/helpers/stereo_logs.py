@@ -299,10 +299,10 @@ CONTAINERS: dict[str, dict[str, Any]] = {
 
 
 def video(path: Path) -> Path:
-    """A log whose cameras are H.264 video."""
+    """A log whose cameras are video that is not read."""
     log = LogWriter(path)
     for topic in Spec.topics:
-        frame = {"frame_id": "left", "format": "h264", "data": b"\0\0\0\1"}
+        frame = {"frame_id": "left", "format": "av1", "data": b"\0\0\0\1"}
         log.foxglove("foxglove", topic, CompressedVideo, frame, START_NS)
     log.close()
     return path

@@ -17,7 +17,7 @@ LAYERS = (
     ("errors", "record", "__version__"),
     ("inputs", "outputs"),
     ("core",),
-    ("geometry", "blas", "files", "deflate", "interrupts", "executors", "memory", "wording"),
+    ("geometry", "blas", "files", "deflate", "interrupts", "executors", "memory", "wording", "methods"),
     ("camera",),
     ("config",),
     ("rig_model",),

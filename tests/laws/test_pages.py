@@ -2,12 +2,13 @@
 
 import ast
 import re
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from unittest.mock import patch
 
 import pytest
 
+from stream_sfm.recording.images import COMPRESSED_FORMATS, RAW_ENCODINGS
 from tests.helpers.places import ROOT
 from tests.laws.test_imports import LEVEL
 from tools.ablation import RULES
@@ -113,3 +114,18 @@ def test_the_ablation_switches_rules_that_exist() -> None:
     for rule, (name, instead) in RULES.items():
         with patch(f"stream_sfm.{name}", instead):  # raises where there is nothing of that name
             assert rule in page, f"docs/rules.md does not have the rule {rule!r}"
+
+
+def test_the_log_profile_lists_every_encoding():
+    """The one list is that of `recording/images.py`; families are written with braces."""
+    page = (ROOT / "docs/log-profile.md").read_text(encoding="utf-8")
+    line = next(line for line in page.splitlines() if line.startswith("**Images.** Raw:"))
+    told = set()
+    for name in re.findall(r"`([^`]+)`", line):
+        options = [
+            re.findall(r"[^,{}]+", part) if "{" in part else [part]
+            for part in re.split(r"(\{[^}]*\})", name)
+            if part
+        ]
+        told |= {"".join(parts).lower() for parts in product(*options)}
+    assert set(RAW_ENCODINGS) | set(COMPRESSED_FORMATS) <= told

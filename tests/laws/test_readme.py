@@ -11,7 +11,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.cli.main import COMMANDS, main
-from stream_sfm.report.tables import NEES_INTERVAL
+from stream_sfm.evaluation.figures import NEES_INTERVAL
 from tests.helpers.data_sets import kalibr
 from tests.helpers.places import ROOM, ROOT
 
@@ -23,6 +23,7 @@ PAGES = {
 }
 FRAMES = 4
 NOT_RUN = {
+    "--mask": "needs masks of these images; tests/camera/test_masks.py has some",
     "python3 -m venv": "makes the environment that this test runs in",
     "activate": "enters it",
     "pip install": "fills it",
@@ -36,6 +37,7 @@ NOT_RUN = {
     "stream-sfm live": "needs a camera; tests/recording/test_cameras.py has stand-ins",
     "--install-completion": "changes the files of the shell",
     "simulate": "takes a minute; tests/simulation/test_command.py runs it on shorter sequences",
+    "tools/benchmark.py": "needs the data sets; tests/test_benchmark.py runs it on a log",
     "import kitti": "needs a recording; tests/importers/ makes one",
     "import euroc": "needs a recording; tests/importers/ makes one",
 }

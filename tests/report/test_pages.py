@@ -7,20 +7,11 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import RigConfig
+from stream_sfm.evaluation.figures import ACCURACY, CONSISTENCY, METRES, MILLIMETRES, Figure, unit_for
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.report.calibration import describe
 from stream_sfm.report.svg import Chart, Row, Series, draw, intervals
-from stream_sfm.report.tables import (
-    ACCURACY,
-    METRES,
-    MILLIMETRES,
-    Figure,
-    Name,
-    breakable,
-    table,
-    text_of,
-    unit_for,
-)
+from stream_sfm.report.tables import Name, breakable, table, text_of
 from stream_sfm.rig_model.estimate import RigEstimate
 from stream_sfm.rig_model.model import RigModel
 
@@ -90,7 +81,7 @@ def test_long_names_break_at_their_separators_and_are_escaped() -> None:
 def test_a_table_marks_the_best_value_and_covariances_that_are_too_small() -> None:
     runs = [{"t_rel_percent": 0.2, "nees_pose_mean": 240.0, "a_m": 0.002}, {"t_rel_percent": 0.1}, {}]
     names = [Name(name) for name in "xyz"]
-    found = table((*ACCURACY, Figure("a_m", "a", "errors")), names, runs, {"errors": MILLIMETRES})
+    found = table((*ACCURACY, *CONSISTENCY, Figure("a_m", "a", "errors")), names, runs, {"errors": MILLIMETRES})
     assert found.headings == [("t_rel", "%"), ("NEES", "6 expected"), ("a", "mm")]  # nothing else is known
     assert [mark for _, cells in found.rows for _, mark in cells] == ["", "bad", "", "best", "", "", "", "", ""]
     assert found.rows[0][1][2][0] == "2.00"

@@ -15,6 +15,7 @@ import stream_sfm as sfm
 from stream_sfm.cli.main import main
 from stream_sfm.config import read_config
 from stream_sfm.estimators.baselines.frame_to_frame import FrameToFrame
+from stream_sfm.estimators.cross_frame.window import CrossFrame
 from stream_sfm.recording.stereo_log import open_log
 from stream_sfm.run.compare import compare
 from stream_sfm.run.replay import replay
@@ -80,8 +81,8 @@ def test_numbers_and_files_are_those_of_replay(whole: Any, tmp_path: Path, metho
     assert (out / key / "estimates.mcap").exists()
 
 
-def test_methods_are_told_of_a_wrong_calibration_from_their_first_frame_on() -> None:
-    """The demo's is a quarter of a pixel off: told frame by frame, as it is found, they would jump by up to 45 mm."""
+def test_all_methods_have_the_right_calibration_from_their_first_frame_on() -> None:
+    """The demo's is a quarter of a pixel off: corrected frame by frame, as that is found, poses jump by up to 45 mm."""
     log, methods = open_log(DEMO), ("cross-frame", "frame-to-frame", "iterated-ekf")
     found = compare(log, selection=Selection(max_frames=20), methods=methods).comparison.runs
     truth = log.ground_truth()
@@ -92,13 +93,28 @@ def test_methods_are_told_of_a_wrong_calibration_from_their_first_frame_on() -> 
         assert apart_m.max() < 0.012, run.name
 
 
-def test_methods_that_find_the_rig_do_not_disturb_each_other(whole: Any, tmp_path: Path) -> None:
-    """One front-end learns from one of them only, so that this one estimates as it would alone."""
+def test_as_is_the_window_estimates_as_it_would_alone(whole: Any, tmp_path: Path) -> None:
+    """It is in two rows, the second by its newest motions, which differ from its poses by corrections."""
     log, *_ = whole
-    run(log, tmp_path / "out", "--methods", "cross-frame,iterated-ekf")
+    report, page = run(log, tmp_path / "out", "--methods", "cross-frame,iterated-ekf", "--as-is")
     replay(log, tmp_path, read_config(None, [FEW]))
     name = "trajectory.csv"
     assert (tmp_path / "out" / "cross_frame" / name).read_bytes() == (tmp_path / name).read_bytes()
+    assert list(report["methods"]) == ["cross_frame", "cross_frame_added", "iterated_ekf"]
+    assert report["drift"]["as_is"] and "cross-frame, motions added" in page
+    poses, added = (report["methods"][key]["ate_rmse_m"] for key in ("cross_frame", "cross_frame_added"))
+    assert 0 < added < 5 * poses and added != poses
+
+
+def test_no_method_depends_on_the_others_or_their_order(whole: Any, tmp_path: Path) -> None:
+    """The window neither, and files come out the same whatever runs beside them."""
+    log, *_ = whole
+    config = read_config(None, [FEW])
+    compare(log, tmp_path / "a", config, methods=("cross-frame", "frame-to-frame"))
+    compare(log, tmp_path / "b", config, methods=("frame-to-frame", "iterated-ekf", "cross-frame"))
+    for key in ("cross_frame", "frame_to_frame"):
+        for name in ("trajectory.csv", "trajectory.tum"):
+            assert (tmp_path / "a" / key / name).read_bytes() == (tmp_path / "b" / key / name).read_bytes()
 
 
 def test_without_ground_truth_there_is_a_report_all_the_same(tmp_path: Path) -> None:
@@ -110,6 +126,9 @@ def test_without_ground_truth_there_is_a_report_all_the_same(tmp_path: Path) -> 
         assert figures["end_std_position_m"] == end["std_position_m"]
         assert figures["end_std_heading_deg"] == end["std_heading_deg"]
     assert "away from cross-frame" in html and "ATE" not in html
+    assert numbers["drift"]["against"] == "halves" and "σ would have to grow by" in html
+    assert all(figures["sigma_factor"] > 0 for figures in numbers["methods"].values())
+    assert numbers["conclusion"] in html and "halves of the tracks" in numbers["conclusion"]
     assert len((tmp_path / "out" / "ekf" / "trajectory.tum").read_text().splitlines()) == 12
 
 
@@ -137,10 +156,30 @@ def test_ground_truth_of_a_part_or_of_another_time(part: slice, said: str, tmp_p
     assert said in (tmp_path / "out/report.html").read_text()
 
 
+@pytest.mark.parametrize("error", [ValueError("no such view"), KeyError(3), np.linalg.LinAlgError("singular")])
+def test_a_method_fails_alone_whatever_it_raises(
+    error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And what finds the calibration may fail, too: then it is as found until then."""
+
+    def fails(self: Any, observations: Any) -> Any:
+        if observations.frame_index == 2:
+            raise error
+        return works(self, observations)
+
+    works = CrossFrame.step
+    monkeypatch.setattr(CrossFrame, "step", fails)
+    log = write_log(tmp_path / "log.mcap", spec(range(5)))
+    result = compare(log, methods=("cross-frame", "frame-to-frame"))
+    failed, whole = result.comparison.runs
+    assert failed.failure.startswith("stopped at frame 2: ") and str(error) in failed.failure
+    assert len(failed) == 2 and len(whole) == 5 and not result.report["complete"]
+
+
 def test_one_method_that_fails_does_not_cost_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli
 ) -> None:
-    """Nothing is written without a folder; a sink goes on with the next method."""
+    """Nothing is written without a folder; a sink is given no estimate of another method."""
     works = FrameToFrame.step
 
     def broken_later(self: Any, observations: Any) -> Any:
@@ -154,7 +193,7 @@ def test_one_method_that_fails_does_not_cost_the_others(
     monkeypatch.chdir(tmp_path)
     result = compare(log, methods=("frame-to-frame", "ekf"), sinks=[watched])
     failed, ekf = result.comparison.runs
-    assert np.array_equal(poses, [*failed.poses[:2], *ekf.poses[2:]]) and watched.close.call_count == 1
+    assert np.array_equal(poses, failed.poses) and len(poses) == 2 and watched.close.call_count == 1
     methods = result.report["methods"]
     assert methods["frame_to_frame"]["failure"] == "stopped at frame 2: singular" and not result.report["complete"]
     assert methods["ekf"]["ate_rmse_aligned_m"] is not None and len(ekf) == 5
@@ -173,6 +212,21 @@ def test_an_interruption_still_gives_a_report(tmp_path: Path) -> None:
     assert result.comparison.interrupted and not result.report["complete"] and result.report["frames"] == 5
     assert "interrupted after 5 frames" in (tmp_path / "out" / "report.html").read_text()
     assert len((tmp_path / "out" / "frame_to_frame" / "trajectory.tum").read_text().splitlines()) == 5
+
+
+def test_an_interruption_of_the_first_pass_leaves_what_was_observed_to_all_methods(tmp_path: Path) -> None:
+    """A second one, in the second pass, ends that too, with all methods at the same frame."""
+    count = iter(range(1, 100))
+
+    def stop() -> None:
+        if next(count) in (7, 7 + 3):
+            os.kill(os.getpid(), signal.SIGINT)
+
+    log = open_log(write_log(tmp_path / "log.mcap", spec()))
+    result = compare(log, tmp_path / "out", methods=("frame-to-frame", "ekf"), on_frame=stop)
+    assert [len(run) for run in result.comparison.runs] == [3, 3] and result.comparison.interrupted
+    assert "interrupted after 7 frames" in result.report["warnings"][0]
+    assert len((tmp_path / "out" / "ekf" / "trajectory.tum").read_text().splitlines()) == 3
 
 
 def test_frames_whose_truth_is_wrong_can_be_left_out(tmp_path: Path) -> None:

@@ -9,11 +9,9 @@ from stream_sfm.config import Config, RobustConfig
 from stream_sfm.observer import Observed
 from stream_sfm.run.self_test import SelfTest
 from stream_sfm.simulation.scenes import Scene
-from stream_sfm.types import MonoFrame
 
 SCENE = Scene(frames=24, track_length=8, visible=100, std_px=0.2, round_off=False)
 TRIALS = 4
-FRAME = MonoFrame(0, np.zeros((1, 1), np.uint8))  # no image is looked at
 CONFIG = Config(robust=RobustConfig(gate_probability=1 - 1e-9))  # takes no large errors away
 
 
@@ -25,7 +23,7 @@ def test_halves_are_apart_by_as_much_as_their_covariances_say(too_small: float) 
         sequence = SCENE.sequence(np.random.SeedSequence(seed))
         test = SelfTest(sequence.projection, CONFIG)
         for o in sequence.observations:
-            test.add(Observed(replace(o, cov_px=o.cov_px / too_small**2), {}), FRAME, {})
+            test.add(Observed(replace(o, cov_px=o.cov_px / too_small**2), {}), {})
         for name, spans in test.result().items():
             for span in spans:
                 found.setdefault((name, span["frames"]), []).append(span["factor"])

@@ -1,7 +1,9 @@
 """`stream-sfm simulate` end to end, with few trials of short scenes."""
 
+import csv
 import dataclasses
 import json
+import re
 import sys
 from typing import get_args
 
@@ -12,6 +14,7 @@ from stream_sfm.cli import simulate
 from stream_sfm.simulation import calibration, figure6, rates, studies
 from stream_sfm.simulation.measure import Method
 from stream_sfm.simulation.scenes import Scene
+from stream_sfm.simulation.tables import tables
 
 TRIALS = ("--trials", "2", "--workers", "1", "--out")
 
@@ -37,7 +40,7 @@ def short(monkeypatch):
 @pytest.mark.parametrize("experiment", [name for name in get_args(simulate.Experiment) if name != "rates"])
 def test_writes_results_and_figures(experiment, short, tmp_path, cli):
     captured = cli("simulate", experiment, *TRIALS, tmp_path)
-    assert ("cross-frame" in captured.out) == (experiment != "figure6")  # which is a picture
+    assert "cross-frame" in captured.out
     report = json.loads((tmp_path / "results.json").read_text())
     assert (report["experiment"], report["trials"], report["seed"]) == (experiment, 2, 0)
     pictures = {path.name: path for path in tmp_path.glob("figure6.*")}
@@ -46,14 +49,33 @@ def test_writes_results_and_figures(experiment, short, tmp_path, cli):
         assert pictures["figure6.png"].stat().st_size > 10_000  # an empty picture has 3 kB
         assert "<svg" in pictures["figure6.svg"].read_text()
     assert all(line.startswith("simulate ") for line in captured.err.splitlines())  # a slow run shows progress
+    page = (tmp_path / "report.html").read_text()
+    assert ("<svg" in page) == (experiment != "consistency") and "<table" in page
+    assert "_" not in re.sub(
+        r"<(style|script|svg).*?</\1>|<[^>]*>|stream_sfm", "", page, flags=re.DOTALL
+    )  # in words
+
+
+@pytest.mark.parametrize("experiment", get_args(simulate.Experiment))
+def test_tables_have_no_empty_column_and_csv_has_every_value(experiment, short, tmp_path, cli):
+    cli("simulate", experiment, "--latex", *TRIALS, tmp_path, "-q")
+    report = json.loads((tmp_path / "results.json").read_text())
+    with open(tmp_path / "results.csv", newline="") as stream:
+        lines = list(csv.DictReader(stream))
+    found = tables(report)
+    assert found and all(float(line["low"] or line["value"]) <= float(line["value"]) for line in lines)
+    for table in found:
+        assert all(any(values[k] is not None for _, values in table.rows) for k in range(len(table.columns)))
+        assert not any("_" in word for names, _ in table.rows for word in names)
+    assert len(lines) == sum(value is not None for table in found for _, values in table.rows for value in values)
+    latex = (tmp_path / "results.tex").read_text()
+    assert latex.count("\\begin{tabular}") == latex.count("\\end{tabular}") == sum(not t.whole for t in found)
 
 
 def test_a_program_gets_the_report_of_the_command_and_unknown_experiments_are_refused(short, tmp_path, cli):
     report = sfm.simulate("rates", trials=2, workers=1)
     captured = cli("simulate", "rates", *TRIALS, tmp_path)
-    assert "general slow rotation exponents" in captured.out and report == json.loads(
-        (tmp_path / "results.json").read_text()
-    )
+    assert "8 frames per point" in captured.out and report == json.loads((tmp_path / "results.json").read_text())
     assert set(report["table"]["general_slow rotation"]["exponents"]) == {
         "cross-frame",
         "cross-frame-wc",

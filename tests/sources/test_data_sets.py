@@ -1,5 +1,6 @@
 """Data sets and folders of images open as they lie on disk, and their imports read back the same: bytes, rig, truth."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -9,15 +10,22 @@ import stream_sfm as sfm
 from stream_sfm.geometry import se3
 from stream_sfm.importers import Imported, import_euroc, import_kitti
 from stream_sfm.recording.stereo_log import StereoLog
+from stream_sfm.sources.recognise import is_recording
 from tests.helpers.data_sets import (
     BODY_FROM_LEFT,
     EUROC_STAMPS_NS,
+    HEIGHT,
+    KITTI_K,
     RIGHT_FROM_LEFT,
+    WIDTH,
     camera_pair,
+    kitti_projection,
+    numbers,
     write_euroc,
     write_image_folders,
     write_kitti,
     write_kitti_raw,
+    write_picture,
     write_tartanair,
     write_tum_vi,
 )
@@ -128,9 +136,19 @@ def test_a_trajectory_of_tartanair(tmp_path, names):
     assert len(list(log.frames())) == 3 and log.rig.baseline_m == 0.25
     assert log.rig.left.K[0].tolist() == [320, 0, 32]
     np.testing.assert_allclose(log.ground_truth().world_from_cam, expected, atol=1e-9)
-    (tmp_path / "P001" / names[2]).write_text("0 0 0 0 0 0 1\n")
-    with pytest.raises(sfm.LogError, match="has 1 poses for 3 images"):
-        sfm.open_log(tmp_path / "P001")
+    assert not log.stats.warnings[1:]  # but for the missing stamps
+    text = (tmp_path / "P001" / names[2]).read_text()
+    for name in names[:2]:  # the images cut short of their poses, at the front
+        next((tmp_path / "P001" / name).glob("000000_*")).unlink()
+    log = sfm.open_log(tmp_path / "P001")
+    assert len(list(log.frames())) == 2 and "3 poses for 2 images: 2 belong together" in " ".join(
+        log.stats.warnings
+    )
+    np.testing.assert_allclose(log.ground_truth().world_from_cam, expected[1:], atol=1e-9)
+    (tmp_path / "P001" / names[2]).write_text("\n".join(text.split("\n")[:2]))  # and the poses, at the end
+    np.testing.assert_allclose(
+        sfm.open_log(tmp_path / "P001").ground_truth().world_from_cam, expected[1:2], atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(
@@ -178,3 +196,121 @@ def test_a_folder_of_recordings_names_them(tmp_path, cli):
     with pytest.raises(sfm.LogError, match=r"give one of .*/a, .*/b$"):
         sfm.open_log(tmp_path)
     assert "stream-sfm batch DIR" in cli("inspect", tmp_path, code=3).err
+
+
+@pytest.mark.parametrize(
+    ("sides", "inner"),
+    [
+        (("L", "R"), ""),
+        (("l", "r"), ""),
+        (("cam_l", "cam_r"), ""),
+        (("left_cam", "right_cam"), ""),
+        (("camL", "camR"), ""),
+        (("Left", "Right"), "/images"),
+        (("infra1", "infra2"), ""),
+        (("cam0", "cam1"), "/data"),
+        (("image_2", "image_3"), ""),
+        (("my_left_lens", "my_right_lens"), ""),
+    ],
+)
+def test_folders_whose_names_differ_in_the_side_only(tmp_path, sides, inner):
+    names = ["0.png", "1.png", "2.png"]
+    write_image_folders(tmp_path, names, [f"{side}{inner}" for side in sides])
+    write_image_folders(tmp_path, names, ["depth_left", "depth_right"])  # no cameras
+    log = sfm.open_log(tmp_path, calibration=camera_pair(), rate_hz=20)
+    frames = list(log.pairs())
+    assert [p.stamp_ns for p in frames] == [0, 50_000_000, 100_000_000] and not log.stats.warnings
+    for side, images in zip(sides, ([p.left for p in frames], [p.right for p in frames]), strict=True):
+        files = [(tmp_path / f"{side}{inner}" / name).read_bytes() for name in names]
+        assert [image.data for image in images] == files
+    assert is_recording(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "form", ["left_{}.png", "{}_left.png", "left{}.png", "{}_L.png", "cam0_{}.png", "{}_cam0.png"]
+)
+def test_files_of_both_sides_in_one_folder(tmp_path, form):
+    right = form.replace("left", "right").replace("L", "R").replace("cam0", "cam1")
+    for n in range(3):
+        write_picture(tmp_path / form.format(f"{n:04d}"))
+        write_picture(tmp_path / right.format(f"{n:04d}"))
+    (tmp_path / "rig.toml").write_text(camera_pair().to_toml())
+    log = sfm.open_log(tmp_path)
+    pairs = list(log.pairs())
+    assert len(pairs) == 3
+    for n, pair in enumerate(pairs):
+        assert pair.left.data == (tmp_path / form.format(f"{n:04d}")).read_bytes()
+        assert pair.right.data == (tmp_path / right.format(f"{n:04d}")).read_bytes()
+
+
+def test_images_of_one_camera_are_no_pair(tmp_path):
+    for n in range(9):
+        write_picture(tmp_path / f"img{n}.png")
+    with pytest.raises(sfm.LogError, match=r"there are images in .* \(9\), of which no names tell left from right"):
+        sfm.open_log(tmp_path, calibration=camera_pair())
+
+
+def test_where_nothing_fits_the_import_line_is_told(tmp_path, cli):
+    write_image_folders(tmp_path, ["0.png", "1.png"], ["one", "deep/other"])
+    said = cli("replay", tmp_path, code=3).err
+    assert f"{tmp_path}/one (2)" in said and f"{tmp_path}/deep/other (2)" in said
+    assert "stream-sfm import images --left DIR --right DIR --calibration FILE --rate HZ OUT.mcap" in said
+
+
+def test_vignettes_are_not_the_recording(tmp_path):
+    """As TUM-VI's folder `dso`: a vignette beside the folder of the images."""
+    for side in ("cam0", "cam1"):
+        write_picture(tmp_path / side / "vignette.png")
+    write_image_folders(tmp_path, [f"{s}.png" for s in EUROC_STAMPS_NS], ["cam0/images", "cam1/images"])
+    log = sfm.open_log(tmp_path, calibration=camera_pair())
+    assert [p.stamp_ns for p in log.pairs()] == EUROC_STAMPS_NS
+
+
+def test_a_calibration_that_is_given_goes_before_a_broken_one(tmp_path):
+    write_image_folders(tmp_path / "own", ["0.png", "1.png"])
+    (tmp_path / "own/rig.toml").write_text("[left]\nwidth = 5\n")
+    write_kitti(tmp_path / "00")
+    (tmp_path / "00/calib.txt").write_text("P0: 1 2 3\n")
+    truth = write_euroc(tmp_path / "MH")
+    (tmp_path / "MH/mav0/cam1/sensor.yaml").write_text("T_BS: 5\n")
+    for name in ("own", "00", "MH"):
+        with pytest.raises(sfm.ConfigError):
+            sfm.open_log(tmp_path / name)
+        log = sfm.open_log(tmp_path / name, calibration=camera_pair())
+        assert len(list(log.frames())) >= 2 and log.rig.baseline_m == camera_pair().baseline_m
+    assert len(truth) and sfm.open_log(tmp_path / "00", calibration=camera_pair()).ground_truth() is not None
+
+
+def test_a_rate_is_for_images_without_stamps(tmp_path, cli):
+    write_kitti(tmp_path / "00")
+    with pytest.raises(sfm.ConfigError, match=r"a rate was given, but .* \(KITTI odometry\) has stamps"):
+        sfm.open_log(tmp_path / "00", rate_hz=20)
+    write_image_folders(tmp_path / "own", ["0.png", "1.png"])
+    (tmp_path / "c.toml").write_text(camera_pair().to_toml())
+    options = ("--calibration", tmp_path / "c.toml", "--rate", "20", "--json")
+    assert json.loads(cli("inspect", tmp_path / "own", *options).out)["frames"]["rate_hz"] == pytest.approx(20)
+
+
+def test_euroc_with_some_images_missing_is_no_damage(tmp_path):
+    write_euroc(tmp_path / "MH")
+    (tmp_path / f"MH/mav0/cam0/data/{EUROC_STAMPS_NS[0]}.png").unlink()
+    log = sfm.open_log(tmp_path / "MH")
+    assert [f.stamp_ns for f in log.frames()] == EUROC_STAMPS_NS[1:2]
+    assert log.stats.complete and "1 of 3 images in" in " ".join(log.stats.warnings)
+
+
+def test_a_drive_of_kittis_raw_data_that_is_not_rectified(tmp_path):
+    """`…_extract`: images of the size of S, for which K, D, R and T are; P_rect is of smaller ones."""
+    drive = write_kitti_raw(tmp_path / "2011_09_26")
+    pose = se3.exp([-0.54, 0.01, 0, 0.01, -0.02, 0.003])
+    rows = []
+    for n, (k, x) in enumerate(((KITTI_K, np.eye(4)), (KITTI_K + np.diag([1e-3, 0, 0]), pose))):
+        d = [-0.3, 0.1, 1e-3, -1e-3, 0.01]
+        rows += [f"S_0{n}: {WIDTH}.0 {HEIGHT}.0", f"K_0{n}: {numbers(k)}", f"D_0{n}: {numbers(np.array(d))}"]
+        rows += [f"R_0{n}: {numbers(x[:3, :3])}", f"T_0{n}: {numbers(x[:3, 3])}", f"S_rect_0{n}: 60.0 40.0"]
+        rows += [f"P_rect_0{n}: {kitti_projection((-0.5 * n, 0, 0))}"]
+    table = tmp_path / "2011_09_26/calib_cam_to_cam.txt"
+    table.write_text("\n".join(rows) + "\n")
+    for log in (sfm.open_log(drive), sfm.open_log(drive, calibration=table)):
+        assert log.rig.left.D == (-0.3, 0.1, 1e-3, -1e-3, 0.01) and log.rig.right.K[0, 0] == 70.001
+        np.testing.assert_allclose(log.rig.right_from_left, pose, atol=1e-9)

@@ -9,6 +9,7 @@ _ARGUMENTS = {
     "camera": ("/camera", "the namespace of left/image_raw, right/image_raw and their camera_info"),
     "calibration": ("", "a calibration file instead of the camera infos"),
     "config": ("", "settings of stream_sfm, a TOML file"),
+    "image_transport": ("raw", "raw, or compressed for left/image_raw/compressed"),
     "rectified": ("false", "whether the images are rectified"),
     "base_frame": ("", "the frame of the robot, such as base_link"),
 }
@@ -22,7 +23,7 @@ def generate_launch_description() -> LaunchDescription:
         executable="odometry",
         namespace=given["camera"],
         parameters=[
-            {name: given[name] for name in ("calibration", "config", "rectified")},
+            {name: given[name] for name in ("calibration", "config", "image_transport", "rectified")},
             {"settings": [["ros.base_frame=", given["base_frame"]]]},
         ],
     )

@@ -1,6 +1,7 @@
 """All that the node does, without ROS: messages of a stereo camera in, messages of the estimates out.
 
 Messages in are anything with the fields of sensor_msgs; messages out are bytes in CDR, which publishers of rclpy take.
+One thread may put images while another takes messages.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,17 +12,6 @@ import numpy as np
 import stream_sfm as sfm
 
 DIAGNOSTICS = "/diagnostics"
-_CHANNELS = {
-    "mono8": 1,
-    "8UC1": 1,
-    "mono16": 1,
-    "16UC1": 1,
-    "bgr8": 3,
-    "8UC3": 3,
-    "rgb8": 3,
-    "bgra8": 4,
-    "rgba8": 4,
-}
 
 
 class StereoOdometry:
@@ -38,8 +28,10 @@ class StereoOdometry:
         self.messages = sfm.RosMessages(self.config.ros)
         self.rectified = rectified
         self.engine: sfm.Engine | None = None
+        self.images: sfm.RosImages | None = None
+        self._wanted: list[np.ndarray | None] = []  # poses of resets that have been asked for
         if calibration:
-            self.engine = sfm.Engine(sfm.StereoRig.from_calibration(calibration), self.config)
+            self.begin(sfm.StereoRig.from_calibration(calibration))
 
     @property
     def topics(self) -> dict[str, str]:
@@ -49,33 +41,55 @@ class StereoOdometry:
         }
         return standard | {DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray"}
 
-    def frame(self, left: Any, right: Any, left_info: Any, right_info: Any) -> Iterator[tuple[str, bytes]]:
-        """Estimate one pair of images; yield topics and messages. Raises FrameError, ConfigError."""
-        if self.engine is None:
-            self.engine = sfm.Engine(rig_of(left_info, right_info, self.rectified), self.config)
-        stamp_ns = left.header.stamp.sec * 10**9 + left.header.stamp.nanosec
-        estimate = self.engine.step(sfm.StereoFrame(stamp_ns, image_of(left), image_of(right)))
+    def begin(self, rig: sfm.StereoRig) -> None:
+        """Make the engine for these cameras; images that came before are not used. Raises ConfigError."""
+        self.engine, self.images = sfm.Engine(rig, self.config), sfm.RosImages(rig)
+
+    def put(self, side: int, image: Any) -> None:
+        """Take an image of the left (0) or right (1) camera. Raises FrameError for one that cannot be used."""
+        if self.images is not None:
+            self.images.put(side, image)
+
+    def reset(self, pose: Any = None) -> None:
+        """Begin anew with the next pair; `pose`: a geometry_msgs/Pose of robot or camera in the world frame then."""
+        world_from_cam = None
+        if pose is not None:
+            p, q = pose.position, pose.orientation
+            turn, world_from_moving = np.array([q.x, q.y, q.z]), np.eye(4)
+            half = np.arctan2(np.linalg.norm(turn), q.w)
+            rotation = 2 * half * turn / max(float(np.linalg.norm(turn)), 1e-12)
+            world_from_moving[:3, :3] = sfm.se3_exp(np.r_[0, 0, 0, rotation])[:3, :3]
+            world_from_moving[:3, 3] = p.x, p.y, p.z
+            world_from_cam = self.messages.world_from_cam(world_from_moving)
+        if self.images is not None:
+            self.images.clear()  # they may be of before a clock was set back
+        self._wanted.append(world_from_cam)
+
+    def take(self, timeout_s: float | None = None) -> Iterator[tuple[str, bytes]]:
+        """Wait for a pair and estimate it; yield topics and messages, none after a time without a pair.
+
+        Raises FrameError.
+        """
+        if self.engine is None or self.images is None:
+            return
+        self._reset_if_wanted()
+        frame = self.images.take(timeout_s)
+        if frame is None or (self._reset_if_wanted() and not self.images.is_current):
+            return
+        estimate = self.engine.step(frame)
         for topic, message in self.messages.of(estimate):
             if topic in self.topics:
                 yield topic, self.messages.encode(message)
-        yield DIAGNOSTICS, self.messages.encode(self.messages.diagnostics(estimate))
+        counts = {"dropped": self.images.dropped, "unpaired": self.images.unpaired}
+        yield DIAGNOSTICS, self.messages.encode(self.messages.diagnostics(estimate, counts))
 
-
-def image_of(message: Any) -> Any:
-    """The pixels of a sensor_msgs/Image, grey or blue first. Raises FrameError for an encoding that is not known."""
-    channels = _CHANNELS.get(message.encoding)
-    if channels is None:
-        raise sfm.FrameError(
-            f"images are {message.encoding}; supported are {', '.join(_CHANNELS)}: convert them first"
-        )
-    deep = "16" in message.encoding
-    kind = np.dtype(np.uint16 if deep else np.uint8).newbyteorder(">" if message.is_bigendian else "<")
-    rows = np.frombuffer(bytes(message.data), np.uint8).reshape(message.height, message.step)
-    pixels = np.ascontiguousarray(rows[:, : message.width * channels * kind.itemsize]).view(kind)
-    if channels == 1:
-        return pixels.astype(kind.newbyteorder("="))
-    pixels = pixels.reshape(message.height, message.width, channels)
-    return pixels[..., [2, 1, 0, 3][:channels]] if message.encoding.startswith("rgb") else pixels
+    def _reset_if_wanted(self) -> bool:
+        """Do what `reset` was asked for, in the thread of the engine; whether there was anything."""
+        wanted = bool(self._wanted)
+        while self._wanted and self.engine is not None:
+            self.engine.reset(self._wanted.pop(0))
+            self.messages = sfm.RosMessages(self.config.ros)
+        return wanted
 
 
 def rig_of(left: Any, right: Any, rectified: bool = False) -> sfm.StereoRig:

@@ -1,4 +1,4 @@
-"""A calibration file as nested dictionaries, whatever it is written in: TOML, YAML, OpenCV's FileStorage, or rows."""
+"""A calibration file as nested dictionaries, whatever it is written in: TOML, YAML, INI, OpenCV's FileStorage, rows."""
 
 import re
 import reprlib
@@ -26,8 +26,9 @@ Where: TypeAlias = str | Path | Sequence[str | Path]  # a file, the files of lef
 
 _TOML_SECTION = re.compile(rb"^[ \t]*\[(left|right|right_from_left)\b", re.MULTILINE)
 _YAML_OF_OPENCV = re.compile(r"\s*%YAML:[\d.]+[ \t]*(?=[\r\n])")
-# KITTI: a name and at least three numbers.
-_ROW = re.compile(r"^(\w+):((?:[ \t]+[-+\d.eE]+){3,})[ \t\r]*$", re.MULTILINE)
+# KITTI: a name and at least two numbers; one such line has more, which no YAML has.
+_ROW = re.compile(r"^(\w+):((?:[ \t]+[-+\d.eE]+){2,})[ \t\r]*$", re.MULTILINE)
+_ZED_SECTION = re.compile(rb"^[ \t]*\[LEFT_CAM_\w+\]", re.MULTILINE)
 
 
 @record
@@ -98,15 +99,15 @@ class Format(NamedTuple):
     """A format of calibration files. `files`: how many a pair needs, 0 for one or two that are read as one.
 
     `camera` gives the camera of a side (0 left, 1 right), by the size of its images where the format does not tell it;
-    `pose`, of the files of left and right, which may be one, `right_from_left` (4, 4) in metres; `known`, what is
-    known about their errors. They raise ConfigError.
+    `pose`, of the files of left and right, which may be one, and that size, `right_from_left` (4, 4) in metres;
+    `known`, what is known about their errors. They raise ConfigError.
     """
 
     name: str
     files: int
     matches: Callable[[Mapping[str, Any]], bool]
     camera: Callable[[Document, int, Size | None], Camera]
-    pose: Callable[[Document, Document], Array]
+    pose: Callable[[Document, Document, Size | None], Array]
     known: Callable[[Document], tuple[Refinement | None, KnownTiming | None]] = lambda _: (None, None)
 
 
@@ -156,6 +157,8 @@ def load(content: bytes, name: str | Path) -> Document:
         raise ConfigError(f"calibration {name} has {len(content) / 1e6:.1f} MB: it is not a calibration file")
     if name.lower().endswith(".toml") or _TOML_SECTION.search(content):
         return Document(name, _load_toml(content, name), is_toml=True)
+    if _ZED_SECTION.search(content):
+        return Document(name, _load_ini(content, name))
     if content.startswith(b"PK"):
         return Document(name, _load_npz(content, name))
     try:
@@ -168,7 +171,8 @@ def load(content: bytes, name: str | Path) -> Document:
             return Document(name, _load_yaml(text[of_opencv.end() :], name))
     if of_opencv or "opencv-matrix" in text or "<opencv_storage" in text:
         return Document(name, _load_opencv(text, name))
-    if rows := dict(_ROW.findall(text)):
+    rows = dict(_ROW.findall(text))
+    if any(len(row.split()) > 2 for row in rows.values()):
         return Document(name, {key: row.split() for key, row in rows.items()})
     return Document(name, _load_yaml(text, name))
 
@@ -180,6 +184,18 @@ def _load_toml(content: bytes, name: str) -> dict[str, Any]:
         return parse_toml(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"calibration {name} is not TOML: {error}") from None
+
+
+def _load_ini(content: bytes, name: str) -> dict[str, Any]:
+    import configparser
+
+    try:
+        parser = configparser.ConfigParser(interpolation=None, strict=False)
+        parser.read_string(content.decode("utf-8-sig"))
+    except (configparser.Error, UnicodeDecodeError) as error:
+        problem = " ".join(f"{error}".split())
+        raise ConfigError(f"calibration {name} is no file of sections with keys: {problem}") from None
+    return {section: dict(parser[section]) for section in parser.sections()}
 
 
 def _load_npz(content: bytes, name: str) -> dict[str, Any]:

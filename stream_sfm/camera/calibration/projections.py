@@ -50,7 +50,7 @@ def _ros_camera(document: Document, side: int, size: Size | None) -> Camera:
     return document.camera(size, k, data.get("distortion_model", "plumb_bob"), d.tolist())
 
 
-def _ros_pose(left: Document, right: Document) -> Array:
+def _ros_pose(left: Document, right: Document, _size: Size | None) -> Array:
     r, p = [], []
     for document in (left, right):
         rotation = document.rotation(document.data.get("rectification_matrix", np.eye(3)), "rectification_matrix")
@@ -65,19 +65,35 @@ def _ros_pose(left: Document, right: Document) -> Array:
 
 
 def kitti_camera(document: Document, number: int, size: Size | None) -> Camera:
-    """One of KITTI's four cameras. Raises ConfigError."""
+    """One of KITTI's four cameras, rectified or, where the images have that size, not. Raises ConfigError."""
     if size is None:
         raise document.error("the format does not tell the size of the images: use it with a recording")
+    if _unrectified(document, number, size):
+        k = document.numbers(document.data.get(f"K_0{number}"), f"K_0{number}", (3, 3))
+        d = document.numbers(document.data.get(f"D_0{number}"), f"D_0{number}", (5,))
+        return document.camera(size, k, "plumb_bob", d.tolist())
     return document.camera(size, _projection(document, number)[:, :3], "none", ())
 
 
-def cam_from_cam0(document: Document, number: int) -> Array:
-    """The pose (4, 4) of KITTI's camera 0 in camera `number`. Raises ConfigError."""
+def cam_from_cam0(document: Document, number: int, size: Size | None = None) -> Array:
+    """The pose (4, 4) of KITTI's camera 0 in camera `number`, for images of this size. Raises ConfigError."""
+    if _unrectified(document, number, size):
+        rotation = document.rotation(document.data.get(f"R_0{number}"), f"R_0{number}")
+        t = document.numbers(document.data.get(f"T_0{number}"), f"T_0{number}", (3,))
+        return se3.orthonormalise(se3.from_rotation_translation(rotation, t))
     p = _projection(document, number)
     try:
         return se3.from_rotation_translation(np.eye(3), np.linalg.solve(p[:, :3], p[:, 3]))
     except np.linalg.LinAlgError:
         raise document.error(f"P{number} is not a projection matrix: {p.tolist()}") from None
+
+
+def _unrectified(document: Document, number: int, size: Size | None) -> bool:
+    """Whether images of this size are those before rectification (`…_extract`), which are larger than behind it."""
+    before, behind = (document.data.get(f"{name}_0{number}") for name in ("S", "S_rect"))
+    if size is None or before is None or behind is None:
+        return False
+    return size == document.size(before, f"S_0{number}") != document.size(behind, f"S_rect_0{number}")
 
 
 def _kitti_side(document: Document, side: int) -> int:
@@ -86,8 +102,9 @@ def _kitti_side(document: Document, side: int) -> int:
     return side if grey else 2 + side
 
 
-def _kitti_from_cam0(document: Document, side: int) -> Array:
-    return cam_from_cam0(document, _kitti_side(document, side))
+def _kitti_pose(document: Document, _: Document, size: Size | None) -> Array:
+    left, right = (cam_from_cam0(document, _kitti_side(document, side), size) for side in (0, 1))
+    return right @ se3.inverse(left)
 
 
 def _kitti_key(data: Mapping[str, Any], number: int) -> str:
@@ -118,7 +135,7 @@ def _opencv_camera(document: Document, side: int, size: Size | None) -> Camera:
     return document.camera(size, k, model, d.tolist())
 
 
-def _opencv_pose(document: Document, _: Document) -> Array:
+def _opencv_pose(document: Document, _: Document, _size: Size | None) -> Array:
     """T is in the unit of the calibration board, which is taken for metres here."""
     data = _normalised(document.data)
     if "r" in data and "t" in data:
@@ -163,6 +180,6 @@ KITTI = Format(
     1,
     lambda data: bool(_kitti_key(data, 0) or (_kitti_key(data, 2) and _kitti_key(data, 3))),
     lambda document, side, size: kitti_camera(document, _kitti_side(document, side), size),
-    lambda document, _: _kitti_from_cam0(document, 1) @ se3.inverse(_kitti_from_cam0(document, 0)),
+    _kitti_pose,
 )
 OPENCV = Format("OpenCV FileStorage of stereoCalibrate", 0, _is_opencv, _opencv_camera, _opencv_pose)

@@ -8,12 +8,13 @@ from ...errors import ConfigError
 from ...inputs import LIMITS, read_small
 from ..models import Camera
 from .document import Document, Format, Pair, Size, Where, load
+from .makers import OAK, ZED
 from .projections import KITTI, OPENCV, ROS
 from .slam import BASALT, EUROC, KALIBR, ORB_SLAM
 from .toml_file import TOML
 
-FORMATS: tuple[Format, ...] = (TOML, KALIBR, BASALT, ORB_SLAM, ROS, EUROC, KITTI, OPENCV)
-_SUFFIXES = (".toml", ".yaml", ".yml", ".xml", ".json", ".txt", ".npz")
+FORMATS: tuple[Format, ...] = (TOML, KALIBR, BASALT, ORB_SLAM, ROS, EUROC, KITTI, OAK, ZED, OPENCV)
+CALIBRATION_SUFFIXES = (".toml", ".yaml", ".yml", ".xml", ".json", ".txt", ".npz", ".conf")
 _IN_FOLDERS = ("cam0/sensor.yaml", "cam1/sensor.yaml", "mav0/cam0/sensor.yaml", "mav0/cam1/sensor.yaml")
 _SIDES = (("left", "cam0", "camera0"), ("right", "cam1", "camera1"))
 
@@ -50,7 +51,7 @@ def pair_of(documents: Sequence[Document], size: Size | None) -> Pair:
     if form.files == 1 and len(documents) != 1:
         raise documents[1].error("this is a second calibration of a pair: give one")
     left, right = documents if form.files == 2 else 2 * [_joined(documents)]
-    return form.camera(left, 0, size), form.camera(right, 1, size), form.pose(left, right), *form.known(left)
+    return form.camera(left, 0, size), form.camera(right, 1, size), form.pose(left, right, size), *form.known(left)
 
 
 def left_of(documents: Sequence[Document], size: Size | None) -> Camera:
@@ -76,7 +77,7 @@ def _joined(documents: Sequence[Document]) -> Document:
 
 def _in_folder(folder: Path) -> list[Document]:
     """The calibration in a folder: one file, or the files of left and right. Raises ConfigError."""
-    files = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in _SUFFIXES)
+    files = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in CALIBRATION_SUFFIXES)
     files += [folder / name for name in _IN_FOLDERS if (folder / name).is_file()]
     documents = [read_document(path) for path in files if is_calibration(path)]
     if not documents:

@@ -30,8 +30,17 @@ def body_from_left(document: Document) -> Array | None:
         return document.pose(document.data["T_BS"], "T_BS")
     if BASALT.matches(document.data):
         return _imu_from_cam(document, 0)
-    pose = _in(document.data.get("cam0"), "T_cam_imu")
-    return None if pose is None else se3.inverse(document.pose(pose, "cam0.T_cam_imu"))
+    pose = _kalibr_from_imu(document, "cam0")
+    return None if pose is None else se3.inverse(pose)
+
+
+def _kalibr_from_imu(document: Document, name: str) -> Array | None:
+    """The pose (4, 4) of the IMU in a camera, by Kalibr's T_cam_imu or OpenVINS's T_imu_cam; None without either."""
+    table = document.data.get(name)
+    if (pose := _in(table, "T_cam_imu")) is not None:
+        return document.pose(pose, f"{name}.T_cam_imu")
+    pose = _in(table, "T_imu_cam")
+    return None if pose is None else se3.inverse(document.pose(pose, f"{name}.T_imu_cam"))
 
 
 def _cam(document: Document, name: str) -> Mapping[str, Any]:
@@ -40,13 +49,13 @@ def _cam(document: Document, name: str) -> Mapping[str, Any]:
     return table
 
 
-def _kalibr_pose(document: Document, _: Document) -> Array:
-    first, second = _cam(document, "cam0"), _cam(document, "cam1")
+def _kalibr_pose(document: Document, _: Document, _size: Size | None) -> Array:
+    second = _cam(document, "cam1")
     if "T_cn_cnm1" in second:
         return document.pose(second["T_cn_cnm1"], "cam1.T_cn_cnm1")
-    if "T_cam_imu" in first and "T_cam_imu" in second:
-        cams_from_imu = [document.pose(c["T_cam_imu"], f"cam{n}.T_cam_imu") for n, c in enumerate((first, second))]
-        return cams_from_imu[1] @ se3.inverse(cams_from_imu[0])
+    left_from_imu, right_from_imu = (_kalibr_from_imu(document, name) for name in ("cam0", "cam1"))
+    if left_from_imu is not None and right_from_imu is not None:
+        return right_from_imu @ se3.inverse(left_from_imu)
     raise document.error("cam1.T_cn_cnm1, the pose of cam0 in cam1, is missing: calibrate both cameras together")
 
 
@@ -132,7 +141,7 @@ def _orb_slam_name(data: Mapping[str, Any], side: int) -> str:
     return f"Camera{side + 1 if 'Stereo.T_c1_c2' in data else 1}" if "Camera1.fx" in data else "Camera"
 
 
-def _orb_slam_pose(document: Document, _: Document) -> Array:
+def _orb_slam_pose(document: Document, _: Document, _size: Size | None) -> Array:
     """T_c1_c2 carries points of the right camera into the left one. A rectified pair has a baseline only."""
     data = document.data
     if "Stereo.T_c1_c2" in data:
@@ -157,7 +166,7 @@ def _is_orb_slam(data: Mapping[str, Any]) -> bool:
 
 
 KALIBR = Format(
-    "Kalibr camchain (YAML)",
+    "Kalibr or OpenVINS camchain (YAML)",
     1,
     lambda data: isinstance(data.get("cam0"), Mapping) and "intrinsics" in data["cam0"],
     lambda calib, n, _: _lens(calib, _cam(calib, f"cam{n}"), f"cam{n}.", "distortion_coeffs", "none"),
@@ -168,13 +177,15 @@ EUROC = Format(
     2,
     lambda data: "T_BS" in data and "intrinsics" in data,
     lambda calib, _, size: _lens(calib, calib.data, "", "distortion_coefficients", "plumb_bob"),
-    lambda left, right: se3.inverse(right.pose(right.data["T_BS"], "T_BS")) @ left.pose(left.data["T_BS"], "T_BS"),
+    lambda left, right, _: (
+        se3.inverse(right.pose(right.data["T_BS"], "T_BS")) @ left.pose(left.data["T_BS"], "T_BS")
+    ),
 )
 BASALT = Format(
     "Basalt calibration (JSON)",
     1,
     _is_basalt,
     _basalt_camera,
-    lambda calib, _: se3.inverse(_imu_from_cam(calib, 1)) @ _imu_from_cam(calib, 0),
+    lambda calib, _, _size: se3.inverse(_imu_from_cam(calib, 1)) @ _imu_from_cam(calib, 0),
 )
 ORB_SLAM = Format("ORB-SLAM settings (YAML)", 1, _is_orb_slam, _orb_slam_camera, _orb_slam_pose)

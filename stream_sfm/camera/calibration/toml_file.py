@@ -72,7 +72,7 @@ def _camera(document: Document, side: int, size: Size | None) -> Camera:
     return _checked(document, name, lambda: Camera(table["width"], table["height"], k, tuple(d), model))
 
 
-def _pose(document: Document, _: Document) -> Array:
+def _pose(document: Document, _: Document, _size: Size | None) -> Array:
     name, value = "right_from_left", document.data.get("right_from_left")
     if value is None:
         raise document.error(

@@ -51,11 +51,6 @@ class SpanFactors:
         """The factors (b,) on σ over 1 … b frames: 1 at least, and never falling with the span."""
         return np.asarray(np.sqrt(np.maximum.accumulate(np.maximum(self.squares.max(axis=0), 1.0))))
 
-    @property
-    def shares(self) -> Array:
-        """The factors (b,) over that of the longest span."""
-        return np.asarray(self.by_span / self.by_span[-1])
-
     def asks_for(self, frame_index: int) -> bool:
         """Whether this frame is to be looked at."""
         return frame_index % _EVERY == 0 or bool(self.frames.min() < _MEMORY)

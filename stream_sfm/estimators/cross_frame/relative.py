@@ -21,17 +21,19 @@ def apart_from_newest(current: Map, of_poses: Array) -> Array:
     return np.concatenate([-blocks[-1:], se3.adjoint(se3.inverse(from_newest)) @ blocks[:-1] - blocks[-1]])
 
 
-def relative_motions(current: Map, cov_newest: Array, shares: Array) -> RelativeMotions:
+def relative_motions(current: Map, cov_newest: Array, by_span: Array) -> RelativeMotions:
     """Return the motions from the newest frame to the reference camera and to every other frame of the window.
 
-    `cov_newest` (6, 6): what only the newest pose does not know. `shares` (b,): of σ given the prior's modes, over 1 …
-    b frames, what counts over this span, eq. (74d).
+    `cov_newest` (6, 6): what only the newest pose does not know. `by_span` (b,): the factors on σ over 1 … b frames, of
+    which the views of the window have the last one, eq. (74d).
     """
     frames, system = current.frames, current.system
     cams = np.array([np.eye(4), *current.cams_from_ref[:-1]])  # the reference is exact by definition
     from_newest = cams @ se3.inverse(current.newest_cam_from_ref)
     half = apart_from_newest(current, system.root[: system.poses])
-    half[..., : system.poses] *= shares[: len(frames), None, None][::-1]
+    factors = by_span[: len(frames), None, None][::-1]
+    half[..., : system.modes] *= factors / by_span[-1]
+    half[..., system.modes :] *= factors
     by_rig = apart_from_newest(current, system.by_rig[: system.poses])
     cov = half @ np.swapaxes(half, 1, 2) + product(by_rig, system.cov_rig) @ np.swapaxes(by_rig, 1, 2)
     return RelativeMotions(

@@ -250,7 +250,7 @@ class CrossFrame:
             nis=motion.chi2,
             nis_dof=motion.dof,
             rig=rig,
-            relative=relative_motions(read_off, cov_timing, factors.shares),
+            relative=relative_motions(read_off, cov_timing, factors.by_span),
             common=common_errors(read_off, rig),
         )
         if rig is not None and observations.rig is not None:

@@ -84,7 +84,7 @@ class MonoFrontEnd:
         """As `StereoFrontEnd.learn`; one camera has no rig that could err."""
         return state
 
-    def rig_in_px(self, state: FrontEndState, estimate: RigEstimate | None) -> RigEstimate | None:
+    def rig_in_px(self, turn_rad: Array, estimate: RigEstimate | None) -> RigEstimate | None:
         """As `StereoFrontEnd.rig_in_px`: None, because a single camera has no rig."""
         return None
 

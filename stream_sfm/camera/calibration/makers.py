@@ -1,0 +1,138 @@
+"""Calibrations of the makers of stereo cameras: the JSON file of an OAK, and the conf file of a ZED."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from ...geometry import se3
+from ...geometry.se3 import Array
+from ..models import Camera
+from .document import Document, Format, Size, camera_matrix
+
+_OAK_FISHEYE = 1  # cameraType
+_OAK_LINKS = 8  # more than a board has cameras
+# Names of ZED's resolutions, by the size of one image
+_ZED_SIZES = {
+    (2208, 1242): "2K", (1920, 1080): "FHD", (1920, 1200): "FHD1200", (1280, 720): "HD", (960, 600): "SVGA",
+    (672, 376): "VGA",
+}  # fmt: skip
+_ZED_LENS = ("k1", "k2", "p1", "p2", "k3")
+
+
+def _oak_socket(document: Document, side: int) -> int:
+    """The socket of a camera: left 1 and right 2, unless the file says otherwise."""
+    stereo, key = document.data.get("stereoRectificationData"), ("leftCameraSocket", "rightCameraSocket")[side]
+    told = stereo.get(key, -1) if isinstance(stereo, Mapping) else -1
+    return told if isinstance(told, int) and told >= 0 else 1 + side
+
+
+def _oak_entry(document: Document, socket: int) -> Mapping[str, Any]:
+    for entry in document.data["cameraData"]:
+        if isinstance(entry, list) and len(entry) == 2 and entry[0] == socket and isinstance(entry[1], Mapping):
+            return entry[1]
+    raise document.error(f"cameraData has no camera of socket {socket}")
+
+
+def _oak_camera(document: Document, side: int, size: Size | None) -> Camera:
+    """Scaled to the size of the images, which is often half that of the calibration."""
+    socket = _oak_socket(document, side)
+    entry, where = _oak_entry(document, socket), f"cameraData[{socket}]."
+    own = document.size([entry.get("width"), entry.get("height")], f"{where}width and height")
+    k = document.numbers(entry.get("intrinsicMatrix"), f"{where}intrinsicMatrix", (3, 3))
+    d = document.numbers(entry.get("distortionCoeff") or [], f"{where}distortionCoeff", None).tolist()
+    width, height = size = size or own
+    if width * own[1] != height * own[0]:
+        raise document.error(
+            f"{where} is for {own[0]}×{own[1]}, of which {width}×{height} is no scaled image: give a calibration of "
+            "the images, which are cropped"
+        )
+    scale = width / own[0]
+    # pixel (0, 0) is the centre of the first one
+    k = np.array([[scale, 0, (scale - 1) / 2], [0, scale, (scale - 1) / 2], [0, 0, 1]]) @ k
+    if entry.get("cameraType") == _OAK_FISHEYE:
+        return document.camera(size, k, "equidistant", d[:4])
+    return document.camera(size, k, "rational_polynomial", d)
+
+
+def _oak_pose(document: Document, _: Document, _size: Size | None) -> Array:
+    """By the links from socket to socket, which carry points of one camera into the next one, centimetres."""
+    left, right = (_oak_to_root(document, _oak_socket(document, side)) for side in (0, 1))
+    common = next((socket for socket in left if socket in right), None)
+    if common is None:
+        raise document.error("no extrinsics lead from the left camera to the right one")
+    return se3.inverse(right[common]) @ left[common]
+
+
+def _oak_to_root(document: Document, socket: int) -> dict[int, Array]:
+    """Socket -> its pose, `socket_from_camera` (4, 4) in metres, along the links from a camera on."""
+    found, pose = {socket: np.eye(4)}, np.eye(4)
+    for _ in range(_OAK_LINKS):
+        link = _oak_entry(document, socket).get("extrinsics")
+        following = link.get("toCameraSocket", -1) if isinstance(link, Mapping) else -1
+        if not isinstance(link, Mapping) or not isinstance(following, int) or following < 0 or following in found:
+            break
+        where = f"cameraData[{socket}].extrinsics"
+        t = link.get("translation")
+        translation = [t.get(axis) if isinstance(t, Mapping) else None for axis in "xyz"]
+        rotation = document.rotation(link.get("rotationMatrix"), f"{where}.rotationMatrix")
+        t_cm = document.numbers(translation, f"{where}.translation", (3,))
+        pose = se3.orthonormalise(se3.from_rotation_translation(rotation, t_cm / 100)) @ pose
+        socket, found[following] = following, pose
+    return found
+
+
+def _zed_name(document: Document, size: Size | None) -> str:
+    if size is None:
+        raise document.error("the file is for several sizes of images: use it with a recording", "size")
+    if (name := _ZED_SIZES.get(size)) is None:
+        raise document.error(
+            f"images of {size[0]}×{size[1]} are of no size that a ZED has; it has "
+            f"{', '.join(f'{width}×{height}' for width, height in _ZED_SIZES)}"
+        )
+    return name
+
+
+def _zed_camera(document: Document, side: int, size: Size | None) -> Camera:
+    section = f"{('LEFT', 'RIGHT')[side]}_CAM_{_zed_name(document, size)}"
+    values = dict(_zed_numbers(document, section, ("fx", "fy", "cx", "cy")))
+    d = dict(_zed_numbers(document, section, _ZED_LENS, missing=0.0))
+    assert size is not None  # `_zed_name` has looked
+    return document.camera(size, camera_matrix(*values.values()), "plumb_bob", list(d.values()))
+
+
+def _zed_pose(document: Document, _: Document, size: Size | None) -> Array:
+    """Baseline, TY and TZ are where the right camera is, millimetres; RX, CV, RZ a rotation vector.
+
+    The file has them for stereoRectify, to which the sign of the translation is all the same.
+    """
+    names = [f"{axis}_{_zed_name(document, size)}" for axis in ("RX", "CV", "RZ")]
+    turn = [value for _, value in _zed_numbers(document, "STEREO", names, missing=0.0)]
+    t_mm = [value for _, value in _zed_numbers(document, "STEREO", ("Baseline", "TY", "TZ"), missing=0.0)]
+    return se3.from_rotation_translation(se3.exp_so3(turn), -np.array(t_mm) / 1000)
+
+
+def _zed_numbers(
+    document: Document, section: str, names: tuple[str, ...] | list[str], missing: float | None = None
+) -> Iterator[tuple[str, float]]:
+    table = document.data.get(section)
+    if not isinstance(table, Mapping):
+        raise document.error(f"[{section}] is missing")
+    for name in names:
+        yield name, document.number(table.get(name.lower(), missing), f"{section}.{name}")
+
+
+OAK = Format(
+    "OAK calibration (JSON)",
+    1,
+    lambda data: isinstance(data.get("cameraData"), list),
+    _oak_camera,
+    _oak_pose,
+)
+ZED = Format(
+    "ZED conf file",
+    1,
+    lambda data: isinstance(data.get("STEREO"), Mapping) and any(str(k).startswith("LEFT_CAM_") for k in data),
+    _zed_camera,
+    _zed_pose,
+)

@@ -1,0 +1,155 @@
+"""Errors that all methods share against the truth: a turn of its first pose, a turn of the axes, a factor of lengths.
+
+A truth that begins with a wrong heading or belongs to other axes than the camera's, or a baseline that is off, makes
+every method err alike, and beside that nothing can be seen of what distinguishes them. So these are fitted to all
+methods together, and taken out. A statement needs evidence from parts: ten blocks of the log must agree on it.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import se3
+from ..geometry.se3 import Array
+from .relative import known_frames
+
+_CERTAIN = 5.0  # standard deviations, as for errors of the rig
+_LESS = 0.9  # of the mean square must be left at most, of every method
+_BLOCKS = 10
+_ITERATIONS = 5
+_FAR = 0.1  # of the largest distance from the start: nearer frames hardly tell how its pose is turned
+
+
+class Common(NamedTuple):
+    """What all methods share; zero is what cannot be told from zero.
+
+    The camera's axes are those of the truth turned by `turn_rad` (3,); lengths are 1 + `scale` times the true ones;
+    the world is that of the truth turned by `start_rad` (3,) about its first position.
+    """
+
+    turn_rad: Array
+    scale: float
+    start_rad: Array
+
+    @property
+    def any(self) -> bool:
+        """Whether there is any such error."""
+        return bool(self.turn_rad.any() or self.scale or self.start_rad.any())
+
+    def applied(self, truth: Array) -> Array:
+        """Return the truth (n, 4, 4) with these errors, which begins with the identity; NaN stay NaN."""
+        known = np.flatnonzero(known_frames(truth))
+        if not self.any or not len(known):
+            return truth
+        turn, start = (_rotation(rad) for rad in (self.turn_rad, self.start_rad))
+        moved = truth.copy()
+        moved[known] = se3.inverse(turn) @ (se3.inverse(truth[known[0]]) @ truth[known]) @ turn
+        moved[known[1:]] = start @ moved[known[1:]]
+        moved[:, :3, 3] *= 1 + self.scale
+        return moved
+
+    def in_words(self) -> str:
+        """Say what all methods share; empty where that is nothing."""
+        start, turn = (float(np.degrees(np.linalg.norm(rad))) for rad in (self.start_rad, self.turn_rad))
+        length = f"lengths that are {100 * abs(self.scale):.2g} % too {'long' if self.scale > 0 else 'short'}"
+        found = [
+            f"a turn by {start:.2g}° of the first true pose" if start else "",
+            f"a turn by {turn:.2g}° of the camera's axes" if turn else "",
+            length if self.scale else "",
+        ]
+        return " and ".join(filter(None, found))
+
+
+NONE = Common(np.zeros(3), 0.0, np.zeros(3))
+
+
+def common_errors(methods: Sequence[Array], truth: Array) -> Common:
+    """Return what all methods' poses (n, 4, 4) have in common against the truth (n, 4, 4).
+
+    Only what reduces the errors of every method, those of motions or those of positions.
+    """
+    span = max(1, int(known_frames(truth).sum()) // (2 * _BLOCKS))
+    known = np.logical_and.reduce([known_frames(poses) for poses in (truth, *methods)])
+    rows = np.flatnonzero(known[:-span] & known[span:])
+    if len(rows) < 2 * _BLOCKS or not methods:
+        return NONE
+    common = _of_motions(methods, truth, rows, span)
+    return _with_start(common, methods, truth, np.flatnonzero(known))
+
+
+def _of_motions(methods: Sequence[Array], truth: Array, rows: NDArray[np.intp], span: int) -> Common:
+    """Return turn of the axes and scale, by the motions from `rows` over a span: Gauss-Newton from nothing."""
+    estimated = [se3.inverse(poses[rows]) @ poses[rows + span] for poses in methods]
+    x, var = np.zeros(4), np.zeros((4, 4))
+    for _ in range(_ITERATIONS):
+        moved = Common(x[:3], x[3], np.zeros(3)).applied(truth)
+        true = se3.inverse(moved[rows]) @ moved[rows + span]
+        t, w = true[:, :3, 3], se3.log_so3(true[:, :3, :3])
+        apart_t = np.mean([e[:, :3, 3] for e in estimated], axis=0) - t
+        apart_w = np.mean([se3.log_so3(e[:, :3, :3]) for e in estimated], axis=0) - w
+        size_t, size_w = (max(float(np.sqrt((d**2).mean())), 1e-12) for d in (apart_t, apart_w))
+        by_t = np.concatenate([se3.skew(t), t[:, :, None]], axis=2) / size_t
+        by_w = np.concatenate([se3.skew(w), np.zeros_like(t)[:, :, None]], axis=2) / size_w
+        step, var = _fitted(
+            np.concatenate([by_t, by_w], axis=1), np.concatenate([apart_t / size_t, apart_w / size_w], axis=1)
+        )
+        x = x + step
+    scale = float(x[3]) if x[3] ** 2 > _CERTAIN**2 * var[3, 3] else 0.0
+    common = Common(x[:3] * _certain(x[:3], var[:3, :3]), scale, np.zeros(3))
+    squares = [
+        _mean_squares(estimated, se3.inverse(poses[rows]) @ poses[rows + span])
+        for poses in (truth, common.applied(truth))
+    ]
+    return common if (squares[1] <= _LESS * squares[0]).all() else NONE
+
+
+def _with_start(common: Common, methods: Sequence[Array], truth: Array, rows: NDArray[np.intp]) -> Common:
+    """Return the same with the turn of the first true pose, by the positions in `rows` as seen from the first one."""
+    moved = common.applied(truth)
+    true, *estimated = (se3.inverse(poses[rows[0]]) @ poses[rows] for poses in (moved, *methods))
+    positions = true[:, :3, 3]
+    away = np.linalg.norm(positions, axis=1)
+    far = away > _FAR * away.max()
+    if far.sum() < 2 * _BLOCKS:
+        return common
+    apart = np.mean([e[:, :3, 3] for e in estimated], axis=0) - positions
+    length = away[far, None]
+    x, var = _fitted(-se3.skew(positions[far] / length), apart[far] / length)
+    turned = common._replace(start_rad=x)
+    squares = [_mean_squares(estimated, poses) for poses in (true, _rotation(x) @ true)]
+    return turned if _certain(x, var) and (squares[1] <= _LESS * squares[0]).all() else common
+
+
+def _certain(x: Array, var: Array) -> bool:
+    """Whether x (3,) is not zero, by its covariance."""
+    size = float(np.linalg.norm(x))
+    return size > 0 and size**2 > _CERTAIN**2 * float(x @ var @ x) / size**2
+
+
+def _fitted(by_error: Array, apart: Array) -> tuple[Array, Array]:
+    """Return the least-squares errors (m,) of `apart` (n, k) by `by_error` (n, k, m), and their covariance (m, m).
+
+    The covariance is that of leaving out one block each. What nothing is known of, as a turn about the only direction
+    of motion, is 0.
+    """
+    blocks = np.array_split(np.arange(len(apart)), _BLOCKS)
+    normals = np.stack([np.einsum("nij,nik->jk", by_error[b], by_error[b]) for b in blocks])
+    sums = np.stack([np.einsum("nij,ni->j", by_error[b], apart[b]) for b in blocks])
+    normal, total = normals.sum(axis=0), sums.sum(axis=0)
+    off = np.stack([_solved(normal - n, total - s) for n, s in zip(normals, sums, strict=True)])
+    off -= off.mean(axis=0)
+    return _solved(normal, total), (_BLOCKS - 1) / _BLOCKS * off.T @ off
+
+
+def _solved(normal: Array, total: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(normal, total, rcond=1e-4)[0], np.float64)
+
+
+def _rotation(rad: Array) -> Array:
+    return se3.exp(np.concatenate([np.zeros(3), rad]))
+
+
+def _mean_squares(estimated: Sequence[Array], true: Array) -> Array:
+    return np.array([((e - true)[:, :3, 3] ** 2).sum(axis=1).mean() for e in estimated])

@@ -1,0 +1,36 @@
+"""The methods by name: the one list that estimators, commands, pages and simulations read. It imports nothing."""
+
+from typing import NamedTuple
+
+
+class Method(NamedTuple):
+    """A class, by its module in `estimators/`, and how pages name it.
+
+    `frames` of its window, None: as configured; `compared`: whether `compare` runs it if no method is named.
+    """
+
+    module: str
+    kind: str
+    label: str
+    frames: int | None = None
+    compared: bool = True
+
+
+REFERENCE = "cross-frame"  # the method of this package, over whose errors others are given
+STEPWISE = "frame-to-frame"  # the method whose errors accumulate by construction, over which drift is shown
+METHODS = {
+    REFERENCE: Method("cross_frame.window", "CrossFrame", "cross-frame"),
+    "ekf": Method("baselines.ekf", "Ekf", "EKF"),
+    # Gauss-Newton on one frame's views and the joint prior is the iterated update (Bell and Cathey, The iterated Kalman
+    # filter update as a Gauss-Newton method, 1993); the world is one more pose, about which iterating tells nothing.
+    "iterated-ekf": Method("cross_frame.window", "CrossFrame", "iterated EKF", frames=1),
+    STEPWISE: Method("baselines.frame_to_frame", "FrameToFrame", "frame-to-frame"),
+    "cross-frame-wc": Method("baselines.per_point", "CrossFrameWC", "per-point WC"),
+    "cross-frame-cc": Method("baselines.per_point", "CrossFrameCC", "per-point CC"),
+    "ekf-cv": Method("baselines.ekf", "EkfConstantVelocity", "constant-velocity EKF"),
+    "cross-frame-cc-literal": Method(
+        "baselines.per_point", "CrossFrameCCLiteral", "per-point CC, literal", compared=False
+    ),
+    "depth-filter": Method("baselines.per_point", "CrossFrameWC", "depth filter", frames=1, compared=False),
+}
+COMPARED = tuple(name for name, method in METHODS.items() if method.compared)

@@ -1,0 +1,93 @@
+"""Images of two cameras as ROS messages, as they arrive: paired, decoded, and never many at a time."""
+
+import threading
+from collections import deque
+from typing import Any
+
+from ..camera.pixels import GreyScaler
+from ..camera.rig import StereoRig
+from ..errors import FrameError, LogError
+from .frames import RecordedFrame, recorded_frame
+from .images import UndecodableImage, check_encoding, decode_grey, image_size
+from .messages import ImageMessage, UndecodableMessage, image_of
+from .pair_reader import StereoPair
+from .pairing import Pairer
+
+_WAITING_PAIRS = 2  # that have not been taken; older ones are dropped, because a late estimate is of no use live
+_SIDES = ("left", "right")
+
+
+class RosImages:
+    """Pairs images of a live stereo camera as a log's are paired: one thread puts messages, another takes frames.
+
+    Messages are those of `sensor_msgs/Image` and `CompressedImage`, or anything with their fields, in every encoding
+    that a log may have. Stamps ascend. Pairs that wait while newer ones come are `dropped`; so many images are
+    `unpaired`.
+    """
+
+    def __init__(self, rig: StereoRig, waiting_pairs: int = _WAITING_PAIRS) -> None:
+        self._cameras = tuple(rig.cameras.values())
+        self._pairer: Pairer[ImageMessage] = Pairer(in_order=True)
+        self._waiting: deque[StereoPair] = deque()
+        self._most, self._scaler = waiting_pairs, GreyScaler()
+        self._news = threading.Condition()
+        self._clears = self._clears_when_taken = 0
+        self.dropped = 0
+
+    @property
+    def unpaired(self) -> int:
+        """How many images have found no partner within half a frame, or came with a stamp that does not ascend."""
+        counts = self._pairer.counts
+        return sum(counts.unpaired) + sum(counts.disordered)
+
+    def put(self, side: int, message: Any) -> None:
+        """Take the next message of the left (0) or right (1) camera. Raises FrameError where it cannot be an image."""
+        try:
+            image = image_of(_SIDES[side], message)
+            check_encoding(image, "the camera")
+        except (UndecodableMessage, LogError, ValueError, TypeError) as error:
+            raise FrameError(str(error)) from None
+        with self._news:
+            for left, right in self._pairer.push(side, image.stamp_ns, image, len(image.data)):
+                self._waiting.append(StereoPair(left, right))
+            while len(self._waiting) > self._most:
+                self._waiting.popleft()
+                self.dropped += 1
+            self._news.notify()
+
+    def take(self, timeout_s: float | None = None) -> RecordedFrame | None:
+        """Wait for the next pair, and return it decoded; None after a time without one, and after `clear`.
+
+        Raises FrameError where an image is damaged or not of the calibrated size; the next one may be sound.
+        """
+        with self._news:
+            clears = self._clears
+            self._news.wait_for(lambda: self._waiting or self._clears != clears, timeout_s)
+            self._clears_when_taken = self._clears
+            if not self._waiting:
+                return None
+            pair = self._waiting.popleft()
+        for message, camera in zip(pair.images, self._cameras, strict=True):
+            if (size := image_size(message)) != (camera.width, camera.height):
+                is_size = "damaged" if size is None else f"of {size[0]}×{size[1]} pixels"
+                raise FrameError(
+                    f"the {message.topic} image (stamp {message.stamp_ns} ns) is {is_size}, its calibration is for "
+                    f"{camera.width}×{camera.height}"
+                )
+        try:
+            return recorded_frame(pair, self._scaler.to_uint8(*map(decode_grey, pair.images)))
+        except UndecodableImage as error:
+            raise FrameError(str(error)) from None
+
+    def clear(self) -> None:
+        """Forget what waits, as after a clock was set back."""
+        with self._news:
+            self._pairer = Pairer(in_order=True)
+            self._waiting.clear()
+            self._clears += 1
+            self._news.notify()
+
+    @property
+    def is_current(self) -> bool:
+        """Whether the frame taken last came after the last `clear`."""
+        return self._clears_when_taken == self._clears

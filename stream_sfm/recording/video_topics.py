@@ -1,0 +1,117 @@
+"""Camera topics with H.264 or H.265, read as topics with raw images: their frames depend on each other.
+
+So they are decoded in order, whichever of them are wanted: a later `--start` sees the images it would see otherwise.
+"""
+
+import heapq
+from collections.abc import Generator, Iterator
+from dataclasses import replace
+
+from mcap.records import Attachment
+
+from ..errors import LogError
+from ..mcap_file.message import Contents, Damage, Message, Source
+from ..sources.profile import raw_channel, raw_message
+from ..sources.sides import is_camera
+from ..sources.video_stream import VideoStream, codec_of
+from ..wording import counted
+from .messages import ImageMessage, MessageDecoder, UndecodableMessage, decoded
+from .survey import Survey, Topic
+
+
+def with_videos(source: Source, survey: Survey) -> tuple[Source, Survey]:
+    """The recording with its video topics as topics of images; as given where it has none.
+
+    Videos also come as ROS's CompressedImage, which their first message tells. What is no H.264 or H.265 stays video.
+    """
+    found = {}
+    for topic in survey.topics.values():
+        if topic.count != 0 and is_camera(topic.name) and (codec := _codec(source, topic)) is not None:
+            found[topic.name] = codec
+    if not found:
+        return source, survey
+    topics = {name: replace(t, kind="image") if name in found else t for name, t in survey.topics.items()}
+    return _Decoded(source, found), replace(survey, topics=topics)
+
+
+def _codec(source: Source, topic: Topic) -> str | None:
+    """Of a topic of video, by its first message: h264 or h265; None where it is none of them, or cannot be read."""
+    if topic.kind != "video" and not (topic.kind == "image" and topic.schema.endswith("CompressedImage")):
+        return None
+    try:
+        first = next(decoded(source, [topic.name], MessageDecoder.image), None)
+    except LogError:
+        return None  # whoever needs the topic is told
+    return codec_of(first.encoding) if first is not None and first.compressed else None
+
+
+class _Decoded(Source):
+    """A source whose videos, topic -> codec, are raw images; everything else as it is."""
+
+    def __init__(self, source: Source, videos: dict[str, str]) -> None:
+        self._source, self._videos = source, videos
+        self.path, self.size_bytes, self.in_order = source.path, source.size_bytes, source.in_order
+        self.format, self.profile, self.library = source.format, source.profile, source.library
+
+    @property
+    def indexed(self) -> bool:
+        return self._source.indexed
+
+    def contents(self) -> Contents | None:
+        """Of the source as it lies on disk."""
+        return self._source.contents()
+
+    def attachments(self, damage: Damage) -> Iterator[Attachment]:
+        """Yield the attachments of the source."""
+        return self._source.attachments(damage)
+
+    def close(self) -> None:
+        """See `Source`."""
+        self._source.close()
+
+    def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
+        """Yield the messages of `topics` (None: all), of videos the frames that can be decoded.
+
+        Each video is a reading of its own: a decoder asks for frames when it needs them.
+        """
+        parts = [damage, *(Damage(notes=damage.notes) for _ in self._videos)]  # one list of notes, for its limit
+        wanted = frozenset(self._videos if topics is None else self._videos.keys() & topics)
+        readings: list[Generator[Message]] = [
+            self._pictures(name, part) for name, part in zip(sorted(wanted), parts[1:], strict=False)
+        ]
+        if topics is None or topics - wanted:
+            others = None if topics is None else topics - wanted
+            messages = self._source.messages(damage, others)
+            readings.append(m for m in messages if m.channel.topic not in self._videos)
+        try:
+            yield from heapq.merge(*readings, key=lambda message: message.log_time_ns)
+        finally:
+            for reading in readings:
+                reading.close()
+            damage.complete = all(part.complete for part in parts)
+            damage.bytes_read = max(part.bytes_read for part in parts)
+
+    def _pictures(self, topic: str, damage: Damage) -> Generator[Message]:
+        channel, where = raw_channel(topic), f"{self.path}: topic {topic}"
+        stream = VideoStream(self._videos[topic], self._frames(topic, damage))
+        try:
+            for (image, log_time_ns), picture in stream.pictures():
+                made = raw_message(channel, image.frame_id, image.stamp_ns, picture)
+                yield made._replace(log_time_ns=log_time_ns)
+        finally:
+            if stream.skipped:
+                before = "before the first one that a decoder can begin with (a key frame)"
+                damage.note(f"{where}: {counted(stream.skipped, 'frame')} of video {before} cannot be decoded")
+            if stream.lost:
+                damage.add(f"{where}: {counted(stream.lost, 'frame')} of video could not be decoded")
+
+    def _frames(self, topic: str, damage: Damage) -> Iterator[tuple[tuple[ImageMessage, int], bytes]]:
+        """Each frame without its bytes, with its log time; and its bytes."""
+        decoder = MessageDecoder(self.path)
+        for message in self._source.messages(damage, frozenset([topic])):
+            try:
+                image = decoder.image(message)
+            except UndecodableMessage as error:
+                damage.add(f"{self.path}: a frame of video was skipped: {error}")
+                continue
+            yield (replace(image, data=b""), message.log_time_ns), image.data

@@ -1,0 +1,269 @@
+"""Drift: errors of relative motions against their span, what the truth shares with no method, and a sentence of it all.
+
+Without a truth, and over spans over which the truth errs more than the methods differ, errors are those that halves of
+the tracks show.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from ..evaluation import drift
+from ..evaluation.association import matched, truth_of_frames
+from ..evaluation.common import NONE, Common, common_errors
+from ..evaluation.drift import Compared
+from ..evaluation.figures import NEES_INTERVAL
+from ..evaluation.relative import enough_known, known_frames
+from ..evaluation.relative_consistency import against_truth
+from ..evaluation.trajectory import from_first_camera, nees_pose
+from ..geometry.se3 import Array
+from ..methods import REFERENCE, STEPWISE
+from ..record import record
+from ..types import Trajectory
+from .records import Comparison, RunRecord
+from .tables import of_method
+
+_LEVEL = 1.02  # two errors whose ratio is less are called alike
+
+
+@record
+class Against:
+    """The truth of the frames in a row that have one: `row` of all frames, `poses` (n, 4, 4) with NaN, `common`."""
+
+    row: slice
+    poses: Array
+    common: Common
+
+    @property
+    def corrected(self) -> Array:
+        """The truth with the errors that motions of all methods share."""
+        return self.common._replace(start_rad=np.zeros(3)).applied(self.poses)
+
+
+def whole_runs(c: Comparison) -> list[RunRecord]:
+    """The runs that have an estimate of every frame."""
+    return [run for run in c.runs if 0 < len(run) == len(c.front)]
+
+
+def truth_in_a_row(c: Comparison) -> Against | None:
+    """Return what methods are compared with; None where few frames have a truth."""
+    whole = whole_runs(c)
+    if not whole or c.truth.poses is None:
+        return None
+    true = truth_of_frames(whole[0].stamps_ns, c.truth.poses)
+    rows = np.flatnonzero(known_frames(true))
+    if len(rows) < 2 or not enough_known(true[rows[0] : rows[-1] + 1]):
+        return None
+    row = slice(rows[0], rows[-1] + 1)
+    return Against(row, true[row], common_errors([run.poses[row] for run in whole], true[row]))
+
+
+def reference_of(c: Comparison) -> str:
+    """The method over whose errors those of the others are given, by span: that whose errors accumulate."""
+    names = [run.name for run in c.runs]
+    return next((name for name in (STEPWISE, REFERENCE) if name in names), names[0])
+
+
+def drift_of(c: Comparison, against: Against | None) -> dict[str, Any]:
+    """The section `drift` of report.json."""
+    halves = {run.key: Compared.of_halves(c.halves[run.name].poses) for run in c.runs if run.name in c.halves}
+    reference, methods = reference_of(c), halves
+    if against is not None:
+        methods = {run.key: Compared(run.poses[against.row], against.corrected) for run in whole_runs(c)}
+    table = drift.table(methods, reference.replace("-", "_"), halves or None)
+    if against is not None:
+        _add_factors(table, c, against)
+    return {
+        "truth_tells": against is not None and _truth_tells(table, reference.replace("-", "_")),
+        "against": "truth" if against is not None else "halves" if halves else None,
+        "reference": reference.replace("-", "_"),
+        "as_is": c.as_is,
+        "common": common_in_numbers(NONE if against is None else against.common),
+        "curves": drift.curves(methods),
+        "table": table,
+    }
+
+
+def _add_factors(table: list[dict[str, Any]], c: Comparison, against: Against) -> None:
+    """Add to the table by which factor σ of relative motions would have to grow, where the truth can tell."""
+    for run in whole_runs(c):
+        truth = Trajectory(run.stamps_ns[against.row], against.corrected)
+        factors = {f["frames"]: f["factor"] for f in against_truth(run.relative, truth, c.truth.std)}
+        for line in table:
+            of = line["methods"][run.key]
+            of["sigma_factor"] = None if of["position_from_halves"] else factors.get(line["frames"])
+
+
+def common_in_numbers(common: Common) -> dict[str, Any] | None:
+    """What all methods share, as in report.json; None where that is nothing."""
+    if not common.any:
+        return None
+    return {
+        "start_deg": np.degrees(common.start_rad).tolist(),
+        "turn_deg": np.degrees(common.turn_rad).tolist(),
+        "scale_percent": 100 * common.scale,
+        "text": common.in_words(),
+    }
+
+
+def _truth_tells(table: list[dict[str, Any]], reference: str) -> bool:
+    """Whether the truth tells any method from the reference over any span; true where there is nothing to tell."""
+    found = [
+        not of["position_from_halves"] for line in table for key, of in line["methods"].items() if key != reference
+    ]
+    return any(found) or not found
+
+
+def needs_halves(c: Comparison) -> bool:
+    """Whether the methods have to be estimated from halves of the tracks, as the truth does not tell them apart."""
+    against = truth_in_a_row(c)
+    if against is None:
+        return bool(whole_runs(c))
+    lines = drift_of(c, against)["table"]
+    return any(of["position_from_halves"] for line in lines for of in line["methods"].values())
+
+
+def consistency_of(c: Comparison, run: RunRecord, against: Against | None, truth_tells: bool) -> dict[str, Any]:
+    """By which factor σ of the pose would have to grow, and from what that is known.
+
+    From halves of the tracks where there is no truth, or where its own errors are all that it shows.
+    """
+    nees, of_halves = None, None
+    if c.truth.poses is not None:
+        common = NONE if against is None else against.common
+        rows, true = matched(run.trajectory(), c.truth.poses)
+        covs = run.trajectory().cov_pose
+        if len(rows) >= 2 and rows[0] == 0 and covs is not None:
+            poses = from_first_camera(common.applied(true.world_from_cam))
+            found = nees_pose(run.poses[rows], covs[rows], poses)
+            nees = float(np.nanmean(found)) if np.isfinite(found).any() else None
+    if run.name in c.halves:
+        of_halves = c.halves[run.name].nees_mean
+    known_from, used = (
+        ("truth", nees) if nees is not None and (truth_tells or of_halves is None) else ("halves", of_halves)
+    )
+    return {
+        "nees_pose_mean_without_common": nees,
+        "sigma_factor": None if used is None else float(np.sqrt(used / 6)),
+        "sigma_factor_from": None if used is None else known_from,
+    }
+
+
+def in_words(content: dict[str, Any], methods: dict[str, Any]) -> str:
+    """The first line of page, terminal and report.json: who is ahead over which spans, and whose covariances hold."""
+    said = [_who_is_ahead(content), _which_hold(methods)]
+    if content["common"] is not None:
+        said.insert(0, f"All methods share {content['common']['text']}, which is taken out here")
+    sentences = [sentence for sentence in said if sentence]
+    if not sentences:
+        return "There is no ground truth for these frames."
+    if content["against"] == "halves":
+        sentences.insert(0, "There is no ground truth: errors are those that halves of the tracks show")
+    return " ".join(f"{sentence}." for sentence in sentences)
+
+
+def _who_is_ahead(content: dict[str, Any]) -> str:
+    """Compare the window with the reference; empty where one of them is missing or the log is too short."""
+    mine, theirs = REFERENCE.replace("-", "_"), content["reference"]
+    if mine == theirs:
+        return ""
+    lines = [
+        (line["frames"], ratio, line["methods"][mine]["position_from_halves"])
+        for line in content["table"]
+        if mine in line["methods"] and (ratio := line["methods"][mine].get(f"position_over_{theirs}"))
+    ]
+    if not lines:
+        return ""
+    names = of_method(theirs).name, of_method(mine).name
+    if content["against"] == "truth" and not content["truth_tells"]:
+        (first, ratio, _), (last, at_last, _) = lines[0], lines[-1]
+        return (
+            f"The truth cannot tell the methods apart; by halves of the tracks {names[0]} errs "
+            f"{_times(ratio, inverse=True)} as much as {names[1]} over {_frames(first)}, "
+            f"{_times(at_last, inverse=True)} over {last}"
+        )
+    before, behind = _crossing(content, mine, theirs)
+    if before and not behind:
+        frames, ratio, of_halves = lines[0]
+        return (
+            f"{names[0].capitalize()} is ahead up to {_frames(before)}: {names[1]} errs {_times(ratio)} as much over "
+            f"{_frames(frames)}{_source(of_halves, content)}, {_times(lines[-1][1])} over {lines[-1][0]}"
+        )
+    frames, ratio, of_halves = lines[-1]
+    at_last = f"{_times(ratio, inverse=True)} at {_frames(frames)}{_source(of_halves, content)}"
+    if before:
+        return f"{names[0].capitalize()} is ahead up to {_frames(before)}, {names[1]} from {behind} on: {at_last}"
+    if behind:
+        since = "over every span" if behind == 1 else f"from {_frames(behind)} on"
+        return f"{names[1].capitalize()} is ahead of {names[0]} {since}: {at_last}"
+    return f"{names[1].capitalize()} and {names[0]} err alike: {names[0]} {at_last}"
+
+
+def _source(of_halves: bool, content: dict[str, Any]) -> str:
+    """Say where a ratio comes from halves although there is a truth."""
+    return " as halves of the tracks show, which the truth cannot tell" * (
+        of_halves and content["against"] == "truth"
+    )
+
+
+def _crossing(content: dict[str, Any], mine: str, theirs: str) -> tuple[int, int]:
+    """Up to which span the reference is ahead, and from which on the window is; 0 where there is none."""
+    curves = content["curves"]
+    a, b = (
+        np.array([x[0] for x in curves["methods"][key]["position_rms_m"]], float)
+        if key in curves["methods"]
+        else None
+        for key in (mine, theirs)
+    )
+    if a is None or b is None or not len(a):
+        return 0, 0
+    if content["against"] == "truth":  # spans over which it cannot tell are left out
+        untold = {
+            line["frames"] for line in content["table"] if line["methods"].get(mine, {}).get("position_from_halves")
+        }
+        known = np.array(curves["frames"]) > max(untold, default=0)
+        if not known.any():
+            return 0, 0
+    else:
+        known = np.ones(len(a), bool)
+    frames = np.array(curves["frames"])[known]
+    behind, ahead = (x[known] for x in (a > _LEVEL * b, b > _LEVEL * a))
+    before = int(frames[: int(np.argmin(np.append(behind, False)))].max(initial=0))
+    last = len(frames) - int(np.argmin(np.append(ahead[::-1], False)))
+    return before, int(frames[last]) if last < len(frames) else 0
+
+
+def _frames(n: int) -> str:
+    return f"{n} frame{'' if n == 1 else 's'}"
+
+
+def _times(ratio: dict[str, Any], inverse: bool = False) -> str:
+    values = [ratio["value"], *(ratio["ci95"] or ())]
+    value, *ends = [1 / x for x in values] if inverse else values
+    return f"{value:.2f}{' [{:.2f}, {:.2f}]'.format(*sorted(ends)) if ends else ''} times"
+
+
+def _which_hold(methods: dict[str, Any]) -> str:
+    """Say of which methods the covariances hold, and how wrong those of the others are."""
+    low, high = (np.sqrt(x / 6) for x in NEES_INTERVAL)
+    hold, wrong = [], []
+    for key, figures in methods.items():
+        factor = figures["sigma_factor"]
+        if factor is None:
+            continue
+        name = of_method(key).name
+        if low <= factor <= high:
+            hold.append(name)
+        else:
+            size = factor**2 if factor > 1 else factor**-2.0
+            wrong.append(f"{name} ({float(f'{size:.2g}'):g} times too {'small' if factor > 1 else 'large'})")
+    by_halves = any(figures["sigma_factor_from"] == "halves" for figures in methods.values())
+    source = ", by halves of the tracks," if by_halves else ""
+    said = f"Covariances{source} hold for {_listed(hold)}" if hold else ""
+    if wrong:
+        said += f"{', not for ' if said else f'Covariances{source} do not hold for '}{_listed(wrong)}"
+    return said
+
+
+def _listed(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,0 +1,94 @@
+"""The observations of a run on disk, so that methods can take them one after the other, whatever comes out on the way.
+
+Some 100 kB per frame in a file without a name, which the system removes however the run ends.
+"""
+
+import pickle
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import IO
+
+from ..errors import OutputError
+from ..frontend.template_errors import TemplateErrors
+from ..observer import Observed, Observer
+from ..record import changed
+from ..rig_model.estimate import RigEstimate
+from ..rig_model.model import RigModel
+from ..types import FrameEstimate, RigChange
+from .lane import Lane
+
+
+class StoredObservations:
+    """A check of a run that keeps the observations of each frame, and what the `lane` has found about the rig.
+
+    Iterating gives the frames as they were observed; `calibrated` as an exact calibration would have shown them.
+    """
+
+    def __init__(self, lane: Lane) -> None:
+        self._lane = lane
+        self._file: IO[bytes] = tempfile.TemporaryFile(prefix="stream-sfm-")  # noqa: SIM115 until `close`
+        self._model: RigModel | None = None  # the same in all frames
+        self._newest_id = -1
+        self._frames = 0
+        self.changes: list[RigChange] = []  # of the rig, as by a knock
+        # (first frame, what was known at the end, of the stamp): one for each time that the right camera was knocked
+        self._found: list[tuple[int, RigEstimate | None, int]] = []
+
+    def __len__(self) -> int:
+        return self._frames
+
+    def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
+        """Keep the next frame. Raises OutputError where the disk is full."""
+        seen = observed.observations
+        if not self._found or (seen.rig is not None and seen.rig.change is not None):
+            self._found.append((seen.frame_index, None, 0))
+        if seen.rig is not None and seen.rig.change is not None:
+            self.changes.append(seen.rig.change)
+        self._found[-1] = self._found[-1][0], self._lane.rig, seen.stamp_ns
+        new = observed.errors.begun > self._newest_id
+        ids, stds_px = observed.errors.begun[new], observed.errors.stds_px[new]
+        self._newest_id = int(ids.max(initial=self._newest_id))
+        if seen.rig is not None:
+            self._model = seen.rig.model
+            seen = replace(seen, rig=replace(seen.rig, model=None))  # type: ignore[arg-type]
+        kept = changed(observed, observations=seen, errors=TemplateErrors(begun=ids, stds_px=stds_px))
+        parts = [getattr(kept, name) for name in Observed.__slots__]  # type: ignore[attr-defined]
+        try:
+            pickle.dump(parts, self._file, protocol=pickle.HIGHEST_PROTOCOL)
+        except OSError as error:
+            raise OutputError(
+                f"observations of {self._frames} frames fill {tempfile.gettempdir()}: {error.strerror}; name another "
+                "folder for temporary files in the environment variable TMPDIR"
+            ) from None
+        self._frames += 1
+
+    def __iter__(self) -> Iterator[Observed]:
+        """Yield the frames as they were observed; one iteration at a time."""
+        self._file.seek(0)
+        errors = TemplateErrors()
+        for _ in range(self._frames):
+            observed = Observed(*pickle.load(self._file))
+            seen, errors = observed.observations, errors.joined(observed.errors)
+            if seen.rig is not None:
+                seen = replace(seen, rig=replace(seen.rig, model=self._model))  # type: ignore[arg-type]
+            yield changed(observed, observations=seen, errors=errors)
+
+    def calibrated(self, observer: Observer) -> Iterator[Observed]:
+        """Yield the frames without the errors of the rig, by what was known of them at the end."""
+        found = iter(self._found)
+        _, errors, known_ns = next(found)
+        coming = next(found, None)
+        for observed in self:
+            seen = observed.observations
+            if coming is not None and seen.frame_index == coming[0]:
+                (_, errors, known_ns), coming = coming, next(found, None)
+            if errors is not None:
+                age_s = max(0.0, errors.age_s - (known_ns - seen.stamp_ns) / 1e9)  # of errors that grow
+                yield observer.calibrated(observed, changed(errors, age_s=age_s))
+            else:
+                yield observer.calibrated(observed, None)
+
+    def close(self) -> None:
+        """Remove the file."""
+        self._file.close()

@@ -1,0 +1,219 @@
+"""The results of a study as tables in words: for the terminal, a page, CSV and LaTeX."""
+
+import csv
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from ..evaluation.relative import Interval
+from ..record import record
+from ..wording import counted
+from .figure6 import KINDS
+from .measure import QUANTITIES
+from .studies import Report
+
+Value = Interval | float | None
+_WORDS = {
+    "nominal": "round-off noise",
+    "noise_1.155px": "noise of 1.155 px",
+    "200_frames": "200 frames",
+    "wrong_rig_lasting_errors": "wrong rig, lasting errors",
+    "wrong_rig": "wrong rig, white errors",
+    "lasting_errors": "right rig, lasting errors",
+    "non_transitory_slow": "points seen in all frames",
+    "simple_slow": "2 frames per point",
+    "simple_lateral": "2 frames per point, fast",
+    "general_slow": "8 frames per point",
+    "general_lateral": "8 frames per point, fast",
+    "over_bound": "Variance over the Cramér–Rao bound",
+    "over_reference": "Variance over that of the reference",
+    "nees_pose": "pose",
+    "nees_point": "point in the camera",
+    "nees_point_in_world": "point in the world",
+    "nees_rig": "rig",
+}
+_NEES = "Normalised squared errors"
+_UNITS = {"rotation": "mrad", **dict.fromkeys(QUANTITIES[1:], "mm")}  # of figure 6, which are in rad and m
+
+
+@record
+class StudyTable:
+    """A table: names of each row, and its values; `whole` is for files only, where it has too many rows to be read.
+
+    `best`: the value that is best in all cells; None where there is no one.
+    """
+
+    title: str
+    names: tuple[str, ...]
+    columns: tuple[str, ...]
+    rows: Sequence[tuple[tuple[str, ...], Sequence[Value]]]
+    best: float | None = None
+    whole: bool = False
+
+
+def tables(report: Report) -> list[StudyTable]:
+    """Return the tables of the content of results.json, without empty columns and rows."""
+    found = [*_of_conditions(report), *_of_rates(report), *_of_figure6(report)]
+    return [_without_empty(table) for table in found if table.rows]
+
+
+def to_csv(report: Report) -> str:
+    """Every value with its interval in a line of its own."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("table", "row", "column", "value", "low", "high"))
+    for table in tables(report):
+        for names, values in table.rows:
+            for column, value in zip(table.columns, values, strict=True):
+                if value is not None:
+                    numbers = (
+                        (value.value, value.low, value.high) if isinstance(value, Interval) else (value, "", "")
+                    )
+                    writer.writerow((table.title, ", ".join(names), column, *numbers))
+    return text.getvalue()
+
+
+def to_latex(report: Report) -> str:
+    """The tables that are shown, for the package booktabs."""
+    parts = []
+    for table in (table for table in tables(report) if not table.whole):
+        head = " & ".join(map(_escaped, (*table.names, *table.columns)))
+        lines = [" & ".join([*map(_escaped, names), *map(text_of, values)]) for names, values in table.rows]
+        form = "l" * len(table.names) + "r" * len(table.columns)
+        body = "".join(f"{line} \\\\\n" for line in lines)
+        parts.append(
+            f"% {table.title}\n\\begin{{tabular}}{{{form}}}\n\\toprule\n{head} \\\\\n\\midrule\n{body}\\bottomrule\n"
+            "\\end{tabular}\n"
+        )
+    return "\n".join(parts)
+
+
+def text_of(value: Value) -> str:
+    """A number, with its 95 % interval if it has one."""
+    if value is None:
+        return "–"
+    if isinstance(value, Interval):
+        return f"{value.value:.2f} [{value.low:.2f}, {value.high:.2f}]"
+    return f"{value:.3g}"
+
+
+def in_words(key: str) -> str:
+    """What a key of a report is called."""
+    return _WORDS.get(key, key.replace("_", " "))
+
+
+def _of_conditions(report: Report) -> Iterator[StudyTable]:
+    """A table for each kind of figure, with the conditions and their estimators as rows."""
+    entries = [
+        ((in_words(name), estimator), entry)
+        for name, part in report.get("conditions", {}).items()
+        for estimator, entry in part["estimators"].items()
+    ]
+    for kind in dict.fromkeys(
+        key for _, entry in entries for key, value in entry.items() if key.startswith("over_")
+    ):
+        rows = [
+            (names, [_value(entry[kind].get(q)) for q in QUANTITIES]) for names, entry in entries if kind in entry
+        ]
+        title = in_words(kind) + (f", {report['reference']}" if kind == "over_reference" else "")
+        yield StudyTable(title, ("condition", "estimator"), tuple(map(in_words, QUANTITIES)), rows, best=1.0)
+    keys = [key for key in report.get("expected", {}) if key.startswith("nees_")]
+    columns = tuple(f"{in_words(key)}, {report['expected'][key]:g} expected" for key in keys)
+    rows = [(names, [_value(entry.get(key)) for key in keys]) for names, entry in entries]
+    yield StudyTable(_NEES, ("condition", "estimator"), columns, rows)
+    lost = [(names, [100 * entry["lost_share"]]) for names, entry in entries if entry["lost_share"] > 0]
+    yield StudyTable("Frames lost", ("condition", "estimator"), ("%",), lost)
+
+
+def _of_rates(report: Report) -> Iterator[StudyTable]:
+    """Of the paper's Table 1: exponents, the laws over spans and windows, and what estimators reach of them."""
+    rows: list[tuple[tuple[str, ...], list[Value]]] = []
+    methods = tuple(dict.fromkeys(m for row in report.get("table", {}).values() for m in row["exponents"]))
+    for name, row in report.get("table", {}).items():
+        run, quantity = name.rsplit(" ", 1)
+        exponents = [_value(row["exponents"].get(method)) for method in methods]
+        rows.append(((in_words(run), in_words(quantity)), [*exponents, row["bound_exponent"]]))
+    title = "Growth of the variance: exponent of the frame number"
+    yield StudyTable(title, ("run", "quantity"), (*methods, "bound"), rows)
+    if drift := report.get("drift_over_span"):
+        names = ("rotation_relative", "position_relative", "theory")
+        rows = [
+            ((counted(span, "frame"),), [drift[key][k] for key in names])
+            for k, span in enumerate(drift["span_frames"])
+        ]
+        title = "Drift of the bound by the span of a point, relative to 2 frames"
+        yield StudyTable(title, ("span",), ("rotation", "position", "theory"), rows)
+    if structure := report.get("structure_over_window"):
+        rows = [
+            ((counted(frames, "frame"),), [_value(structure["relative"][k]), structure["theory"][k]])
+            for k, frames in enumerate(structure["window_frames"])
+        ]
+        title = "Local structure of the bound by the window, relative to 1 frame"
+        yield StudyTable(title, ("window",), ("variance", "theory"), rows)
+    for key, frames, values, title in (
+        (
+            "estimators_over_span",
+            "span_frames",
+            "variance_relative",
+            "Variance by the span of a point, over 2 frames",
+        ),
+        (
+            "estimators_over_window",
+            "window_frames",
+            "variance_over_bound",
+            "Variance by the window, over the bound",
+        ),
+    ):
+        if part := report.get(key):
+            rows = [
+                ((method, in_words(quantity)), list(map(_value, of)))
+                for method, found in part[values].items()
+                for quantity, of in found.items()
+            ]
+            columns = tuple(counted(n, "frame") for n in part[frames])
+            yield StudyTable(title, ("estimator", "quantity"), columns, rows)
+
+
+def curve_in_words(label: str) -> str:
+    """What a curve of figure 6 is called: cc_b4 is CC, anchored, b = 4."""
+    kind, _, frames = label.partition("_b")
+    return f"{KINDS[kind][1]}, b = {frames}" if kind in KINDS and frames else in_words(label)
+
+
+def _of_figure6(report: Report) -> Iterator[StudyTable]:
+    curves, frames = report.get("curves", {}), report.get("frames", [])
+    columns = tuple(f"{in_words(q)}, {_UNITS[q]}" for q in QUANTITIES)
+
+    def rows(which: Sequence[int]) -> list[tuple[tuple[str, ...], list[Value]]]:
+        return [
+            ((curve_in_words(label), str(frames[k])), [1e3 * of[q][k] for q in QUANTITIES])
+            for label, of in curves.items()
+            for k in which
+        ]
+
+    if curves:
+        last = len(frames) - 1
+        title = f"RMS errors at frame {frames[last]}"
+        yield StudyTable(title, ("estimator",), columns, [(names[:1], values) for names, values in rows([last])])
+        yield StudyTable("RMS errors", ("estimator", "frame"), columns, rows(range(len(frames))), whole=True)
+
+
+def _value(found: Any) -> Value:
+    """An interval as results.json or a report has it."""
+    if isinstance(found, Mapping):
+        return Interval(found["value"], found["low"], found["high"])
+    return found if isinstance(found, Interval | float | None) else float(found)
+
+
+def _without_empty(table: StudyTable) -> StudyTable:
+    kept = [k for k in range(len(table.columns)) if any(values[k] is not None for _, values in table.rows)]
+    rows = [(names, [values[k] for k in kept]) for names, values in table.rows]
+    rows = [(names, values) for names, values in rows if any(value is not None for value in values)]
+    columns = tuple(table.columns[k] for k in kept)
+    return StudyTable(table.title, table.names, columns, rows, table.best, table.whole)
+
+
+def _escaped(text: str) -> str:
+    for letter in "\\_%&#":
+        text = text.replace(letter, f"\\{letter}")
+    return text
