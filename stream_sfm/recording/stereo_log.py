@@ -63,11 +63,11 @@ def open_camera(
     *names: str,
     calibration: Where | StereoRig | None = None,
     record: str | Path | None = None,
-    overwrite: bool = False,
     size: tuple[int, int] | None = None,
     rate_hz: float | None = None,
     serial: str | None = None,
     exposure_ms: float | None = None,
+    overwrite: bool = False,
 ) -> "StereoLog":
     """Open a stereo camera as a log whose frames are the pictures that it delivers from now on.
 
@@ -75,9 +75,9 @@ def open_camera(
     those of left and right: numbers, device files, addresses of streams; or a recording, whose pictures come at the
     pace at which they were recorded. `calibration` as in `open_log`; without it
     the one of the factory is used, which OpenCV's cameras have not. `record`: a log of every picture, in grey, whether
-    or not it is estimated; it is complete when the frames end, however they do. `overwrite`: a file of this name may
-    be replaced. `size`, `rate_hz`, `serial`, `exposure_ms`: of the images, of the pictures per second, of the camera,
-    of each picture; what is usual, where they are not given. Close the log in the end. Raises LogError where the camera
+    or not it is estimated; it is complete when the frames end, however they do. `overwrite`: a file of this name may be
+    replaced. `size`, `rate_hz`, `serial`, `exposure_ms`: of the images, of the pictures per second, of the camera, of
+    each picture; what is usual, where they are not given. Close the log in the end. Raises LogError where the camera
     cannot be opened, ConfigError, OutputError.
     """
     from ..mcap_file.log_writer import MessageWriter
