@@ -350,7 +350,12 @@ def test_a_camera_that_is_not_plugged_in_is_told(name: str, package: str, monkey
         raise RuntimeError("No available devices\n(0 connected)")
 
     found = Is(Pipeline=nothing, pipeline=nothing, config=lambda: Is(enable_stream=lambda *_: None))
-    streams = {"stream": Is(infrared=0), "format": Is(y8=0)}
+    streams = {
+        "stream": Is(infrared=0),
+        "format": Is(y8=0),
+        "CameraBoardSocket": Is(CAM_B=1, CAM_C=2),
+        "Device": nothing,
+    }
     monkeypatch.setitem(sys.modules, package, Is(**vars(found), **streams))
     said = cli("live", name, "--out", tmp_path / "o", code=3).err
     assert f"camera {name} cannot be opened: No available devices (0 connected); is it connected" in said
