@@ -31,7 +31,7 @@ from .rows import Rows
 from .state import FrontEndState, Setup
 from .template_errors import TemplateErrors, turn_of_slides
 from .timing import Timing
-from .tracker import Followed, follow, learn_timing, lose, may_wait
+from .tracker import follow, learn_timing, lose, may_wait
 
 _JUMPED = "all of the view has changed at once: were images held back, or is this another place?"
 _HIDDEN = "background occluded: the remaining tracks are on moving objects"
@@ -121,7 +121,9 @@ class StereoFrontEnd:
     ) -> tuple[FrontEndState, Observations]:
         """Return the observations of the next frame, with the known turn of the right camera corrected."""
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
-        change = None if followed is None else self._change(before, followed, stamp_ns)
+        change = None
+        if followed is not None and not before.pair.problem:  # after frozen images the view catches up at once
+            change = before.change_to(followed.cam_from_previous, stamp_ns)
         state = replace(state, steps=state.steps.after(change, self.setup.projection.f_px))
         found = None if followed is None else followed.found
         fit = None if found is None else PairFit.of(found, self.setup.projection, self.setup.config)
@@ -154,18 +156,6 @@ class StereoFrontEnd:
                 std_turn_rad=turn_of_slides(drift_px, self.setup.projection.f_px),
             ),
         )
-
-    def _change(self, before: FrontEndState, followed: Followed, stamp_ns: int) -> Array | None:
-        """Return by how much (6,) the motion differs from the last one, where both are known well enough to tell.
-
-        After frozen images the view catches up at once, between two motions it may be the motion that changes, and few
-        views tell little.
-        """
-        found, needed = followed.found, self.setup.config.robust.degraded_inliers
-        few = found is None or np.count_nonzero(found.motion.accepted) < needed
-        if before.pair.problem or followed.other is not None or few:
-            return None
-        return before.change_to(followed.cam_from_previous, stamp_ns)
 
     def _start_over(
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int, wait: bool
