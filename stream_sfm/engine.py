@@ -144,22 +144,33 @@ class Engine:
 
     def __copy__(self) -> "Engine":
         """Return an engine that goes on from here by itself, as `copy.deepcopy` does."""
-        return copy.deepcopy(self)
+        other = type(self).__new__(type(self))
+        other.__setstate__(self.__getstate__())
+        return other
+
+    def __deepcopy__(self, _: dict[int, Any]) -> "Engine":
+        return self.__copy__()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but the lock, which belongs to this process."""
-        return {name: value for name, value in vars(self).items() if name != "_stepping"}
+        """Copies of everything but the lock, which belongs to this process: a step may begin before they are written.
+
+        Raises EngineBusyError within a step, of which a copy would hold a half.
+        """
+        with self._exclusively("copied"):
+            return copy.deepcopy({name: value for name, value in vars(self).items() if name != "_stepping"})
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state, _stepping=threading.Lock())
 
     @contextmanager
-    def _exclusively(self) -> Iterator[None]:
+    def _exclusively(self, wanted: str = "") -> Iterator[None]:
         """Refuse a second thread: two frames at the same time would leave a wrong pose behind."""
         if not self._stepping.acquire(blocking=False):
             raise EngineBusyError(
-                "step was called while another thread is in it: give all frames of a stream to its engine from one "
-                "thread, and make one engine per stream"
+                f"the engine was {wanted} within a step: copy and pickle it between two steps"
+                if wanted
+                else "step was called while another thread is in it: give all frames of a stream to its engine from "
+                "one thread, and make one engine per stream"
             )
         try:
             yield

@@ -1,10 +1,12 @@
 """Executors of concurrent.futures for parallel work: processes on this machine, or a Dask cluster."""
 
+import logging
 import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
+from inspect import signature
 from multiprocessing import active_children, get_context
 from threading import Event, Thread
 from typing import TypeVar
@@ -18,7 +20,7 @@ ONE_THREAD = dict.fromkeys(
 # Dask itself may wait forever, for a scheduler that takes connections and is silent, and for workers that have died.
 _ANSWER_S = 8.0  # a running scheduler answers in milliseconds
 _WORKER_S = 20.0  # workers that have just been started need some seconds
-_LOST_S = 15.0  # without any worker: one that is started again needs as long
+_LOST_S = 15.0  # without a sign of any worker, which sends one per second: one that is started again needs as long
 T = TypeVar("T")
 
 
@@ -49,12 +51,26 @@ def processes(workers: int) -> Iterator[Executor]:
 
 
 @contextmanager
+def _silent(*packages: str) -> Iterator[None]:
+    """Log nothing of these packages: a scheduler that dies is told in one line, not in forty."""
+    loggers = [logging.getLogger(name) for name in (*packages, *logging.root.manager.loggerDict)]
+    silenced = [logger for logger in loggers if logger.name.split(".")[0] in packages and not logger.disabled]
+    for logger in silenced:
+        logger.disabled = True
+    try:
+        yield
+    finally:
+        for logger in silenced:
+            logger.disabled = False
+
+
+@contextmanager
 def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
     """Use the workers of the Dask scheduler at `address`, such as tcp://host:8786; they need this package too.
 
-    Yields the executor, and a function that says whether scheduler and workers have been gone for `_LOST_S`: Dask would
-    wait for others. Work that is not done when the context ends is cancelled. Raises ConfigError where no worker can be
-    reached.
+    Yields the executor, and a function that says whether scheduler and workers have been silent for `_LOST_S`, because
+    they are gone or stopped: Dask would wait. Work that is not done when the context ends is cancelled. Raises
+    ConfigError where no worker can be reached.
     """
     try:
         from distributed import Client
@@ -74,14 +90,18 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
         raise ConfigError(
             f"no Dask scheduler answers at {address} ({why}): start one with `dask scheduler`"
         ) from None
-    executor, ended, seen_s = client.get_executor(pure=False), Event(), time.monotonic()  # nothing is cached
+    executor, ended, heard_s = client.get_executor(pure=False), Event(), time.monotonic()  # nothing is cached
+    everyone = {"n_workers": -1} if "n_workers" in signature(client.scheduler_info).parameters else {}
 
     def watch() -> None:
-        nonlocal seen_s
+        nonlocal heard_s
+        last: float | None = None  # when a worker has last been heard of, by the scheduler's clock
         while not ended.wait(1.0):
             with suppress(Exception):  # waits, perhaps forever, for the scheduler's answer
-                if client.scheduler_info()["workers"]:
-                    seen_s = time.monotonic()
+                workers = client.scheduler_info(**everyone)["workers"].values()
+                before, last = last, max((worker["last_seen"] for worker in workers), default=last)
+                if last != before:
+                    heard_s = time.monotonic()
 
     def close() -> None:
         executor.shutdown(wait=False)
@@ -95,10 +115,11 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
                 f"the Dask scheduler at {address} has no worker: start some with `dask worker {address}`"
             ) from None
         Thread(target=watch, daemon=True).start()
-        yield executor, lambda: time.monotonic() - seen_s > _LOST_S
+        with _silent("distributed", "tornado", "asyncio"):
+            yield executor, lambda: time.monotonic() - heard_s > _LOST_S
     finally:
         ended.set()
-        with suppress(Exception):
+        with suppress(Exception), _silent("distributed", "tornado", "asyncio"):
             _within(5.0, close)
 
 

@@ -3,20 +3,19 @@
 The data sets themselves are read in `sources/`, which `open_log` uses too: an import copies the messages of a source.
 """
 
-import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from .camera.rig import StereoRig, baseline_warnings
-from .errors import InputError, LogError, OutputError
+from .errors import InputError, LogError
 from .files import make_folder
 from .inputs import LIMITS
 from .mcap_file.log_file import LogFile
 from .mcap_file.log_writer import MessageWriter
 from .mcap_file.message import Damage
-from .outputs import refuse_overwriting
+from .outputs import refuse_existing, refuse_overwriting
 from .sources.data_sets import open_euroc, open_kitti
 from .sources.image_files import ImageFilesSource, size_of
 from .sources.image_sets import first_image, open_images
@@ -147,9 +146,6 @@ def _copy_to_log(
 
 def _check_free(out: Path, inputs: Iterable[Path], overwrite: bool) -> None:
     """Make the folder of `out`. Raises OutputError where something is there that is not to be replaced."""
-    if os.path.lexists(out) and not overwrite:
-        raise OutputError(
-            f"{out} exists already: choose another name, or allow it to be replaced", hint=("overwrite",)
-        )
+    refuse_existing(out, overwrite)
     refuse_overwriting([out], inputs)
     make_folder(out.parent)

@@ -21,6 +21,7 @@ from .camera.unseen_errors import PhysicalAxes
 from .config import Config
 from .errors import ConfigError, FrameError
 from .frontend.front_end import StereoFrontEnd
+from .frontend.image_checks import are_one_image
 from .frontend.mono.front_end import MonoFrontEnd
 from .frontend.pair_check import resolution_problem
 from .frontend.prepared import PreparedImages
@@ -105,6 +106,7 @@ class Observer:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self.state: FrontEndState = self._frontend.start
         self._smoothing_px = config.frontend.smoothing_px
+        self._made_by = f"{self.rectifier.fingerprint} {self._smoothing_px}"
         self._exact = self.rig.unscaled or config.rig.exact  # with one camera no length is known anyway
         unseen = () if self._exact else (config.rig.std_baseline, config.rig.std_axes_rad)
         self._std_axes_rad = config.rig.std_axes_rad
@@ -124,8 +126,12 @@ class Observer:
         images = [to_grey(image) for image in frame.images[: len(self.rig.cameras)]]
         deep = any(image.dtype == np.uint16 for image in images)
         bits = bits_used(*images) if deep and grey_bits is None else grey_bits
-        rectified = self.rectifier.rectify(*(to_uint8(image, bits or FEWEST_BITS) for image in images))
-        prepared = PreparedImages.of(rectified[0], rectified[-1], self._smoothing_px, frame.stamp_ns, bits)
+        sides = [to_uint8(image, bits or FEWEST_BITS) for image in images]
+        rectified = self.rectifier.rectify(*sides)
+        done = self._smoothing_px, frame.stamp_ns, bits, self._made_by
+        prepared = PreparedImages.of(rectified[0], rectified[-1], *done)
+        if len(sides) > 1 and are_one_image(*sides):
+            prepared = replace(prepared, one_image=True)
         if frame_index is not None:
             self._frontend.prepare(prepared, frame_index)
         return prepared
@@ -154,7 +160,7 @@ class Observer:
         index = self.state.frame_index
         where = f"frame {index}"
         self._check_images(frame, where)
-        self._check_stamp(frame, where)
+        stamp_ns = self._checked_stamp(frame, where)
         if prepared is not None and (problem := self._prepared_problem(frame, prepared)):
             raise FrameError(f"{where}: prepared {problem}; give what `prepare` returned for this frame")
         began = time.perf_counter()
@@ -164,8 +170,8 @@ class Observer:
             images = self.prepare(frame, index, grey_bits)
         rectified = time.perf_counter()
         state, view = replace(self.state, grey_bits=grey_bits), self.inertial_view(frame)
-        expected = None if view is None or expect is None else expect(frame.stamp_ns, view)
-        self.state, observations = self._frontend.step(state, images, frame.stamp_ns, expected)
+        expected = None if view is None or expect is None else expect(stamp_ns, view)
+        self.state, observations = self._frontend.step(state, images, stamp_ns, expected)
         if view is not None:
             observations = replace(observations, inertial=view)
         timings_ms = {"rectify": 1e3 * (rectified - began), "frontend": 1e3 * (time.perf_counter() - rectified)}
@@ -336,27 +342,30 @@ class Observer:
             return f"is {_described(prepared)}"
         if prepared.left.shape != self.rectifier.valid.shape:
             return f"has shape {prepared.left.shape}, the calibration says {self.rectifier.valid.shape}"
+        if prepared.made_by != self._made_by:
+            return "was made by an engine of another calibration or smoothing"
         if prepared.stamp_ns != frame.stamp_ns:
             return f"is of the frame with stamp {prepared.stamp_ns} ns, this one has {frame.stamp_ns} ns"
         return ""
 
-    def _check_stamp(self, frame: Frame, where: str) -> None:
-        """Raise a FrameError where the stamp is not an integer after that of the last frame."""
+    def _checked_stamp(self, frame: Frame, where: str) -> int:
+        """Return the stamp as a Python integer. Raises FrameError where it is not one after that of the last frame."""
         if isinstance(frame.stamp_ns, bool) or not isinstance(frame.stamp_ns, int | np.integer):
             raise FrameError(f"{where}: stamp_ns is {_described(frame.stamp_ns)}; {_stamp_fix(frame.stamp_ns)}")
-        if not -INT64 <= frame.stamp_ns < INT64:
+        stamp_ns, last_ns = int(frame.stamp_ns), self.state.stamp_ns  # differences of small NumPy types overflow
+        if not -INT64 <= stamp_ns < INT64:
             raise FrameError(f"{where}: stamp_ns is beyond 64 bits; give an integer number of nanoseconds")
-        last_ns = self.state.stamp_ns
-        if last_ns is not None and frame.stamp_ns <= last_ns:
+        if last_ns is not None and stamp_ns <= last_ns:
             raise FrameError(
-                f"{where} (stamp {frame.stamp_ns} ns): stamps must increase, and the last frame had "
+                f"{where} (stamp {stamp_ns} ns): stamps must increase, and the last frame had "
                 f"{last_ns} ns; drop this frame, or make a new engine if the clock was set back"
             )
-        if self.state.frame_index == 1 and (apart_ns := frame.stamp_ns - int(last_ns or 0)) < _MIN_INTERVAL_NS:
+        if self.state.frame_index == 1 and (apart_ns := stamp_ns - (last_ns or 0)) < _MIN_INTERVAL_NS:
             logging.getLogger("stream_sfm").warning(
-                f"{where} (stamp {frame.stamp_ns} ns) is {apart_ns} ns after the first one: stamps are nanoseconds; of "
+                f"{where} (stamp {stamp_ns} ns) is {apart_ns} ns after the first one: stamps are nanoseconds; of "
                 "milliseconds that is stamp * 10**6, of a frame counter round(count / frames_per_s * 1e9)"
             )
+        return stamp_ns
 
 
 def _motions(

@@ -3,6 +3,7 @@
 import fcntl
 import os
 import stat
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,8 +19,16 @@ MAP_TRAJECTORY = "trajectory_map.tum"  # and of a replay with loops
 _FileId = tuple[int, int]  # device and inode: equal for all names and links of a file
 
 
+def refuse_existing(output: str | Path, overwrite: bool) -> None:
+    """Raise an OutputError where something has this name and is not to be replaced."""
+    if os.path.lexists(output) and not overwrite:
+        raise OutputError(
+            f"{output} exists already: choose another name, or allow it to be replaced", hint=("overwrite",)
+        )
+
+
 def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
-    """Raise an OutputError where an output, or the temporary file it is written to, is one of the inputs.
+    """Raise an OutputError where an output, or the temporary file it is written to, is an input or another output.
 
     Files are compared by inode, so that links do not matter; of a folder, every file in it and below is an input,
     except in folders of results. An output that exists must be a regular file, since anything else is not replaced
@@ -30,6 +39,12 @@ def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
         if "\0" in str(path):
             raise OutputError(f"cannot write {str(path)!r}: its name holds a NUL character")
     parts = [path.with_name(path.name + ".part") for path in outputs]
+    places = Counter(os.path.realpath(path) for path in (*outputs, *parts))
+    for path in outputs:
+        if places[os.path.realpath(path)] > 1:
+            raise OutputError(
+                f"cannot write {path}: two results of this run would be this file; choose another name for one"
+            )
     existing = [(path, found) for path in (*outputs, *parts) if (found := _stat(path))]
     for path, found in existing:
         if not stat.S_ISREG(found.st_mode):

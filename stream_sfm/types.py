@@ -275,6 +275,7 @@ class Observations:
     - `ambiguity`: why the motion may not be the camera's; None where nothing says so.
     - `jumped`: all of the view has changed at once, and no velocity says where the camera is.
     - `settled`: of the two motions of the frames before, the one that was followed was the camera's.
+    - `stepped`: both images may have been displaced at once in the frame before, which looks like a turn of the camera.
     - `lasting`: errors that the views share with those of earlier frames.
     - `rig`: what errors of the rig do to the views; None where the calibration is exact.
     - `start`: with one camera, what a map can start from, as soon as depths are known.
@@ -292,6 +293,7 @@ class Observations:
     ambiguity: Ambiguity | None = None
     jumped: bool = False
     settled: bool = False
+    stepped: bool = False
     lasting: LastingErrors = field(default_factory=LastingErrors)
     rig: RigView | None = None
     start: MapStart | None = None

@@ -15,6 +15,7 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.camera.pixels import to_grey
+from stream_sfm.errors import EngineBusyError
 from stream_sfm.frontend.template_errors import MIN_STD_PX
 from stream_sfm.geometry import se3
 from tests.helpers.estimators import nees
@@ -134,6 +135,7 @@ def test_wrong_input_is_refused_and_changes_nothing(frames, engine) -> None:
     for prepared, message in (
         ([good.left, good.right], "prepared is of type list; give what `prepare` returned for this frame"),
         (small.prepare(little), "prepared has shape"),
+        (sfm.Engine(rig(0.04)).prepare(frames[1]), "by an engine of another calibration"),
         (engine.prepare(frames[2]), f"prepared is of the frame with stamp {frames[2].stamp_ns} ns"),
     ):
         with pytest.raises(sfm.FrameError, match=message):
@@ -295,6 +297,35 @@ def test_a_copied_engine_goes_on_with_the_same_bytes(frames, config: sfm.Config)
     went_on = [_bytes(engine.step(frame)) for frame in frames[8:10]]
     for other in copies:
         assert [_bytes(other.step(frame)) for frame in frames[8:10]] == went_on
+
+
+def test_a_copy_within_a_step_is_refused(frames) -> None:
+    """By the estimator here, as by another thread: half of the state is that of the frame before."""
+    engine = sfm.Engine(rig(0.03))
+    engine.step(frames[0])
+    step, refused = engine.lane.estimator.step, []
+
+    def copying(observations: sfm.Observations) -> sfm.Solution:
+        for attempt in (copy.copy, copy.deepcopy, pickle.dumps):
+            with pytest.raises(EngineBusyError, match="between two steps"):
+                attempt(engine)
+            refused.append(attempt)
+        return step(observations)
+
+    engine.lane.estimator.step = copying
+    engine.step(frames[1])
+    assert len(refused) == 3
+
+
+@pytest.mark.parametrize("kind", [np.int8, np.uint8, np.int32, np.uint64])
+def test_stamps_of_any_integer_type_are_the_same(frames, kind: type) -> None:
+    """Differences of small types overflow."""
+    ends = []
+    for stamps in ([kind(5), kind(100)], [5, 100]):
+        engine = sfm.Engine(rig(0.03))
+        timed = [dataclasses.replace(frame, stamp_ns=ns) for ns, frame in zip(stamps, frames, strict=False)]
+        ends.append([_bytes(engine.step(frame)) for frame in timed])
+    assert ends[0] == ends[1]
 
 
 def test_a_bright_frame_that_is_prepared_but_not_stepped_changes_nothing(frames) -> None:

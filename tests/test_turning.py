@@ -83,8 +83,11 @@ def mean_nees(scene: str, axis: str, seed: int, config: sfm.Config) -> float:
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("axis", AXES)
 def test_a_turning_camera_is_not_overconfident(scene: str, axis: str) -> None:
-    """Against 50 to 160 where errors of patches that turn were taken for a motion of the camera."""
-    assert np.mean([mean_nees(scene, axis, seed, EXACT) for seed in (0, 1, 2)]) < 12
+    """Against 50 to 160 where errors of patches that turn were taken for a motion of the camera.
+
+    Of six runs, as single ones have a deviation of 0.6 of their mean.
+    """
+    assert np.mean([mean_nees(scene, axis, seed, EXACT) for seed in range(6)]) < 12
 
 
 def test_turning_cameras_are_not_underconfident_either() -> None:

@@ -1,7 +1,7 @@
 """Hostile inputs, many more than the tests try: `python -m tools.fuzz --count 20000`. Exit code 1 on any failure.
 
-They are made as in tests/faults/attacks.py: damaged logs, definitions, images, texts, bags, results. Each seed is one
-input; `--first` continues where another run ended.
+They are made as in tests/faults/attacks.py: damaged logs, definitions, images, texts, bags, results, and calls of the
+core. Each seed is one input; `--first` continues where another run ended.
 """
 
 import argparse

@@ -4,6 +4,7 @@ import glob
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import dropwhile
 from pathlib import Path
 
 from ..errors import ConfigError, LogError
@@ -19,13 +20,13 @@ def find_logs(arguments: Sequence[str], skipped: list[str] | None = None) -> dic
     A folder that is a recording (a bag, a data set) is one log. Any other folder stands for all recordings in it and
     below, except hidden ones and results (estimates.mcap); they are named relative to that folder, so that a name
     stays the same when the folder grows. `skipped` is given a line for each linked folder, which is not followed. A
-    pattern that no shell has expanded is expanded here, `**` for any depth. Raises LogError where a folder holds no
-    log; a file that does not exist is kept, and reported when it is its turn.
+    pattern that no shell has expanded is expanded here, `**` for any depth; it follows no links either. Raises LogError
+    where a folder holds no log; a file that does not exist is kept, and reported when it is its turn.
     """
     skipped = [] if skipped is None else skipped
     found: dict[Path, int] = {}
     for argument in arguments:
-        matches = [argument] if os.path.exists(argument) else sorted(glob.glob(argument, recursive=True))
+        matches = [argument] if os.path.exists(argument) else sorted(set(_matching(argument, skipped)))
         for path in (Path(os.path.abspath(match)) for match in matches or [argument]):
             if not os.path.isdir(path) or is_recording(path):
                 found.setdefault(path, 1)
@@ -38,13 +39,43 @@ def find_logs(arguments: Sequence[str], skipped: list[str] | None = None) -> dic
     return found
 
 
+def _matching(pattern: str, skipped: list[str]) -> Iterator[str]:
+    """The paths that a pattern stands for.
+
+    Below `**` links to folders are not followed: they may lead back, so that paths have no end.
+    """
+    parts = Path(pattern).parts
+    if "**" not in parts:
+        yield from glob.glob(pattern)
+        return
+    at = parts.index("**")
+    tail = list(dropwhile("**".__eq__, parts[at:]))
+    for start in glob.glob(os.path.join(*parts[:at])) if at else [os.curdir]:
+        if not tail:  # all below a folder is what the folder stands for
+            yield start
+            continue
+        for folder, folders, _ in os.walk(start):
+            folders[:] = [name for name in folders if not name.startswith(".")]
+            for match in _matching(os.path.join(glob.escape(folder), *tail), skipped):
+                below = [Path(match), *Path(match).parents][: -len(Path(start).parents) - 1]
+                link = next((path for path in below if path.is_symlink() and path.is_dir()), None)
+                if link is None:
+                    yield match
+                elif (note := _not_followed(link)) not in skipped:
+                    skipped.append(note)
+
+
+def _not_followed(link: str | Path) -> str:
+    return f"{link} is a link to a folder, which is not followed: name the folder itself"
+
+
 def _logs_below(folder: Path, skipped: list[str]) -> Iterator[Path]:
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or path.name == _RESULT:
             continue
         if path.is_dir():
             if path.is_symlink():
-                skipped.append(f"{path} is a link to a folder, which is not followed: name the folder itself")
+                skipped.append(_not_followed(path))
             elif is_recording(path):
                 yield path
             else:

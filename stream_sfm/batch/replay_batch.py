@@ -5,7 +5,7 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from .logs import find_logs, names_for, truth_files
 
 SCHEMA_VERSION = 1
 RECORD, PAGE = "batch.json", "report.html"
-_LOST = "the scheduler of the cluster, or its last worker, is gone: start it again, and the same batch"
+_LOST = "the scheduler of the cluster, or its last worker, is gone or silent: start it again, and the same batch"
 
 
 def replay_batch(
@@ -146,6 +146,8 @@ def _run_jobs(
                     job = futures[future]
                     try:
                         results[job] = future.result()
+                    except CancelledError:  # by Dask, which has lost its scheduler
+                        results[job] = job.ended("failed", _LOST)
                     except Exception as error:  # the worker itself was lost, or cannot write
                         results[job] = job.ended("failed", f"{type(error).__name__}: {error}")
                     if on_done is not None:

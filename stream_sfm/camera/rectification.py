@@ -4,6 +4,7 @@ The rectified axes are our own choice from `right_from_left` (x along the baseli
 whatever rectification a log proposes; poses are handed out in the physical left camera's axes again.
 """
 
+import hashlib
 from collections.abc import Sequence
 from functools import cached_property
 
@@ -46,7 +47,8 @@ class Rectifier:
     """Rectification of a rig's images: to pinholes of one focal length and one row, the baseline along +x.
 
     `projection` of the rectified pair, of one camera with a virtual right one; `rect_from_cam` (3, 3): its axes from
-    the physical left camera's. Maps are computed when they are first needed. Raises RigError
+    the physical left camera's; `fingerprint`: equal where the same is done to images. Maps are computed when they are
+    first needed. Raises RigError
     where left and right are exchanged or not beside each other, or where the calibration leaves no image.
     """
 
@@ -67,6 +69,9 @@ class Rectifier:
         )
         matrices = [np.array([[f, 0, x], [0, f, cy], [0, 0, 1]]) for x in cx]
         self._sides = list(zip(cameras, rotations, matrices, strict=True))
+        lenses = [(c.width, c.height, c.K.tolist(), [float(d) for d in c.D], c.distortion_model) for c in cameras]
+        numbers = lenses, [r.tolist() for r in rotations], [m.tolist() for m in matrices]
+        self.fingerprint = hashlib.sha256(repr(numbers).encode()).hexdigest()
 
     @cached_property
     def _maps(self) -> list[tuple[cv2.typing.MatLike, cv2.typing.MatLike] | None]:

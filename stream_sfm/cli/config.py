@@ -12,8 +12,5 @@ def config(*, expert: options.ResultFlag = False, settings: options.Settings = o
         expert: print all settings, also those that few runs need
     """
     from ..config import config_to_toml
-    from ..estimators import check_method
 
-    found = settings.read()
-    check_method(found.method)
-    print(config_to_toml(found, expert=expert), end="")
+    print(config_to_toml(settings.read(), expert=expert), end="")

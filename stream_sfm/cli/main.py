@@ -11,15 +11,16 @@ import logging
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from typing import TextIO
 
 from cyclopts import App, CycloptsError, Parameter
 
-from .. import __version__
+from .. import __version__, memory
 from ..errors import ExitCode, StreamSfmError
 from ..interrupts import termination_as_interrupt
 from ..wording import printable
+from .library_messages import filtered
 from .printing import print_error
 from .process import settle
 from .usage import hint, rewritten, usage_error
@@ -45,6 +46,9 @@ _EXIT_CODES = (
     "Exit codes: 0 success; 1 internal error (a defect of stream-sfm); 2 wrong usage or configuration; 3 input "
     "unreadable, unsuitable or only partly read; 130 interrupted, with all results so far written. "
     "With --debug, every command prints the traceback of an error as well."
+)
+_NO_MEMORY = (
+    "the system refuses the memory that is needed: allow this process more (ulimit -v), or use smaller images"
 )
 # Errors of a full or failing disk, an exceeded quota or a closed terminal: not defects of the program.
 _REFUSED_BY_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
@@ -87,12 +91,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     settle()
     _open_missing_streams()
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a terminal without σ, or odd file names, must not end a run
-            stream.reconfigure(errors="backslashreplace")
     words = rewritten(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
+    # a program that calls `main` keeps its descriptors; what asks for --debug wants to see everything
+    own_process = argv is None and not debug
+    with filtered(quiet=not {"-q", "--quiet"}.isdisjoint(words)) if own_process else nullcontext():
+        return _main(words, debug)
+
+
+def _main(words: list[str], debug: bool) -> int:
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal without σ, or odd file names, must not end a run
+            stream.reconfigure(errors="backslashreplace")
     try:
         with _logging_to_stderr():
             return _run(build_app(words), words, debug)
@@ -139,6 +150,9 @@ def _run(app: App, words: list[str], debug: bool) -> int:
         if apps[-1].default_command is None and not rest:  # nothing, or `import` alone
             app.help_print(words, console=app.error_console)
             return ExitCode.USAGE
+        if not (rest and set(rest) <= {"-h", "--help", "--version"}) and not memory.is_enough():
+            print_error(_NO_MEMORY)
+            return ExitCode.INPUT
         with termination_as_interrupt():
             code = app(words)
             sys.stdout.flush()
@@ -175,6 +189,9 @@ def _reported(app: App, words: list[str], error: BaseException) -> tuple[int, st
             _discard(sys.stdout)
             where = error.filename or "the standard output"
             return ExitCode.INPUT, f"cannot write {where}: {error.strerror}", ""
+    if memory.is_refused(error):
+        said = f" ({error})" if str(error) else ""
+        return ExitCode.INPUT, f"{_NO_MEMORY}{said}; results so far are written", ""
     advice = "this is a defect of stream-sfm; please report it with the output of --debug"
     return ExitCode.DEFECT, f"{type(error).__name__}: {error}".splitlines()[0], advice
 

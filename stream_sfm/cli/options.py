@@ -229,12 +229,15 @@ class Settings:
         Raises ConfigError.
         """
         from ..config import read_config
+        from ..estimators import check_method
 
         masks = dict(zip(("mask_left", "mask_right"), self.mask or (), strict=False))
         chosen |= {name: os.path.abspath(path) for name, path in masks.items()}  # the run says so in config.toml
         further = [f"{name}={json.dumps(value)}" for name, value in chosen.items() if value]
         further += ["imu.enabled=false"] if self.no_imu else []
-        return read_config(self.config, [*(self.set or []), *further])
+        found = read_config(self.config, [*(self.set or []), *further])
+        check_method(found.method)
+        return found
 
 
 @Parameter(name="*", group=TRUTH)

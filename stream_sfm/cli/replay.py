@@ -71,7 +71,7 @@ def replay(
         save_map: write the map at the end, also over the one that was read; implies --loops
         mono: use the left camera only; lengths are in units of the first baseline instead of metres
     """
-    from ..outputs import MAP_TRAJECTORY
+    from ..outputs import MAP_TRAJECTORY, RESULTS
     from ..recording.stereo_log import open_log
     from ..results.folder import changed_results, new_run_folder
 
@@ -80,6 +80,7 @@ def replay(
     folder = Path(out) if out else new_run_folder(log)
     options.protect([shown.rrd, folder / MAP_TRAJECTORY, *changed_results(folder, config)], *inputs, map)
     options.protect([save_map], *inputs)
+    options.protect([shown.rrd, save_map, *(folder / name for name in (*RESULTS, MAP_TRAJECTORY))])
     recording = open_log(log, **cameras.chosen, mono=config.mono, ground_truth=truth.read())
     known = {
         "self_test": self_test,
@@ -99,6 +100,7 @@ def live(
     out: options.MaybeFolder = None,
     record: options.ResultFile = None,
     shown: _Shown = _Shown(),
+    force: Annotated[bool, Parameter(group=options.RESULTS)] = False,
     calibration: options.Calibration = None,
     size: options.MaybeSize = None,
     rate: options.MaybePositive = None,
@@ -121,6 +123,7 @@ def live(
         right: the right camera, where it is another one
         out: result folder as of a replay; runs/CAMERA-TIME if not given
         record: write a log of every picture, for later replays
+        force: replace the file of --record if it exists
         calibration: of the pair, instead of the factory's: a file, the files of left and right, or their folder
         size: of each image, pixels
         rate: pictures per second
@@ -139,7 +142,14 @@ def live(
     options.protect([record, shown.rrd, *changed_results(folder, config)], settings.config, calibration, inputs)
     given = options.calibration_files(calibration)
     camera_log = open_camera(
-        *names, calibration=given, record=record, size=size, rate_hz=rate, serial=serial, exposure_ms=exposure
+        *names,
+        calibration=given,
+        record=record,
+        overwrite=force,
+        size=size,
+        rate_hz=rate,
+        serial=serial,
+        exposure_ms=exposure,
     )
     with closing(camera_log) as log:
         return _run("live", log, folder, config, Selection(max_frames=max_frames), shown, is_latest=not out)

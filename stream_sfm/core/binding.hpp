@@ -151,6 +151,7 @@ template <class T, std::size_t N>
 struct Argument<View<T, N>> {
     using Given = In<T, N>;
     static View<T, N> of(const Given& array) {
+        require(array.is_valid(), "an array is None");
         View<T, N> result{array.data(), {}};
         for (std::size_t i = 0; i < N; i++) result.shape[i] = array.shape(i);
         return result;
@@ -160,6 +161,7 @@ template <class T>
 struct Argument<ImageOf<T>> {
     using Given = In<T, 2>;
     static ImageOf<T> of(const Given& array) {
+        require(array.is_valid(), "an image is None");
         require(array.shape(0) < MAX_SIDE && array.shape(1) < MAX_SIDE, "the image is too large");
         return {array.data(), static_cast<int>(array.shape(0)), static_cast<int>(array.shape(1))};
     }
@@ -167,7 +169,10 @@ struct Argument<ImageOf<T>> {
 template <class T>
 struct Argument<Writable<T>> {
     using Given = nb::ndarray<T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
-    static Writable<T> of(const Given& array) { return {array.data(), {array.shape(0), array.shape(1), array.shape(2)}}; }
+    static Writable<T> of(const Given& array) {
+        require(array.is_valid(), "an array is None");
+        return {array.data(), {array.shape(0), array.shape(1), array.shape(2)}};
+    }
 };
 template <class T>
 struct Argument<std::optional<T>> {

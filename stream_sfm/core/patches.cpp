@@ -23,8 +23,11 @@ constexpr std::size_t FEWEST_OF_EXPOSURE = 12, MOST_EXPOSURES = 3;  // as many v
 constexpr int PARAMETERS = 4;                 // that a patch's residual has been fitted with: position, gain, offset
 constexpr double RIDGE = 1e-6, MIN_INFORMATION = 1e-3;  // relative to the trace, and grey²: without texture stays invertible
 
+void require_size(int px, const char* otherwise) { require(px >= 1 && px <= 1000, otherwise); }
+
 int samples_across(int radius, int spacing) {
-    require(radius >= 1 && radius <= 1000 && spacing >= 1, "radius_px is not within 1 and 1000, or spacing_px is below 1");
+    require_size(radius, "radius_px is not within 1 and 1000");
+    require_size(spacing, "spacing_px is not within 1 and 1000");
     return 2 * radius / spacing + 1;
 }
 
@@ -172,6 +175,7 @@ Patches warp_patches(View<T, 3> stored, Indices slots, Matrices warps, int radiu
 Array<double, 3> gradient_matrices(Matrices information, int spacing) {
     std::size_t n = information.shape[0];
     require_shape(information, {n, 3, 3}, "information");
+    require_size(spacing, "spacing_px is not within 1 and 1000");
     Array<double, 3> result(n, 2, 2);
     for (std::size_t i = 0; i < n; i++)
         for (int a = 0; a < 2; a++)

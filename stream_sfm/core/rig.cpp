@@ -133,6 +133,13 @@ void check(const ExposedRows& exposed) {
     require(sides > 0, "there are no coefficients");
 }
 
+void check(const Timing& timing) {
+    check(timing.exposed);
+    require_shape(timing.mean, {2}, "mean");
+    require_shape(timing.cov, {2, 2}, "cov");
+    require_shape(timing.twist, {6}, "twist");
+}
+
 void slopes_of_rows(const ExposedRows& of, const double* z, double* out) {
     double at[4], rows[4];
     rows_of_view(of, z, at);

@@ -20,6 +20,7 @@ UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, co
 // rig.cpp
 constexpr std::size_t TERMS = 20, AT_TIMING = 14;  // the order of rig_model/terms.py; delay and readout follow each other
 void check(const ExposedRows& exposed);
+void check(const Timing& timing);
 struct RigEffects {
     Array<double, 3> terms;
     Array<double, 2> field;

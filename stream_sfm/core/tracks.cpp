@@ -113,7 +113,7 @@ PredictedTracks predict_tracks(const Pinholes& pinholes, const Timing& timing, V
                                Matrix cam_from_previous, Matrix cam_from_start, Matrix left, Flags agree) {
     std::size_t n = tracks.points.shape[0];
     check(tracks);
-    check(timing.exposed);
+    check(timing);
     require_shape(twist, {6}, "twist");
     require_shape(cam_from_previous, {4, 4}, "cam_from_previous");
     require_shape(cam_from_start, {4, 4}, "cam_from_start");

@@ -106,21 +106,24 @@ def recorded(motion: MotionModel, observations: Observations, solution: Solution
     """Give the pose of an estimated frame to the motion model, and return what is to be reported, with `ended` points.
 
     A pose from images that do not fit each other is followed, and it may as well be where earlier frames predict
-    it: the covariances of the pose and of the points in the world cover that; relative motions are not reported.
+    it: the covariances of the pose and of the points in the world cover that; relative motions are not reported. After
+    a step of both images they cover that the camera has not moved with it.
     Raises LinAlgError for a pose that is not finite: nothing learns from it.
     """
     if not (np.isfinite(solution.world_from_cam).all() and np.isfinite(solution.cov_pose).all()):
         raise np.linalg.LinAlgError("the pose is not finite")
     solution = with_ended(solution, ended)
     pose = observations.stamp_ns, solution.world_from_cam, solution.cov_pose
-    cov = motion.record(*pose, doubtful=observations.misfit)
-    if not observations.misfit:
+    cov = motion.record(*pose, doubtful=observations.misfit, stepped=observations.stepped)
+    if observations.misfit:
+        solution = replace(solution, relative=None)
+    if cov is solution.cov_pose:
         return solution
     j = se3.point_in_source_jacobian(solution.points_in_cam)
     r = solution.world_from_cam[:3, :3]
     of_points = r @ (j @ (cov - solution.cov_pose) @ np.swapaxes(j, 1, 2)) @ r.T
     of_points += solution.cov_points_in_world
-    return replace(solution, cov_pose=cov, cov_points_in_world=of_points, relative=None)
+    return replace(solution, cov_pose=cov, cov_points_in_world=of_points)
 
 
 def too_few_inliers(inliers: int, known: int, config: RobustConfig) -> str:

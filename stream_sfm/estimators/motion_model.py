@@ -17,6 +17,7 @@ _BUILD_UP_S = 1.0
 # in this time, and by no more later. A camera whose images were held back, or that was put elsewhere, is as uncertain
 # as after this time without images. Of a car that is 30 m, two standard deviations.
 _SPEEDS_UP_S = 3.0
+_STEPS = 16  # that are remembered: a stream that is displaced all the time is bounded, too
 
 
 class MotionModel:
@@ -29,6 +30,7 @@ class MotionModel:
         self._stamp_ns: int | None = None
         self._velocity = np.zeros(6)  # ξ per second, in the camera's own axes
         self._velocity_known = False
+        self._steps: list[tuple[Array, Array]] = []  # of both images: the pose after each, and its motion
         self._known_at_ns: int | None = None  # when the velocity was measured last; until it was, the first pose
         self._trusted: MotionModel | None = None  # as it was before the doubtful frames up to the latest one
 
@@ -42,11 +44,19 @@ class MotionModel:
         """σ (6,) of how far velocities of a vehicle are apart, per second: what it builds up while it speeds up."""
         return np.asarray(_SPEEDS_UP_S * self._std_acceleration)
 
-    def record(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array, doubtful: bool = False) -> Array:
+    def record(
+        self, stamp_ns: int, world_from_cam: Array, cov_pose: Array, doubtful: bool = False, stepped: bool = False
+    ) -> Array:
         """Take the estimated pose of a frame and the velocity that it implies, and return its covariance (6, 6).
 
-        A `doubtful` pose is followed, and may as well be where the last one that was not predicts it, eq. (43a).
+        A `doubtful` pose is followed, and may as well be where the last one that was not predicts it, eq. (43a). With
+        `stepped`, both images were displaced before it, and the camera has moved with them or not: by how much is what
+        the model does not explain. It stays in all later poses, also where the images step back.
         """
+        if stepped:
+            step = se3.log(se3.inverse(self.predict(stamp_ns)[0]) @ world_from_cam)
+            self._steps = [*self._steps, (world_from_cam, step)][-_STEPS:]
+        cov_pose = self._with_steps(world_from_cam, cov_pose)
         if not doubtful:
             self._trusted = None
         else:
@@ -57,11 +67,18 @@ class MotionModel:
             self._velocity = se3.log(se3.inverse(self._pose) @ world_from_cam) / dt
             self._velocity_known = True
             self._known_at_ns = stamp_ns
-        self.restart(stamp_ns, world_from_cam, cov_pose)
+        self._go_on(stamp_ns, world_from_cam, cov_pose)
         return cov_pose
 
     def restart(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
-        """Take the pose at which a new map begins; the velocity stays as it is, and as old as it is."""
+        """Take the pose at which a new map begins; the velocity stays as it is, and as old as it is.
+
+        Earlier steps of the images are in its covariance, which all poses of the map have.
+        """
+        self._steps = []
+        self._go_on(stamp_ns, world_from_cam, cov_pose)
+
+    def _go_on(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
         self._pose, self._cov, self._stamp_ns = world_from_cam, cov_pose, stamp_ns
         if self._known_at_ns is None:
             self._known_at_ns = stamp_ns
@@ -71,6 +88,13 @@ class MotionModel:
         self._velocity, self._velocity_known = np.zeros(6), False
         reach_s2 = _SPEEDS_UP_S * (0.5 * _SPEEDS_UP_S + _BUILD_UP_S)
         self._cov = self._cov + np.diag((reach_s2 * self._std_acceleration) ** 2)
+
+    def _with_steps(self, world_from_cam: Array, cov_pose: Array) -> Array:
+        """Return the covariance (6, 6) of a pose that goes on from where steps may have feigned a motion."""
+        for pose, step in self._steps:
+            moved = se3.adjoint(se3.inverse(world_from_cam) @ pose) @ step
+            cov_pose = cov_pose + np.outer(moved, moved)
+        return cov_pose
 
     def _covering(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Array:
         """Return the covariance (6, 6) of a pose that may as well be where the model predicts it, eq. (43a)."""

@@ -120,7 +120,11 @@ class StereoFrontEnd:
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int, expected: ExpectedMotion | None
     ) -> tuple[FrontEndState, Observations]:
         """Return the observations of the next frame, with the known turn of the right camera corrected."""
-        state, followed = follow(self.setup, state, images, stamp_ns, expected)
+        before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
+        change = None
+        if followed is not None and not before.pair.problem:  # after frozen images the view catches up at once
+            change = before.change_to(followed.cam_from_previous, stamp_ns)
+        state = replace(state, steps=state.steps.after(change, self.setup.projection.f_px))
         found = None if followed is None else followed.found
         fit = None if found is None else PairFit.of(found, self.setup.projection, self.setup.config)
         problem = self.problem or problem_of(
@@ -145,6 +149,7 @@ class StereoFrontEnd:
             n_new=len(z_new),
             ambiguity=_ambiguity(followed.other, state),
             settled=followed.settled,
+            stepped=bool(state.steps.problem),
             lasting=replace(
                 observed.lasting,
                 std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))]),
@@ -233,4 +238,4 @@ def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | 
 
 def _misfit(state: FrontEndState) -> str:
     """Say why what agrees may not be the scene; empty where nothing suggests so."""
-    return state.pair.problem or state.start.problem
+    return state.pair.problem or state.start.problem or state.steps.problem

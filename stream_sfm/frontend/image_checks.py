@@ -7,6 +7,11 @@ from .prepared import Image, PreparedImages
 
 # Of 255: an image without one brighter pixel shows at most the sensor's noise; white is as far below 255.
 _BLACK_GREY = 8
+# Where left and right are one image: of the pixels with so large a slope (grey values over two pixels), in some rows,
+# nearly all differ by no more than another encoding of the same pixel does. In a pair they do so only where nothing is
+# nearer than a quarter of a pixel of disparity shows.
+_SLOPE_GREY, _SAME_GREY, _SAME_SHARE, _SAME_ROWS = 16, 2, 0.95, 8
+_FEWEST_SLOPES = 100
 # Contrast and sharpness, as shares of each other. Blur by 9 px leaves 0.2 to 0.47 of the sharpness, dark images little
 # of the contrast; of views of one log that are one or two seconds apart nearly all have more.
 _ALIKE = 0.5
@@ -26,6 +31,19 @@ def are_alike(images: PreparedImages, previous: PreparedImages) -> bool:
 
 def _edges(image: Image) -> float:
     return float(cv2.Laplacian(image, cv2.CV_32F).std())
+
+
+def are_one_image(left: Image, right: Image) -> bool:
+    """Return whether left and right, as the cameras delivered them, are the same image: no pair has no disparity."""
+    if left.shape != right.shape:
+        return False
+    rows, others = (image[_SAME_ROWS // 2 :: _SAME_ROWS].astype(np.int16) for image in (left, right))
+    steep = np.abs(rows[:, 2:] - rows[:, :-2]) >= _SLOPE_GREY
+    n = np.count_nonzero(steep)
+    if n < _FEWEST_SLOPES:
+        return False
+    same = np.abs(rows - others)[:, 1:-1] <= _SAME_GREY
+    return bool(np.count_nonzero(same & steep) > _SAME_SHARE * n)
 
 
 def image_note(

@@ -55,7 +55,7 @@ def steadier(tracks: Tracks, views: PointViews, weights: Array, motion: Resectio
         return motion
     only_other = motion.accepted & (near.squared_residuals > BEYOND * views.gate)
     if np.count_nonzero(only_other) < MIN_SECOND_VIEWS:  # few views tell the two apart
-        return near if near.share >= motion.share else motion
+        return replace(near, second=motion.second) if near.share >= motion.share else motion
     return replace(near, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_other, odds=1.0))
 
 

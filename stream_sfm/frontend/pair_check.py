@@ -116,6 +116,8 @@ def problem_of(
 
     Its images, those before, how its tracks fit; what is known of the rows, and the variance factor of the views.
     """
+    if images.one_image:
+        return "left and right are the same image: is one camera recorded as both?"
     if rows.largest_px > _MAX_ROWS_PX:
         return (
             f"the rows of left and right differ by up to {rows.largest_px:.1f} px: is the calibration of these cameras "

@@ -24,7 +24,8 @@ _CONTRAST = 12.0
 class PreparedImages:
     """The two smoothed images (h, w) of one frame, and the left one at half the size, for flow; `rectified`: both as
     they came. Of the frame they were made of: `stamp_ns`, and `grey_bits`: how many bits of 16-bit images were taken to
-    be used, None of other images. Other forms are computed when they are first asked for."""
+    be used, None of other images; `made_by`: equal where the same was done to images; `one_image`: both cameras have
+    delivered the same. Other forms are computed when they are first asked for."""
 
     left: Image
     right: Image
@@ -32,6 +33,8 @@ class PreparedImages:
     rectified: tuple[Image, Image]
     stamp_ns: int | None = None
     grey_bits: int | None = None
+    made_by: str = ""
+    one_image: bool = False
 
     @classmethod
     def of(
@@ -41,12 +44,13 @@ class PreparedImages:
         sigma_px: float,
         stamp_ns: int | None = None,
         grey_bits: int | None = None,
+        made_by: str = "",
     ) -> "PreparedImages":
         """Prepare rectified images: smooth them by a Gaussian of `sigma_px` and derive the other forms."""
         same, rectified = left is right, (left, right)
         left = _smoothed(left, sigma_px)
         right = left if same else _smoothed(right, sigma_px)
-        return cls(left, right, _halved(left), rectified, stamp_ns, grey_bits)
+        return cls(left, right, _halved(left), rectified, stamp_ns, grey_bits, made_by)
 
     @cached_property
     def coarse(self) -> tuple[Image, Image]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from .. import core
 from ..camera.pixels import FEWEST_BITS
 from ..config import Config
+from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record
@@ -22,6 +23,7 @@ from .prepared import PreparedImages
 from .right_turn import TurnWatch
 from .rows import Rows, RowsOfCore
 from .start_check import StartCheck
+from .step_check import StepCheck
 from .template_errors import TemplateErrors
 from .timing import Timing
 from .tracks import Tracks
@@ -85,7 +87,7 @@ class FrontEndState:
       rows that are off.
     - `turn_watch`: of the right camera, None where it cannot turn; `pair`: whether left and right fit each other;
       `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions; `start`:
-      whether the map has started with the motion of the camera.
+      whether the map has started with the motion of the camera; `steps`: whether both images have been displaced.
     - `errors`: what is learnt of errors that views of a point share; `disparity`: of its error, as far as it is known.
     - `map`: with one camera, how far the map has come.
     """
@@ -111,6 +113,7 @@ class FrontEndState:
     background_hidden: bool = False
     ambiguity: AmbiguityMemory = field(default_factory=AmbiguityMemory)
     start: StartCheck = field(default_factory=StartCheck)
+    steps: StepCheck = field(default_factory=StepCheck)
     rows_waiting: Array | None = None
     pair: PairCheck = field(default_factory=PairCheck)
     map: MapState = field(default_factory=MapState)
@@ -134,6 +137,12 @@ class FrontEndState:
     def right_sides(self, twist: Array) -> RightSides:
         """Where right sides of points with a twist (6,) are sought, as the compiled core takes it."""
         return self.rows.projection.pinholes, self.rows_with_delay.of_core, self.turn_rad, twist
+
+    def change_to(self, cam_from_previous: Array, stamp_ns: int) -> Array | None:
+        """By how much (6,) the motion into a frame differs from the last one; None where that is not known."""
+        if not self.velocity.any():
+            return None
+        return se3.log(cam_from_previous) - self.velocity * (stamp_ns - self.previous_ns) / 1e9
 
     def followed_from(self, images: PreparedImages, stamp_ns: int) -> "FrontEndState":
         """The state after a frame from whose images the next one is followed."""

@@ -31,6 +31,7 @@ from .repetition import rival_motion, still_repeats
 from .rough_motion import RoughMotion, find_rough_motion
 from .start_check import StartCheck
 from .state import FrontEndState, Setup
+from .step_check import StepCheck
 from .tracks import Tracks
 
 # Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a
@@ -179,6 +180,7 @@ def lose(state: FrontEndState) -> FrontEndState:
         timing=replace(state.timing, twist=None),
         ambiguity=AmbiguityMemory(),
         start=StartCheck(),
+        steps=StepCheck(),  # how a new map moves is not known
         background_hidden=False,
         turn_watch=None if state.turn_watch is None else state.turn_watch.calm(),
     )

@@ -13,6 +13,8 @@ from typing import Any
 import msgspec
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from .. import __version__
 from ..errors import InputError
@@ -37,6 +39,12 @@ class MapRecord(msgspec.Struct):
     motions: int
     rectified: list[float]  # f, cx left, cx right, cy (px), baseline (m), width, height
     rect_from_cam: list[float]  # 3 × 3
+
+
+class _AnyVersion(msgspec.Struct):
+    """What every version of a MapRecord has."""
+
+    schema_version: Any = None
 
 
 class KeyframeRecord(msgspec.Struct):
@@ -125,7 +133,7 @@ def _records(path: Path) -> Iterator[Record]:
         if stored.channel.message_encoding != "msgpack":
             raise ValueError(f"{stored.channel.topic} is not of a map that PlaceMap.save has written")
         if kind is MapRecord:
-            version = msgspec.msgpack.decode(stored.data).get("schema_version")
+            version = msgspec.msgpack.decode(stored.data, type=_AnyVersion).schema_version
             if version != SCHEMA_VERSION:
                 raise ValueError(f"it is of version {version!r}, and this stream_sfm reads {SCHEMA_VERSION}")
         yield msgspec.msgpack.decode(stored.data, type=kind)
@@ -164,9 +172,21 @@ def _loaded(
             loops.append(Loop(record.first, record.second, link))
         else:
             links[record.first, record.second] = link
+    _check_connected(numbers, homes, [*links, *((loop.old, loop.new) for loop in loops)])
     poses = np.array([_pose(record.world_from_cam) for record in frames])
     covs = np.array([_cov(record.cov_odometry) for record in frames])
     return [_keyframe(r) for r in frames], GraphState(numbers, segments, homes, poses, covs, links, loops)
+
+
+def _check_connected(numbers: list[int], homes: list[int], pairs: list[tuple[int, int]]) -> None:
+    """Raise a ValueError where no motion says how keyframes of one world lie to each other: no solution has them."""
+    rows = np.searchsorted(numbers, np.array(pairs, np.int64).reshape(-1, 2))
+    near = coo_array((np.ones(len(rows)), (rows[:, 0], rows[:, 1])), shape=2 * (len(numbers),))
+    _, parts = connected_components(near, directed=False)
+    worlds = dict(zip(homes, parts.tolist(), strict=True))
+    apart = [number for number, home, part in zip(numbers, homes, parts, strict=True) if worlds[home] != part]
+    if apart:
+        raise ValueError(f"no motion connects its keyframe {apart[0]} with others of the same world")
 
 
 def _keyframe(record: KeyframeRecord) -> Keyframe:

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import memory
 from ..camera.models import MAX_PIXELS
 from ..camera.pixels import Grey
 from ..errors import LogError
@@ -91,6 +92,8 @@ def decode_grey(message: ImageMessage) -> Grey:
     try:
         return _decode_compressed(message) if message.compressed else _decode_raw(message)
     except cv2.error as error:
+        if memory.is_refused(error):
+            raise
         raise UndecodableImage(f"{message.topic}: {error.err}") from None
 
 

@@ -196,7 +196,8 @@ class PairReader:
         stats.unpaired_within, stats.largest_offset_ns = counts.unpaired_within, counts.largest_offset_ns
         stats.dropped_backwards = sum(counts.disordered)
         stats.bytes_read = damage.bytes_read
-        stats.complete = damage.complete and not stats.dropped_backwards and not stats.undecodable
+        unused = stats.dropped_backwards or stats.undecodable or counts.parted
+        stats.complete = damage.complete and not unused
         stats.warnings += damage.notes
         if self._change:
             stats.warnings.append(self._change + (f"; {self._changes} such changes" if self._changes > 1 else ""))
@@ -209,6 +210,11 @@ class PairReader:
             stats.warnings.append(
                 f"{stats.dropped_backwards} images were dropped: their stamps repeat, go backwards, or are far from "
                 "those of the images around them"
+            )
+        if counts.parted:
+            stats.warnings.append(
+                f"{path}: {counts.parted} images of each camera have no partner, because the stamps of the two "
+                "cameras differ for a time: was one clock set? Record again with one clock for both"
             )
         usual = 2  # without a partner: recorders start and stop between two images of a pair
         if stats.unpaired_within or stats.unpaired_left + stats.unpaired_right > usual:

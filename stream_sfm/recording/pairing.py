@@ -25,6 +25,9 @@ _WINDOW, _WINDOW_OF_LARGE = 12, 4
 _LARGE_BYTES, _MAX_BYTES = 32 * 2**20, 128 * 2**20  # in the window: more are large, and are never held
 _FAR_NS = 60_000_000_000  # from the other frames, at the ends of a recording: the stamp is wrong
 _FEWEST = 3  # frames that show which stamps are wrong, or a clock set back
+# So many frames in a row of each camera, none of which has a partner: no loss of images does this, but clocks that
+# differ from then on.
+_PARTED = 12
 
 
 def gaps_after(stamps_ns: Sequence[int]) -> list[int]:
@@ -47,6 +50,7 @@ class PairingCounts:
     unpaired: list[int] = field(default_factory=lambda: [0, 0])
     unpaired_within: int = 0  # of these, between two pairs, not at the beginning or the end
     disordered: list[int] = field(default_factory=lambda: [0, 0])
+    parted: int = 0  # frames of each camera without a partner while the two clocks differed
     largest_offset_ns: int = 0
 
 
@@ -68,7 +72,7 @@ class _Side(Generic[T]):
         self.window: list[_Frame[T]] = []
         self.queue: deque[_Frame[T]] = deque()
         self.dropped = 0  # that have no place in the order
-        self._held, self._segment = held, 0
+        self._held, self.segment = held, 0  # how often the clock was set back
         self._last_ns: int | None = None
         self._recent: deque[int] = deque(maxlen=_WINDOW)
 
@@ -96,7 +100,7 @@ class _Side(Generic[T]):
         if len(behind) >= _FEWEST and 2 * len(behind) > len(self.window):
             for frame in sorted(self.window[: behind[0]], key=_stamp):
                 self._take(frame)
-            self._segment += 1
+            self.segment += 1
             self._last_ns = None
             self._recent.clear()
             return
@@ -131,7 +135,7 @@ class _Side(Generic[T]):
 
     def _take(self, frame: _Frame[T]) -> None:
         self.window.remove(frame)
-        frame.segment, self._last_ns = self._segment, frame.stamp_ns
+        frame.segment, self._last_ns = self.segment, frame.stamp_ns
         self._recent.append(frame.stamp_ns)
         self.queue.append(frame)
 
@@ -155,7 +159,7 @@ class Pairer(Generic[T]):
         self.counts = PairingCounts()
         held = 0 if in_order else _WINDOW
         self._sides: tuple[_Side[T], _Side[T]] = (_Side(held), _Side(held))
-        self._unpaired_since = 0  # the last pair
+        self._unpaired_since = [0, 0]  # the last pair
         self._finished = False
 
     def push(self, side: int, stamp_ns: int, item: T, size_bytes: int = 0) -> Iterator[tuple[T, T]]:
@@ -180,7 +184,10 @@ class Pairer(Generic[T]):
         yield from self._merge()
         for number, side in enumerate(self._sides):
             self.counts.unpaired[number] += len(side.queue)
+            self._unpaired_since[number] += len(side.queue)
             side.queue.clear()
+        left, right = self._sides
+        self._count_parted(_FEWEST if left.segment != right.segment else _PARTED)
 
     def _merge(self) -> Iterator[tuple[T, T]]:
         counts = self.counts
@@ -206,8 +213,9 @@ class Pairer(Generic[T]):
             else:
                 counts.paired_exactly += 1
             if counts.paired:
-                counts.unpaired_within += self._unpaired_since
-            self._unpaired_since = 0
+                counts.unpaired_within += sum(self._unpaired_since)
+            self._count_parted(_PARTED)
+            self._unpaired_since = [0, 0]
             counts.paired += 1
             counts.largest_offset_ns = max(counts.largest_offset_ns, offset_ns)
             yield lefts.popleft().item, rights.popleft().item
@@ -215,4 +223,9 @@ class Pairer(Generic[T]):
     def _drop(self, side: int) -> None:
         self._sides[side].queue.popleft()
         self.counts.unpaired[side] += 1
-        self._unpaired_since += 1
+        self._unpaired_since[side] += 1
+
+    def _count_parted(self, fewest: int) -> None:
+        """Count the frames since the last pair where there are so many of both sides that their clocks differ."""
+        if (frames := min(self._unpaired_since)) >= fewest:
+            self.counts.parted += frames

@@ -15,6 +15,7 @@ from ..camera.calibration.document import Where
 from ..camera.rig import MonoRig, StereoRig, baseline_warnings
 from ..errors import ConfigError, InputError, LogError
 from ..mcap_file.message import Damage, Source
+from ..outputs import refuse_existing
 from ..sources.recognise import open_source
 from ..types import Selection, Trajectory
 from ..wording import counted
@@ -67,6 +68,7 @@ def open_camera(
     rate_hz: float | None = None,
     serial: str | None = None,
     exposure_ms: float | None = None,
+    overwrite: bool = False,
 ) -> "StereoLog":
     """Open a stereo camera as a log whose frames are the pictures that it delivers from now on.
 
@@ -74,15 +76,17 @@ def open_camera(
     those of left and right: numbers, device files, addresses of streams; or a recording, whose pictures come at the
     pace at which they were recorded. `calibration` as in `open_log`; without it
     the one of the factory is used, which OpenCV's cameras have not. `record`: a log of every picture, in grey, whether
-    or not it is estimated; it is complete when the frames end, however they do. `size`, `rate_hz`, `serial`,
-    `exposure_ms`: of the images, of the pictures per second, of the camera, of each picture; what is usual, where they
-    are not given. Close the log in the end. Raises LogError where the camera cannot be opened, ConfigError,
-    OutputError.
+    or not it is estimated; it is complete when the frames end, however they do. `overwrite`: a file of this name may be
+    replaced. `size`, `rate_hz`, `serial`, `exposure_ms`: of the images, of the pictures per second, of the camera, of
+    each picture; what is usual, where they are not given. Close the log in the end. Raises LogError where the camera
+    cannot be opened, ConfigError, OutputError.
     """
     from ..mcap_file.log_writer import MessageWriter
     from ..sources.camera import CameraSource
     from ..sources.devices import CameraOptions, Device, open_device
 
+    if record is not None:
+        refuse_existing(record, overwrite)
     options = CameraOptions(size, rate_hz, serial, exposure_ms)
     if len(names) == 1 and (os.path.isfile(names[0]) or os.path.isdir(names[0])):
         if any(option is not None for option in options):

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import ConfigError
+from ..errors import ConfigError, LogError
 from ..geometry.se3 import Array
+from ..inputs import INT64
 from ..mcap_file.message import Source
 from ..sources.pose_files import is_euroc_table, read_poses
 from ..types import Trajectory
@@ -27,6 +28,10 @@ class GroundTruthFile:
     frame: str | Path | None = None
     offset_s: float = 0.0
 
+    def __post_init__(self) -> None:
+        if not abs(self.offset_s) < INT64 / 1e9:
+            raise ConfigError(f"an offset of {self.offset_s:g} s leads beyond stamps of 64 bits: give seconds")
+
     @property
     def of_left_camera(self) -> bool:
         """Whether the poses are the left camera's, so that no recording is needed to place them."""
@@ -34,8 +39,16 @@ class GroundTruthFile:
 
     def poses(self) -> Trajectory:
         """Return the poses of whatever they are of, in the time of the log. Raises LogError."""
-        found = read_poses(Path(self.path))
-        return Trajectory(found.stamps_ns + round(self.offset_s * 1e9), found.world_from_cam)
+        found, offset_ns = read_poses(Path(self.path)), round(self.offset_s * 1e9)
+        if (
+            len(found)
+            and not -INT64
+            <= min(ends := found.stamps_ns[[0, -1]].tolist()) + offset_ns
+            <= max(ends) + offset_ns
+            < INT64
+        ):
+            raise LogError(f"{self.path}: an offset of {self.offset_s:g} s leads beyond stamps of 64 bits")
+        return Trajectory(found.stamps_ns + offset_ns, found.world_from_cam)
 
 
 def load_truth(truth: GroundTruthFile, source: Source, survey: Survey, camera_frame: str) -> Trajectory:

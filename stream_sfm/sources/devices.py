@@ -61,7 +61,11 @@ def open_device(names: Sequence[str], rig: StereoRig | None, options: CameraOpti
     """
     options = options or CameraOptions()
     if len(names) == 1 and (known := OPEN.get(names[0].lower())) is not None:
-        return known(options)
+        try:
+            return known(options)
+        except (RuntimeError, OSError) as error:  # of the maker's package
+            said = " ".join(str(error).split())
+            raise LogError(f"camera {names[0]} cannot be opened: {said}; is it connected, and permitted?") from None
     return _opencv(names, rig, options)
 
 
@@ -150,10 +154,7 @@ def _realsense(options: CameraOptions) -> Device:
         config.enable_device(options.serial)
     for number in (1, 2):
         config.enable_stream(rs.stream.infrared, number, *(options.size or (640, 480)), rs.format.y8, options.rate)
-    try:
-        profile = pipeline.start(config)
-    except RuntimeError as error:
-        raise LogError(f"RealSense: {error}") from None
+    profile = pipeline.start(config)
     sensor = profile.get_device().first_depth_sensor()
     if sensor.supports(rs.option.emitter_enabled):
         sensor.set_option(rs.option.emitter_enabled, 0)

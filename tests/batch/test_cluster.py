@@ -1,6 +1,7 @@
 """A Dask cluster gives what this machine gives."""
 
 import json
+import signal
 import socket
 import subprocess
 import sys
@@ -69,14 +70,23 @@ def test_a_cluster_gives_the_same_bytes(first: Any, logs: Path, tmp_path: Path) 
 
 
 @NEEDS_PROC
-def test_the_end_of_the_last_worker_ends_the_batch(logs: Path, tmp_path: Path, monkeypatch: Any) -> None:
-    """With a worker that dies in the midst of a log; Dask itself would wait for another one."""
-    monkeypatch.setattr("stream_sfm.executors._LOST_S", 3.0)
+@pytest.mark.parametrize(("which", "how"), [(1, signal.SIGKILL), (1, signal.SIGSTOP), (0, signal.SIGKILL)])
+def test_the_end_of_the_last_worker_ends_the_batch(
+    which: int, how: signal.Signals, logs: Path, tmp_path: Path, monkeypatch: Any, capfd: Any
+) -> None:
+    """With a worker that dies or stops in the midst of a log, or with the scheduler; Dask itself would wait."""
+    monkeypatch.setattr("stream_sfm.executors._LOST_S", 6.0)
     with dask(tmp_path) as (address, processes):
         out = tmp_path / "out"
-        with meanwhile(lambda: in_the_midst(logs / "victim.mcap", out / "victim") and processes[1].kill()):
+        with meanwhile(
+            lambda: in_the_midst(logs / "victim.mcap", out / "victim") and processes[which].send_signal(how)
+        ):
             assert batch(logs / "victim.mcap", "--out", out, "--scheduler", address) == 3
-    assert outcomes(out)["victim"]["reason"].startswith("the scheduler of the cluster, or its last worker, is gone")
+        processes[which].send_signal(signal.SIGCONT)
+    assert outcomes(out)["victim"]["reason"].startswith(
+        "the scheduler of the cluster, or its last worker, is gone or silent"
+    )
+    assert capfd.readouterr().err.count("\n") <= 2
 
 
 def test_a_scheduler_that_is_not_there_is_2(logs: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:

@@ -55,6 +55,17 @@ def test_patterns_are_expanded_where_no_shell_has_done_it(tree: Path):
     assert len(find_logs([f"{tree}/b/**/run.mcap"])) == 2
 
 
+@pytest.mark.parametrize("pattern", ["**/*.mcap", "**/**/*.mcap", "**/*/run.mcap", "**", "**/run*"])
+def test_patterns_follow_no_links(pattern: str, tree: Path):
+    """Two links that lead back make endless paths, of which glob tries all."""
+    before = find_logs([f"{tree}/{pattern}"])
+    for name in ("a/loop", "b/back"):
+        (tree / name).symlink_to(tree, target_is_directory=True)
+    skipped: list[str] = []
+    assert find_logs([f"{tree}/{pattern}"], skipped) == before
+    assert skipped == [] or "is a link to a folder" in skipped[0]
+
+
 def test_each_log_once_and_missing_ones_kept(tree: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tree / "a")
     found = find_logs(["run.mcap", "../a/run.mcap", str(tree / "a"), "gone.mcap"])

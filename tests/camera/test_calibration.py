@@ -1,6 +1,7 @@
 """Calibrations as this package and other tools write them give the rig that is in them; each mistake is named."""
 
 import json
+import zipfile
 
 import cv2
 import numpy as np
@@ -333,6 +334,11 @@ def test_arrays_of_numpy(tmp_path):
     np.savez(tmp_path / "objects.npz", M1=np.array([{}], dtype=object))
     with pytest.raises(ConfigError, match=r"objects\.npz is not a file of np\.savez with arrays of numbers"):
         StereoRig.from_calibration(tmp_path / "objects.npz")
+    for name in ("readme.txt", "M1.npy"):
+        with zipfile.ZipFile(tmp_path / "other.npz", "w") as archive:
+            archive.writestr(name, b"no array")
+        with pytest.raises(ConfigError, match=r"other\.npz is not a file of np\.savez .* in it is not an array"):
+            StereoRig.from_calibration(tmp_path / "other.npz")
 
 
 @pytest.mark.parametrize("suffix", ["yml", "xml", "json"])

@@ -97,6 +97,8 @@ HINT = "hint: `stream-sfm"  # of usage errors: where to read on
         ("replay x.mcap --config missing.toml", "missing.toml", ""),
         ("config --set nonsense=1", "nonsense", ""),
         ("config --set method=foo", "unknown method 'foo'", ""),
+        ("replay x.mcap --set method=ekff", "did you mean ekf?", ""),
+        ("surface x.mcap --out o.ply --set method=foo", "unknown method 'foo'", ""),
         ("replya x.mcap", 'unknown command "replya". Did you mean "replay"?', HINT),
         ("replay x.mcap --max-frame=3", "unknown option: --max-frame. Did you mean --max-frames?", HINT),
         ("fly", 'unknown command "fly". Available commands: replay, live, ', HINT),

@@ -62,6 +62,14 @@ def test_runs_stand_side_by_side_on_a_page(runs: list[Path], tmp_path: Path, cli
     assert "the name must end in .html" in said and page.read_bytes() == before
 
 
+@pytest.mark.parametrize("offset", ["1e10", "-1e308", "9.2e9"])
+def test_an_offset_beyond_the_stamps_is_told(offset: str, runs: list[Path], tmp_path: Path, cli) -> None:
+    truth = tmp_path / "late.tum"
+    truth.write_text("1e9 0 0 0 0 0 0 1\n1.1e9 0 0 0 0 0 0 1\n")
+    given = ("evaluate", runs[0], "--ground-truth", truth, "--ground-truth-offset", offset)
+    assert "leads beyond stamps of 64 bits" in cli(*given, code=(2, 3)).err
+
+
 def test_a_file_is_the_truth_in_its_own_time(runs: list[Path], tmp_path: Path, cli) -> None:
     """A run compared with its own path, whose stamps are a second early: no error once they are moved."""
     shifted = tmp_path / "path.tum"

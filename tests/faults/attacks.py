@@ -26,7 +26,9 @@ import cv2
 import numpy as np
 
 from stream_sfm.cli.main import main
+from stream_sfm.errors import ExitCode
 from stream_sfm.run.summary import peak_rss_mib
+from tests.core.calls import attack as attack_of_core
 from tests.faults.damage import INDEXES, KINDS, damaged, whole_log
 from tests.helpers.bags import messages_of, write_bag1, write_bag2
 from tests.helpers.stereo_logs import CONTAINERS, START_NS, LogWriter, Spec, write_log
@@ -217,7 +219,20 @@ def results(rng: random.Random, ammunition: Ammunition, folder: Path) -> list[st
     )
 
 
-ATTACKS = {f.__name__: f for f in (logs, definitions, images, texts, bags, results)}
+_COMMANDS = {f.__name__: f for f in (logs, definitions, images, texts, bags, results)}
+_CORE = "core"  # calls of the compiled core, whose process must not die
+_CALLS_PER_SEED = 20
+ATTACKS = (*_COMMANDS, _CORE)
+
+
+def _attack_core(rng: random.Random) -> str:
+    """What is wrong with some calls of the compiled core: an error that is not one of arguments."""
+    try:
+        for _ in range(_CALLS_PER_SEED):
+            attack_of_core(rng)
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+    return ""
 
 
 class _Worker:
@@ -227,15 +242,18 @@ class _Worker:
         # image libraries write there what they think of damaged images
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
         self.kind, self.folder = kind, folder
-        self.ammunition = Ammunition(folder / "ammunition")
+        if kind != _CORE:
+            self.ammunition = Ammunition(folder / "ammunition")
         (folder / "beside").write_bytes(b"a file of somebody else")
 
     def attack(self, seed: int) -> tuple[int, str]:
         """The exit code of a command, and what is wrong with what it has printed or changed."""
+        if self.kind == _CORE:
+            return ExitCode.DONE, _attack_core(random.Random(f"core {seed}"))
         field = self.folder / "field"
         shutil.rmtree(field, ignore_errors=True)
         field.mkdir()
-        words = ATTACKS[self.kind](random.Random(f"{self.kind} {seed}"), self.ammunition, field)
+        words = _COMMANDS[self.kind](random.Random(f"{self.kind} {seed}"), self.ammunition, field)
         before, printed, errors = self._others(), io.StringIO(), io.StringIO()
         with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(errors), contextlib.chdir(field):
             code = main(words)

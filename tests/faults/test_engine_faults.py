@@ -99,7 +99,7 @@ def turned() -> Fault:
     yaw = np.concatenate([np.full(8, -0.785), [-0.26, 0.26], np.full(8, 0.785)])
     poses = np.stack([se3.exp([0.02 * n, 0, 0, 0, 0, 0]) @ se3.exp([0, 0, 0, 0, y, 0]) for n, y in enumerate(yaw)])
     frames = [view(pose, n) for n, pose in enumerate(poses)]
-    return Fault(frames, "io{7}[odli]{10}", truth=se3.inverse(poses[0]) @ poses, too_fast=True)
+    return Fault(frames, "io{6}[od][odli]{10}", truth=se3.inverse(poses[0]) @ poses, too_fast=True)
 
 
 def covered_and_carried() -> Fault:

@@ -50,6 +50,29 @@ def test_an_output_that_is_an_input_is_refused(attack, through, tmp_path, cli):
     assert everything(tmp_path) == before
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        "--save-map {out}/estimates.mcap",
+        "--save-map {out}/../out/trajectory_map.tum",
+        "--save-map {out}/summary.json.part",
+        "--rrd {out}/config.toml",
+        "--rrd {out}/x --save-map {out}/x",
+    ],
+)
+def test_two_results_of_a_run_are_two_files(words, tmp_path, cli):
+    log, out = write_log(tmp_path / "log.mcap"), tmp_path / "out"
+    out.mkdir()
+    said = cli("replay", log, "--out", out, *words.format(out=out).split(), *FAST, code=3).err
+    assert "two results of this run would be this file" in said
+    assert not list(out.iterdir())
+
+
+def test_a_map_is_not_a_result_of_its_run(tmp_path):
+    with pytest.raises(sfm.OutputError, match="two results"):
+        sfm.replay(write_log(tmp_path / "log.mcap"), tmp_path, save_map=tmp_path / "estimates.mcap")
+
+
 def test_settings_are_not_replaced_by_others(tmp_path, cli):
     log, out = write_log(tmp_path / "log.mcap"), tmp_path / "out"
     out.mkdir()

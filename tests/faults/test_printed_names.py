@@ -1,7 +1,12 @@
 """Whatever topics, encodings and files are called: what is printed has no character that a terminal would obey."""
 
+import os
+import subprocess
+import sys
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from stream_sfm.wording import printable
@@ -30,6 +35,47 @@ def test_printable():
     assert printable("plain – σ ° ✓") == "plain – σ ° ✓"
     assert not obeyed(printable(ESCAPES)) and "\n" not in printable(ESCAPES)
     assert printable("a\nb\x1b") == r"a\nb\x1b"
+
+
+PRINTING = """
+import os, sys, warnings
+from stream_sfm.cli.library_messages import filtered
+
+with filtered(quiet=sys.argv[1] == "quiet"):
+    os.write(2, b"\\x1b[2J\\x9b31m\\n" + b"x" * 3000 + b"\\n" + b"again\\n" * 100_000)  # more than a pipe holds
+    warnings.warn("of a library", RuntimeWarning)
+    print("ours", file=sys.stderr)
+    if sys.argv[1] == "killed":
+        os.kill(os.getpid(), 9)
+os.write(2, b"at the end")
+"""
+
+
+@pytest.mark.parametrize(("how", "code", "shown"), [("quiet", 0, 0), ("normal", 0, 18), ("killed", -9, 18)])
+def test_what_libraries_print_is_filtered(how: str, code: int, shown: int) -> None:
+    """Past Python, and where the process is killed."""
+    with subprocess.Popen([sys.executable, "-c", PRINTING, how], stderr=subprocess.PIPE) as running:
+        said = running.communicate(timeout=1800)[1].decode()
+    assert running.returncode == code
+    assert not obeyed(said) and "ours\n" in said and "RuntimeWarning" not in said and len(said) < 2000
+    assert said.count("library: again\n") == shown
+    assert (r"library: \x1b[2J\x9b31m" in said) == ("not shown; --debug" in said) == (how != "quiet")
+    assert ("at the end" in said) == (code == 0)
+
+
+def test_a_hostile_video_says_nothing_to_the_terminal(tmp_path):
+    """The name of a codec is four bytes of the file, which OpenCV prints."""
+    path = tmp_path / "left.avi"
+    writer = cv2.VideoWriter(os.fspath(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (64, 48))
+    for _ in range(5):
+        writer.write(np.zeros((48, 64, 3), np.uint8))
+    writer.release()
+    path.write_bytes(path.read_bytes().replace(b"MJPG", b"\x1b[2J"))
+    (tmp_path / "right.avi").write_bytes(path.read_bytes())
+    for more in ([], ["-q"]):
+        command = [sys.executable, "-m", "stream_sfm", "replay", tmp_path, "--out", tmp_path / "o", *more]
+        ended = subprocess.run(command, capture_output=True, timeout=1800)
+        assert ended.returncode == 3 and not obeyed(ended.stderr.decode())
 
 
 COMMANDS = [

@@ -17,7 +17,7 @@ LAYERS = (
     ("errors", "record", "__version__"),
     ("inputs", "outputs"),
     ("core",),
-    ("geometry", "blas", "files", "deflate", "interrupts", "executors", "wording", "methods"),
+    ("geometry", "blas", "files", "deflate", "interrupts", "executors", "memory", "wording", "methods"),
     ("inertial",),
     ("camera",),
     ("config",),

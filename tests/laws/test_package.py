@@ -8,6 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 import stream_sfm
 from tests.helpers.places import ROOT
@@ -35,6 +36,27 @@ def test_the_container_is_built_of_files_that_are_there():
     image = re.search(r"python:3\.(\d+)", (ROOT / "Dockerfile").read_text(encoding="utf-8"))
     versions = re.findall(r"Python :: 3\.(\d+)", " ".join(project["classifiers"]))
     assert image and image[1] in versions and project["requires-python"] == f">=3.{versions[0]}"
+
+
+# The newest versions with known holes, of each series that is still supported.
+HOLES = {"protobuf": ("5.29.5", "6.30.0", "6.33.4"), "distributed": ("2024.8.2",), "jinja2": ("3.1.5",)}
+GPL = ("evo",)
+
+
+def test_no_version_with_a_known_hole_is_allowed_and_what_is_under_the_gpl_is_for_tests():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    of_users = [
+        *project["dependencies"],
+        *(name for extra, names in extras.items() if extra != "test" for name in names),
+    ]
+    needed = {wanted.name: wanted for wanted in map(Requirement, of_users)}
+    for name, versions in HOLES.items():
+        assert not any(version in needed[name].specifier for version in versions), name
+        assert "9999" in needed[name].specifier
+    assert not set(GPL) & set(needed) and set(GPL) <= {Requirement(name).name for name in extras["test"]}
+    for name in GPL:
+        assert f"`{name}` is (GPL" in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 
 
 def test_types_are_shipped():

@@ -4,12 +4,15 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 import stream_sfm as sfm
 from stream_sfm.evaluation.association import truth_of_frames
 from stream_sfm.geometry import se3
+from stream_sfm.mcap_file.log_writer import MessageWriter
+from stream_sfm.mcap_file.message import Channel, Message
 from stream_sfm.motion import Motion
 from stream_sfm.places.place_map import PlaceMap
 from stream_sfm.types import FrameEstimate, StereoFrame
@@ -254,12 +257,14 @@ def test_a_map_whose_content_does_not_fit_is_refused(room: Room, tmp_path: Path)
     keyframes, state = load_map(tmp_path / "room.mcap", rectifier.projection, rectifier.rect_from_cam)
     assert len(keyframes) > 1
     numbers, wrong = state.numbers, np.full((4, 4), np.nan)
+    fewer = dict(list(state.links.items())[1:])
     cases = [
         (keyframes, replace(state, poses=np.full_like(state.poses, np.nan)), "not finite"),
         (keyframes, replace(state, poses=2 * state.poses), "no motion"),
         (keyframes, replace(state, covs=-np.ones_like(state.covs)), "a covariance that is none"),
         (keyframes, replace(state, numbers=numbers[::-1]), "not in order"),
         (keyframes, replace(state, homes=[9] * len(numbers)), "no segment"),
+        (keyframes, replace(state, links=fewer, loops=[]), "no motion connects its keyframe"),
         (keyframes, replace(state, links={(0, 99): Motion(np.eye(4), np.eye(6))}), "which are not two keyframes"),
         ([replace(keyframes[0], patches=b"x"), *keyframes[1:]], state, "keyframe 0 does not fit together"),
         ([replace(keyframes[0], points=keyframes[0].points[1:]), *keyframes[1:]], state, "does not fit together"),
@@ -269,6 +274,16 @@ def test_a_map_whose_content_does_not_fit_is_refused(room: Room, tmp_path: Path)
         save_map(tmp_path / "wrong.mcap", rectifier.projection, rectifier.rect_from_cam, frames, graph)
         with pytest.raises(sfm.InputError, match=reason):
             PlaceMap(room.rig, known=tmp_path / "wrong.mcap")
+
+
+@pytest.mark.parametrize("head", [[1, 2], None, "map", {"schema_version": [1]}, {}])
+def test_a_map_with_another_head_is_refused(head: object, tmp_path: Path) -> None:
+    projection = PlaceMap(rig())._rectifier.projection
+    with MessageWriter(tmp_path / "odd.mcap") as file:
+        channel = Channel("/places/map", "msgpack", "MapRecord", "jsonschema", b"{}")
+        file.write(Message(channel, 0, msgspec.msgpack.encode(head)))
+    with pytest.raises(sfm.InputError, match=r"odd\.mcap cannot be used as a map"):
+        load_map(tmp_path / "odd.mcap", projection, np.eye(3))
 
 
 def fails(*_: object, **__: object) -> None:

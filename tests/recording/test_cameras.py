@@ -344,6 +344,28 @@ def test_what_is_missing_is_named(
     assert not list(webcams.parent.glob("runs/*"))
 
 
+@pytest.mark.parametrize(
+    ("name", "package", "asked"),
+    [("oak", "depthai", "is it plugged in"), ("realsense", "pyrealsense2", "is it connected")],
+)
+def test_a_camera_that_is_not_plugged_in_is_told(
+    name: str, package: str, asked: str, monkeypatch, tmp_path: Path, cli
+) -> None:
+    def nothing(*_: object) -> None:
+        raise RuntimeError("No available devices\n(0 connected)")
+
+    found = Is(Pipeline=nothing, pipeline=nothing, config=lambda: Is(enable_stream=lambda *_: None))
+    streams = {
+        "stream": Is(infrared=0),
+        "format": Is(y8=0),
+        "CameraBoardSocket": Is(CAM_B=1, CAM_C=2),
+        "Device": nothing,
+    }
+    monkeypatch.setitem(sys.modules, package, Is(**vars(found), **streams))
+    said = cli("live", name, "--out", tmp_path / "o", code=3).err
+    assert "No available devices" in said and asked in said
+
+
 def test_what_comes_too_fast_is_recorded_and_told(
     webcams: Path, pictures: Pictures, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -356,6 +378,17 @@ def test_what_comes_too_fast_is_recorded_and_told(
         assert log.stats.complete and not log.stats.undecodable
         assert any(f"{FRAMES - 2} pairs of images were left out" in warning for warning in log.stats.warnings)
     assert len(list(sfm.open_log(tmp_path / "log.mcap").frames())) == FRAMES
+
+
+def test_a_recording_replaces_no_file_unasked(webcams: Path, tmp_path: Path, cli) -> None:
+    mine = tmp_path / "holiday.jpg"
+    mine.write_bytes(b"mine")
+    words = ("live", "0", "1", "--calibration", webcams, "--record", mine, "--out", tmp_path / "run", "-q")
+    said = cli(*words, code=3).err
+    assert "holiday.jpg exists already" in said and "--force" in said
+    assert mine.read_bytes() == b"mine" and not (tmp_path / "run").exists()
+    cli(*words, "--force")
+    assert len(list(sfm.open_log(mine).frames())) == FRAMES
 
 
 def test_a_run_that_is_ended_keeps_all_it_has(webcams: Path, tmp_path: Path) -> None:

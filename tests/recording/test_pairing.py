@@ -79,7 +79,20 @@ def test_frames_that_are_minutes_apart_are_all_used(count):
 def test_a_clock_of_one_camera_set_back_leaves_its_frames_unpaired():
     stamps = [HOUR + n * PERIOD for n in range(60)]
     pairs, counts = run([(side, t - HOUR * (side and n >= 30)) for n, t in enumerate(stamps) for side in (0, 1)])
-    assert [left for left, _ in pairs] == stamps[:30] and counts.unpaired == [30, 30]
+    assert [left for left, _ in pairs] == stamps[:30] and counts.unpaired == [30, 30] and counts.parted == 30
+
+
+@pytest.mark.parametrize("away", [HOUR, -HOUR])
+@pytest.mark.parametrize("side", [0, 1])
+def test_clocks_that_differ_for_a_while_are_told_from_lost_frames(side, away):
+    stamps = [HOUR * 24 + n * PERIOD for n in range(84)]
+    for end in (60, 84):
+        moved = {t for t in stamps[30:end]}
+        _, counts = run([(s, t + away * (s == side and t in moved)) for t in stamps for s in (0, 1)])
+        assert counts.parted >= end - 30 - 12
+    lost = {0: {*stamps[20:31]}, 1: {*stamps[31:42]}}  # first the one camera, then the other
+    _, counts = run([(s, t) for t in stamps for s in (0, 1) if t not in lost[s]])
+    assert counts.unpaired == [11, 11] and not counts.parted
 
 
 def test_a_stamp_that_comes_twice_is_used_once():

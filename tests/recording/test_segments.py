@@ -16,6 +16,7 @@ from tests.helpers.stereo_logs import (
     Spec,
     right_calib,
     scene,
+    write_image,
     write_info,
     write_pair,
 )
@@ -93,13 +94,16 @@ def test_images_of_another_size_are_of_another_camera(path: Path) -> None:
     assert "48×32" in " ".join(opened.stats.warnings)
 
 
-def clock_log(path: Path, shift_ns: dict[int, int]) -> Path:
-    """84 frames; those numbered in `shift_ns` have stamps that are so much later."""
+def clock_log(path: Path, shift_ns: dict[int, int], right_too: bool = True) -> Path:
+    """84 frames; those numbered in `shift_ns` have stamps that are so much later, of the left image at least."""
     log = LogWriter(path)
     for n in range(84):
         log.clock_ns = time = START_NS + n * PERIOD_NS  # the recorder's clock is right
         infos = Calib(), right_calib()
-        write_pair(log, "foxglove", time + shift_ns.get(n, 0), (scene(0, 0), scene(0, 1)), infos)
+        for side, moves in enumerate((True, right_too)):
+            stamp_ns = time + moves * shift_ns.get(n, 0)
+            write_info(log, "foxglove", Spec.info_topics[side], stamp_ns, infos[side])
+            write_image(log, "foxglove", Spec.topics[side], stamp_ns, scene(0, side), "png")
     log.close()
     return path
 
@@ -125,6 +129,12 @@ def test_a_clock_that_is_set_back_begins_a_segment(path: Path) -> None:
     assert len(rest) == 53 and rest == sorted(rest) and rest[-1] < START_NS
     report = sfm.inspect(path)
     assert report["frames"]["paired"] == 84 and not report["problems"]
+
+
+def test_a_clock_of_one_camera_that_is_set_back_is_not_complete(path: Path) -> None:
+    log = sfm.open_log(clock_log(path, {n: -HOUR_NS for n in range(30, 84)}, right_too=False))
+    assert len(list(log.frames())) == 30 and not log.stats.complete
+    assert "54 images of each camera have no partner" in " ".join(log.stats.warnings)
 
 
 def test_one_hot_sample_does_not_darken_the_log() -> None:

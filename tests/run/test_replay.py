@@ -30,6 +30,11 @@ def replayed(wall_log: Path, tmp_path_factory):
     return replay(wall_log, tmp_path_factory.mktemp("out") / "first")
 
 
+def test_an_unknown_method_is_an_error_of_configuration(wall_log):
+    with pytest.raises(sfm.ConfigError, match="unknown method 'foo'"):
+        sfm.replay(wall_log, config=sfm.Config(method="foo"))
+
+
 def test_a_replay_does_not_import_scipy(wall_log: Path, tmp_path):
     code = (
         "import sys, stream_sfm; stream_sfm.replay(sys.argv[1], sys.argv[2]); "

@@ -38,18 +38,23 @@ def build() -> None:
         _say(
             f"the compiled core is {'older than its sources' if module().exists() else 'not built yet'}: {_plan()}"
         )
-        cmake = _program("cmake")
-        _run(
-            cmake, "-S", str(SOURCES), "-B", str(folder), "-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={_program('ninja')}",
-            f"-DPython_EXECUTABLE={sys.executable}", *toolchain.cmake_arguments(folder / "compiler"),
-        )  # fmt: skip
-        _run(cmake, "--build", str(folder))
+        configure_and_build(folder)
         built = folder / module().name
         part = module().with_suffix(f".{os.getpid()}")
         shutil.copyfile(built, part)
         part.chmod(0o755)
         part.replace(module())  # at once: a process that has the old one open keeps it
         _say(f"built in {time.monotonic() - began_s:.0f} s: {module()}")
+
+
+def configure_and_build(folder: Path, *options: str) -> None:
+    """Build the module into a folder, with further options of CMake."""
+    cmake = _program("cmake")
+    _run(
+        cmake, "-S", str(SOURCES), "-B", str(folder), "-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={_program('ninja')}",
+        f"-DPython_EXECUTABLE={sys.executable}", *toolchain.cmake_arguments(folder / "compiler"), *options,
+    )  # fmt: skip
+    _run(cmake, "--build", str(folder))
 
 
 def module() -> Path:

@@ -211,7 +211,10 @@ def _load_npz(content: bytes, name: str) -> dict[str, Any]:
             if sum(entry.file_size for entry in archive.infolist()) > LIMITS.small_bytes:
                 raise ValueError("it holds large arrays")
         with np.load(BytesIO(content), allow_pickle=False) as arrays:
-            return {key: arrays[key].tolist() for key in arrays.files}
+            found = {key: arrays[key] for key in arrays.files}
+        if other := [key for key, value in found.items() if not isinstance(value, np.ndarray)]:
+            raise ValueError(f"{short(other[0])} in it is not an array")
+        return {key: value.tolist() for key, value in found.items()}
     except (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
         raise ConfigError(f"calibration {name} is not a file of np.savez with arrays of numbers: {error}") from None
 

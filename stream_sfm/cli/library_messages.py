@@ -1,0 +1,85 @@
+"""What libraries print by themselves, past Python, to the file descriptor of standard error.
+
+OpenCV, FFmpeg and libpng quote what they read: a hostile file would speak to the terminal. A process of its own, so
+that it outlives a crash and nothing ever waits for it, makes every line printable and passes on the first ones.
+"""
+
+import os
+import signal
+import sys
+import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+from ..wording import LISTED, printable
+
+_LONGEST = 400  # characters of a line that are shown
+_END_S = 1.0  # for the last lines to be passed on; a viewer that is left running may hold the descriptor for longer
+
+
+@contextmanager
+def filtered(quiet: bool) -> Iterator[None]:
+    """Within the context nothing of libraries reaches standard error but readable lines, and none if `quiet`.
+
+    `sys.stderr` is not affected. Python's warnings are not shown unless they were asked for. To be entered while there
+    is one thread.
+    """
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+    try:
+        real, (reader, writer) = os.dup(2), os.pipe()
+        filtering = os.fork()
+    except OSError:  # no more processes are allowed, or no more files
+        yield
+        return
+    if not filtering:
+        try:
+            os.closerange(0, 2)  # whoever reads our output does not wait for this process
+            os.dup2(real, 2)
+            os.close(writer)
+            _pass_on(reader, quiet)
+        finally:
+            os._exit(0)
+    os.close(reader)
+    os.dup2(writer, 2)
+    os.close(writer)
+    shown, sys.stderr = sys.stderr, open(real, "w", buffering=1, encoding=sys.stderr.encoding)  # noqa: SIM115
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            sys.stderr.flush()
+        os.dup2(real, 2)
+        sys.stderr = shown
+        _wait_for(filtering)
+
+
+def _wait_for(process: int) -> None:
+    end_s = time.monotonic() + _END_S
+    while os.waitpid(process, os.WNOHANG) == (0, 0) and time.monotonic() < end_s:
+        time.sleep(0.001)
+
+
+def _pass_on(reader: int, quiet: bool) -> None:
+    """Read all that comes, and print the first lines of it."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # the others end first
+        signal.signal(number, signal.SIG_IGN)
+    lines, begun = 0, b""
+    while data := os.read(reader, 2**16):
+        *whole, begun = (begun + data).split(b"\n")
+        begun = begun[: 4 * _LONGEST]
+        for line in whole if not quiet else []:
+            lines += 1
+            _print(line, lines)
+    if begun and not quiet:
+        _print(begun, lines + 1)
+
+
+def _print(line: bytes, number: int) -> None:
+    text = printable(line.decode(errors="backslashreplace").strip())[:_LONGEST]
+    if number > LISTED + 1 or not text:
+        return
+    told = f"library: {text}" if number <= LISTED else "library: further lines are not shown; --debug shows all"
+    with suppress(OSError):
+        os.write(2, f"{told}\n".encode(errors="backslashreplace"))

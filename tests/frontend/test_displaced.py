@@ -1,0 +1,82 @@
+"""One image on both sides, and both images displaced at once: suspected, told, and over when their cause is over."""
+
+import numpy as np
+import pytest
+
+import stream_sfm as sfm
+from stream_sfm.estimators.motion_model import MotionModel
+from stream_sfm.frontend.image_checks import are_one_image
+from stream_sfm.frontend.step_check import StepCheck
+from stream_sfm.geometry import se3
+from tests.helpers.places import ROOM
+
+F_PX = 400.0
+RNG = np.random.default_rng(0)
+TEXTURE = RNG.integers(0, 256, (60, 80)).astype(np.uint8)
+
+
+def turned(px: float) -> np.ndarray:
+    return np.array([0, 0, 0, 0, px / F_PX, 0])
+
+
+def checked(*changes_px: float) -> StepCheck:
+    """After many small changes of motion, and then these."""
+    check = StepCheck()
+    for px in (*RNG.uniform(0.2, 1, 20), *changes_px):
+        check = check.after(turned(px), F_PX)
+    return check
+
+
+def test_a_step_is_a_change_that_the_next_frame_takes_back() -> None:
+    assert not checked(12).problem
+    assert "turned by 12 px at once" in checked(12, -11.5).problem
+    assert not checked(12, -11.5, 0.1).problem
+
+
+def test_a_turn_that_goes_on_is_none() -> None:
+    assert not checked(12, 0.5).problem
+
+
+def test_a_hand_that_shakes_is_none() -> None:
+    check = StepCheck()
+    for px in RNG.normal(0, 7, 200):
+        check = check.after(turned(px), F_PX)
+        assert not check.problem
+
+
+def test_a_pose_is_as_uncertain_as_a_step_that_the_camera_may_not_have_made() -> None:
+    model = MotionModel(sfm.Config().motion)
+    for n in range(3):
+        model.record(n * 10**8, np.eye(4), np.zeros((6, 6)))
+    step = np.array([0.1, 0, 0, 0, 0.02, 0])
+    pose = se3.exp(step)
+    nothing = np.zeros((6, 6))
+    np.testing.assert_allclose(
+        model.record(3 * 10**8, pose, nothing, stepped=True), np.outer(step, step), atol=1e-12
+    )
+    later = pose @ se3.exp([0, 0, 1, 0, 0, 0])
+    cov = model.record(4 * 10**8, later, nothing)
+    np.testing.assert_allclose(cov[0, 0], (0.1 + 0.02) ** 2, rtol=1e-6)  # by the lever of 1 m
+    assert model.predict(4 * 10**8)[1][0, 0] >= cov[0, 0]  # of a frame that is lost, too
+    model.restart(4 * 10**8, later, cov)
+    np.testing.assert_array_equal(model.record(5 * 10**8, later, cov), cov)  # of the new map it is a part, once
+
+
+@pytest.mark.parametrize("noise", [0, 2])
+def test_one_image_is_known_also_where_it_is_encoded_twice(noise: int) -> None:
+    other = np.clip(TEXTURE.astype(int) + RNG.integers(-noise, noise + 1, TEXTURE.shape), 0, 255).astype(np.uint8)
+    assert are_one_image(TEXTURE, other)
+    assert not are_one_image(TEXTURE, np.roll(TEXTURE, 1, axis=1))
+    assert not are_one_image(np.full_like(TEXTURE, 90), np.full_like(TEXTURE, 90))  # bare: said elsewhere
+
+
+def test_while_both_sides_are_one_image_no_frame_is_ok() -> None:
+    log, statuses = sfm.open_log(ROOM), []
+    engine = sfm.Engine(log.rig)
+    for n, frame in enumerate(log.frames(sfm.Selection(max_frames=24))):
+        given = sfm.StereoFrame(frame.stamp_ns, frame.left, frame.left.copy()) if 8 <= n < 14 else frame
+        estimate = engine.step(given)
+        statuses.append(estimate.status)
+        if 8 <= n < 14:
+            assert estimate.reason
+    assert "ok" not in statuses[8:14] and "ok" in statuses[18:]
