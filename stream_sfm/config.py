@@ -161,16 +161,16 @@ class ImuConfig(_Section, frozen=True, kw_only=True):
 
     enabled: Annotated[bool, Meta(description="use inertial samples where there are any")] = True
     # Kalibr gives a tenth of that; drawings, and tf of robots, half a degree.
-    std_axes_rad: Annotated[float, _number("σ of the unit's rotation against the camera, each axis", 1e-6, 0.5)] = (
+    std_axes_rad: Annotated[float, _expert("σ of the unit's rotation against the camera, each axis", 1e-6, 0.5)] = (
         0.01
     )
     # Triggered cameras are stamped within a millisecond, others at arrival.
     std_time_offset_s: Annotated[
-        float, _number("σ of the unit's clock against the camera's, seconds", 1e-6, 0.1)
+        float, _expert("σ of the unit's clock against the camera's, seconds", 1e-6, 0.1)
     ] = 0.005
     # Beyond it a map that begins anew would be elsewhere than the old one for most uses.
     max_std_m: Annotated[
-        float, _number("largest σ of a position by the samples alone, metres; beyond it: lost", 0, 100)
+        float, _expert("largest σ of a position by the samples alone, metres; beyond it: lost", 0, 100)
     ] = 0.15
 
 

@@ -5,6 +5,7 @@ What is found twice is taken once, in bounded time: a file can make it look agai
 
 import errno
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -44,6 +45,8 @@ class Walk:
         self, path: Path, stream: IO[bytes], size: int, damage: Damage, knows_channel: Callable[[int], bool]
     ) -> None:
         self._path, self._stream, self._size, self._damage = path, stream, size, damage
+        # Not a method: a cycle would keep the definitions of each reading until garbage is collected.
+        self._read = partial(_read, stream)
         self._search = Search(self._read, size, knows_channel)
         self._at: int | None = len(MAGIC)  # None: the end
         self._unconfirmed: int | None = None  # the record before `_at`, if nothing but what follows can confirm it
@@ -152,9 +155,10 @@ class Walk:
     def _peek(self, at: int) -> bytes:
         return self._read(at, min(PEEK_BYTES, self._size - at))
 
-    def _read(self, at: int, count: int) -> bytes:
-        self._stream.seek(at)
-        data = self._stream.read(count)
-        if len(data) < count:
-            raise OSError(errno.EIO, "it became shorter while it was read")
-        return data
+
+def _read(stream: IO[bytes], at: int, count: int) -> bytes:
+    stream.seek(at)
+    data = stream.read(count)
+    if len(data) < count:
+        raise OSError(errno.EIO, "it became shorter while it was read")
+    return data
