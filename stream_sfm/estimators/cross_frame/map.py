@@ -415,8 +415,9 @@ class Map:
             self.views = changed(self.views, own=with_room(self.views.own))
             if self._first is not None:
                 self._first = changed(self._first, own=with_room(self._first.own))
-                self.prior = self.prior.with_own_of_first(TWIST)
-                self.amplitudes = np.insert(self.amplitudes, [6 + self.own.shape[1] - TWIST] * TWIST, 0.0)
+                at = 6 + self.own.shape[1] - TWIST
+                self.prior = self.prior.with_own_of_first(at, TWIST)
+                self.amplitudes = np.insert(self.amplitudes, [at] * TWIST, 0.0)
         rows, own = self.newest, self.views.own.copy()
         own[rows, :, -TWIST:] = left_in_rows(own[rows, :, -TWIST:])
         self.views = changed(self.views, own=own)

@@ -99,9 +99,11 @@ class Prior:
         modes[..., modes.shape[2] - by_rig.shape[2] :] = by_rig
         return changed(self, mean=mean, cov=cov, modes=modes)
 
-    def with_own_of_first(self, n: int) -> "Prior":
-        """Return the prior of a map's first frame with n more amplitudes of its own, which do nothing so far."""
-        at = self.modes.shape[2] - len(self.rig)
+    def with_own_of_first(self, at: int, n: int) -> "Prior":
+        """Return the prior of a map's first frame with n more amplitudes of its own from `at` on, which do nothing yet.
+
+        They follow those that it has, where `with_first_views` expects them; an inertial state comes after them.
+        """
         modes, world_modes = (np.insert(m, [at] * n, 0.0, axis=-1) for m in (self.modes, self.world_modes))
         return changed(self, modes=modes, world_modes=world_modes)
 
