@@ -12,9 +12,10 @@ DESCRIBED(RowModel, "Rows")
 DESCRIBED(RightSides, "RightSides")
 DESCRIBED(ExposedRows, "ExposedRows")
 DESCRIBED(Timing, "Timing")
+DESCRIBED(TemplateConfig, "TemplateConfig")
+DESCRIBED(ViewNoise, "ViewNoise")
 DESCRIBED(TemplateKind, "TemplateKind")
 DESCRIBED(TrackTable, "Tracks")
-DESCRIBED(RigModel, "RigModel")
 DESCRIBED(PointViews, "Views")
 
 }  // namespace binding

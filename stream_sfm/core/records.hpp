@@ -1,4 +1,4 @@
-// Records that several families of stages take; `parts` of a record are what Python gives or is given, in this order.
+// Records that several families of stages take. Python gives any object that has their fields.
 #pragma once
 
 #include "algebra.hpp"
@@ -7,65 +7,67 @@
 namespace core {
 
 struct Field {
-    Vector u, v;
-    double length;
+    Vector u_px, v_px;
+    double length_px;
     Matrix root;
-    auto parts() { return std::tie(u, v, length, root); }
+    FIELDS(u_px, v_px, length_px, root)
 };
 struct RowModel {
-    std::array<double, 2> size;
+    Pinholes projection;
     Field field;
     Vector mean;
     Matrix cov;
-    double scatter, max;
-    auto parts() { return std::tie(size, field, mean, cov, scatter, max); }
+    double scatter_px, max_px;
+    FIELDS(projection, field, mean, cov, scatter_px, max_px)
 };
 struct RightSides {  // where they are sought, of points that move with a twist, with a turn of the right camera
-    Pinholes pinholes;
     RowModel rows;
-    Vector turn, twist;
-    auto parts() { return std::tie(pinholes, rows, turn, twist); }
+    Vector turn_rad, twist;
+    FIELDS(rows, turn_rad, twist)
 };
 struct ExposedRows {  // polynomials over the rectified image: the rows of the cameras' own images
-    std::array<double, 2> size;
+    std::array<double, 2> size_px;
     Matrices coefficients;
-    auto parts() { return std::tie(size, coefficients); }
+    FIELDS(size_px, coefficients)
 };
-struct Timing {  // delay and readout, and how points moved in the frame before
-    ExposedRows exposed;
+struct Timing {  // delay and readout, and how points moved in the frame before, if that is known
+    ExposedRows row_of;
     Vector mean;
     Matrix cov;
-    Vector twist;
-    auto parts() { return std::tie(exposed, mean, cov, twist); }
+    std::optional<Vector> twist;
+    FIELDS(row_of, mean, cov, twist)
+};
+struct TemplateConfig {
+    int window_radius_px;
+    double max_realignment_px, max_photometric_error;
+    FIELDS(window_radius_px, max_realignment_px, max_photometric_error)
+};
+struct ViewNoise {
+    double shared_pixels, factor;
+    FIELDS(shared_pixels, factor)
 };
 struct TemplateKind {
-    int scale, radius, spacing;
-    double farthest, max_error, shared_pixels, factor;
-    auto parts() { return std::tie(scale, radius, spacing, farthest, max_error, shared_pixels, factor); }
+    int scale, spacing_px;
+    TemplateConfig config;
+    ViewNoise noise;
+    FIELDS(scale, spacing_px, config, noise)
 };
 struct TrackTable {
     Matrix points;  // at unit depth
     Vector var_rho;
-    Matrices cov_left, anchor_from_start;
-    Matrix anchor_velocity, slopes;
+    Matrices cov_left_px, anchor_from_start;
+    Matrix anchor_velocity_px_s, slopes;
     Indices scale;
-    auto parts() { return std::tie(points, var_rho, cov_left, anchor_from_start, anchor_velocity, slopes, scale); }
-};
-struct RigModel {
-    Pinholes pinholes;
-    std::array<double, 2> size;
-    Matrix root;  // of the terms: units per amplitude
-    Field field;
-    auto parts() { return std::tie(pinholes, size, root, field); }
+    FIELDS(points, var_rho, cov_left_px, anchor_from_start, anchor_velocity_px_s, slopes, scale)
 };
 struct PointViews {
-    Pinholes pinholes;
+    Pinholes projection;
     Matrix points;
     Matrices cov_points;
-    Matrix z;
-    Matrices cov, shared;
+    Matrix z_px;
+    Matrices cov_px, shared;
     Vector gate;
-    auto parts() { return std::tie(pinholes, points, cov_points, z, cov, shared, gate); }
+    FIELDS(projection, points, cov_points, z_px, cov_px, shared, gate)
 };
 
 }  // namespace core

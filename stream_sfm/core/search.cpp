@@ -38,7 +38,7 @@ struct Scored {
 double extent(const Pinholes& p, Matrix z, const std::array<double, 2>& size, const std::vector<double>& agreement) {
     double m = 0, mu = 0, mv = 0, uu = 0, uv = 0, vv = 0;
     for (std::size_t i = 0; i < z.shape[0]; i++) {
-        double a = agreement[i], u = (z[i][0] - p.cx_left) / size[0], v = (z[i][1] - p.cy) / size[1];
+        double a = agreement[i], u = (z[i][0] - p.cx_left_px) / size[0], v = (z[i][1] - p.cy_px) / size[1];
         m += a, mu += a * u, mv += a * v, uu += a * u * u, uv += a * u * v, vv += a * v * v;
     }
     m = std::max(m, 1e-12);
@@ -55,7 +55,7 @@ double support(const PointViews& views, const std::array<double, 2>& size, const
     std::vector<double> agreement(n);
     double total = 0;
     for (std::size_t i = 0; i < n; i++) total += agreement[i] = weights[i] * (1 - std::min(squares[i] / views.gate.data[i], 1.0));
-    return total * std::pow(extent(views.pinholes, views.z, size, agreement), EXTENT_POWER);
+    return total * std::pow(extent(views.projection, views.z_px, size, agreement), EXTENT_POWER);
 }
 
 // `samples` of `size` different rows of n each, drawn by weight (Efraimidis and Spirakis 2006). They depend on n only.
@@ -87,7 +87,7 @@ class Search {
         double b[9] = {};
         for (const std::size_t* row = rows; row < rows + k; row++) {
             const double* at = points[*row];
-            double ray[3] = {(z[*row][0] - p.cx_left) / p.f, (z[*row][1] - p.cy) / p.f, 1.0}, lengths = 0;
+            double ray[3] = {(z[*row][0] - p.cx_left_px) / p.f_px, (z[*row][1] - p.cy_px) / p.f_px, 1.0}, lengths = 0;
             lengths = std::sqrt((at[0] * at[0] + at[1] * at[1] + at[2] * at[2]) * (ray[0] * ray[0] + ray[1] * ray[1] + 1));
             for (int i = 0; i < 9; i++) b[i] += ray[i / 3] * at[i % 3] / lengths;
         }
@@ -139,12 +139,12 @@ class Search {
         double p[4], a[16], by_cam[16], expected[4], j[6];
         move(motion.data(), views.points[row], p);
         clamp_depth(p);
-        jacobian(views.pinholes, p, a);
-        project(views.pinholes, p, expected);
+        jacobian(views.projection, p, a);
+        project(views.projection, p, expected);
         multiply<4, 4, 4>(root, a, by_cam);
         for (int c = 0; c < 4; c++) {
             double residual = 0, z;
-            for (int k = 0; k < 4; k++) residual += root[4 * c + k] * ((std::isfinite(z = views.z[row][k]) ? z : 0.0) - expected[k]);
+            for (int k = 0; k < 4; k++) residual += root[4 * c + k] * ((std::isfinite(z = views.z_px[row][k]) ? z : 0.0) - expected[k]);
             by_motion(by_cam + 4 * c, p, j);
             for (int b = 0; b < 6; b++) {
                 g[b] += weight * j[b] * residual;
@@ -172,7 +172,7 @@ Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector wei
     require_shape(weights, {n}, "weights");
     require_shape(start, {4, 4}, "cam_from_ref");
     Search search(views, start);
-    for (std::size_t i = 0; i < n; i++) stereo += std::isfinite(views.z[i][2]) && std::isfinite(views.z[i][3]);
+    for (std::size_t i = 0; i < n; i++) stereo += std::isfinite(views.z_px[i][2]) && std::isfinite(views.z_px[i][3]);
     std::size_t size = 2 * stereo > n ? STEREO_SAMPLE : ONE_SIDED_SAMPLE;
     require(n > size && (agreeing == 0 || agreeing >= size), "there are too few views");
     double samples = agreeing ? std::ceil(CLEAN_SAMPLES * choose(n, size) / choose(agreeing, size)) : MAX_SAMPLES;

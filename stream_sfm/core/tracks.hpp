@@ -11,7 +11,7 @@ struct PredictedTracks {
     Array<double, 2> points, left;
     Array<double, 1> right_u;
     Array<double, 3> left_warps, right_warps;
-    auto parts() { return std::tie(points, left, right_u, left_warps, right_warps); }
+    FIELDS(points, left, right_u, left_warps, right_warps)
 };
 PredictedTracks predict_tracks(const Pinholes& pinholes, const Timing& timing, Vector twist, const TrackTable& tracks,
                                Matrix cam_from_previous, Matrix cam_from_start, Matrix left, Flags agree);
@@ -19,7 +19,7 @@ struct UpdatedTracks {
     Array<double, 2> points;
     Array<double, 1> var_rho;
     Array<double, 3> cov_left;
-    auto parts() { return std::tie(points, var_rho, cov_left); }
+    FIELDS(points, var_rho, cov_left)
 };
 UpdatedTracks update_depths(const Pinholes& pinholes, const TrackTable& tracks, Matrix cam_from_previous, Matrix z,
                             Matrices cov, double forgetting);
@@ -38,7 +38,7 @@ struct Templates {
     View<T, 3> stored;
     View<bool, 2> area;
     TemplateKind kind;
-    auto parts() { return std::tie(left, right, stored, area, kind); }
+    FIELDS(left, right, stored, area, kind)
 };
 struct AlignedTracks {  // of tracks (n) which were expected in view, and of those found (k) their rows, points and views
     Array<bool, 1> expected;
@@ -46,7 +46,7 @@ struct AlignedTracks {  // of tracks (n) which were expected in view, and of tho
     Array<double, 2> points, z;
     Array<double, 3> cov;
     Array<double, 2> any_row, taken;
-    auto parts() { return std::tie(expected, rows, points, z, cov, any_row, taken); }
+    FIELDS(expected, rows, points, z, cov, any_row, taken)
 };
 AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, const TrackTable& tracks, Indices slots,
                            Matrix cam_from_previous, Matrix cam_from_start, Matrix left, Flags agree,
@@ -59,7 +59,7 @@ struct NewMatches {
     Array<double, 3> cov;
     Array<double, 2> slopes;
     Array<double, 1> apart;
-    auto parts() { return std::tie(slots, z, cov, slopes, apart); }
+    FIELDS(slots, z, cov, slopes, apart)
 };
 template <class T>  // float or std::uint8_t
 NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, View<T, 3> stored,
@@ -69,7 +69,7 @@ struct PlacedPoints {  // rows of those that are kept, their views, and their po
     Array<std::int64_t, 1> rows;
     Array<double, 2> z, points;
     Array<double, 1> var_rho;
-    auto parts() { return std::tie(rows, z, points, var_rho); }
+    FIELDS(rows, z, points, var_rho)
 };
 PlacedPoints place_new_points(const RightSides& right_sides, const Timing& timing, Matrix seen, Matrices cov,
                               double scale, double least_sigmas, double max_std);
@@ -79,7 +79,7 @@ struct RowErrors {
     Array<std::int64_t, 1> ages;
     Array<double, 2> rows;
     Array<double, 1> sums;
-    auto parts() { return std::tie(ages, rows, sums); }
+    FIELDS(ages, rows, sums)
 };
 RowErrors row_errors_of_tracks(Indices known, Indices ages, Matrix rows, Indices ids, Matrix z, Matrices cov);
 Array<double, 2> view_inflation(Indices ages, double ratio_left, double ratio_right, double decay);

@@ -8,12 +8,12 @@ namespace core {
 // views.cpp
 struct LinearisedViews {
     Array<double, 3> root, jacobian;
-    auto parts() { return std::tie(root, jacobian); }
+    FIELDS(root, jacobian)
 };
 struct ViewResiduals {
     Array<double, 3> residuals;
     Array<double, 2> squares;
-    auto parts() { return std::tie(residuals, squares); }
+    FIELDS(residuals, squares)
 };
 // Some views, in arrays of their own.
 struct SelectedViews {

@@ -118,7 +118,7 @@ class TurnWatch:
             return self.calm(), None
         views = PointViews(self.projection, points, cov_points, z_px, cov_px, _GATE)
         usual = self.usual + cov_expected
-        rad, cov, agree, log_factor, chi2 = core.fit_turn(views.of_core, cam_from_previous, usual, STD_TURN_RAD)
+        rad, cov, agree, log_factor, chi2 = core.fit_turn(views, cam_from_previous, usual, STD_TURN_RAD)
         possible = self.projection.f_px * math.hypot(*rad) < _MAX_TURN_PX
         possible = possible and bool(np.count_nonzero(agree) > _AGREE * n_seen)
         stands_out = possible and log_factor > -math.log(_KNOCKS)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .. import core
 from ..geometry.gates import chi2_gate
 from ..geometry.medians import median
-from ..geometry.resection import MANY_VIEWS, rules_of
+from ..geometry.resection import MANY_VIEWS, NO_SECOND, Rules
 from ..geometry.se3 import Array
 from ..record import record
 from .alignment import Aligners
@@ -77,9 +77,8 @@ def find_rough_motion(
             else:
                 by_flow = track_wide(aligner, previous, images, before_px, near_px)
             at_px[rows], found[rows] = by_flow
-        seen = tracks.of_core, tracks.weights, at_px, found
-        rules = rules_of(projection, find_second=False)
-        ok, motion, agree, share = core.motion_of_flow(projection.pinholes, *seen, start, STD_FLOW_PX, gate, rules)
+        seen, rules = (tracks.weights, at_px, found), Rules(second_views=NO_SECOND)
+        ok, motion, agree, share = core.motion_of_flow(projection, tracks, *seen, start, STD_FLOW_PX, gate, rules)
         if ok and (best is None or agree.sum() > best.agree.sum()):
             best = RoughMotion(motion, at_px, agree, share)
         if best is not None and best.share > _ENOUGH:

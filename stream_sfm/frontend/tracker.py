@@ -210,15 +210,15 @@ def align(
     has_wide = wide is not None and (tracks.scale == WIDE).any()
     expected, rows, points, z_px, cov_px, any_row_px, taken_px = core.align_tracks(
         state.right_sides(twist),
-        state.timing.of_core(twist),
-        tracks.of_core,
+        state.timing,
+        tracks,
         tracks.slots,
         rough.cam_from_previous,
         rough.cam_from_previous @ state.cam_from_start,
         rough.left_px,  # what flow lost, the motion may find
         rough.agree,
-        state.aligners[1].of_core(images, in_both),
-        wide.of_core(images, in_both) if wide is not None and has_wide else None,
+        state.aligners[1].in_images(images, in_both),
+        wide.in_images(images, in_both) if wide is not None and has_wide else None,
     )
     if setup.right_area is not None:
         left_only = np.array([False, False, True, True])
@@ -246,9 +246,8 @@ def _known(
     known = before, cov_points, weights[views.rows], float(weights[expected].sum())
     if state.turn_watch is None or state.disparity is None:
         return _Known(*known)
-    of_rig = setup.projection.pinholes, state.timing.of_core(twist), state.rows_with_delay.of_core
     seen, std_twist = (before.points, views.points, views.z_px), setup.std_acceleration * dt_s
-    unknown_px, cov_turn = core.unknown_errors(*of_rig, *seen, twist, std_twist)
+    unknown_px, cov_turn = core.unknown_errors(state.timing, state.rows_with_delay, *seen, twist, std_twist)
     known_px, of_disparity = state.disparity.effects(before.points, motion, views.z_px)
     of_turn = by_turn(setup.projection, views.z_px, state.turn_root)
     return _Known(*known, known_px, np.concatenate([unknown_px, of_disparity, of_turn], axis=2), cov_turn)

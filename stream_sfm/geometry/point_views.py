@@ -9,12 +9,12 @@ from .stereo import StereoProjection
 
 
 class PointViews:
-    """Points (n, 3) m, or (n, 4) homogeneous, in a reference camera, and their views.
+    """Points in a reference camera, homogeneous (n, 4), and their views.
 
-    `cov_points` (n, 3, 3) or (n, 4, 4) of the same dimension, None of exact points; `z_px` (n, 4) with NaN where the
-    right side is missing, `cov_px` (n, 4, 4). `gate` (n,): the squared residual under which a share `gate_probability`
-    of good views stays. `shared` (n, 4, j): what errors that all views share do to them, by unknown amplitudes of
-    σ = 1. `of_core`: all of it as the compiled core takes it.
+    Made of points (n, 3) m, too. `cov_points` (n, 3, 3) or (n, 4, 4) of the same dimension, None of exact points;
+    `z_px` (n, 4) with NaN where the right side is missing, `cov_px` (n, 4, 4). `gate` (n,): the squared residual under
+    which a share `gate_probability` of good views stays. `shared` (n, 4, j): what errors that all views share do to
+    them, by unknown amplitudes of σ = 1.
     """
 
     def __init__(
@@ -33,11 +33,10 @@ class PointViews:
             if cov_metric is not None:
                 cov_points = np.zeros((n, 4, 4))
                 cov_points[:, :3, :3] = cov_metric
-        self.projection = projection
+        self.projection, self.points, self.z_px, self.cov_px = projection, points, z_px, cov_px
+        self.cov_points = np.empty((0, 4, 4)) if cov_points is None else cov_points
         self.shared = np.zeros((n, 4, 0)) if shared is None else shared
         self.gate = core.gates_of_views(z_px, chi2_gate(2, gate_probability), chi2_gate(4, gate_probability))
-        cov_points = np.empty((0, 4, 4)) if cov_points is None else cov_points
-        self.of_core = projection.pinholes, points, cov_points, z_px, cov_px, self.shared, self.gate
 
     def __len__(self) -> int:
         return len(self.gate)
@@ -50,11 +49,11 @@ class PointViews:
         The noise is that of the view and of the point itself, as seen from here. A wild motion may bring a distant
         point next to the camera plane: where it predicts nothing, root and Jacobian are zero.
         """
-        return core.linearise_views(self.of_core, cam_from_ref)
+        return core.linearise_views(self, cam_from_ref)
 
     def squared_residuals(self, cam_from_ref: Array, root: Array) -> Array:
         """Squared whitened residuals (n,) under a motion (4, 4) without shared errors.
 
         inf where nothing is predicted or seen.
         """
-        return core.view_residuals(self.of_core, root, np.zeros(self.shared.shape[2]), cam_from_ref[None])[1][0]
+        return core.view_residuals(self, root, np.zeros(self.shared.shape[2]), cam_from_ref[None])[1][0]
