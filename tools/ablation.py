@@ -49,7 +49,7 @@ RULES: dict[str, tuple[str, Any]] = {
         lambda self, motion, agreed, rival=None: (AmbiguityMemory(), motion.ambiguous or rival, False),
     ),
     "hidden background": ("frontend.tracker.is_background_hidden", lambda *_: False),
-    "waiting for what returns": ("frontend.front_end.may_wait", lambda *_: False),
+    "waiting for what returns": ("frontend.state.FrontEndState.may_wait", lambda *_: False),
     "least agreement": ("frontend.tracker._MIN_AGREEMENT", 0.0),
     "pair check": ("frontend.front_end.problem_of", lambda *_: ""),
     "repetition": ("frontend.tracker.OF_FLOW", (of_background,)),
