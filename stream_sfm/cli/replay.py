@@ -65,7 +65,7 @@ def replay(
         out: result folder; runs/LOG-TIME if not given
         strict: exit with code 3 if there was any warning
         self_test: check the covariances without ground truth: disjoint halves of the tracks and of the image must agree
-        there_and_back: measure drift without ground truth: estimate the way back, too, and print how far apart both ends are
+        there_and_back: measure drift without ground truth: estimate the way back, too, and compare the ends
         loops: close loops and write the corrected poses to trajectory_map.tum; needs the extra map
         map: continue in a map that --save-map wrote; implies --loops
         save_map: write the map at the end, also over the one that was read; implies --loops
