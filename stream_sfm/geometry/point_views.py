@@ -35,11 +35,18 @@ class PointViews:
                 cov_points[:, :3, :3] = cov_metric
         self.projection, self.points, self.z_px, self.cov_px = projection, points, z_px, cov_px
         self.cov_points = np.empty((0, 4, 4)) if cov_points is None else cov_points
+        self._gate_probability = gate_probability
         self.shared = np.zeros((n, 4, 0)) if shared is None else shared
         self.gate = core.gates_of_views(z_px, chi2_gate(2, gate_probability), chi2_gate(4, gate_probability))
 
     def __len__(self) -> int:
         return len(self.gate)
+
+    def by_left(self) -> "PointViews":
+        """Return the same points with the left sides of their views alone."""
+        left_px = np.where([True, True, False, False], self.z_px, np.nan)
+        seen = self.points, self.cov_points, left_px, self.cov_px
+        return PointViews(self.projection, *seen, self._gate_probability, self.shared)
 
     def linearise(self, cam_from_ref: Array) -> tuple[Array, Array]:
         """Return roots (n, 4, 4) that whiten the residuals, and the whitened Jacobian (n, 4, 6 + j).
