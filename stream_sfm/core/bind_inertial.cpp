@@ -1,12 +1,9 @@
 // Python's view of inertial.hpp.
 
-#include "described.hpp"
+#include "binding.hpp"
 #include "inertial.hpp"
 
 namespace binding {
-
-DESCRIBED(IntervalViews, "Intervals")
-DESCRIBED(Preintegrated, "Preintegrated")
 
 void bind_inertial(nb::module_& m) {
     describe_taken<IntervalViews>(m, R"(Intervals (n) between frames: `rotation` (n, 3, 3), velocity and position `motion` (n, 6), Jacobians `by_bias`

@@ -1,11 +1,9 @@
 // Python's view of poses.hpp.
 
-#include "described.hpp"
+#include "binding.hpp"
 #include "poses.hpp"
 
 namespace binding {
-
-DESCRIBED(PhysicalAxes, "PhysicalAxes")
 
 void bind_poses(nb::module_& m) {
     describe_taken<PhysicalAxes>(m, R"(Axes of the physical camera: the `rotation` (3, 3) of points into them, and σ of errors that no view shows,

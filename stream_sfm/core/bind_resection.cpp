@@ -1,13 +1,10 @@
 // Python's view of resection.hpp.
 
-#include "described.hpp"
+#include "binding.hpp"
 #include "resection.hpp"
+#include "tracks.hpp"
 
 namespace binding {
-
-DESCRIBED(Fitted, "Fitted")
-DESCRIBED(Second, "Second")
-DESCRIBED(ResectionRules, "ResectionRules")
 
 void bind_resection(nb::module_& m) {
     describe_returned<Fitted>(m, R"(A motion (4, 4), its covariance (6, 6), accepted views (n,), and of these χ² and degrees of freedom; the `spread` of

@@ -1,11 +1,9 @@
 // Python's view of rig.hpp.
 
-#include "described.hpp"
+#include "binding.hpp"
 #include "rig.hpp"
 
 namespace binding {
-
-DESCRIBED(Mixture, "Mixture")
 
 void bind_rig(nb::module_& m) {
     describe_taken<Field>(m, R"(A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and the root (K, K); K = U V.)");
@@ -71,9 +69,7 @@ Of n independent ones, from the information that views have about each and their
 A polynomial of second order, and a delay, of views that move across the rows by (n,), or all by (1,), px/s; then
 the field.)",
         "pinholes"_a, "field"_a, "left_px"_a, "row_speed_px_s"_a);
-    def<&row_offsets>(m, "row_offsets", R"(Return v_left − v_right (n,) of correct matches at left positions (n, 2), px; speeds as in `row_terms`.)",
-        "rows"_a, "left_px"_a, "row_speed_px_s"_a);
-    def<&on_one_row>(m, "on_one_row", R"(Return whether left and right positions (n, 2), the right ones corrected by `row_offsets`, lie on one row.
+    def<&on_one_row>(m, "on_one_row", R"(Return whether left and right positions (n, 2), the right ones without the rows' differences, lie on one row.
 
 Speeds as in `row_terms`. The gate is `scale` times as wide.)",
         "rows"_a, "left_px"_a, "right_px"_a, "row_speed_px_s"_a, "scale"_a);

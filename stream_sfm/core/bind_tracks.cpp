@@ -1,12 +1,9 @@
 // Python's view of tracks.hpp.
 
-#include "described.hpp"
+#include "binding.hpp"
 #include "tracks.hpp"
 
 namespace binding {
-
-DESCRIBED(Templates<std::uint8_t>, "Templates")
-DESCRIBED(Templates<float>, "Templates")
 
 namespace {
 

@@ -1,6 +1,6 @@
 // Python's view of views.hpp.
 
-#include "described.hpp"
+#include "binding.hpp"
 #include "views.hpp"
 
 namespace binding {

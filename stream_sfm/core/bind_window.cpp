@@ -1,19 +1,10 @@
 // Python's view of window.hpp.
 
-#include "described.hpp"
+#include "binding.hpp"
+#include "rig.hpp"
 #include "window.hpp"
 
 namespace binding {
-
-DESCRIBED(WindowState, "WindowState")
-DESCRIBED(WindowViews, "WindowViews")
-DESCRIBED(RigKnowledge, "RigKnowledge")
-DESCRIBED(PriorViews, "Prior")
-DESCRIBED(NormalBlocks, "NormalBlocks")
-DESCRIBED(BlockViews, "NormalBlocks")
-DESCRIBED(CovariancePart, "CovariancePart")
-DESCRIBED(AbsorbedPoints, "AbsorbedPoints")
-DESCRIBED(PointMarginals, "PointMarginals")
 
 void bind_window(nb::module_& m) {
     describe_taken<WindowState>(m, R"(The state of a window: poses (F, 4, 4); of the points ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the rig's
@@ -44,10 +35,6 @@ NaN for sides that were not seen, those on the right without `stereo`.)",
         "pinholes"_a, "state"_a, "views"_a, "stereo"_a, "expected_px"_a);
     def<&timing_of_views>(m, "timing_of_views", R"(Return the `timed_views` (V, 4, 2) of the used ones, expected at (V, 4), with `motions` (F, 2, 6) of frames.)",
         "pinholes"_a, "exposed"_a, "state"_a, "views"_a, "expected_px"_a, "motions"_a, "timing"_a);
-    def<&q_by_reference>(m, "q_by_reference", R"(Return ∂q/∂ξ (n, 3, 6) where points P in the reference camera become Exp(ξ)·P and their anchors stay, eq. (31).
-
-q (n, 3) in anchors (n, 4, 4).)",
-        "ref_from_anchor"_a, "q"_a);
     def<&points_seen_again>(m, "points_seen_again", R"(Return which views (v,) are usable and of points that are known, and these points as they are by now.
 
 Views of `ids` (v,) with variances (v, 3) of q by drift; `known` (n,) ids with q (n, 3) and covariances (n, 3, 3),

@@ -37,9 +37,11 @@ struct Writable {
     std::array<std::size_t, 3> shape;
 };
 
-// The name of a record in Python, where it has one: DESCRIBED below.
+// Whether it has a name in Python.
+template <class T, class = void>
+struct is_named : std::false_type {};
 template <class T>
-struct Described : std::false_type {};
+struct is_named<T, std::void_t<decltype(T::record)>> : std::true_type {};
 
 // The type of an argument or a result as the stub has it; arrays by the aliases at its head.
 template <class T, class = void>
@@ -110,16 +112,11 @@ struct TypedParts<std::tuple<Parts&...>> {
     static std::vector<const char*> each() { return {typed<Parts>.text...}; }
 };
 template <class T>
-struct Typed<T, std::enable_if_t<has_fields<T>::value && !Described<T>::value>> : TypedParts<PartsOf<T>> {};
+struct Typed<T, std::enable_if_t<has_fields<T>::value && !is_named<T>::value>> : TypedParts<PartsOf<T>> {};
 template <class T>
-struct Typed<T, std::enable_if_t<Described<T>::value>> {
-    static constexpr auto text = nb::detail::const_name(Described<T>::name);
+struct Typed<T, std::enable_if_t<is_named<T>::value>> {
+    static constexpr auto text = nb::detail::const_name(T::record);
 };
-#define DESCRIBED(Record, as)                         \
-    template <>                                       \
-    struct Described<Record> : std::true_type {       \
-        static constexpr char name[] = as;            \
-    };
 
 // The names of a record's fields; they live as long as the process.
 template <class Record>
@@ -153,7 +150,7 @@ PyTypeObject*& returned_class() {
 }
 
 // What a stage returns, as Python sees it: an array, a number or None, or of several parts a tuple, whose members have
-// names where the record is described.
+// names where the record is named.
 template <class T, std::size_t N>
 nb::object given(Array<T, N>&& array) {
     T* data = array.data.release();
@@ -165,7 +162,7 @@ nb::object given(std::optional<T>&& perhaps);
 template <class T>
 nb::object given(T&& number) {
     using Record = std::decay_t<T>;
-    if constexpr (Described<Record>::value) {
+    if constexpr (is_named<Record>::value) {
         nb::object result = nb::steal(PyStructSequence_New(returned_class<Record>()));
         if (!result.is_valid()) throw nb::python_error();
         Py_ssize_t at = 0;
@@ -274,7 +271,7 @@ struct Argument<Record, std::enable_if_t<has_fields<Record>::value>> {
         const auto& names = FieldNames<Record>::get();
         Record record{};
         auto parts = record.parts();
-        (read_field(given.source, Described<Record>::name, names.text[I], names.interned[I], std::get<I>(given.parts), std::get<I>(parts)), ...);
+        (read_field(given.source, Record::record, names.text[I], names.interned[I], std::get<I>(given.parts), std::get<I>(parts)), ...);
         return record;
     }
 };
@@ -328,7 +325,7 @@ void describe(nb::module_& m, bool is_returned, const char* help) {
     nb::list fields;
     auto types = TypedParts<PartsOf<Record>>::each();
     for (std::size_t i = 0; i < types.size(); i++) fields.append(nb::make_tuple(FieldNames<Record>::get().text[i].c_str(), types[i]));
-    m.attr("RECORDS")[Described<Record>::name] = nb::make_tuple(is_returned, help, fields);
+    m.attr("RECORDS")[Record::record] = nb::make_tuple(is_returned, help, fields);
 }
 // A record that stages take: any object with these fields.
 template <class Record>
@@ -339,12 +336,12 @@ void describe_taken(nb::module_& m, const char* help) {
 template <class Record>
 void describe_returned(nb::module_& m, const char* help) {
     describe<Record>(m, true, help);
-    static const std::string name = std::string("stream_sfm.core._core.") + Described<Record>::name;
+    static const std::string name = std::string("stream_sfm.core._core.") + Record::record;
     static std::array<PyStructSequence_Field, FieldNames<Record>::N + 1> fields{};
     for (std::size_t i = 0; i < FieldNames<Record>::N; i++) fields[i].name = FieldNames<Record>::get().text[i].c_str();
     static PyStructSequence_Desc description{name.c_str(), help, fields.data(), FieldNames<Record>::N};
     returned_class<Record>() = PyStructSequence_NewType(&description);
-    m.attr(Described<Record>::name) = nb::handle(reinterpret_cast<PyObject*>(returned_class<Record>()));
+    m.attr(Record::record) = nb::handle(reinterpret_cast<PyObject*>(returned_class<Record>()));
 }
 
 void bind_images(nb::module_& m);

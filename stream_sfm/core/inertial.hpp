@@ -7,7 +7,7 @@ namespace core {
 
 struct Preintegrated {  // rotation, (velocity, position), by the biases and the clock, covariances by both sensors
     Array<double, 2> rotation{3, 3}, motion{2, 3}, by_bias{9, 6}, by_clock{3, 3}, cov_gyro{9, 9}, cov_accel{9, 9};
-    FIELDS(rotation, motion, by_bias, by_clock, cov_gyro, cov_accel)
+    RECORD(Preintegrated, rotation, motion, by_bias, by_clock, cov_gyro, cov_accel)
 };
 struct IntervalViews {  // intervals in a row, at the biases and the clock offset that they were integrated with
     Matrices rotation;
@@ -17,7 +17,7 @@ struct IntervalViews {  // intervals in a row, at the biases and the clock offse
     Matrices cov;
     Matrix biases;
     Vector clock, seconds;
-    FIELDS(rotation, motion, by_bias, by_clock, cov, biases, clock, seconds)
+    RECORD(Intervals, rotation, motion, by_bias, by_clock, cov, biases, clock, seconds)
 };
 struct InertialRows {
     Array<double, 1> residual;

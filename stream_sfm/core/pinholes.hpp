@@ -10,7 +10,7 @@ constexpr double MIN_DEPTH = 1e-3;  // as in geometry/stereo.py
 struct Pinholes {
     double f_px, cx_left_px, cx_right_px, cy_px, baseline_m;
     int width, height;
-    FIELDS(f_px, cx_left_px, cx_right_px, cy_px, baseline_m, width, height)
+    RECORD(Pinholes, f_px, cx_left_px, cx_right_px, cy_px, baseline_m, width, height)
 
     std::array<double, 2> size() const { return {static_cast<double>(width), static_cast<double>(height)}; }
 };

@@ -32,7 +32,7 @@ Array<std::int64_t, 1> union_of(Indices ids);
 struct PhysicalAxes {
     Matrix rotation;
     double std_scale, std_axes_rad;
-    FIELDS(rotation, std_scale, std_axes_rad)
+    RECORD(PhysicalAxes, rotation, std_scale, std_axes_rad)
 };
 struct ReportedMotions {
     Array<double, 3> poses, cov, jacobian;

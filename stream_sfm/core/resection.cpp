@@ -41,7 +41,7 @@ class Resection {
         Fitted found = fit(start, amplitudes, true);
         if (found.share >= rules.calm_share) return found;
         // no annealing: among many views that move together even small weights would lead away from what is found
-        Array<double, 2> searched = search_motion(views, start, votes, views.projection.size(), 0);
+        Array<double, 2> searched = search_motion(views, start, votes, 0);
         Fitted other = fit(searched, amplitudes, false);
         return other.ok && support(other) > support(found) ? std::move(other) : std::move(found);
     }
@@ -113,7 +113,7 @@ class Resection {
     }
 
     double support(const Fitted& of) const {
-        return motion_support(views, of.cam_from_ref, of.amplitudes, votes, views.projection.size());
+        return motion_support(views, of.cam_from_ref, of.amplitudes, votes);
     }
 
     bool is_beyond(const Fitted& of, std::size_t i) const { return of.squared_residuals.data[i] > rules.beyond * views.gate.data[i]; }
@@ -125,13 +125,13 @@ class Resection {
         for (std::size_t i = 0; i < 4 * rows.size(); i++)
             for (std::size_t k = 0; k < amplitudes; k++) seen.z.data[i] -= seen.shared.data[i * amplitudes + k] * found.amplitudes.data[k];
         seen.shared = Array<double, 3>(rows.size(), 4, 0);
-        return search_motion(seen.views(), found.cam_from_ref, rows_of(votes, rows), views.projection.size(), rules.second_views);
+        return search_motion(seen.views(), found.cam_from_ref, rows_of(votes, rows), rules.second_views);
     }
 
     double evidence_of(const Array<bool, 1>& rows) const {
         Array<double, 1> weights(n);
         for (std::size_t i = 0; i < n; i++) weights.data[i] = rows.data[i] ? votes.data[i] : 0.0;
-        return evidence(views.projection, views.z_px, weights, views.projection.size());
+        return evidence(views.projection, views.z_px, weights);
     }
 
     const PointViews& views;

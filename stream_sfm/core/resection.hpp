@@ -1,7 +1,6 @@
 // Stages that find a motion: by views, by flow; and the turn of the right camera.
 #pragma once
 
-#include "records.hpp"
 #include "views.hpp"
 
 namespace core {
@@ -17,7 +16,7 @@ struct Fitted {
 
     Fitted(std::size_t n, std::size_t j)
         : cam_from_ref(4, 4), cov_pose(6, 6), cov_amplitudes(j, j), squared_residuals(n), amplitudes(j), accepted(n) {}
-    FIELDS(cam_from_ref, cov_pose, accepted, chi2, dof, spread, ok, squared_residuals, share, amplitudes, cov_amplitudes)
+    RECORD(Fitted, cam_from_ref, cov_pose, accepted, chi2, dof, spread, ok, squared_residuals, share, amplitudes, cov_amplitudes)
 };
 Fitted fit_motion(const PointViews& views, Matrix start, Vector amplitudes, Vector votes, bool anneal);
 struct Halves {
@@ -28,11 +27,9 @@ Halves motions_of_halves(const PointViews& views, Matrix motion, Vector amplitud
                          double shared_noise);
 
 // search.cpp
-Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector weights,
-                               const std::array<double, 2>& image_size, std::size_t agreeing);
-double motion_support(const PointViews& views, Matrix motion, Vector amplitudes, Vector weights,
-                      const std::array<double, 2>& size);
-double evidence(const Pinholes& pinholes, Matrix z, Vector weights, const std::array<double, 2>& size);
+Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector weights, std::size_t agreeing);
+double motion_support(const PointViews& views, Matrix motion, Vector amplitudes, Vector weights);
+double evidence(const Pinholes& pinholes, Matrix z, Vector weights);
 
 // resection.cpp
 struct ResectionRules {
@@ -40,13 +37,13 @@ struct ResectionRules {
     std::size_t second_views;
     double ambiguous_share;
     bool start_is_close, start_is_decided;
-    FIELDS(calm_share, beyond, second_views, ambiguous_share, start_is_close, start_is_decided)
+    RECORD(ResectionRules, calm_share, beyond, second_views, ambiguous_share, start_is_close, start_is_decided)
 };
 struct Second {
     Array<double, 2> cam_from_ref, cov_pose;
     Array<bool, 1> views;
     double odds;
-    FIELDS(cam_from_ref, cov_pose, views, odds)
+    RECORD(Second, cam_from_ref, cov_pose, views, odds)
 };
 struct Resected {
     Fitted found;
@@ -60,6 +57,7 @@ struct FlowMotion {
     double share;
     FIELDS(ok, cam_from_previous, agree, share)
 };
+struct TrackTable;
 FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, Vector votes, Matrix at, Flags found,
                           Matrix start, double std_flow, double gate, const ResectionRules& rules);
 Resected resect(const PointViews& views, Matrix start, Vector votes, const ResectionRules& rules,

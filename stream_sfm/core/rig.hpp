@@ -1,9 +1,37 @@
 // Stages on the errors of a rig: what they do to views and rows, and how large they are.
 #pragma once
 
-#include "records.hpp"
+#include "algebra.hpp"
+#include "pinholes.hpp"
 
 namespace core {
+
+struct Field {
+    Vector u_px, v_px;
+    double length_px;
+    Matrix root;
+    RECORD(Field, u_px, v_px, length_px, root)
+};
+struct RowModel {
+    Pinholes projection;
+    Field field;
+    Vector mean;
+    Matrix cov;
+    double scatter_px, max_px;
+    RECORD(Rows, projection, field, mean, cov, scatter_px, max_px)
+};
+struct ExposedRows {  // polynomials over the rectified image: the rows of the cameras' own images
+    std::array<double, 2> size_px;
+    Matrices coefficients;
+    RECORD(ExposedRows, size_px, coefficients)
+};
+struct Timing {  // delay and readout, and how points moved in the frame before, if that is known
+    ExposedRows row_of;
+    Vector mean;
+    Matrix cov;
+    std::optional<Vector> twist;
+    RECORD(Timing, row_of, mean, cov, twist)
+};
 
 // row_errors.cpp
 Array<double, 2> row_terms(const Pinholes& pinholes, const Field& field, Matrix at, Vector speed);
@@ -54,7 +82,7 @@ struct Mixture {
     Array<double, 1> mean;
     Array<double, 2> cov;
     double p_wrong;
-    FIELDS(mean, cov, p_wrong)
+    RECORD(Mixture, mean, cov, p_wrong)
 };
 Array<double, 2> log_evidence(Vector information, Vector weighted, Vector variances);
 Mixture rig_mixture(Vector mean, Matrix cov, Vector size, std::size_t lenses, View<bool, 2> is_zero, Vector log_prior,

@@ -1,10 +1,39 @@
 // Stages on tracks: predicted, aligned, updated, begun; and errors that last along them.
 #pragma once
 
-#include "records.hpp"
 #include "image.hpp"
+#include "rig.hpp"
 
 namespace core {
+
+struct RightSides {  // where they are sought, of points that move with a twist, with a turn of the right camera
+    RowModel rows;
+    Vector turn_rad, twist;
+    RECORD(RightSides, rows, turn_rad, twist)
+};
+struct TemplateConfig {
+    int window_radius_px;
+    double max_realignment_px, max_photometric_error;
+    RECORD(TemplateConfig, window_radius_px, max_realignment_px, max_photometric_error)
+};
+struct ViewNoise {
+    double shared_pixels, factor;
+    RECORD(ViewNoise, shared_pixels, factor)
+};
+struct TemplateKind {
+    int scale, spacing_px;
+    TemplateConfig config;
+    ViewNoise noise;
+    RECORD(TemplateKind, scale, spacing_px, config, noise)
+};
+struct TrackTable {
+    Matrix points;  // at unit depth
+    Vector var_rho;
+    Matrices cov_left_px, anchor_from_start;
+    Matrix anchor_velocity_px_s, slopes;
+    Indices scale;
+    RECORD(Tracks, points, var_rho, cov_left_px, anchor_from_start, anchor_velocity_px_s, slopes, scale)
+};
 
 // tracks.cpp
 struct PredictedTracks {
@@ -38,7 +67,7 @@ struct Templates {
     View<T, 3> stored;
     View<bool, 2> area;
     TemplateKind kind;
-    FIELDS(left, right, stored, area, kind)
+    RECORD(Templates, left, right, stored, area, kind)
 };
 struct AlignedTracks {  // of tracks (n) which were expected in view, and of those found (k) their rows, points and views
     Array<bool, 1> expected;

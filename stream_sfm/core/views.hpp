@@ -1,9 +1,20 @@
 // Stages on views of points: projected, whitened, linearised.
 #pragma once
 
-#include "records.hpp"
+#include "algebra.hpp"
+#include "pinholes.hpp"
 
 namespace core {
+
+struct PointViews {
+    Pinholes projection;
+    Matrix points;
+    Matrices cov_points;
+    Matrix z_px;
+    Matrices cov_px, shared;
+    Vector gate;
+    RECORD(Views, projection, points, cov_points, z_px, cov_px, shared, gate)
+};
 
 // views.cpp
 struct LinearisedViews {

@@ -1,7 +1,8 @@
 // Stages of the window: its normal equations, the prior, and what it says of points.
 #pragma once
 
-#include "records.hpp"
+#include "algebra.hpp"
+#include "pinholes.hpp"
 
 namespace core {
 
@@ -13,7 +14,7 @@ struct WindowState {
     Matrix q;
     Vector rig_error;
     Matrix own;  // amplitudes of what each frame's views err by in common
-    FIELDS(cams_from_ref, ids, ref_from_anchor, q, rig_error, own)
+    RECORD(WindowState, cams_from_ref, ids, ref_from_anchor, q, rig_error, own)
 };
 struct WindowViews {
     Indices frame, ids;
@@ -21,20 +22,21 @@ struct WindowViews {
     Matrix z_px, weight;
     Matrices root, own, terms, timing;  // what delay and readout do is added to their terms: it is renewed with the velocities
     Matrix field, moves;
-    FIELDS(frame, ids, used, z_px, weight, root, own, terms, timing, field, moves)
+    RECORD(WindowViews, frame, ids, used, z_px, weight, root, own, terms, timing, field, moves)
 };
 template <template <class, std::size_t> class Of>
 struct BlocksOf {  // of 6 + e columns per frame: its pose, and e amplitudes of its own with a prior of σ = 1
     Of<double, 3> u, v, w, rig_pose, rig_point;
     Of<double, 2> g_pose, g_point, rig;
     Of<double, 1> g_rig;
-    FIELDS(u, v, w, g_pose, g_point, rig, rig_pose, rig_point, g_rig)
+    RECORD(NormalBlocks, u, v, w, g_pose, g_point, rig, rig_pose, rig_point, g_rig)
 };
 using NormalBlocks = BlocksOf<Array>;
 using BlockViews = BlocksOf<View>;
 Array<double, 2> points_of_views(const WindowState& state, const WindowViews& views);
 Array<double, 2> expected_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
                                 Flags stereo, Matrix expected);
+struct ExposedRows;
 Array<double, 3> timing_of_views(const Pinholes& pinholes, const ExposedRows& exposed, const WindowState& state,
                                  const WindowViews& views, Matrix expected, Matrices motions, Vector timing);
 Array<double, 3> q_by_reference(Matrices ref_from_anchor, Matrix q);
@@ -54,13 +56,13 @@ NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, c
 struct RigKnowledge {  // information about its errors, and the weighted sums of their amplitudes
     Matrix information;
     Vector weighted;
-    FIELDS(information, weighted)
+    RECORD(RigKnowledge, information, weighted)
 };
 struct PriorViews {
     Matrix mean;
     Matrices cov, modes;
     RigKnowledge rig;
-    FIELDS(mean, cov, modes, rig)
+    RECORD(Prior, mean, cov, modes, rig)
 };
 struct EliminatedPoints {
     Array<double, 3> root, reach;
@@ -88,7 +90,7 @@ struct AbsorbedPoints {
     Array<std::int64_t, 1> ids;
     Array<double, 2> mean;
     Array<double, 3> cov, modes;
-    FIELDS(ids, mean, cov, modes)
+    RECORD(AbsorbedPoints, ids, mean, cov, modes)
 };
 struct LeavingViews {
     Array<std::int64_t, 1> rows;
@@ -112,13 +114,13 @@ AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved, 
 struct CovariancePart {  // of points, the pose and the world: what reaches points, also times its covariance, and times those with both
     Matrices reach, covariant, with_both;
     Matrix both;
-    FIELDS(reach, covariant, with_both, both)
+    RECORD(CovariancePart, reach, covariant, with_both, both)
 };
 struct PointMarginals {
     Array<double, 2> q_in_cam, points_in_cam, points_in_world;
     Array<double, 3> cov_q_in_cam, cov_points, cov_points_in_world;
     Array<bool, 1> finite;
-    FIELDS(q_in_cam, cov_q_in_cam, points_in_cam, cov_points, points_in_world, cov_points_in_world, finite)
+    RECORD(PointMarginals, q_in_cam, cov_q_in_cam, points_in_cam, cov_points, points_in_world, cov_points_in_world, finite)
 };
 PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, Matrices std_given,
                                const CovariancePart& own, const CovariancePart& of_rig, Matrix world_from_ref,

@@ -138,7 +138,6 @@ CALLS = {
     "field_basis": (GRID, STARTS),
     "rig_mixture": (np.ones(9), np.eye(9), np.full(9, 2.0), 3, np.eye(2, 4) > 0, np.log([0.5, 0.5]), 0.5, False),
     "row_terms": (PINHOLES, GRID, STARTS, np.ones(N)),
-    "row_offsets": (ROWS, STARTS, np.ones(N)),
     "on_one_row": (ROWS, STARTS, STARTS, np.ones(N), 1.0),
     "gradient_matrices": (COV[:, :3, :3], 2),
     "align_tracks": (
@@ -189,7 +188,6 @@ CALLS = {
     "points_seen_again": (SLOTS, SLOTS > 0, np.ones((N, 3)), SLOTS, POINTS[:, :3], COV[:, :3, :3]),
     "drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),
     "normal_blocks": (PINHOLES, STATE, SEEN),
-    "q_by_reference": (MOTIONS, POINTS[:, :3]),
     "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),
     "eliminate_points": (COV[:, :3, :3], np.zeros((N, 3, 12))),
     "window_system": (core.normal_blocks(PINHOLES, STATE, SEEN), PRIOR, SLOTS, POINTS[:, :3], np.zeros(9)),

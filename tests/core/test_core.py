@@ -109,7 +109,7 @@ def test_a_field_that_is_missing_or_of_another_kind_is_named_with_its_record() -
             core.update_depths(arguments[0], tracks, *arguments[2:])
     rows = but(ROWS, field=but(GRID, length_px=None))
     with pytest.raises(TypeError, match=r"Field\.length_px is NoneType in place of float"):
-        core.row_offsets(rows, STARTS, np.ones(N))
+        core.on_one_row(rows, STARTS, STARTS, np.ones(N), 1.0)
 
 
 def test_only_the_sides_that_are_there_count() -> None:

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stream_sfm import core
 from stream_sfm.core import NormalBlocks
 from stream_sfm.estimators.cross_frame.inverse_depth import State, linearise
 from stream_sfm.estimators.cross_frame.marginals import Marginals
@@ -90,7 +89,12 @@ def blocks_of(rng) -> SimpleNamespace:
 def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, b: SimpleNamespace) -> tuple:
     """Mean and covariance of [q', ω', c] after the views, by a Kalman update with a pose as good as unknown."""
     anchors = se3.orthonormalise(x @ ANCHORS)
-    by_pose = core.q_by_reference(anchors, q)
+    moves = np.concatenate([-1e-6 * np.eye(6), 1e-6 * np.eye(6)])[
+        :, None
+    ]  # of the reference camera, q's numerically
+    moved = se3.inverse(anchors) @ se3.exp(moves) @ in_reference(anchors, q)[..., None]
+    less, more = np.split(q_from_homogeneous(moved[..., 0]), 2)
+    by_pose = np.moveaxis((more - less) / 2e-6, 0, -1)
     n = 3 * N
     # [q, ω, c, ξ] -> [q', ω', c], ξ large beside millimetres
     carry = np.zeros((n + 6 + M, n + 12 + M))

@@ -40,7 +40,7 @@ def field(left_px: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
 
 def offsets_px(rows: Rows, left_px: np.ndarray, speed: np.ndarray = AT_REST) -> np.ndarray:
     """v_left − v_right (n,) of correct matches, with speeds (n,) across the rows."""
-    return core.row_offsets(rows, left_px, speed)
+    return row_terms(P, left_px, speed) @ rows.mean
 
 
 def agree(rows: Rows, left_px: np.ndarray, right_px: np.ndarray, speed: np.ndarray = AT_REST) -> np.ndarray:
