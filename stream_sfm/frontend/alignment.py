@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import FrontendConfig
+from ..config import Config, FrontendConfig
 from ..geometry.resection import Resection
 from ..geometry.se3 import Array
 from ..record import record
@@ -51,15 +51,15 @@ class TemplateAligner:
     spacing_px: ClassVar[int] = SPACING_PX
 
     @classmethod
-    def empty(cls, config: FrontendConfig, valid: NDArray[np.bool_], scale: int = 1) -> "TemplateAligner":
+    def empty(cls, config: Config, valid: NDArray[np.bool_], scale: int = 1) -> "TemplateAligner":
         """Return an aligner without templates; `valid` (h, w): pixels of the left image that hold picture."""
-        radius_px = config.window_radius_px
+        frontend, radius_px = config.frontend, config.frontend.window_radius_px
         return cls(
-            config,
+            frontend,
             scale,
             valid_area(valid, scale * radius_px),
-            TemplateAtlas.empty(config.max_tracks, radius_px, of_bytes=scale == 1),
-            ViewNoise.unknown(config.smoothing_px, scale),
+            TemplateAtlas.empty(frontend.max_tracks, radius_px, of_bytes=scale == 1),
+            ViewNoise.unknown(config.rules.errors, frontend.smoothing_px, scale),
         )
 
     def in_images(self, images: PreparedImages, in_both: bool) -> Templates:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from .. import core
-from ..config import Config
+from ..config import Config, RowRules
 from ..geometry.linear import symmetric_inverse
 from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
 from ..geometry.se3 import Array
@@ -20,14 +20,7 @@ from ..geometry.stereo import StereoProjection, velocities
 from ..record import record
 from ..rig_model.field import Field, field_over
 
-_PRIOR_STD_PX = 1.0  # of each coefficient: real calibrations were off by up to 0.8 px in the corners
-_STEP_PX = 2e-3  # of each coefficient per frame: lenses that warm up move rows by a pixel in some hundred frames
-_STD_MATCH_PX = 0.2  # of one match, before any is seen; within a few frames their own scatter replaces it
-_REWEIGHTINGS = 5  # of one frame's matches; Cauchy weights hardly change after that
 _POLYNOMIAL = 6  # coefficients
-# Share of itself by which a delay may be off, as all matches go by the same extrapolated velocities: 11 and 18 % on two
-# rendered logs with a camera that is 8 ms late.
-_SPEED_ERROR = 0.2
 # σ of the field that are considered, px: from the noise of a good match to what no real rig has; beside them σ = 0, as
 # probable as all others together.
 _FIELD_STD_PX = np.geomspace(0.01, 0.5, 18)
@@ -48,7 +41,8 @@ class Rows:
     mean: Array
     cov: Array
     std_delay_s: float
-    scatter_px: float = _STD_MATCH_PX
+    rules: RowRules
+    scatter_px: float
     frames: int = 0
     field_std_px: float = _LEAST_FIELD_PX
     largest_px: float = 0.0
@@ -56,18 +50,20 @@ class Rows:
     @classmethod
     def unknown(cls, projection: StereoProjection, config: Config) -> "Rows":
         """Return the prior."""
+        rules = config.rules.rows
         std_delay_s = 1e-9 if config.rig.exact else config.rig.std_delay_s
         n_field = field_over(projection.width, projection.height).size
-        std = np.r_[np.full(_POLYNOMIAL, _PRIOR_STD_PX), std_delay_s, np.full(n_field, _LEAST_FIELD_PX)]
+        std = np.r_[np.full(_POLYNOMIAL, rules.std_px), std_delay_s, np.full(n_field, _LEAST_FIELD_PX)]
         max_px = config.frontend.max_vertical_disparity_px
-        return cls(projection, max_px, np.zeros(len(std)), np.diag(std**2), std_delay_s)
+        prior = np.zeros(len(std)), np.diag(std**2), std_delay_s
+        return cls(projection, max_px, *prior, rules, rules.std_match_px)
 
     @property
     def delay(self) -> tuple[float, float]:
         """What matches alone say of the delay of the right camera: information, s⁻², and sum weighted by it, s⁻¹."""
         mean, var = self.mean[_POLYNOMIAL], self.cov[_POLYNOMIAL, _POLYNOMIAL]
         information = 1 / var - self.std_delay_s**-2
-        wrong = 1 / (1 + information * (_SPEED_ERROR * mean) ** 2)
+        wrong = 1 / (1 + information * (self.rules.speed_error * mean) ** 2)
         return float(wrong * information), float(wrong * mean / var)
 
     def with_delay(self, delay_s: float, variance_s2: float) -> "Rows":
@@ -99,10 +95,10 @@ class Rows:
             return self
         terms = row_terms(self.projection, left_px, row_speed_px_s)
         cov = self.cov.copy()
-        cov[range(_POLYNOMIAL), range(_POLYNOMIAL)] += _STEP_PX**2
+        cov[range(_POLYNOMIAL), range(_POLYNOMIAL)] += self.rules.step_px**2
         before = symmetric_inverse(cov)
         mean: Array = self.mean
-        for _ in range(_REWEIGHTINGS):  # earlier frames keep their weight
+        for _ in range(self.rules.reweightings):  # earlier frames keep their weight
             residual = (difference_px - terms @ mean) / self.scatter_px
             weighted = terms.T * (1 / (1 + (residual / CAUCHY_WIDTH) ** 2) / self.scatter_px**2)
             information, right = before + weighted @ terms, before @ self.mean + weighted @ difference_px

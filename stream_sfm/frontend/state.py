@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..camera.pixels import FEWEST_BITS
-from ..config import Config
+from ..config import Config, Rules
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
@@ -37,11 +37,6 @@ class RightSides(NamedTuple):
     twist: Array
 
 
-# How long a motion is searched for from the last frame that had one. Views that return do so within a second; after
-# that too much has changed for flow.
-_MAX_GAP_S = 1.0
-
-
 class Setup(NamedTuple):
     """What does not change during a run: the projection of the rectified images, and all settings.
 
@@ -51,6 +46,11 @@ class Setup(NamedTuple):
     projection: StereoProjection
     config: Config
     right_area: NDArray[np.bool_] | None = None
+
+    @property
+    def rules(self) -> Rules:
+        """The numbers by which the front-end decides."""
+        return self.config.rules
 
     def unseen_in_right(self, z_px: Array) -> NDArray[np.bool_]:
         """Which views (n, 4) have a right side where a mask says that it cannot be of the scene."""
@@ -165,13 +165,13 @@ class FrontEndState:
             tracks=Tracks.none(),
             velocity=np.zeros(6),
             timing=replace(self.timing, twist=None),
-            ambiguity=AmbiguityMemory(),
-            start=StartCheck(),
-            steps=StepCheck(),  # how a new map moves is not known
+            ambiguity=AmbiguityMemory(rules=self.ambiguity.rules),
+            start=StartCheck(rules=self.start.rules),
+            steps=StepCheck(rules=self.steps.rules),  # how a new map moves is not known
             background_hidden=False,
             turn_watch=None if self.turn_watch is None else self.turn_watch.calm(),
         )
 
-    def may_wait(self, stamp_ns: int) -> bool:
+    def may_wait(self, stamp_ns: int, max_gap_s: float) -> bool:
         """Whether the tracks of the last frame that was followed may still be found later than at that stamp."""
-        return len(self.tracks) > 0 and stamp_ns - self.previous_ns < _MAX_GAP_S * 1e9
+        return len(self.tracks) > 0 and stamp_ns - self.previous_ns < max_gap_s * 1e9
