@@ -48,7 +48,7 @@ def open_log(
     of the one in the log. `rate_hz`: of a folder of images without stamps; 10 if not given. Raises LogError where the
     log cannot be used, ConfigError for the calibration.
     """
-    source = open_source(path, calibration is not None, rate_hz)
+    source = open_source(path, calibration is not None, rate_hz, mono)
     try:
         log = _open(source, left, right, calibration, mono)
     except LogError:
