@@ -136,7 +136,7 @@ class RigConfig(_Section, frozen=True, kw_only=True):
     std_lens_px: Annotated[float, _expert("σ of each error that both lenses share, in the corner", 1e-3, 50)] = 5.0
     # Of five real rigs three differ by 0.4 to 1.2 px.
     std_lens_difference_px: Annotated[
-        float, _expert("σ of the radial difference of the lenses there", 1e-3, 50)
+        float, _expert("σ of the radial difference of the two lenses, in the corner", 1e-3, 50)
     ] = 0.5
     # Kalibr and OpenCV give a tenth of that on good recordings; autofocus, heat and a wrong resolution do more.
     std_focal: Annotated[float, _number("σ of the focal length's error, fraction of it", 1e-6, 0.1)] = 0.003
@@ -177,7 +177,9 @@ class ImuConfig(_Section, frozen=True, kw_only=True):
 class RosConfig(_Section, frozen=True, kw_only=True):
     """Frames and axes in `estimates.mcap`, as ROS names them; nothing else depends on these."""
 
-    world_frame: Annotated[str, Meta(description="the fixed frame that corrections move; map in REP 105")] = "map"
+    world_frame: Annotated[
+        str, Meta(description="the fixed frame in which corrections make the path jump; map in REP 105")
+    ] = "map"
     odom_frame: Annotated[str, Meta(description="the fixed frame in which the path never jumps")] = "odom"
     base_frame: Annotated[
         str,
@@ -193,12 +195,18 @@ class RosConfig(_Section, frozen=True, kw_only=True):
             "otherwise the axes of the first camera"
         ),
     ] = False
-    camera_x_m: Annotated[float, _number("the camera in base_frame: forward, metres", -1e3, 1e3)] = 0.0
+    camera_x_m: Annotated[float, _number("position of the camera in base_frame: forward, metres", -1e3, 1e3)] = 0.0
     camera_y_m: Annotated[float, _number("to the left, metres", -1e3, 1e3)] = 0.0
     camera_z_m: Annotated[float, _number("upwards, metres", -1e3, 1e3)] = 0.0
-    camera_roll_deg: Annotated[float, _number("about x, 0 where the camera is upright, degrees", -360, 360)] = 0.0
-    camera_pitch_deg: Annotated[float, _number("about y, then, positive looking down, degrees", -360, 360)] = 0.0
-    camera_yaw_deg: Annotated[float, _number("about z, last, 0 where it looks along x, degrees", -360, 360)] = 0.0
+    camera_roll_deg: Annotated[
+        float, _number("roll, applied first, about x; 0 where the camera is upright; degrees", -360, 360)
+    ] = 0.0
+    camera_pitch_deg: Annotated[
+        float, _number("pitch, applied second, about y; positive where it looks down; degrees", -360, 360)
+    ] = 0.0
+    camera_yaw_deg: Annotated[
+        float, _number("yaw, applied last, about z; 0 where it looks along x; degrees", -360, 360)
+    ] = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
