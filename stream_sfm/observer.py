@@ -23,7 +23,6 @@ from .errors import ConfigError, FrameError
 from .frontend.front_end import StereoFrontEnd
 from .frontend.image_checks import are_one_image
 from .frontend.mono.front_end import MonoFrontEnd
-from .frontend.pair_check import resolution_problem
 from .frontend.prepared import PreparedImages
 from .frontend.state import FrontEndState
 from .frontend.template_errors import TemplateErrors
@@ -90,18 +89,7 @@ class Observer:
         self.projection: StereoProjection = self.rectifier.projection
         self._frontend: StereoFrontEnd | MonoFrontEnd
         if isinstance(self.rig, StereoRig):
-            valid, refinement = self.rectifier.valid, self.rig.refinement
-            row_of = self.rectifier.rows_of
-            self._frontend = StereoFrontEnd(
-                self.projection,
-                config,
-                valid,
-                refinement,
-                row_of,
-                self.rig.timing,
-                resolution_problem(self.rig),
-                self.rectifier.valid_in_right,
-            )
+            self._frontend = StereoFrontEnd(self.rig, self.rectifier, config)
         else:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self.state: FrontEndState = self._frontend.start

@@ -23,6 +23,7 @@ from stream_sfm import Engine, Trajectory, open_log
 from stream_sfm.config import Config
 from stream_sfm.evaluation.summary import evaluate
 from stream_sfm.frontend.ambiguity import AmbiguityMemory
+from stream_sfm.frontend.depth_order import of_background
 from stream_sfm.geometry.resection import resect
 from stream_sfm.recording.stereo_log import StereoLog
 
@@ -35,7 +36,7 @@ RULES: dict[str, tuple[str, Any]] = {
     "today's exposure": ("frontend.rough_motion.as_exposed", lambda before, now: before.left_half),
     "further flow attempts": (
         "frontend.rough_motion._attempts",
-        lambda levels, tracks, start, known: [(start, levels, 1.0)],
+        lambda levels, tracks, step: [(step.predicted, levels, 1.0)],
     ),
     "history weights": ("frontend.tracks.Tracks.weights", property(lambda self: np.ones(len(self)))),
     "second motion": ("geometry.resection.MIN_SECOND_VIEWS", 10**9),
@@ -47,11 +48,11 @@ RULES: dict[str, tuple[str, Any]] = {
         "frontend.ambiguity.AmbiguityMemory.after",
         lambda self, motion, agreed, rival=None: (AmbiguityMemory(), motion.ambiguous or rival, False),
     ),
-    "hidden background": ("frontend.tracker._is_background_hidden", lambda *_: False),
-    "waiting for what returns": ("frontend.front_end.may_wait", lambda *_: False),
+    "hidden background": ("frontend.tracker.is_background_hidden", lambda *_: False),
+    "waiting for what returns": ("frontend.state.FrontEndState.may_wait", lambda *_: False),
     "least agreement": ("frontend.tracker._MIN_AGREEMENT", 0.0),
     "pair check": ("frontend.front_end.problem_of", lambda *_: ""),
-    "repetition": ("frontend.tracker.rival_motion", lambda *_: None),
+    "repetition": ("frontend.tracker.OF_FLOW", (of_background,)),
     "global search": ("geometry.resection.CALM_SHARE", -1.0),
     "noise of bad frames": (
         "frontend.tracker.resect",

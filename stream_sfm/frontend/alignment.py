@@ -28,21 +28,6 @@ WIDE = 4  # image pixels per template pixel of wide templates, for nearly textur
 
 
 @record
-class AlignedViews:
-    """Views of tracks that were found in a frame (k), at least on the left: their `rows` in the table, and their
-    `points` (k, 4) where the rough motion puts them; `z_px` (k, 4), NaN where the right side was not found; `cov_px`
-    (k, 4, 4). `any_row_px` (k, 4): the same, including right sides that miss their row. `taken_px` (k, 4): what has
-    been taken out of all these, for the timing."""
-
-    rows: NDArray[np.int64]
-    points: Array
-    z_px: Array
-    cov_px: Array
-    any_row_px: Array
-    taken_px: Array
-
-
-@record
 class TemplateAligner:
     """Templates of one size, and the search for them in new images.
 

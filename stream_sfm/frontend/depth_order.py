@@ -10,12 +10,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.point_views import PointViews
 from ..geometry.resection import BEYOND, MANY_VIEWS, MIN_SECOND_VIEWS, Resection, refine
-from ..geometry.se3 import Array
-from .prepared import PreparedImages
 from .rough_motion import STD_FLOW_PX, RoughMotion, find_rough_motion
-from .state import FrontEndState, Setup
+from .seen import Seen
+from .state import FrontEndState
+from .step import Step
 from .tracks import Tracks
 
 _UNEXPLAINED = 0.2  # of the tracks, beyond which another motion is looked for
@@ -24,24 +23,15 @@ _BEHIND = 0.95
 _DEEPER = 1.25  # factor between two depths that differ
 
 
-def of_background(
-    setup: Setup,
-    state: FrontEndState,
-    previous: PreparedImages,
-    images: PreparedImages,
-    rough: RoughMotion,
-    predicted: Array,
-) -> RoughMotion:
+def of_background(step: Step, state: FrontEndState, rough: RoughMotion) -> RoughMotion:
     """The rough motion found, or that of the tracks that do not agree with it, if these lie behind the others."""
     tracks, rest = state.tracks, np.flatnonzero(~rough.agree)
-    if len(rest) < max(MANY_VIEWS, _UNEXPLAINED * len(tracks)):
+    if state.start.is_over or len(rest) < max(MANY_VIEWS, _UNEXPLAINED * len(tracks)):
         return rough
-    other = find_rough_motion(
-        setup, state.aligners, previous, images, tracks.keep(rest), predicted, motion_known=False
-    )
+    other = find_rough_motion(replace(step, is_predicted=False), state.aligners, tracks.keep(rest))
     if other is None:
         return rough
-    left_px = setup.projection.project_homogeneous(tracks.points @ other.cam_from_previous.T)[:, :2]
+    left_px = step.setup.projection.project_homogeneous(tracks.points @ other.cam_from_previous.T)[:, :2]
     # far points that agree fit either motion, within six σ of a position by flow
     apart_px = np.linalg.norm(left_px - rough.left_px, axis=1)
     others = tracks.keep(rough.agree & (apart_px > 6 * STD_FLOW_PX * tracks.scale))
@@ -53,12 +43,13 @@ def of_background(
     return RoughMotion(other.cam_from_previous, left_px, agree, other.share)
 
 
-def decided(tracks: Tracks, views: PointViews, weights: Array, motion: Resection) -> Resection:
-    """Of two motions that agree with views of tracks (n) the one whose points lie behind the others, if these do."""
+def decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
+    """Of two motions that agree with views the one whose points lie behind the others, if these do."""
     second = motion.ambiguous
-    if second is None:
+    if not motion.ok or second is None or state.start.is_over:
         return motion
-    other = refine(views, weights, second.cam_from_ref, motion.amplitudes)
+    tracks, views = seen.before, seen.point_views
+    other = refine(views, seen.weights, second.cam_from_ref, motion.amplitudes)
     only_second = tracks.keep(second.views)
     only_first = tracks.keep(motion.accepted & (other.squared_residuals > BEYOND * views.gate))
     if other.ok and is_behind(only_second, only_first):

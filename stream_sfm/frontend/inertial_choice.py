@@ -5,25 +5,26 @@ from dataclasses import replace
 import numpy as np
 
 from ..geometry import se3
-from ..geometry.point_views import PointViews
 from ..geometry.resection import Resection, refine
-from ..geometry.se3 import Array
 from ..types import ExpectedMotion
+from .seen import Seen
+from .state import FrontEndState
+from .step import Step
 
 _NEAR = 20.0  # squared distance of a motion that is the camera's
 _APART = 15.0  # by which their squared distances differ then; the camera's is 6 on average
 
 
-def nearer(expected: ExpectedMotion, views: PointViews, weights: Array, motion: Resection) -> Resection:
+def nearer(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
     """Return the nearer one of the motion found and the second one, by both covariances, eq. (85).
 
     A body in uniform motion looks to an accelerometer like one at rest, until it or the camera turns, or the velocity
     is known.
     """
-    second = motion.second
-    if not motion.ok or second is None:
+    expected, second = step.by_inertia, motion.second
+    if expected is None or not motion.ok or second is None:
         return motion
-    other = refine(views, weights, second.cam_from_ref, motion.amplitudes)
+    other = refine(seen.point_views, seen.weights, second.cam_from_ref, motion.amplitudes)
     if not other.ok:
         return motion
     first, then = _distance2(expected, motion), _distance2(expected, other)

@@ -17,7 +17,6 @@ from ..rig_model.terms import by_turn
 from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
-from .inertia import Unsteadiness
 from .pair_check import PairCheck
 from .prepared import PreparedImages
 from .right_turn import TurnWatch
@@ -27,9 +26,14 @@ from .step_check import StepCheck
 from .template_errors import TemplateErrors
 from .timing import Timing
 from .tracks import Tracks
+from .unsteadiness import Unsteadiness
 
 # Where right sides are sought, as the compiled core takes it: the pair, its rows, a turn, and the twist of the points.
 RightSides = tuple[tuple[float, float, float, float, float], RowsOfCore, Array, Array]
+
+# How long a motion is searched for from the last frame that had one. Views that return do so within a second; after
+# that too much has changed for flow.
+_MAX_GAP_S = 1.0
 
 
 class Setup(NamedTuple):
@@ -147,3 +151,21 @@ class FrontEndState:
     def followed_from(self, images: PreparedImages, stamp_ns: int) -> "FrontEndState":
         """The state after a frame from whose images the next one is followed."""
         return replace(self, previous=images.shrunk(), previous_ns=stamp_ns)
+
+    def lost(self) -> "FrontEndState":
+        """The state without tracks and velocity, and all that was learnt from these."""
+        return replace(
+            self,
+            tracks=Tracks.none(),
+            velocity=np.zeros(6),
+            timing=replace(self.timing, twist=None),
+            ambiguity=AmbiguityMemory(),
+            start=StartCheck(),
+            steps=StepCheck(),  # how a new map moves is not known
+            background_hidden=False,
+            turn_watch=None if self.turn_watch is None else self.turn_watch.calm(),
+        )
+
+    def may_wait(self, stamp_ns: int) -> bool:
+        """Whether the tracks of the last frame that was followed may still be found later than at that stamp."""
+        return len(self.tracks) > 0 and stamp_ns - self.previous_ns < _MAX_GAP_S * 1e9

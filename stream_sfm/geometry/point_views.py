@@ -33,7 +33,7 @@ class PointViews:
             if cov_metric is not None:
                 cov_points = np.zeros((n, 4, 4))
                 cov_points[:, :3, :3] = cov_metric
-        self.projection = projection
+        self.projection, self._gate_probability = projection, gate_probability
         self.shared = np.zeros((n, 4, 0)) if shared is None else shared
         self.gate = core.gates_of_views(z_px, chi2_gate(2, gate_probability), chi2_gate(4, gate_probability))
         cov_points = np.empty((0, 4, 4)) if cov_points is None else cov_points
@@ -41,6 +41,17 @@ class PointViews:
 
     def __len__(self) -> int:
         return len(self.gate)
+
+    @property
+    def points(self) -> tuple[Array, Array]:
+        """The points (n, 4), homogeneous, and their covariances (n, 4, 4), none of exact ones."""
+        return self.of_core[1], self.of_core[2]
+
+    def by_left(self) -> "PointViews":
+        """Return the same points with the left sides of their views alone."""
+        _, points, cov_points, z_px, cov_px, shared, _ = self.of_core
+        left_px = np.where([True, True, False, False], z_px, np.nan)
+        return PointViews(self.projection, points, cov_points, left_px, cov_px, self._gate_probability, shared)
 
     def linearise(self, cam_from_ref: Array) -> tuple[Array, Array]:
         """Return roots (n, 4, 4) that whiten the residuals, and the whitened Jacobian (n, 4, 6 + j).

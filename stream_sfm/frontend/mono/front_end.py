@@ -17,6 +17,7 @@ from ...geometry.se3 import Array
 from ...geometry.stereo import KNOWN_DEPTH_SIGMAS, StereoProjection
 from ...rig_model.estimate import RigEstimate
 from ...types import ExpectedMotion, LastingErrors, MapStart, Observations
+from ..advance import Followed
 from ..alignment import TemplateAligner
 from ..image_checks import image_note
 from ..new_points import begin_tracks, detect_missing
@@ -25,7 +26,7 @@ from ..rows import Rows
 from ..state import FrontEndState, Setup
 from ..template_errors import TemplateErrors, turn_of_slides
 from ..timing import Timing
-from ..tracker import Followed, follow, lose
+from ..tracker import follow
 from .map_start import MIN_TRACKS, begin_map, open_map
 
 _MIN_IN_FRONT = 0.5  # fraction of the tracks that a motion must leave in front of the camera; it is wrong otherwise
@@ -98,7 +99,7 @@ class MonoFrontEnd:
         """Follow the map's points, without those that the motion puts behind the camera."""
         state, followed = follow(self.setup, state, images, stamp_ns)
         if followed is None:
-            return open_map(lose(state), _LOST), None
+            return open_map(state.lost(), _LOST), None
         tracks = state.tracks
         front = tracks.points[:, 3] > -KNOWN_DEPTH_SIGMAS * np.sqrt(tracks.var_rho)
         if front.mean() < _MIN_IN_FRONT:

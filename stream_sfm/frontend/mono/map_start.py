@@ -6,11 +6,12 @@ import numpy as np
 
 from ...geometry import se3
 from ...geometry.se3 import Array
+from ..advance import Followed
+from ..aligned_views import align
 from ..flow import as_exposed, track
 from ..prepared import PreparedImages
 from ..rough_motion import RoughMotion
 from ..state import FrontEndState, Setup
-from ..tracker import Followed, align
 from ..tracks import Tracks
 from .two_view import TwoView, two_view_motion
 
@@ -62,10 +63,11 @@ def _follow_directions(setup: Setup, state: FrontEndState, images: PreparedImage
     before_half = as_exposed(state.previous, images)
     levels = setup.config.frontend.pyramid_levels
     at_px, found = track(aligner, before_half, images, tracks.left_px, expected_px, levels)
-    tracks, n = tracks.keep(found), int(found.sum())
+    state = replace(state, tracks=tracks.keep(found))
+    n = len(state.tracks)
     by_flow = RoughMotion(np.eye(4), at_px[found], np.ones(n, bool), share=1.0)
-    views, _ = align(setup, state, images, tracks, by_flow, np.zeros(6))
-    tracks, left_px, cov_px = tracks.keep(views.rows), views.z_px[:, :2], views.cov_px
+    views = align(setup, state, images, by_flow, np.zeros(6))
+    tracks, left_px, cov_px = state.tracks.keep(views.rows), views.z_px[:, :2], views.cov_px
     tracks = tracks.placed(p.rays(left_px), left_px, cov_px[:, :2, :2], tracks.points[:, 3], tracks.var_rho)
     return replace(state, tracks=tracks), cov_px
 
