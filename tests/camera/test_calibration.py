@@ -375,7 +375,7 @@ def test_kitti_projections_take_the_size_from_the_images(tmp_path):
     camera = Camera(1241, 376, k, (), "none")
     pose = se3.from_rotation_translation(np.eye(3), np.array([-0.5372, 0, 0]))
     check(path, StereoRig(camera, camera, pose), size=(1241, 376))
-    with pytest.raises(ConfigError, match="does not tell the size of the images"):
+    with pytest.raises(ConfigError, match="does not contain the size of the images"):
         StereoRig.from_calibration(path)
 
 
