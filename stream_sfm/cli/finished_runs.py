@@ -92,7 +92,7 @@ def _why_none(run: "RunResults", truth: "Trajectory", name: str) -> str:
     if not len(truth) or not len(run):
         return f"{run.folder}: there is nothing to compare: {len(run)} frames, {len(truth)} poses of ground truth"
     elsewhere = time_warning(truth, name, int(run.stamps_ns[0]), int(run.stamps_ns[-1]))
-    return f"{run.folder}: {elsewhere or f'no pose of the ground truth {name} is of the time of a frame'}"
+    return f"{run.folder}: {elsewhere or f'no pose of the ground truth {name} has the time of a frame'}"
 
 
 def _figures(run: "RunResults", truth: "Trajectory", known: options.TruthErrors) -> dict[str, Any]:

@@ -87,7 +87,7 @@ def _zed_name(document: Document, size: Size | None) -> str:
         raise document.error("the file is for several sizes of images: use it with a recording", "size")
     if (name := _ZED_SIZES.get(size)) is None:
         raise document.error(
-            f"images of {size[0]}×{size[1]} are of no size that a ZED has; it has "
+            f"images of {size[0]}×{size[1]} do not come from a ZED, which has "
             f"{', '.join(f'{width}×{height}' for width, height in _ZED_SIZES)}"
         )
     return name
