@@ -19,7 +19,7 @@ class Steps:
     """A map whose steps promise given decreases; it notes what is done to it."""
 
     def __init__(self, decreases: list[float], is_timed: bool) -> None:
-        self.decreases, self.is_timed, self.ids, self.done = decreases, is_timed, [1], ""
+        self.decreases, self.is_timed, self.points, self.done = decreases, is_timed, [1], ""
 
     def drop_undetermined(self) -> None:
         pass

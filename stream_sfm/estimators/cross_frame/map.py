@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ... import core
 from ...geometry import se3
 from ...geometry.gates import chi2_gate
-from ...geometry.linear import Cholesky, scaled_cholesky, symmetric
+from ...geometry.linear import symmetric
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
@@ -22,6 +22,7 @@ from ...rig_model.estimate import CERTAIN, RigEstimate
 from ...rig_model.model import LEAST_VARIANCE, RigModel
 from ...rig_model.terms import DISPARITY
 from ...types import Solution
+from .doubt import Doubt
 from .inertial_window import InertialWindow
 from .interval import Known
 from .inverse_depth import (
@@ -34,6 +35,7 @@ from .inverse_depth import (
     q_of_views,
     timed,
 )
+from .map_points import MapPoints
 from .marginals import Marginals
 from .normal_equations import System
 from .outliers import RejectionCounts
@@ -53,10 +55,10 @@ FAR = 0.0, 0.0, 1.0, 0.0  # a point at infinity, straight ahead
 class Map:
     """Points, poses and prior of one map, with their latest joint covariance.
 
-    `ids` (P,) ascending, `q` (P, 3) and `ref_from_anchor` (P, 4, 4): every point; `begun_anew`: those that the newest
-    frame began a second time, by one view. `frames`: the window, oldest first, and `views`: all of theirs, one after
-    the other, used or not; `cams_from_ref` (F, 4, 4): their poses, and `own` (F, e): what the views of each err by in
-    common, in σ. `reference`: the frame of the reference camera.
+    `points`: all of its points; `begun_anew`: those that the newest frame began a second time, by one view. `frames`:
+    the window, oldest first, and `views`: all of theirs, one after the other, used or not; `cams_from_ref` (F, 4, 4):
+    their poses, and `own` (F, e): what the views of each err by in common, in σ. `reference`: the frame of the
+    reference camera. `doubt`: what the newest pose does not know beside all that.
     `prior`, and the `amplitudes` (k,) of its modes. `system`: the latest normal equations, factored. `marginals`: of
     the latest frame, as reported.
     """
@@ -87,18 +89,15 @@ class Map:
         )
         self.rejections = RejectionCounts()
         self.begun_anew = self._dropped = np.empty(0, np.int64)
-        self._frames_ambiguous, self._cov_doubt = 0, np.zeros((6, 6))  # in axes of the reference camera
-        self._cov_slides = np.zeros((6, 6))  # of turns that patches have feigned which slid alike, in the same axes
-        self.ids = first.track_ids
-        views = changed(views, used=core.among(views.ids, self.ids))
+        self.doubt = Doubt()
+        ids = first.track_ids
+        views = changed(views, used=core.among(views.ids, ids))
         self._first: WhitenedViews | None = views  # of the reference camera, until another one is absorbed
         self._places = views.ids, views.expected_px  # of the newest frame's tracks
-        self.q = q_of_views(projection, corrected_px[views.used])
-        self.ref_from_anchor = np.tile(np.eye(4), (len(self.ids), 1, 1))
-        state = self._state_of_one(self.ids, self.ref_from_anchor, self.q, rig.mean)
-        self.q, cov, by_own, by_rig = self._seen_alone(views, state, np.zeros(len(rig)))
-        pose = first.world_from_cam, first.cov_pose
-        self.prior = Prior.from_first_frame(self.ids, self.q, cov, by_own, by_rig, *pose, rig)
+        points = MapPoints.of_reference(ids, q_of_views(projection, corrected_px[views.used]))
+        q, cov, by_own, by_rig = self._seen_alone(views, self._state_of_one(points, rig.mean), np.zeros(len(rig)))
+        self.points, pose = changed(points, q=q), (first.world_from_cam, first.cov_pose)
+        self.prior = Prior.from_first_frame(ids, q, cov, by_own, by_rig, *pose, rig)
         self.inertia: InertialWindow | None = None
         self.marginals: Marginals
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
@@ -132,11 +131,13 @@ class Map:
 
     def state(self) -> State:
         """Return what views are predicted from."""
-        return State(self.cams_from_ref, self.ids, self.ref_from_anchor, self.q, self.rig_error, self.own)
+        points = self.points
+        return State(self.cams_from_ref, points.ids, points.ref_from_anchor, points.q, self.rig_error, self.own)
 
-    def _state_of_one(self, ids: NDArray[np.int64], ref_from_anchor: Array, q: Array, rig_error: Array) -> State:
-        """Return what views of the reference camera alone are predicted from."""
-        return State(np.eye(4)[None], ids, ref_from_anchor, q, rig_error, np.zeros((1, self.own.shape[1])))
+    def _state_of_one(self, points: MapPoints, rig_error: Array, own: Array | None = None) -> State:
+        """Return what views of the reference camera alone are predicted from, with amplitudes (1, e) of its own."""
+        own = np.zeros((1, self.own.shape[1])) if own is None else own
+        return State(np.eye(4)[None], points.ids, points.ref_from_anchor, points.q, rig_error, own)
 
     def _seen_alone(self, views: WhitenedViews, state: State, rig_step: Array) -> tuple[Array, Array, Array, Array]:
         """Return the points of a state by the reference camera's views alone, as `core.points_alone` does."""
@@ -156,12 +157,11 @@ class Map:
             leaving = self.inertia.leaving(cam_from_ref, self.inertial_state, of_gravity @ of_gravity.T)
         frame, views = self._remove_oldest()
         prior, later = self.prior, self.views if self.frames else views
-        seen_later = core.times_among(self.ids, later.ids, later.used) > 0
-        known = np.searchsorted(self.ids, prior.ids)
-        in_reference = State(np.eye(4)[None], self.ids, self.ref_from_anchor, self.q, self.rig_error, own)
-        seen = views, views.stereo, views.var_drift
+        seen_later = core.times_among(self.points.ids, later.ids, later.used) > 0
+        known = np.searchsorted(self.points.ids, prior.ids)
+        in_reference, seen = self._state_of_one(self.points, self.rig_error, own), (views.stereo, views.var_drift)
         rows, stays, cov, anchors, q, blocks, new_ids, alone = core.leaving_views(
-            self.projection, in_reference, *seen, seen_later, known, prior.cov
+            self.projection, in_reference, views, *seen, seen_later, known, prior.cov
         )
         if len(rows) < len(known):
             prior = changed(prior, ids=prior.ids[rows], mean=prior.mean[rows], modes=rows_of(prior.modes, rows))
@@ -171,7 +171,7 @@ class Map:
         prior = prior.truncate_modes()
         self.prior = self._refocused(changed(prior, rig=prior.rig.with_part()), frame)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
-        self.select(seen_later if self.frames else core.among(self.ids, self.prior.ids))
+        self.points = self.points.keep(seen_later if self.frames else core.among(self.points.ids, self.prior.ids))
 
     def _refocused(self, prior: Prior, frame: WindowFrame) -> Prior:
         """Return the prior with a focus that may have moved faster or slower since `frame`, if it moves at all."""
@@ -197,17 +197,10 @@ class Map:
         if self.inertia is not None:
             self.inertia.drop_oldest()
         self._seconds = self._seconds[1:]
-        ad = se3.adjoint(cam_from_ref)
-        self._cov_doubt, self._cov_slides = ad @ self._cov_doubt @ ad.T, ad @ self._cov_slides @ ad.T
-        self.ref_from_anchor = se3.orthonormalise(cam_from_ref @ self.ref_from_anchor)
+        self.doubt, self.points = self.doubt.seen_from(cam_from_ref), self.points.seen_from(cam_from_ref)
         self.cams_from_ref = se3.orthonormalise(self.cams_from_ref[1:] @ se3.inverse(cam_from_ref))
         self.own = self.own[1:]
         return frame, views
-
-    def select(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> None:
-        """Keep the points of a mask or of an order."""
-        self.ids, self.q = rows_of(self.ids, rows), rows_of(self.q, rows)
-        self.ref_from_anchor = rows_of(self.ref_from_anchor, rows)
 
     def enter(
         self,
@@ -227,16 +220,12 @@ class Map:
         if not ambiguous:
             self._count_rejected(rejected)
         wanted = ~(self.rejections.excluded(views.ids) | core.among(views.ids, rejected))
-        known = core.among(views.ids, self.ids)
+        known = core.among(views.ids, self.points.ids)
         new = ~known & views.stereo & wanted
         again = core.among(self._dropped, views.ids[new])
         self.begun_anew, self._dropped = self._dropped[again], self._dropped[~again]
-        ids = np.concatenate([self.ids, views.ids[new]])
-        order = np.argsort(ids)
-        ref_from_cam = np.broadcast_to(se3.inverse(cam_from_ref), (len(ids) - len(self.ids), 4, 4))
         q = q_of_views(self.projection, corrected_px[new])
-        self.ids, self.q = ids[order], np.concatenate([self.q, q])[order]
-        self.ref_from_anchor = np.concatenate([self.ref_from_anchor, ref_from_cam])[order]
+        self.points = self.points.with_new(views.ids[new], q, se3.inverse(cam_from_ref))
         views = changed(views, frame=np.full(len(views), len(self.frames)), used=(known | new) & wanted)
         self.frames.append(frame)
         self.cams_from_ref = np.concatenate([self.cams_from_ref, cam_from_ref[None]])
@@ -244,14 +233,13 @@ class Map:
         if self.inertia is not None and frame.interval is not None:  # where slides are unknowns
             self.inertia.enter(frame.interval, frame.velocity, frame.std_turn_rad)
             frame.std_turn_rad = 0.0
-        turns = frame.std_turn_rad * se3.adjoint(se3.inverse(cam_from_ref))[:, 3:]
-        self._cov_slides = self._cov_slides + turns @ turns.T
+        self.doubt = self.doubt.with_slide(cam_from_ref, frame.std_turn_rad)
         if frame.rig is not None:
             views = held(expected(self.state(), views, frame.rig), *self._places)
             views = at_rest(views, frame.rig, self.prior.rig.age_s(frame.stamp_ns))
             self._places = views.ids, views.expected_px
         # views out of use stay so: only the drift of points that are in the map is asked for
-        kept = np.flatnonzero(self.views.used | core.among(self.views.ids, self.ids))
+        kept = np.flatnonzero(self.views.used | core.among(self.views.ids, self.points.ids))
         self.views = WhitenedViews.concatenate([self.views[kept], views])
 
     def _count_rejected(self, rejected: NDArray[np.int64]) -> None:
@@ -264,7 +252,7 @@ class Map:
         young = rejected[(seen <= 1) & ~core.among(rejected, self.prior.ids)]
         self.rejections.add(rejected)
         self.views = changed(self.views, used=self.views.used & ~core.among(self.views.ids, young))
-        self.select(~core.among(self.ids, young))
+        self.points = self.points.keep(~core.among(self.points.ids, young))
         self._dropped = core.union_of(np.concatenate([self._dropped, young]))
 
     def frames_agreed(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -276,64 +264,43 @@ class Map:
         return np.maximum(count + np.where(core.among(ids, self.prior.ids), len(self.frames), -1), 0)
 
     def consider_other(self, motion: Resection, std_moved: Array) -> None:
-        """Add to the world's uncertainty that the second of two plausible motions may be the true one.
-
-        No vehicle moves between two frames by much more than `std_moved` (6,) otherwise than it did.
-
-        The difference of the two, in any direction, as the camera's motion may be that of a third set, which is hidden;
-        and the error of the other, eq. (36a). The differences of frames in a row have one sign.
-        """
-        other = motion.ambiguous
-        if other is None:
-            self._frames_ambiguous = 0
-            return
-        self._frames_ambiguous += 1
-        first_from_other = motion.cam_from_ref @ se3.inverse(other.cam_from_ref)  # of the newest camera
-        apart = np.linalg.norm(se3.log(first_from_other).reshape(2, 3), axis=1)
-        apart = np.minimum(apart, std_moved[[0, 3]])
-        cov = Cholesky(Cholesky(other.cov_pose).inverse() + np.diag(std_moved**-2.0)).inverse()
-        own = se3.adjoint(first_from_other) @ scaled_cholesky(cov)
-        ambiguity = np.concatenate([np.diag(np.repeat(apart, 3)), own], axis=1)
-        self.frames[-1].ambiguity = ambiguity
-        modes = se3.adjoint(se3.inverse(self.newest_cam_from_ref)) @ ambiguity
-        modes[:, :6] *= np.sqrt(2 * self._frames_ambiguous - 1)  # n frames of one sign: n² = 1 + 3 + 5 + …
-        self._cov_doubt = self._cov_doubt + modes @ modes.T
+        """Add to the world's uncertainty that the second of two plausible motions may be the true one; see `Doubt`."""
+        self.doubt, ambiguity = self.doubt.with_other(motion, std_moved, self.newest_cam_from_ref)
+        if ambiguity is not None:
+            self.frames[-1].ambiguity = ambiguity
 
     def settle(self) -> None:
         """Drop the uncertainty about alternative motions: those followed have turned out to be the camera's."""
-        self._cov_doubt = np.zeros((6, 6))
+        self.doubt = changed(self.doubt, cov=np.zeros((6, 6)))
         for frame in self.frames:
             frame.ambiguity = np.zeros((6, 0))
 
     @property
     def cov_doubt(self) -> Array:
         """What alternative motions, and patches that slide alike, add to the covariance (6, 6) of the newest pose."""
-        ad = se3.adjoint(self.newest_cam_from_ref)
-        return np.asarray(ad @ (self._cov_doubt + self._cov_slides) @ ad.T)
+        return self.doubt.of_newest(self.newest_cam_from_ref)
 
     def drop_undetermined(self) -> None:
         """Drop points that neither the prior nor an accepted stereo view of the window determines.
 
         Those that ended after a single view go too: it says nothing about anything else.
         """
-        views = self.views
-        keep = core.times_among(self.ids, views.ids, views.used & views.stereo) > 0
-        keep &= (core.times_among(self.ids, views.ids, views.used) > 1) | core.among(
-            self.ids, views.ids[self.newest]
-        )
-        keep |= core.among(self.ids, self.prior.ids)
+        views, ids = self.views, self.points.ids
+        keep = core.times_among(ids, views.ids, views.used & views.stereo) > 0
+        keep &= (core.times_among(ids, views.ids, views.used) > 1) | core.among(ids, views.ids[self.newest])
+        keep |= core.among(ids, self.prior.ids)
         if not keep.all():
-            self.select(keep)
-            self.views = changed(views, used=views.used & core.among(views.ids, self.ids))
+            self.points = self.points.keep(keep)
+            self.views = changed(views, used=views.used & core.among(views.ids, self.points.ids))
 
     def gauss_newton_step(self) -> float:
         """Move poses, points and modes by one step, and return the decrease of the sum of squares that it promised."""
         blocks = linearise(self.projection, self.state(), self.views)
-        known = np.searchsorted(self.ids, self.prior.ids)
+        known = np.searchsorted(self.points.ids, self.prior.ids)
         inertial = None
         if self.inertia is not None and self.frames:
             inertial = self.inertia.linearise(self.cams_from_ref, self.inertial_state)
-        self.system = System(self.prior, known, blocks, self.q, self.amplitudes, inertial)
+        self.system = System(self.prior, known, blocks, self.points.q, self.amplitudes, inertial)
         *change, decrease = self.system.step()
         self._move(*change)
         return decrease
@@ -356,7 +323,7 @@ class Map:
         if self.inertia is not None and self.frames:
             self.inertia.follow(dx, self.prior.world_modes[6:] @ dy)
         self.cams_from_ref = se3.orthonormalise(se3.exp(dx) @ self.cams_from_ref)
-        self.own, self.q, self.amplitudes = self.own + down, self.q + dq, self.amplitudes + dy
+        self.own, self.points, self.amplitudes = self.own + down, self.points.moved(dq), self.amplitudes + dy
 
     def expect(
         self,
@@ -467,8 +434,8 @@ class Map:
 
         Possible as long as nothing else is in the prior.
         """
-        at, rig_error = np.searchsorted(self.ids, self.prior.ids), self.rig_error
-        state = self._state_of_one(self.prior.ids, self.ref_from_anchor[at], self.q[at], rig_error)
+        points, rig_error = self.points.keep(np.searchsorted(self.points.ids, self.prior.ids)), self.rig_error
+        state = self._state_of_one(points, rig_error)
         views = changed(views, used=core.among(views.ids, state.ids))
         views = at_rest(expected(state, views, rig), rig, self.prior.rig.age_s(self.reference.stamp_ns))
         self._first = views = timed(state, views, rig, self._motions[:1], self._timing(rig)[0])
@@ -500,7 +467,7 @@ class Map:
         What moves all of a lens's errors at once and goes on moving is its focus, eq. (72g); None where nothing does.
         """
         rig, model = self.prior.rig, self.frames[-1].rig if self.frames else None
-        if model is None or not rig.is_contradicted or self._frames_ambiguous or self._cov_doubt.any():
+        if model is None or not rig.is_contradicted or self.doubt.frames or self.doubt.cov.any():
             return None
         root = model.root_of_unknown_focus(len(rig), rig.age_s(self.frames[-1].stamp_ns))
         return np.concatenate([root, np.diag(rig.size)], axis=1) if rig.steady else root

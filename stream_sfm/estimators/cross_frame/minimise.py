@@ -21,7 +21,7 @@ def minimise(current: Map, max_iterations: int, gate_probability: float) -> int:
     before, steps, timed = np.inf, 0, current.is_timed
     while steps < max_iterations and not (before < _CONVERGED and steps >= 1 + timed):
         current.drop_undetermined()
-        if not len(current.ids):
+        if not len(current.points):
             raise np.linalg.LinAlgError("no points are left")
         decrease = current.gauss_newton_step()
         # A step that promises more than the one before it leads away from the minimum. After convergence the only step

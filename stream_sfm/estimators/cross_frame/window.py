@@ -291,7 +291,7 @@ class CrossFrame:
         if rig is not None and observations.rig is not None:
             by_rows = self._since_by_rows(observations, len(rig.mean))
             current.learn_rig(rig, observations.rig.field_std_px, by_rows)
-        return recorded(self.motion, observations, solution, before.ended(current.ids))
+        return recorded(self.motion, observations, solution, before.ended(current.points.ids))
 
 
 def _with_misfit(observations: Observations, reason: str) -> Observations:
