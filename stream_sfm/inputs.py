@@ -36,6 +36,7 @@ class Limits(NamedTuple):
     object_bytes: int = 256  # overhead of each in memory, measured; all 2·65535 that MCAP has numbers for still fit
     name: int = 2**12  # characters of a topic, a type, a coordinate frame, an encoding; of a line of numbers
     named: int = 2**12  # topics, and pairs of coordinate frames; robots have hundreds
+    compressed: int = 2**6  # topics of compressed images that are asked for video; robots have dozens
     indexed: int = 2**20  # entries of an index: a terabyte has fewer; lines of a text: nine hours at 30 Hz
     files: int = 2**14  # of one bag, whose metadata then has some megabytes
     metadata_bytes: int = 2**24

@@ -126,7 +126,8 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
         yield "unit of length", summary["unit_of_length"]
     yield "path", f"{summary['path_length_m']:.3f} {unit} in {summary['duration_s']:.2f} s"
     if timing["total"]["p50"] is not None:
-        yield "time per frame", _milliseconds(timing["total"])
+        waited = ", the wait for the camera included" if summary.get("live") else ""
+        yield "time per frame", _milliseconds(timing["total"]) + waited
     for stage in ("decode", "frontend", "estimator") if stages else ():
         yield f"  {stage}", _milliseconds(timing[stage])
     if live := summary.get("live"):

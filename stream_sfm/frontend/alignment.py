@@ -7,6 +7,7 @@ docs/mathematics.md, section 3.
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar, NamedTuple
 
 import cv2
 import numpy as np
@@ -20,11 +21,17 @@ from .noise import ViewNoise
 from .prepared import GreyImage, PreparedImages
 from .templates import SPACING_PX, TemplateAtlas
 
-# Templates of one size as the compiled core takes them: kind, images, patches, area.
-Kind = tuple[int, int, int, float, float, float, float]
-Templates = tuple[GreyImage, GreyImage | None, GreyImage, NDArray[np.bool_], Kind]
-
 WIDE = 4  # image pixels per template pixel of wide templates, for nearly textureless surfaces
+
+
+class Templates(NamedTuple):
+    """Templates of one `kind` with the images in which they are sought, `right` None without right sides."""
+
+    left: GreyImage
+    right: GreyImage | None
+    stored: GreyImage
+    area: NDArray[np.bool_]
+    kind: "TemplateAligner"
 
 
 @record
@@ -41,6 +48,7 @@ class TemplateAligner:
     area: NDArray[np.bool_]
     atlas: TemplateAtlas
     noise: ViewNoise
+    spacing_px: ClassVar[int] = SPACING_PX
 
     @classmethod
     def empty(cls, config: Config, valid: NDArray[np.bool_], scale: int = 1) -> "TemplateAligner":
@@ -54,17 +62,10 @@ class TemplateAligner:
             ViewNoise.unknown(config.rules.errors, frontend.smoothing_px, scale),
         )
 
-    @property
-    def kind(self) -> Kind:
-        """The kind of these templates as the compiled core takes it."""
-        cfg, noise = self.config, self.noise
-        sizes = self.scale, cfg.window_radius_px, SPACING_PX
-        return *sizes, cfg.max_realignment_px, cfg.max_photometric_error, noise.shared_pixels, noise.factor
-
-    def of_core(self, images: PreparedImages, in_both: bool) -> Templates:
-        """The templates, and the images in which they are sought, as the compiled core takes them."""
+    def in_images(self, images: PreparedImages, in_both: bool) -> Templates:
+        """The templates, and the images in which they are sought."""
         left, right = images.grey(self.scale)
-        return left, right if in_both else None, self.atlas.grey, self.area, self.kind
+        return Templates(left, right if in_both else None, self.atlas.grey, self.area, self)
 
     def cut(
         self, images: PreparedImages, corners: NDArray[np.intp], taken: NDArray[np.intp]

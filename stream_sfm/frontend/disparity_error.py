@@ -38,6 +38,5 @@ class DisparityError:
 
         (n, 4) and (n, 4, 6) px. What a point's own disparity has wrong is in its depth.
         """
-        p = self.projection
-        by_term = core.disparity_effects(p.pinholes, (p.width, p.height), points, cam_from_previous, z_px)
+        by_term = core.disparity_effects(self.projection, points, cam_from_previous, z_px)
         return by_term @ self.mean, by_term @ self.root

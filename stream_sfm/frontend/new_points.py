@@ -104,7 +104,7 @@ def _begin(
     aligner, slots = state.aligners[scale].cut(images, corners, taken)
     state = replace(state, aligners={**state.aligners, scale: aligner})
     twist = np.zeros(6) if state.timing.twist is None else state.timing.twist
-    of_templates = *images.grey(scale), aligner.atlas.grey, aligner.kind, state.right_sides(twist)
+    of_templates = *images.grey(scale), aligner.atlas.grey, aligner, state.right_sides(twist)
     rules = setup.rules.points
     std_grey = rules.std_grey / scale  # a mean over pixels has so much less noise
     slots, z_px, cov_px, slopes, apart_px = core.match_new_points(
@@ -113,9 +113,7 @@ def _begin(
     state, right_sides = _learn_rows(state, z_px, twist) if scale == 1 else (state, state.right_sides(twist))
     # the position of a wide template that is less certain than half of its pixels is noise or a bare edge
     gates = MIN_INVERSE_DEPTH_SIGMAS, np.inf if scale == 1 else WIDE / 2
-    rows, z_px, points, var_rho = core.place_new_points(
-        right_sides, state.timing.of_core(twist), z_px, cov_px, scale, *gates
-    )
+    rows, z_px, points, var_rho = core.place_new_points(right_sides, state.timing, z_px, cov_px, scale, *gates)
     if setup.right_area is not None:
         seen = ~setup.unseen_in_right(z_px)
         rows, z_px, points, var_rho = rows[seen], z_px[seen], points[seen], var_rho[seen]

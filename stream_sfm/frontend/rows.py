@@ -27,10 +27,6 @@ _FIELD_STD_PX = np.geomspace(0.01, 0.5, 18)
 _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
 
 
-# What is known about rows as the compiled core takes it: size, field, mean, covariance, scatter, largest difference.
-RowsOfCore = tuple[tuple[int, int], Field, Array, Array, float, float]
-
-
 @record
 class Rows:
     """What is known about rows: amplitudes `mean` (n,) with `cov` (n, n) of polynomial, delay and field.
@@ -83,14 +79,13 @@ class Rows:
         return replace(self, mean=mean, cov=self.cov + np.outer(gain, gain) * (variance_s2 - own[_POLYNOMIAL]))
 
     @property
-    def of_core(self) -> RowsOfCore:
-        """The rows as the compiled core takes them."""
-        size = self.projection.width, self.projection.height
-        return size, field_over(*size), self.mean, self.cov, self.scatter_px, self.max_px
+    def field(self) -> Field:
+        """The field over the images, whose amplitudes come last."""
+        return field_over(self.projection.width, self.projection.height)
 
     def after(self, z_px: Array, twist: Array) -> "Rows":
         """Return the knowledge after new views (n, 4) of a frame whose points move with a twist (6,)."""
-        points = core.seen_points(self.projection.pinholes, z_px)
+        points = core.seen_points(self.projection, z_px)
         row_speed_px_s = velocities(self.projection, points, twist)[:, 3]
         return self.learnt(z_px[:, :2], z_px[:, 1] - z_px[:, 3], row_speed_px_s)
 
@@ -142,5 +137,5 @@ class Rows:
 
 def row_terms(projection: StereoProjection, left_px: Array, row_speed_px_s: Array) -> Array:
     """Return what amplitudes of 1 do to v_left − v_right (n, k) of views at (n, 2), which move by (n,) px/s."""
-    size = projection.width, projection.height
-    return core.row_terms(size, field_over(*size), left_px, row_speed_px_s)
+    field = field_over(projection.width, projection.height)
+    return core.row_terms(projection, field, left_px, row_speed_px_s)

@@ -53,7 +53,7 @@ class Seen:
         unknown_px = cov_turn = None
         if state.turn_watch is not None and state.disparity is not None:
             known_px, of_disparity = state.disparity.effects(before.points, motion, views.z_px)
-            of_rig = setup.projection.pinholes, state.timing.of_core(twist), state.rows_with_delay.of_core
+            of_rig = state.timing, state.rows_with_delay
             seen, std_twist = (before.points, views.points, views.z_px), setup.std_acceleration * step.dt_s
             of_timing, cov_turn = core.unknown_errors(*of_rig, *seen, twist, std_twist)
             of_turn = by_turn(setup.projection, views.z_px, state.turn_root)

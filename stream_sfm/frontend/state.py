@@ -20,7 +20,7 @@ from .disparity_error import DisparityError
 from .pair_check import PairCheck
 from .prepared import PreparedImages
 from .right_turn import TurnWatch
-from .rows import Rows, RowsOfCore
+from .rows import Rows
 from .start_check import StartCheck
 from .step_check import StepCheck
 from .template_errors import TemplateErrors
@@ -28,8 +28,13 @@ from .timing import Timing
 from .tracks import Tracks
 from .unsteadiness import Unsteadiness
 
-# Where right sides are sought, as the compiled core takes it: the pair, its rows, a turn, and the twist of the points.
-RightSides = tuple[tuple[float, float, float, float, float], RowsOfCore, Array, Array]
+
+class RightSides(NamedTuple):
+    """Where right sides are sought: the rows, a turn (3,) of the right camera, and the twist (6,) of the points."""
+
+    rows: Rows
+    turn_rad: Array
+    twist: Array
 
 
 class Setup(NamedTuple):
@@ -140,8 +145,8 @@ class FrontEndState:
         return self.rows.with_delay(float(self.timing.mean[0]), float(self.timing.cov[0, 0]))
 
     def right_sides(self, twist: Array) -> RightSides:
-        """Where right sides of points with a twist (6,) are sought, as the compiled core takes it."""
-        return self.rows.projection.pinholes, self.rows_with_delay.of_core, self.turn_rad, twist
+        """Where right sides of points with a twist (6,) are sought."""
+        return RightSides(self.rows_with_delay, self.turn_rad, twist)
 
     def change_to(self, cam_from_previous: Array, stamp_ns: int) -> Array | None:
         """By how much (6,) the motion into a frame differs from the last one; None where that is not known."""

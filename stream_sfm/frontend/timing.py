@@ -54,12 +54,7 @@ class Timing:
         """Return what is taken out of views of homogeneous points (n, 4) with a twist (6,): (n, 4) px."""
         if not self.mean.any():
             return np.zeros((len(points), 4))
-        return core.shifts_by_timing(self.projection.pinholes, self.row_of.of_core, points, twist, self.mean)
-
-    def of_core(self, twist: Array) -> tuple[tuple[tuple[int, int], Array], Array, Array, Array]:
-        """The timing as the compiled core takes it; `twist` (6,): of the points now."""
-        at_first = twist if self.twist is None else self.twist  # nothing better is known of the first frame
-        return self.row_of.of_core, self.mean, self.cov, at_first
+        return core.shifts_by_timing(self.projection, self.row_of, points, twist, self.mean)
 
     def with_estimate(self, mean: Array, cov: Array) -> "Timing":
         """Return the knowledge with delay and readout N(`mean` (2,), `cov` (2, 2)), as an estimator has found them.

@@ -68,12 +68,6 @@ class Tracks:
             rows = rows.nonzero()[0]  # once, not once per column
         return Tracks(*(rows_of(getattr(self, name), rows) for name in _COLUMNS))
 
-    @property
-    def of_core(self) -> tuple[Array, Array, Array, Array, Array, Array, NDArray[np.int64]]:
-        """The tracks as the compiled core takes them."""
-        of_points = self.points, self.var_rho, self.cov_left_px
-        return *of_points, self.anchor_from_start, self.anchor_velocity_px_s, self.slopes, self.scale
-
     def drift_px(self, cam_from_previous: Array, radius_px: int) -> Array:
         """Standard deviation (n,) px of how far templates slid since the last frame, eq. (17).
 
@@ -118,9 +112,7 @@ class Tracks:
 
         1/Z by a scalar Kalman update where the right side is seen, after its variance has grown by `forgetting`.
         """
-        points, var_rho, cov_left_px = core.update_depths(
-            p.pinholes, self.of_core, cam_from_previous, z_px, cov_px, forgetting
-        )
+        points, var_rho, cov_left_px = core.update_depths(p, self, cam_from_previous, z_px, cov_px, forgetting)
         return replace(self, cov_left_px=cov_left_px, points=points, var_rho=var_rho)
 
     def begun_with(self, projection: StereoProjection, twist: Array) -> "Tracks":
@@ -130,7 +122,7 @@ class Tracks:
     def shifted(self, projection: StereoProjection, px: Array) -> "Tracks":
         """Points after their views are corrected by a further (n, 4) px; `left_px` stays what was last measured."""
         z_px = projection.project_homogeneous(self.points) - px
-        return replace(self, points=core.seen_points(projection.pinholes, z_px))
+        return replace(self, points=core.seen_points(projection, z_px))
 
     def placed(self, rays: Array, left_px: Array, cov_left_px: Array, rho: Array, var_rho: Array) -> "Tracks":
         """Points put on the rays (n, 2) at which they were seen, with inverse depths (n,) and their variances."""

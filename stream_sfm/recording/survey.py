@@ -65,8 +65,9 @@ def _scan(source: Source, damage: Damage) -> Survey:
             continue
         survey.start_ns = min(survey.start_ns or message.log_time_ns, message.log_time_ns)
         survey.end_ns = max(survey.end_ns, message.log_time_ns)
-        cameras, calibrations = len(survey.of_kind("image")), len(survey.of_kind("calibration"))
-        if damage.bytes_read > LIMITS.scanned_bytes and cameras > 1 and calibrations > 1:
+        if damage.bytes_read > LIMITS.scanned_bytes and all(
+            len(survey.of_kind(kind)) > 1 for kind in ("image", "calibration")
+        ):
             survey.whole = False
             break
     return survey

@@ -6,10 +6,12 @@ So they are decoded in order, whichever of them are wanted: a later `--start` se
 import heapq
 from collections.abc import Generator, Iterator
 from dataclasses import replace
+from itertools import islice
 
 from mcap.records import Attachment
 
 from ..errors import LogError
+from ..inputs import LIMITS
 from ..mcap_file.message import Contents, Damage, Message, Source
 from ..sources.profile import raw_channel, raw_message
 from ..sources.sides import is_camera
@@ -23,21 +25,23 @@ def with_videos(source: Source, survey: Survey) -> tuple[Source, Survey]:
     """The recording with its video topics as topics of images; as given where it has none.
 
     Videos also come as ROS's CompressedImage, which their first message tells. What is no H.264 or H.265 stays video.
+    Of very many topics the first ones are looked at, as each costs a reading.
     """
-    found = {}
-    for topic in survey.topics.values():
-        if topic.count != 0 and is_camera(topic.name) and (codec := _codec(source, topic)) is not None:
-            found[topic.name] = codec
+    asked = (t for t in survey.topics.values() if t.count != 0 and _may_be_video(t) and is_camera(t.name))
+    codecs = {topic.name: _codec(source, topic) for topic in islice(asked, LIMITS.compressed)}
+    found = {name: codec for name, codec in codecs.items() if codec is not None}
     if not found:
         return source, survey
     topics = {name: replace(t, kind="image") if name in found else t for name, t in survey.topics.items()}
     return _Decoded(source, found), replace(survey, topics=topics)
 
 
+def _may_be_video(topic: Topic) -> bool:
+    return topic.kind == "video" or (topic.kind == "image" and topic.schema.endswith("CompressedImage"))
+
+
 def _codec(source: Source, topic: Topic) -> str | None:
-    """Of a topic of video, by its first message: h264 or h265; None where it is none of them, or cannot be read."""
-    if topic.kind != "video" and not (topic.kind == "image" and topic.schema.endswith("CompressedImage")):
-        return None
+    """Of such a topic, by its first message: h264 or h265; None where it is none of them, or cannot be read."""
     try:
         first = next(decoded(source, [topic.name], MessageDecoder.image), None)
     except LogError:

@@ -60,8 +60,7 @@ class ImageFilesSource(Source):
         left, right = ({image.stamp_ns for image in side} for side in images)
         if not left & right:
             raise LogError(f"{path}: no left and right image have the same stamp: are they of one recording?")
-        if alone := len(left ^ right):
-            self.notes.append(f"{alone} images have no partner of the same stamp on the other side")
+        self.without_partner = len(left ^ right)  # images
         # one that is missing will be reported by its reading
         files = [image.path for side in images for image in side if os.path.isfile(image.path)]
         self.size_bytes = sum(map(os.path.getsize, files))

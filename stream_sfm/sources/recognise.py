@@ -21,10 +21,13 @@ _OTHER_FILES = (
     ((b"\x89PNG", b"\xff\xd8\xff"), "an image: give the folder of a recording, or import images into a log"),
     ((b"RRF",), "a Rerun recording: give the log that it was made from"),
     ((b"\x28\xb5\x2f\xfd",), "compressed with zstd: decompress it with `zstd -d`"),
+    ((b"PK\x03\x04", b"\x1f\x8b", b"7z\xbc\xaf"), "an archive: unpack it and give the folder or the file in it"),
 )
 _BAG_METADATA = "metadata.yaml"  # by which the folder of a ROS 2 bag is known
 _WITHOUT_STAMPS = ("image files", "TartanAir")  # formats
 _RESULT = "estimates.mcap"  # of a run
+_LEVELS = 3  # of folders in which a recording is looked for: dataset/sequences/00
+_MOST_ENTRIES = 200  # of one folder that are looked at
 SUFFIXES = (".mcap", ".bag", ".db3")
 SUPPORTED = (
     "an MCAP file, a ROS 1 or ROS 2 bag, a KITTI, EuRoC, TUM-VI or TartanAir recording, images or videos of left "
@@ -87,7 +90,7 @@ def _open_file(path: Path) -> Source:
         return LogFile(path)
     for magics, kind in _OTHER_FILES:
         if start.startswith(magics):
-            raise LogError(f"{path} is {kind}", hint=("import_images",))
+            raise LogError(f"{path} is {kind}", hint=("import_images",) if kind.startswith("an image") else ())
     if start.startswith(b"\x1aE\xdf\xa3") or start[4:8] == b"ftyp" or start[8:12] == b"AVI ":  # Matroska, MP4, AVI
         from .video import VideoSource
 
@@ -95,6 +98,17 @@ def _open_file(path: Path) -> Source:
     if not start:
         raise LogError(f"{path} is empty (0 bytes): nothing was recorded")
     raise LogError(f"{path} is not a recording ({SUPPORTED}); its first bytes are {start[:8]!r}")
+
+
+def _recordings_in(folder: Path, deep: int = _LEVELS) -> list[Path]:
+    """The recordings in a folder, or, where there is none, in those below: a data set as it was unpacked."""
+    entries = list[Path]()
+    with suppress(OSError):
+        entries = [p for p in sorted(folder.iterdir())[:_MOST_ENTRIES] if not p.name.startswith(".")]
+    found = [p for p in entries if is_recording(p)]
+    if not found and deep > 1:
+        found = [p for e in entries if e.is_dir() and not e.is_symlink() for p in _recordings_in(e, deep - 1)]
+    return found
 
 
 def _open_folder(path: Path, calibrated: bool = False, rate_hz: float | None = None) -> Source:
@@ -109,12 +123,13 @@ def _open_folder(path: Path, calibrated: bool = False, rate_hz: float | None = N
             return found
         if bag_files(path):
             return open_rosbag2(path)
-    inside: list[str] = []
-    with suppress(OSError):
-        inside = [str(p) for p in sorted(path.iterdir()) if not p.name.startswith(".") and is_recording(p)]
+    inside = _recordings_in(path)
+    if len(inside) == 1:
+        return open_source(inside[0], calibrated, rate_hz)
     if inside:
         raise LogError(
-            f"{path} holds several recordings or other files: give one of {some_of(inside)}", hint=("replay_batch",)
+            f"{path} holds several recordings: give one of {some_of(list(map(str, inside)))}",
+            hint=("replay_batch",),
         )
     listed = [f"{folder} ({count})" for folder, count in islice(image_folders(path), LISTED)]
     images = f"; there are images in {some_of(listed)}, of which no names tell left from right" if listed else ""

@@ -57,7 +57,7 @@ def test_the_effect_of_a_small_turn_is_that_of_a_rotated_camera() -> None:
     p = scattered_points(np.random.default_rng(1), N)
     still = right_view(p, NONE)
     numerical = np.stack([(right_view(p, 1e-5 * e) - right_view(p, -1e-5 * e)) / 2e-5 for e in np.eye(3)], axis=2)
-    assert np.abs(core.effects_of_turn(P.pinholes, still) - numerical).max() < 1e-5 * P.f_px
+    assert np.abs(core.effects_of_turn(P, still) - numerical).max() < 1e-5 * P.f_px
 
 
 def test_a_turn_is_part_of_the_calibrations_error() -> None:
