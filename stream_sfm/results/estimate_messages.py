@@ -51,7 +51,7 @@ class RosMessages:
         }
 
     def of(self, estimate: FrameEstimate) -> Stamped:
-        """Yield topic and message of all that an estimate holds; the first time, also the camera's pose on the robot."""
+        """Yield topic and message of all that an estimate holds; at first also the camera's pose on the robot."""
         stamp, frames, e = estimate.stamp_ns, self._frames, estimate
         if self._odometry is None and frames.base_from_cam is not None:
             mounting = ros.header(stamp, frames.moving), frames.camera, ros.pose_of(frames.base_from_cam)
@@ -70,7 +70,7 @@ class RosMessages:
         return ros.encode(message)
 
     def world_from_cam(self, pose: Array) -> Array:
-        """Return the pose of the camera (4, 4), as `Engine.reset` takes it, from ROS's pose of the robot or the camera."""
+        """Return the pose of the camera (4, 4), as `Engine.reset` takes it, from a ROS pose of robot or camera."""
         return self._frames.pose_of_camera(pose)
 
     @property
