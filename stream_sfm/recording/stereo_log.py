@@ -346,7 +346,7 @@ class StereoLog:
         return self._source.left_out
 
     def close(self) -> None:
-        """Give a camera back, and finish what it is recorded in; of a file nothing is open."""
+        """Release a camera and finish its recording; a file needs no closing."""
         self._source.close()
 
     def use_ground_truth(self, truth: str | Path | GroundTruthFile | Trajectory) -> None:
