@@ -14,22 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from ..config import RobustConfig
 from ..record import filled, record
-from .point_views import PointViews
+from .point_views import ROBUST, PointViews
 from .se3 import Array
 
 MIN_VIEWS = 6  # twelve coordinates at least, twice the unknowns, even where every view lacks its right side
 MANY_VIEWS = 2 * MIN_VIEWS  # fewer agree by chance
-# The global search costs a few ms: it is made where less of the weight than this agrees with the motion found. Calm
-# frames of the sample logs accept more than 0.85. (Where all squared residuals are twice too large 0.94 are accepted,
-# where they are four times too large 0.67.)
-CALM_SHARE = 0.8
-# A second motion makes the first one ambiguous from this share of the evidence of the first one on. Bodies that
-# pass in a room have up to 0.05 of it on the sample logs, and up to 0.09 where they are there before anything has a
-# history.
-_AMBIGUOUS_SHARE = 0.1
-BEYOND = 2.0  # gates: views that are clearly not of the first motion
-MIN_SECOND_VIEWS = 8  # two determine a motion; six more do not agree with it by chance
+_NONE = sys.maxsize  # views of a second motion, where none is looked for
 
 
 class Rules(NamedTuple):
@@ -40,15 +32,18 @@ class Rules(NamedTuple):
     `start_is_decided`: no motion of other views is looked for.
     """
 
-    calm_share: float = CALM_SHARE
-    beyond: float = BEYOND
-    second_views: int = MIN_SECOND_VIEWS
-    ambiguous_share: float = _AMBIGUOUS_SHARE
+    calm_share: float
+    beyond: float
+    second_views: int
+    ambiguous_share: float
     start_is_close: bool = False
     start_is_decided: bool = False
 
-
-NO_SECOND = sys.maxsize  # views of a second motion, where none is looked for
+    @classmethod
+    def of(cls, settings: RobustConfig, find_second: bool = True) -> "Rules":
+        """Return the rules of the settings; `find_second`: whether a second motion is looked for."""
+        second_views = settings.second_views if find_second else _NONE
+        return cls(settings.calm_share, settings.beyond_gates, second_views, settings.ambiguous_share)
 
 
 @record
@@ -73,7 +68,8 @@ class Resection:
     `dof` of the accepted views; `spread`: median squared residual of the views that may belong to the motion over its
     expected value, at least 1; `ok`: enough accepted views, and they determine the motion. `squared_residuals` (n,): of
     all views, whitened. `share`: of the weight that the accepted views have; `second`: what others agree on.
-    `amplitudes` (j,) of the shared errors, with `cov_amplitudes` (j, j).
+    `amplitudes` (j,) of the shared errors, with `cov_amplitudes` (j, j). `ambiguous_share`: odds from which the second
+    motion makes the first one ambiguous.
     """
 
     cam_from_ref: Array
@@ -88,11 +84,12 @@ class Resection:
     amplitudes: Array = field(default_factory=lambda: np.zeros(0))
     cov_amplitudes: Array = field(default_factory=lambda: np.zeros((0, 0)))
     second: SecondMotion | None = None
+    ambiguous_share: float = ROBUST.ambiguous_share
 
     @property
     def ambiguous(self) -> SecondMotion | None:
         """The second motion where the views cannot tell which of the two is that of the background."""
-        return self.second if self.second and self.second.odds >= _AMBIGUOUS_SHARE else None
+        return self.second if self.second and self.second.odds >= self.ambiguous_share else None
 
 
 def resect(
@@ -112,16 +109,20 @@ def resect(
     theirs, each view within its noise, halves of the views disagree, and the motion is sought again. `find_second`:
     whether a second motion is looked for; `start_is_close`, `start_is_decided`: as in `Rules`.
     """
-    n, second_views = len(views), MIN_SECOND_VIEWS if find_second else NO_SECOND
-    rules = Rules(second_views=second_views, start_is_close=start_is_close, start_is_decided=start_is_decided)
+    n, settings = len(views), views.settings
+    rules = Rules.of(settings, find_second)._replace(
+        start_is_close=start_is_close, start_is_decided=start_is_decided
+    )
     if n < MIN_VIEWS:
         unknown = np.full((6, 6), np.inf)
         return Resection(cam_from_ref_start, unknown, np.zeros(n, bool), 0.0, 0, 1.0, False, np.full(n, np.inf))
     weights = np.ones(n) if weights is None else weights
     found, second = core.resect(views, cam_from_ref_start, weights, rules, predicted)
-    return filled(Resection, found, second=None if second is None else filled(SecondMotion, second))
+    other = None if second is None else filled(SecondMotion, second)
+    return filled(Resection, found, second=other, ambiguous_share=settings.ambiguous_share)
 
 
 def refine(views: PointViews, weights: Array, cam_from_ref: Array, amplitudes: Array) -> Resection:
     """Find the motion of the views that agree with one (4, 4), which is close to theirs, eq. (23)."""
-    return filled(Resection, core.fit_motion(views, cam_from_ref, amplitudes, weights, False))  # without annealing
+    found = core.fit_motion(views, cam_from_ref, amplitudes, weights, False)  # without annealing
+    return filled(Resection, found, ambiguous_share=views.settings.ambiguous_share)

@@ -7,6 +7,7 @@ from types import SimpleNamespace as Record
 import numpy as np
 
 from stream_sfm import core
+from stream_sfm.config import RobustConfig
 from stream_sfm.geometry.resection import Rules
 
 RNG = np.random.default_rng(0)
@@ -38,7 +39,7 @@ TEMPLATES = Record(
     config=Record(window_radius_px=4, max_realignment_px=3.0, max_photometric_error=20.0),
     noise=Record(shared_pixels=4.0, factor=1.0),
 )
-RULES = Rules(second_views=4)
+RULES = Rules.of(RobustConfig(second_views=4))
 TRACKS = Record(
     points=POINTS,
     var_rho=np.ones(N),
