@@ -6,7 +6,6 @@ Gaussian noise. Where too few views agree with what a start led to, the whole sp
 (`core/search.cpp`), and it is looked whether the views that disagree have another motion in common.
 """
 
-import sys
 from dataclasses import field
 from typing import NamedTuple
 
@@ -14,36 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config import RobustConfig
 from ..record import filled, record
 from .point_views import ROBUST, PointViews
 from .se3 import Array
 
 MIN_VIEWS = 6  # twelve coordinates at least, twice the unknowns, even where every view lacks its right side
 MANY_VIEWS = 2 * MIN_VIEWS  # fewer agree by chance
-_NONE = sys.maxsize  # views of a second motion, where none is looked for
 
 
-class Rules(NamedTuple):
-    """When a resection searches everywhere, and which second motions it finds.
+class Wanted(NamedTuple):
+    """Whether a `second` motion is looked for, and what is known of the start."""
 
-    `second_views`: how many views make a second motion. `start_is_close`: the start is already a motion that most of
-    the views agree on, the best of any; where nearly all of them do, neither another start nor annealing is needed.
-    `start_is_decided`: no motion of other views is looked for.
-    """
-
-    calm_share: float
-    beyond: float
-    second_views: int
-    ambiguous_share: float
-    start_is_close: bool = False
-    start_is_decided: bool = False
-
-    @classmethod
-    def of(cls, settings: RobustConfig, find_second: bool = True) -> "Rules":
-        """Return the rules of the settings; `find_second`: whether a second motion is looked for."""
-        second_views = settings.second_views if find_second else _NONE
-        return cls(settings.calm_share, settings.beyond_gates, second_views, settings.ambiguous_share)
+    second: bool
+    start_is_close: bool
+    start_is_decided: bool
 
 
 @record
@@ -107,17 +90,17 @@ def resect(
     vote for different motions (None: all the same); among the views of one motion only their noise counts. With a
     `predicted` motion (4, 4), that of one rigid scene: where a body and the background agree with a motion between
     theirs, each view within its noise, halves of the views disagree, and the motion is sought again. `find_second`:
-    whether a second motion is looked for; `start_is_close`, `start_is_decided`: as in `Rules`.
+    whether a second motion is looked for. `start_is_close`: the start is already a motion that most of the views agree
+    on, the best of any; where nearly all of them do, neither another start nor annealing is needed.
+    `start_is_decided`: no motion of other views is looked for.
     """
     n, settings = len(views), views.settings
-    rules = Rules.of(settings, find_second)._replace(
-        start_is_close=start_is_close, start_is_decided=start_is_decided
-    )
     if n < MIN_VIEWS:
         unknown = np.full((6, 6), np.inf)
         return Resection(cam_from_ref_start, unknown, np.zeros(n, bool), 0.0, 0, 1.0, False, np.full(n, np.inf))
     weights = np.ones(n) if weights is None else weights
-    found, second = core.resect(views, cam_from_ref_start, weights, rules, predicted)
+    wanted = Wanted(find_second, start_is_close, start_is_decided)
+    found, second = core.resect(views, cam_from_ref_start, weights, settings, wanted, predicted)
     other = None if second is None else filled(SecondMotion, second)
     return filled(Resection, found, second=other, ambiguous_share=settings.ambiguous_share)
 
