@@ -47,7 +47,11 @@ def test_a_number_has_two_ends_and_none_beyond_them_is_accepted(name: str) -> No
     assert least is not None and most is not None and math.isfinite(least) and math.isfinite(most)
     for end in (least, most):
         config_with(name, end)
-    beyond = [least - 1, most + 1] if number is int else [math.nextafter(least, -1e9), math.nextafter(most, 1e9)]
+    beyond = (
+        [least - 1, most + 1]
+        if number is int
+        else [math.nextafter(least, -math.inf), math.nextafter(most, math.inf)]
+    )
     for value in (*beyond, math.inf, -math.inf, math.nan, *([TINY] if least > 0 else [])):
         with pytest.raises(sfm.ConfigError, match="give"):
             config_with(name, value)

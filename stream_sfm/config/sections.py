@@ -121,9 +121,9 @@ class RigConfig(Section, frozen=True, kw_only=True):
     # Of five real rigs one is off by 6 to 15 px in the corner, where no point is, the others by up to 5.
     std_lens_px: Annotated[float, expert("σ of each error that both lenses share, in the corner", 1e-3, 50)] = 5.0
     # Of five real rigs three differ by 0.4 to 1.2 px.
-    std_lens_difference_px: Annotated[float, expert("σ of the radial difference of the lenses there", 1e-3, 50)] = (
-        0.5
-    )
+    std_lens_difference_px: Annotated[
+        float, expert("σ of the radial difference of the two lenses, in the corner", 1e-3, 50)
+    ] = 0.5
     # Kalibr and OpenCV give a tenth of that on good recordings; autofocus, heat and a wrong resolution do more.
     std_focal: Annotated[float, number("σ of the focal length's error, fraction of it", 1e-6, 0.1)] = 0.003
     # Cameras that are triggered by software are a few milliseconds apart.
@@ -169,7 +169,9 @@ class ImuConfig(Section, frozen=True, kw_only=True):
 class RosConfig(Section, frozen=True, kw_only=True):
     """Frames and axes in `estimates.mcap`, as ROS names them; nothing else depends on these."""
 
-    world_frame: Annotated[str, Meta(description="the fixed frame that corrections move; map in REP 105")] = "map"
+    world_frame: Annotated[
+        str, Meta(description="the fixed frame in which corrections make the path jump; map in REP 105")
+    ] = "map"
     odom_frame: Annotated[str, Meta(description="the fixed frame in which the path never jumps")] = "odom"
     base_frame: Annotated[
         str,
@@ -185,12 +187,18 @@ class RosConfig(Section, frozen=True, kw_only=True):
             "otherwise the axes of the first camera"
         ),
     ] = False
-    camera_x_m: Annotated[float, number("the camera in base_frame: forward, metres", -1e3, 1e3)] = 0.0
+    camera_x_m: Annotated[float, number("position of the camera in base_frame: forward, metres", -1e3, 1e3)] = 0.0
     camera_y_m: Annotated[float, number("to the left, metres", -1e3, 1e3)] = 0.0
     camera_z_m: Annotated[float, number("upwards, metres", -1e3, 1e3)] = 0.0
-    camera_roll_deg: Annotated[float, number("about x, 0 where the camera is upright, degrees", -360, 360)] = 0.0
-    camera_pitch_deg: Annotated[float, number("about y, then, positive looking down, degrees", -360, 360)] = 0.0
-    camera_yaw_deg: Annotated[float, number("about z, last, 0 where it looks along x, degrees", -360, 360)] = 0.0
+    camera_roll_deg: Annotated[
+        float, number("roll, applied first, about x; 0 where the camera is upright; degrees", -360, 360)
+    ] = 0.0
+    camera_pitch_deg: Annotated[
+        float, number("pitch, applied second, about y; positive where it looks down; degrees", -360, 360)
+    ] = 0.0
+    camera_yaw_deg: Annotated[
+        float, number("yaw, applied last, about z; 0 where it looks along x; degrees", -360, 360)
+    ] = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()

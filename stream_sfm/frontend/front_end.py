@@ -35,7 +35,7 @@ from .template_errors import TemplateErrors, turn_of_slides
 from .timing import Timing
 from .tracker import follow
 
-_JUMPED = "all of the view has changed at once: were images held back, or is this another place?"
+_JUMPED = "the whole view has changed at once: were images held back, or is this another place?"
 _HIDDEN = "background occluded: the remaining tracks are on moving objects"
 
 
