@@ -68,8 +68,8 @@ def _found(step: Step, aligners: Aligners, tracks: Tracks) -> Iterator[RoughMoti
             else:
                 by_flow = track_wide(aligner, flow, previous, step.images, before_px, near_px)
             at_px[rows], found[rows] = by_flow
-        seen = tracks, tracks.weights(step.setup.rules.motion), at_px, found
-        ok, motion, agree, share = core.motion_of_flow(projection, *seen, start, flow.std_px, gate, rules)
+        seen = tracks.weights(step.setup.rules.motion), at_px, found
+        ok, motion, agree, share = core.motion_of_flow(projection, tracks, *seen, start, flow.std_px, gate, rules)
         if ok:
             yield RoughMotion(motion, at_px, agree, share)
 

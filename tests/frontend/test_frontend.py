@@ -66,7 +66,7 @@ def test_new_points_are_matched_on_slanted_surfaces(slope: tuple[float, float]) 
     rows = Rows.unknown(p, Config())
     rows.mean[0] = 0.5  # px by which the rows are off, as far as one knows
     near = RightSides(rows, np.zeros(3), np.zeros(6)), corners, slots
-    config = FrontendConfig(window_radius_px=radius_px)
+    config = Config(frontend=FrontendConfig(window_radius_px=radius_px))
     kind, tolerances = TemplateAligner.empty(config, np.ones((160, 240), bool)), (2.0, 4.0, 0.5)
     found, z_px, _, slopes, _ = match_new_points(left, right, stored, kind, *near, disparity_px, *tolerances)
     assert len(found) > 0.9 * len(corners)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.config import Config, RigConfig
+from stream_sfm.config import Config, RigConfig, RowRules, Rules
 from stream_sfm.frontend import rows as rows_of
 from stream_sfm.frontend.rows import Rows, row_terms
 from stream_sfm.frontend.timing import Timing
@@ -75,10 +75,9 @@ NO_FIELD = np.zeros(field_over(P.width, P.height).size)
 def test_the_filter_is_a_dense_gaussian(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without robust weights and steps it is least squares over all matches at once."""
     monkeypatch.setattr(rows_of, "CAUCHY_WIDTH", 1e9)
-    monkeypatch.setattr(rows_of, "_STEP_PX", 0.0)
     monkeypatch.setattr(Rows, "_likely_field_std_px", lambda self, *_: self.field_std_px)
     rng = np.random.default_rng(1)
-    prior = Rows.unknown(P, Config())
+    prior = Rows.unknown(P, Config(rules=Rules(rows=RowRules(step_px=0.0))))
     at, speed = places(rng, 60), 30 * rng.normal(size=60)
     seen = smooth(at) + STD_PX * rng.normal(size=60)
     rows = prior.learnt(at, seen, speed)
@@ -161,7 +160,9 @@ def test_a_late_camera_is_not_taken_for_rows_that_are_off(delay_s: float) -> Non
     information, weighted = rows.delay  # what matches alone say; a share of it may be an error of the velocities
     prior = Config().rig.std_delay_s ** -2.0
     assert weighted / information == pytest.approx(mean * (1 + prior * std**2), rel=0.01, abs=0.1 * std)
-    assert information == pytest.approx(1 / (1 / (std**-2 - prior) + (rows_of._SPEED_ERROR * mean) ** 2), rel=1e-6)
+    assert information == pytest.approx(
+        1 / (1 / (std**-2 - prior) + (Config().rules.rows.speed_error * mean) ** 2), rel=1e-6
+    )
 
 
 def test_a_delay_that_is_told_counts_as_known() -> None:
