@@ -6,9 +6,12 @@ the same, so left and right fit each other. What gives it away is a second pictu
 same pixels a frame before. A patch I is compared with the patch T of the same point some frames earlier, and with what
 was at its place in the last image, P. Light, misplacement, warp and blur of T explain most of I: they are 1, T, its
 first derivatives, these times x and y, and its second derivatives. What they leave of I, r_I, is regressed on what they
-leave of P, r_P: over all patches, share = Σ r_I·r_P / Σ r_P², which is a where T has no ghost of its own, less where it
-has a similar one, and zero in all other images, whose noise at two moments is independent.
+leave of P, r_P: over all patches, share = Σ r_I·(r_P − r_O) / Σ r_P², which is a where T has no ghost of its own, less
+where it has a similar one, and zero in all other images, whose noise at two moments is independent. O is what lies on
+the other side of the point in the last image: what a fast approach changes of a patch is as much like O as like P.
 """
+
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -24,7 +27,9 @@ _PATCHES = 64  # of a frame; each costs some 20 µs
 _LEAST_PX = 1.5  # of motion between two frames, below which what was there is nearly the patch itself
 _FEWEST = 5  # patches
 _NOISE_GREY2 = 1.0  # variance of what is left of a patch at least: rounding, smoothed
-_REMEMBERED = 40  # frames: so long a suspicion lasts without new evidence
+_REMEMBERED = 40  # frames that are judged together
+# Frames that a suspicion lasts without new evidence, which there is none of while the camera stands or moves steadily.
+_LASTS = 100
 # Sample logs, real and rendered, never have a share above zero by more than 4 σ.
 _LEAST_SHARE, _LEAST_SIGNIFICANCE = 0.008, 6.0
 
@@ -50,10 +55,11 @@ class _View:
 @record
 class GhostCheck:
     """What the frames so far have shown: the latest views, and `sums` (k, 5) of the latest frames: over all patches, of
-    p = r_I·r_P, s = r_P², p², p s and s²."""
+    p = r_I·(r_P − r_O), s = r_P², p², p s and s². `lasts`: for how many frames a ghost is still suspected."""
 
     views: tuple[_View, ...] = ()
     sums: tuple[Array, ...] = ()
+    lasts: int = 0
 
     @property
     def share(self) -> tuple[float, float]:
@@ -68,8 +74,7 @@ class GhostCheck:
     @property
     def problem(self) -> str:
         """Say that earlier images show through; or nothing."""
-        share, significance = self.share
-        if share < _LEAST_SHARE or significance < _LEAST_SIGNIFICANCE:
+        if not self.lasts:
             return ""
         return (
             "earlier images show through: is noise reduction over time on in the cameras, or were frames blended? "
@@ -79,11 +84,14 @@ class GhostCheck:
     def after(self, image: Image, ids: NDArray[np.int64], left_px: Array) -> "GhostCheck":
         """Return the check after a frame, its smoothed left image (h, w) and where its tracks are in it."""
         views = (*self.views, _View(image, ids, left_px))[-_BACK - 1 :]
-        return GhostCheck(views, (*self.sums, _sums(views))[-_REMEMBERED:])
+        check = GhostCheck(views, (*self.sums, _sums(views))[-_REMEMBERED:])
+        share, significance = check.share
+        shown = share > _LEAST_SHARE and significance > _LEAST_SIGNIFICANCE
+        return replace(check, lasts=_LASTS if shown else max(0, self.lasts - 1))
 
     def interrupted(self) -> "GhostCheck":
         """Return the check after a frame that could not be followed."""
-        return GhostCheck((), self.sums)
+        return replace(self, views=())
 
 
 def _sums(views: tuple[_View, ...]) -> Array:
@@ -94,19 +102,23 @@ def _sums(views: tuple[_View, ...]) -> Array:
     then_px, last_px = first.of(now.ids), before.of(now.ids)
     limit = np.array(now.image.shape[::-1]) - _RADIUS_PX - 3
     usable = np.linalg.norm(now.left_px - last_px, axis=1) > _LEAST_PX
-    for px in (then_px, now.left_px):
+    for px in (then_px, now.left_px, 2 * last_px - now.left_px):
         usable &= ((px > _RADIUS_PX + 2) & (px < limit)).all(axis=1)
     rows = usable.nonzero()[0]
     if len(rows) < _FEWEST:
         return _NOTHING
     rows = rows[:: -(-len(rows) // _PATCHES)]
     explained = _explained(_patches(first.image, then_px[rows]))
-    seen, there = (
-        _unexplained(_patches(image, now.left_px[rows])[:, 1:-1, 1:-1], explained)
-        for image in (now.image, before.image)
+    seen, there, opposite = (
+        _unexplained(_patches(image, px[rows])[:, 1:-1, 1:-1], explained)
+        for image, px in (
+            (now.image, now.left_px),
+            (before.image, now.left_px),
+            (before.image, 2 * last_px - now.left_px),
+        )
     )
     weights = 1 / ((seen**2).mean(axis=1) + _NOISE_GREY2)
-    p, s = weights * (seen * there).sum(axis=1), weights * (there**2).sum(axis=1)
+    p, s = weights * (seen * (there - opposite)).sum(axis=1), weights * (there**2).sum(axis=1)
     return np.array([p.sum(), s.sum(), (p * p).sum(), (p * s).sum(), (s * s).sum()])
 
 

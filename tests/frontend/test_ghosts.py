@@ -54,7 +54,7 @@ def test_without_one_the_share_is_zero_by_its_own_sigma(accelerates: bool) -> No
 
 def test_a_suspicion_ends() -> None:
     check = checked(0.4)
-    for _ in range(60):  # of a camera that stands
+    for _ in range(150):  # of a camera that stands
         check = check.after(check.views[-1].image, check.views[-1].ids, check.views[-1].left_px)
     assert not check.problem
 
