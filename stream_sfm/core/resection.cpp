@@ -41,7 +41,7 @@ class Resection {
         Fitted found = fit(start, amplitudes, true);
         if (found.share >= rules.calm_share) return found;
         // no annealing: among many views that move together even small weights would lead away from what is found
-        Array<double, 2> searched = search_motion(views, start, votes, rules.size, 0);
+        Array<double, 2> searched = search_motion(views, start, votes, 0);
         Fitted other = fit(searched, amplitudes, false);
         return other.ok && support(other) > support(found) ? std::move(other) : std::move(found);
     }
@@ -107,16 +107,16 @@ class Resection {
         double agree = 0, all = 0, width = std::min(found.spread, CALM_SPREAD);
         for (std::size_t i = 0; i < n; i++) {
             all += votes.data[i];
-            if (found.squares.data[i] < width * views.gate.data[i]) agree += votes.data[i];
+            if (found.squared_residuals.data[i] < width * views.gate.data[i]) agree += votes.data[i];
         }
         return agree >= rules.calm_share * all;
     }
 
     double support(const Fitted& of) const {
-        return motion_support(views, of.cam_from_ref, of.amplitudes, votes, rules.size);
+        return motion_support(views, of.cam_from_ref, of.amplitudes, votes);
     }
 
-    bool is_beyond(const Fitted& of, std::size_t i) const { return of.squares.data[i] > rules.beyond * views.gate.data[i]; }
+    bool is_beyond(const Fitted& of, std::size_t i) const { return of.squared_residuals.data[i] > rules.beyond * views.gate.data[i]; }
 
     // The motion that most of these views agree with, without the errors that all share.
     Array<double, 2> search_among(const std::vector<std::size_t>& rows, const Fitted& found) const {
@@ -125,13 +125,13 @@ class Resection {
         for (std::size_t i = 0; i < 4 * rows.size(); i++)
             for (std::size_t k = 0; k < amplitudes; k++) seen.z.data[i] -= seen.shared.data[i * amplitudes + k] * found.amplitudes.data[k];
         seen.shared = Array<double, 3>(rows.size(), 4, 0);
-        return search_motion(seen.views(), found.cam_from_ref, rows_of(votes, rows), rules.size, rules.second_views);
+        return search_motion(seen.views(), found.cam_from_ref, rows_of(votes, rows), rules.second_views);
     }
 
     double evidence_of(const Array<bool, 1>& rows) const {
         Array<double, 1> weights(n);
         for (std::size_t i = 0; i < n; i++) weights.data[i] = rows.data[i] ? votes.data[i] : 0.0;
-        return evidence(views.pinholes, views.z, weights, rules.size);
+        return evidence(views.projection, views.z_px, weights);
     }
 
     const PointViews& views;
@@ -162,7 +162,7 @@ FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, Ve
     require_shape(tracks.scale, {n}, "scale");
     require_shape(start, {4, 4}, "cam_from_previous");
     FlowMotion result{false, {4, 4}, {n}, 0.0};
-    Array<double, 3> cov_points = track_covariances(tracks.cov_left, tracks.var_rho, {nullptr, {0}}, pinholes.f, pinholes.baseline);
+    Array<double, 3> cov_points = track_covariances(tracks.cov_left_px, tracks.var_rho, {nullptr, {0}}, pinholes.f_px, pinholes.baseline_m);
     Array<double, 3> cov(n, 4, 4), none(n, 4, 0);
     Array<double, 2> z(n, 4);
     Array<double, 1> gates(n);

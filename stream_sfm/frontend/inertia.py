@@ -13,9 +13,6 @@ from ..geometry.resection import BEYOND, MANY_VIEWS, MIN_SECOND_VIEWS, MIN_VIEWS
 from .seen import Seen
 from .state import FrontEndState
 from .step import Step
-from .tracks import FULL_HISTORY
-
-_AS_MANY = 0.9  # of the old tracks that agree with what jumps: so many agree by noise with either
 
 
 def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
@@ -31,7 +28,7 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
     views, old = seen.point_views, seen.before.agreed > 0
     near = refine(views, seen.weights, step.predicted, np.zeros(views.shared.shape[2]))
     agree, agreed = (int(np.count_nonzero(m.accepted & old)) for m in (near, motion))
-    if not near.ok or agree < max(MIN_SECOND_VIEWS, _AS_MANY * agreed):
+    if not near.ok or agree < max(MIN_SECOND_VIEWS, step.setup.rules.motion.as_many * agreed):
         return motion
     only_other = motion.accepted & (near.squared_residuals > BEYOND * views.gate)
     if np.count_nonzero(only_other) < MIN_SECOND_VIEWS:  # few views tell the two apart
@@ -44,7 +41,7 @@ def without_newcomer(step: Step, state: FrontEndState, seen: Seen, motion: Resec
 
     That is: many old tracks agree with the first motion only, and hardly any with the second one.
     """
-    second, old = motion.ambiguous, seen.before.agreed >= FULL_HISTORY
+    second, old = motion.ambiguous, seen.before.agreed >= step.setup.rules.motion.full_history
     if second is None or not state.start.is_over or state.ambiguity.frames_left > 0:
         return motion
     jump, other_jumps = (step.jumps(m, step.std_change) for m in (motion.cam_from_ref, second.cam_from_ref))

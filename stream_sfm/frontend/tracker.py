@@ -36,9 +36,6 @@ OF_MOTION: tuple[Callable[[Step, FrontEndState, Seen, Resection], Resection], ..
     without_newcomer,  # a body that comes into view is not in question
     nearer,  # the motion that inertial samples allow
 )
-# Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a
-# sudden blur of 5 px 14 of 196 did, with a motion that was off by 7 cm.
-_MIN_AGREEMENT = 0.15
 
 
 def follow(
@@ -84,7 +81,8 @@ def _agreed_motion(
     motion = resect(seen.point_views, start, seen.weights, step.predicted)
     for policy in OF_MOTION:
         motion = policy(step, state, seen, motion)
-    agree = motion.ok and seen.weights[motion.accepted].sum() >= _MIN_AGREEMENT * seen.weight
+    least = step.setup.rules.motion.min_agreement * seen.weight
+    agree = motion.ok and seen.weights[motion.accepted].sum() >= least
     hidden = is_background_hidden(step, state, seen, motion)
     state = replace(state, background_hidden=hidden or (state.background_hidden and not agree))
     return state, motion if agree and not hidden else None

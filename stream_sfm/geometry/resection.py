@@ -8,17 +8,15 @@ Gaussian noise. Where too few views agree with what a start led to, the whole sp
 
 import sys
 from dataclasses import field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..record import record
+from ..record import filled, record
 from .point_views import PointViews
 from .se3 import Array
-from .stereo import StereoProjection
-
-Rules = tuple[tuple[float, float], float, float, int, float, bool, bool]  # as the compiled core takes them
 
 MIN_VIEWS = 6  # twelve coordinates at least, twice the unknowns, even where every view lacks its right side
 MANY_VIEWS = 2 * MIN_VIEWS  # fewer agree by chance
@@ -32,6 +30,25 @@ CALM_SHARE = 0.8
 _AMBIGUOUS_SHARE = 0.1
 BEYOND = 2.0  # gates: views that are clearly not of the first motion
 MIN_SECOND_VIEWS = 8  # two determine a motion; six more do not agree with it by chance
+
+
+class Rules(NamedTuple):
+    """When a resection searches everywhere, and which second motions it finds.
+
+    `second_views`: how many views make a second motion. `start_is_close`: the start is already a motion that most of
+    the views agree on, the best of any; where nearly all of them do, neither another start nor annealing is needed.
+    `start_is_decided`: no motion of other views is looked for.
+    """
+
+    calm_share: float = CALM_SHARE
+    beyond: float = BEYOND
+    second_views: int = MIN_SECOND_VIEWS
+    ambiguous_share: float = _AMBIGUOUS_SHARE
+    start_is_close: bool = False
+    start_is_decided: bool = False
+
+
+NO_SECOND = sys.maxsize  # views of a second motion, where none is looked for
 
 
 @record
@@ -92,34 +109,19 @@ def resect(
     Errors that the views share are estimated with it. `weights` (n,): how much each view counts where sets of views
     vote for different motions (None: all the same); among the views of one motion only their noise counts. With a
     `predicted` motion (4, 4), that of one rigid scene: where a body and the background agree with a motion between
-    theirs, each view within its noise, halves of the views disagree, and the motion is sought again. `find_second`,
-    `start_is_close`, `start_is_decided`: as in `rules_of`.
+    theirs, each view within its noise, halves of the views disagree, and the motion is sought again. `find_second`:
+    whether a second motion is looked for; `start_is_close`, `start_is_decided`: as in `Rules`.
     """
-    n, rules = len(views), rules_of(views.projection, find_second, start_is_close, start_is_decided)
+    n, second_views = len(views), MIN_SECOND_VIEWS if find_second else NO_SECOND
+    rules = Rules(second_views=second_views, start_is_close=start_is_close, start_is_decided=start_is_decided)
     if n < MIN_VIEWS:
         unknown = np.full((6, 6), np.inf)
         return Resection(cam_from_ref_start, unknown, np.zeros(n, bool), 0.0, 0, 1.0, False, np.full(n, np.inf))
     weights = np.ones(n) if weights is None else weights
-    found, second = core.resect(views.of_core, cam_from_ref_start, weights, rules, predicted)
-    return Resection(*found, None if second is None else SecondMotion(*second))
-
-
-def rules_of(
-    projection: StereoProjection,
-    find_second: bool = True,
-    start_is_close: bool = False,
-    start_is_decided: bool = False,
-) -> Rules:
-    """Return the rules of a resection as the compiled core takes them.
-
-    `find_second`: whether a second motion is looked for. `start_is_close`: the start is already a motion that most of
-    the views agree on, the best of any; where nearly all of them do, neither another start nor annealing is needed.
-    `start_is_decided`: no motion of other views is looked for.
-    """
-    size, second_views = (projection.width, projection.height), MIN_SECOND_VIEWS if find_second else sys.maxsize
-    return size, CALM_SHARE, BEYOND, second_views, _AMBIGUOUS_SHARE, start_is_close, start_is_decided
+    found, second = core.resect(views, cam_from_ref_start, weights, rules, predicted)
+    return filled(Resection, found, second=None if second is None else filled(SecondMotion, second))
 
 
 def refine(views: PointViews, weights: Array, cam_from_ref: Array, amplitudes: Array) -> Resection:
     """Find the motion of the views that agree with one (4, 4), which is close to theirs, eq. (23)."""
-    return Resection(*core.fit_motion(views.of_core, cam_from_ref, amplitudes, weights, False))  # without annealing
+    return filled(Resection, core.fit_motion(views, cam_from_ref, amplitudes, weights, False))  # without annealing

@@ -117,13 +117,13 @@ class PlaceMap:
 
     @property
     def loops(self) -> list[tuple[int, int]]:
-        """Stamps of the keyframes that this run's loops in use join: first the older one."""
+        """Stamps of the two keyframes of each of this run's loops in use, the older one first."""
         nodes, loops = self._nodes, self._graph.loops
         found = [loop for loop in loops if max(loop.old, loop.new) >= self._first]
         return [(nodes[loop.old].keyframe.stamp_ns, nodes[loop.new].keyframe.stamp_ns) for loop in found]
 
     def lines(self) -> tuple[Array, Array, NDArray[np.intp]]:
-        """What a picture shows: the ways of all keyframes before and after loops, each (n, 3) in metres, and the rows
+        """The lines of a picture: paths of all keyframes before and after loops, each (n, 3) in metres, and the rows
         (m, 2) that loops join; after `close`."""
         graph, (_, odom_from_cam, rows) = self._graph, self._own()
         after = graph.poses[:, :3, 3].copy()
@@ -132,7 +132,7 @@ class PlaceMap:
         return before, after, joined.reshape(-1, 2)
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
-        """Take the next frame: mostly nothing is to be done, and else the thread is given a keyframe."""
+        """Take the next frame; one that becomes a keyframe is handed to the map's thread."""
         if self.problem:
             return
         self._path_m += float(np.linalg.norm((se3.inverse(self._before) @ estimate.world_from_cam)[:3, 3]))

@@ -25,7 +25,6 @@ from ...types import Solution
 from .inertial_window import InertialWindow
 from .interval import Known
 from .inverse_depth import (
-    NormalBlocks,
     State,
     WhitenedViews,
     at_rest,
@@ -160,14 +159,14 @@ class Map:
         seen_later = core.times_among(self.ids, later.ids, later.used) > 0
         known = np.searchsorted(self.ids, prior.ids)
         in_reference = State(np.eye(4)[None], self.ids, self.ref_from_anchor, self.q, self.rig_error, own)
-        pinholes, seen = self.projection.pinholes, (views.of_core, views.stereo, views.var_drift)
+        seen = views, views.stereo, views.var_drift
         rows, stays, cov, anchors, q, blocks, new_ids, alone = core.leaving_views(
-            pinholes, in_reference, *seen, seen_later, known, prior.cov
+            self.projection, in_reference, *seen, seen_later, known, prior.cov
         )
         if len(rows) < len(known):
             prior = changed(prior, ids=prior.ids[rows], mean=prior.mean[rows], modes=rows_of(prior.modes, rows))
         prior = changed(prior, cov=cov).absorb_frame(
-            self.amplitudes, cam_from_ref, anchors, q, NormalBlocks(*blocks), stays, (new_ids, *alone), leaving
+            self.amplitudes, cam_from_ref, anchors, q, blocks, stays, (new_ids, *alone), leaving
         )
         prior = prior.truncate_modes()
         self.prior = self._refocused(changed(prior, rig=prior.rig.with_part()), frame)
@@ -342,7 +341,7 @@ class Map:
     def gate(self, probability: float) -> None:
         """Take the views that the joint minimum contradicts out of use, each by its own covariance."""
         gates = chi2_gate(2, probability), chi2_gate(4, probability)
-        used = core.views_within_gates(self.projection.pinholes, self.state(), self.views.of_core, *gates)
+        used = core.views_within_gates(self.projection, self.state(), self.views, *gates)
         self.rejections.add(self.views.ids[self.views.used & ~used])
         self.views = changed(self.views, used=used)
 
@@ -390,17 +389,15 @@ class Map:
         delay_s, std_s = timing[0][0], np.sqrt(timing[1][0, 0])
         if self.has_twist or abs(delay_s) > PROBABLE * std_s:
             self._begin_twist()
-            in_cam = core.seen_points(self.projection.pinholes, views.z_px)
+            in_cam = core.seen_points(self.projection, views.z_px)
             in_cam[rows] = moved
             in_cam[~np.isfinite(in_cam).all(axis=1)] = FAR  # the left side alone, which is not late
             cov_twist = self._twist_error.cov(std_acceleration, self._seconds)
             cov_twist = cov_twist + np.diag((_LEAST_TWIST * of_twist) ** 2)
             size_s = np.copysign(np.hypot(delay_s, std_s), delay_s)
-            own = twist_columns(self.projection.pinholes, views, in_cam, size_s, cov_twist)
+            own = twist_columns(self.projection, views, in_cam, size_s, cov_twist)
             views = changed(views, own=np.concatenate([views.own, own], axis=2))
-        of_timing = core.timing_unknowns(
-            *frame.rig.cameras, (points, before[0]), (moved, now[0]), *timing, of_twist
-        )
+        of_timing = core.timing_unknowns(*frame.rig.cameras, points, before[0], moved, now[0], *timing, of_twist)
         held = self.prior.rig.cov_held[DISPARITY, DISPARITY] + LEAST_VARIANCE * np.eye(DISPARITY.stop)
         of_disparity = frame.rig.by_disparity(points, cam_from_previous, views.z_px[rows]) @ np.linalg.cholesky(
             held
@@ -461,7 +458,7 @@ class Map:
         mean, cov = self._timing(rig)
         if self.has_twist:  # what it does by a delay is in the joint covariance
             mean, cov = mean * [0.0, 1.0], cov * np.outer([0.0, 1.0], [0.0, 1.0])
-        in_cam = core.points_of_views(self.state(), newest.of_core)
+        in_cam = core.points_of_views(self.state(), newest)
         cov_twist = self._twist_error.cov(std_acceleration, self._seconds)
         return core.cov_of_timed_pose(*rig.cameras, in_cam, np.sqrt(mean**2 + np.diag(cov)), cov_twist)
 

@@ -244,7 +244,7 @@ class CrossFrame:
             unknown_px,
         )
         if found is None:
-            raise LostError(f"no motion agrees with {robust.min_inliers} of the {len(rows)} tracked points")
+            raise LostError(f"no motion agrees with {robust.min_inliers} or more of the {len(rows)} tracked points")
         return found, views.ids[rows[~found.accepted]], views, corrected.z_px
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
