@@ -62,7 +62,8 @@ def _of_motions(current: Map) -> Array:
     Where they are ambiguous, these differences add up. Turns that patches feign which slide alike come and go within a
     window, so that over any of its spans they count as over one frame, eq. (17b); those that stay add up in the pose.
     """
-    together, apart, turns, covs = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6)), []
+    together, apart, turns = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
+    covs: list[Array] = []
     for frame, cam_from_ref in zip(reversed(current.frames), current.cams_from_ref[::-1], strict=True):
         moved = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(cam_from_ref))
         turned = frame.std_turn_rad * moved[:, 3:]
