@@ -67,8 +67,8 @@ def _of_motions(current: Map) -> Array:
     """
     together, apart, turns = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
     covs: list[Array] = []
-    for frame, cam_from_ref in zip(reversed(current.frames), current.cams_from_ref[::-1], strict=True):
-        moved = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(cam_from_ref))
+    by_cams = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(current.cams_from_ref))
+    for frame, moved in zip(reversed(current.frames), by_cams[::-1], strict=True):
         turned = frame.std_turn_rad * moved[:, 3:]
         turns = turns + turned @ turned.T
         if frame.ambiguity.shape[1]:
