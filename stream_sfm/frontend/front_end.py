@@ -89,6 +89,8 @@ class StereoFrontEnd:
         if expected is not None and expected.since_ns != state.previous_ns:
             expected = None  # it is of another frame than the one that is followed from
         state, change = self._take_out_turn(state)
+        if images.lines is not None:
+            state = replace(state, still=state.still.after(*images.lines))
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
         state, start_anew = self._check(before, state, images, stamp_ns, followed)
         if followed is None or start_anew:
@@ -142,14 +144,18 @@ class StereoFrontEnd:
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int, followed: Followed
     ) -> tuple[FrontEndState, Observations]:
         """Observations of a frame that was followed, and of points that begin in it."""
-        drift_px = state.tracks.drift_px(followed.cam_from_previous, self.setup.config.frontend.window_radius_px)
+        drift_px = state.tracks.drift_px(followed.cam_from_previous, self.setup.slide_px)
         z_new, cov_new = np.empty((0, 4)), np.empty((0, 4, 4))
         if state.turn_watch is None or not state.turn_watch.unusual:  # otherwise depths cannot be measured
             state, z_new, cov_new = begin_points(self.setup, state, images)
         z_px = np.concatenate([followed.z_px, z_new])
         cov_px = np.concatenate([followed.cov_px, cov_new])
         note = self._note(state, images, z_px)
-        state, observed = self._observed(state.followed_from(images, stamp_ns), stamp_ns, z_px, cov_px, note)
+        ghosts = state.ghosts.after(images.left, state.tracks.ids[: len(z_px)], z_px[:, :2])
+        state = replace(state.followed_from(images, stamp_ns), ghosts=ghosts)
+        state, observed = self._observed(
+            state, stamp_ns, z_px, cov_px, note or ghosts.problem or state.still.problem
+        )
         return state, replace(
             observed,
             cam_from_previous=followed.cam_from_previous,
@@ -179,6 +185,8 @@ class StereoFrontEnd:
         if waits and state.background_hidden:
             return self._observed(state, stamp_ns, *nothing, _HIDDEN)
         anew, z_px, cov_px = begin_points(self.setup, state.lost(), images)
+        ghosts = anew.ghosts.interrupted().after(images.left, anew.tracks.ids[: len(z_px)], z_px[:, :2])
+        anew = replace(anew, ghosts=ghosts)
         note = self._note(anew, images, z_px)
         if waits and len(z_px) < self.setup.config.robust.min_inliers:
             return self._observed(state, stamp_ns, *nothing, note)

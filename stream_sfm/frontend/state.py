@@ -17,12 +17,14 @@ from ..rig_model.terms import by_turn
 from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
+from .ghost_check import GhostCheck
 from .pair_check import PairCheck
 from .prepared import PreparedImages
 from .right_turn import TurnWatch
 from .rows import Rows
 from .start_check import StartCheck
 from .step_check import StepCheck
+from .still_check import StillCheck
 from .template_errors import TemplateErrors
 from .timing import Timing
 from .tracks import Tracks
@@ -51,6 +53,11 @@ class Setup(NamedTuple):
     def rules(self) -> Rules:
         """The numbers by which the front-end decides."""
         return self.config.rules
+
+    @property
+    def slide_px(self) -> float:
+        """s r of eq. (17): how far a template slides where it changes by all of itself, px of templates."""
+        return self.rules.errors.slide * self.config.frontend.window_radius_px
 
     def unseen_in_right(self, z_px: Array) -> NDArray[np.bool_]:
         """Which views (n, 4) have a right side where a mask says that it cannot be of the scene."""
@@ -97,7 +104,8 @@ class FrontEndState:
       rows that are off.
     - `turn_watch`: of the right camera, None where it cannot turn; `pair`: whether left and right fit each other;
       `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions; `start`:
-      whether the map has started with the motion of the camera; `steps`: whether both images have been displaced.
+      whether the map has started with the motion of the camera; `steps`: whether both images have been displaced;
+      `ghosts`: whether earlier images show through; `still`: whether something is drawn over both.
     - `errors`: what is learnt of errors that views of a point share; `disparity`: of its error, as far as it is known.
     - `map`: with one camera, how far the map has come.
     """
@@ -124,6 +132,8 @@ class FrontEndState:
     ambiguity: AmbiguityMemory = field(default_factory=AmbiguityMemory)
     start: StartCheck = field(default_factory=StartCheck)
     steps: StepCheck = field(default_factory=StepCheck)
+    ghosts: GhostCheck = field(default_factory=GhostCheck)
+    still: StillCheck = field(default_factory=StillCheck)
     rows_waiting: Array | None = None
     pair: PairCheck = field(default_factory=PairCheck)
     map: MapState = field(default_factory=MapState)
