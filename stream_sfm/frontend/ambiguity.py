@@ -47,7 +47,7 @@ class AmbiguityMemory:
         if other is not None:
             apart, seen = other.cam_from_ref @ se3.inverse(motion.cam_from_ref), self.frames_seen + 1
             new = rival is not None or old[other.views].sum() < MIN_VIEWS
-            new = bool(new and (self.other_is_new or self.frames_left == 0))
+            new = bool(new and not other.lasted and (self.other_is_new or self.frames_left == 0))
             memory = AmbiguityMemory(other, apart, seen, max(FULL_HISTORY, seen), rival is not None, new)
             return memory, other, False
         remembered = self.other_than(motion.cam_from_ref)

@@ -83,11 +83,13 @@ class StereoFrontEnd:
             expected = None  # it is of another frame than the one that is followed from
         state, change = self._take_out_turn(state)
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
+        unconfirmed = bool(before.start.problem) and state.start.gone
         state, start_anew = self._check(before, state, images, stamp_ns, followed)
         if followed is None or start_anew:
             state, observed = self._start_over(state, images, stamp_ns, wait=not start_anew)
         else:
             state, observed = self._go_on(state, images, stamp_ns, followed)
+            observed = replace(observed, unconfirmed=unconfirmed)
         if change is not None and observed.rig is not None:
             rig = replace(observed.rig, change=change, change_root=self.rig.root_of_turn(STD_TURN_RAD))
             observed = replace(observed, rig=rig)
@@ -228,10 +230,10 @@ class StereoFrontEnd:
 
 def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:
     """Why the motion of a frame may not be the camera's: another one may be, or left and right do not fit."""
-    misfit = bool(_misfit(state))
+    misfit, of_start = bool(_misfit(state)), bool(state.start.problem)
     if other is not None:
-        return Ambiguity(other.cam_from_ref, other.cov_pose, misfit)
-    return Ambiguity(misfit=True) if misfit else None
+        return Ambiguity(other.cam_from_ref, other.cov_pose, misfit, other.lasted, of_start)
+    return Ambiguity(misfit=True, of_start=of_start) if misfit else None
 
 
 def _misfit(state: FrontEndState) -> str:

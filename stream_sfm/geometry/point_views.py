@@ -1,6 +1,7 @@
 """Points with covariances and their stereo views: what a motion between them is judged by."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import core
 from .gates import chi2_gate
@@ -46,6 +47,13 @@ class PointViews:
     def points(self) -> tuple[Array, Array]:
         """The points (n, 4), homogeneous, and their covariances (n, 4, 4), none of exact ones."""
         return self.of_core[1], self.of_core[2]
+
+    def select(self, rows: NDArray[np.bool_]) -> "PointViews":
+        """Return the points and views of a mask (n,)."""
+        _, points, cov_points, z_px, cov_px, shared, _ = self.of_core
+        cov = cov_points[rows] if len(cov_points) else None
+        rest = z_px[rows], cov_px[rows], self._gate_probability, shared[rows]
+        return PointViews(self.projection, points[rows], cov, *rest)
 
     def by_left(self) -> "PointViews":
         """Return the same points with the left sides of their views alone."""

@@ -170,7 +170,7 @@ class Map:
             self.amplitudes, cam_from_ref, anchors, q, NormalBlocks(*blocks), stays, (new_ids, *alone), leaving
         )
         prior = prior.truncate_modes()
-        self.prior = self._refocused(changed(prior, rig=prior.rig.with_part()), frame)
+        self.prior = self._refocused(changed(prior, rig=prior.rig.with_part(not frame.in_question)), frame)
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
         self.select(seen_later if self.frames else core.among(self.ids, self.prior.ids))
 
@@ -282,22 +282,26 @@ class Map:
         No vehicle moves between two frames by much more than `std_moved` (6,) otherwise than it did.
 
         The difference of the two, in any direction, as the camera's motion may be that of a third set, which is hidden;
-        and the error of the other, eq. (36a). The differences of frames in a row have one sign.
+        and the error of the other, eq. (36a). The differences of frames in a row have one sign. Where what is followed
+        may have been a body for some frames already, their motions may be wrong by as much.
         """
         other = motion.ambiguous
         if other is None:
             self._frames_ambiguous = 0
             return
-        self._frames_ambiguous += 1
+        before, self._frames_ambiguous = self._frames_ambiguous, max(self._frames_ambiguous, other.lasted) + 1
         first_from_other = motion.cam_from_ref @ se3.inverse(other.cam_from_ref)  # of the newest camera
         apart = np.linalg.norm(se3.log(first_from_other).reshape(2, 3), axis=1)
         apart = np.minimum(apart, std_moved[[0, 3]])
         cov = Cholesky(Cholesky(other.cov_pose).inverse() + np.diag(std_moved**-2.0)).inverse()
         own = se3.adjoint(first_from_other) @ scaled_cholesky(cov)
         ambiguity = np.concatenate([np.diag(np.repeat(apart, 3)), own], axis=1)
-        self.frames[-1].ambiguity = ambiguity
+        for frame in self.frames[-1 - other.lasted :]:
+            if frame is self.frames[-1] or not frame.ambiguity.shape[1]:
+                frame.ambiguity = ambiguity
         modes = se3.adjoint(se3.inverse(self.newest_cam_from_ref)) @ ambiguity
-        modes[:, :6] *= np.sqrt(2 * self._frames_ambiguous - 1)  # n frames of one sign: n² = 1 + 3 + 5 + …
+        modes[:, :6] *= np.sqrt(self._frames_ambiguous**2 - before**2)  # n frames of one sign: n²
+        modes[:, 6:] *= self._frames_ambiguous - before  # so much is known of the camera's motion in all of these
         self._cov_doubt = self._cov_doubt + modes @ modes.T
 
     def settle(self) -> None:
