@@ -25,6 +25,7 @@ from .frontend.image_checks import are_one_image
 from .frontend.mono.front_end import MonoFrontEnd
 from .frontend.prepared import PreparedImages
 from .frontend.state import FrontEndState
+from .frontend.still_check import Lines
 from .frontend.template_errors import TemplateErrors
 from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
@@ -118,8 +119,9 @@ class Observer:
         rectified = self.rectifier.rectify(*sides)
         done = self._smoothing_px, frame.stamp_ns, bits, self._made_by
         prepared = PreparedImages.of(rectified[0], rectified[-1], *done)
-        if len(sides) > 1 and are_one_image(*sides):
-            prepared = replace(prepared, one_image=True)
+        if len(sides) > 1:
+            left, right = map(Lines.of, sides, (camera.mask for camera in self.rig.cameras.values()))
+            prepared = replace(prepared, one_image=are_one_image(*sides), lines=(left, right))
         if frame_index is not None:
             self._frontend.prepare(prepared, frame_index)
         return prepared

@@ -41,14 +41,14 @@ def refine(
     write_whole(out, refined.rig.to_toml().encode())
     projection = Rectifier(refined.rig).projection
     nothing = {"text": "no frame was tracked, so nothing was learnt"}
-    told = [
+    found = [
         {"log": log, **(nothing if estimate is None else describe(projection, estimate))}
         for log, estimate in zip(logs, refined.estimates, strict=True)
     ]
     if json:
-        print_json({"out": out, "logs": told})
+        print_json({"out": out, "logs": found})
     else:
-        for of_log in told:
+        for of_log in found:
             print(f"{of_log['log']}: {of_log['text']}")
         print(f"written to {out}: give it to other commands with --calibration {out}")
 

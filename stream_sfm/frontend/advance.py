@@ -80,21 +80,23 @@ def _placed(
     cam_from_start: Array,
 ) -> Tracks:
     """The tracks (n) in the new camera, on the rays of their views (n, 4) with covariances (n, 4, 4)."""
-    projection = step.setup.projection
+    projection, forgetting = step.setup.projection, step.setup.rules.motion.forgetting
     if projection.virtual_right:
-        return update_by_parallax(projection, tracks.moved(cam_from_previous), z_px, cov_px, cam_from_start)
-    return tracks.updated(projection, cam_from_previous, z_px, state.with_turn(z_px, cov_px))
+        return update_by_parallax(
+            projection, tracks.moved(cam_from_previous), z_px, cov_px, cam_from_start, forgetting
+        )
+    return tracks.updated(projection, cam_from_previous, z_px, state.with_turn(z_px, cov_px), forgetting)
 
 
 def _start(
     step: Step, state: FrontEndState, before: Tracks, motion: Resection, other: SecondMotion | None
 ) -> StartCheck:
     """The check of the start after a frame; of `other` it is said already that it may be that of a body."""
-    start = state.start.settled() if is_camera(step.by_inertia, motion) else state.start
+    start = state.start.settled() if is_camera(step, motion) else state.start
     if other is not None or start.is_over:
         return start
     # what lies before the points that agree may move by itself, and says nothing about them
-    counts = motion.accepted | (depth_order(before, before.keep(motion.accepted)) >= 0)
+    counts = motion.accepted | (depth_order(before, before.keep(motion.accepted), step.setup.rules.start) >= 0)
     return start.after(before.ids[counts], motion.accepted[counts])
 
 
@@ -104,6 +106,8 @@ def _unsteadiness(step: Step, state: FrontEndState, cam_from_previous: Array) ->
     if step.dt_s <= 0 or not state.velocity.any():
         return before
     if before is None:
-        before = Unsteadiness((step.setup.std_acceleration[[0, 3]] * step.dt_s**2) ** 2)
+        rules = step.setup.rules.motion
+        assumed = (step.setup.std_acceleration[[0, 3]] * step.dt_s**2) ** 2
+        before = Unsteadiness(assumed, rules.assumed_frames, rules)
     expected = se3.exp(state.velocity * step.dt_s)
     return before.after(se3.log(se3.inverse(expected) @ cam_from_previous))

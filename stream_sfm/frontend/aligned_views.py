@@ -44,15 +44,15 @@ def align(
     has_wide = WIDE in aligners and (tracks.scale == WIDE).any()
     in_view, rows, points, z_px, cov_px, any_row_px, taken_px = core.align_tracks(
         state.right_sides(twist),
-        state.timing.of_core(twist),
-        tracks.of_core,
+        state.timing,
+        tracks,
         tracks.slots,
         rough.cam_from_previous,
         rough.cam_from_previous @ state.cam_from_start,
         rough.left_px,  # what flow lost, the motion may find
         rough.agree,
-        aligners[1].of_core(images, in_both),
-        aligners[WIDE].of_core(images, in_both) if has_wide else None,
+        aligners[1].in_images(images, in_both),
+        aligners[WIDE].in_images(images, in_both) if has_wide else None,
     )
     if setup.right_area is not None:
         z_px, any_row_px = (

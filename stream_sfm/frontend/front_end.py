@@ -19,20 +19,23 @@ from ..rig_model.model import RigModel
 from ..types import Ambiguity, ExpectedMotion, LastingErrors, Observations, RigChange, RigView
 from .advance import Followed
 from .alignment import WIDE, TemplateAligner, valid_area
+from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
 from .first_timing import learn_timing
 from .image_checks import are_alike, image_note
 from .new_points import begin_points, renews
-from .pair_check import PairFit, problem_of, resolution_problem
+from .pair_check import PairCheck, PairFit, problem_of, resolution_problem
 from .prepared import PreparedImages
-from .right_turn import STD_TURN_RAD, TurnWatch, rig_change, shift_of_turn, with_turn
+from .right_turn import TurnWatch, rig_change, shift_of_turn, with_turn
 from .rows import Rows
+from .start_check import StartCheck
 from .state import FrontEndState, Setup
+from .step_check import StepCheck
 from .template_errors import TemplateErrors, turn_of_slides
 from .timing import Timing
 from .tracker import follow
 
-_JUMPED = "all of the view has changed at once: were images held back, or is this another place?"
+_JUMPED = "the whole view has changed at once: were images held back, or is this another place?"
 _HIDDEN = "background occluded: the remaining tracks are on moving objects"
 
 
@@ -47,17 +50,21 @@ class StereoFrontEnd:
 
     def __init__(self, rig: StereoRig, rectifier: Rectifier, config: Config) -> None:
         projection, in_right = rectifier.projection, rectifier.valid_in_right
-        radius_px = config.frontend.window_radius_px
+        radius_px, rules = config.frontend.window_radius_px, config.rules
         self.setup = Setup(projection, config, None if in_right is None else valid_area(in_right, radius_px))
-        self.problem = resolution_problem(rig)  # what is wrong with the calibration in any frame
+        self.problem = resolution_problem(rig, rules.pair)  # what is wrong with the calibration in any frame
         self.rig = RigModel.of(projection, config.rig, rig.refinement, rectifier.rows_of, rig.timing)
         self.start = FrontEndState(
-            aligners={scale: TemplateAligner.empty(config.frontend, rectifier.valid, scale) for scale in (1, WIDE)},
+            aligners={scale: TemplateAligner.empty(config, rectifier.valid, scale) for scale in (1, WIDE)},
             timing=Timing.unknown(projection, config.rig, rectifier.rows_of, rig.timing),
             rows=Rows.unknown(projection, config),
-            turn_watch=None if config.rig.exact else TurnWatch(projection),
+            turn_watch=None if config.rig.exact else TurnWatch.begun(projection, rules.turn),
             disparity=DisparityError.of(self.rig),
-            errors=TemplateErrors(),
+            errors=TemplateErrors.begun_by(rules.errors),
+            ambiguity=AmbiguityMemory(rules=rules.motion),
+            start=StartCheck(rules=rules.motion),
+            steps=StepCheck(rules=rules.step),
+            pair=PairCheck(rules=rules.pair),
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
@@ -65,7 +72,7 @@ class StereoFrontEnd:
 
         Any thread may call it at any time, in any order, also for frames that are never stepped.
         """
-        if renews(frame_index):
+        if renews(frame_index, self.setup.rules.points.period):
             _ = images.corner_strength  # computed now, kept for `step`
 
     def step(
@@ -82,6 +89,8 @@ class StereoFrontEnd:
         if expected is not None and expected.since_ns != state.previous_ns:
             expected = None  # it is of another frame than the one that is followed from
         state, change = self._take_out_turn(state)
+        if images.lines is not None:
+            state = replace(state, still=state.still.after(*images.lines))
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
         unconfirmed = bool(before.start.problem) and state.start.gone
         state, start_anew = self._check(before, state, images, stamp_ns, followed)
@@ -91,7 +100,9 @@ class StereoFrontEnd:
             state, observed = self._go_on(state, images, stamp_ns, followed)
             observed = replace(observed, unconfirmed=unconfirmed)
         if change is not None and observed.rig is not None:
-            rig = replace(observed.rig, change=change, change_root=self.rig.root_of_turn(STD_TURN_RAD))
+            rig = replace(
+                observed.rig, change=change, change_root=self.rig.root_of_turn(self.setup.rules.turn.std_rad)
+            )
             observed = replace(observed, rig=rig)
         return replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns), observed
 
@@ -126,7 +137,7 @@ class StereoFrontEnd:
         if followed is not None and followed.found is not None:
             fit = PairFit.of(followed.found, projection, config)
         factor = state.aligners[1].noise.factor
-        problem = self.problem or problem_of(images, state.previous, fit, state.rows, factor)
+        problem = self.problem or problem_of(images, state.previous, fit, state.rows, factor, config.rules.pair)
         pair, start_anew = state.pair.after(problem, fit, state.next_id)
         state = replace(state, steps=state.steps.after(change, projection.f_px), pair=pair)
         return state, start_anew or state.start.is_redone
@@ -135,14 +146,18 @@ class StereoFrontEnd:
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int, followed: Followed
     ) -> tuple[FrontEndState, Observations]:
         """Observations of a frame that was followed, and of points that begin in it."""
-        drift_px = state.tracks.drift_px(followed.cam_from_previous, self.setup.config.frontend.window_radius_px)
+        drift_px = state.tracks.drift_px(followed.cam_from_previous, self.setup.slide_px)
         z_new, cov_new = np.empty((0, 4)), np.empty((0, 4, 4))
         if state.turn_watch is None or not state.turn_watch.unusual:  # otherwise depths cannot be measured
             state, z_new, cov_new = begin_points(self.setup, state, images)
         z_px = np.concatenate([followed.z_px, z_new])
         cov_px = np.concatenate([followed.cov_px, cov_new])
         note = self._note(state, images, z_px)
-        state, observed = self._observed(state.followed_from(images, stamp_ns), stamp_ns, z_px, cov_px, note)
+        ghosts = state.ghosts.after(images.left, state.tracks.ids[: len(z_px)], z_px[:, :2])
+        state = replace(state.followed_from(images, stamp_ns), ghosts=ghosts)
+        state, observed = self._observed(
+            state, stamp_ns, z_px, cov_px, note or ghosts.problem or state.still.problem
+        )
         return state, replace(
             observed,
             cam_from_previous=followed.cam_from_previous,
@@ -153,7 +168,7 @@ class StereoFrontEnd:
             lasting=replace(
                 observed.lasting,
                 std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))]),
-                std_turn_rad=turn_of_slides(drift_px, self.setup.projection.f_px),
+                std_turn_rad=turn_of_slides(drift_px, self.setup.projection.f_px, self.setup.rules.errors.alike),
             ),
         )
 
@@ -164,14 +179,20 @@ class StereoFrontEnd:
 
         Where nothing is to `wait` for, the tracks are dropped at once.
         """
-        waits, nothing = wait and state.may_wait(stamp_ns), (np.empty((0, 4)), np.empty((0, 4, 4)))
+        rules = self.setup.rules
+        waits, nothing = (
+            wait and state.may_wait(stamp_ns, rules.motion.max_gap_s),
+            (np.empty((0, 4)), np.empty((0, 4, 4))),
+        )
         if waits and state.background_hidden:
             return self._observed(state, stamp_ns, *nothing, _HIDDEN)
         anew, z_px, cov_px = begin_points(self.setup, state.lost(), images)
+        ghosts = anew.ghosts.interrupted().after(images.left, anew.tracks.ids[: len(z_px)], z_px[:, :2])
+        anew = replace(anew, ghosts=ghosts)
         note = self._note(anew, images, z_px)
         if waits and len(z_px) < self.setup.config.robust.min_inliers:
             return self._observed(state, stamp_ns, *nothing, note)
-        jumped = wait and state.previous is not None and are_alike(images, state.previous)
+        jumped = wait and state.previous is not None and are_alike(images, state.previous, rules.images.alike)
         if jumped:
             note = note or _JUMPED
         state, observed = self._observed(anew.followed_from(images, stamp_ns), stamp_ns, z_px, cov_px, note)
@@ -202,8 +223,11 @@ class StereoFrontEnd:
 
     def _note(self, state: FrontEndState, images: PreparedImages, z_px: Array) -> str:
         """What is wrong with the images, from the views (n, 4) of all tracks."""
+        black_grey = self.setup.rules.images.black_grey
         n_in_both = int(np.count_nonzero(np.isfinite(z_px[:, 2])))
-        return image_note(images, state.previous, len(z_px), n_in_both, self.setup.config.robust.min_inliers)
+        return image_note(
+            images, state.previous, len(z_px), n_in_both, self.setup.config.robust.min_inliers, black_grey
+        )
 
     def _turn_note(self, watch: TurnWatch | None) -> str:
         """Say that the right camera seems to have turned."""
@@ -217,7 +241,8 @@ class StereoFrontEnd:
 
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
         """Take in what an estimator has found out about the rig with the latest frame, in units of σ."""
-        state = replace(state, disparity=DisparityError.of(self.rig, self.rig.in_units(estimate)))
+        step_px = self.setup.config.rig.disparity_step_px
+        state = replace(state, disparity=DisparityError.of(self.rig, self.rig.in_units(estimate), step_px))
         return learn_timing(self.setup.projection, state, *self.rig.timing(estimate.mean, estimate.cov))
 
     def rig_in_px(self, turn_rad: Array, estimate: RigEstimate | None) -> RigEstimate | None:

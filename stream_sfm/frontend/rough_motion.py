@@ -14,24 +14,13 @@ from numpy.typing import NDArray
 from .. import core
 from ..geometry.gates import chi2_gate
 from ..geometry.medians import median
-from ..geometry.resection import MANY_VIEWS, SecondMotion, rules_of
+from ..geometry.resection import MANY_VIEWS, SecondMotion
 from ..geometry.se3 import Array
 from ..record import record
 from .alignment import Aligners
 from .flow import as_exposed, track, track_wide
 from .step import Step
 from .tracks import Tracks
-
-STD_FLOW_PX = 0.5  # σ of a position by flow, for the gate of the rough motion only: a guess on the large side
-# Share of the tracks that were found, by weight, which a motion explains: above, it is taken; below, the next attempt
-# is made, and then the best of all is taken.
-_ENOUGH = 0.4
-# Halvings more than the configured ones: windows of 15 px then cover an eighth as many image widths, and a motion of a
-# third of the image is reached. OpenCV leaves out levels that are smaller than the window.
-_MORE_LEVELS = 3
-# Changes of size that are tried. Flow alone follows a patch that grows or shrinks by a quarter; with these, 0.55 to
-# 1.8.
-_ZOOMS = (1.4, 1 / 1.4)
 
 
 @record
@@ -52,7 +41,7 @@ def find_rough_motion(step: Step, aligners: Aligners, tracks: Tracks) -> RoughMo
     for motion in _found(step, aligners, tracks):
         if best is None or motion.agree.sum() > best.agree.sum():
             best = motion
-        if best.share > _ENOUGH:
+        if best.share > step.setup.rules.flow.enough:
             return best
     return None if best is None or best.agree.sum() < MANY_VIEWS else best
 
@@ -60,10 +49,10 @@ def find_rough_motion(step: Step, aligners: Aligners, tracks: Tracks) -> RoughMo
 def _found(step: Step, aligners: Aligners, tracks: Tracks) -> Iterator[RoughMotion]:
     """Yield what each attempt finds."""
     projection, config, previous = step.setup.projection, step.setup.config, step.previous
-    exposed, gate = as_exposed(previous, step.images), chi2_gate(2, config.robust.gate_probability)
+    flow = config.rules.flow
+    exposed, gate = as_exposed(previous, step.images, flow), chi2_gate(2, config.robust.gate_probability)
     # where half of the view is covered, mean and contrast change, and the exposure does not
     before_halves = [exposed] if exposed is previous.left_half else [exposed, previous.left_half]
-    rules = rules_of(projection, find_second=False)
     attempts = _attempts(config.frontend.pyramid_levels, tracks, step)
     for (start, levels, zoom), before_half in product(attempts, before_halves):
         at_px = projection.project_homogeneous(tracks.points @ start.T)[:, :2].copy()
@@ -74,12 +63,14 @@ def _found(step: Step, aligners: Aligners, tracks: Tracks) -> Iterator[RoughMoti
                 continue
             before_px, near_px = tracks.left_px[rows], at_px[rows]
             if scale == 1:
-                by_flow = track(aligner, before_half, step.images, before_px, near_px, levels, zoom)
+                by_flow = track(aligner, flow, before_half, step.images, before_px, near_px, levels, zoom)
             else:
-                by_flow = track_wide(aligner, previous, step.images, before_px, near_px)
+                by_flow = track_wide(aligner, flow, previous, step.images, before_px, near_px)
             at_px[rows], found[rows] = by_flow
-        seen = tracks.of_core, tracks.weights, at_px, found
-        ok, motion, agree, share = core.motion_of_flow(projection.pinholes, *seen, start, STD_FLOW_PX, gate, rules)
+        seen = tracks.weights(step.setup.rules.motion), at_px, found
+        ok, motion, agree, share = core.motion_of_flow(
+            projection, tracks, *seen, start, flow.std_px, gate, config.robust
+        )
         if ok:
             yield RoughMotion(motion, at_px, agree, share)
 
@@ -89,7 +80,7 @@ def _attempts(near: int, tracks: Tracks, step: Step) -> Iterator[tuple[Array, in
 
     `near`: levels for a motion that is predicted well.
     """
-    deep = near + _MORE_LEVELS
+    deep = near + step.setup.rules.flow.more_levels
     if step.is_predicted:
         yield step.predicted, near, 1.0
     yield step.predicted, deep, 1.0
@@ -97,7 +88,8 @@ def _attempts(near: int, tracks: Tracks, step: Step) -> Iterator[tuple[Array, in
         yield np.eye(4), deep, 1.0
     rho = median(tracks.points[:, 3])
     if rho > 0:
-        for zoom in _ZOOMS:
+        larger = step.setup.rules.flow.zoom
+        for zoom in (larger, 1 / larger):
             forward = np.eye(4)
             forward[2, 3] = -(1 - 1 / zoom) / rho  # points at the median depth grow by just this
             yield forward, deep, zoom

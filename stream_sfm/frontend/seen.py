@@ -16,9 +16,6 @@ from .state import FrontEndState
 from .step import Step
 from .tracks import Tracks
 
-# A track survives up to this multiple of the expected template drift, eq. (17). With 1, 41 frames of KITTI 06 are
-# degraded.
-_SLIDES_MOST = 2.0
 _LEFT = np.array([True, True, False, False])
 
 
@@ -47,16 +44,16 @@ class Seen:
         camera.
         """
         setup, motion = step.setup, rough.cam_from_previous
-        before, weights = state.tracks.keep(views.rows), state.tracks.weights
-        drift_px = _SLIDES_MOST * core.template_drift(
-            views.points, motion, before.scale, setup.config.frontend.window_radius_px
+        before, weights = state.tracks.keep(views.rows), state.tracks.weights(setup.rules.motion)
+        drift_px = setup.rules.motion.slides_most * core.template_drift(
+            views.points, motion, before.scale, setup.slide_px
         )
         cov_points = before.cov_points(setup.projection, drift_px)
         known_px: Array | float = 0.0
         unknown_px = cov_turn = None
         if state.turn_watch is not None and state.disparity is not None:
             known_px, of_disparity = state.disparity.effects(before.points, motion, views.z_px)
-            of_rig = setup.projection.pinholes, state.timing.of_core(twist), state.rows_with_delay.of_core
+            of_rig = state.timing, state.rows_with_delay
             seen, std_twist = (before.points, views.points, views.z_px), setup.std_acceleration * step.dt_s
             of_timing, cov_turn = core.unknown_errors(*of_rig, *seen, twist, std_twist)
             of_turn = by_turn(setup.projection, views.z_px, state.turn_root)
@@ -67,7 +64,7 @@ class Seen:
             cov_points,
             views.z_px - known_px,
             views.cov_px,
-            setup.config.robust.gate_probability,
+            setup.config.robust,
             unknown_px,
         )
         weight = float(weights[views.in_view].sum())

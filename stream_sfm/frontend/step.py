@@ -9,8 +9,6 @@ from ..types import ExpectedMotion
 from .prepared import PreparedImages
 from .state import FrontEndState, Setup
 
-_JUMP = 4.0  # standard deviations of what the assumed acceleration does to a motion between two frames
-
 
 @record
 class Step:
@@ -54,7 +52,7 @@ class Step:
     def jumps(self, cam_from_previous: Array, std_change: Array) -> bool:
         """Whether a motion (4, 4) is beyond what the last velocity and changes of σ (6,) allow."""
         change = se3.log(se3.inverse(self.predicted) @ cam_from_previous)
-        return bool((np.abs(change) > _JUMP * std_change).any())
+        return bool((np.abs(change) > self.setup.rules.motion.jump_sigmas * std_change).any())
 
     def twist(self, velocity: Array, cam_from_previous: Array) -> Array:
         """How the points move (6,) at the end of the interval, per second; `velocity` (6,): in the interval before."""

@@ -37,9 +37,6 @@ OF_MOTION: tuple[Callable[[Step, FrontEndState, Seen, Resection], Resection], ..
     uncovered,  # a scene that comes into view behind all that was followed is in question, however small it is
     nearer,  # the motion that inertial samples allow
 )
-# Fraction of the tracks that should be in view and agree with the final motion; fewer agree by chance: after a
-# sudden blur of 5 px 14 of 196 did, with a motion that was off by 7 cm.
-_MIN_AGREEMENT = 0.15
 
 
 def follow(
@@ -82,10 +79,13 @@ def _agreed_motion(
 
     Its gate says which tracks live on.
     """
-    motion = resect(seen.point_views, start, seen.weights, step.predicted)
+    rules = step.setup.rules.motion
+    motion = resect(seen.point_views, start, seen.weights, step.predicted if rules.one_body else None)
+    if not rules.poor_frames:
+        motion = replace(motion, spread=1.0)
     for policy in OF_MOTION:
         motion = policy(step, state, seen, motion)
-    agree = motion.ok and seen.weights[motion.accepted].sum() >= _MIN_AGREEMENT * seen.weight
+    agree = motion.ok and seen.weights[motion.accepted].sum() >= rules.min_agreement * seen.weight
     hidden = is_background_hidden(step, state, seen, motion)
     state = replace(state, background_hidden=hidden or (state.background_hidden and not agree))
     return state, motion if agree and not hidden else None

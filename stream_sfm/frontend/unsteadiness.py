@@ -2,12 +2,9 @@
 
 import numpy as np
 
+from ..config import MotionRules
 from ..geometry.se3 import Array
 from ..record import record
-
-_FRAMES = 30  # over which changes of the motion are averaged
-_ASSUMED = 5.0  # frames that the assumed ones count for
-_AT_MOST = 9.0  # times the mean square: a jump that was a body's says nothing of the camera
 
 
 @record
@@ -18,13 +15,14 @@ class Unsteadiness:
     """
 
     mean_square: Array
-    frames: float = _ASSUMED
+    frames: float
+    rules: MotionRules
 
     def after(self, change: Array) -> "Unsteadiness":
         """Return the same after a motion that differs by (6,) from the one predicted."""
-        frames = min(self.frames + 1, _FRAMES)
-        square = np.minimum((change.reshape(2, 3) ** 2).mean(axis=1), _AT_MOST * self.mean_square)
-        return Unsteadiness(self.mean_square + (square - self.mean_square) / frames, frames)
+        frames = min(self.frames + 1, self.rules.unsteady_frames)
+        square = np.minimum((change.reshape(2, 3) ** 2).mean(axis=1), self.rules.most_unsteady * self.mean_square)
+        return Unsteadiness(self.mean_square + (square - self.mean_square) / frames, frames, self.rules)
 
     @property
     def std(self) -> Array:

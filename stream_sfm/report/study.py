@@ -37,6 +37,7 @@ def render_study(report: dict[str, Any]) -> str:
         title=f"{report['experiment']}: {_TITLES[report['experiment']]}",
         report=report,
         tables=[(table.title, _as_table(table)) for table in found],
+        has_intervals=any(isinstance(value, Interval) for table in found for _, row in table.rows for value in row),
         charts=drawn,
     )
 
@@ -45,6 +46,7 @@ def _as_table(table: StudyTable) -> Table:
     rows = []
     for names, values in table.rows:
         first = of_method(names[0]).name if table.names[0] == "estimator" else names[0]
+        first = first.replace(" = ", "\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}")
         note = ", ".join(of_method(name).name for name in names[1:])
         rows.append((Name(first, note), [(_cell(value), "") for value in values]))
     headings = (column.partition(", ") for column in table.columns)

@@ -5,6 +5,7 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from ..evaluation.figures import number_text
 from ..evaluation.relative import Interval
 from ..record import record
 from ..wording import counted
@@ -94,7 +95,7 @@ def text_of(value: Value) -> str:
         return "–"
     if isinstance(value, Interval):
         return f"{value.value:.2f} [{value.low:.2f}, {value.high:.2f}]"
-    return f"{value:.3g}"
+    return number_text(value)
 
 
 def in_words(key: str) -> str:

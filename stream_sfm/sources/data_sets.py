@@ -25,8 +25,9 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from ..inertial.samples import ImuCalibration
 from ..mcap_file.message import Source
+from .given import NOTHING, Given
 from .image_files import ImageFile, ImageFilesSource, size_of
-from .image_folders import image_sides
+from .image_folders import ImageSides, image_sides
 from .image_sets import IMAGE_SUFFIXES, images_in, open_images
 from .joined import JoinedSource
 from .pose_files import (
@@ -51,16 +52,6 @@ _VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm")
 _TARTANAIR_F_PX, _TARTANAIR_BASELINE_M = 320.0, 0.25
 # Columns: the camera's right, down and forward in the axes of TartanAir's poses, x forward, y right, z down.
 _BODY_FROM_CAM = se3.from_rotation_translation([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [0, 0, 0])
-
-
-class Given(NamedTuple):
-    """What its user says of a recording: not to use the calibration in it, and the rate of images without stamps."""
-
-    calibrated: bool = False
-    rate_hz: float | None = None
-
-
-NOTHING = Given()
 
 
 class Layout(NamedTuple):
@@ -305,7 +296,10 @@ def _open_tartanair(folder: Path, layout: Layout, given: Given) -> ImageFilesSou
 
 def _open_images(folder: Path, given: Given) -> ImageFilesSource | None:
     """Images by the names of their folders or their own, with stamps and a calibration if there are any beside them."""
-    if (sides := image_sides(folder)) is None:
+    sides = image_sides(folder)
+    if sides is None and given.mono and images_in(folder):
+        sides = ImageSides(str(folder), ())
+    if sides is None:
         return None
     stamps = next((folder / name for name in _STAMPS if (folder / name).is_file()), None)
     stamps = stamps if given.rate_hz is None else None

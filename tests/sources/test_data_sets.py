@@ -201,6 +201,8 @@ def test_own_images_in_folders_called_like_tartanairs_have_their_own_calibration
 def test_the_one_recording_in_and_below_a_folder_is_taken(tmp_path):
     write_kitti(tmp_path / "dataset/sequences/00")
     (tmp_path / "dataset/notes.txt").touch()
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs/estimates.mcap").touch()  # a result, no recording
     assert sfm.open_log(tmp_path).path == tmp_path / "dataset/sequences/00"
     write_kitti(tmp_path / "dataset/sequences/01")
     with pytest.raises(sfm.LogError, match=r"give one of .*sequences/00, .*sequences/01$"):
@@ -274,6 +276,14 @@ def test_images_of_one_camera_are_no_pair(tmp_path):
         write_picture(tmp_path / f"img{n}.png")
     with pytest.raises(sfm.LogError, match=r"there are images in .* \(9\), of which no names tell left from right"):
         sfm.open_log(tmp_path, calibration=camera_pair())
+    log = sfm.open_log(tmp_path, calibration=camera_pair(), mono=True, rate_hz=20)
+    assert [f.stamp_ns for f in log.frames()] == [n * 50_000_000 for n in range(9)] and not log.stats.warnings
+    with pytest.raises(sfm.LogError, match=r"img.* \(9\), give the one of a single camera$"):
+        (tmp_path / "deep").mkdir()
+        (tmp_path / "deep/img").mkdir()
+        for n in range(9):
+            (tmp_path / f"img{n}.png").rename(tmp_path / f"deep/img/{n}.png")
+        sfm.open_log(tmp_path, calibration=camera_pair(), mono=True)
 
 
 def test_where_nothing_fits_the_import_line_is_told(tmp_path, cli):

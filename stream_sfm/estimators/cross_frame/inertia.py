@@ -35,8 +35,8 @@ from .interval import (
     STATE,
     VELOCITY,
     Interval,
+    Intervals,
     Known,
-    of_core,
 )
 from .map import Map
 from .window_frame import WindowFrame
@@ -160,7 +160,9 @@ class Inertia:
             first = (current.frames[-2] if len(current.frames) > 1 else current.reference).stamp_ns
             window.intervals[-1] = self._interval(first, before, now.state)
         frame.interval = self._interval(before, frame.stamp_ns, now.state)
-        _, then = core.inertial_motion(of_core([frame.interval], window.factors), now.state, window.cam_from_imu)
+        _, then = core.inertial_motion(
+            Intervals.of([frame.interval], window.factors), now.state, window.cam_from_imu
+        )
         frame.velocity = then[VELOCITY] if frame.interval.cov_gyro.any() else now.state[VELOCITY]
         self._note = frame.interval.note
         frame.turning = self._turning(frame.stamp_ns, now.state) if self.is_trusted else None
@@ -293,7 +295,7 @@ def _distance2(expected: ExpectedMotion, cam_from_previous: Array, cov: Array, s
 
 def carried(known: Known, interval: Interval, factors: Array, cam_from_imu: Array, stamp_ns: int) -> Known:
     """Return pose and state after an interval, by its samples alone, with their joint covariance, eq. (81)."""
-    of = of_core([interval], factors)
+    of = Intervals.of([interval], factors)
     previous_from_now, state = core.inertial_motion(of, known.state, cam_from_imu)
     cam = se3.inverse(previous_from_now)
     velocities = np.stack([known.state[VELOCITY], state[VELOCITY]])

@@ -11,7 +11,7 @@ from ... import core
 from ...geometry import se3
 from ...geometry.linear import Cholesky, scaled_cholesky
 from ...geometry.se3 import Array
-from .interval import GRAVITY, STATE, VELOCITY, Interval, Known, Leaving, of_core
+from .interval import GRAVITY, STATE, VELOCITY, Interval, Intervals, Known, Leaving
 from .normal_equations import System
 
 _GRAVITY_M_S2, _STD_GRAVITY = 9.81, 0.03  # anywhere on Earth, and with the scale of an accelerometer
@@ -64,7 +64,7 @@ class InertialWindow:
         cams = np.concatenate([np.eye(4)[None], self.true_cams(cams_from_ref)])
         velocities = np.concatenate([state[None, VELOCITY], self.velocities])
         residual, j = core.inertial_rows(
-            of_core(self.intervals, self.factors), cams, velocities, state, self.cam_from_imu
+            Intervals.of(self.intervals, self.factors), cams, velocities, state, self.cam_from_imu
         )
         shared = j[:, : 6 * f + STATE]
         local = np.concatenate([j[:, : 6 * f] @ self._lead, j[:, 6 * f + STATE :]], axis=1)
@@ -95,7 +95,7 @@ class InertialWindow:
         slide, velocity = self.slides[0], self.velocities[0]
         cams = np.stack([np.eye(4), se3.exp(np.concatenate([np.zeros(3), slide])) @ cam_from_ref])
         residual, j = core.inertial_rows(
-            of_core(self.intervals[:1], self.factors), cams, np.stack([state[VELOCITY], velocity]), state,
+            Intervals.of(self.intervals[:1], self.factors), cams, np.stack([state[VELOCITY], velocity]), state,
             self.cam_from_imu,
         )  # fmt: skip
         j = np.concatenate(
@@ -179,7 +179,7 @@ class InertialWindow:
         velocities = np.concatenate([state[None, VELOCITY], self.velocities])
         cams = np.concatenate([np.eye(4)[None], self.true_cams(cams_from_ref)])
         residual, j = core.inertial_rows(
-            of_core(self.intervals[:1], self.factors), cams[:2], velocities[:2], state, self.cam_from_imu
+            Intervals.of(self.intervals[:1], self.factors), cams[:2], velocities[:2], state, self.cam_from_imu
         )
         own = len(system.root) - system.modes
         modes = system.prior.world_modes[6:]

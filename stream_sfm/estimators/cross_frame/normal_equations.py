@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from ... import core
 from ...geometry.linear import Cholesky, Elimination, matvec, product
 from ...geometry.se3 import Array
-from .inverse_depth import NormalBlocks
 from .prior import Prior
 
 
@@ -43,7 +42,7 @@ class System:
         self,
         prior: Prior,
         known: NDArray[np.intp],
-        blocks: NormalBlocks,
+        blocks: core.NormalBlocks,
         q: Array,
         amplitudes: Array,
         inertial: tuple[Array, Array] | None = None,
@@ -59,7 +58,7 @@ class System:
         # `std_given` (P, 3, 3): root of the covariance of a point once poses and modes are given; `_reach` (P, 3, n +
         # m): of the others, in units of it; `_given` (P, 3): its step for itself
         h, modes, self.std_given, self._reach, self._given, self._g = core.window_system(
-            blocks, (known, prior.mean, prior.cov, prior.modes, rig.information, rig.weighted), q, amplitudes
+            blocks, prior, known, q, amplitudes
         )
         self._rig_error = rig.at(amplitudes[len(amplitudes) - m :])
         h[self.modes :, self.modes :] += _flat(modes).T @ _flat(modes)

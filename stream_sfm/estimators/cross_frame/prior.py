@@ -27,9 +27,8 @@ from ... import core
 from ...geometry import se3
 from ...geometry.linear import Elimination, product, scaled_cholesky
 from ...geometry.se3 import Array
-from ...record import changed, record
+from ...record import changed, filled, record
 from .interval import BIASES, GRAVITY, STATE, VELOCITY, Leaving
-from .inverse_depth import NormalBlocks
 from .rig_knowledge import RigKnowledge
 
 # Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
@@ -137,7 +136,7 @@ class Prior:
         cam_from_ref: Array,
         anchors: Array,
         q: Array,
-        blocks: NormalBlocks,
+        blocks: core.NormalBlocks,
         stays: NDArray[np.bool_],
         new: NewPoints,
         leaving: Leaving | None = None,
@@ -168,8 +167,7 @@ class Prior:
         of_own, of_rig = np.split(world_modes, [len(before)], axis=1)
         world_modes = np.concatenate([np.zeros((6, e)), of_own, -np.eye(6), of_rig], axis=1)
         world = self.world(amplitudes) @ se3.inverse(cam_from_ref)
-        known = np.arange(len(q)), self.mean, self.cov, self.modes, self.rig.information, self.rig.weighted
-        s, whitened_modes, std, half, given, right = core.absorbing_system(blocks, known, anchors, q, amplitudes)
+        s, whitened_modes, std, half, given, right = core.absorbing_system(blocks, self, anchors, q, amplitudes)
         flat_modes, flat_half = whitened_modes.reshape(-1, len(s) - e), half.reshape(-1, len(s))
         s[e:, e:] += flat_modes.T @ flat_modes
         s -= flat_half.T @ flat_half
@@ -192,9 +190,12 @@ class Prior:
         world_modes = carried(world_modes)
         modes_new = product(by_own, by_new[:e])
         modes_new[..., own:-1] += by_rig
-        new_points = ids_new, mean_new + modes_new[..., -1], cov_new, modes_new[..., :-1]
-        return Prior(
-            *core.absorbed_points(self.ids, std, carried(half), given, q, stays, new_points),
+        mean_new = mean_new + modes_new[..., -1]
+        return filled(
+            Prior,
+            core.absorbed_points(
+                self.ids, std, carried(half), given, q, stays, ids_new, mean_new, cov_new, modes_new[..., :-1]
+            ),
             world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[:6, -1])),
             world_modes=world_modes[:, :-1],
             rig=changed(self.rig, mean=self.rig.at(c), information=others.left, weighted=weighted),

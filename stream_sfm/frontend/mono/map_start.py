@@ -15,11 +15,6 @@ from ..state import FrontEndState, Setup
 from ..tracks import Tracks
 from .two_view import TwoView, two_view_motion
 
-# Followed since the opening frame, chosen by hand: so many, and at least this fraction of its points; what is
-# left of fewer may be one object that moves by itself.
-MIN_TRACKS = 30
-_MIN_FOLLOWED_FRACTION = 0.5
-
 
 def open_map(state: FrontEndState, why: str) -> FrontEndState:
     """Make this frame the opening one."""
@@ -37,13 +32,14 @@ def begin_map(setup: Setup, state: FrontEndState, images: PreparedImages) -> tup
     state = replace(state, map=replace(state.map, first_unseen_id=state.next_id))
     if not len(state.tracks):
         return open_map(state, "depths need a second view"), None
+    rules = setup.rules.mono
     state, cov_px = _follow_directions(setup, state, images)
     n, n_opened = len(state.tracks), state.map.n_opened
-    if n < max(MIN_TRACKS, _MIN_FOLLOWED_FRACTION * n_opened):
+    if n < max(rules.min_tracks, rules.min_followed * n_opened):
         return open_map(state, f"{n} of {n_opened} points could be followed since the opening frame"), None
     std_px = float(np.sqrt(np.median(np.trace(cov_px[:, :2, :2], axis1=1, axis2=2)) / 2))
     std_ray = std_px / setup.projection.f_px
-    found = two_view_motion(state.tracks.anchor_rays, state.tracks.points[:, :2], std_ray)
+    found = two_view_motion(state.tracks.anchor_rays, state.tracks.points[:, :2], std_ray, rules)
     waiting = found.problem if found else "no rigid motion explains the points"
     state = replace(state, map=replace(state.map, waiting=waiting))
     if found is None:
@@ -60,9 +56,9 @@ def _follow_directions(setup: Setup, state: FrontEndState, images: PreparedImage
     if state.previous is None:
         return state, np.empty((0, 4, 4))
     expected_px = p.project_homogeneous(tracks.points)[:, :2]
-    before_half = as_exposed(state.previous, images)
+    before_half = as_exposed(state.previous, images, setup.rules.flow)
     levels = setup.config.frontend.pyramid_levels
-    at_px, found = track(aligner, before_half, images, tracks.left_px, expected_px, levels)
+    at_px, found = track(aligner, setup.rules.flow, before_half, images, tracks.left_px, expected_px, levels)
     state = replace(state, tracks=tracks.keep(found))
     n = len(state.tracks)
     by_flow = RoughMotion(np.eye(4), at_px[found], np.ones(n, bool), share=1.0)
