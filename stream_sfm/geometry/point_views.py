@@ -1,6 +1,7 @@
 """Points with covariances and their stereo views: what a motion between them is judged by."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import core
 from ..config import RobustConfig
@@ -45,6 +46,12 @@ class PointViews:
 
     def __len__(self) -> int:
         return len(self.gate)
+
+    def select(self, rows: NDArray[np.bool_]) -> "PointViews":
+        """Return the points and views of a mask (n,)."""
+        cov_points = self.cov_points[rows] if len(self.cov_points) else None
+        seen = self.points[rows], cov_points, self.z_px[rows], self.cov_px[rows]
+        return PointViews(self.projection, *seen, self.settings, self.shared[rows])
 
     def by_left(self) -> "PointViews":
         """Return the same points with the left sides of their views alone."""
