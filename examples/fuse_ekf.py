@@ -1,7 +1,7 @@
 """Fuse the motions of a run with positions of another sensor in an extended Kalman filter (filterpy).
 
-stream-sfm replay logs/room.mcap
-python examples/fuse_ekf.py runs/latest --positions fixes.tum --std 0.02
+    stream-sfm replay logs/room.mcap
+    python examples/fuse_ekf.py runs/latest --positions fixes.tum --std 0.02
 
 The state is the error of the pose, and the errors that all motions share: they do not move, but become better known.
 """

@@ -1,18 +1,24 @@
 """Fuse the motions of a run with positions of another sensor in a factor graph (GTSAM).
 
-pip install gtsam
-stream-sfm replay logs/room.mcap
-python examples/fuse_gtsam.py runs/latest --positions fixes.tum --std 0.02
+    pip install gtsam
+    stream-sfm replay logs/room.mcap
+    python examples/fuse_gtsam.py runs/latest --positions fixes.tum --std 0.02
 
 About every eighth frame, and each with a position, is a pose; between two of them is one motion. The errors that all
 motions share are one variable, and those of a rig that was knocked another one.
 """
 
-import gtsam
+import sys
+
 import numpy as np
 from fuse_ekf import UNSEEN, main
 
 import stream_sfm as sfm
+
+try:
+    import gtsam
+except ModuleNotFoundError:
+    sys.exit("error: this example needs GTSAM: pip install gtsam")
 
 LENGTHS = gtsam.symbol("l", 0)  # the common errors that no view shows: of lengths and axes
 TURNED = np.r_[3:6, 0:3]  # GTSAM's tangents have the rotation first

@@ -7,6 +7,7 @@ soon as it has recognised some; from there on its poses are in the world of the 
 """
 
 import argparse
+import sys
 import tempfile
 from pathlib import Path
 
@@ -37,4 +38,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except sfm.StreamSfmError as error:
+        sys.exit(f"error: {error}")

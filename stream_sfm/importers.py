@@ -138,6 +138,8 @@ def _copy_to_log(
         warnings.append(
             "a log does not hold [refinement] and [timing] of a calibration: give the file to its replay, too"
         )
+    if source.without_partner:
+        warnings.append(f"{source.without_partner} images have no partner of the same stamp on the other side")
     if expects_poses and not source.poses:
         warnings.append(f"no ground truth was found for {source.path}")
     left, right = source.images

@@ -71,7 +71,7 @@ class Motion:
 
     @classmethod
     def predicted_between(cls, before: FrameEstimate, after: FrameEstimate) -> "Motion":
-        """Return the motion between the poses of two estimates, with what the covariance of the pose has grown by.
+        """Return the motion between the poses of two estimates; its covariance is the growth of the pose's.
 
         It is what the engine expects where tracking was lost and a new map began; nothing in it is common.
         """
@@ -110,7 +110,7 @@ class Motion:
         )
 
     def of_former_rig(self) -> "Motion":
-        """Return the same motion for a rig that has changed since: only what no view shows is still common."""
+        """Return the same motion after the rig has changed: only the errors that no view shows remain common."""
         rig = slice(UNSEEN, None)
         by_rig, j = self.common_jacobian[:, rig], self.common_jacobian.copy()
         j[:, rig] = 0
@@ -118,7 +118,7 @@ class Motion:
         return replace(self, cov_own=own, common_jacobian=j)
 
     def given(self, mean: Array, cov_common: Array) -> "Motion":
-        """Return the same motion with the common errors as they are known by now, (m,) and (m, m)."""
+        """Return the same motion, given the current estimate of the common errors, (m,) and (m, m)."""
         j = self.common_jacobian if len(self.mean) else np.zeros((6, len(mean)))
         moved = self.earlier_from_newest
         if len(self.mean):
@@ -126,7 +126,7 @@ class Motion:
         return replace(self, earlier_from_newest=moved, common_jacobian=j, mean=mean, cov_common=cov_common)
 
     def back(self) -> "Motion":
-        """Return the same motion the other way."""
+        """Return the inverse motion."""
         ad = se3.adjoint(self.earlier_from_newest)
         return replace(
             self,
@@ -291,7 +291,7 @@ class Odometry:
 
     @property
     def world_from_odom(self) -> Array:
-        """What later knowledge has changed since the motions were added up, (4, 4)."""
+        """What later estimates have corrected since the motions were added up, (4, 4)."""
         return se3.orthonormalise(self.estimate.world_from_cam @ se3.inverse(self.odom_from_cam))
 
     def __repr__(self) -> str:

@@ -23,9 +23,9 @@ from .errors import ConfigError, FrameError
 from .frontend.front_end import StereoFrontEnd
 from .frontend.image_checks import are_one_image
 from .frontend.mono.front_end import MonoFrontEnd
-from .frontend.pair_check import resolution_problem
 from .frontend.prepared import PreparedImages
 from .frontend.state import FrontEndState
+from .frontend.still_check import Lines
 from .frontend.template_errors import TemplateErrors
 from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
@@ -90,18 +90,7 @@ class Observer:
         self.projection: StereoProjection = self.rectifier.projection
         self._frontend: StereoFrontEnd | MonoFrontEnd
         if isinstance(self.rig, StereoRig):
-            valid, refinement = self.rectifier.valid, self.rig.refinement
-            row_of = self.rectifier.rows_of
-            self._frontend = StereoFrontEnd(
-                self.projection,
-                config,
-                valid,
-                refinement,
-                row_of,
-                self.rig.timing,
-                resolution_problem(self.rig),
-                self.rectifier.valid_in_right,
-            )
+            self._frontend = StereoFrontEnd(self.rig, self.rectifier, config)
         else:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self.state: FrontEndState = self._frontend.start
@@ -130,8 +119,9 @@ class Observer:
         rectified = self.rectifier.rectify(*sides)
         done = self._smoothing_px, frame.stamp_ns, bits, self._made_by
         prepared = PreparedImages.of(rectified[0], rectified[-1], *done)
-        if len(sides) > 1 and are_one_image(*sides):
-            prepared = replace(prepared, one_image=True)
+        if len(sides) > 1:
+            left, right = map(Lines.of, sides, (camera.mask for camera in self.rig.cameras.values()))
+            prepared = replace(prepared, one_image=are_one_image(*sides), lines=(left, right))
         if frame_index is not None:
             self._frontend.prepare(prepared, frame_index)
         return prepared

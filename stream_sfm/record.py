@@ -25,6 +25,11 @@ def record(cls: type[T]) -> type[T]:
     return dataclass(slots=True, eq=False, repr=False)(cls)
 
 
+def filled(cls: type[T], parts: Any, **others: Any) -> T:
+    """Return a record of what the compiled core returned, field by field of the same name, and of others."""
+    return cls(**dict(zip(type(parts).__match_args__, parts, strict=True)), **others)
+
+
 def changed(of: T, **fields: Any) -> T:
     """Return a record with other values in some fields; `dataclasses.replace` takes almost twice as long."""
     result = object.__new__(type(of))

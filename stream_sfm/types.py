@@ -225,7 +225,7 @@ class ExpectedMotion:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class InertialEstimate:
-    """What a frame's estimate knows by inertia, in axes of the camera; SI and radians.
+    """The inertial state of a frame, in axes of the camera; SI and radians.
 
     `velocity` (3,); `gravity` (3,): its direction and size, as a falling body would be accelerated; `gyro_bias` (3,),
     `accel_bias` (3,), in axes of the unit; `scale`: by which share lengths by images alone are too short, as already
@@ -343,7 +343,7 @@ def _no_ids() -> NDArray[np.int64]:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RelativeMotions:
-    """Motions between the newest frame and earlier ones (r), with what these estimates have in common accounted for.
+    """Motions between the newest frame and earlier ones (r), each with its covariance.
 
     `frame_indices` (r,); `frame_from_newest` (r, 4, 4) carries points of the newest camera into the earlier one;
     `cov` (r, 6, 6) of the perturbation on its right, translation first: metres², radians². `common_jacobian`
@@ -377,7 +377,7 @@ class CommonErrors:
     since: int = field(metadata=about(Kind.FRAMES), default=0)
 
     def weights(self, n: int) -> Array:
-        """Return W (m, n): what is known of c follows from its first n as W c[:n], but for an independent rest."""
+        """Return W (m, n), the regression of c on its first n: c is W c[:n] plus an independent remainder."""
         known = self.cov[:n, :n] + _LEAST_VARIANCE * np.eye(n)
         return np.concatenate([np.eye(n), np.linalg.solve(known, self.cov[:n, n:]).T])
 
@@ -488,7 +488,9 @@ def expected_motion(estimator: object, stamp_ns: int, view: InertialView) -> Exp
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False, kw_only=True)
 class FrameEstimate(Solution):
-    """The result for one frame: a Solution in the axes of the physical left camera, lengths in metres; and
+    """The result for one frame: a `Solution` in the axes of the physical left camera, lengths in metres.
+
+    Beyond the fields of a `Solution` it has
 
     - `frame_index` from 0, and `stamp_ns`.
     - `counts`: points tracked, new, used, rejected.

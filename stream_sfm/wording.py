@@ -32,8 +32,8 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
     """A sentence that a name is not known, with the nearest known one, or else with all of them."""
     known = list(known)
     nearest = get_close_matches(name, known, n=1, cutoff=0.7)  # one letter wrong in four
-    told = f"did you mean {nearest[0]}?" if nearest else f"known are {', '.join(known)}"
-    return f"unknown {kind} {name!r}; {told}"
+    cure = f"did you mean {nearest[0]}?" if nearest else f"known are {', '.join(known)}"
+    return f"unknown {kind} {name!r}; {cure}"
 
 
 def some_of(names: Sequence[str], separator: str = ", ") -> str:

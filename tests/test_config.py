@@ -1,6 +1,7 @@
 """Settings are refused where they are made, with what was given and what is wanted; between their ends all work."""
 
 import math
+from functools import reduce
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -18,7 +19,7 @@ def numbers() -> dict[str, tuple[type, float, float]]:
     found = {}
     for name in setting_names():
         section, _, key = name.rpartition(".")
-        kind = type(getattr(sfm.Config(), section)) if section else sfm.Config
+        kind = type(reduce(getattr, filter(None, section.split(".")), sfm.Config()))
         hint = get_type_hints(kind, include_extras=True)[key]
         assert get_origin(hint) is Annotated, name
         number, meta = get_args(hint)
@@ -32,11 +33,12 @@ NUMBERS = numbers()
 
 def config_with(name: str, value: float) -> sfm.Config:
     """The defaults with one setting changed."""
-    section, _, key = name.rpartition(".")
-    if not section:
-        return sfm.Config(**{key: value})
-    kind = type(getattr(sfm.Config(), section))
-    return sfm.Config(**{section: kind(**{key: value})})
+    *sections, key = name.split(".")
+    kinds = [type(reduce(getattr, sections[:n], sfm.Config())) for n in range(len(sections) + 1)]
+    made: Any = value
+    for kind, part in zip(reversed(kinds), [key, *reversed(sections)], strict=True):
+        made = kind(**{part: made})
+    return made
 
 
 @pytest.mark.parametrize("name", NUMBERS)
@@ -45,7 +47,11 @@ def test_a_number_has_two_ends_and_none_beyond_them_is_accepted(name: str) -> No
     assert least is not None and most is not None and math.isfinite(least) and math.isfinite(most)
     for end in (least, most):
         config_with(name, end)
-    beyond = [least - 1, most + 1] if number is int else [math.nextafter(least, -1e9), math.nextafter(most, 1e9)]
+    beyond = (
+        [least - 1, most + 1]
+        if number is int
+        else [math.nextafter(least, -math.inf), math.nextafter(most, math.inf)]
+    )
     for value in (*beyond, math.inf, -math.inf, math.nan, *([TINY] if least > 0 else [])):
         with pytest.raises(sfm.ConfigError, match="give"):
             config_with(name, value)

@@ -12,7 +12,13 @@ _SUITES = {
     "tumvi": "TUM-VI",
     "clips": "Clips",
 }
-_NAMES = {"orb_slam2": "ORB-SLAM2", "orb_slam3": "ORB-SLAM3", "basalt": "Basalt", "opencv": "textbook loop"}
+_NAMES = {
+    "orb_slam3": "ORB-SLAM3",
+    "orb_slam2": "ORB-SLAM2",
+    "basalt": "Basalt",
+    "libviso2": "libviso2",
+    "opencv": "plain OpenCV loop",
+}
 _HEAD = """# Benchmarks
 
 <!-- Written by `python tools/benchmark.py … --page`; change that, not this page. -->
@@ -55,28 +61,27 @@ def write_page(baseline: dict[str, Any]) -> None:
 def page(baseline: dict[str, Any], peers: dict[str, Any]) -> str:
     """The text of the page."""
     release = baseline.get("release") or {}
-    told = f"version {release['version']}" if release else "the last release, from the second release on"
-    parts = [_HEAD.format(version=baseline["version"], machine=baseline["machine"], release=told)]
+    last = f"version {release['version']}" if release else "the last release, from the second release on"
+    parts = [_HEAD.format(version=baseline["version"], machine=baseline["machine"], release=last)]
     for suite, title in _SUITES.items():
         rows = {n.split("/", 1)[1]: f for n, f in baseline["sequences"].items() if n.startswith(f"{suite}/")}
         before = {
             n.split("/", 1)[1]: f for n, f in release.get("sequences", {}).items() if n.startswith(f"{suite}/")
         }
         if rows:
-            parts.append(f"## {title}\n\n{_table(rows, before, peers, mean=suite != 'clips')}")
+            parts.append(f"## {title}\n\n{_table(rows, before, mean=suite != 'clips')}")
+            parts += _others(rows, peers)
     parts.append(_published(peers["published"]))
     return "\n".join(parts)
 
 
-def _table(rows: dict[str, Any], before: dict[str, Any], peers: dict[str, Any], mean: bool) -> str:
-    of_peers = any(name in peers for name in rows)
+def _table(rows: dict[str, Any], before: dict[str, Any], mean: bool) -> str:
     headings = ["sequence", "frames", "ok, degraded, lost", *(c[1] for c in _COLUMNS)]
-    headings += ["others on the same frames"] if of_peers else []
     lines = ["| " + " | ".join(headings) + " |", "|---" * len(headings) + "|"]
     for name, figures in rows.items():
         cells = [name, str(figures["frames"]), _statuses(figures)]
         cells += [_cell(figures.get(key), before.get(name, {}).get(key), *form) for key, _, *form in _COLUMNS]
-        lines.append("| " + " | ".join([*cells, *([_best(peers.get(name, {}))] if of_peers else [])]) + " |")
+        lines.append("| " + " | ".join(cells) + " |")
     if mean and len(rows) > 1:
         cells = ["mean", "", ""]
         for key, _, *form in _COLUMNS:
@@ -101,15 +106,25 @@ def _cell(now: float | None, before: float | None, factor: float, form: str) -> 
     return text if was == text else f"{text} ({was})"
 
 
-def _best(known: dict[str, dict[str, float]]) -> str:
-    """The best other system in each figure."""
-    said = []
-    for key, heading, factor, form in _COLUMNS:
-        if figures := known.get(key):
-            best = min(figures, key=lambda name: figures[name])
-            what, unit = heading.split(", ")
-            said.append(f"{what} {format(factor * figures[best], form)} {unit} ({_NAMES.get(best, best)})")
-    return "; ".join(said)
+def _others(rows: dict[str, Any], peers: dict[str, Any]) -> list[str]:
+    """A table of other systems on the same frames, the best of each figure in bold; nothing where none is known."""
+    lines = []
+    for name, figures in rows.items():
+        for key, heading, factor, form in _COLUMNS:
+            known = peers.get(name, {}).get(key, {}) | {"": figures.get(key)}
+            if len(known) > 1 and known[""] is not None:
+                texts = {system: format(factor * value, form) for system, value in known.items()}
+                best = min(texts.values(), key=float)
+                cells = [f"**{t}**" if (t := texts.get(system, "–")) == best else t for system in ("", *_NAMES)]
+                lines.append("| " + " | ".join([name, heading, *cells]) + " |")
+    if not lines:
+        return []
+    head = ["| " + " | ".join(["sequence", "figure", "stream_sfm", *_NAMES.values()]) + " |", "|---" * 8 + "|"]
+    text = (
+        "By one evaluator, aligned in SE(3). Others ran on the lossless frames; the rendered clips and EuRoC here are "
+        "JPEG."
+    )
+    return ["\n".join(["### Others on the same frames", "", text, "", *head, *lines]) + "\n"]
 
 
 def _published(rows: list[dict[str, str]]) -> str:

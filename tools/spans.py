@@ -124,7 +124,8 @@ def simulated(motion: str, seed: int) -> tuple[StereoProjection, list[Observatio
         z += np.hstack([tracks.slide_px, tracks.slide_px + tracks.right_px])
         cov = np.tile(CLAIMED_PX**2 * np.eye(4), (TRACKS, 1, 1))
         errors = errors.after(tracks.ids, z, cov)
-        lasting = LastingErrors(drift_px, errors.inflation, turn_of_slides(drift_px[:old], p.f_px) if n else 0.0)
+        std_turn_rad = turn_of_slides(drift_px[:old], p.f_px, Config().rules.errors.alike) if n else 0.0
+        lasting = LastingErrors(drift_px, errors.inflation, std_turn_rad)
         observations.append(Observations(n, n * FRAME_NS, tracks.ids, z, cov, n_new=TRACKS - old, lasting=lasting))
     return p, observations, poses
 

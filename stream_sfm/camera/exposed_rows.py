@@ -24,9 +24,4 @@ class ExposedRows:
 
     def __call__(self, z_px: Array) -> Array:
         """Return the rows (n, 4) of views (n, 4): shares of the height from the middle, −½ at the top to ½."""
-        return core.polynomial_rows(self.of_core, z_px)
-
-    @property
-    def of_core(self) -> tuple[tuple[int, int], Array]:
-        """The rows as the compiled core takes them."""
-        return self.size_px, self.coefficients
+        return core.polynomial_rows(self, z_px)

@@ -20,7 +20,8 @@ class PhysicalAxes:
     """
 
     def __init__(self, rect_from_cam: Array, std_scale: float = 0.0, std_axes_rad: float = 0.0) -> None:
-        self._of_core = np.ascontiguousarray(rect_from_cam.T), std_scale, std_axes_rad
+        self.rotation = np.ascontiguousarray(rect_from_cam.T)
+        self.std_scale, self.std_axes_rad = std_scale, std_axes_rad
 
     def poses(self, poses: Array) -> Array:
         """Turn poses (n, 4, 4)."""
@@ -33,7 +34,7 @@ class PhysicalAxes:
         whose own are `by_terms` (n, 6, t).
         """
         by_terms = np.empty((len(poses), 6, 0)) if by_terms is None else by_terms
-        return core.reported_motions(self._of_core, poses, cov, by_terms)
+        return core.reported_motions(self, poses, cov, by_terms)
 
     def points(self, points_m: Array, cov: Array, std_shared: Array, frame_from_cam: Array) -> tuple[Array, Array]:
         """Turn points (n, 3) with covariances (n, 3, 3), m², that were seen from a camera (4, 4) in their frame.
@@ -41,4 +42,4 @@ class PhysicalAxes:
         All views of a point share an error of its inverse depth, σ `std_shared` (n,), 1/m, eq. (18). The frame is that
         of the camera itself or the world.
         """
-        return core.reported_points(self._of_core, points_m, cov, std_shared, frame_from_cam)
+        return core.reported_points(self, points_m, cov, std_shared, frame_from_cam)

@@ -41,14 +41,14 @@ def refine(
     write_whole(out, refined.rig.to_toml().encode())
     projection = Rectifier(refined.rig).projection
     nothing = {"text": "no frame was tracked, so nothing was learnt"}
-    told = [
+    found = [
         {"log": log, **(nothing if estimate is None else describe(projection, estimate))}
         for log, estimate in zip(logs, refined.estimates, strict=True)
     ]
     if json:
-        print_json({"out": out, "logs": told})
+        print_json({"out": out, "logs": found})
     else:
-        for of_log in told:
+        for of_log in found:
             print(f"{of_log['log']}: {of_log['text']}")
         print(f"written to {out}: give it to other commands with --calibration {out}")
 
@@ -56,14 +56,14 @@ def refine(
 def convert_calibration(
     *files: Annotated[str, Parameter("FILE")],
     out: options.OutFile,
-    size: Annotated[str | None, Parameter(group=options.CAMERAS, metavar="W×H")] = None,
+    size: Annotated[str | None, Parameter(group=options.CAMERAS, metavar="WxH")] = None,
     json: options.Json = False,
 ) -> None:
     """Convert the calibration of another tool to TOML.
 
-    Recognises a calibration of Kalibr, ROS, EuRoC, KITTI or OpenCV by its content: a file, the files of the left and
-    of the right camera, or the folder they are in. Wherever a calibration is given to another command, it need not be
-    converted.
+    Recognises a calibration of Kalibr, ROS, EuRoC, KITTI, OpenCV, OAK, ZED and others by its content: a file, the files
+    of the left and of the right camera, or the folder they are in. Wherever a calibration is given to another command,
+    it need not be converted.
 
     Args:
         files: file or folder; the left camera's file first

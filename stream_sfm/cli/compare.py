@@ -25,7 +25,7 @@ def compare(
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> int:
-    """Compare the drift of the cross-frame method and the EKF in an HTML report.
+    """Compare the drift of windows, EKFs and frame-to-frame estimation in an HTML report.
 
     Runs several methods on the same observations with the same calibration, which a first pass corrects: by default the
     cross-frame method (joint, per-point WC and per-point CC), three EKFs (plain; iterated and camera-centred;

@@ -41,7 +41,7 @@ def evaluate(
     if out is not None and Path(out).suffix.lower() != ".html":
         raise ConfigError(f"--out {out}: the name must end in .html")
     options.protect([out], *runs, truth.ground_truth)
-    found, told, missing, failed = [], [], [], []
+    found, rows, missing, failed = [], [], [], []
     for name in dict.fromkeys(runs):
         try:
             run = read_results(name)
@@ -52,7 +52,7 @@ def evaluate(
             continue
         missing += run.warnings
         found.append(Evaluated(name, method, figures, run.trajectory, used))
-        told.append({"run": name, "method": method, "log": run.summary.get("log"), "ground_truth": figures})
+        rows.append({"run": name, "method": method, "log": run.summary.get("log"), "ground_truth": figures})
         if not figures["frames_compared"]:
             missing.append(_why_none(run, used, truth.ground_truth or "of the log"))
     if not found:
@@ -61,9 +61,9 @@ def evaluate(
     if out is not None:
         write_whole(out, render_evaluation(found).encode())
     if json:
-        print_json({"runs": told})
+        print_json({"runs": rows})
     else:
-        print_evaluation(told)
+        print_evaluation(rows)
     print_notes("warning", missing)
     return ExitCode.INPUT if missing else ExitCode.DONE
 
@@ -92,7 +92,7 @@ def _why_none(run: "RunResults", truth: "Trajectory", name: str) -> str:
     if not len(truth) or not len(run):
         return f"{run.folder}: there is nothing to compare: {len(run)} frames, {len(truth)} poses of ground truth"
     elsewhere = time_warning(truth, name, int(run.stamps_ns[0]), int(run.stamps_ns[-1]))
-    return f"{run.folder}: {elsewhere or f'no pose of the ground truth {name} is of the time of a frame'}"
+    return f"{run.folder}: {elsewhere or f'no pose of the ground truth {name} has the time of a frame'}"
 
 
 def _figures(run: "RunResults", truth: "Trajectory", known: options.TruthErrors) -> dict[str, Any]:

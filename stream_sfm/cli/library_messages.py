@@ -80,6 +80,6 @@ def _print(line: bytes, number: int) -> None:
     text = printable(line.decode(errors="backslashreplace").strip())[:_LONGEST]
     if number > LISTED + 1 or not text:
         return
-    told = f"library: {text}" if number <= LISTED else "library: further lines are not shown; --debug shows all"
+    shown = f"library: {text}" if number <= LISTED else "library: further lines are not shown; --debug shows all"
     with suppress(OSError):
-        os.write(2, f"{told}\n".encode(errors="backslashreplace"))
+        os.write(2, f"{shown}\n".encode(errors="backslashreplace"))

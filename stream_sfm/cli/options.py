@@ -107,7 +107,7 @@ def _setting_names(_context: Any) -> list[str]:
 _PLACE = each(_place)
 Log = Annotated[str, Parameter("LOG")]
 Recording = Annotated[
-    str, Parameter("LOG", help="the recording: MCAP, a ROS bag, a KITTI or EuRoC folder, image folders")
+    str, Parameter("LOG", help="the recording: MCAP, a ROS bag, a video, or the folder of a data set or of images")
 ]
 NewLog = Annotated[str, Parameter("OUT.mcap", help="the log to write")]
 MaybeSeconds = Annotated[float | None, Parameter(metavar="S")]
@@ -164,7 +164,7 @@ class Cameras:
     Attributes:
         left: topic of the left images; found automatically
         right: topic of the right images; found automatically
-        calibration: use this file or folder, ours (TOML) or of other tools, or the files of left and right
+        calibration: a file or folder, of our own format (TOML) or of another tool's, or the files of left and right
         rate: frames per second of a folder of images without stamps (10)
     """
 
@@ -213,7 +213,7 @@ class Settings:
         config: read settings from this file; `stream-sfm config` prints one
         set: change one setting, for example window.frames=12; may be repeated
         no_imu: leave out the inertial samples of a log
-        mask: PNGs of the images' size, black where they show the robot or dirt: there no point is followed
+        mask: PNGs of the images' size, black where pixels are ignored: the robot itself, dirt on a lens
     """
 
     config: MaybeFile = None

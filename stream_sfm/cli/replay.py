@@ -65,7 +65,7 @@ def replay(
         out: result folder; runs/LOG-TIME if not given
         strict: exit with code 3 if there was any warning
         self_test: check the covariances without ground truth: disjoint halves of the tracks and of the image must agree
-        there_and_back: show drift without ground truth: how far from its beginning the way back, estimated anew, ends
+        there_and_back: measure drift without ground truth: estimate the way back, too, and compare the ends
         loops: close loops and write the corrected poses to trajectory_map.tum; needs the extra map
         map: continue in a map that --save-map wrote; implies --loops
         save_map: write the map at the end, also over the one that was read; implies --loops
@@ -122,13 +122,13 @@ def live(
         camera: realsense, oak, zed, a camera of OpenCV such as 0, or a recording
         right: the right camera, where it is another one
         out: result folder as of a replay; runs/CAMERA-TIME if not given
-        record: write a log of every picture, for later replays
+        record: write a log of every image, for later replays
         force: replace the file of --record if it exists
-        calibration: of the pair, instead of the factory's: a file, the files of left and right, or their folder
+        calibration: instead of the factory's: a file, the files of left and right, or a folder
         size: of each image, pixels
-        rate: pictures per second
+        rate: frames per second
         serial: which of several cameras of that kind
-        exposure: of each picture, milliseconds; automatic if not given
+        exposure: exposure time, milliseconds; automatic if not given
         max_frames: end after N frames
     """
     from ..recording.stereo_log import open_camera

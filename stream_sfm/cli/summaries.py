@@ -58,7 +58,7 @@ def _print_drift(drift: dict[str, Any], lines: list[dict[str, Any]], names: dict
     headings = [f"{line['frames']} frame{'' if line['frames'] == 1 else 's'}\n{unit.name}" for line in lines]
     print_table(rows, ["position error over", *headings])
     if any(of["position_from_halves"] for line in lines for of in line["methods"].values()):
-        print("* the truth cannot tell here: ratio of what halves of the tracks show")
+        print("* the ground truth is too coarse here: ratio between halves of the tracks")
 
 
 def print_evaluation(runs: Sequence[dict[str, Any]]) -> None:
@@ -66,12 +66,12 @@ def print_evaluation(runs: Sequence[dict[str, Any]]) -> None:
     from ..evaluation.figures import ABSOLUTE, ACCURACY, CONSISTENCY, OF_RUNS, units_of
 
     figures = (ACCURACY[0], ABSOLUTE[0], *ACCURACY[1:], *ABSOLUTE[1:], *CONSISTENCY, *OF_RUNS)
-    told = [run["ground_truth"] | _over_sigma(run["ground_truth"]) for run in runs]
-    shown = [figure for figure in figures if any(figure.key in of for of in told)]
-    headings, cells = _columns(shown, told, units_of(told, shown))
+    errors = [run["ground_truth"] | _over_sigma(run["ground_truth"]) for run in runs]
+    shown = [figure for figure in figures if any(figure.key in of for of in errors)]
+    headings, cells = _columns(shown, errors, units_of(errors, shown))
     rows = [
         [broken_at(run["run"], "/._-", _NAME_WIDTH), run["method"], str(of["frames_compared"]), *row]
-        for run, of, row in zip(runs, told, cells, strict=True)
+        for run, of, row in zip(runs, errors, cells, strict=True)
     ]
     print_table(rows, ["run", "method", "frames", *headings], width=_EVALUATION_WIDTH, text_columns=2)
 
@@ -83,8 +83,8 @@ def print_batch(content: dict[str, Any], folder: Path) -> None:
 
     figures = (Figure("path_length_m", "path", "m"), *ACCURACY[:3], Figure("p50", "time", "ms/frame"))
     summaries = [log["summary"] for log in content["logs"] if log["summary"]]
-    told = [s | s.get("ground_truth", {}) | s["timing_ms"]["total"] for s in summaries]
-    headings, cells = _columns(figures, told, units_of(told, figures))
+    values = [s | s.get("ground_truth", {}) | s["timing_ms"]["total"] for s in summaries]
+    headings, cells = _columns(figures, values, units_of(values, figures))
     rows, found = [], iter(zip(summaries, cells, strict=True))
     for log in content["logs"]:
         rows.append([log["name"], log["status"]])
@@ -126,7 +126,8 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
         yield "unit of length", summary["unit_of_length"]
     yield "path", f"{summary['path_length_m']:.3f} {unit} in {summary['duration_s']:.2f} s"
     if timing["total"]["p50"] is not None:
-        yield "time per frame", _milliseconds(timing["total"])
+        waited = ", the wait for the camera included" if summary.get("live") else ""
+        yield "time per frame", _milliseconds(timing["total"]) + waited
     for stage in ("decode", "frontend", "estimator") if stages else ():
         yield f"  {stage}", _milliseconds(timing[stage])
     if live := summary.get("live"):

@@ -2,6 +2,8 @@
 # are copied; one of a wrong shape is a ValueError (TypeError: of a wrong number of axes). Images are (h, w) grey;
 # what lies beyond their border is as its rim.
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,77 +14,388 @@ Image = NDArray[np.float32] | NDArray[np.uint8]
 Pixels = NDArray[np.integer]
 Ids = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-# Axes of the physical camera: the rotation (3, 3) of points into them, and σ of errors that no view shows, of lengths
-# as a share of themselves, and of the axes about x and y, radians.
-PhysicalAxes = tuple[Array, float, float]
-# A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, px, and the root (K, K); K = U V.
-Field = tuple[Array, Array, float, Array]
-# What is known of rows: size of the image, field, amplitudes (7 + K,) of polynomial, delay and field with their
-# covariance, the scatter of matches and the largest difference of rows, px.
-Rows = tuple[tuple[float, float], Field, Array, Array, float, float]
-# In which rows of the cameras' own images views are: size of the rectified image, and coefficients (s, k, k) of one
-# polynomial for both sides or of one for each.
-ExposedRows = tuple[tuple[float, float], Array]
-# Delay and readout, seconds: their rows, mean (2,) and covariance (2, 2), and the twist (6,) in the frame before.
-Timing = tuple[ExposedRows, Array, Array, Array]
-# A rig's errors: of which pair, its size, units of the terms per amplitude (t, t), and the field.
-RigModel = tuple[Pinholes, tuple[float, float], Array, Field]
-# Homogeneous points (n, 4), and their twist (6,).
-MovingPoints = tuple[Array, Array]
-# Where right sides are sought: the pair, its rows, a turn (3,) rad of the right camera, which is taken out of what is
-# measured there, and the twist (6,) of the points, per second.
-RightSides = tuple[Pinholes, Rows, Array, Array]
-# A kind of templates: image pixels per pixel; half width, distance of samples, and how far from its start a patch may
-# be found, in pixels of the template; the largest deviation of grey differences; pixels that share one noise value, and
-# the variance factor of views.
-TemplateKind = tuple[int, int, int, float, float, float, float]
-# Homogeneous points (n, 4) of tracks at unit depth, variances (n,) of 1/Z, covariances (n, 2, 2) px² of left positions,
-# anchor cameras (n, 4, 4), velocities (n, 2) px/s on the left and slopes (n, 2) of 1/Z there, and image pixels (n,) per
-# pixel of the template.
-Tracks = tuple[Array, Array, Array, Array, Array, Array, Pixels]
-# Templates of one kind: left and right image of their pixels (None: without right sides), stored patches as in
-# `warp_patches`, and where in the left image (h, w) a whole patch shows the scene.
-Templates = tuple[Image, Image | None, Image, Mask, TemplateKind]
-# f, cx left and right, cy, px; baseline, metres.
-Pinholes = tuple[float, float, float, float, float]
-# Points with their views: homogeneous points (n, 4) with covariances (n, 4, 4), or (0, 4, 4) where they are exact,
-# views (n, 4), NaN where a side is missing, with covariances (n, 4, 4), errors that all views share (n, 4, j), and
-# gates (n,) of squared residuals.
-Views = tuple[Pinholes, Array, Array, Array, Array, Array, Array]
-# A motion (4, 4), its covariance (6, 6), accepted views (n,), and of these χ² and degrees of freedom; the spread of
-# squared residuals; whether enough views agree and determine the motion; squared residuals (n,), share of the votes,
-# amplitudes (j,) of shared errors and their covariance (j, j).
-Fitted = tuple[Array, Array, Mask, float, int, float, bool, Array, float, Array, Array]
-# A second motion (4, 4), its covariance (6, 6), the views (n,) that agree with it only, and their odds.
-Second = tuple[Array, Array, Mask, float]
-# Size of the image; share of the votes below which the global search is made; gates beyond which a view disagrees, how
-# many that do make a second motion, and the share of the evidence from which it makes the first one ambiguous; whether
-# most views agree with the start already, and whether no motion of other views is looked for.
-ResectionRules = tuple[tuple[float, float], float, float, int, float, bool, bool]
-# The state of a window: poses (F, 4, 4); of the points ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the rig's
-# errors (m,); amplitudes (F, e) of each frame's own.
-WindowState = tuple[Array, Pixels, Array, Array, Array, Array]
-# Its views: frame (V,), ids (V,), used (V,), z_px (V, 4), weight (V, 4) and whitening roots (V, 4, 4). Amplitudes of σ
-# = 1 that each frame has of its own move a view by own (V, 4, e). Errors of the rig move it by terms (V, 4, t), of
-# which those of delay and readout get timing (V, 4, 2) added, or (V, 4, 0), and by the parts of a field: moves (4, p) ⊗
-# field (V, K), m = t + p K.
-WindowViews = tuple[Pixels, Pixels, Mask, Array, Array, Array, Array, Array, Array, Array, Array]
-# Points of a prior: known (N,), their rows among those of the window, mean (N, 3), D (N, 3, 3) and modes F (N, 3, k).
-# The last m modes are those of the rig's errors: information (m, m) and weighted sums (m,) of their amplitudes.
-PriorPoints = tuple[Pixels, Array, Array, Array, Array, Array]
-# Points that enter it: ids (n,), mean (n, 3), covariances (n, 3, 3), and modes (n, 3, k).
-NewPoints = tuple[Pixels, Array, Array, Array]
-# Intervals (n) between frames: rotations (n, 3, 3), velocity and position (n, 6), Jacobians by biases (n, 9, 6) and by
-# the clock (n, 9), covariances (n, 9, 9), and at which biases (n, 6) and clock offsets (n,) they were integrated, over
-# how many seconds (n,).
-Intervals = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
-RECORDS: dict[str, tuple[str, str]]  # of each of these records, its type and what its parts are
+
+class PhysicalAxes(Protocol):
+    # Axes of the physical camera: the `rotation` (3, 3) of points into them, and σ of errors that no view shows, of
+    # lengths as a share of themselves, and of the axes about x and y.
+    @property
+    def rotation(self) -> Array: ...
+    @property
+    def std_scale(self) -> float: ...
+    @property
+    def std_axes_rad(self) -> float: ...
+
+class Field(Protocol):
+    # A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and the root (K, K); K = U
+    # V.
+    @property
+    def u_px(self) -> Array: ...
+    @property
+    def v_px(self) -> Array: ...
+    @property
+    def length_px(self) -> float: ...
+    @property
+    def root(self) -> Array: ...
+
+class Rows(Protocol):
+    # What is known of rows: amplitudes (7 + K,) of polynomial, delay and field with their covariance, the scatter
+    # of matches and the largest difference of rows.
+    @property
+    def projection(self) -> Pinholes: ...
+    @property
+    def field(self) -> Field: ...
+    @property
+    def mean(self) -> Array: ...
+    @property
+    def cov(self) -> Array: ...
+    @property
+    def scatter_px(self) -> float: ...
+    @property
+    def max_px(self) -> float: ...
+
+class ExposedRows(Protocol):
+    # In which rows of the cameras' own images views are: size of the rectified image, and coefficients (s, k, k) of
+    # one polynomial for both sides or of one for each.
+    @property
+    def size_px(self) -> tuple[float, float]: ...
+    @property
+    def coefficients(self) -> Array: ...
+
+class Timing(Protocol):
+    # Delay and readout, seconds: mean (2,) and covariance (2, 2), and the twist (6,) in the frame before, None if
+    # unknown.
+    @property
+    def row_of(self) -> ExposedRows: ...
+    @property
+    def mean(self) -> Array: ...
+    @property
+    def cov(self) -> Array: ...
+    @property
+    def twist(self) -> Array | None: ...
+
+class Mixture(tuple[Array, Array, float]):
+    # Errors of a rig as a mixture over what may be exactly zero: mean (m,), covariance (m, m), and p that lenses
+    # are wrong.
+    mean: Array
+    cov: Array
+    p_wrong: float
+
+class RightSides(Protocol):
+    # Where right sides are sought: the rows, a turn (3,) of the right camera, which is taken out of what is
+    # measured there, and the twist (6,) of the points, per second.
+    @property
+    def rows(self) -> Rows: ...
+    @property
+    def turn_rad(self) -> Array: ...
+    @property
+    def twist(self) -> Array: ...
+
+class TemplateConfig(Protocol):
+    # Half width of templates and how far from its start one may be found, in their pixels; the largest deviation of
+    # grey differences.
+    @property
+    def window_radius_px(self) -> int: ...
+    @property
+    def max_realignment_px(self) -> float: ...
+    @property
+    def max_photometric_error(self) -> float: ...
+
+class ViewNoise(Protocol):
+    # Pixels that share one noise value, and the variance factor of views.
+    @property
+    def shared_pixels(self) -> float: ...
+    @property
+    def factor(self) -> float: ...
+
+class TemplateKind(Protocol):
+    # A kind of templates: image pixels per pixel, and pixels between samples.
+    @property
+    def scale(self) -> int: ...
+    @property
+    def spacing_px(self) -> int: ...
+    @property
+    def config(self) -> TemplateConfig: ...
+    @property
+    def noise(self) -> ViewNoise: ...
+
+class Tracks(Protocol):
+    # Homogeneous points (n, 4) of tracks at unit depth, variances (n,) of 1/Z, covariances (n, 2, 2) px² of left
+    # positions, anchor cameras (n, 4, 4), velocities (n, 2) px/s on the left and slopes (n, 2) of 1/Z there, and
+    # image pixels (n,) per pixel of the template.
+    @property
+    def points(self) -> Array: ...
+    @property
+    def var_rho(self) -> Array: ...
+    @property
+    def cov_left_px(self) -> Array: ...
+    @property
+    def anchor_from_start(self) -> Array: ...
+    @property
+    def anchor_velocity_px_s(self) -> Array: ...
+    @property
+    def slopes(self) -> Array: ...
+    @property
+    def scale(self) -> Pixels: ...
+
+class Templates(Protocol):
+    # Templates of one kind: left and right image of their pixels (None: without right sides), stored patches as in
+    # `warp_patches`, and where in the left image (h, w) a whole patch shows the scene.
+    @property
+    def left(self) -> Image: ...
+    @property
+    def right(self) -> Image | None: ...
+    @property
+    def stored(self) -> Image: ...
+    @property
+    def area(self) -> Mask: ...
+    @property
+    def kind(self) -> TemplateKind: ...
+
+class Pinholes(Protocol):
+    # A rectified pair, with the size of its images, px.
+    @property
+    def f_px(self) -> float: ...
+    @property
+    def cx_left_px(self) -> float: ...
+    @property
+    def cx_right_px(self) -> float: ...
+    @property
+    def cy_px(self) -> float: ...
+    @property
+    def baseline_m(self) -> float: ...
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+
+class Views(Protocol):
+    # Points with their views: homogeneous `points` (n, 4) with `cov_points` (n, 4, 4), or (0, 4, 4) where they are
+    # exact, views `z_px` (n, 4), NaN where a side is missing, with `cov_px` (n, 4, 4), errors that all views share
+    # (n, 4, j), and gates (n,) of squared residuals.
+    @property
+    def projection(self) -> Pinholes: ...
+    @property
+    def points(self) -> Array: ...
+    @property
+    def cov_points(self) -> Array: ...
+    @property
+    def z_px(self) -> Array: ...
+    @property
+    def cov_px(self) -> Array: ...
+    @property
+    def shared(self) -> Array: ...
+    @property
+    def gate(self) -> Array: ...
+
+class Fitted(tuple[Array, Array, Mask, float, int, float, bool, Array, float, Array, Array]):
+    # A motion (4, 4), its covariance (6, 6), accepted views (n,), and of these χ² and degrees of freedom; the
+    # `spread` of squared residuals; whether enough views agree and determine the motion (`ok`); squared residuals
+    # (n,), `share` of the votes, amplitudes (j,) of shared errors and their covariance (j, j).
+    cam_from_ref: Array
+    cov_pose: Array
+    accepted: Mask
+    chi2: float
+    dof: int
+    spread: float
+    ok: bool
+    squared_residuals: Array
+    share: float
+    amplitudes: Array
+    cov_amplitudes: Array
+
+class Second(tuple[Array, Array, Mask, float]):
+    # A second motion (4, 4), its covariance (6, 6), the views (n,) that agree with it only, and their odds.
+    cam_from_ref: Array
+    cov_pose: Array
+    views: Mask
+    odds: float
+
+class ResectionRules(Protocol):
+    # The settings of a resection, as in `RobustConfig`.
+    @property
+    def calm_share(self) -> float: ...
+    @property
+    def calm_spread(self) -> float: ...
+    @property
+    def beyond_gates(self) -> float: ...
+    @property
+    def ambiguous_share(self) -> float: ...
+    @property
+    def halves_apart(self) -> float: ...
+    @property
+    def shared_noise(self) -> float: ...
+    @property
+    def max_odds(self) -> float: ...
+    @property
+    def second_views(self) -> int: ...
+
+class Wanted(Protocol):
+    # Whether a second motion is looked for; whether most views agree with the start already, and whether it has
+    # been decided that no other motion than that is looked for.
+    @property
+    def second(self) -> bool: ...
+    @property
+    def start_is_close(self) -> bool: ...
+    @property
+    def start_is_decided(self) -> bool: ...
+
+class WindowState(Protocol):
+    # The state of a window: poses (F, 4, 4); of the points ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the
+    # rig's errors (m,); amplitudes (F, e) of each frame's own.
+    @property
+    def cams_from_ref(self) -> Array: ...
+    @property
+    def ids(self) -> Pixels: ...
+    @property
+    def ref_from_anchor(self) -> Array: ...
+    @property
+    def q(self) -> Array: ...
+    @property
+    def rig_error(self) -> Array: ...
+    @property
+    def own(self) -> Array: ...
+
+class WindowViews(Protocol):
+    # Its views: frame (V,), ids (V,), used (V,), z_px (V, 4), weight (V, 4) and whitening roots (V, 4, 4).
+    # Amplitudes of σ = 1 that each frame has of its own move a view by own (V, 4, e). Errors of the rig move it by
+    # terms (V, 4, t), of which those of delay and readout get timing (V, 4, 2) added, or (V, 4, 0), and by the
+    # parts of a field: moves (4, p) ⊗ field (V, K), m = t + p K.
+    @property
+    def frame(self) -> Pixels: ...
+    @property
+    def ids(self) -> Pixels: ...
+    @property
+    def used(self) -> Mask: ...
+    @property
+    def z_px(self) -> Array: ...
+    @property
+    def weight(self) -> Array: ...
+    @property
+    def root(self) -> Array: ...
+    @property
+    def own(self) -> Array: ...
+    @property
+    def terms(self) -> Array: ...
+    @property
+    def timing(self) -> Array: ...
+    @property
+    def field(self) -> Array: ...
+    @property
+    def moves(self) -> Array: ...
+
+class RigKnowledge(Protocol):
+    # Information (m, m) about errors of the rig, and weighted sums (m,) of their amplitudes.
+    @property
+    def information(self) -> Array: ...
+    @property
+    def weighted(self) -> Array: ...
+
+class Prior(Protocol):
+    # Points of a prior (N,): mean (N, 3), D (N, 3, 3) and modes F (N, 3, k), of which the last m are those of the
+    # rig's errors.
+    @property
+    def mean(self) -> Array: ...
+    @property
+    def cov(self) -> Array: ...
+    @property
+    def modes(self) -> Array: ...
+    @property
+    def rig(self) -> RigKnowledge: ...
+
+class NormalBlocks(tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array]):
+    # The normal equations of all views, eq. (26): blocks of the frames, of the points, and between them. A frame
+    # has f = 6 + e unknowns: its pose, and e amplitudes of its own with their prior of σ = 1. `u` (F, f, f), `v`
+    # (P, 3, 3), `w` (P, 3, fF); right-hand sides `g_pose` (F, f), `g_point` (P, 3). Of the rig's errors `rig` (m,
+    # m), with the frames `rig_pose` (F, f, m), with the points `rig_point` (P, 3, m), and `g_rig` (m,).
+    u: Array
+    v: Array
+    w: Array
+    g_pose: Array
+    g_point: Array
+    rig: Array
+    rig_pose: Array
+    rig_point: Array
+    g_rig: Array
+
+class CovariancePart(Protocol):
+    # One of two parts of the joint covariance of points, a pose and the world, as in normal_equations.py.
+    @property
+    def reach(self) -> Array: ...
+    @property
+    def covariant(self) -> Array: ...
+    @property
+    def with_both(self) -> Array: ...
+    @property
+    def both(self) -> Array: ...
+
+class AbsorbedPoints(tuple[Ids, Array, Array, Array]):
+    # Points of a prior (N,): ids, which are ascending, mean (N, 3), D (N, 3, 3) and modes (N, 3, k).
+    ids: Ids
+    mean: Array
+    cov: Array
+    modes: Array
+
+class PointMarginals(tuple[Array, Array, Array, Array, Array, Array, Mask]):
+    # Points (P,): q in the camera (P, 3), its covariance (P, 3, 3) given the rig's errors; metric points in the
+    # camera (P, 3) and in the world, each with covariances (P, 3, 3); and which are finite: 1/Z is so many σ away
+    # from 0.
+    q_in_cam: Array
+    cov_q_in_cam: Array
+    points_in_cam: Array
+    cov_points: Array
+    points_in_world: Array
+    cov_points_in_world: Array
+    finite: Mask
+
+class Intervals(Protocol):
+    # Intervals (n) between frames: `rotation` (n, 3, 3), velocity and position `motion` (n, 6), Jacobians `by_bias`
+    # (n, 9, 6) and `by_clock` (n, 9), `cov` (n, 9, 9), and at which `biases` (n, 6) and `clock` offsets (n,) they
+    # were integrated, over how many `seconds` (n,).
+    @property
+    def rotation(self) -> Array: ...
+    @property
+    def motion(self) -> Array: ...
+    @property
+    def by_bias(self) -> Array: ...
+    @property
+    def by_clock(self) -> Array: ...
+    @property
+    def cov(self) -> Array: ...
+    @property
+    def biases(self) -> Array: ...
+    @property
+    def clock(self) -> Array: ...
+    @property
+    def seconds(self) -> Array: ...
+
+class Preintegrated(tuple[Array, Array, Array, Array, Array, Array]):
+    # The motion of an inertial unit between two times, in its axes at the first one: `rotation` (3, 3), velocity
+    # and position `motion` (2, 3) without gravity, their Jacobians `by_bias` (9, 6) and `by_clock` (3, 3), by the
+    # time of both ends, and their covariances (9, 9) by either sensor, of (rotation on the right, velocity,
+    # position).
+    rotation: Array
+    motion: Array
+    by_bias: Array
+    by_clock: Array
+    cov_gyro: Array
+    cov_accel: Array
+
+RECORDS: dict[str, tuple[bool, str, list[tuple[str, str]]]]  # is returned; help; fields, types
 
 def absorbed_points(
-    ids: Pixels, std_given: Array, moved: Array, given: Array, q: Array, stays: Mask, new: NewPoints
-) -> tuple[Ids, Array, Array, Array]: ...
+    ids: Pixels,
+    std_given: Array,
+    moved: Array,
+    given: Array,
+    q: Array,
+    stays: Mask,
+    ids_new: Pixels,
+    mean_new: Array,
+    cov_new: Array,
+    modes_new: Array,
+) -> AbsorbedPoints: ...
 def absorbing_system(
-    blocks: tuple[Array, ...], prior: PriorPoints, ref_from_anchor: Array, q: Array, amplitudes: Array
+    blocks: NormalBlocks, prior: Prior, ref_from_anchor: Array, q: Array, amplitudes: Array
 ) -> tuple[Array, Array, Array, Array, Array, Array]: ...
 def align_patches(
     image: Image,
@@ -110,9 +423,7 @@ def corner_strength(image: Image) -> Grey: ...
 def cov_of_timed_pose(
     pinholes: Pinholes, exposed: ExposedRows, points_in_cam: Array, size: Array, cov_twist: Array
 ) -> Array: ...
-def disparity_effects(
-    pinholes: Pinholes, size: tuple[float, float], points: Array, cam_from_previous: Array, z_px: Array
-) -> Array: ...
+def disparity_effects(pinholes: Pinholes, points: Array, cam_from_previous: Array, z_px: Array) -> Array: ...
 def drift_covariances(ids: Pixels, ref_from_anchor: Array, q: Array, seen: Pixels, var_drift: Array) -> Array: ...
 def effects_of_turn(pinholes: Pinholes, right_px: Array) -> Array: ...
 def eliminate_points(v: Array, w: Array) -> tuple[Array, Array]: ...
@@ -141,7 +452,7 @@ def leaving_views(
     seen_later: Mask,
     known: Pixels,
     cov: Array,
-) -> tuple[Ids, Mask, Array, Array, Array, tuple[Array, ...], Ids, tuple[Array, Array, Array, Array]]: ...
+) -> tuple[Ids, Mask, Array, Array, Array, NormalBlocks, Ids, tuple[Array, Array, Array, Array]]: ...
 def linearise_views(views: Views, cam_from_ref: Array) -> tuple[Array, Array]: ...
 def log_evidence(information: Array, weighted: Array, variances: Array) -> Array: ...
 def match_along_rows(left: Image, right: Image, points_px: Pixels, first: int, last: int) -> tuple[Array, Mask]: ...
@@ -172,7 +483,7 @@ def motion_of_flow(
 def new_corners(
     strength: Image, allowed: Mask, taken_px: Array, wanted: int, distance_px: float, min_strength: float
 ) -> Ids: ...
-def normal_blocks(pinholes: Pinholes, state: WindowState, views: WindowViews) -> tuple[Array, ...]: ...
+def normal_blocks(pinholes: Pinholes, state: WindowState, views: WindowViews) -> NormalBlocks: ...
 def on_one_row(rows: Rows, left_px: Array, right_px: Array, row_speed_px_s: Array, scale: float) -> Mask: ...
 def orthonormalise(poses: Array) -> Array: ...
 def place_new_points(
@@ -188,12 +499,12 @@ def point_marginals(
     ref_from_anchor: Array,
     q: Array,
     std_given: Array,
-    own: tuple[Array, Array, Array, Array],
-    by_rig: tuple[Array, Array, Array, Array],
+    own: CovariancePart,
+    by_rig: CovariancePart,
     world_from_ref: Array,
     cam_from_ref: Array,
     known_sigmas: float,
-) -> tuple[Array, Array, Array, Array, Array, Array, Mask]: ...
+) -> PointMarginals: ...
 def point_motions(poses: Array, seconds: Array) -> Array: ...
 def points_alone(
     v: Array, w: Array, g_point: Array, rig_point: Array, q: Array, rig_step: Array
@@ -219,9 +530,8 @@ def predict_tracks(
 ) -> tuple[Array, Array, Array, Array, Array]: ...
 def preintegrate(
     seconds: Array, gyro: Array, accel: Array, widened: Array, biases: Array, densities: Array
-) -> tuple[Array, Array, Array, Array, Array, Array]: ...
+) -> Preintegrated: ...
 def project_points(pinholes: Pinholes, points: Array) -> Array: ...
-def q_by_reference(ref_from_anchor: Array, q: Array) -> Array: ...
 def quaternions(rotations: Array) -> Array: ...
 def reported_motions(
     axes: PhysicalAxes, poses: Array, cov: Array, by_terms: Array
@@ -230,9 +540,16 @@ def reported_points(
     axes: PhysicalAxes, points: Array, cov_points: Array, std_shared: Array, frame_from_cam: Array
 ) -> tuple[Array, Array]: ...
 def resect(
-    views: Views, cam_from_ref: Array, votes: Array, rules: ResectionRules, predicted: Array | None | None
+    views: Views,
+    cam_from_ref: Array,
+    votes: Array,
+    rules: ResectionRules,
+    wanted: Wanted,
+    predicted: Array | None | None,
 ) -> tuple[Fitted, Second | None]: ...
-def rig_effects(model: RigModel, z_px: Array, age_s: Array) -> tuple[Array, Array]: ...
+def rig_effects(
+    pinholes: Pinholes, root: Array, field: Field, z_px: Array, age_s: Array
+) -> tuple[Array, Array]: ...
 def rig_mixture(
     mean: Array,
     cov: Array,
@@ -242,20 +559,19 @@ def rig_mixture(
     log_prior: Array,
     counts: float,
     known_wrong: bool,
-) -> tuple[Array, Array, float]: ...
+) -> Mixture: ...
 def rotation_vectors(rotations: Array) -> Array: ...
 def row_errors_of_tracks(
     known: Pixels, ages: Pixels, rows: Array, ids: Pixels, z_px: Array, cov_px: Array
 ) -> tuple[Ids, Array, Array]: ...
-def row_offsets(rows: Rows, left_px: Array, row_speed_px_s: Array) -> Array: ...
-def row_terms(size: tuple[float, float], field: Field, left_px: Array, row_speed_px_s: Array) -> Array: ...
+def row_terms(pinholes: Pinholes, field: Field, left_px: Array, row_speed_px_s: Array) -> Array: ...
 def scaled_by_diagonal(matrix: Array) -> tuple[Array, Array]: ...
 def seen_points(pinholes: Pinholes, z_px: Array) -> Array: ...
 def shifts_by_timing(
     pinholes: Pinholes, exposed: ExposedRows, points: Array, twist: Array, mean: Array
 ) -> Array: ...
 def store_patches(stored: Image, image: Image, points_px: Pixels, slots: Pixels) -> None: ...
-def template_drift(points: Array, cam_from_previous: Array, scale: Pixels, radius: float) -> Array: ...
+def template_drift(points: Array, cam_from_previous: Array, scale: Pixels, slide: float) -> Array: ...
 def templates_fit(warps: Array, radius: float, half: float) -> Mask: ...
 def timed_views(
     pinholes: Pinholes,
@@ -278,8 +594,10 @@ def timing_of_views(
 def timing_unknowns(
     pinholes: Pinholes,
     exposed: ExposedRows,
-    before: MovingPoints,
-    now: MovingPoints,
+    points_before: Array,
+    twist_before: Array,
+    points: Array,
+    twist: Array,
     mean: Array,
     cov: Array,
     std_twist: Array,
@@ -290,14 +608,7 @@ def track_covariances(
 def unfilter_png(filtered: Image, pixel: int) -> Bytes: ...
 def union_of(ids: Pixels) -> Ids: ...
 def unknown_errors(
-    pinholes: Pinholes,
-    timing: Timing,
-    rows: Rows,
-    before: Array,
-    now: Array,
-    z_px: Array,
-    twist: Array,
-    std_twist: Array,
+    timing: Timing, rows: Rows, before: Array, now: Array, z_px: Array, twist: Array, std_twist: Array
 ) -> tuple[Array, Array]: ...
 def update_depths(
     pinholes: Pinholes, tracks: Tracks, cam_from_previous: Array, z_px: Array, cov_px: Array, forgetting: float
@@ -317,5 +628,5 @@ def warp_patches(
 def whiten_blocks(cov: Array, b: Array) -> Array: ...
 def whitening_of_views(z_px: Array, cov_px: Array) -> Array: ...
 def window_system(
-    blocks: tuple[Array, ...], prior: PriorPoints, q: Array, amplitudes: Array
+    blocks: NormalBlocks, prior: Prior, known: Pixels, q: Array, amplitudes: Array
 ) -> tuple[Array, Array, Array, Array, Array, Array]: ...

@@ -128,15 +128,16 @@ WindowSystem absorbing_system(const BlockViews& blocks, const PriorViews& prior,
         std::copy_n(blocks.w.data + by_frame * row + 6, e, w.data.get() + e * row);
     BlockViews exact = blocks;
     exact.u = u, exact.w = w, exact.g_pose = g, exact.rig_pose = rig_pose;
-    WindowSystem result = system_of(
-        exact, {prior.known, prior.mean, prior.cov, modes, prior.information, prior.weighted}, q, at, 0);
+    Array<std::int64_t, 1> all(n);
+    std::iota(all.data.get(), all.data.get() + n, 0);
+    WindowSystem result = system_of(exact, {prior.mean, prior.cov, modes, prior.rig}, all, q, at, 0);
     for (std::size_t x = e + own; x < e + own + 6; x++) result.h[x][x] -= 1;  // the new modes have no prior information
     return result;
 }
 
 AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved, Matrix given, Matrix q, Flags stays,
-                               const NewPriorPoints& fresh) {
-    std::size_t n = ids.shape[0], more = fresh.ids.shape[0];
+                               Indices ids_new, Matrix mean_new, Matrices cov_new, Matrices modes_new) {
+    std::size_t n = ids.shape[0], more = ids_new.shape[0];
     require(moved.shape[2] > 0, "there is no step");
     std::size_t k = moved.shape[2] - 1;
     require_shape(std_given, {n, 3, 3}, "std_given");
@@ -144,21 +145,21 @@ AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved, 
     require_shape(given, {n, 3}, "given");
     require_shape(q, {n, 3}, "q");
     require_shape(stays, {n}, "stays");
-    require_shape(fresh.mean, {more, 3}, "mean");
-    require_shape(fresh.cov, {more, 3, 3}, "cov");
-    require_shape(fresh.modes, {more, 3, k}, "modes");
+    require_shape(mean_new, {more, 3}, "mean_new");
+    require_shape(cov_new, {more, 3, 3}, "cov_new");
+    require_shape(modes_new, {more, 3, k}, "modes_new");
     std::size_t total = more + static_cast<std::size_t>(std::count(stays.data, stays.data + n, true)), at = 0, j = 0;
     AbsorbedPoints result{{total}, {total, 3}, {total, 3, 3}, {total, 3, k}};
     auto begin = [&] {
-        result.ids.data[at] = fresh.ids.data[j];
-        std::copy(fresh.mean[j], fresh.mean[j] + 3, result.mean[at]);
-        std::copy(fresh.cov[j], fresh.cov[j] + 9, result.cov[at]);
-        std::copy(fresh.modes[j], fresh.modes[j] + 3 * k, result.modes[at]);
+        result.ids.data[at] = ids_new.data[j];
+        std::copy(mean_new[j], mean_new[j] + 3, result.mean[at]);
+        std::copy(cov_new[j], cov_new[j] + 9, result.cov[at]);
+        std::copy(modes_new[j], modes_new[j] + 3 * k, result.modes[at]);
         at++, j++;
     };
     for (std::size_t i = 0; i < n; i++) {
         if (!stays.data[i]) continue;
-        while (j < more && fresh.ids.data[j] < ids.data[i]) begin();
+        while (j < more && ids_new.data[j] < ids.data[i]) begin();
         result.ids.data[at] = ids.data[i];
         for (std::size_t x = 0; x < 3; x++) {
             double sum = 0;

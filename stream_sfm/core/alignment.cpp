@@ -35,8 +35,8 @@ class Alignment {
     Sought visible(const TrackTable& tracks, Indices slots, const PredictedTracks& now) const {
         Array<double, 3> left_warps = in_template_pixels(now.left_warps), right_warps = in_template_pixels(now.right_warps);
         double half = (static_cast<double>(of.stored.shape[1]) - 1) / 2;
-        Array<bool, 1> left_fits = templates_fit(left_warps, kind.radius, half);
-        Array<bool, 1> right_fits = templates_fit(right_warps, kind.radius, half);
+        Array<bool, 1> left_fits = templates_fit(left_warps, kind.config.window_radius_px, half);
+        Array<bool, 1> right_fits = templates_fit(right_warps, kind.config.window_radius_px, half);
         Array<bool, 1> inside = inside_area(of.area, now.left);
         std::vector<std::size_t> rows = rows_where(slots.shape[0], [&](std::size_t i) {
             return tracks.scale.data[i] == kind.scale && left_fits.data[i] && right_fits.data[i] && inside.data[i];
@@ -46,8 +46,8 @@ class Alignment {
     }
 
     FoundViews find(const Sought& sought, const RightSides& right_sides) const {
-        Patches patches = warp_patches(of.stored, sought.slots, sought.left_warps, kind.radius, kind.spacing);
-        Array<double, 3> gradients = gradient_matrices(patches.information, kind.spacing);
+        Patches patches = warp_patches(of.stored, sought.slots, sought.left_warps, kind.config.window_radius_px, kind.spacing_px);
+        Array<double, 3> gradients = gradient_matrices(patches.information, kind.spacing_px);
         AlignedPatches left = find_left(patches, sought.left);
         if (of.right) return find_right(sought, patches, gradients, left, right_sides);
         std::vector<double> missing(sought.rows.size(), std::numeric_limits<double>::quiet_NaN());
@@ -68,7 +68,7 @@ class Alignment {
         Array<double, 2> of_template(n, 2);
         for (std::size_t i = 0; i < 2 * n; i++) of_template.data[i] = starts.data[i] / kind.scale;
         AlignedPatches result = align_patches(image, of_template, patches.inverse, patches.information, patches.level,
-                                              kind.radius, kind.spacing);
+                                              kind.config.window_radius_px, kind.spacing_px);
         for (std::size_t i = 0; i < 2 * n; i++) result.at.data[i] *= kind.scale;
         return result;
     }
@@ -79,8 +79,8 @@ class Alignment {
         Array<bool, 1> inside = inside_area(of.area, left.at);
         for (std::size_t i = 0; i < starts.shape[0]; i++) {
             double du = left.at[i][0] - starts[i][0], dv = left.at[i][1] - starts[i][1];
-            left.found.data[i] = left.found.data[i] && std::sqrt(du * du + dv * dv) < kind.scale * kind.farthest &&
-                                 left.error.data[i] < kind.max_error && inside.data[i];
+            left.found.data[i] = left.found.data[i] && std::sqrt(du * du + dv * dv) < kind.scale * kind.config.max_realignment_px &&
+                                 left.error.data[i] < kind.config.max_photometric_error && inside.data[i];
         }
         return left;
     }
@@ -90,20 +90,20 @@ class Alignment {
                           AlignedPatches& left, const RightSides& by) const {
         std::size_t n = sought.rows.size();
         Array<double, 2> start(n, 2);
-        Array<double, 1> speed = row_speeds(by.pinholes, sought.points, by.twist);
+        Array<double, 1> speed = row_speeds(by.rows.projection, sought.points, by.twist);
         Array<double, 1> vertical = row_offsets(by.rows, left.at, speed);
         for (std::size_t i = 0; i < n; i++) {
             start[i][0] = sought.right_u.data[i] + left.at[i][0] - sought.left[i][0];
             start[i][1] = left.at[i][1] - vertical.data[i];
         }
-        turn_by(by.pinholes, by.turn, 1, start);
+        turn_by(by.rows.projection, by.turn_rad, 1, start);
         turn_right(patches, sought);
         AlignedPatches right = aligned(*of.right, patches, start);
-        double margin = kind.scale * kind.radius, last = by.rows.size[0] - 1 - margin;
+        double margin = kind.scale * kind.config.window_radius_px, last = by.rows.projection.width - 1 - margin;
         for (std::size_t i = 0; i < n; i++)
             right.found.data[i] =
-                right.found.data[i] && right.at[i][0] > margin && right.at[i][0] < last && right.error.data[i] < kind.max_error;
-        turn_by(by.pinholes, by.turn, -1, right.at);
+                right.found.data[i] && right.at[i][0] > margin && right.at[i][0] < last && right.error.data[i] < kind.config.max_photometric_error;
+        turn_by(by.rows.projection, by.turn_rad, -1, right.at);
         for (std::size_t i = 0; i < n; i++) right.at[i][1] += vertical.data[i];
         Array<bool, 1> on_row = on_one_row(by.rows, left.at, right.at, speed, kind.scale);
         FoundViews result = views(left, gradients, right.error);
@@ -119,7 +119,7 @@ class Alignment {
     FoundViews views(AlignedPatches& left, const Array<double, 3>& gradients, Vector error_right) const {
         std::size_t n = left.found.shape[0];
         FoundViews result{std::move(left.found), {n, 4}, {n, 4},
-                          view_covariances(gradients, left.error, error_right, kind.shared_pixels, kind.scale, kind.factor)};
+                          view_covariances(gradients, left.error, error_right, kind.noise.shared_pixels, kind.scale, kind.noise.factor)};
         double missing = std::numeric_limits<double>::quiet_NaN();
         for (std::size_t i = 0; i < n; i++)
             for (Array<double, 2>* z : {&result.z, &result.any_row})
@@ -132,7 +132,7 @@ class Alignment {
         std::size_t samples = row_size(patches.inverse.shape);
         std::vector<std::size_t> slanted = slanted_rows(sought.slopes);
         Patches right = warp_patches(of.stored, rows_of(sought.slots, slanted), rows_of(sought.right_warps, slanted),
-                                     kind.radius, kind.spacing);
+                                     kind.config.window_radius_px, kind.spacing_px);
         for (std::size_t k = 0; k < slanted.size(); k++) {
             std::copy_n(right.inverse[k], samples, patches.inverse[slanted[k]]);
             std::copy_n(right.information[k], 9, patches.information[slanted[k]]);
@@ -151,8 +151,8 @@ AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, 
                            const Templates<std::uint8_t>& ordinary, const std::optional<Templates<float>>& wide) {
     std::size_t n = tracks.points.shape[0];
     require_shape(slots, {n}, "slots");
-    require_shape(right_sides.turn, {3}, "turn");
-    PredictedTracks now = predict_tracks(right_sides.pinholes, timing, right_sides.twist, tracks, cam_from_previous,
+    require_shape(right_sides.turn_rad, {3}, "turn");
+    PredictedTracks now = predict_tracks(right_sides.rows.projection, timing, right_sides.twist, tracks, cam_from_previous,
                                          cam_from_start, left, agree);
     Array<bool, 1> expected(n);
     FoundViews all{{n}, {n, 4}, {n, 4}, {n, 4, 4}};
@@ -173,7 +173,7 @@ AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, 
     if (wide) align(*wide);
     std::vector<std::size_t> kept = rows_where(n, [&](std::size_t i) { return all.found.data[i]; });
     Array<double, 2> points = rows_of(now.points, kept);
-    Array<double, 2> taken = shifts_by_timing(right_sides.pinholes, timing.exposed, points, right_sides.twist, timing.mean);
+    Array<double, 2> taken = shifts_by_timing(right_sides.rows.projection, timing.row_of, points, right_sides.twist, timing.mean);
     AlignedTracks result{std::move(expected), numbers(kept), std::move(points), rows_of(all.z, kept),
                          rows_of(all.cov, kept), rows_of(all.any_row, kept), std::move(taken)};
     for (Array<double, 2>* z : {&result.z, &result.any_row})

@@ -41,6 +41,14 @@ using Flags = View<bool, 1>;
 using Indices = View<std::int64_t, 1>;
 using Pixels = View<std::int64_t, 2>;  // (n, 2): column, row
 
+// The fields of a record: Python reads them, or is given them, under these names; and the record's own name there.
+#define FIELDS(...)                                 \
+    auto parts() { return std::tie(__VA_ARGS__); }  \
+    static constexpr const char* names = #__VA_ARGS__;
+#define RECORD(name, ...)                           \
+    static constexpr char record[] = #name;         \
+    FIELDS(__VA_ARGS__)
+
 struct Unset {};
 
 // An array that a stage has made, of zeros; `Unset` where all of it is written anyway.

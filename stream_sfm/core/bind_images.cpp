@@ -1,6 +1,6 @@
 // Python's view of images.hpp.
 
-#include "described.hpp"
+#include "binding.hpp"
 #include "images.hpp"
 
 namespace binding {

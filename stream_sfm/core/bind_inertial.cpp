@@ -1,23 +1,22 @@
 // Python's view of inertial.hpp.
 
-#include "described.hpp"
+#include "binding.hpp"
 #include "inertial.hpp"
 
 namespace binding {
 
-DESCRIBED(IntervalViews, "Intervals")
-
 void bind_inertial(nb::module_& m) {
-    describe<IntervalViews>(m, "Intervals", R"(Intervals (n) between frames: rotations (n, 3, 3), velocity and position (n, 6), Jacobians by biases (n, 9, 6) and by
-the clock (n, 9), covariances (n, 9, 9), and at which biases (n, 6) and clock offsets (n,) they were integrated, over
-how many seconds (n,).)");
+    describe_taken<IntervalViews>(m, R"(Intervals (n) between frames: `rotation` (n, 3, 3), velocity and position `motion` (n, 6), Jacobians `by_bias`
+(n, 9, 6) and `by_clock` (n, 9), `cov` (n, 9, 9), and at which `biases` (n, 6) and `clock` offsets (n,) they were
+integrated, over how many `seconds` (n,).)");
+    describe_returned<Preintegrated>(m, R"(The motion of an inertial unit between two times, in its axes at the first one: `rotation` (3, 3), velocity and position
+`motion` (2, 3) without gravity, their Jacobians `by_bias` (9, 6) and `by_clock` (3, 3), by the time of both ends, and
+their covariances (9, 9) by either sensor, of (rotation on the right, velocity, position).)");
     def<&preintegrate>(m, "preintegrate", R"(Return the motion of an inertial unit between two times, eqs. (78) and (79), in its axes at the first one.
 
 Samples (n, 3), rad/s and m/s², at ascending times (n,), of which the first and the last bound the interval;
 `widened` (n − 1,): factors on the variance of each step; biases (6,) of gyroscope and accelerometer, and their
-noise densities (2,). Returns the rotation (3, 3), velocity and position (2, 3) without gravity, their Jacobians
-(9, 6) by the biases and (3, 3) by the time of both ends, and their covariances (9, 9) by either sensor, of
-(rotation on the right, velocity, position).)",
+noise densities (2,).)",
         "seconds"_a, "gyro"_a, "accel"_a, "widened"_a, "biases"_a, "densities"_a);
     def<&inertial_rows>(m, "inertial_rows", R"(Return whitened residuals (9n,) of intervals in a row and their Jacobian (9n, 9n + 17), eq. (80).
 

@@ -1,15 +1,13 @@
 // Python's view of poses.hpp.
 
-#include "described.hpp"
+#include "binding.hpp"
 #include "poses.hpp"
 
 namespace binding {
 
-DESCRIBED(PhysicalAxes, "PhysicalAxes")
-
 void bind_poses(nb::module_& m) {
-    describe<PhysicalAxes>(m, "PhysicalAxes", R"(Axes of the physical camera: the rotation (3, 3) of points into them, and σ of errors that no view shows, of lengths
-as a share of themselves, and of the axes about x and y, radians.)");
+    describe_taken<PhysicalAxes>(m, R"(Axes of the physical camera: the `rotation` (3, 3) of points into them, and σ of errors that no view shows,
+of lengths as a share of themselves, and of the axes about x and y.)");
     def<&among>(m, "among", R"(Return which of `ids` (n,) are in `known`, which is ascending.)",
         "ids"_a, "known"_a);
     def<&times_among>(m, "times_among", R"(Return how often each of `ids` (n,), which are ascending, is in those of `others` (m,) that are `counted`.)",

@@ -1,30 +1,27 @@
 // Python's view of rig.hpp.
 
-#include "described.hpp"
+#include "binding.hpp"
 #include "rig.hpp"
 
 namespace binding {
 
-DESCRIBED(MovingPoints, "MovingPoints")
-
 void bind_rig(nb::module_& m) {
-    describe<Field>(m, "Field", R"(A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, px, and the root (K, K); K = U V.)");
-    describe<RowModel>(m, "Rows", R"(What is known of rows: size of the image, field, amplitudes (7 + K,) of polynomial, delay and field with their
-covariance, the scatter of matches and the largest difference of rows, px.)");
-    describe<ExposedRows>(m, "ExposedRows", R"(In which rows of the cameras' own images views are: size of the rectified image, and coefficients (s, k, k) of one
+    describe_taken<Field>(m, R"(A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and the root (K, K); K = U V.)");
+    describe_taken<RowModel>(m, R"(What is known of rows: amplitudes (7 + K,) of polynomial, delay and field with their covariance, the scatter of matches
+and the largest difference of rows.)");
+    describe_taken<ExposedRows>(m, R"(In which rows of the cameras' own images views are: size of the rectified image, and coefficients (s, k, k) of one
 polynomial for both sides or of one for each.)");
-    describe<Timing>(m, "Timing", R"(Delay and readout, seconds: their rows, mean (2,) and covariance (2, 2), and the twist (6,) in the frame before.)");
-    describe<RigModel>(m, "RigModel", R"(A rig's errors: of which pair, its size, units of the terms per amplitude (t, t), and the field.)");
-    describe<MovingPoints>(m, "MovingPoints", R"(Homogeneous points (n, 4), and their twist (6,).)");
+    describe_taken<Timing>(m, R"(Delay and readout, seconds: mean (2,) and covariance (2, 2), and the twist (6,) in the frame before, None if unknown.)");
+    describe_returned<Mixture>(m, R"(Errors of a rig as a mixture over what may be exactly zero: mean (m,), covariance (m, m), and p that lenses are wrong.)");
     def<&rig_effects>(m, "rig_effects", R"(Return what amplitudes of 1 do to views (n, 4): of the terms (n, 4, t), and the field's basis (n, K), eq. (70).
 
-Of cameras that stand still; `age_s` (n,) or (1,): for how long errors have grown, eq. (72d). A missing side has no
+`root` (t, t): units of the terms per amplitude. Of cameras that stand still; `age_s` (n,) or (1,): for how long errors have grown, eq. (72d). A missing side has no
 terms.)",
-        "model"_a, "z_px"_a, "age_s"_a);
+        "pinholes"_a, "root"_a, "field"_a, "z_px"_a, "age_s"_a);
     def<&disparity_effects>(m, "disparity_effects", R"(Return what the disparity's error does to views (n, 4) of points (n, 4) measured with it: (n, 4, 6) px per px.
 
 The right side of a view has the error, and so has the inverse depth of its point, as of the previous camera.)",
-        "pinholes"_a, "size"_a, "points"_a, "cam_from_previous"_a, "z_px"_a);
+        "pinholes"_a, "points"_a, "cam_from_previous"_a, "z_px"_a);
     def<&field_basis>(m, "field_basis", R"(Return exp(−d²/(2ℓ²)) between positions (n, 2) and a grid's nodes, times its root: (n, K).
 
 ℓ is the field's length. 0 where a position is not finite.)",
@@ -48,16 +45,17 @@ to a side with NaN nothing is done.)",
         "pinholes"_a, "exposed"_a, "points"_a, "twist"_a, "mean"_a);
     def<&timing_unknowns>(m, "timing_unknowns", R"(Return errors (n, 4, j) px, of σ = 1, of changes of views by delay and readout, N(`mean` (2,), `cov` (2, 2)), s.
 
+Of homogeneous points (n, 4) and their twists (6,), in the frame before and now.
 A constant delay or readout shows where the velocity has changed; and what either of them does shows where the
 velocity is not known, by `std_twist` (6,). Principal components, without those that do not matter beside the noise
 of a good view. Raises LinAlgError where `cov` is not definite.)",
-        "pinholes"_a, "exposed"_a, "before"_a, "now"_a, "mean"_a, "cov"_a, "std_twist"_a);
+        "pinholes"_a, "exposed"_a, "points_before"_a, "twist_before"_a, "points"_a, "twist"_a, "mean"_a, "cov"_a, "std_twist"_a);
     def<&unknown_errors>(m, "unknown_errors", R"(Return errors of views (n, 4) that are unknown: (n, 4, j) px of σ = 1.
 
 Those of `timing_unknowns`, of homogeneous points (n, 4) in the frame before and now, which move with `twist` (6,);
 and those of the rows of right sides. Also returns the covariance (3, 3) of the turn of the right camera that rows
 and delay feign. Raises LinAlgError where a covariance is not definite.)",
-        "pinholes"_a, "timing"_a, "rows"_a, "before"_a, "now"_a, "z_px"_a, "twist"_a, "std_twist"_a);
+        "timing"_a, "rows"_a, "before"_a, "now"_a, "z_px"_a, "twist"_a, "std_twist"_a);
     def<&cov_of_timed_pose>(m, "cov_of_timed_pose", R"(Return the covariance (6, 6) of a pose, seen by homogeneous points (n, 4), by a twist with (6, 6), eq. (70b).
 
 By a delay and by a readout of `size` (2,), s.)",
@@ -70,10 +68,8 @@ Of n independent ones, from the information that views have about each and their
 
 A polynomial of second order, and a delay, of views that move across the rows by (n,), or all by (1,), px/s; then
 the field.)",
-        "size"_a, "field"_a, "left_px"_a, "row_speed_px_s"_a);
-    def<&row_offsets>(m, "row_offsets", R"(Return v_left − v_right (n,) of correct matches at left positions (n, 2), px; speeds as in `row_terms`.)",
-        "rows"_a, "left_px"_a, "row_speed_px_s"_a);
-    def<&on_one_row>(m, "on_one_row", R"(Return whether left and right positions (n, 2), the right ones corrected by `row_offsets`, lie on one row.
+        "pinholes"_a, "field"_a, "left_px"_a, "row_speed_px_s"_a);
+    def<&on_one_row>(m, "on_one_row", R"(Return whether left and right positions (n, 2), the right ones without the rows' differences, lie on one row.
 
 Speeds as in `row_terms`. The gate is `scale` times as wide.)",
         "rows"_a, "left_px"_a, "right_px"_a, "row_speed_px_s"_a, "scale"_a);

@@ -1,12 +1,9 @@
 // Python's view of tracks.hpp.
 
-#include "described.hpp"
+#include "binding.hpp"
 #include "tracks.hpp"
 
 namespace binding {
-
-DESCRIBED(Templates<std::uint8_t>, "Templates")
-DESCRIBED(Templates<float>, "Templates")
 
 namespace {
 
@@ -27,15 +24,16 @@ and how far apart (m,) whole patch and inner half are matched, at most `max_apar
 }  // namespace
 
 void bind_tracks(nb::module_& m) {
-    describe<RightSides>(m, "RightSides", R"(Where right sides are sought: the pair, its rows, a turn (3,) rad of the right camera, which is taken out of what is
-measured there, and the twist (6,) of the points, per second.)");
-    describe<TemplateKind>(m, "TemplateKind", R"(A kind of templates: image pixels per pixel; half width, distance of samples, and how far from its start a patch may
-be found, in pixels of the template; the largest deviation of grey differences; pixels that share one noise value,
-and the variance factor of views.)");
-    describe<TrackTable>(m, "Tracks", R"(Homogeneous points (n, 4) of tracks at unit depth, variances (n,) of 1/Z, covariances (n, 2, 2) px² of left
+    describe_taken<RightSides>(m, R"(Where right sides are sought: the rows, a turn (3,) of the right camera, which is taken out of what is measured there,
+and the twist (6,) of the points, per second.)");
+    describe_taken<TemplateConfig>(m, R"(Half width of templates and how far from its start one may be found, in their pixels; the largest deviation of grey
+differences.)");
+    describe_taken<ViewNoise>(m, R"(Pixels that share one noise value, and the variance factor of views.)");
+    describe_taken<TemplateKind>(m, R"(A kind of templates: image pixels per pixel, and pixels between samples.)");
+    describe_taken<TrackTable>(m, R"(Homogeneous points (n, 4) of tracks at unit depth, variances (n,) of 1/Z, covariances (n, 2, 2) px² of left
 positions, anchor cameras (n, 4, 4), velocities (n, 2) px/s on the left and slopes (n, 2) of 1/Z there, and image
 pixels (n,) per pixel of the template.)");
-    describe<Templates<std::uint8_t>>(m, "Templates", R"(Templates of one kind: left and right image of their pixels (None: without right sides), stored patches as in
+    describe_taken<Templates<std::uint8_t>>(m, R"(Templates of one kind: left and right image of their pixels (None: without right sides), stored patches as in
 `warp_patches`, and where in the left image (h, w) a whole patch shows the scene.)");
     bind_images_of<std::uint8_t>(m);  // before bytes would be converted to floats
     bind_images_of<float>(m);
@@ -92,8 +90,8 @@ In units of the white part of its errors, the lasting part of either side has a 
         "ages"_a, "ratio_left"_a, "ratio_right"_a, "decay"_a);
     def<&template_drift>(m, "template_drift", R"(Return σ (n,) px of how far templates of homogeneous points (n, 4) slid during a motion (4, 4), eq. (17).
 
-`radius`: half their width, in pixels of the templates, of which each has `scale` (n,) of the image.)",
-        "points"_a, "cam_from_previous"_a, "scale"_a, "radius"_a);
+`slide`: s r, a share of half their width, in pixels of the templates, of which each has `scale` (n,) of the image.)",
+        "points"_a, "cam_from_previous"_a, "scale"_a, "slide"_a);
     def<&track_covariances>(m, "track_covariances", R"(Return the covariances (n, 4, 4) of points (X/Z, Y/Z, 1, 1/Z), after a drift of σ (n,) px; none if (0,).)",
         "cov_left_px"_a, "var_rho"_a, "drift_px"_a, "focal_px"_a, "baseline_m"_a);
 }

@@ -1,14 +1,14 @@
 // Python's view of views.hpp.
 
-#include "described.hpp"
+#include "binding.hpp"
 #include "views.hpp"
 
 namespace binding {
 
 void bind_views(nb::module_& m) {
-    describe<Pinholes>(m, "Pinholes", R"(f, cx left and right, cy, px; baseline, metres.)");
-    describe<PointViews>(m, "Views", R"(Points with their views: homogeneous points (n, 4) with covariances (n, 4, 4), or (0, 4, 4) where they are exact,
-views (n, 4), NaN where a side is missing, with covariances (n, 4, 4), errors that all views share (n, 4, j), and
+    describe_taken<Pinholes>(m, R"(A rectified pair, with the size of its images, px.)");
+    describe_taken<PointViews>(m, R"(Points with their views: homogeneous `points` (n, 4) with `cov_points` (n, 4, 4), or (0, 4, 4) where they are exact,
+views `z_px` (n, 4), NaN where a side is missing, with `cov_px` (n, 4, 4), errors that all views share (n, 4, j), and
 gates (n,) of squared residuals.)");
     def<&seen_points>(m, "seen_points", R"(Return points (n, 4) = (X/Z, Y/Z, 1, 1/Z) where views (n, 4) have seen them: by left ray and disparity.)",
         "pinholes"_a, "z_px"_a);

@@ -1,28 +1,30 @@
 // Python's view of window.hpp.
 
-#include "described.hpp"
+#include "binding.hpp"
+#include "rig.hpp"
 #include "window.hpp"
 
 namespace binding {
 
-DESCRIBED(WindowState, "WindowState")
-DESCRIBED(WindowViews, "WindowViews")
-DESCRIBED(PriorViews, "PriorPoints")
-DESCRIBED(NewPriorPoints, "NewPoints")
-// Their parts are as many as in the NormalBlocks of Python.
-DESCRIBED(NormalBlocks, "tuple[Array, ...]")
-DESCRIBED(BlockViews, "tuple[Array, ...]")
-
 void bind_window(nb::module_& m) {
-    describe<WindowState>(m, "WindowState", R"(The state of a window: poses (F, 4, 4); of the points ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the rig's
+    describe_taken<WindowState>(m, R"(The state of a window: poses (F, 4, 4); of the points ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the rig's
 errors (m,); amplitudes (F, e) of each frame's own.)");
-    describe<WindowViews>(m, "WindowViews", R"(Its views: frame (V,), ids (V,), used (V,), z_px (V, 4), weight (V, 4) and whitening roots (V, 4, 4). Amplitudes of
+    describe_taken<WindowViews>(m, R"(Its views: frame (V,), ids (V,), used (V,), z_px (V, 4), weight (V, 4) and whitening roots (V, 4, 4). Amplitudes of
 σ = 1 that each frame has of its own move a view by own (V, 4, e). Errors of the rig move it by terms (V, 4, t), of
 which those of delay and readout get timing (V, 4, 2) added, or (V, 4, 0), and by the parts of a field: moves (4, p)
 ⊗ field (V, K), m = t + p K.)");
-    describe<PriorViews>(m, "PriorPoints", R"(Points of a prior: known (N,), their rows among those of the window, mean (N, 3), D (N, 3, 3) and modes F (N, 3, k).
-The last m modes are those of the rig's errors: information (m, m) and weighted sums (m,) of their amplitudes.)");
-    describe<NewPriorPoints>(m, "NewPoints", R"(Points that enter it: ids (n,), mean (n, 3), covariances (n, 3, 3), and modes (n, 3, k).)");
+    describe_taken<RigKnowledge>(m, R"(Information (m, m) about errors of the rig, and weighted sums (m,) of their amplitudes.)");
+    describe_taken<PriorViews>(m, R"(Points of a prior (N,): mean (N, 3), D (N, 3, 3) and modes F (N, 3, k), of which the last m are those of the rig's
+errors.)");
+    describe_returned<NormalBlocks>(m, R"(The normal equations of all views, eq. (26): blocks of the frames, of the points, and between them.
+
+A frame has f = 6 + e unknowns: its pose, and e amplitudes of its own with their prior of σ = 1. `u` (F, f, f), `v`
+(P, 3, 3), `w` (P, 3, fF); right-hand sides `g_pose` (F, f), `g_point` (P, 3). Of the rig's errors `rig` (m, m),
+with the frames `rig_pose` (F, f, m), with the points `rig_point` (P, 3, m), and `g_rig` (m,).)");
+    describe_taken<CovariancePart>(m, R"(One of two parts of the joint covariance of points, a pose and the world, as in normal_equations.py.)");
+    describe_returned<AbsorbedPoints>(m, R"(Points of a prior (N,): ids, which are ascending, mean (N, 3), D (N, 3, 3) and modes (N, 3, k).)");
+    describe_returned<PointMarginals>(m, R"(Points (P,): q in the camera (P, 3), its covariance (P, 3, 3) given the rig's errors; metric points in the camera (P, 3)
+and in the world, each with covariances (P, 3, 3); and which are finite: 1/Z is so many σ away from 0.)");
     def<&points_of_views>(m, "points_of_views", R"(Return homogeneous points (u, 4) of the used views of a window, each in its own camera and in front of it.
 
 Views of points that the state does not have are left out, here and in what follows.)",
@@ -33,10 +35,6 @@ NaN for sides that were not seen, those on the right without `stereo`.)",
         "pinholes"_a, "state"_a, "views"_a, "stereo"_a, "expected_px"_a);
     def<&timing_of_views>(m, "timing_of_views", R"(Return the `timed_views` (V, 4, 2) of the used ones, expected at (V, 4), with `motions` (F, 2, 6) of frames.)",
         "pinholes"_a, "exposed"_a, "state"_a, "views"_a, "expected_px"_a, "motions"_a, "timing"_a);
-    def<&q_by_reference>(m, "q_by_reference", R"(Return ∂q/∂ξ (n, 3, 6) where points P in the reference camera become Exp(ξ)·P and their anchors stay, eq. (31).
-
-q (n, 3) in anchors (n, 4, 4).)",
-        "ref_from_anchor"_a, "q"_a);
     def<&points_seen_again>(m, "points_seen_again", R"(Return which views (v,) are usable and of points that are known, and these points as they are by now.
 
 Views of `ids` (v,) with variances (v, 3) of q by drift; `known` (n,) ids with q (n, 3) and covariances (n, 3, 3),
@@ -51,7 +49,7 @@ sets of ids are ascending.)",
 
 Gates of squared residuals of views from one side, and from both.)",
         "pinholes"_a, "state"_a, "views"_a, "gate_of_one"_a, "gate_of_both"_a);
-    def<&normal_blocks>(m, "normal_blocks", R"(Return the Gauss-Newton normal equations of views, eqs. (25), (26) and (71): the arrays of `NormalBlocks`.)",
+    def<&normal_blocks>(m, "normal_blocks", R"(Return the Gauss-Newton normal equations of views, eqs. (25), (26) and (71).)",
         "pinholes"_a, "state"_a, "views"_a);
     def<&eliminate_points>(m, "eliminate_points", R"(Eliminate points from normal equations, eq. (27): V (P, 3, 3), and W (P, 3, n) with the others.
 
@@ -59,12 +57,12 @@ Returns lower roots L (P, 3, 3) of V⁻¹ = L Lᵀ, and LᵀW. Raises LinAlgErro
         "v"_a, "w"_a);
     def<&window_system>(m, "window_system", R"(Eliminate points from the normal equations of [poses 6F | frames' own e F | modes k], eqs. (27), (30) and (71).
 
-`blocks`: the arrays of `NormalBlocks`, at q (P, 3), of a prior at `amplitudes` (k,).
+`blocks` at q (P, 3); the prior at `amplitudes` (k,), its points in rows `known` (N,) of those of the window.
 Returns H (n, n), its lower triangle, without the points; L⁻¹F (N, 3, k) with D = L Lᵀ, whose products with itself
 are to be added; lower roots (P, 3, 3) of the covariances of points given the others; rootsᵀ times what couples
 points to these (P, 3, n), whose products are to be subtracted; rootsᵀ times the right-hand sides of points (P, 3);
 and that of the others (n,). Raises LinAlgError where information is not definite.)",
-        "blocks"_a, "prior"_a, "q"_a, "amplitudes"_a);
+        "blocks"_a, "prior"_a, "known"_a, "q"_a, "amplitudes"_a);
     def<&points_alone>(m, "points_alone", R"(Return points by the views of one frame alone: mean (n, 3), covariance (n, 3, 3), and what moves them.
 
 ∂q by amplitudes of the frame's own (n, 3, e) and by the rig's errors (n, 3, m). Blocks as in `NormalBlocks`, at
@@ -76,7 +74,7 @@ views do not determine a point.)",
 Views (V,), `stereo` where both sides were seen, with variances (V, 3) of q by drift; points that are `seen_later`
 (P,). The prior: `known` (N,), the rows of its points, with D (N, 3, 3). Returns rows (n,) of the points of the
 prior that are seen by the frame or later, and of these which (n,) later; D (n, 3, 3) with their drift, anchors
-(n, 4, 4) and q (n, 3); the arrays of `NormalBlocks` by their views; and ids of the other points that the frame
+(n, 4, 4) and q (n, 3); the normal equations of their views; and ids of the other points that the frame
 sees in stereo and that are seen later, with these `points_alone`.)",
         "pinholes"_a, "state"_a, "views"_a, "stereo"_a, "var_drift"_a, "seen_later"_a, "known"_a, "cov"_a);
     def<&absorbing_system>(m, "absorbing_system", R"(Return the system of [own e | k + 6 modes] of one frame that is the new reference, eqs. (31) to (35).
@@ -84,17 +82,16 @@ sees in stereo and that are seen later, with these `points_alone`.)",
 Six modes of its pose, about which nothing is known, come before those of the rig's errors. Points q (n, 3), all of
 them of the prior, in anchors (n, 4, 4) as the frame has them.)",
         "blocks"_a, "prior"_a, "ref_from_anchor"_a, "q"_a, "amplitudes"_a);
-    def<&absorbed_points>(m, "absorbed_points", R"(Return the points of the prior after a frame, ids ascending: with mean (N, 3), D (N, 3, 3) and modes (N, 3, k).
+    def<&absorbed_points>(m, "absorbed_points", R"(Return the points of the prior after a frame.
 
 Those that stay (n,), linearised at q (n, 3): roots (n, 3, 3) of their covariances given the modes, in units of
-these their steps (n, 3) and what the new modes and their step take from them (n, 3, k + 1); and the new ones.)",
-        "ids"_a, "std_given"_a, "moved"_a, "given"_a, "q"_a, "stays"_a, "new"_a);
+these their steps (n, 3) and what the new modes and their step take from them (n, 3, k + 1); and new ones (j,), by
+ids with mean (j, 3), covariances (j, 3, 3) and modes (j, 3, k).)",
+        "ids"_a, "std_given"_a, "moved"_a, "given"_a, "q"_a, "stays"_a, "ids_new"_a, "mean_new"_a, "cov_new"_a, "modes_new"_a);
     def<&point_marginals>(m, "point_marginals", R"(Return points in the newest camera and in the world, each with covariances, eqs. (28) and (37) to (41).
 
 Points: anchors (P, 4, 4), q (P, 3), and roots (P, 3, 3) of their covariances given all else. Parts of the joint
-covariance as in `CovariancePart`, given the rig's errors and by them; poses (4, 4). Returns q in the camera (P, 3),
-its covariance (P, 3, 3) given the rig's errors; metric points in the camera (P, 3) and in the world, each with
-covariances (P, 3, 3); and which (P,) are finite: 1/Z is so many standard deviations away from 0.)",
+covariance, given the rig's errors and by them; poses (4, 4). `known_sigmas` of 1/Z make a point finite.)",
         "ref_from_anchor"_a, "q"_a, "std_given"_a, "own"_a, "by_rig"_a, "world_from_ref"_a, "cam_from_ref"_a, "known_sigmas"_a);
 }
 

@@ -2,6 +2,8 @@
 // with the types in the stub, is that of the stage.
 #pragma once
 
+#include <cstring>
+
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
@@ -20,11 +22,19 @@ template <class T, std::size_t N>
 using In = nb::ndarray<const T, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
 constexpr std::size_t MAX_SIDE = 1 << 24;  // of an image: floats count its pixels exactly
 
-// Whether a record has several parts.
+// Whether something is a record with FIELDS.
 template <class T, class = void>
-struct has_parts : std::false_type {};
+struct has_fields : std::false_type {};
 template <class T>
-struct has_parts<T, std::void_t<decltype(std::declval<T&>().parts())>> : std::true_type {};
+struct has_fields<T, std::void_t<decltype(T::names)>> : std::true_type {};
+template <class Record>
+using PartsOf = decltype(std::declval<Record&>().parts());
+
+// Whether it has a name in Python.
+template <class T, class = void>
+struct is_named : std::false_type {};
+template <class T>
+struct is_named<T, std::void_t<decltype(T::record)>> : std::true_type {};
 
 // A stack of patches that a stage writes into.
 template <class T>
@@ -32,10 +42,6 @@ struct Writable {
     T* data;
     std::array<std::size_t, 3> shape;
 };
-
-// The name of a record in the stub, where it has one: DESCRIBED below.
-template <class T>
-struct Described : std::false_type {};
 
 // The type of an argument or a result as the stub has it; arrays by the aliases at its head.
 template <class T, class = void>
@@ -103,24 +109,48 @@ template <class... Parts>
 struct TypedParts<std::tuple<Parts&...>> {
     static constexpr auto text =
         nb::detail::const_name("tuple[") + nb::detail::concat(typed<Parts>...) + nb::detail::const_name("]");
+    static std::vector<const char*> each() { return {typed<Parts>.text...}; }
 };
 template <class T>
-constexpr auto typed_parts = TypedParts<decltype(std::declval<T&>().parts())>::text;
+struct Typed<T, std::enable_if_t<has_fields<T>::value && !is_named<T>::value>> : TypedParts<PartsOf<T>> {};
 template <class T>
-struct Typed<T, std::enable_if_t<has_parts<T>::value && !Described<T>::value>> {
-    static constexpr auto text = typed_parts<T>;
+struct Typed<T, std::enable_if_t<is_named<T>::value>> {
+    static constexpr auto text = nb::detail::const_name(T::record);
 };
-template <class T>
-struct Typed<T, std::enable_if_t<Described<T>::value>> {
-    static constexpr auto text = Described<T>::name;
-};
-#define DESCRIBED(Record, as)                                     \
-    template <>                                                   \
-    struct Described<Record> : std::true_type {                   \
-        static constexpr auto name = nb::detail::const_name(as);  \
-    };
 
-// What a stage returns, as Python sees it: an array, a number or None, or of several `parts` a tuple.
+// The names of a record's fields; they live as long as the process.
+template <class Record>
+struct FieldNames {
+    static constexpr std::size_t N = std::tuple_size_v<PartsOf<Record>>;
+    std::array<std::string, N> text;
+    std::array<PyObject*, N> interned;
+
+    static const FieldNames& get() {
+        static const FieldNames names;
+        return names;
+    }
+
+   private:
+    FieldNames() {
+        const char* at = Record::names;
+        for (std::size_t i = 0; i < N; i++) {
+            std::size_t length = std::strcspn(at, ",");
+            text[i].assign(at, length);
+            interned[i] = PyUnicode_InternFromString(text[i].c_str());
+            at += length + std::strspn(at + length, ", ");
+        }
+    }
+};
+
+// The class of a record that is returned.
+template <class Record>
+PyTypeObject*& returned_class() {
+    static PyTypeObject* made = nullptr;
+    return made;
+}
+
+// What a stage returns, as Python sees it: an array, a number or None, or of several parts a tuple, whose members have
+// names where the record is named.
 template <class T, std::size_t N>
 nb::object given(Array<T, N>&& array) {
     T* data = array.data.release();
@@ -131,10 +161,19 @@ template <class T>
 nb::object given(std::optional<T>&& perhaps);
 template <class T>
 nb::object given(T&& number) {
-    if constexpr (has_parts<std::decay_t<T>>::value)
+    using Record = std::decay_t<T>;
+    if constexpr (is_named<Record>::value) {
+        nb::object result = nb::steal(PyStructSequence_New(returned_class<Record>()));
+        if (!result.is_valid()) throw nb::python_error();
+        Py_ssize_t at = 0;
+        auto put = [&](auto& part) { PyStructSequence_SetItem(result.ptr(), at++, given(std::move(part)).release().ptr()); };
+        std::apply([&](auto&... parts) { (put(parts), ...); }, number.parts());
+        return result;
+    } else if constexpr (has_fields<Record>::value) {
         return std::apply([](auto&... parts) { return nb::make_tuple(given(std::move(parts))...); }, number.parts());
-    else
+    } else {
         return nb::cast(number);
+    }
 }
 template <class T>
 nb::object given(std::optional<T>&& perhaps) {
@@ -151,7 +190,6 @@ template <class T, std::size_t N>
 struct Argument<View<T, N>> {
     using Given = In<T, N>;
     static View<T, N> of(const Given& array) {
-        require(array.is_valid(), "an array is None");
         View<T, N> result{array.data(), {}};
         for (std::size_t i = 0; i < N; i++) result.shape[i] = array.shape(i);
         return result;
@@ -161,7 +199,6 @@ template <class T>
 struct Argument<ImageOf<T>> {
     using Given = In<T, 2>;
     static ImageOf<T> of(const Given& array) {
-        require(array.is_valid(), "an image is None");
         require(array.shape(0) < MAX_SIDE && array.shape(1) < MAX_SIDE, "the image is too large");
         return {array.data(), static_cast<int>(array.shape(0)), static_cast<int>(array.shape(1))};
     }
@@ -170,14 +207,13 @@ template <class T>
 struct Argument<Writable<T>> {
     using Given = nb::ndarray<T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
     static Writable<T> of(const Given& array) {
-        require(array.is_valid(), "an array is None");
         return {array.data(), {array.shape(0), array.shape(1), array.shape(2)}};
     }
 };
 template <class T>
 struct Argument<std::optional<T>> {
     using Given = std::optional<typename Argument<T>::Given>;
-    static std::optional<T> of(const Given& given) { return given ? std::optional<T>(Argument<T>::of(*given)) : std::nullopt; }
+    static std::optional<T> of(Given& given) { return given ? std::optional<T>(Argument<T>::of(*given)) : std::nullopt; }
 };
 template <>
 struct Argument<std::array<double, 2>> {
@@ -185,19 +221,60 @@ struct Argument<std::array<double, 2>> {
     static std::array<double, 2> of(const Given& given) { return {std::get<0>(given), std::get<1>(given)}; }
 };
 
-// A record that Python gives as a tuple of its parts.
+// What an object is, for errors: its class, and of an array shape and type.
+inline std::string said(nb::handle value) {
+    std::string text = nb::type_name(value.type()).c_str();
+    for (const char* name : {"shape", "dtype"})
+        if (nb::hasattr(value, name)) text += std::string(" ") + nb::str(nb::handle(nb::object(value.attr(name)))).c_str();
+    return text;
+}
+// And what a field must be.
+template <class T>
+struct Axes {
+    static std::string text() { return ""; }
+};
+template <class T, std::size_t N>
+struct Axes<View<T, N>> {
+    static std::string text() { return " of " + std::to_string(N) + (N == 1 ? " axis" : " axes"); }
+};
+
+// A record: any object of Python that has its fields. These are held for as long as the stage runs.
 template <class Record, class Parts>
-struct RecordArgument;
+struct RecordGiven;
 template <class Record, class... Parts>
-struct RecordArgument<Record, std::tuple<Parts&...>> {
-    using Given = std::tuple<typename Argument<Parts>::Given...>;
-    static Record of(const Given& given) {
-        return std::apply([](const auto&... parts) { return Record{Argument<Parts>::of(parts)...}; }, given);
+struct RecordGiven<Record, std::tuple<Parts&...>> {
+    nb::object source;
+    std::tuple<typename Argument<Parts>::Given...> parts;
+};
+template <class Part>
+void read_field(nb::handle source, const char* record, const std::string& field, PyObject* name,
+                typename Argument<Part>::Given& given, Part& part) {
+    auto fails = [&](const std::string& why) { return std::string(record) + "." + field + why; };
+    nb::object value = nb::steal(PyObject_GetAttr(source.ptr(), name));
+    if (!value.is_valid()) {
+        if (!PyErr_ExceptionMatches(PyExc_AttributeError)) throw nb::python_error();
+        PyErr_Clear();
+        throw nb::type_error(fails(std::string(" is missing in ") + nb::type_name(source.type()).c_str()).c_str());
+    }
+    if (!nb::try_cast(value, given))
+        throw nb::type_error(fails(" is " + said(value) + " in place of " + typed<Part>.text + Axes<Part>::text()).c_str());
+    part = Argument<Part>::of(given);
+}
+template <class Record>
+struct Argument<Record, std::enable_if_t<has_fields<Record>::value>> {
+    using Given = RecordGiven<Record, PartsOf<Record>>;
+    static Record of(Given& given) { return read(given, std::make_index_sequence<FieldNames<Record>::N>{}); }
+
+   private:
+    template <std::size_t... I>
+    static Record read(Given& given, std::index_sequence<I...>) {
+        const auto& names = FieldNames<Record>::get();
+        Record record{};
+        auto parts = record.parts();
+        (read_field(given.source, Record::record, names.text[I], names.interned[I], std::get<I>(given.parts), std::get<I>(parts)), ...);
+        return record;
     }
 };
-template <class Record>
-struct Argument<Record, std::enable_if_t<has_parts<Record>::value>>
-    : RecordArgument<Record, decltype(std::declval<Record&>().parts())> {};
 
 // An argument and a result of a stage on their way, with the types that the signature shows.
 template <class T>
@@ -213,7 +290,7 @@ template <auto Stage>
 struct Bound;
 template <class Result, class... Arguments, Result (*Stage)(Arguments...)>
 struct Bound<Stage> {
-    static Returned<Result> call(const Taken<std::decay_t<Arguments>>&... arguments) {
+    static Returned<Result> call(Taken<std::decay_t<Arguments>>&... arguments) {
         std::tuple<std::decay_t<Arguments>...> taken{Argument<std::decay_t<Arguments>>::of(arguments.given)...};
         auto unlocked = [&] {
             nb::gil_scoped_release release;
@@ -241,11 +318,30 @@ void def(nb::module_& m, const char* name, const char* help, const Names&... nam
     m.def(name, &Bound<Stage>::call, help, names...);
 }
 
-// Tell the stub what a record consists of, and what its parts are.
+// Tell the stub, and `help`, what a record is.
 template <class Record>
-void describe(nb::module_& m, const char* name, const char* help) {
+void describe(nb::module_& m, bool is_returned, const char* help) {
     if (!nb::hasattr(m, "RECORDS")) m.attr("RECORDS") = nb::dict();
-    m.attr("RECORDS")[name] = nb::make_tuple(typed_parts<Record>.text, help);
+    nb::list fields;
+    auto types = TypedParts<PartsOf<Record>>::each();
+    for (std::size_t i = 0; i < types.size(); i++) fields.append(nb::make_tuple(FieldNames<Record>::get().text[i].c_str(), types[i]));
+    m.attr("RECORDS")[Record::record] = nb::make_tuple(is_returned, help, fields);
+}
+// A record that stages take: any object with these fields.
+template <class Record>
+void describe_taken(nb::module_& m, const char* help) {
+    describe<Record>(m, false, help);
+}
+// A record that they return: a tuple with names.
+template <class Record>
+void describe_returned(nb::module_& m, const char* help) {
+    describe<Record>(m, true, help);
+    static const std::string name = std::string("stream_sfm.core._core.") + Record::record;
+    static std::array<PyStructSequence_Field, FieldNames<Record>::N + 1> fields{};
+    for (std::size_t i = 0; i < FieldNames<Record>::N; i++) fields[i].name = FieldNames<Record>::get().text[i].c_str();
+    static PyStructSequence_Desc description{name.c_str(), help, fields.data(), FieldNames<Record>::N};
+    returned_class<Record>() = PyStructSequence_NewType(&description);
+    m.attr(Record::record) = nb::handle(reinterpret_cast<PyObject*>(returned_class<Record>()));
 }
 
 void bind_images(nb::module_& m);
@@ -260,6 +356,15 @@ void bind_inertial(nb::module_& m);
 }  // namespace binding
 
 namespace nanobind::detail {
+template <class Record, class Parts>
+struct type_caster<binding::RecordGiven<Record, Parts>> {
+    using Given = binding::RecordGiven<Record, Parts>;
+    NB_TYPE_CASTER(Given, const_name(""))
+    bool from_python(handle source, uint8_t, cleanup_list*) noexcept {
+        value.source = borrow(source);
+        return !source.is_none();
+    }
+};
 template <class T>
 struct type_caster<binding::Taken<T>> {
     using Inner = make_caster<typename binding::Argument<T>::Given>;

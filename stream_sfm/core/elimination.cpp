@@ -26,8 +26,8 @@ void reach_of(const double* root, const double* rows, std::size_t n, double* out
     }
 }
 
-void check(const BlockViews& blocks, const PriorViews& prior, Matrix q, Vector amplitudes, std::size_t of_pose) {
-    std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], n = prior.known.shape[0], m = blocks.rig.shape[0];
+void check(const BlockViews& blocks, const PriorViews& prior, Indices known, Matrix q, Vector amplitudes, std::size_t of_pose) {
+    std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], n = known.shape[0], m = blocks.rig.shape[0];
     std::size_t k = prior.modes.shape[2], by_frame = blocks.u.shape[1];
     require(by_frame >= of_pose, "a frame has fewer unknowns than its pose");
     require_shape(blocks.u, {frames, by_frame, by_frame}, "u");
@@ -42,13 +42,13 @@ void check(const BlockViews& blocks, const PriorViews& prior, Matrix q, Vector a
     require_shape(prior.mean, {n, 3}, "mean");
     require_shape(prior.cov, {n, 3, 3}, "cov");
     require_shape(prior.modes, {n, 3, k}, "modes");
-    require_shape(prior.information, {m, m}, "information");
-    require_shape(prior.weighted, {m}, "weighted");
+    require_shape(prior.rig.information, {m, m}, "information");
+    require_shape(prior.rig.weighted, {m}, "weighted");
     require_shape(q, {points, 3}, "q");
     require_shape(amplitudes, {k}, "amplitudes");
     require(m <= k, "there are fewer modes than errors of the rig");
     for (std::size_t i = 0; i < n; i++)
-        require(static_cast<std::uint64_t>(prior.known.data[i]) < points, "the prior knows a point that is not of the window");
+        require(static_cast<std::uint64_t>(known.data[i]) < points, "the prior knows a point that is not of the window");
 }
 
 }  // namespace
@@ -65,13 +65,14 @@ EliminatedPoints eliminate_points(Matrices v, Matrices w) {
     return result;
 }
 
-WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Matrix q, Vector amplitudes) {
-    return system_of(blocks, prior, q, amplitudes, 6);
+WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Indices known, Matrix q, Vector amplitudes) {
+    return system_of(blocks, prior, known, q, amplitudes, 6);
 }
 
-WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, Matrix q, Vector amplitudes, std::size_t of_pose) {
-    check(blocks, prior, q, amplitudes, of_pose);
-    std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], m = blocks.rig.shape[0], n = prior.known.shape[0];
+WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, Indices known, Matrix q, Vector amplitudes,
+                       std::size_t of_pose) {
+    check(blocks, prior, known, q, amplitudes, of_pose);
+    std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], m = blocks.rig.shape[0], n = known.shape[0];
     std::size_t k = prior.modes.shape[2], by_frame = blocks.u.shape[1], own = by_frame - of_pose;
     std::size_t poses = by_frame * frames, size = poses + k;  // all poses come first, then what is each frame's own
     std::vector<std::size_t> column(poses);
@@ -89,7 +90,7 @@ WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, Matrix
         double* row = result.h[size - m + x];
         for (std::size_t y = 0; y < poses; y++) row[column[y]] = blocks.rig_pose.data[y * m + x];
         std::copy(blocks.rig[x], blocks.rig[x] + m, row + size - m);
-        add(1.0, prior.information[x], m, row + size - m);
+        add(1.0, prior.rig.information[x], m, row + size - m);
     }
     for (std::size_t y = 0; y < poses; y++) g[column[y]] = blocks.g_pose.data[y];
     std::copy(blocks.g_rig.data, blocks.g_rig.data + m, g + size - m);
@@ -99,7 +100,7 @@ WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, Matrix
     }
     const double* off = amplitudes.data + k - m;  // the rig's errors, from the prior's mean
     for (std::size_t x = 0; x < m; x++)
-        g[size - m + x] += prior.weighted.data[x] - std::inner_product(off, off + m, prior.information[x], 0.0);
+        g[size - m + x] += prior.rig.weighted.data[x] - std::inner_product(off, off + m, prior.rig.information[x], 0.0);
 
     std::vector<double> information(blocks.v.data, blocks.v.data + 9 * points), of_modes(3 * k), of_frames(3 * poses);
     std::vector<std::size_t> row_in_prior(points, n);
@@ -107,7 +108,7 @@ WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, Matrix
     std::copy(blocks.g_point.data, blocks.g_point.data + 3 * points, right.data.get());
     std::vector<double> inverse_root(9 * n);  // L⁻¹ with L Lᵀ = D
     for (std::size_t i = 0; i < n; i++) {
-        auto at = static_cast<std::size_t>(prior.known.data[i]);
+        auto at = static_cast<std::size_t>(known.data[i]);
         double lower[9], *root = inverse_root.data() + 9 * i, away[3], whitened[3] = {}, *modes = result.modes[i];
         require_definite(cholesky<3>(prior.cov[i], lower), "the covariance of a point is not positive definite");
         invert_lower<3>(lower, root);

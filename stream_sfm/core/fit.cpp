@@ -73,7 +73,7 @@ class Fit {
         std::copy_n(found[0], 16, result.cam_from_ref[0]);
         std::copy(shared.begin(), shared.end(), result.amplitudes.data.get());
         bool determined = give_covariance(result);
-        std::copy(squares(), squares() + n, result.squares.data.get());
+        std::copy(squares(), squares() + n, result.squared_residuals.data.get());
         result.spread = spread_of(squares(), views.gate.data, n);
         double all = 0;
         std::size_t agree = 0;
@@ -83,7 +83,7 @@ class Fit {
             result.chi2 += squares()[i];
             result.share += votes[i];
             agree++;
-            for (int k = 0; k < 4; k++) result.dof += std::isfinite(views.z[i][k]);
+            for (int k = 0; k < 4; k++) result.dof += std::isfinite(views.z_px[i][k]);
         }
         result.share /= std::max(all, LEAST_VOTES);
         result.ok = determined && agree >= MIN_VIEWS;
@@ -184,7 +184,7 @@ Halves motions_of_halves(const PointViews& views, Matrix motion, Vector amplitud
     for (std::size_t a = 0; a < m; a++)
         for (std::size_t b = 0; b < a; b++) information[a * m + b] = information[b * m + a];
     for (std::size_t by = 0; by < 3; by++) {
-        auto value = [&](std::size_t i) { return by == 0 ? views.points[i][3] : views.z[i][by - 1]; };
+        auto value = [&](std::size_t i) { return by == 0 ? views.points[i][3] : views.z_px[i][by - 1]; };
         auto half = rows;
         auto middle = half.begin() + static_cast<std::ptrdiff_t>(rows.size() / 2);
         std::nth_element(half.begin(), middle, half.end(), [&](std::size_t i, std::size_t j) {

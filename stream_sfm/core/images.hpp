@@ -10,7 +10,7 @@ namespace core {
 struct RowMatches {
     Array<double, 1> disparity;
     Array<bool, 1> unique;
-    auto parts() { return std::tie(disparity, unique); }
+    FIELDS(disparity, unique)
 };
 template <class T>  // float or std::uint8_t
 RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& right, Pixels points, std::int64_t first,
@@ -21,13 +21,13 @@ struct Patches {
     Array<float, 3> inverse;
     Array<double, 3> information;
     Array<float, 1> level;
-    auto parts() { return std::tie(inverse, information, level); }
+    FIELDS(inverse, information, level)
 };
 struct AlignedPatches {
     Array<double, 2> at;
     Array<bool, 1> found;
     Array<double, 1> error;
-    auto parts() { return std::tie(at, found, error); }
+    FIELDS(at, found, error)
 };
 template <class T>  // float or std::uint8_t
 void store_patches(T* stored, const std::array<std::size_t, 3>& shape, const ImageOf<T>& image, Pixels points, Indices slots);

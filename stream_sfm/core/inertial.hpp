@@ -7,7 +7,7 @@ namespace core {
 
 struct Preintegrated {  // rotation, (velocity, position), by the biases and the clock, covariances by both sensors
     Array<double, 2> rotation{3, 3}, motion{2, 3}, by_bias{9, 6}, by_clock{3, 3}, cov_gyro{9, 9}, cov_accel{9, 9};
-    auto parts() { return std::tie(rotation, motion, by_bias, by_clock, cov_gyro, cov_accel); }
+    RECORD(Preintegrated, rotation, motion, by_bias, by_clock, cov_gyro, cov_accel)
 };
 struct IntervalViews {  // intervals in a row, at the biases and the clock offset that they were integrated with
     Matrices rotation;
@@ -17,17 +17,17 @@ struct IntervalViews {  // intervals in a row, at the biases and the clock offse
     Matrices cov;
     Matrix biases;
     Vector clock, seconds;
-    auto parts() { return std::tie(rotation, motion, by_bias, by_clock, cov, biases, clock, seconds); }
+    RECORD(Intervals, rotation, motion, by_bias, by_clock, cov, biases, clock, seconds)
 };
 struct InertialRows {
     Array<double, 1> residual;
     Array<double, 2> jacobian;
-    auto parts() { return std::tie(residual, jacobian); }
+    FIELDS(residual, jacobian)
 };
 struct InertialMotion {
     Array<double, 2> previous_from_now{4, 4};
     Array<double, 1> state{17};
-    auto parts() { return std::tie(previous_from_now, state); }
+    FIELDS(previous_from_now, state)
 };
 Preintegrated preintegrate(Vector seconds, Matrix gyro, Matrix accel, Vector widened, Vector biases, Vector densities);
 InertialRows inertial_rows(const IntervalViews& of, Matrices cams, Matrix velocities, Vector state, Matrix cam_from_imu);

@@ -31,11 +31,11 @@ Array<double, 2> starts_of(const RightSides& by, double scale, Pixels corners, V
         for (int c = 0; c < 4; c++) z[i][c] = scale * static_cast<double>(corners[i][c % 2]);
         z[i][2] -= scale * disparity.data[i];
     }
-    Array<double, 1> speed = row_speeds(by.pinholes, seen_points(by.pinholes, z), by.twist);
+    Array<double, 1> speed = row_speeds(by.rows.projection, seen_points(by.rows.projection, z), by.twist);
     Array<double, 1> offsets = row_offsets(by.rows, two_columns_of(z, 0), speed);
     Array<double, 2> start = two_columns_of(z, 2);
     for (std::size_t i = 0; i < n; i++) start[i][1] -= offsets.data[i];
-    turn_by(by.pinholes, by.turn, 1, start);
+    turn_by(by.rows.projection, by.turn_rad, 1, start);
     for (std::size_t i = 0; i < n; i++) {
         start[i][0] = z[i][2] / scale;  // the disparity has been seen with the turn
         start[i][1] /= scale;
@@ -53,8 +53,8 @@ NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, Vie
     require_shape(corners, {n, 2}, "corners_px");
     require_shape(slots, {n}, "slots");
     require_shape(disparity, {n}, "disparity_px");
-    require_shape(right_sides.turn, {3}, "turn");
-    require(kind.radius >= 2, "the templates' radius is below 2 px");
+    require_shape(right_sides.turn_rad, {3}, "turn");
+    require(kind.config.window_radius_px >= 2, "the templates' radius is below 2 px");
     auto align = [&](Indices of, Matrix slopes, Matrix from, int radius, int spacing) {
         Patches patches = warp_patches(stored, of, sheared(slopes), radius, spacing);
         AlignedPatches found = align_patches(right, from, patches.inverse, patches.information, patches.level, radius,
@@ -63,7 +63,7 @@ NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, Vie
     };
     const Array<double, 2> flat(n, 2);
     Array<double, 2> start = starts_of(right_sides, kind.scale, corners, disparity);
-    auto [facing, information] = align(slots, flat, start, kind.radius, kind.spacing);
+    auto [facing, information] = align(slots, flat, start, kind.config.window_radius_px, kind.spacing_px);
     std::vector<std::size_t> kept, good, of_corner;
     for (std::size_t i = 0; i < n; i++)
         if (facing.found.data[i] && apart(facing.at[i], start[i]) < tolerance) kept.push_back(i);
@@ -71,31 +71,31 @@ NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, Vie
     Array<double, 2> at = rows_of(facing.at, kept);
     Array<double, 1> error = rows_of(facing.error, kept);
     Array<std::int64_t, 1> of_kept = rows_of(slots, kept);
-    Array<double, 2> slopes = disparity_slopes(left, right, rows_of(corners, kept), at, kind.radius, std_grey);
+    Array<double, 2> slopes = disparity_slopes(left, right, rows_of(corners, kept), at, kind.config.window_radius_px, std_grey);
     std::vector<bool> fits(kept.size(), true);
     std::vector<std::size_t> slanted = slanted_rows(slopes);
-    AlignedPatches again = align(rows_of(of_kept, slanted), rows_of(slopes, slanted), rows_of(at, slanted), kind.radius,
-                                 kind.spacing).first;
+    AlignedPatches again = align(rows_of(of_kept, slanted), rows_of(slopes, slanted), rows_of(at, slanted), kind.config.window_radius_px,
+                                 kind.spacing_px).first;
     for (std::size_t i = 0; i < slanted.size(); i++) {
         std::copy_n(again.at[i], 2, at[slanted[i]]);
         error.data[slanted[i]] = again.error.data[i];
         fits[slanted[i]] = again.found.data[i];
     }
 
-    AlignedPatches inner = align(of_kept, {flat.data.get(), {kept.size(), 2}}, at, kind.radius / 2, 1).first;
+    AlignedPatches inner = align(of_kept, {flat.data.get(), {kept.size(), 2}}, at, kind.config.window_radius_px / 2, 1).first;
     for (std::size_t i = 0; i < kept.size(); i++) {
-        if (!(fits[i] && error.data[i] < kind.max_error && inner.found.data[i] && apart(inner.at[i], at[i]) < max_apart)) continue;
+        if (!(fits[i] && error.data[i] < kind.config.max_photometric_error && inner.found.data[i] && apart(inner.at[i], at[i]) < max_apart)) continue;
         good.push_back(i);
         of_corner.push_back(kept[i]);
     }
     Array<double, 1> of_good = rows_of(error, good);
-    Array<double, 3> gradients = gradient_matrices(rows_of(information, of_corner), kind.spacing);
+    Array<double, 3> gradients = gradient_matrices(rows_of(information, of_corner), kind.spacing_px);
     NewMatches result{rows_of(slots, of_corner), {good.size(), 4},
-                      view_covariances(gradients, of_good, of_good, kind.shared_pixels, kind.scale, kind.factor),
+                      view_covariances(gradients, of_good, of_good, kind.noise.shared_pixels, kind.scale, kind.noise.factor),
                       rows_of(slopes, good), {good.size()}};
     Array<double, 2> right_px = rows_of(at, good);
     for (std::size_t i = 0; i < 2 * good.size(); i++) right_px.data[i] *= kind.scale;
-    turn_by(right_sides.pinholes, right_sides.turn, -1, right_px);
+    turn_by(right_sides.rows.projection, right_sides.turn_rad, -1, right_px);
     for (std::size_t i = 0; i < good.size(); i++) {
         for (int k = 0; k < 2; k++) {
             result.z[i][k] = static_cast<double>(kind.scale * corners[of_corner[i]][k]);
@@ -113,18 +113,18 @@ PlacedPoints place_new_points(const RightSides& by, const Timing& timing, Matrix
                               double least_sigmas, double max_std) {
     std::size_t n = seen.shape[0];
     require_shape(cov, {n, 4, 4}, "cov_px");
-    Array<double, 2> points = seen_points(by.pinholes, seen), left = two_columns_of(seen, 0), right = two_columns_of(seen, 2);
-    Array<double, 1> speed = row_speeds(by.pinholes, points, by.twist);
+    Array<double, 2> points = seen_points(by.rows.projection, seen), left = two_columns_of(seen, 0), right = two_columns_of(seen, 2);
+    Array<double, 1> speed = row_speeds(by.rows.projection, points, by.twist);
     Array<double, 1> offsets = row_offsets(by.rows, left, speed);
     for (std::size_t i = 0; i < n; i++) right[i][1] += offsets.data[i];
     Array<bool, 1> on_row = on_one_row(by.rows, left, right, speed, scale);
-    Array<double, 2> shift = shifts_by_timing(by.pinholes, timing.exposed, points, by.twist, timing.mean), z(n, 4);
+    Array<double, 2> shift = shifts_by_timing(by.rows.projection, timing.row_of, points, by.twist, timing.mean), z(n, 4);
     for (std::size_t i = 0; i < n; i++) {
         std::copy_n(right[i], 2, std::copy_n(left[i], 2, z[i]));
         for (int c = 0; c < 4; c++) shift[i][c] = z[i][c] - shift[i][c];
     }
-    points = seen_points(by.pinholes, shift);
-    double per_px = 1 / (by.pinholes.f * by.pinholes.baseline);
+    points = seen_points(by.rows.projection, shift);
+    double per_px = 1 / (by.rows.projection.f_px * by.rows.projection.baseline_m);
     Array<double, 1> var_rho(n);
     std::vector<std::size_t> kept;
     for (std::size_t i = 0; i < n; i++) {

@@ -7,9 +7,12 @@ namespace core {
 
 constexpr double MIN_DEPTH = 1e-3;  // as in geometry/stereo.py
 
-struct Pinholes {  // px and metres
-    double f, cx_left, cx_right, cy, baseline;
-    auto parts() { return std::tie(f, cx_left, cx_right, cy, baseline); }
+struct Pinholes {
+    double f_px, cx_left_px, cx_right_px, cy_px, baseline_m;
+    int width, height;
+    RECORD(Pinholes, f_px, cx_left_px, cx_right_px, cy_px, baseline_m, width, height)
+
+    std::array<double, 2> size() const { return {static_cast<double>(width), static_cast<double>(height)}; }
 };
 
 // A homogeneous point (4,) by a motion (4, 4).
@@ -29,21 +32,21 @@ inline bool clamp_depth(double* in_cam) {
 
 // Views of homogeneous points, eq. (8).
 inline void project(const Pinholes& p, const double* point, double* z) {
-    double s = p.f / point[2], u = s * point[0];
-    z[0] = u + p.cx_left;
-    z[1] = z[3] = s * point[1] + p.cy;
-    z[2] = u - s * p.baseline * point[3] + p.cx_right;
+    double s = p.f_px / point[2], u = s * point[0];
+    z[0] = u + p.cx_left_px;
+    z[1] = z[3] = s * point[1] + p.cy_px;
+    z[2] = u - s * p.baseline_m * point[3] + p.cx_right_px;
 }
 
 // ∂z/∂(X, Y, Z, ρ) (4, 4), eq. (9).
 inline void jacobian(const Pinholes& p, const double* point, double* a) {
-    double s = p.f / point[2], sx = -s * point[0] / point[2], sy = -s * point[1] / point[2];
+    double s = p.f_px / point[2], sx = -s * point[0] / point[2], sy = -s * point[1] / point[2];
     std::fill(a, a + 16, 0.0);
     a[0] = a[5] = a[8] = a[13] = s;
     a[2] = sx;
     a[6] = a[14] = sy;
-    a[10] = sx + s * p.baseline * point[3] / point[2];
-    a[11] = -s * p.baseline;
+    a[10] = sx + s * p.baseline_m * point[3] / point[2];
+    a[11] = -s * p.baseline_m;
 }
 
 // The rows b (4) of a product with ∂P/∂ξ of Exp(ξ)·P at homogeneous points P, eq. (21): by the motion (6,).
@@ -56,9 +59,9 @@ inline void by_motion(const double* b, const double* point, double* out) {
 
 // What a turn of the right camera does at (u, v) of its image, eq. (72d): (2, 3) px per radian.
 inline void by_turn(const Pinholes& p, double u, double v, double* out) {
-    double x = (u - p.cx_right) / p.f, y = (v - p.cy) / p.f;
+    double x = (u - p.cx_right_px) / p.f_px, y = (v - p.cy_px) / p.f_px;
     double columns[6] = {x * y, -1 - x * x, y, 1 + y * y, -x * y, -x};
-    for (int k = 0; k < 6; k++) out[k] = p.f * columns[k];
+    for (int k = 0; k < 6; k++) out[k] = p.f_px * columns[k];
 }
 
 }  // namespace core

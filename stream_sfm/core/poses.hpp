@@ -21,7 +21,7 @@ Array<double, 2> invert_triangle(Matrix lower, Vector scale);
 struct Scaled {
     Array<double, 2> matrix;
     Array<double, 1> scale;
-    auto parts() { return std::tie(matrix, scale); }
+    FIELDS(matrix, scale)
 };
 Scaled scaled_by_diagonal(Matrix matrix);
 Array<bool, 1> among(Indices ids, Indices known);
@@ -31,18 +31,18 @@ Array<std::int64_t, 1> union_of(Indices ids);
 // reported.cpp
 struct PhysicalAxes {
     Matrix rotation;
-    double std_scale, std_axes;
-    auto parts() { return std::tie(rotation, std_scale, std_axes); }
+    double std_scale, std_axes_rad;
+    RECORD(PhysicalAxes, rotation, std_scale, std_axes_rad)
 };
 struct ReportedMotions {
     Array<double, 3> poses, cov, jacobian;
-    auto parts() { return std::tie(poses, cov, jacobian); }
+    FIELDS(poses, cov, jacobian)
 };
 ReportedMotions reported_motions(const PhysicalAxes& axes, Matrices poses, Matrices cov, Matrices by_terms);
 struct ReportedPoints {
     Array<double, 2> points;
     Array<double, 3> cov;
-    auto parts() { return std::tie(points, cov); }
+    FIELDS(points, cov)
 };
 ReportedPoints reported_points(const PhysicalAxes& axes, Matrix points, Matrices cov, Vector std_shared,
                                Matrix frame_from_cam);

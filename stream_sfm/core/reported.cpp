@@ -26,7 +26,7 @@ Array<double, 3> unseen_by_pose(Matrices poses, const PhysicalAxes& axes) {
         for (int row = 0; row < 3; row++) out[3 * row] = -axes.std_scale * inverse[i][4 * row + 3];  // along the path: Rᵀ t
         for (int row = 0; row < 6; row++)
             for (int axis = 0; axis < 2; axis++)
-                out[3 * row + 1 + axis] = axes.std_axes * (adjoint[i][6 * row + 3 + axis] - (row == 3 + axis ? 1.0 : 0.0));
+                out[3 * row + 1 + axis] = axes.std_axes_rad * (adjoint[i][6 * row + 3 + axis] - (row == 3 + axis ? 1.0 : 0.0));
     }
     return result;
 }
@@ -78,7 +78,7 @@ ReportedPoints reported_points(const PhysicalAxes& axes, Matrix points, Matrices
         multiply_transposed<1, 3, 3>(p, r, result.points[i]);
         double ray[3] = {p[0] - pose[3], p[1] - pose[7], p[2] - pose[11]};  // from the camera
         double relative = std_shared.data[i] * (pose[2] * ray[0] + pose[6] * ray[1] + pose[10] * ray[2]);
-        double about_x[3] = {0, -axes.std_axes * p[2], axes.std_axes * p[1]}, about_y[3] = {axes.std_axes * p[2], 0, -axes.std_axes * p[0]};
+        double about_x[3] = {0, -axes.std_axes_rad * p[2], axes.std_axes_rad * p[1]}, about_y[3] = {axes.std_axes_rad * p[2], 0, -axes.std_axes_rad * p[0]};
         double sum[9];
         for (int a = 0; a < 3; a++)
             for (int b = 0; b < 3; b++)

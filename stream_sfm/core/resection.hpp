@@ -1,7 +1,6 @@
 // Stages that find a motion: by views, by flow; and the turn of the right camera.
 #pragma once
 
-#include "records.hpp"
 #include "views.hpp"
 
 namespace core {
@@ -9,15 +8,15 @@ namespace core {
 // fit.cpp
 struct Fitted {
     Array<double, 2> cam_from_ref, cov_pose, cov_amplitudes;
-    Array<double, 1> squares, amplitudes;
+    Array<double, 1> squared_residuals, amplitudes;
     Array<bool, 1> accepted;
     std::int64_t dof = -6;
     double chi2 = 0, spread = 1, share = 0;
     bool ok = false;
 
     Fitted(std::size_t n, std::size_t j)
-        : cam_from_ref(4, 4), cov_pose(6, 6), cov_amplitudes(j, j), squares(n), amplitudes(j), accepted(n) {}
-    auto parts() { return std::tie(cam_from_ref, cov_pose, accepted, chi2, dof, spread, ok, squares, share, amplitudes, cov_amplitudes); }
+        : cam_from_ref(4, 4), cov_pose(6, 6), cov_amplitudes(j, j), squared_residuals(n), amplitudes(j), accepted(n) {}
+    RECORD(Fitted, cam_from_ref, cov_pose, accepted, chi2, dof, spread, ok, squared_residuals, share, amplitudes, cov_amplitudes)
 };
 Fitted fit_motion(const PointViews& views, Matrix start, Vector amplitudes, Vector votes, bool anneal);
 struct Halves {
@@ -28,42 +27,42 @@ Halves motions_of_halves(const PointViews& views, Matrix motion, Vector amplitud
                          double shared_noise);
 
 // search.cpp
-Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector weights,
-                               const std::array<double, 2>& image_size, std::size_t agreeing);
-double motion_support(const PointViews& views, Matrix motion, Vector amplitudes, Vector weights,
-                      const std::array<double, 2>& size);
-double evidence(const Pinholes& pinholes, Matrix z, Vector weights, const std::array<double, 2>& size);
+Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector weights, std::size_t agreeing);
+double motion_support(const PointViews& views, Matrix motion, Vector amplitudes, Vector weights);
+double evidence(const Pinholes& pinholes, Matrix z, Vector weights);
 
 // resection.cpp
 struct ResectionRules {
-    std::array<double, 2> size;
-    double calm_share, beyond;
+    double calm_share, calm_spread, beyond_gates, ambiguous_share, halves_apart, shared_noise, max_odds;
     std::size_t second_views;
-    double ambiguous_share;
-    bool start_is_close, start_is_decided;
-    auto parts() { return std::tie(size, calm_share, beyond, second_views, ambiguous_share, start_is_close, start_is_decided); }
+    RECORD(ResectionRules, calm_share, calm_spread, beyond_gates, ambiguous_share, halves_apart, shared_noise, max_odds, second_views)
+};
+struct Wanted {
+    bool second, start_is_close, start_is_decided;
+    RECORD(Wanted, second, start_is_close, start_is_decided)
 };
 struct Second {
     Array<double, 2> cam_from_ref, cov_pose;
     Array<bool, 1> views;
     double odds;
-    auto parts() { return std::tie(cam_from_ref, cov_pose, views, odds); }
+    RECORD(Second, cam_from_ref, cov_pose, views, odds)
 };
 struct Resected {
     Fitted found;
     std::optional<Second> second;
-    auto parts() { return std::tie(found, second); }
+    FIELDS(found, second)
 };
 struct FlowMotion {
     bool ok;
     Array<double, 2> cam_from_previous;
     Array<bool, 1> agree;
     double share;
-    auto parts() { return std::tie(ok, cam_from_previous, agree, share); }
+    FIELDS(ok, cam_from_previous, agree, share)
 };
+struct TrackTable;
 FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, Vector votes, Matrix at, Flags found,
                           Matrix start, double std_flow, double gate, const ResectionRules& rules);
-Resected resect(const PointViews& views, Matrix start, Vector votes, const ResectionRules& rules,
+Resected resect(const PointViews& views, Matrix start, Vector votes, const ResectionRules& rules, const Wanted& wanted,
                 std::optional<Matrix> predicted);
 
 // turn.cpp
@@ -74,7 +73,7 @@ struct FittedTurn {
     Array<double, 2> cov;
     Array<bool, 1> agree;
     double log_odds, squared;
-    auto parts() { return std::tie(rad, cov, agree, log_odds, squared); }
+    FIELDS(rad, cov, agree, log_odds, squared)
 };
 Array<double, 3> effects_of_turn(const Pinholes& pinholes, Matrix right);
 FittedTurn fit_turn(const PointViews& views, Matrix motion, Matrix usual, double std_knock);

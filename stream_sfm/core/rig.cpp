@@ -46,7 +46,7 @@ void moved_by(const double* point, const double* twist, double seconds, double* 
 void rows_of_view(const ExposedRows& of, const double* z, double* rows) {
     std::size_t sides = of.coefficients.shape[0], k = of.coefficients.shape[1];
     for (std::size_t side = 0; side < 2; side++) {
-        double x = 2 * z[2 * side] / of.size[0] - 1, y = 2 * z[2 * side + 1] / of.size[1] - 1, sum = 0;
+        double x = 2 * z[2 * side] / of.size_px[0] - 1, y = 2 * z[2 * side + 1] / of.size_px[1] - 1, sum = 0;
         for (std::size_t a = k; a-- > 0;) {  // Horner's scheme in both
             double inner = 0;
             for (std::size_t b = k; b-- > 0;) inner = inner * y + of.coefficients[std::min(side, sides - 1)][a * k + b];
@@ -73,7 +73,8 @@ Array<double, 2> without_acceleration(Vector twist) {
 }
 
 // The terms (6,) of the disparity's error at a place in the left image.
-void disparity_polynomial(const std::array<double, 2>& size, const double* at, double* out) {
+void disparity_polynomial(const Pinholes& p, const double* at, double* out) {
+    const auto size = p.size();
     double centre[2] = {(size[0] - 1) / 2, (size[1] - 1) / 2};
     double x = (at[0] - centre[0]) / centre[0], y = (at[1] - centre[1]) / centre[1];
     double polynomial[6] = {1, x, y, x * x, x * y, y * y};
@@ -81,16 +82,15 @@ void disparity_polynomial(const std::array<double, 2>& size, const double* at, d
 }
 
 // What amplitudes of 1 of the terms do to a view: (4, TERMS).
-void terms_of_view(const RigModel& model, const double* z, double age, double* out) {
-    const Pinholes& p = model.pinholes;
-    const auto& size = model.size;
-    double corner = std::hypot(std::max(p.cx_left, size[0] - p.cx_left), std::max(p.cy, size[1] - p.cy)) / p.f;
-    double middle[4] = {p.cx_left, p.cy, p.cx_right, p.cy}, from_centre[4], rays[4], columns[4 * TERMS] = {};
+void terms_of_view(const Pinholes& p, Matrix root, const double* z, double age, double* out) {
+    const auto size = p.size();
+    double corner = std::hypot(std::max(p.cx_left_px, size[0] - p.cx_left_px), std::max(p.cy_px, size[1] - p.cy_px)) / p.f_px;
+    double middle[4] = {p.cx_left_px, p.cy_px, p.cx_right_px, p.cy_px}, from_centre[4], rays[4], columns[4 * TERMS] = {};
     double* right = columns + 2 * TERMS;
-    disparity_polynomial(size, z, right + DISPARITY);
+    disparity_polynomial(p, z, right + DISPARITY);
     for (int c = 0; c < 4; c++) {
         from_centre[c] = z[c] - middle[c];
-        rays[c] = from_centre[c] / p.f;
+        rays[c] = from_centre[c] / p.f_px;
     }
     for (int side = 0; side < 4; side += 2) lens_columns(rays + side, rays, corner, columns + side * TERMS);
     right[DIFFERENCE] = right[LENS];
@@ -101,11 +101,11 @@ void terms_of_view(const RigModel& model, const double* z, double age, double* o
     }
     if (age != 0) {
         double turn[3] = {rays[2] * rays[3], -1 - rays[2] * rays[2], rays[3]};
-        for (int k = 0; k < 3; k++) right[TURNING + k] = age * p.f * turn[k];
+        for (int k = 0; k < 3; k++) right[TURNING + k] = age * p.f_px * turn[k];
     }
     for (std::size_t c = 0; c < 4; c++)
         for (std::size_t i = 0; std::isfinite(z[c]) && i < TERMS; i++)
-            if (columns[c * TERMS + i] != 0) add(columns[c * TERMS + i], model.root[i], TERMS, out + c * TERMS);
+            if (columns[c * TERMS + i] != 0) add(columns[c * TERMS + i], root[i], TERMS, out + c * TERMS);
 }
 
 // The field's basis (K,) at (u, v) on the left.
@@ -134,10 +134,10 @@ void check(const ExposedRows& exposed) {
 }
 
 void check(const Timing& timing) {
-    check(timing.exposed);
+    check(timing.row_of);
     require_shape(timing.mean, {2}, "mean");
     require_shape(timing.cov, {2, 2}, "cov");
-    require_shape(timing.twist, {6}, "twist");
+    if (timing.twist) require_shape(*timing.twist, {6}, "twist");
 }
 
 void slopes_of_rows(const ExposedRows& of, const double* z, double* out) {
@@ -172,22 +172,21 @@ void timing_of_view(const Pinholes& pinholes, const ExposedRows& exposed, const 
     }
 }
 
-RigEffects rig_effects(const RigModel& model, Matrix z, Vector age) {
-    std::size_t n = z.shape[0], ages = age.shape[0], k = model.field.u.shape[0] * model.field.v.shape[0];
-    require_shape(model.root, {TERMS, TERMS}, "root");
-    require_shape(model.field.root, {k, k}, "root of the field");
+RigEffects rig_effects(const Pinholes& pinholes, Matrix root, const Field& field, Matrix z, Vector age) {
+    std::size_t n = z.shape[0], ages = age.shape[0], k = field.u_px.shape[0] * field.v_px.shape[0];
+    require_shape(root, {TERMS, TERMS}, "root");
+    require_shape(field.root, {k, k}, "root of the field");
     require_shape(z, {n, 4}, "z_px");
     require(ages == 1 || ages == n, "there are not as many ages as views");
     RigEffects result{{n, 4, TERMS}, {n, k}};
     for (std::size_t i = 0; i < n; i++) {
-        terms_of_view(model, z[i], age.data[ages == 1 ? 0 : i], result.terms[i]);
-        field_at(model.field, z[i], result.field[i]);
+        terms_of_view(pinholes, root, z[i], age.data[ages == 1 ? 0 : i], result.terms[i]);
+        field_at(field, z[i], result.field[i]);
     }
     return result;
 }
 
-Array<double, 3> disparity_effects(const Pinholes& pinholes, const std::array<double, 2>& size, Matrix points,
-                                   Matrix motion, Matrix z) {
+Array<double, 3> disparity_effects(const Pinholes& pinholes, Matrix points, Matrix motion, Matrix z) {
     std::size_t n = points.shape[0];
     require_shape(points, {n, 4}, "points");
     require_shape(motion, {4, 4}, "cam_from_previous");
@@ -200,12 +199,12 @@ Array<double, 3> disparity_effects(const Pinholes& pinholes, const std::array<do
         project(pinholes, moved, expected);
         jacobian(pinholes, moved, a);
         bool seen = std::isfinite(z[i][0]) && std::isfinite(z[i][1]);
-        disparity_polynomial(size, seen ? z[i] : expected, polynomial);
+        disparity_polynomial(pinholes, seen ? z[i] : expected, polynomial);
         for (int c = 0; c < 4; c++) {
             if (!std::isfinite(z[i][c])) continue;
             double by_depth = 0;  // ∂z/∂ρ of the point as it was
             for (int k = 0; k < 4; k++) by_depth += a[4 * c + k] * motion[static_cast<std::size_t>(k)][3];
-            double moves = (c == LATE) + by_depth / (pinholes.f * pinholes.baseline);
+            double moves = (c == LATE) + by_depth / (pinholes.f_px * pinholes.baseline_m);
             for (int k = 0; k < 6; k++) result[i][6 * c + k] = moves * polynomial[k];
         }
     }
@@ -213,7 +212,7 @@ Array<double, 3> disparity_effects(const Pinholes& pinholes, const std::array<do
 }
 
 Array<double, 2> field_basis(const Field& field, Matrix at) {
-    std::size_t n = at.shape[0], k = field.u.shape[0] * field.v.shape[0];
+    std::size_t n = at.shape[0], k = field.u_px.shape[0] * field.v_px.shape[0];
     require_shape(at, {n, 2}, "left_px");
     require_shape(field.root, {k, k}, "root");
     return each(at, Array<double, 2>(n, k), [&](const double* left, double* out) { field_at(field, left, out); });
@@ -274,15 +273,15 @@ Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& e
     return result;
 }
 
-Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& exposed, const MovingPoints& before,
-                                 const MovingPoints& now, Vector mean, Matrix cov, Vector std_twist) {
-    auto timed = [&](const MovingPoints& of) {
-        Array<double, 2> steady = without_acceleration(of.twist);
-        return timed_views(pinholes, exposed, of.points, steady, mean, std::nullopt);
+Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points_before,
+                                 Vector twist_before, Matrix points, Vector twist, Vector mean, Matrix cov, Vector std_twist) {
+    auto timed = [&](Matrix at, Vector by) {
+        Array<double, 2> steady = without_acceleration(by);
+        return timed_views(pinholes, exposed, at, steady, mean, std::nullopt);
     };
-    Array<double, 3> then = timed(before), moved = timed(now);
-    std::size_t n = now.points.shape[0];
-    require(before.points.shape[0] == n, "there are not as many points before as now");
+    Array<double, 3> then = timed(points_before, twist_before), moved = timed(points, twist);
+    std::size_t n = points.shape[0];
+    require(points_before.shape[0] == n, "there are not as many points before as now");
     require_shape(mean, {2}, "mean");
     require_shape(cov, {2, 2}, "cov");
     require_shape(std_twist, {6}, "std_twist");
@@ -293,7 +292,7 @@ Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& ex
     Array<double, 3> result(n, 4, 14);
     for (std::size_t i = 0; i < n; i++) {
         double by_twist[24], rows[4];
-        timing_by_twist(pinholes, exposed, now.points[i], by_twist, rows);
+        timing_by_twist(pinholes, exposed, points[i], by_twist, rows);
         for (int c = 0; c < 4; c++) {
             double* out = result[i] + 14 * c;
             for (int k = 0; k < 2; k++)

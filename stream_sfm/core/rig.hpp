@@ -1,21 +1,49 @@
 // Stages on the errors of a rig: what they do to views and rows, and how large they are.
 #pragma once
 
-#include "records.hpp"
+#include "algebra.hpp"
+#include "pinholes.hpp"
 
 namespace core {
 
+struct Field {
+    Vector u_px, v_px;
+    double length_px;
+    Matrix root;
+    RECORD(Field, u_px, v_px, length_px, root)
+};
+struct RowModel {
+    Pinholes projection;
+    Field field;
+    Vector mean;
+    Matrix cov;
+    double scatter_px, max_px;
+    RECORD(Rows, projection, field, mean, cov, scatter_px, max_px)
+};
+struct ExposedRows {  // polynomials over the rectified image: the rows of the cameras' own images
+    std::array<double, 2> size_px;
+    Matrices coefficients;
+    RECORD(ExposedRows, size_px, coefficients)
+};
+struct Timing {  // delay and readout, and how points moved in the frame before, if that is known
+    ExposedRows row_of;
+    Vector mean;
+    Matrix cov;
+    std::optional<Vector> twist;
+    RECORD(Timing, row_of, mean, cov, twist)
+};
+
 // row_errors.cpp
-Array<double, 2> row_terms(const std::array<double, 2>& size, const Field& field, Matrix at, Vector speed);
+Array<double, 2> row_terms(const Pinholes& pinholes, const Field& field, Matrix at, Vector speed);
 Array<double, 1> row_offsets(const RowModel& rows, Matrix at, Vector speed);
 Array<bool, 1> on_one_row(const RowModel& rows, Matrix left, Matrix right, Vector speed, double scale);
 struct UnknownOfViews {
     Array<double, 3> errors;
     Array<double, 2> cov_turn;
-    auto parts() { return std::tie(errors, cov_turn); }
+    FIELDS(errors, cov_turn)
 };
-UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, const RowModel& rows, Matrix before,
-                              Matrix now, Matrix z, Vector twist, Vector std_twist);
+UnknownOfViews unknown_errors(const Timing& timing, const RowModel& rows, Matrix before, Matrix now, Matrix z, Vector twist,
+                              Vector std_twist);
 
 // rig.cpp
 constexpr std::size_t TERMS = 20, AT_TIMING = 14;  // the order of rig_model/terms.py; delay and readout follow each other
@@ -24,11 +52,10 @@ void check(const Timing& timing);
 struct RigEffects {
     Array<double, 3> terms;
     Array<double, 2> field;
-    auto parts() { return std::tie(terms, field); }
+    FIELDS(terms, field)
 };
-RigEffects rig_effects(const RigModel& model, Matrix z, Vector age);
-Array<double, 3> disparity_effects(const Pinholes& pinholes, const std::array<double, 2>& size, Matrix points,
-                                   Matrix motion, Matrix z);
+RigEffects rig_effects(const Pinholes& pinholes, Matrix root, const Field& field, Matrix z, Vector age);
+Array<double, 3> disparity_effects(const Pinholes& pinholes, Matrix points, Matrix motion, Matrix z);
 Array<double, 2> field_basis(const Field& field, Matrix at);
 Array<double, 2> polynomial_rows(const ExposedRows& exposed, Matrix z);
 Array<double, 2> velocities(const Pinholes& pinholes, Matrix points, Matrix twists);
@@ -42,13 +69,8 @@ Array<double, 3> timed_views(const Pinholes& pinholes, const ExposedRows& expose
                              Vector timing, std::optional<Matrix> z);
 Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points, Vector twist,
                                   Vector mean);
-struct MovingPoints {
-    Matrix points;
-    Vector twist;
-    auto parts() { return std::tie(points, twist); }
-};
-Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& exposed, const MovingPoints& before,
-                                 const MovingPoints& now, Vector mean, Matrix cov, Vector std_twist);
+Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points_before,
+                                 Vector twist_before, Matrix points, Vector twist, Vector mean, Matrix cov, Vector std_twist);
 Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points, Vector size,
                                    Matrix cov_twist);
 // Errors (n, k) as independent ones (n, j), of σ = 1 as they are, without those that do not matter beside a good view's noise.
@@ -60,7 +82,7 @@ struct Mixture {
     Array<double, 1> mean;
     Array<double, 2> cov;
     double p_wrong;
-    auto parts() { return std::tie(mean, cov, p_wrong); }
+    RECORD(Mixture, mean, cov, p_wrong)
 };
 Array<double, 2> log_evidence(Vector information, Vector weighted, Vector variances);
 Mixture rig_mixture(Vector mean, Matrix cov, Vector size, std::size_t lenses, View<bool, 2> is_zero, Vector log_prior,

@@ -44,11 +44,12 @@ Array<double, 2> as_turn(const Pinholes& pinholes, Matrix z, const Array<double,
 
 }  // namespace
 
-Array<double, 2> row_terms(const std::array<double, 2>& size, const Field& field, Matrix at, Vector speed) {
+Array<double, 2> row_terms(const Pinholes& pinholes, const Field& field, Matrix at, Vector speed) {
     std::size_t n = at.shape[0];
     if (speed.shape[0] != 1) require_shape(speed, {n}, "row_speed_px_s");
     Array<double, 2> basis = field_basis(field, at);
     std::size_t k = basis.shape[1];
+    const auto size = pinholes.size();
     double centre[2] = {(size[0] - 1) / 2, (size[1] - 1) / 2}, unit = std::max(centre[0], centre[1]);
     Array<double, 2> result(n, POLYNOMIAL + 1 + k);
     for (std::size_t i = 0; i < n; i++) {
@@ -60,7 +61,7 @@ Array<double, 2> row_terms(const std::array<double, 2>& size, const Field& field
 }
 
 Array<double, 1> row_offsets(const RowModel& rows, Matrix at, Vector speed) {
-    Array<double, 2> terms = row_terms(rows.size, rows.field, at, speed);
+    Array<double, 2> terms = row_terms(rows.projection, rows.field, at, speed);
     std::size_t n = terms.shape[0], k = terms.shape[1];
     require_shape(rows.mean, {k}, "mean");
     Array<double, 1> result(n);
@@ -79,22 +80,22 @@ Array<bool, 1> on_one_row(const RowModel& rows, Matrix left, Matrix right, Vecto
     double std_delay = std::sqrt(rows.cov[POLYNOMIAL][POLYNOMIAL]);
     for (std::size_t i = 0; i < n; i++) {
         double late = std::abs(speed.data[speed.shape[0] == 1 ? 0 : i]) * std_delay;
-        double wide = std::max(GATE * std::hypot(rows.scatter, late), LEAST_GATE_PX);
-        result.data[i] = std::abs(right[i][1] - left[i][1]) < scale * std::min(wide, rows.max + GATE * late);
+        double wide = std::max(GATE * std::hypot(rows.scatter_px, late), LEAST_GATE_PX);
+        result.data[i] = std::abs(right[i][1] - left[i][1]) < scale * std::min(wide, rows.max_px + GATE * late);
     }
     return result;
 }
 
-UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, const RowModel& rows, Matrix before,
-                              Matrix now, Matrix z, Vector twist, Vector std_twist) {
+UnknownOfViews unknown_errors(const Timing& timing, const RowModel& rows, Matrix before, Matrix now, Matrix z, Vector twist,
+                              Vector std_twist) {
     std::size_t n = z.shape[0], k = rows.mean.shape[0];
     require_shape(z, {n, 4}, "z_px");
     require_shape(now, {n, 4}, "points");
     require_shape(rows.cov, {k, k}, "cov of rows");
-    Array<double, 3> by_time =
-        timing_unknowns(pinholes, timing.exposed, {before, timing.twist}, {now, twist}, timing.mean, timing.cov, std_twist);
+    Array<double, 3> by_time = timing_unknowns(rows.projection, timing.row_of, before, timing.twist.value_or(twist), now, twist,
+                                               timing.mean, timing.cov, std_twist);
     Array<double, 2> terms =
-        row_terms(rows.size, rows.field, two_columns_of(z, 0), row_speeds(pinholes, now, twist));
+        row_terms(rows.projection, rows.field, two_columns_of(z, 0), row_speeds(rows.projection, now, twist));
     Array<double, 2> errors(n, k);
     require(terms.shape[1] == k, "there are not as many amplitudes of rows as terms");
     std::vector<double> root(rows.cov.data, rows.cov.data + k * k);
@@ -104,7 +105,7 @@ UnknownOfViews unknown_errors(const Pinholes& pinholes, const Timing& timing, co
         for (std::size_t a = 0; a < k; a++)
             for (std::size_t b = 0; b <= a; b++) errors[i][b] += terms[i][a] * root[a * k + b];
     }
-    Array<double, 2> own = principal_components(errors), cov_turn = as_turn(pinholes, z, errors);
+    Array<double, 2> own = principal_components(errors), cov_turn = as_turn(rows.projection, z, errors);
     std::size_t others = by_time.shape[2];
     Array<double, 3> both(n, 4, others + own.shape[1]);
     for (std::size_t i = 0; i < n; i++) {

@@ -35,10 +35,10 @@ struct Scored {
 };
 
 // The area over which agreement (n,) spreads, but not less than `MIN_EXTENT`: 1 where it is uniform over the image.
-double extent(const Pinholes& p, Matrix z, const std::array<double, 2>& size, const std::vector<double>& agreement) {
+double extent(const Pinholes& p, Matrix z, const std::vector<double>& agreement) {
     double m = 0, mu = 0, mv = 0, uu = 0, uv = 0, vv = 0;
     for (std::size_t i = 0; i < z.shape[0]; i++) {
-        double a = agreement[i], u = (z[i][0] - p.cx_left) / size[0], v = (z[i][1] - p.cy) / size[1];
+        double a = agreement[i], u = (z[i][0] - p.cx_left_px) / p.width, v = (z[i][1] - p.cy_px) / p.height;
         m += a, mu += a * u, mv += a * v, uu += a * u * u, uv += a * u * v, vv += a * v * v;
     }
     m = std::max(m, 1e-12);
@@ -50,12 +50,12 @@ double extent(const Pinholes& p, Matrix z, const std::array<double, 2>& size, co
 // The support of a motion by squared residuals (n,): each view gives its weight, less the share of the gate that its residual
 // uses up; the extent that the agreeing views have in the image adds a little. A background surrounds what moves in front of
 // it, and a body is compact.
-double support(const PointViews& views, const std::array<double, 2>& size, const double* weights, const double* squares) {
+double support(const PointViews& views, const double* weights, const double* squares) {
     std::size_t n = views.points.shape[0];
     std::vector<double> agreement(n);
     double total = 0;
     for (std::size_t i = 0; i < n; i++) total += agreement[i] = weights[i] * (1 - std::min(squares[i] / views.gate.data[i], 1.0));
-    return total * std::pow(extent(views.pinholes, views.z, size, agreement), EXTENT_POWER);
+    return total * std::pow(extent(views.projection, views.z_px, agreement), EXTENT_POWER);
 }
 
 // `samples` of `size` different rows of n each, drawn by weight (Efraimidis and Spirakis 2006). They depend on n only.
@@ -87,7 +87,7 @@ class Search {
         double b[9] = {};
         for (const std::size_t* row = rows; row < rows + k; row++) {
             const double* at = points[*row];
-            double ray[3] = {(z[*row][0] - p.cx_left) / p.f, (z[*row][1] - p.cy) / p.f, 1.0}, lengths = 0;
+            double ray[3] = {(z[*row][0] - p.cx_left_px) / p.f_px, (z[*row][1] - p.cy_px) / p.f_px, 1.0}, lengths = 0;
             lengths = std::sqrt((at[0] * at[0] + at[1] * at[1] + at[2] * at[2]) * (ray[0] * ray[0] + ray[1] * ray[1] + 1));
             for (int i = 0; i < 9; i++) b[i] += ray[i / 3] * at[i % 3] / lengths;
         }
@@ -139,12 +139,12 @@ class Search {
         double p[4], a[16], by_cam[16], expected[4], j[6];
         move(motion.data(), views.points[row], p);
         clamp_depth(p);
-        jacobian(views.pinholes, p, a);
-        project(views.pinholes, p, expected);
+        jacobian(views.projection, p, a);
+        project(views.projection, p, expected);
         multiply<4, 4, 4>(root, a, by_cam);
         for (int c = 0; c < 4; c++) {
             double residual = 0, z;
-            for (int k = 0; k < 4; k++) residual += root[4 * c + k] * ((std::isfinite(z = views.z[row][k]) ? z : 0.0) - expected[k]);
+            for (int k = 0; k < 4; k++) residual += root[4 * c + k] * ((std::isfinite(z = views.z_px[row][k]) ? z : 0.0) - expected[k]);
             by_motion(by_cam + 4 * c, p, j);
             for (int b = 0; b < 6; b++) {
                 g[b] += weight * j[b] * residual;
@@ -166,13 +166,12 @@ double choose(std::size_t n, std::size_t k) {
 
 }  // namespace
 
-Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector weights,
-                               const std::array<double, 2>& image_size, std::size_t agreeing) {
+Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector weights, std::size_t agreeing) {
     std::size_t n = views.points.shape[0], stereo = 0;
     require_shape(weights, {n}, "weights");
     require_shape(start, {4, 4}, "cam_from_ref");
     Search search(views, start);
-    for (std::size_t i = 0; i < n; i++) stereo += std::isfinite(views.z[i][2]) && std::isfinite(views.z[i][3]);
+    for (std::size_t i = 0; i < n; i++) stereo += std::isfinite(views.z_px[i][2]) && std::isfinite(views.z_px[i][3]);
     std::size_t size = 2 * stereo > n ? STEREO_SAMPLE : ONE_SIDED_SAMPLE;
     require(n > size && (agreeing == 0 || agreeing >= size), "there are too few views");
     double samples = agreeing ? std::ceil(CLEAN_SAMPLES * choose(n, size) / choose(agreeing, size)) : MAX_SAMPLES;
@@ -181,7 +180,7 @@ Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector wei
     std::vector<double> ones(size, 1.0), near(n);
     std::vector<Scored> found;
     auto score = [&](Scored& of) {
-        double value = support(views, image_size, weights.data, search.squares(of.motion).data());
+        double value = support(views, weights.data, search.squares(of.motion).data());
         of.support = std::isfinite(value) ? value : -1.0;
     };
     Motion given;
@@ -210,27 +209,26 @@ Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector wei
     return result;
 }
 
-double motion_support(const PointViews& views, Matrix motion, Vector amplitudes, Vector weights,
-                      const std::array<double, 2>& size) {
+double motion_support(const PointViews& views, Matrix motion, Vector amplitudes, Vector weights) {
     std::size_t n = views.points.shape[0];
     require_shape(weights, {n}, "weights");
     LinearisedViews linear = linearise_views(views, motion);
     ViewResiduals seen = view_residuals(views, linear.root, amplitudes, {motion.data, {1, 4, 4}});
-    return support(views, size, weights.data, seen.squares[0]);
+    return support(views, weights.data, seen.squares[0]);
 }
 
-double evidence(const Pinholes& pinholes, Matrix z, Vector weights, const std::array<double, 2>& size) {
+double evidence(const Pinholes& pinholes, Matrix z, Vector weights) {
     std::size_t n = z.shape[0];
     require_shape(z, {n, 4}, "z_px");
     require_shape(weights, {n}, "weights");
     double votes[PLACES * PLACES] = {}, sum = 0;
     for (std::size_t i = 0; i < n; i++) {
         auto place = [](double share) { return static_cast<int>(std::min(std::max(0.0, share * PLACES), PLACES - 1.0)); };
-        double& vote = votes[PLACES * place(z[i][1] / size[1]) + place(z[i][0] / size[0])];
+        double& vote = votes[PLACES * place(z[i][1] / pinholes.height) + place(z[i][0] / pinholes.width)];
         vote = std::max(vote, weights.data[i]);
     }
     for (double vote : votes) sum += vote;
-    return sum * extent(pinholes, z, size, {weights.data, weights.data + n});
+    return sum * extent(pinholes, z, {weights.data, weights.data + n});
 }
 
 }  // namespace core

@@ -19,9 +19,6 @@ constexpr double UNKNOWN_ERROR_GREY = 255.0;  // of a side that was not found: i
 // Added to the gradient matrix, relative to its trace and absolutely (grey²): along an edge the σ of a position stays within 32
 // times the σ across it, and that of a patch without texture finite.
 constexpr double EDGE_DAMPING = 1e-3, MIN_GRADIENT = 1e-6;
-// s of eq. (17): of how much a patch changes, what its position slides. Measured where poses and depths are exact, by
-// `python -m tools.track_errors`: a tenth to two tenths, along the line of sight as across it.
-constexpr double SLIDE = 0.1;
 
 // The warp (3, 2), W above h, of the maps A (2, 2) and n (2,): W = A⁻¹ and h = −Wᵀn; W is finite also where A is singular.
 void warp(const double* a, const double* by_depth, double* out) {
@@ -37,9 +34,9 @@ void check(const TrackTable& tracks) {
     std::size_t n = tracks.points.shape[0];
     require_shape(tracks.points, {n, 4}, "points");
     require_shape(tracks.var_rho, {n}, "var_rho");
-    require_shape(tracks.cov_left, {n, 2, 2}, "cov_left_px");
+    require_shape(tracks.cov_left_px, {n, 2, 2}, "cov_left_px");
     require_shape(tracks.anchor_from_start, {n, 4, 4}, "anchor_from_start");
-    require_shape(tracks.anchor_velocity, {n, 2}, "anchor_velocity_px_s");
+    require_shape(tracks.anchor_velocity_px_s, {n, 2}, "anchor_velocity_px_s");
     require_shape(tracks.slopes, {n, 2}, "slopes");
     require_shape(tracks.scale, {n}, "scale");
 }
@@ -59,9 +56,9 @@ void warps_of(const Pinholes& pinholes, const double* point, const double* slope
         for (int k = 0; k < 2; k++) moved[2 * row + k] = m[4 * row + k] + m[4 * row + 3] * slopes[k];
     for (int k = 0; k < 2; k++) {
         for (int row = 0; row < 2; row++) left[2 * row + k] = (moved[2 * row + k] - here[row] / depth * moved[4 + k]) / depth;
-        right[k] = left[k] - pinholes.baseline * (slopes[k] - here[3] / depth * moved[4 + k]) / depth;
+        right[k] = left[k] - pinholes.baseline_m * (slopes[k] - here[3] / depth * moved[4 + k]) / depth;
         right[2 + k] = left[2 + k];
-        by_depth[k] = moved[4 + k] / depth / pinholes.f;
+        by_depth[k] = moved[4 + k] / depth / pinholes.f_px;
     }
     warp(left, by_depth, of_left);
     warp(right, by_depth, of_right);
@@ -89,8 +86,8 @@ void shear_by_readout(const Pinholes& pinholes, const Timing& timing, const Trac
     for (std::size_t i = 0; i < now.points.shape[0]; i++) {
         double z[4], slopes[4], of_anchor[4];
         project(pinholes, now.points[i], z);
-        slopes_of_rows(timing.exposed, z, slopes);
-        at_one_time(tracks.anchor_velocity[i], slopes, readout, of_anchor);  // rows are nearly parallel all over an image
+        slopes_of_rows(timing.row_of, z, slopes);
+        at_one_time(tracks.anchor_velocity_px_s[i], slopes, readout, of_anchor);  // rows are nearly parallel all over an image
         double det = of_anchor[0] * of_anchor[3] - of_anchor[1] * of_anchor[2];
         double anchor[4] = {of_anchor[3] / det, -of_anchor[1] / det, -of_anchor[2] / det, of_anchor[0] / det};
         for (int side = 0; side < 2; side++) {
@@ -142,17 +139,17 @@ UpdatedTracks update_depths(const Pinholes& p, const TrackTable& tracks, Matrix 
     require_shape(z, {n, 4}, "z_px");
     require_shape(cov, {n, 4, 4}, "cov_px");
     UpdatedTracks result{{n, 4}, {n}, {n, 2, 2}};
-    double scale = p.f * p.baseline;
+    double scale = p.f_px * p.baseline_m;
     for (std::size_t i = 0; i < n; i++) {
         double moved[4], depth = move_to_unit_depth(cam_from_previous.data, tracks.points[i], moved);
         double before = forgetting * tracks.var_rho.data[i] / (depth * depth), gain = 0, rho = moved[3];
-        double seen = ((z[i][0] - p.cx_left) - (z[i][2] - p.cx_right)) / scale;
+        double seen = ((z[i][0] - p.cx_left_px) - (z[i][2] - p.cx_right_px)) / scale;
         if (std::isfinite(seen)) {
             double var = (cov[i][0] + cov[i][10] - 2 * cov[i][2]) / (scale * scale);
             gain = before / (before + var);
             rho += gain * (seen - rho);
         }
-        double point[4] = {(z[i][0] - p.cx_left) / p.f, (z[i][1] - p.cy) / p.f, 1, rho};
+        double point[4] = {(z[i][0] - p.cx_left_px) / p.f_px, (z[i][1] - p.cy_px) / p.f_px, 1, rho};
         std::copy_n(point, 4, result.points[i]);
         result.var_rho.data[i] = (1 - gain) * before;
         for (int k = 0; k < 4; k++) result.cov_left[i][k] = cov[i][4 * (k / 2) + k % 2];
@@ -222,7 +219,7 @@ Array<double, 3> track_covariances(Matrices cov_left, Vector var_rho, Vector dri
     return result;
 }
 
-Array<double, 1> template_drift(Matrix points, Matrix cam_from_previous, Indices scale, double radius) {
+Array<double, 1> template_drift(Matrix points, Matrix cam_from_previous, Indices scale, double slide) {
     std::size_t n = points.shape[0];
     require_shape(points, {n, 4}, "points");
     require_shape(cam_from_previous, {4, 4}, "cam_from_previous");
@@ -231,7 +228,7 @@ Array<double, 1> template_drift(Matrix points, Matrix cam_from_previous, Indices
                              cam_from_previous[2][3] * cam_from_previous[2][3]);
     Array<double, 1> result(n);
     for (std::size_t i = 0; i < n; i++)
-        result.data[i] = SLIDE * radius * static_cast<double>(scale.data[i]) * std::max(points[i][3], 0.0) * moved;
+        result.data[i] = slide * static_cast<double>(scale.data[i]) * std::max(points[i][3], 0.0) * moved;
     return result;
 }
 

@@ -1,17 +1,46 @@
 // Stages on tracks: predicted, aligned, updated, begun; and errors that last along them.
 #pragma once
 
-#include "records.hpp"
 #include "image.hpp"
+#include "rig.hpp"
 
 namespace core {
+
+struct RightSides {  // where they are sought, of points that move with a twist, with a turn of the right camera
+    RowModel rows;
+    Vector turn_rad, twist;
+    RECORD(RightSides, rows, turn_rad, twist)
+};
+struct TemplateConfig {
+    int window_radius_px;
+    double max_realignment_px, max_photometric_error;
+    RECORD(TemplateConfig, window_radius_px, max_realignment_px, max_photometric_error)
+};
+struct ViewNoise {
+    double shared_pixels, factor;
+    RECORD(ViewNoise, shared_pixels, factor)
+};
+struct TemplateKind {
+    int scale, spacing_px;
+    TemplateConfig config;
+    ViewNoise noise;
+    RECORD(TemplateKind, scale, spacing_px, config, noise)
+};
+struct TrackTable {
+    Matrix points;  // at unit depth
+    Vector var_rho;
+    Matrices cov_left_px, anchor_from_start;
+    Matrix anchor_velocity_px_s, slopes;
+    Indices scale;
+    RECORD(Tracks, points, var_rho, cov_left_px, anchor_from_start, anchor_velocity_px_s, slopes, scale)
+};
 
 // tracks.cpp
 struct PredictedTracks {
     Array<double, 2> points, left;
     Array<double, 1> right_u;
     Array<double, 3> left_warps, right_warps;
-    auto parts() { return std::tie(points, left, right_u, left_warps, right_warps); }
+    FIELDS(points, left, right_u, left_warps, right_warps)
 };
 PredictedTracks predict_tracks(const Pinholes& pinholes, const Timing& timing, Vector twist, const TrackTable& tracks,
                                Matrix cam_from_previous, Matrix cam_from_start, Matrix left, Flags agree);
@@ -19,7 +48,7 @@ struct UpdatedTracks {
     Array<double, 2> points;
     Array<double, 1> var_rho;
     Array<double, 3> cov_left;
-    auto parts() { return std::tie(points, var_rho, cov_left); }
+    FIELDS(points, var_rho, cov_left)
 };
 UpdatedTracks update_depths(const Pinholes& pinholes, const TrackTable& tracks, Matrix cam_from_previous, Matrix z,
                             Matrices cov, double forgetting);
@@ -28,7 +57,7 @@ Array<bool, 1> inside_area(View<bool, 2> area, Matrix at);
 Array<double, 3> view_covariances(Matrices gradients, Vector error_left, Vector error_right, double shared_pixels,
                                   double scale, double factor);
 Array<double, 3> track_covariances(Matrices cov_left, Vector var_rho, Vector drift, double focal, double baseline);
-Array<double, 1> template_drift(Matrix points, Matrix cam_from_previous, Indices scale, double radius);
+Array<double, 1> template_drift(Matrix points, Matrix cam_from_previous, Indices scale, double slide);
 
 // alignment.cpp
 template <class T>  // float or std::uint8_t
@@ -38,7 +67,7 @@ struct Templates {
     View<T, 3> stored;
     View<bool, 2> area;
     TemplateKind kind;
-    auto parts() { return std::tie(left, right, stored, area, kind); }
+    RECORD(Templates, left, right, stored, area, kind)
 };
 struct AlignedTracks {  // of tracks (n) which were expected in view, and of those found (k) their rows, points and views
     Array<bool, 1> expected;
@@ -46,7 +75,7 @@ struct AlignedTracks {  // of tracks (n) which were expected in view, and of tho
     Array<double, 2> points, z;
     Array<double, 3> cov;
     Array<double, 2> any_row, taken;
-    auto parts() { return std::tie(expected, rows, points, z, cov, any_row, taken); }
+    FIELDS(expected, rows, points, z, cov, any_row, taken)
 };
 AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, const TrackTable& tracks, Indices slots,
                            Matrix cam_from_previous, Matrix cam_from_start, Matrix left, Flags agree,
@@ -59,7 +88,7 @@ struct NewMatches {
     Array<double, 3> cov;
     Array<double, 2> slopes;
     Array<double, 1> apart;
-    auto parts() { return std::tie(slots, z, cov, slopes, apart); }
+    FIELDS(slots, z, cov, slopes, apart)
 };
 template <class T>  // float or std::uint8_t
 NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, View<T, 3> stored,
@@ -69,7 +98,7 @@ struct PlacedPoints {  // rows of those that are kept, their views, and their po
     Array<std::int64_t, 1> rows;
     Array<double, 2> z, points;
     Array<double, 1> var_rho;
-    auto parts() { return std::tie(rows, z, points, var_rho); }
+    FIELDS(rows, z, points, var_rho)
 };
 PlacedPoints place_new_points(const RightSides& right_sides, const Timing& timing, Matrix seen, Matrices cov,
                               double scale, double least_sigmas, double max_std);
@@ -79,7 +108,7 @@ struct RowErrors {
     Array<std::int64_t, 1> ages;
     Array<double, 2> rows;
     Array<double, 1> sums;
-    auto parts() { return std::tie(ages, rows, sums); }
+    FIELDS(ages, rows, sums)
 };
 RowErrors row_errors_of_tracks(Indices known, Indices ages, Matrix rows, Indices ids, Matrix z, Matrices cov);
 Array<double, 2> view_inflation(Indices ages, double ratio_left, double ratio_right, double decay);

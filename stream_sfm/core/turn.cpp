@@ -34,7 +34,7 @@ FittedTurn fitted(const PointViews& views, Matrix motion, int steps, Matrix usua
     for (std::size_t i = 0; i < n; i++) {
         if (!std::isfinite(seen.squares[0][i])) continue;
         double turned[6];
-        by_turn(views.pinholes, views.z[i][2], views.z[i][3], turned);
+        by_turn(views.projection, views.z_px[i][2], views.z_px[i][3], turned);
         for (std::size_t row = 0; row < 4; row++) {
             double* out = rows.data() + (4 * i + row) * COLUMNS;
             const double* root = linear.root[i] + 4 * row;
@@ -110,9 +110,9 @@ FittedTurn fit_turn(const PointViews& views, Matrix motion, Matrix usual, double
     std::size_t n = views.points.shape[0];
     require_shape(motion, {4, 4}, "cam_from_ref");
     require_shape(usual, {3, 3}, "usual");
-    require_shape(views.z, {n, 4}, "z_px");
+    require_shape(views.z_px, {n, 4}, "z_px");
     require(views.shared.shape[2] == 0, "a turn is fitted without other errors");
-    std::vector<std::size_t> seen = rows_where(n, [&](std::size_t i) { return std::isfinite(views.z[i][2]); });
+    std::vector<std::size_t> seen = rows_where(n, [&](std::size_t i) { return std::isfinite(views.z_px[i][2]); });
     require(!seen.empty(), "no right side was seen");
     SelectedViews of_right(views, seen);
     FittedTurn found = fitted(of_right.views(), motion, FEW_STEPS, usual, std_knock);

@@ -34,11 +34,11 @@ Array<double, 2> seen_points(const Pinholes& p, Matrix z) {
     std::size_t n = z.shape[0];
     require_shape(z, {n, 4}, "z_px");
     return each(z, Array<double, 2>(n, 4), [&](const double* seen, double* point) {
-        double disparity = (seen[0] - p.cx_left) - (seen[2] - p.cx_right);
-        point[0] = (seen[0] - p.cx_left) / p.f;
-        point[1] = (seen[1] - p.cy) / p.f;
+        double disparity = (seen[0] - p.cx_left_px) - (seen[2] - p.cx_right_px);
+        point[0] = (seen[0] - p.cx_left_px) / p.f_px;
+        point[1] = (seen[1] - p.cy_px) / p.f_px;
         point[2] = 1;
-        point[3] = disparity / (p.f * p.baseline);
+        point[3] = disparity / (p.f_px * p.baseline_m);
     });
 }
 
@@ -67,8 +67,8 @@ Array<double, 1> gates_of_views(Matrix z, double of_one, double of_both) {
 }
 
 SelectedViews::SelectedViews(const PointViews& of, const std::vector<std::size_t>& rows)
-    : pinholes(of.pinholes), points(rows_of(of.points, rows)), z(rows_of(of.z, rows)),
-      cov_points(of.cov_points.shape[0] ? rows_of(of.cov_points, rows) : Array<double, 3>(0, 4, 4)), cov(rows_of(of.cov, rows)),
+    : pinholes(of.projection), points(rows_of(of.points, rows)), z(rows_of(of.z_px, rows)),
+      cov_points(of.cov_points.shape[0] ? rows_of(of.cov_points, rows) : Array<double, 3>(0, 4, 4)), cov(rows_of(of.cov_px, rows)),
       shared(rows_of(of.shared, rows)), gate(rows_of(of.gate, rows)) {}
 
 LinearisedViews linearise_views(const PointViews& views, Matrix cam_from_ref) {

@@ -1,19 +1,30 @@
 // Stages on views of points: projected, whitened, linearised.
 #pragma once
 
-#include "records.hpp"
+#include "algebra.hpp"
+#include "pinholes.hpp"
 
 namespace core {
+
+struct PointViews {
+    Pinholes projection;
+    Matrix points;
+    Matrices cov_points;
+    Matrix z_px;
+    Matrices cov_px, shared;
+    Vector gate;
+    RECORD(Views, projection, points, cov_points, z_px, cov_px, shared, gate)
+};
 
 // views.cpp
 struct LinearisedViews {
     Array<double, 3> root, jacobian;
-    auto parts() { return std::tie(root, jacobian); }
+    FIELDS(root, jacobian)
 };
 struct ViewResiduals {
     Array<double, 3> residuals;
     Array<double, 2> squares;
-    auto parts() { return std::tie(residuals, squares); }
+    FIELDS(residuals, squares)
 };
 // Some views, in arrays of their own.
 struct SelectedViews {

@@ -30,7 +30,7 @@ std::vector<Seen> seen_by(const WindowState& state, const WindowViews& views) {
     require_shape(state.q, {points, 3}, "q");
     require_shape(views.ids, {n}, "ids");
     require_shape(views.used, {n}, "used");
-    require_shape(views.z, {n, 4}, "z_px");
+    require_shape(views.z_px, {n, 4}, "z_px");
     require_shape(views.root, {n, 4, 4}, "root");
     require_shape(views.weight, {n, 4}, "weight");
     require_shape(views.own, {n, 4, views.own.shape[2]}, "own");
@@ -91,7 +91,7 @@ void residual(const Pinholes& pinholes, const WindowState& state, const WindowVi
     predicted(pinholes, state, views, seen, in_cam, z);
     for (int row = 0; row < 4; row++) {
         r[row] = 0;
-        for (int k = 0; k < 4; k++) r[row] += views.root[seen.view][4 * row + k] * (views.z[seen.view][k] - z[k]);
+        for (int k = 0; k < 4; k++) r[row] += views.root[seen.view][4 * row + k] * (views.z_px[seen.view][k] - z[k]);
     }
 }
 

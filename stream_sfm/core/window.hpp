@@ -1,7 +1,8 @@
 // Stages of the window: its normal equations, the prior, and what it says of points.
 #pragma once
 
-#include "records.hpp"
+#include "algebra.hpp"
+#include "pinholes.hpp"
 
 namespace core {
 
@@ -13,25 +14,29 @@ struct WindowState {
     Matrix q;
     Vector rig_error;
     Matrix own;  // amplitudes of what each frame's views err by in common
-    auto parts() { return std::tie(cams_from_ref, ids, ref_from_anchor, q, rig_error, own); }
+    RECORD(WindowState, cams_from_ref, ids, ref_from_anchor, q, rig_error, own)
 };
 struct WindowViews {
     Indices frame, ids;
     Flags used;
-    Matrix z, weight;
+    Matrix z_px, weight;
     Matrices root, own, terms, timing;  // what delay and readout do is added to their terms: it is renewed with the velocities
     Matrix field, moves;
-    auto parts() { return std::tie(frame, ids, used, z, weight, root, own, terms, timing, field, moves); }
+    RECORD(WindowViews, frame, ids, used, z_px, weight, root, own, terms, timing, field, moves)
 };
-struct NormalBlocks {  // of 6 + e columns per frame: its pose, and e amplitudes of its own with a prior of σ = 1
-    Array<double, 3> u, v, w, rig_pose, rig_point;
-    Array<double, 2> g_pose, g_point, rig;
-    Array<double, 1> g_rig;
-    auto parts() { return std::tie(u, v, w, g_pose, g_point, rig, rig_pose, rig_point, g_rig); }
+template <template <class, std::size_t> class Of>
+struct BlocksOf {  // of 6 + e columns per frame: its pose, and e amplitudes of its own with a prior of σ = 1
+    Of<double, 3> u, v, w, rig_pose, rig_point;
+    Of<double, 2> g_pose, g_point, rig;
+    Of<double, 1> g_rig;
+    RECORD(NormalBlocks, u, v, w, g_pose, g_point, rig, rig_pose, rig_point, g_rig)
 };
+using NormalBlocks = BlocksOf<Array>;
+using BlockViews = BlocksOf<View>;
 Array<double, 2> points_of_views(const WindowState& state, const WindowViews& views);
 Array<double, 2> expected_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
                                 Flags stereo, Matrix expected);
+struct ExposedRows;
 Array<double, 3> timing_of_views(const Pinholes& pinholes, const ExposedRows& exposed, const WindowState& state,
                                  const WindowViews& views, Matrix expected, Matrices motions, Vector timing);
 Array<double, 3> q_by_reference(Matrices ref_from_anchor, Matrix q);
@@ -39,7 +44,7 @@ struct SeenAgain {
     Array<std::int64_t, 1> rows;
     Array<double, 2> points;
     Array<double, 3> cov;
-    auto parts() { return std::tie(rows, points, cov); }
+    FIELDS(rows, points, cov)
 };
 SeenAgain points_seen_again(Indices ids, Flags usable, Matrix var_drift, Indices known, Matrix q, Matrices cov_q);
 Array<double, 3> drift_covariances(Indices ids, Matrices ref_from_anchor, Matrix q, Indices seen, Matrix var_drift);
@@ -48,47 +53,44 @@ Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& s
 NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
 
 // elimination.cpp
-struct BlockViews {
-    Matrices u, v, w;
-    Matrix g_pose, g_point, rig;
-    Matrices rig_pose, rig_point;
-    Vector g_rig;
-    auto parts() { return std::tie(u, v, w, g_pose, g_point, rig, rig_pose, rig_point, g_rig); }
+struct RigKnowledge {  // information about its errors, and the weighted sums of their amplitudes
+    Matrix information;
+    Vector weighted;
+    RECORD(RigKnowledge, information, weighted)
 };
 struct PriorViews {
-    Indices known;
     Matrix mean;
     Matrices cov, modes;
-    Matrix information;  // about the rig's errors, and the weighted sums of their amplitudes
-    Vector weighted;
-    auto parts() { return std::tie(known, mean, cov, modes, information, weighted); }
+    RigKnowledge rig;
+    RECORD(Prior, mean, cov, modes, rig)
 };
 struct EliminatedPoints {
     Array<double, 3> root, reach;
-    auto parts() { return std::tie(root, reach); }
+    FIELDS(root, reach)
 };
 struct WindowSystem {
     Array<double, 2> h;
     Array<double, 3> modes, std_given, reach;
     Array<double, 2> given;
     Array<double, 1> g;
-    auto parts() { return std::tie(h, modes, std_given, reach, given, g); }
+    FIELDS(h, modes, std_given, reach, given, g)
 };
 EliminatedPoints eliminate_points(Matrices v, Matrices w);
-WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Matrix q, Vector amplitudes);
-WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, Matrix q, Vector amplitudes, std::size_t of_pose);
+WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, Indices known, Matrix q, Vector amplitudes);
+WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, Indices known, Matrix q, Vector amplitudes,
+                       std::size_t of_pose);
 
 // absorb.cpp
 struct PointsAlone {
     Array<double, 2> mean;
     Array<double, 3> cov, by_own, by_rig;
-    auto parts() { return std::tie(mean, cov, by_own, by_rig); }
+    FIELDS(mean, cov, by_own, by_rig)
 };
-struct NewPriorPoints {
-    Indices ids;
-    Matrix mean;
-    Matrices cov, modes;
-    auto parts() { return std::tie(ids, mean, cov, modes); }
+struct AbsorbedPoints {
+    Array<std::int64_t, 1> ids;
+    Array<double, 2> mean;
+    Array<double, 3> cov, modes;
+    RECORD(AbsorbedPoints, ids, mean, cov, modes)
 };
 struct LeavingViews {
     Array<std::int64_t, 1> rows;
@@ -98,13 +100,7 @@ struct LeavingViews {
     NormalBlocks blocks;
     Array<std::int64_t, 1> fresh;
     PointsAlone alone;
-    auto parts() { return std::tie(rows, stays, cov, anchors, q, blocks, fresh, alone); }
-};
-struct AbsorbedPoints {
-    Array<std::int64_t, 1> ids;
-    Array<double, 2> mean;
-    Array<double, 3> cov, modes;
-    auto parts() { return std::tie(ids, mean, cov, modes); }
+    FIELDS(rows, stays, cov, anchors, q, blocks, fresh, alone)
 };
 PointsAlone points_alone(Matrices v, Matrices w, Matrix g_point, Matrices rig_point, Matrix q, Vector rig_step);
 LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Flags stereo,
@@ -112,19 +108,19 @@ LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, c
 WindowSystem absorbing_system(const BlockViews& blocks, const PriorViews& prior, Matrices anchors, Matrix q,
                               Vector amplitudes);
 AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved, Matrix given, Matrix q, Flags stays,
-                               const NewPriorPoints& fresh);
+                               Indices ids_new, Matrix mean_new, Matrices cov_new, Matrices modes_new);
 
 // marginals.cpp
 struct CovariancePart {  // of points, the pose and the world: what reaches points, also times its covariance, and times those with both
     Matrices reach, covariant, with_both;
     Matrix both;
-    auto parts() { return std::tie(reach, covariant, with_both, both); }
+    RECORD(CovariancePart, reach, covariant, with_both, both)
 };
 struct PointMarginals {
     Array<double, 2> q_in_cam, points_in_cam, points_in_world;
     Array<double, 3> cov_q_in_cam, cov_points, cov_points_in_world;
     Array<bool, 1> finite;
-    auto parts() { return std::tie(q_in_cam, cov_q_in_cam, points_in_cam, cov_points, points_in_world, cov_points_in_world, finite); }
+    RECORD(PointMarginals, q_in_cam, cov_q_in_cam, points_in_cam, cov_points, points_in_world, cov_points_in_world, finite)
 };
 PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, Matrices std_given,
                                const CovariancePart& own, const CovariancePart& of_rig, Matrix world_from_ref,

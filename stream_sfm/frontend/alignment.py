@@ -7,12 +7,13 @@ docs/mathematics.md, section 3.
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import FrontendConfig
+from ..config import Config, FrontendConfig
 from ..geometry.resection import Resection
 from ..geometry.se3 import Array
 from ..record import record
@@ -20,26 +21,17 @@ from .noise import ViewNoise
 from .prepared import GreyImage, PreparedImages
 from .templates import SPACING_PX, TemplateAtlas
 
-# Templates of one size as the compiled core takes them: kind, images, patches, area.
-Kind = tuple[int, int, int, float, float, float, float]
-Templates = tuple[GreyImage, GreyImage | None, GreyImage, NDArray[np.bool_], Kind]
-
 WIDE = 4  # image pixels per template pixel of wide templates, for nearly textureless surfaces
 
 
-@record
-class AlignedViews:
-    """Views of tracks that were found in a frame (k), at least on the left: their `rows` in the table, and their
-    `points` (k, 4) where the rough motion puts them; `z_px` (k, 4), NaN where the right side was not found; `cov_px`
-    (k, 4, 4). `any_row_px` (k, 4): the same, including right sides that miss their row. `taken_px` (k, 4): what has
-    been taken out of all these, for the timing."""
+class Templates(NamedTuple):
+    """Templates of one `kind` with the images in which they are sought, `right` None without right sides."""
 
-    rows: NDArray[np.int64]
-    points: Array
-    z_px: Array
-    cov_px: Array
-    any_row_px: Array
-    taken_px: Array
+    left: GreyImage
+    right: GreyImage | None
+    stored: GreyImage
+    area: NDArray[np.bool_]
+    kind: "TemplateAligner"
 
 
 @record
@@ -56,30 +48,24 @@ class TemplateAligner:
     area: NDArray[np.bool_]
     atlas: TemplateAtlas
     noise: ViewNoise
+    spacing_px: ClassVar[int] = SPACING_PX
 
     @classmethod
-    def empty(cls, config: FrontendConfig, valid: NDArray[np.bool_], scale: int = 1) -> "TemplateAligner":
+    def empty(cls, config: Config, valid: NDArray[np.bool_], scale: int = 1) -> "TemplateAligner":
         """Return an aligner without templates; `valid` (h, w): pixels of the left image that hold picture."""
-        radius_px = config.window_radius_px
+        frontend, radius_px = config.frontend, config.frontend.window_radius_px
         return cls(
-            config,
+            frontend,
             scale,
             valid_area(valid, scale * radius_px),
-            TemplateAtlas.empty(config.max_tracks, radius_px, of_bytes=scale == 1),
-            ViewNoise.unknown(config.smoothing_px, scale),
+            TemplateAtlas.empty(frontend.max_tracks, radius_px, of_bytes=scale == 1),
+            ViewNoise.unknown(config.rules.errors, frontend.smoothing_px, scale),
         )
 
-    @property
-    def kind(self) -> Kind:
-        """The kind of these templates as the compiled core takes it."""
-        cfg, noise = self.config, self.noise
-        sizes = self.scale, cfg.window_radius_px, SPACING_PX
-        return *sizes, cfg.max_realignment_px, cfg.max_photometric_error, noise.shared_pixels, noise.factor
-
-    def of_core(self, images: PreparedImages, in_both: bool) -> Templates:
-        """The templates, and the images in which they are sought, as the compiled core takes them."""
+    def in_images(self, images: PreparedImages, in_both: bool) -> Templates:
+        """The templates, and the images in which they are sought."""
         left, right = images.grey(self.scale)
-        return left, right if in_both else None, self.atlas.grey, self.area, self.kind
+        return Templates(left, right if in_both else None, self.atlas.grey, self.area, self)
 
     def cut(
         self, images: PreparedImages, corners: NDArray[np.intp], taken: NDArray[np.intp]

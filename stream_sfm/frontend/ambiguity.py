@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..config import MotionRules
 from ..geometry import se3
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion
 from ..geometry.se3 import Array
 from ..record import record
-from .tracks import FULL_HISTORY
 
 
 @record
@@ -32,6 +32,7 @@ class AmbiguityMemory:
     frames_left: int = 0
     repeats: bool = False
     other_is_new: bool = False
+    rules: MotionRules = MotionRules()
 
     def after(
         self, motion: Resection, agreed: NDArray[np.int64], rival: SecondMotion | None = None
@@ -43,18 +44,19 @@ class AmbiguityMemory:
         of the motion followed: the view no longer repeats itself, or enough of the former background still agrees and
         none of it was part of the other set.
         """
-        other, old = motion.ambiguous or rival, agreed >= FULL_HISTORY
+        other, old = motion.ambiguous or rival, agreed >= self.rules.full_history
         if other is not None:
             apart, seen = other.cam_from_ref @ se3.inverse(motion.cam_from_ref), self.frames_seen + 1
             new = rival is not None or old[other.views].sum() < MIN_VIEWS
             new = bool(new and (self.other_is_new or self.frames_left == 0))
-            memory = AmbiguityMemory(other, apart, seen, max(FULL_HISTORY, seen), rival is not None, new)
+            lasts = int(self.rules.ambiguity_lasts * max(self.rules.full_history, seen))
+            memory = AmbiguityMemory(other, apart, seen, lasts, rival is not None, new, self.rules)
             return memory, other, False
         remembered = self.other_than(motion.cam_from_ref)
         if remembered is None or self.repeats:
-            return AmbiguityMemory(), None, self.repeats
+            return AmbiguityMemory(rules=self.rules), None, self.repeats
         if self.frames_left == 1 and self.other_is_new and (motion.accepted & old).sum() >= MANY_VIEWS:
-            return AmbiguityMemory(), None, True
+            return AmbiguityMemory(rules=self.rules), None, True
         return replace(self, frames_left=self.frames_left - 1), remembered, False
 
     def other_than(self, cam_from_ref: Array) -> SecondMotion | None:

@@ -10,42 +10,28 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.point_views import PointViews
-from ..geometry.resection import BEYOND, MANY_VIEWS, MIN_SECOND_VIEWS, Resection, refine
-from ..geometry.se3 import Array
-from .prepared import PreparedImages
-from .rough_motion import STD_FLOW_PX, RoughMotion, find_rough_motion
+from ..config import StartRules
+from ..geometry.resection import MANY_VIEWS, Resection, refine
+from .rough_motion import RoughMotion, find_rough_motion
+from .seen import Seen
 from .state import FrontEndState, Setup
+from .step import Step
 from .tracks import Tracks
 
-_UNEXPLAINED = 0.2  # of the tracks, beyond which another motion is looked for
-# Of the points with neighbours at another depth, the share that lies behind them, or before: less along the ground.
-_BEHIND = 0.95
-_DEEPER = 1.25  # factor between two depths that differ
 
-
-def of_background(
-    setup: Setup,
-    state: FrontEndState,
-    previous: PreparedImages,
-    images: PreparedImages,
-    rough: RoughMotion,
-    predicted: Array,
-) -> RoughMotion:
+def of_background(step: Step, state: FrontEndState, rough: RoughMotion) -> RoughMotion:
     """The rough motion found, or that of the tracks that do not agree with it, if these lie behind the others."""
-    tracks, rest = state.tracks, np.flatnonzero(~rough.agree)
-    if len(rest) < max(MANY_VIEWS, _UNEXPLAINED * len(tracks)):
+    rules, tracks, rest = step.setup.rules, state.tracks, np.flatnonzero(~rough.agree)
+    if state.start.is_over or len(rest) < max(MANY_VIEWS, rules.start.unexplained * len(tracks)):
         return rough
-    other = find_rough_motion(
-        setup, state.aligners, previous, images, tracks.keep(rest), predicted, motion_known=False
-    )
+    other = find_rough_motion(replace(step, is_predicted=False), state.aligners, tracks.keep(rest))
     if other is None:
         return rough
-    left_px = setup.projection.project_homogeneous(tracks.points @ other.cam_from_previous.T)[:, :2]
+    left_px = step.setup.projection.project_homogeneous(tracks.points @ other.cam_from_previous.T)[:, :2]
     # far points that agree fit either motion, within six σ of a position by flow
     apart_px = np.linalg.norm(left_px - rough.left_px, axis=1)
-    others = tracks.keep(rough.agree & (apart_px > 6 * STD_FLOW_PX * tracks.scale))
-    if not is_behind(tracks.keep(rest[other.agree]), others):
+    others = tracks.keep(rough.agree & (apart_px > 6 * rules.flow.std_px * tracks.scale))
+    if not is_behind(step.setup, tracks.keep(rest[other.agree]), others):
         return rough
     left_px[rest[other.agree]] = other.left_px[other.agree]
     agree = np.zeros(len(tracks), bool)
@@ -53,30 +39,32 @@ def of_background(
     return RoughMotion(other.cam_from_previous, left_px, agree, other.share)
 
 
-def decided(tracks: Tracks, views: PointViews, weights: Array, motion: Resection) -> Resection:
-    """Of two motions that agree with views of tracks (n) the one whose points lie behind the others, if these do."""
+def decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
+    """Of two motions that agree with views the one whose points lie behind the others, if these do."""
     second = motion.ambiguous
-    if second is None:
+    if not motion.ok or second is None or state.start.is_over:
         return motion
-    other = refine(views, weights, second.cam_from_ref, motion.amplitudes)
+    tracks, views = seen.before, seen.point_views
+    other = refine(views, seen.weights, second.cam_from_ref, motion.amplitudes)
     only_second = tracks.keep(second.views)
-    only_first = tracks.keep(motion.accepted & (other.squared_residuals > BEYOND * views.gate))
-    if other.ok and is_behind(only_second, only_first):
+    only_first = tracks.keep(motion.accepted & (other.squared_residuals > views.settings.beyond_gates * views.gate))
+    if other.ok and is_behind(step.setup, only_second, only_first):
         return other
-    return replace(motion, second=None) if is_behind(only_first, only_second) else motion
+    return replace(motion, second=None) if is_behind(step.setup, only_first, only_second) else motion
 
 
-def is_behind(some: Tracks, others: Tracks) -> bool:
+def is_behind(setup: Setup, some: Tracks, others: Tracks) -> bool:
     """Whether points lie behind their neighbours among others, and these before theirs, where depths differ."""
-    order, back = depth_order(some, others), depth_order(others, some)
+    rules, fewest = setup.rules.start, setup.config.robust.second_views
+    order, back = depth_order(some, others, rules), depth_order(others, some, rules)
     behind, before = ((order == k).sum() + (back == -k).sum() for k in (1, -1))
-    return bool((order > 0).sum() >= MIN_SECOND_VIEWS and behind > _BEHIND * (behind + before))
+    return bool((order > 0).sum() >= fewest and behind > rules.behind * (behind + before))
 
 
-def depth_order(some: Tracks, others: Tracks) -> NDArray[np.int64]:
+def depth_order(some: Tracks, others: Tracks, rules: StartRules) -> NDArray[np.int64]:
     """Whether points (n,) lie behind (1) or before (−1) their neighbours among others; 0: neither, or there is none."""
     if not len(others):
         return np.zeros(len(some), np.int64)
     nearest = np.argmin(((some.left_px[:, None] - others.left_px) ** 2).sum(axis=2), axis=1)
     ratio = others.points[nearest, 3] / np.maximum(some.points[:, 3], 1e-9)
-    return (ratio > _DEEPER).astype(np.int64) - (ratio < 1 / _DEEPER)
+    return (ratio > rules.deeper).astype(np.int64) - (ratio < 1 / rules.deeper)

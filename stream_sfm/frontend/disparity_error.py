@@ -14,9 +14,6 @@ from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
 from ..rig_model.terms import DISPARITY
 
-# σ of each term from frame to frame: real rigs give way, and an estimate is of the frames before.
-_STEP_PX = 0.1
-
 
 @record
 class DisparityError:
@@ -27,12 +24,12 @@ class DisparityError:
     root: Array
 
     @classmethod
-    def of(cls, rig: RigModel, found: RigEstimate | None = None) -> "DisparityError":
-        """Return what is known beforehand, or of what an estimator has `found`, in units."""
+    def of(cls, rig: RigModel, found: RigEstimate | None = None, step_px: float = 0.0) -> "DisparityError":
+        """Return what is known beforehand, or of what an estimator has `found`, in units, for a step of σ `step_px`."""
         mean, root = rig.known[DISPARITY], rig.root[DISPARITY, DISPARITY]
         if found is not None:
             mean = found.mean[DISPARITY]
-            cov = found.cov[DISPARITY, DISPARITY] + _STEP_PX**2 * np.eye(len(mean))
+            cov = found.cov[DISPARITY, DISPARITY] + step_px**2 * np.eye(len(mean))
             root = np.asarray(np.linalg.cholesky(cov), np.float64)
         return cls(rig.projection, mean, root)
 
@@ -41,6 +38,5 @@ class DisparityError:
 
         (n, 4) and (n, 4, 6) px. What a point's own disparity has wrong is in its depth.
         """
-        p = self.projection
-        by_term = core.disparity_effects(p.pinholes, (p.width, p.height), points, cam_from_previous, z_px)
+        by_term = core.disparity_effects(self.projection, points, cam_from_previous, z_px)
         return by_term @ self.mean, by_term @ self.root

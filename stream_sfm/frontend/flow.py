@@ -9,25 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from ..config import FlowRules
 from ..geometry.se3 import Array
 from .alignment import WIDE, TemplateAligner
 from .prepared import Image, PreparedImages
 
-# Limit of iterations, and the step in half-size pixels that ends them: OpenCV's defaults are 30 and 0.01; a start
-# needs less.
-_MAX_STEPS = 20
-_WIDE_LEVELS = 2  # halvings of the quarter image: 21 px there are half an image
-_CONVERGED_PX = 0.03
-# Least eigenvalue of a window's gradient matrix per pixel, OpenCV's scale: a tenth of its default, for dark images.
-_MIN_EIGENVALUE = 1e-5
-# Exposure counts as unchanged while contrast and mean of the image change by less, chosen by hand: steps of automatic
-# exposure are larger.
-_SAME_GAIN = 0.05
-_SAME_LEVEL_GREY = 4.0
-
 
 def track(
     aligner: TemplateAligner,
+    rules: FlowRules,
     before_half: Image,
     images: PreparedImages,
     left_px: Array,
@@ -44,23 +34,37 @@ def track(
     radius_px = 3 * aligner.config.window_radius_px // 4  # of the half-size image: one and a half times the patch
     before_half, left_half_px = _zoomed(before_half, left_px / 2, zoom)
     at_px, found = _lucas_kanade(
-        before_half, images.left_half, left_half_px, predicted_px, 2, radius_px, levels - 1
+        rules, before_half, images.left_half, left_half_px, predicted_px, 2, radius_px, levels - 1
     )  # the lowest level is halved once already
     return at_px, found & core.inside_area(aligner.area, at_px)
 
 
 def track_wide(
-    aligner: TemplateAligner, previous: PreparedImages, images: PreparedImages, left_px: Array, predicted_px: Array
+    aligner: TemplateAligner,
+    rules: FlowRules,
+    previous: PreparedImages,
+    images: PreparedImages,
+    left_px: Array,
+    predicted_px: Array,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """As `track`, for wide templates, in images at a quarter of the size with raised contrast."""
     radius_px = aligner.config.window_radius_px
     before, now = previous.quarter_flow, images.quarter_flow
-    at_px, found = _lucas_kanade(before, now, left_px / WIDE, predicted_px, WIDE, radius_px, _WIDE_LEVELS)
+    at_px, found = _lucas_kanade(
+        rules, before, now, left_px / WIDE, predicted_px, WIDE, radius_px, rules.wide_levels
+    )
     return at_px, found & core.inside_area(aligner.area, at_px)
 
 
 def _lucas_kanade(
-    before: Image, now: Image, before_px: Array, predicted_px: Array, scale: int, radius_px: int, levels: int
+    rules: FlowRules,
+    before: Image,
+    now: Image,
+    before_px: Array,
+    predicted_px: Array,
+    scale: int,
+    radius_px: int,
+    levels: int,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Image positions (n, 2) of what was at `before_px` (n, 2), pixels of images `scale` times smaller; what was found.
 
@@ -74,9 +78,9 @@ def _lucas_kanade(
         start.reshape(-1, 1, 2) / scale,
         winSize=(2 * radius_px + 1, 2 * radius_px + 1),
         maxLevel=levels,
-        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _MAX_STEPS, _CONVERGED_PX),
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, rules.max_steps, rules.converged_px),
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-        minEigThreshold=_MIN_EIGENVALUE,
+        minEigThreshold=rules.min_eigenvalue,
     )
     found = status[:, 0] > 0  # the rest of what comes back is not initialised
     positions: Array = np.where(found[:, None], scale * np.asarray(at)[:, 0], start).astype(np.float64)
@@ -94,14 +98,14 @@ def _zoomed(image: Image, at_px: Array, zoom: float) -> tuple[Image, Array]:
     return np.asarray(cv2.warpAffine(image, enlarge, (width, height)), np.uint8), zoom * at_px + shift
 
 
-def as_exposed(before: PreparedImages, now: PreparedImages) -> Image:
+def as_exposed(before: PreparedImages, now: PreparedImages, rules: FlowRules) -> Image:
     """Return the previous left image at half size, adjusted to the new mean and contrast.
 
     Flow mistakes a change of grey values for motion.
     """
     (mean_before, std_before), (mean_now, std_now) = before.exposure, now.exposure
     gain = (std_now + 1) / (std_before + 1)
-    if abs(gain - 1) < _SAME_GAIN and abs(mean_now - mean_before) < _SAME_LEVEL_GREY:
+    if abs(gain - 1) < rules.same_gain and abs(mean_now - mean_before) < rules.same_level_grey:
         return before.left_half
     exposed = np.rint((np.arange(256) - mean_before) * gain + mean_now).clip(0, 255).astype(np.uint8)
     return np.asarray(cv2.LUT(before.left_half, exposed))

@@ -8,32 +8,34 @@ which the background is hidden: the next ones are followed from the last good fr
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..camera.exposed_rows import ExposedRows
-from ..camera.known_timing import KnownTiming
-from ..camera.refinement import Refinement
+from ..camera.rectification import Rectifier
+from ..camera.rig import StereoRig
 from ..config import Config
 from ..geometry.resection import SecondMotion
 from ..geometry.se3 import Array
-from ..geometry.stereo import StereoProjection
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
 from ..types import Ambiguity, ExpectedMotion, LastingErrors, Observations, RigChange, RigView
+from .advance import Followed
 from .alignment import WIDE, TemplateAligner, valid_area
+from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
+from .first_timing import learn_timing
 from .image_checks import are_alike, image_note
 from .new_points import begin_points, renews
-from .pair_check import PairFit, problem_of
+from .pair_check import PairCheck, PairFit, problem_of, resolution_problem
 from .prepared import PreparedImages
-from .right_turn import STD_TURN_RAD, TurnWatch, rig_change, shift_of_turn, with_turn
+from .right_turn import TurnWatch, rig_change, shift_of_turn, with_turn
 from .rows import Rows
+from .start_check import StartCheck
 from .state import FrontEndState, Setup
+from .step_check import StepCheck
 from .template_errors import TemplateErrors, turn_of_slides
 from .timing import Timing
-from .tracker import follow, learn_timing, lose, may_wait
+from .tracker import follow
 
-_JUMPED = "all of the view has changed at once: were images held back, or is this another place?"
+_JUMPED = "the whole view has changed at once: were images held back, or is this another place?"
 _HIDDEN = "background occluded: the remaining tracks are on moving objects"
 
 
@@ -43,35 +45,26 @@ class StereoFrontEnd:
     Nothing in it changes: what is learnt from frames is in the `FrontEndState`, `start` before the first one, which
     each step replaces. So a state can be kept, copied and gone on from more than once.
 
-    `valid` (h, w): pixels of the left image that hold picture. `refinement`: errors of the calibration that are known,
-    which the observations do not have any more. `row_of`, `known_timing`: as in `RigModel`. `problem`: what is wrong
-    with the calibration in any frame. `valid_in_right`: as `valid`, of the right image; None where a point may be
-    anywhere.
+    Observations do not have the errors of the rig's calibration that its refinement knows.
     """
 
-    def __init__(
-        self,
-        projection: StereoProjection,
-        config: Config,
-        valid: NDArray[np.bool_],
-        refinement: Refinement | None = None,
-        row_of: ExposedRows | None = None,
-        known_timing: KnownTiming | None = None,
-        problem: str = "",
-        valid_in_right: NDArray[np.bool_] | None = None,
-    ) -> None:
-        right_area = (
-            None if valid_in_right is None else valid_area(valid_in_right, config.frontend.window_radius_px)
-        )
-        self.setup, self.problem = Setup(projection, config, right_area), problem
-        self.rig = RigModel.of(projection, config.rig, refinement, row_of, known_timing)
+    def __init__(self, rig: StereoRig, rectifier: Rectifier, config: Config) -> None:
+        projection, in_right = rectifier.projection, rectifier.valid_in_right
+        radius_px, rules = config.frontend.window_radius_px, config.rules
+        self.setup = Setup(projection, config, None if in_right is None else valid_area(in_right, radius_px))
+        self.problem = resolution_problem(rig, rules.pair)  # what is wrong with the calibration in any frame
+        self.rig = RigModel.of(projection, config.rig, rig.refinement, rectifier.rows_of, rig.timing)
         self.start = FrontEndState(
-            aligners={scale: TemplateAligner.empty(config.frontend, valid, scale) for scale in (1, WIDE)},
-            timing=Timing.unknown(projection, config.rig, row_of, known_timing),
+            aligners={scale: TemplateAligner.empty(config, rectifier.valid, scale) for scale in (1, WIDE)},
+            timing=Timing.unknown(projection, config.rig, rectifier.rows_of, rig.timing),
             rows=Rows.unknown(projection, config),
-            turn_watch=None if config.rig.exact else TurnWatch(projection),
+            turn_watch=None if config.rig.exact else TurnWatch.begun(projection, rules.turn),
             disparity=DisparityError.of(self.rig),
-            errors=TemplateErrors(),
+            errors=TemplateErrors.begun_by(rules.errors),
+            ambiguity=AmbiguityMemory(rules=rules.motion),
+            start=StartCheck(rules=rules.motion),
+            steps=StepCheck(rules=rules.step),
+            pair=PairCheck(rules=rules.pair),
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
@@ -79,7 +72,7 @@ class StereoFrontEnd:
 
         Any thread may call it at any time, in any order, also for frames that are never stepped.
         """
-        if renews(frame_index):
+        if renews(frame_index, self.setup.rules.points.period):
             _ = images.corner_strength  # computed now, kept for `step`
 
     def step(
@@ -93,15 +86,23 @@ class StereoFrontEnd:
 
         `expected`: the motion up to this frame by inertial samples, if there are any.
         """
-        state, change = self._take_out_turn(state)
         if expected is not None and expected.since_ns != state.previous_ns:
             expected = None  # it is of another frame than the one that is followed from
-        state, observed = self._step(state, images, stamp_ns, expected)
-        state = replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns)
-        if change is None or observed.rig is None:
-            return state, observed
-        rig = replace(observed.rig, change=change, change_root=self.rig.root_of_turn(STD_TURN_RAD))
-        return state, replace(observed, rig=rig)
+        state, change = self._take_out_turn(state)
+        if images.lines is not None:
+            state = replace(state, still=state.still.after(*images.lines))
+        before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
+        state, start_anew = self._check(before, state, images, stamp_ns, followed)
+        if followed is None or start_anew:
+            state, observed = self._start_over(state, images, stamp_ns, wait=not start_anew)
+        else:
+            state, observed = self._go_on(state, images, stamp_ns, followed)
+        if change is not None and observed.rig is not None:
+            rig = replace(
+                observed.rig, change=change, change_root=self.rig.root_of_turn(self.setup.rules.turn.std_rad)
+            )
+            observed = replace(observed, rig=rig)
+        return replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns), observed
 
     def _take_out_turn(self, state: FrontEndState) -> tuple[FrontEndState, RigChange | None]:
         """Correct all that is measured from now on for a turn of the right camera that earlier frames have shown."""
@@ -116,33 +117,45 @@ class StereoFrontEnd:
         state = replace(state, turn_rad=turn_rad, turned_at=now, turn_watch=calm, disparity=disparity)
         return state, rig_change(self.setup.projection, first, rad)
 
-    def _step(
-        self, state: FrontEndState, images: PreparedImages, stamp_ns: int, expected: ExpectedMotion | None
-    ) -> tuple[FrontEndState, Observations]:
-        """Return the observations of the next frame, with the known turn of the right camera corrected."""
-        before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
-        change = None
+    def _check(
+        self,
+        before: FrontEndState,
+        state: FrontEndState,
+        images: PreparedImages,
+        stamp_ns: int,
+        followed: Followed | None,
+    ) -> tuple[FrontEndState, bool]:
+        """Check whether the view has made a step, and whether left and right fit; and whether to start anew for that.
+
+        `before`: the state before the frame was followed.
+        """
+        projection, config, change, fit = self.setup.projection, self.setup.config, None, None
         if followed is not None and not before.pair.problem:  # after frozen images the view catches up at once
             change = before.change_to(followed.cam_from_previous, stamp_ns)
-        state = replace(state, steps=state.steps.after(change, self.setup.projection.f_px))
-        found = None if followed is None else followed.found
-        fit = None if found is None else PairFit.of(found, self.setup.projection, self.setup.config)
-        problem = self.problem or problem_of(
-            images, state.previous, fit, state.rows, state.aligners[1].noise.factor
-        )
+        if followed is not None and followed.found is not None:
+            fit = PairFit.of(followed.found, projection, config)
+        factor = state.aligners[1].noise.factor
+        problem = self.problem or problem_of(images, state.previous, fit, state.rows, factor, config.rules.pair)
         pair, start_anew = state.pair.after(problem, fit, state.next_id)
-        start_anew |= state.start.is_redone
-        state = replace(state, pair=pair)
-        if followed is None or start_anew:
-            return self._start_over(state, images, stamp_ns, wait=not start_anew)
-        drift_px = state.tracks.drift_px(followed.cam_from_previous, self.setup.config.frontend.window_radius_px)
+        state = replace(state, steps=state.steps.after(change, projection.f_px), pair=pair)
+        return state, start_anew or state.start.is_redone
+
+    def _go_on(
+        self, state: FrontEndState, images: PreparedImages, stamp_ns: int, followed: Followed
+    ) -> tuple[FrontEndState, Observations]:
+        """Observations of a frame that was followed, and of points that begin in it."""
+        drift_px = state.tracks.drift_px(followed.cam_from_previous, self.setup.slide_px)
         z_new, cov_new = np.empty((0, 4)), np.empty((0, 4, 4))
         if state.turn_watch is None or not state.turn_watch.unusual:  # otherwise depths cannot be measured
             state, z_new, cov_new = begin_points(self.setup, state, images)
         z_px = np.concatenate([followed.z_px, z_new])
         cov_px = np.concatenate([followed.cov_px, cov_new])
         note = self._note(state, images, z_px)
-        state, observed = self._observed(state.followed_from(images, stamp_ns), stamp_ns, z_px, cov_px, note)
+        ghosts = state.ghosts.after(images.left, state.tracks.ids[: len(z_px)], z_px[:, :2])
+        state = replace(state.followed_from(images, stamp_ns), ghosts=ghosts)
+        state, observed = self._observed(
+            state, stamp_ns, z_px, cov_px, note or ghosts.problem or state.still.problem
+        )
         return state, replace(
             observed,
             cam_from_previous=followed.cam_from_previous,
@@ -153,7 +166,7 @@ class StereoFrontEnd:
             lasting=replace(
                 observed.lasting,
                 std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))]),
-                std_turn_rad=turn_of_slides(drift_px, self.setup.projection.f_px),
+                std_turn_rad=turn_of_slides(drift_px, self.setup.projection.f_px, self.setup.rules.errors.alike),
             ),
         )
 
@@ -164,14 +177,20 @@ class StereoFrontEnd:
 
         Where nothing is to `wait` for, the tracks are dropped at once.
         """
-        waits, nothing = wait and may_wait(state, stamp_ns), (np.empty((0, 4)), np.empty((0, 4, 4)))
+        rules = self.setup.rules
+        waits, nothing = (
+            wait and state.may_wait(stamp_ns, rules.motion.max_gap_s),
+            (np.empty((0, 4)), np.empty((0, 4, 4))),
+        )
         if waits and state.background_hidden:
             return self._observed(state, stamp_ns, *nothing, _HIDDEN)
-        anew, z_px, cov_px = begin_points(self.setup, lose(state), images)
+        anew, z_px, cov_px = begin_points(self.setup, state.lost(), images)
+        ghosts = anew.ghosts.interrupted().after(images.left, anew.tracks.ids[: len(z_px)], z_px[:, :2])
+        anew = replace(anew, ghosts=ghosts)
         note = self._note(anew, images, z_px)
         if waits and len(z_px) < self.setup.config.robust.min_inliers:
             return self._observed(state, stamp_ns, *nothing, note)
-        jumped = wait and state.previous is not None and are_alike(images, state.previous)
+        jumped = wait and state.previous is not None and are_alike(images, state.previous, rules.images.alike)
         if jumped:
             note = note or _JUMPED
         state, observed = self._observed(anew.followed_from(images, stamp_ns), stamp_ns, z_px, cov_px, note)
@@ -202,8 +221,11 @@ class StereoFrontEnd:
 
     def _note(self, state: FrontEndState, images: PreparedImages, z_px: Array) -> str:
         """What is wrong with the images, from the views (n, 4) of all tracks."""
+        black_grey = self.setup.rules.images.black_grey
         n_in_both = int(np.count_nonzero(np.isfinite(z_px[:, 2])))
-        return image_note(images, state.previous, len(z_px), n_in_both, self.setup.config.robust.min_inliers)
+        return image_note(
+            images, state.previous, len(z_px), n_in_both, self.setup.config.robust.min_inliers, black_grey
+        )
 
     def _turn_note(self, watch: TurnWatch | None) -> str:
         """Say that the right camera seems to have turned."""
@@ -217,7 +239,8 @@ class StereoFrontEnd:
 
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
         """Take in what an estimator has found out about the rig with the latest frame, in units of σ."""
-        state = replace(state, disparity=DisparityError.of(self.rig, self.rig.in_units(estimate)))
+        step_px = self.setup.config.rig.disparity_step_px
+        state = replace(state, disparity=DisparityError.of(self.rig, self.rig.in_units(estimate), step_px))
         return learn_timing(self.setup.projection, state, *self.rig.timing(estimate.mean, estimate.cov))
 
     def rig_in_px(self, turn_rad: Array, estimate: RigEstimate | None) -> RigEstimate | None:

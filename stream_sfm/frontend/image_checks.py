@@ -5,27 +5,23 @@ import numpy as np
 
 from .prepared import Image, PreparedImages
 
-# Of 255: an image without one brighter pixel shows at most the sensor's noise; white is as far below 255.
-_BLACK_GREY = 8
 # Where left and right are one image: of the pixels with so large a slope (grey values over two pixels), in some rows,
 # nearly all differ by no more than another encoding of the same pixel does. In a pair they do so only where nothing is
 # nearer than a quarter of a pixel of disparity shows.
 _SLOPE_GREY, _SAME_GREY, _SAME_SHARE, _SAME_ROWS = 16, 2, 0.95, 8
 _FEWEST_SLOPES = 100
-# Contrast and sharpness, as shares of each other. Blur by 9 px leaves 0.2 to 0.47 of the sharpness, dark images little
-# of the contrast; of views of one log that are one or two seconds apart nearly all have more.
-_ALIKE = 0.5
 
 
-def are_alike(images: PreparedImages, previous: PreparedImages) -> bool:
+def are_alike(images: PreparedImages, previous: PreparedImages, alike: float) -> bool:
     """Return whether the left image is about as sharp and as rich in contrast as the previous one.
 
-    If so, what was seen there would be found again; where it is not, the image shows something else.
+    If so, what was seen there would be found again; where it is not, the image shows something else. `alike`: least
+    share of contrast and sharpness that one has of the other.
     """
     contrast, before = (float(x.left.astype(np.float32).std()) for x in (images, previous))
     edges, edges_before = _edges(images.left) * before, _edges(previous.left) * contrast
-    return min(contrast, before) > _ALIKE * max(contrast, before) and (
-        min(edges, edges_before) > np.sqrt(_ALIKE) * max(edges, edges_before)
+    return min(contrast, before) > alike * max(contrast, before) and (
+        min(edges, edges_before) > np.sqrt(alike) * max(edges, edges_before)
     )
 
 
@@ -47,16 +43,21 @@ def are_one_image(left: Image, right: Image) -> bool:
 
 
 def image_note(
-    images: PreparedImages, previous: PreparedImages | None, n_tracked: int, n_in_both: int, enough: int
+    images: PreparedImages,
+    previous: PreparedImages | None,
+    n_tracked: int,
+    n_in_both: int,
+    enough: int,
+    black_grey: int,
 ) -> str:
     """Say what is wrong with the images; empty when nothing is.
 
     `n_tracked` points are tracked in the left image, `n_in_both` of them are matched in the right one too; with less
-    than `enough` the images are looked at for the cause.
+    than `enough` the images are looked at for the cause: one without a pixel of `black_grey` is black.
     """
     if n_in_both < enough:
         for name, image in (("left", images.left), ("right", images.right)):
-            if problem := _without_contrast(image):
+            if problem := _without_contrast(image, black_grey):
                 return f"the {name} image is {problem}"
     if problem := frozen(images, previous):
         return problem
@@ -81,10 +82,10 @@ def frozen(images: PreparedImages, previous: PreparedImages | None) -> str:
     return "the left image is that of the frame before, to the bit: is the left camera frozen?"
 
 
-def _without_contrast(image: Image) -> str:
-    if image.max() < _BLACK_GREY:
+def _without_contrast(image: Image, black_grey: int) -> str:
+    if image.max() < black_grey:
         return "black"
-    return "white" if image.min() > 255 - _BLACK_GREY else ""
+    return "white" if image.min() > 255 - black_grey else ""
 
 
 def _same(image: Image, other: Image) -> bool:

@@ -9,63 +9,44 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..geometry.point_views import PointViews
-from ..geometry.resection import BEYOND, MANY_VIEWS, MIN_SECOND_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine
-from ..geometry.se3 import Array
-from ..record import record
-from .tracks import FULL_HISTORY, Tracks
-
-_AS_MANY = 0.9  # of the old tracks that agree with what jumps: so many agree by noise with either
-_FRAMES = 30  # over which changes of the motion are averaged
-_ASSUMED = 5.0  # frames that the assumed ones count for
-_AT_MOST = 9.0  # times the mean square: a jump that was a body's says nothing of the camera
+from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine
+from .seen import Seen
+from .state import FrontEndState
+from .step import Step
 
 
-@record
-class Unsteadiness:
-    """By how much motions change from frame to frame in this run, by mean squares (2,) of translations and turns.
+def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
+    """Return the motion near the predicted one in place of one that jumps, if as many old tracks agree.
 
-    In m² and rad², beside what is assumed of any camera, over so many `frames`.
+    What jumps is then the second motion.
     """
-
-    mean_square: Array
-    frames: float = _ASSUMED
-
-    def after(self, change: Array) -> "Unsteadiness":
-        """Return the same after a motion that differs by (6,) from the one predicted."""
-        frames = min(self.frames + 1, _FRAMES)
-        square = np.minimum((change.reshape(2, 3) ** 2).mean(axis=1), _AT_MOST * self.mean_square)
-        return Unsteadiness(self.mean_square + (square - self.mean_square) / frames, frames)
-
-    @property
-    def std(self) -> Array:
-        """σ (6,) of a change."""
-        return np.repeat(np.sqrt(self.mean_square), 3)
-
-
-def steadier(tracks: Tracks, views: PointViews, weights: Array, motion: Resection, predicted: Array) -> Resection:
-    """Return the motion near the `predicted` one (4, 4) in place of one that jumps, if as many old tracks agree.
-
-    `views` are those of `tracks` (n). What jumps is then the second motion.
-    """
-    near = refine(views, weights, predicted, np.zeros(views.shared.shape[2]))
-    old = tracks.agreed > 0
-    agree, agreed = (int(np.count_nonzero(m.accepted & old)) for m in (near, motion))
-    if not near.ok or agree < max(MIN_SECOND_VIEWS, _AS_MANY * agreed):
+    usual = step.std_change
+    if state.unsteadiness is not None:
+        usual = np.minimum(usual, state.unsteadiness.std)
+    if not motion.ok or not step.jumps(motion.cam_from_ref, usual):
         return motion
-    only_other = motion.accepted & (near.squared_residuals > BEYOND * views.gate)
-    if np.count_nonzero(only_other) < MIN_SECOND_VIEWS:  # few views tell the two apart
+    views, old = seen.point_views, seen.before.agreed > 0
+    fewest = views.settings.second_views
+    near = refine(views, seen.weights, step.predicted, np.zeros(views.shared.shape[2]))
+    agree, agreed = (int(np.count_nonzero(m.accepted & old)) for m in (near, motion))
+    if not near.ok or agree < max(fewest, step.setup.rules.motion.as_many * agreed):
+        return motion
+    only_other = motion.accepted & (near.squared_residuals > views.settings.beyond_gates * views.gate)
+    if np.count_nonzero(only_other) < fewest:  # few views tell the two apart
         return replace(near, second=motion.second) if near.share >= motion.share else motion
     return replace(near, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_other, odds=1.0))
 
 
-def without_newcomer(tracks: Tracks, motion: Resection) -> Resection:
+def without_newcomer(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
     """Return a motion that goes on as before with a second one, that jumps, no longer in question, if that came anew.
 
-    That is: many old tracks (n) agree with the first motion only, and hardly any with the second one.
+    That is: many old tracks agree with the first motion only, and hardly any with the second one.
     """
-    second, old = motion.second, tracks.agreed >= FULL_HISTORY
-    if second is None or np.count_nonzero(second.views & old) >= MIN_VIEWS:
+    second, old = motion.ambiguous, seen.before.agreed >= step.setup.rules.motion.full_history
+    if second is None or not state.start.is_over or state.ambiguity.frames_left > 0:
+        return motion
+    jump, other_jumps = (step.jumps(m, step.std_change) for m in (motion.cam_from_ref, second.cam_from_ref))
+    if jump or not other_jumps or np.count_nonzero(second.views & old) >= MIN_VIEWS:
         return motion
     if np.count_nonzero(motion.accepted & old) < MANY_VIEWS:
         return motion

@@ -5,36 +5,38 @@ from dataclasses import replace
 import numpy as np
 
 from ..geometry import se3
-from ..geometry.point_views import PointViews
 from ..geometry.resection import Resection, refine
-from ..geometry.se3 import Array
 from ..types import ExpectedMotion
+from .seen import Seen
+from .state import FrontEndState
+from .step import Step
 
-_NEAR = 20.0  # squared distance of a motion that is the camera's
-_APART = 15.0  # by which their squared distances differ then; the camera's is 6 on average
 
-
-def nearer(expected: ExpectedMotion, views: PointViews, weights: Array, motion: Resection) -> Resection:
+def nearer(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
     """Return the nearer one of the motion found and the second one, by both covariances, eq. (85).
 
     A body in uniform motion looks to an accelerometer like one at rest, until it or the camera turns, or the velocity
     is known.
     """
-    second = motion.second
-    if not motion.ok or second is None:
+    expected, second = step.by_inertia, motion.second
+    if expected is None or not motion.ok or second is None:
         return motion
-    other = refine(views, weights, second.cam_from_ref, motion.amplitudes)
+    other = refine(seen.point_views, seen.weights, second.cam_from_ref, motion.amplitudes)
     if not other.ok:
         return motion
+    apart = step.setup.rules.motion.inertial_apart
     first, then = _distance2(expected, motion), _distance2(expected, other)
-    if first - then > _APART:
+    if first - then > apart:
         return replace(other, second=None)
-    return replace(motion, second=None) if then - first > _APART else motion
+    return replace(motion, second=None) if then - first > apart else motion
 
 
-def is_camera(expected: ExpectedMotion | None, motion: Resection) -> bool:
+def is_camera(step: Step, motion: Resection) -> bool:
     """Whether a motion is that of samples which were known before the map began: it is no body's then."""
-    return expected is not None and expected.carried and _distance2(expected, motion) < _NEAR
+    expected = step.by_inertia
+    if expected is None or not expected.carried:
+        return False
+    return _distance2(expected, motion) < step.setup.rules.motion.inertial_near
 
 
 def _distance2(expected: ExpectedMotion, motion: Resection) -> float:

@@ -17,46 +17,25 @@ from .prepared import PreparedImages
 from .state import FrontEndState, RightSides, Setup
 from .tracks import Tracks
 
-# New points are sought in every second frame; in the others only where more than a fraction of the tracks is
-# missing. As accurate as in each (medians over three starts on four logs), CPU of a replay 3 % less.
-_RENEWAL_PERIOD = 2
-_URGENT_FRACTION = 0.6
-# Along the row the search covers 1.5 times the largest disparity of a track, plus a margin. Every second time, and
-# where less than `_BARE_FRACTION` of the tracks is there, it covers the whole row. On KITTI 1.2 ms of 16 less with the
-# figures unchanged.
-_SEARCH_FACTOR, _SEARCH_MARGIN_PX = 1.5, 16.0
-_MATCH_TOLERANCE_PX = 2.0  # of the coarse images: a whole-pixel match, and its neighbour
-# Between the matches of a whole patch and of its inner half, px: farther apart, a depth edge runs through the
-# patch. With it the RMS of local structure error over σ went from 7.3 to 2.7 on rendered images.
-_MAX_HALVES_APART_PX = 0.5
-# Of a grey difference of left and right patch, neighbours that share their noise counted in; a guess.
-_STD_GREY = 4.0
-# Wide templates are added where fewer than a fraction of the tracks is there, up to twice as many. In between, images
-# with a few posters on a white wall have all they need: drift of a corridor with such corners 14 % without, 0.2 % with.
-_BARE_FRACTION = 0.25
-# Of corners in the reduced image, as `min_corner_response`: a slope of a quarter of a grey value per pixel, twice what
-# noise and rounding leave there.
-_MIN_WIDE_STRENGTH = 1e-6
 
-
-def renews(frame_index: int) -> bool:
+def renews(frame_index: int, period: int) -> bool:
     """Whether new points are added in this frame where few are missing; in the others only where most are."""
-    return frame_index % _RENEWAL_PERIOD == 0
+    return frame_index % period == 0
 
 
 def begin_points(setup: Setup, state: FrontEndState, images: PreparedImages) -> tuple[FrontEndState, Array, Array]:
     """Begin tracks where they are missing; their views (k, 4) and covariances (k, 4, 4)."""
     z_px, cov_px = np.empty((0, 4)), np.empty((0, 4, 4))
-    cfg = setup.config.frontend
-    enough = cfg.renew_fraction if renews(state.frame_index) else _URGENT_FRACTION
+    cfg, rules = setup.config.frontend, setup.rules.points
+    enough = cfg.renew_fraction if renews(state.frame_index, rules.period) else rules.urgent_fraction
     if state.tracks.missing(cfg.max_tracks) >= cfg.max_tracks * enough:
         corners, disparity_px = _match_along_row(setup, state, images)
-        tolerance_px = min(_MATCH_TOLERANCE_PX / images.scale, 2 * cfg.max_vertical_disparity_px)
+        tolerance_px = min(rules.match_tolerance_px / images.scale, 2 * cfg.max_vertical_disparity_px)
         state, z_px, cov_px = _begin(setup, state, images, 1, corners, disparity_px, tolerance_px)
-    bare = _BARE_FRACTION * cfg.max_tracks
+    bare = rules.bare_fraction * cfg.max_tracks
     if len(state.tracks) < bare:
         matches = _match_wide(setup, state, images, int(2 * bare) - len(state.tracks))
-        state, z_wide, cov_wide = _begin(setup, state, images, WIDE, *matches, _MATCH_TOLERANCE_PX)
+        state, z_wide, cov_wide = _begin(setup, state, images, WIDE, *matches, rules.match_tolerance_px)
         z_px, cov_px = np.concatenate([z_px, z_wide]), np.concatenate([cov_px, cov_wide])
     return state, z_px, cov_px
 
@@ -125,17 +104,16 @@ def _begin(
     aligner, slots = state.aligners[scale].cut(images, corners, taken)
     state = replace(state, aligners={**state.aligners, scale: aligner})
     twist = np.zeros(6) if state.timing.twist is None else state.timing.twist
-    of_templates = *images.grey(scale), aligner.atlas.grey, aligner.kind, state.right_sides(twist)
-    std_grey = _STD_GREY / scale  # a mean over pixels has so much less noise
+    of_templates = *images.grey(scale), aligner.atlas.grey, aligner, state.right_sides(twist)
+    rules = setup.rules.points
+    std_grey = rules.std_grey / scale  # a mean over pixels has so much less noise
     slots, z_px, cov_px, slopes, apart_px = core.match_new_points(
-        *of_templates, corners, slots, disparity_px, tolerance_px, std_grey, _MAX_HALVES_APART_PX
+        *of_templates, corners, slots, disparity_px, tolerance_px, std_grey, rules.max_halves_apart_px
     )
     state, right_sides = _learn_rows(state, z_px, twist) if scale == 1 else (state, state.right_sides(twist))
     # the position of a wide template that is less certain than half of its pixels is noise or a bare edge
     gates = MIN_INVERSE_DEPTH_SIGMAS, np.inf if scale == 1 else WIDE / 2
-    rows, z_px, points, var_rho = core.place_new_points(
-        right_sides, state.timing.of_core(twist), z_px, cov_px, scale, *gates
-    )
+    rows, z_px, points, var_rho = core.place_new_points(right_sides, state.timing, z_px, cov_px, scale, *gates)
     if setup.right_area is not None:
         seen = ~setup.unseen_in_right(z_px)
         rows, z_px, points, var_rho = rows[seen], z_px[seen], points[seen], var_rho[seen]
@@ -176,7 +154,7 @@ def _match_wide(
         state.tracks.left_px / WIDE,
         wanted,
         setup.config.frontend.min_corner_distance_px,
-        _MIN_WIDE_STRENGTH,
+        setup.rules.points.min_wide_response,
     )
     disparity, unique = core.match_along_rows(left, right, corners, *_disparity_range(setup, state, 1 / WIDE))
     return corners[unique], disparity[unique]
@@ -184,10 +162,10 @@ def _match_wide(
 
 def _disparity_range(setup: Setup, state: FrontEndState, scale: float) -> tuple[int, int]:
     """First and last disparity to search, px of the scaled image."""
-    p, cfg, tracks = setup.projection, setup.config.frontend, state.tracks
+    p, cfg, rules, tracks = setup.projection, setup.config.frontend, setup.rules.points, state.tracks
     far = p.cx_left_px - p.cx_right_px
     near = far + cfg.max_disparity_fraction * p.width
-    if state.frame_index % (2 * _RENEWAL_PERIOD) and len(tracks) > _BARE_FRACTION * cfg.max_tracks:
+    if state.frame_index % (2 * rules.period) and len(tracks) > rules.bare_fraction * cfg.max_tracks:
         largest = p.f_px * p.baseline_m * float(tracks.points[:, 3].max())
-        near = min(near, far + _SEARCH_FACTOR * largest + _SEARCH_MARGIN_PX)
+        near = min(near, far + rules.search_factor * largest + rules.search_margin_px)
     return int(np.floor(far * scale)) - 1, int(np.ceil(near * scale))

@@ -10,14 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..config import ErrorRules
 from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.se3 import Array
 from ..record import record
 
-# Bounds of the factor: beyond them, from a fifth of the σ expected to five times it, something else is wrong.
-_FACTOR_RANGE = (0.05, 30.0)
-_MIN_DOF = 20  # of a frame that the factor learns from; with fewer, χ²/dof scatters by a third or more
-_TYPICAL_STD_PX = 0.15  # of a view before the factor: about what views of a rendered wall scatter by
 _REDUCTION_PX = 0.6  # σ of the smoothing that halving twice leaves, in pixels of the reduced image
 
 
@@ -30,24 +27,26 @@ class ViewNoise:
     """
 
     shared_pixels: float
+    rules: ErrorRules
     factor: float = 1.0
     frames: int = 0
 
     @classmethod
-    def unknown(cls, smoothing_px: float, scale: int = 1) -> "ViewNoise":
+    def unknown(cls, rules: ErrorRules, smoothing_px: float, scale: int = 1) -> "ViewNoise":
         """Return the noise before any frame, of templates whose pixels are `scale` image pixels wide."""
         smoothing_px = smoothing_px if scale == 1 else _REDUCTION_PX
-        return cls(max(1.0, 4 * np.pi * smoothing_px**2))
+        return cls(max(1.0, 4 * np.pi * smoothing_px**2), rules)
 
     def learnt(self, chi2: float, dof: int) -> "ViewNoise":
         """Return the noise after a frame whose accepted views have these squared residuals, eq. (16)."""
-        if dof < _MIN_DOF:
+        if dof < self.rules.min_dof:
             return self
         frames = self.frames + 1
         gain = 1 / min(frames + 1, MEMORY_FRAMES)
-        factor = np.clip(self.factor * (1 + gain * (chi2 / dof - 1)), *_FACTOR_RANGE)
+        factor = self.factor * (1 + gain * (chi2 / dof - 1))
+        factor = np.clip(factor, self.rules.least_factor, self.rules.most_factor)
         return replace(self, factor=float(factor), frames=frames)
 
     def typical_cov(self, n: int) -> Array:
         """Covariances (n, 2, 2) px² of left positions where nothing has been measured yet."""
-        return np.tile(self.factor * _TYPICAL_STD_PX**2 * np.eye(2), (n, 1, 1))
+        return np.tile(self.factor * self.rules.typical_std_px**2 * np.eye(2), (n, 1, 1))

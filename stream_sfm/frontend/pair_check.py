@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.rig import StereoRig
-from ..config import Config
+from ..config import Config, PairRules
 from ..geometry.point_views import PointViews
-from ..geometry.resection import MANY_VIEWS, MIN_SECOND_VIEWS, Resection
+from ..geometry.resection import MANY_VIEWS, Resection
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, clamp_depth
 from ..record import record
@@ -23,21 +23,6 @@ from .image_checks import frozen
 from .prepared import PreparedImages
 from .rows import Rows
 from .tracks import Tracks
-
-# Share of the points whose left side agrees that agree on the right, too. Sample logs have 0.64 and more, at the end of
-# a bare corridor less; with one camera stopped, exchanged or turned it is below .3.
-_FIT = 0.5
-# So many good frames in a row end a problem otherwise: in each this share of all points found agrees.
-_GOOD_FRAMES = 20
-_GOOD_SHARE = 0.6
-# In real calibrations rows are off by up to 1.9 px in a corner, and scatter around their polynomial by up to 0.3 px.
-_MAX_ROWS_PX = 2.5
-_MAX_SCATTER_PX = 0.5
-# Of the image's size: principal points of real cameras are within 0.1 of the middle, those of a calibration of half the
-# resolution lie at a quarter, of twice the resolution in the corner. A part of an image has its own anywhere.
-_SAME_PLACE = 0.03
-# Variance of views over what their images explain: 1.2 at most on any sample log, 5 to 30 with a wrong calibration.
-_MAX_FACTOR = 4.0
 
 
 @record
@@ -68,10 +53,10 @@ class PairFit:
         margin_px = 2 * before.scale * config.frontend.window_radius_px
         inside = (right_px > margin_px) & (right_px < projection.width - 1 - margin_px)
         left, both = motion.accepted, motion.accepted & np.isfinite(found.z_px[:, 2])
-        if np.count_nonzero(both & inside) < _GOOD_SHARE * np.count_nonzero(inside):
+        if np.count_nonzero(both & inside) < config.rules.pair.good_share * np.count_nonzero(inside):
             points = before.points, before.cov_points(projection)
             left_px = np.where([True, True, False, False], found.z_px, np.nan)
-            views = PointViews(projection, *points, left_px, found.cov_px, config.robust.gate_probability)
+            views = PointViews(projection, *points, left_px, found.cov_px, config.robust)
             root, _ = views.linearise(motion.cam_from_ref)
             left = left | (views.squared_residuals(motion.cam_from_ref, root) < motion.spread * views.gate)
         return cls(before.ids[inside], left[inside], both[inside])
@@ -88,6 +73,7 @@ class PairCheck:
     problem: str = ""
     first_id: int | None = None
     good_frames: int = 0
+    rules: PairRules = PairRules()
 
     def after(self, problem: str, fit: PairFit | None, next_id: int) -> tuple["PairCheck", bool]:
         """Return the check after a frame: what is wrong in it, and how its tracks fit (None: none were followed).
@@ -95,22 +81,29 @@ class PairCheck:
         Tracks that begin in this frame have ids from `next_id` on. Also returns whether a problem has ended without any
         point from before it, so that all tracks are to be dropped.
         """
+        rules = self.rules
         if problem:
-            return PairCheck(problem, next_id if self.first_id is None else self.first_id), False
+            first_id = next_id if self.first_id is None else self.first_id
+            return PairCheck(problem, first_id, rules=rules), False
         if self.first_id is None or fit is None:
             return self, False
         old = fit.ids < self.first_id
         # as many points from before the problem as no body has by chance, and half of the survivors
-        if (old & fit.both).sum() >= max(MIN_SECOND_VIEWS, _FIT * (old & fit.left).sum()):
-            return PairCheck(), False
-        good_frames = self.good_frames + 1 if fit.both.sum() > _GOOD_SHARE * len(fit.both) else 0
-        if good_frames < _GOOD_FRAMES:
+        if (old & fit.both).sum() >= max(rules.fewest_old, rules.fit * (old & fit.left).sum()):
+            return PairCheck(rules=rules), False
+        good_frames = self.good_frames + 1 if fit.both.sum() > rules.good_share * len(fit.both) else 0
+        if good_frames < rules.good_frames:
             return replace(self, good_frames=good_frames), False
-        return PairCheck(), True
+        return PairCheck(rules=rules), True
 
 
 def problem_of(
-    images: PreparedImages, previous: PreparedImages | None, fit: PairFit | None, rows: Rows, factor: float
+    images: PreparedImages,
+    previous: PreparedImages | None,
+    fit: PairFit | None,
+    rows: Rows,
+    factor: float,
+    rules: PairRules,
 ) -> str:
     """What is wrong in a frame, with its likely cause, or nothing.
 
@@ -118,17 +111,17 @@ def problem_of(
     """
     if images.one_image:
         return "left and right are the same image: is one camera recorded as both?"
-    if rows.largest_px > _MAX_ROWS_PX:
+    if rows.largest_px > rules.max_rows_px:
         return (
             f"the rows of left and right differ by up to {rows.largest_px:.1f} px: is the calibration of these cameras "
             "and of this resolution, are left and right exchanged?"
         )
-    if rows.scatter_px > _MAX_SCATTER_PX:
+    if rows.scatter_px > rules.max_scatter_px:
         return (
             f"the rows of matches scatter by {rows.scatter_px:.1f} px: are left and right exchanged, or the images not "
             "of one moment?"
         )
-    if factor > _MAX_FACTOR:
+    if factor > rules.max_factor:
         return (
             f"views are off by {np.sqrt(factor):.1f} times what their images explain: is the calibration of these "
             "cameras and of this resolution?"
@@ -139,7 +132,7 @@ def problem_of(
         return problem
     n_left = np.count_nonzero(fit.left)
     n_both = np.count_nonzero(fit.both)  # these agree in the left image, too
-    if n_left < MANY_VIEWS or n_both >= _FIT * n_left:
+    if n_left < MANY_VIEWS or n_both >= rules.fit * n_left:
         return ""
     return (
         f"of {n_left} points that agree in the left image {n_both} do in the right one: is one "
@@ -147,11 +140,11 @@ def problem_of(
     )
 
 
-def resolution_problem(rig: StereoRig) -> str:
+def resolution_problem(rig: StereoRig, rules: PairRules) -> str:
     """Say that the calibration is that of images of half or twice the size, by its principal points; or nothing."""
     at = np.array([camera.K[:2, 2] / (camera.width, camera.height) for camera in rig.cameras.values()])
     for factor, name in ((0.5, "half"), (2.0, "twice")):
-        if (np.abs(at - factor / 2) < _SAME_PLACE).all():
+        if (np.abs(at - factor / 2) < rules.same_place).all():
             left = rig.left
             return (
                 f"the principal point ({left.K[0, 2]:.0f}, {left.K[1, 2]:.0f}) is the middle of images of {name} the "

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from .still_check import Lines
 
 Image = NDArray[np.uint8]
 GreyImage = NDArray[np.uint8] | NDArray[np.float32]
@@ -25,7 +26,8 @@ class PreparedImages:
     """The two smoothed images (h, w) of one frame, and the left one at half the size, for flow; `rectified`: both as
     they came. Of the frame they were made of: `stamp_ns`, and `grey_bits`: how many bits of 16-bit images were taken to
     be used, None of other images; `made_by`: equal where the same was done to images; `one_image`: both cameras have
-    delivered the same. Other forms are computed when they are first asked for."""
+    delivered the same; `lines`: of both as they came, None of one camera. Other forms are computed when
+    they are first asked for."""
 
     left: Image
     right: Image
@@ -35,6 +37,7 @@ class PreparedImages:
     grey_bits: int | None = None
     made_by: str = ""
     one_image: bool = False
+    lines: tuple[Lines, Lines] | None = None
 
     @classmethod
     def of(

@@ -6,85 +6,86 @@ in perfect agreement with all that is seen. It must be so for all that is seen: 
 puts it, a post before the grid or the ground below it, tells the two apart.
 """
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..config import RepetitionRules
+from ..geometry import se3
 from ..geometry.point_views import PointViews
-from ..geometry.resection import MIN_SECOND_VIEWS, MIN_VIEWS, SecondMotion, resect
+from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, SecondMotion, resect
 from ..geometry.se3 import Array
-from .prepared import Image, PreparedImages
-from .rough_motion import RoughMotion
-from .state import Setup
+from .prepared import Image
+from .rough_motion import RoughMotion, find_rough_motion
+from .state import FrontEndState
+from .step import Step
 from .tracks import Tracks
 
-_SAMPLES = 24  # tracks that are looked at
-_HALF = 6  # half width of the correlation window, px of the half-size image
-_REACH = 3  # rivals are sought within this fraction of the image's width, as far as flow reaches
-_LEAD = 0.06  # of the correlation, as along the row (core/rows.cpp): what comes closer is a rival
-_STD_PX = 2.0  # of the position of a rival, a whole pixel of the half-size image
-_SHARE = 0.5  # share of the rivals, by weight, that must move as one
-# Tracks whose patches are compared at both places, and correlations from which a patch is found at one and not at the
-# other: along a facade of equal windows 8 and more of 96 are not, before a wall of tiles hardly any.
-_COMPARED, _FOUND, _LESS = 96, 0.8, 5 * _LEAD
+
+def smaller_of_alike(step: Step, state: FrontEndState, rough: RoughMotion) -> RoughMotion:
+    """Return the motion with another one that looks the same as its rival, if there is one; the smaller one first.
+
+    It is looked for while hardly any track has a history, and for as long as the scene repeats itself then.
+    """
+    if state.ambiguity.repeats:
+        other = state.ambiguity.other_than(rough.cam_from_previous)
+        return replace(rough, rival=other if _still_repeats(step, state.tracks, rough, other) else None)
+    known = np.count_nonzero(state.tracks.agreed) >= MANY_VIEWS
+    rival = None if known else _rival_motion(step, state.tracks, rough)
+    if rival is None:
+        return rough
+    size, rival_size = (
+        np.linalg.norm(se3.log(m) / step.setup.std_acceleration)
+        for m in (rough.cam_from_previous, rival.cam_from_ref)
+    )
+    if size > rival_size:
+        near = replace(step, predicted=rival.cam_from_ref, is_predicted=True)
+        smaller = find_rough_motion(near, state.aligners, state.tracks)
+        if smaller is not None:
+            return replace(smaller, rival=replace(rival, cam_from_ref=rough.cam_from_previous))
+    return replace(rough, rival=rival)
 
 
-def rival_motion(
-    setup: Setup, previous: PreparedImages, images: PreparedImages, tracks: Tracks, rough: RoughMotion
-) -> SecondMotion | None:
+def _rival_motion(step: Step, tracks: Tracks, rough: RoughMotion) -> SecondMotion | None:
     """Return the smallest alternative motion that look-alike patches share, if nearly every track has one."""
-    rows, rivals_px = _rivals(previous, images, tracks, rough)
-    if not _repeats(rivals_px):
+    rows, rivals_px = _rivals(step, tracks, rough)
+    if not _repeats(step, rivals_px):
         return None
+    projection, rules = step.setup.projection, step.setup.rules.repetition
     seen = np.isfinite(rivals_px[:, 0])
     alike = tracks.keep(rows[seen])
-    points = alike.points, alike.cov_points(setup.projection)
-    cov_px = np.broadcast_to(_STD_PX**2 * np.eye(4), (len(alike), 4, 4))
-    views = PointViews(setup.projection, *points, rivals_px[seen], cov_px, setup.config.robust.gate_probability)
+    points = alike.points, alike.cov_points(projection)
+    cov_px = np.broadcast_to(rules.std_px**2 * np.eye(4), (len(alike), 4, 4))
+    views = PointViews(projection, *points, rivals_px[seen], cov_px, step.setup.config.robust)
     motion = resect(views, np.eye(4), find_second=False)
-    if not motion.ok or motion.share < _SHARE:
-        return None
-    if _is_refuted(setup, previous, images, tracks, rough, motion.cam_from_ref):
+    if not motion.ok or motion.share < rules.share or _is_refuted(step, tracks, rough, motion.cam_from_ref):
         return None
     return SecondMotion(motion.cam_from_ref, motion.cov_pose, views=np.zeros(len(tracks), bool), odds=1.0)
 
 
-def still_repeats(
-    setup: Setup,
-    previous: PreparedImages,
-    images: PreparedImages,
-    tracks: Tracks,
-    rough: RoughMotion,
-    other: SecondMotion | None,
-) -> bool:
+def _still_repeats(step: Step, tracks: Tracks, rough: RoughMotion, other: SecondMotion | None) -> bool:
     """Return whether the view still cannot tell which of two motions, the rough one and another, is the right one."""
-    if other is not None and _is_refuted(setup, previous, images, tracks, rough, other.cam_from_ref):
+    if other is not None and _is_refuted(step, tracks, rough, other.cam_from_ref):
         return False
-    return _repeats(_rivals(previous, images, tracks, rough)[1])
+    return _repeats(step, _rivals(step, tracks, rough)[1])
 
 
-def _is_refuted(
-    setup: Setup,
-    previous: PreparedImages,
-    images: PreparedImages,
-    tracks: Tracks,
-    rough: RoughMotion,
-    other_from_previous: Array,
-) -> bool:
+def _is_refuted(step: Step, tracks: Tracks, rough: RoughMotion, other_from_previous: Array) -> bool:
     """Whether enough patches that flow has found look otherwise where another motion (4, 4) puts them."""
+    rules, before, now = step.setup.rules.repetition, step.previous.left_half, step.images.left_half
     rows = np.flatnonzero(rough.agree & (tracks.scale == 1))
-    rows = rows[:: max(1, len(rows) // _COMPARED)]
-    other_px = setup.projection.project_homogeneous(tracks.points[rows] @ other_from_previous.T)[:, :2]
-    apart_px = np.linalg.norm(other_px - rough.left_px[rows], axis=1)
+    rows = rows[:: max(1, len(rows) // rules.compared)]
+    other_px = step.setup.projection.project_homogeneous(tracks.points[rows] @ other_from_previous.T)[:, :2]
+    apart = np.linalg.norm(other_px - rough.left_px[rows], axis=1) > 4 * rules.half_px  # farther than a patch
     against = 0
-    for row, at_px in zip(
-        rows[apart_px > 4 * _HALF], other_px[apart_px > 4 * _HALF], strict=True
-    ):  # farther than a patch
-        patch = _window(previous.left_half, tracks.left_px[row], _HALF)
-        found = _likeness(patch, _window(images.left_half, rough.left_px[row], _HALF + 1))
-        elsewhere = _likeness(patch, _window(images.left_half, at_px, 2 * _HALF))
-        against += found > _FOUND and elsewhere < found - _LESS
-    return against >= MIN_SECOND_VIEWS
+    for row, at_px in zip(rows[apart], other_px[apart], strict=True):
+        patch = _window(before, tracks.left_px[row], rules.half_px)
+        found = _likeness(patch, _window(now, rough.left_px[row], rules.half_px + 1))
+        elsewhere = _likeness(patch, _window(now, at_px, 2 * rules.half_px))
+        against += found > rules.found and elsewhere < found - rules.less
+    return against >= step.setup.config.robust.second_views
 
 
 def _window(half: Image, at_px: Array, reach: int) -> Image | None:
@@ -103,52 +104,51 @@ def _likeness(patch: Image | None, window: Image | None) -> float:
     return float(cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED).max())
 
 
-def _repeats(rivals_px: Array) -> bool:
+def _repeats(step: Step, rivals_px: Array) -> bool:
     """Whether hardly any of the tracks is without a rival (n, 4)."""
     unique = np.isnan(rivals_px[:, 0])
-    return bool(unique.sum() < MIN_SECOND_VIEWS and (~unique).sum() >= MIN_VIEWS)
+    return bool(unique.sum() < step.setup.config.robust.second_views and (~unique).sum() >= MIN_VIEWS)
 
 
-def _rivals(
-    previous: PreparedImages, images: PreparedImages, tracks: Tracks, rough: RoughMotion
-) -> tuple[NDArray[np.intp], Array]:
+def _rivals(step: Step, tracks: Tracks, rough: RoughMotion) -> tuple[NDArray[np.intp], Array]:
     """Some tracks (k,) that agree, and their rivals as views (k, 4), each the nearest to where the track was; NaN where
     it has none, and from where on enough have none."""
+    rules, before, now = step.setup.rules.repetition, step.previous.left_half, step.images.left_half
     rows = np.flatnonzero(rough.agree & (tracks.scale == 1))
-    rows = rows[:: max(1, len(rows) // _SAMPLES)]
+    rows = rows[:: max(1, len(rows) // rules.samples)]
     rivals_px = np.full((len(rows), 4), np.nan)
     for k, row in enumerate(rows):
-        rivals_px[k, :2] = _rival(previous.left_half, images.left_half, tracks.left_px[row], rough.left_px[row])
-        if np.isnan(rivals_px[: k + 1, 0]).sum() >= MIN_SECOND_VIEWS:
+        rivals_px[k, :2] = _rival(rules, before, now, tracks.left_px[row], rough.left_px[row])
+        if np.isnan(rivals_px[: k + 1, 0]).sum() >= step.setup.config.robust.second_views:
             break  # the rest, of which each costs most of a millisecond, changes nothing
     return rows, rivals_px
 
 
-def _rival(before: Image, now: Image, before_px: Array, at_px: Array) -> Array:
+def _rival(rules: RepetitionRules, before: Image, now: Image, before_px: Array, at_px: Array) -> Array:
     """Where (2,) else in the new image the patch may be, the place nearest to where it was; NaN where nowhere.
 
     Images at half the size; positions in pixels of the whole ones, before and now.
     """
-    none = np.full(2, np.nan)
+    none, half = np.full(2, np.nan), rules.half_px
     from_px, to_px = np.rint(before_px / 2).astype(int), np.rint(at_px / 2).astype(int)
-    reach = now.shape[1] // _REACH + _HALF
+    reach = now.shape[1] // rules.reach + half
     first = np.maximum(to_px - reach, 0)
     window = now[first[1] : to_px[1] + reach, first[0] : to_px[0] + reach]
-    inside = (from_px >= _HALF).all() and (from_px + _HALF < before.shape[::-1]).all()
-    if not inside or min(window.shape) < 2 * _HALF + 3:
+    inside = (from_px >= half).all() and (from_px + half < before.shape[::-1]).all()
+    if not inside or min(window.shape) < 2 * half + 3:
         return none
-    columns, rows = (slice(k - _HALF, k + _HALF + 1) for k in from_px)
+    columns, rows = (slice(k - half, k + half + 1) for k in from_px)
     patch = before[rows, columns]
     alike = cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED)
-    u, v = to_px - first - _HALF  # where flow has found it
-    near = tuple(slice(max(k - _HALF // 2, 0), k + _HALF // 2 + 1) for k in (v, u))  # no rivals
+    u, v = to_px - first - half  # where flow has found it
+    near = tuple(slice(max(k - half // 2, 0), k + half // 2 + 1) for k in (v, u))  # no rivals
     if not alike[near].size:
         return none
     found = alike[near].max()
-    peaks = (alike > found - _LEAD) & (alike == cv2.dilate(alike, np.ones((3, 3), np.uint8)))
+    peaks = (alike > found - rules.lead) & (alike == cv2.dilate(alike, np.ones((3, 3), np.uint8)))
     peaks[near] = False
     at = np.argwhere(peaks)[:, ::-1]
     if not len(at):
         return none
-    places_px = 2.0 * (at + first + _HALF)
+    places_px = 2.0 * (at + first + half)
     return np.asarray(places_px[np.argmin(np.linalg.norm(places_px - before_px, axis=1))])

@@ -10,12 +10,13 @@ three such frames in a row have shown the same turn, it is taken out of everythi
 """
 
 import math
-from dataclasses import field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from ..config import RobustConfig, TurnRules
 from ..geometry.linear import symmetric
 from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.point_views import PointViews
@@ -26,22 +27,6 @@ from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
 from ..rig_model.terms import TERMS, effects_of_turn, terms_of_turn
 from ..types import RigChange
-
-_KNOCKS = 1e-5  # per frame, beforehand: one in an hour
-_FIRST_GUESS_RAD = 1e-4  # of the usual turn: rendered logs have 0.01 to 0.05 mrad, real ones 0.05 to 0.2
-_GUESS_FRAMES = 5  # frames that the first guess counts for
-_LIMIT = 27.0  # χ² beyond which a frame counts no more than this for what is usual: three σ of each
-# frames with the same turn before it is accepted: within one window, and few enough for depths to stay valid
-_LASTS_FRAMES = 3
-_SAME = 0.5  # share by which they may differ from their mean
-_PATIENCE_FRAMES = 8  # frames after which an ever-changing turn counts as usual
-_MAX_TURN_PX = 4.0  # templates are not found from further away; then left and right do not fit (`pair_check.py`)
-_MIN_VIEWS = 30  # three and a half for each of the nine unknowns
-_AGREE = 0.6  # share of the right views that a turn must explain; where a body covers them it explains fewer
-_GATE = 0.999  # share of good views that agree
-# Prior σ of the turn by a knock, about each axis. The measured turn is where the estimator starts; it is not used a
-# second time.
-STD_TURN_RAD = 3e-3
 
 
 def shift_of_turn(projection: StereoProjection, rad: Array) -> float:
@@ -79,20 +64,27 @@ class TurnWatch:
     """
 
     projection: StereoProjection
-    usual: Array = field(default_factory=lambda: np.eye(3) * _FIRST_GUESS_RAD**2)
-    real: Array = field(default_factory=lambda: np.eye(3) * _FIRST_GUESS_RAD**2)
-    frames: int = _GUESS_FRAMES
+    rules: TurnRules
+    usual: Array
+    real: Array
+    frames: int
     unusual: tuple[Array, ...] = ()
+
+    @classmethod
+    def begun(cls, projection: StereoProjection, rules: TurnRules) -> "TurnWatch":
+        """Return the watch before any frame."""
+        guess = np.eye(3) * rules.first_guess_rad**2
+        return cls(projection, rules, guess, guess, rules.guess_frames)
 
     @property
     def lasting_rad(self) -> Array | None:
         """The turn (3,) that the latest frames have in common, once there are enough."""
-        if len(self.unusual) < _LASTS_FRAMES:
+        if len(self.unusual) < self.rules.lasting_frames:
             return None
-        latest = np.array(self.unusual[-_LASTS_FRAMES:])
+        latest = np.array(self.unusual[-self.rules.lasting_frames :])
         mean = latest.mean(axis=0)
         apart = np.linalg.norm(latest - mean, axis=1).max()
-        return mean if apart < _SAME * np.linalg.norm(mean) else None
+        return mean if apart < self.rules.same * np.linalg.norm(mean) else None
 
     def calm(self) -> "TurnWatch":
         """Return the watch without its unusual turns: they are corrected now, or no track is left that shows them."""
@@ -113,16 +105,19 @@ class TurnWatch:
         which none was refused for its row, with covariances (n, 4, 4), and the motion, which need not be exact.
         `cov_expected` (3, 3): of apparent turns, caused by what is unknown of delay and rows.
         """
+        rules = self.rules
         n_seen = np.count_nonzero(np.isfinite(z_px[:, 2]))
-        if n_seen < _MIN_VIEWS:
+        if n_seen < rules.min_views:
             return self.calm(), None
-        views = PointViews(self.projection, points, cov_points, z_px, cov_px, _GATE)
+        views = PointViews(
+            self.projection, points, cov_points, z_px, cov_px, RobustConfig(gate_probability=rules.gate)
+        )
         usual = self.usual + cov_expected
-        rad, cov, agree, log_factor, chi2 = core.fit_turn(views.of_core, cam_from_previous, usual, STD_TURN_RAD)
-        possible = self.projection.f_px * math.hypot(*rad) < _MAX_TURN_PX
-        possible = possible and bool(np.count_nonzero(agree) > _AGREE * n_seen)
-        stands_out = possible and log_factor > -math.log(_KNOCKS)
-        if not stands_out or len(self.unusual) >= _PATIENCE_FRAMES:
+        rad, cov, agree, log_factor, chi2 = core.fit_turn(views, cam_from_previous, usual, rules.std_rad)
+        possible = self.projection.f_px * math.hypot(*rad) < rules.max_turn_px
+        possible = possible and bool(np.count_nonzero(agree) > rules.agree * n_seen)
+        stands_out = possible and log_factor > -math.log(rules.knocks)
+        if not stands_out or len(self.unusual) >= rules.patience_frames:
             return self._learnt(rad, cov + cov_expected, stands_out, chi2), None
         return replace(self, unusual=(*self.unusual, rad)), agree
 
@@ -132,7 +127,7 @@ class TurnWatch:
         It was measured with `cov` (3, 3); how large the real ones are follows by expectation maximisation (Dempster,
         Laird and Rubin 1977).
         """
-        square, counts = np.outer(rad, rad), 1.0 if chi2 < _LIMIT else _LIMIT / chi2
+        square, counts = np.outer(rad, rad), 1.0 if chi2 < self.rules.limit else self.rules.limit / chi2
         if stands_out:
             return replace(self, usual=self.usual + square, real=self.real + square, unusual=())
         frames = min(self.frames + 1, MEMORY_FRAMES)

@@ -14,56 +14,46 @@ from numpy.typing import NDArray
 from .. import core
 from ..geometry.gates import chi2_gate
 from ..geometry.medians import median
-from ..geometry.resection import MANY_VIEWS, rules_of
+from ..geometry.resection import MANY_VIEWS, SecondMotion
 from ..geometry.se3 import Array
 from ..record import record
 from .alignment import Aligners
 from .flow import as_exposed, track, track_wide
-from .prepared import PreparedImages
-from .state import Setup
+from .step import Step
 from .tracks import Tracks
-
-STD_FLOW_PX = 0.5  # σ of a position by flow, for the gate of the rough motion only: a guess on the large side
-# Share of the tracks that were found, by weight, which a motion explains: above, it is taken; below, the next attempt
-# is made, and then the best of all is taken.
-_ENOUGH = 0.4
-# Halvings more than the configured ones: windows of 15 px then cover an eighth as many image widths, and a motion of a
-# third of the image is reached. OpenCV leaves out levels that are smaller than the window.
-_MORE_LEVELS = 3
-# Changes of size that are tried. Flow alone follows a patch that grows or shrinks by a quarter; with these, 0.55 to
-# 1.8.
-_ZOOMS = (1.4, 1 / 1.4)
 
 
 @record
 class RoughMotion:
     """`cam_from_previous` (4, 4) from flow alone; the tracks' positions `left_px` (n, 2) by flow, which of them `agree`
-    (n,) with it, and the `share` of the found ones that do."""
+    (n,) with it, and the `share` of the found ones that do. `rival`: another motion that looks the same."""
 
     cam_from_previous: Array
     left_px: Array
     agree: NDArray[np.bool_]
     share: float
+    rival: SecondMotion | None = None
 
 
-def find_rough_motion(
-    setup: Setup,
-    aligners: Aligners,
-    previous: PreparedImages,
-    images: PreparedImages,
-    tracks: Tracks,
-    predicted: Array,
-    motion_known: bool,
-) -> RoughMotion | None:
-    """Return the motion that the flow of `tracks` shows, or None.
+def find_rough_motion(step: Step, aligners: Aligners, tracks: Tracks) -> RoughMotion | None:
+    """Return the motion that the flow of tracks shows, or None."""
+    best = None
+    for motion in _found(step, aligners, tracks):
+        if best is None or motion.agree.sum() > best.agree.sum():
+            best = motion
+        if best.share > step.setup.rules.flow.enough:
+            return best
+    return None if best is None or best.agree.sum() < MANY_VIEWS else best
 
-    `motion_known`: whether `predicted` (4, 4) is informative.
-    """
-    projection, config, best = setup.projection, setup.config, None
-    exposed, gate = as_exposed(previous, images), chi2_gate(2, config.robust.gate_probability)
+
+def _found(step: Step, aligners: Aligners, tracks: Tracks) -> Iterator[RoughMotion]:
+    """Yield what each attempt finds."""
+    projection, config, previous = step.setup.projection, step.setup.config, step.previous
+    flow = config.rules.flow
+    exposed, gate = as_exposed(previous, step.images, flow), chi2_gate(2, config.robust.gate_probability)
     # where half of the view is covered, mean and contrast change, and the exposure does not
     before_halves = [exposed] if exposed is previous.left_half else [exposed, previous.left_half]
-    attempts = _attempts(config.frontend.pyramid_levels, tracks, predicted, motion_known)
+    attempts = _attempts(config.frontend.pyramid_levels, tracks, step)
     for (start, levels, zoom), before_half in product(attempts, before_halves):
         at_px = projection.project_homogeneous(tracks.points @ start.T)[:, :2].copy()
         found = np.zeros(len(tracks), bool)
@@ -73,38 +63,33 @@ def find_rough_motion(
                 continue
             before_px, near_px = tracks.left_px[rows], at_px[rows]
             if scale == 1:
-                by_flow = track(aligner, before_half, images, before_px, near_px, levels, zoom)
+                by_flow = track(aligner, flow, before_half, step.images, before_px, near_px, levels, zoom)
             else:
-                by_flow = track_wide(aligner, previous, images, before_px, near_px)
+                by_flow = track_wide(aligner, flow, previous, step.images, before_px, near_px)
             at_px[rows], found[rows] = by_flow
-        seen = tracks.of_core, tracks.weights, at_px, found
-        rules = rules_of(projection, find_second=False)
-        ok, motion, agree, share = core.motion_of_flow(projection.pinholes, *seen, start, STD_FLOW_PX, gate, rules)
-        if ok and (best is None or agree.sum() > best.agree.sum()):
-            best = RoughMotion(motion, at_px, agree, share)
-        if best is not None and best.share > _ENOUGH:
-            return best
-    if best is None or best.agree.sum() < MANY_VIEWS:
-        return None
-    return best
+        seen = tracks.weights(step.setup.rules.motion), at_px, found
+        ok, motion, agree, share = core.motion_of_flow(
+            projection, tracks, *seen, start, flow.std_px, gate, config.robust
+        )
+        if ok:
+            yield RoughMotion(motion, at_px, agree, share)
 
 
-def _attempts(
-    near: int, tracks: Tracks, predicted: Array, motion_known: bool
-) -> Iterator[tuple[Array, int, float]]:
+def _attempts(near: int, tracks: Tracks, step: Step) -> Iterator[tuple[Array, int, float]]:
     """What to try, in order: the motion (4, 4) that flow starts from, pyramid levels, zoom of the previous image.
 
     `near`: levels for a motion that is predicted well.
     """
-    deep = near + _MORE_LEVELS
-    if motion_known:
-        yield predicted, near, 1.0
-    yield predicted, deep, 1.0
-    if motion_known:
+    deep = near + step.setup.rules.flow.more_levels
+    if step.is_predicted:
+        yield step.predicted, near, 1.0
+    yield step.predicted, deep, 1.0
+    if step.is_predicted:
         yield np.eye(4), deep, 1.0
     rho = median(tracks.points[:, 3])
     if rho > 0:
-        for zoom in _ZOOMS:
+        larger = step.setup.rules.flow.zoom
+        for zoom in (larger, 1 / larger):
             forward = np.eye(4)
             forward[2, 3] = -(1 - 1 / zoom) / rho  # points at the median depth grow by just this
             yield forward, deep, zoom

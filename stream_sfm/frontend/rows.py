@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from .. import core
-from ..config import Config
+from ..config import Config, RowRules
 from ..geometry.linear import symmetric_inverse
 from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
 from ..geometry.se3 import Array
@@ -20,22 +20,11 @@ from ..geometry.stereo import StereoProjection, velocities
 from ..record import record
 from ..rig_model.field import Field, field_over
 
-_PRIOR_STD_PX = 1.0  # of each coefficient: real calibrations were off by up to 0.8 px in the corners
-_STEP_PX = 2e-3  # of each coefficient per frame: lenses that warm up move rows by a pixel in some hundred frames
-_STD_MATCH_PX = 0.2  # of one match, before any is seen; within a few frames their own scatter replaces it
-_REWEIGHTINGS = 5  # of one frame's matches; Cauchy weights hardly change after that
 _POLYNOMIAL = 6  # coefficients
-# Share of itself by which a delay may be off, as all matches go by the same extrapolated velocities: 11 and 18 % on two
-# rendered logs with a camera that is 8 ms late.
-_SPEED_ERROR = 0.2
 # σ of the field that are considered, px: from the noise of a good match to what no real rig has; beside them σ = 0, as
 # probable as all others together.
 _FIELD_STD_PX = np.geomspace(0.01, 0.5, 18)
 _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
-
-
-# What is known about rows as the compiled core takes it: size, field, mean, covariance, scatter, largest difference.
-RowsOfCore = tuple[tuple[int, int], Field, Array, Array, float, float]
 
 
 @record
@@ -52,7 +41,8 @@ class Rows:
     mean: Array
     cov: Array
     std_delay_s: float
-    scatter_px: float = _STD_MATCH_PX
+    rules: RowRules
+    scatter_px: float
     frames: int = 0
     field_std_px: float = _LEAST_FIELD_PX
     largest_px: float = 0.0
@@ -60,18 +50,20 @@ class Rows:
     @classmethod
     def unknown(cls, projection: StereoProjection, config: Config) -> "Rows":
         """Return the prior."""
+        rules = config.rules.rows
         std_delay_s = 1e-9 if config.rig.exact else config.rig.std_delay_s
         n_field = field_over(projection.width, projection.height).size
-        std = np.r_[np.full(_POLYNOMIAL, _PRIOR_STD_PX), std_delay_s, np.full(n_field, _LEAST_FIELD_PX)]
+        std = np.r_[np.full(_POLYNOMIAL, rules.std_px), std_delay_s, np.full(n_field, _LEAST_FIELD_PX)]
         max_px = config.frontend.max_vertical_disparity_px
-        return cls(projection, max_px, np.zeros(len(std)), np.diag(std**2), std_delay_s)
+        prior = np.zeros(len(std)), np.diag(std**2), std_delay_s
+        return cls(projection, max_px, *prior, rules, rules.std_match_px)
 
     @property
     def delay(self) -> tuple[float, float]:
         """What matches alone say of the delay of the right camera: information, s⁻², and sum weighted by it, s⁻¹."""
         mean, var = self.mean[_POLYNOMIAL], self.cov[_POLYNOMIAL, _POLYNOMIAL]
         information = 1 / var - self.std_delay_s**-2
-        wrong = 1 / (1 + information * (_SPEED_ERROR * mean) ** 2)
+        wrong = 1 / (1 + information * (self.rules.speed_error * mean) ** 2)
         return float(wrong * information), float(wrong * mean / var)
 
     def with_delay(self, delay_s: float, variance_s2: float) -> "Rows":
@@ -87,14 +79,13 @@ class Rows:
         return replace(self, mean=mean, cov=self.cov + np.outer(gain, gain) * (variance_s2 - own[_POLYNOMIAL]))
 
     @property
-    def of_core(self) -> RowsOfCore:
-        """The rows as the compiled core takes them."""
-        size = self.projection.width, self.projection.height
-        return size, field_over(*size), self.mean, self.cov, self.scatter_px, self.max_px
+    def field(self) -> Field:
+        """The field over the images, whose amplitudes come last."""
+        return field_over(self.projection.width, self.projection.height)
 
     def after(self, z_px: Array, twist: Array) -> "Rows":
         """Return the knowledge after new views (n, 4) of a frame whose points move with a twist (6,)."""
-        points = core.seen_points(self.projection.pinholes, z_px)
+        points = core.seen_points(self.projection, z_px)
         row_speed_px_s = velocities(self.projection, points, twist)[:, 3]
         return self.learnt(z_px[:, :2], z_px[:, 1] - z_px[:, 3], row_speed_px_s)
 
@@ -104,10 +95,10 @@ class Rows:
             return self
         terms = row_terms(self.projection, left_px, row_speed_px_s)
         cov = self.cov.copy()
-        cov[range(_POLYNOMIAL), range(_POLYNOMIAL)] += _STEP_PX**2
+        cov[range(_POLYNOMIAL), range(_POLYNOMIAL)] += self.rules.step_px**2
         before = symmetric_inverse(cov)
         mean: Array = self.mean
-        for _ in range(_REWEIGHTINGS):  # earlier frames keep their weight
+        for _ in range(self.rules.reweightings):  # earlier frames keep their weight
             residual = (difference_px - terms @ mean) / self.scatter_px
             weighted = terms.T * (1 / (1 + (residual / CAUCHY_WIDTH) ** 2) / self.scatter_px**2)
             information, right = before + weighted @ terms, before @ self.mean + weighted @ difference_px
@@ -146,5 +137,5 @@ class Rows:
 
 def row_terms(projection: StereoProjection, left_px: Array, row_speed_px_s: Array) -> Array:
     """Return what amplitudes of 1 do to v_left − v_right (n, k) of views at (n, 2), which move by (n,) px/s."""
-    size = projection.width, projection.height
-    return core.row_terms(size, field_over(*size), left_px, row_speed_px_s)
+    field = field_over(projection.width, projection.height)
+    return core.row_terms(projection, field, left_px, row_speed_px_s)

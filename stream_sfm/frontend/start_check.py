@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.resection import CALM_SHARE, MANY_VIEWS
+from ..config import MotionRules
+from ..geometry.resection import MANY_VIEWS
 from ..record import record
-from .tracks import FULL_HISTORY
 
 
 @record
@@ -32,6 +32,7 @@ class StartCheck:
     next_id: int = 0
     later_id: int = 0
     gone: bool = False
+    rules: MotionRules = MotionRules()
 
     @property
     def problem(self) -> str:
@@ -46,7 +47,7 @@ class StartCheck:
     @property
     def is_over(self) -> bool:
         """Whether the motion is taken for the camera's for good, or the start is to be redone."""
-        return self.gone or self.calm_frames >= FULL_HISTORY
+        return self.gone or self.calm_frames >= self.rules.full_history
 
     @property
     def is_redone(self) -> bool:
@@ -55,14 +56,14 @@ class StartCheck:
 
     def settled(self) -> "StartCheck":
         """Return the check where it is known otherwise that the motion is the camera's."""
-        return replace(self, calm_frames=FULL_HISTORY, doubted=False)
+        return replace(self, calm_frames=self.rules.full_history, doubted=False)
 
     def after(self, ids: NDArray[np.int64], accepted: NDArray[np.bool_]) -> "StartCheck":
         """Return the check after a frame in which the tracks `ids` (n,), ascending, were found.
 
         Those `accepted` (n,) agree with its motion. Each track is judged once, when it is first found again.
         """
-        new, kept = ids >= self.next_id, 1 - 1 / FULL_HISTORY
+        new, kept = ids >= self.next_id, 1 - 1 / self.rules.full_history
         if self.is_over or not len(ids):
             return self
         next_id = int(ids[-1]) + 1
@@ -75,7 +76,6 @@ class StartCheck:
             later_id=later_id,
             gone=bool(np.count_nonzero(accepted & (ids < later_id)) < MANY_VIEWS <= np.count_nonzero(accepted)),
         )
-        # 0.93 and more in the first frames of calm scenes, 0.68 to 0.77 in a crowd, whether the motion is right or not
-        if now.agreed >= CALM_SHARE * now.found:
+        if now.agreed >= self.rules.calm_start * now.found:
             return replace(now, calm_frames=self.calm_frames + 1)
         return replace(now, calm_frames=0, doubted=True)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..camera.pixels import FEWEST_BITS
-from ..config import Config
+from ..config import Config, Rules
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
@@ -17,19 +17,26 @@ from ..rig_model.terms import by_turn
 from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
-from .inertia import Unsteadiness
+from .ghost_check import GhostCheck
 from .pair_check import PairCheck
 from .prepared import PreparedImages
 from .right_turn import TurnWatch
-from .rows import Rows, RowsOfCore
+from .rows import Rows
 from .start_check import StartCheck
 from .step_check import StepCheck
+from .still_check import StillCheck
 from .template_errors import TemplateErrors
 from .timing import Timing
 from .tracks import Tracks
+from .unsteadiness import Unsteadiness
 
-# Where right sides are sought, as the compiled core takes it: the pair, its rows, a turn, and the twist of the points.
-RightSides = tuple[tuple[float, float, float, float, float], RowsOfCore, Array, Array]
+
+class RightSides(NamedTuple):
+    """Where right sides are sought: the rows, a turn (3,) of the right camera, and the twist (6,) of the points."""
+
+    rows: Rows
+    turn_rad: Array
+    twist: Array
 
 
 class Setup(NamedTuple):
@@ -41,6 +48,16 @@ class Setup(NamedTuple):
     projection: StereoProjection
     config: Config
     right_area: NDArray[np.bool_] | None = None
+
+    @property
+    def rules(self) -> Rules:
+        """The numbers by which the front-end decides."""
+        return self.config.rules
+
+    @property
+    def slide_px(self) -> float:
+        """s r of eq. (17): how far a template slides where it changes by all of itself, px of templates."""
+        return self.rules.errors.slide * self.config.frontend.window_radius_px
 
     def unseen_in_right(self, z_px: Array) -> NDArray[np.bool_]:
         """Which views (n, 4) have a right side where a mask says that it cannot be of the scene."""
@@ -87,7 +104,8 @@ class FrontEndState:
       rows that are off.
     - `turn_watch`: of the right camera, None where it cannot turn; `pair`: whether left and right fit each other;
       `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions; `start`:
-      whether the map has started with the motion of the camera; `steps`: whether both images have been displaced.
+      whether the map has started with the motion of the camera; `steps`: whether both images have been displaced;
+      `ghosts`: whether earlier images show through; `still`: whether something is drawn over both.
     - `errors`: what is learnt of errors that views of a point share; `disparity`: of its error, as far as it is known.
     - `map`: with one camera, how far the map has come.
     """
@@ -114,6 +132,8 @@ class FrontEndState:
     ambiguity: AmbiguityMemory = field(default_factory=AmbiguityMemory)
     start: StartCheck = field(default_factory=StartCheck)
     steps: StepCheck = field(default_factory=StepCheck)
+    ghosts: GhostCheck = field(default_factory=GhostCheck)
+    still: StillCheck = field(default_factory=StillCheck)
     rows_waiting: Array | None = None
     pair: PairCheck = field(default_factory=PairCheck)
     map: MapState = field(default_factory=MapState)
@@ -135,8 +155,8 @@ class FrontEndState:
         return self.rows.with_delay(float(self.timing.mean[0]), float(self.timing.cov[0, 0]))
 
     def right_sides(self, twist: Array) -> RightSides:
-        """Where right sides of points with a twist (6,) are sought, as the compiled core takes it."""
-        return self.rows.projection.pinholes, self.rows_with_delay.of_core, self.turn_rad, twist
+        """Where right sides of points with a twist (6,) are sought."""
+        return RightSides(self.rows_with_delay, self.turn_rad, twist)
 
     def change_to(self, cam_from_previous: Array, stamp_ns: int) -> Array | None:
         """By how much (6,) the motion into a frame differs from the last one; None where that is not known."""
@@ -147,3 +167,21 @@ class FrontEndState:
     def followed_from(self, images: PreparedImages, stamp_ns: int) -> "FrontEndState":
         """The state after a frame from whose images the next one is followed."""
         return replace(self, previous=images.shrunk(), previous_ns=stamp_ns)
+
+    def lost(self) -> "FrontEndState":
+        """The state without tracks and velocity, and all that was learnt from these."""
+        return replace(
+            self,
+            tracks=Tracks.none(),
+            velocity=np.zeros(6),
+            timing=replace(self.timing, twist=None),
+            ambiguity=AmbiguityMemory(rules=self.ambiguity.rules),
+            start=StartCheck(rules=self.start.rules),
+            steps=StepCheck(rules=self.steps.rules),  # how a new map moves is not known
+            background_hidden=False,
+            turn_watch=None if self.turn_watch is None else self.turn_watch.calm(),
+        )
+
+    def may_wait(self, stamp_ns: int, max_gap_s: float) -> bool:
+        """Whether the tracks of the last frame that was followed may still be found later than at that stamp."""
+        return len(self.tracks) > 0 and stamp_ns - self.previous_ns < max_gap_s * 1e9

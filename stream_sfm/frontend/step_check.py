@@ -8,15 +8,9 @@ camera has made it cannot be told: the frames count as before, and their poses m
 
 import numpy as np
 
+from ..config import StepRules
 from ..geometry.se3 import Array
 from ..record import record
-
-# Pixels that a step moves the image by at least, and over the median of the last changes of a motion; on sample logs,
-# and hand-held ones, changes that are undone by the next frame stay below a third of this.
-_LEAST_PX = 2.0
-_UNUSUAL = 6.0
-_REMEMBERED, _FEWEST = 20, 5
-_BACK = 0.5  # of a step: how much of the change the next frame leaves
 
 
 @record
@@ -27,6 +21,7 @@ class StepCheck:
     sizes_px: tuple[float, ...] = ()
     suspected: Array | None = None
     confirmed_px: float = 0.0
+    rules: StepRules = StepRules()
 
     @property
     def problem(self) -> str:
@@ -40,14 +35,15 @@ class StepCheck:
 
     def after(self, change: Array | None, f_px: float) -> "StepCheck":
         """Return the check after a frame whose motion differs from the last one by `change` (6,); None: not known."""
+        rules = self.rules
         if change is None:
-            return StepCheck(self.sizes_px)
+            return StepCheck(self.sizes_px, rules=rules)
         turn_px = f_px * change[3:]
         size = float(np.linalg.norm(turn_px))
         if self.suspected is not None:
             step_px = f_px * self.suspected[3:]
-            if np.linalg.norm(turn_px + step_px) < _BACK * np.linalg.norm(step_px):
-                return StepCheck(self.sizes_px, confirmed_px=float(np.linalg.norm(step_px)))
-        usual = float(np.median(self.sizes_px)) if len(self.sizes_px) >= _FEWEST else np.inf
-        unusual = size > max(_LEAST_PX, _UNUSUAL * usual)
-        return StepCheck((*self.sizes_px, size)[-_REMEMBERED:], change if unusual else None)
+            if np.linalg.norm(turn_px + step_px) < rules.back * np.linalg.norm(step_px):
+                return StepCheck(self.sizes_px, confirmed_px=float(np.linalg.norm(step_px)), rules=rules)
+        usual = float(np.median(self.sizes_px)) if len(self.sizes_px) >= rules.fewest else np.inf
+        unusual = size > max(rules.least_px, rules.unusual * usual)
+        return StepCheck((*self.sizes_px, size)[-rules.remembered :], change if unusual else None, rules=rules)

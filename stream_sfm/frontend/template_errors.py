@@ -18,41 +18,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from ..config import ErrorRules
 from ..geometry.se3 import Array
 from ..record import record
 
 _LAG = 5  # frames over which the decay is measured: most tracks live as long
-# Of the left side: its template is of the same camera, so that only what has changed since the first view errs. With a
-# quarter estimates from halves of the tracks agree as well as they claim, on rendered and on real logs alike.
-_LEFT_FRACTION = 0.25
-_FIRST_GUESS = 1.0, 0.3, 0.92  # white and lasting part of the mean of both sides, and decay per frame
-_GUESS_PAIRS = 200.0  # weight of the first guess in pairs of views: about one frame's
-_MEMORY_PAIRS = 20_000.0  # a hundred frames: the errors are a property of cameras and scene and change slowly
-_LEAST_WHITE = 0.05  # share of all errors: images have noise
-_DECAYS = 0.5, 0.98  # what is less is white; what lasts longer cannot be told within the life of a track
 
-# σ₀ of eq. (18), of a patch whose halves agree. Measured on two rendered logs: with it the median error of local
-# structure is 0.5 and 1.6 times its σ, without it 2.6 and 2.8 times.
-MIN_STD_PX = 0.04
-# Of the slide of a patch, eq. (17), what all patches of a frame slide alike. Over 6 m of a rendered corridor pitch errs
-# by 0.4 mrad, three times its σ without that; in a rendered office of 256 px poses then have a NEES of 22, not 11.
-_ALIKE = 0.75
-_REMEMBERED = 20_000  # points remembered, the latest; one older than all of them is given `MIN_STD_PX`
+_REMEMBERED = 20_000  # points remembered, the latest; one older than all of them has the least σ
 
 
-def turn_of_slides(drift_px: Array, f_px: float) -> float:
+def turn_of_slides(drift_px: Array, f_px: float, alike: float) -> float:
     """Return σ about each axis, radians, of a turn that patches feign which slide alike, eq. (17a).
 
-    `drift_px` (n,): σ of the slide of each.
+    `drift_px` (n,): σ of the slide of each, of which patches have a share `alike` in common.
     """
-    return _ALIKE * float(np.sqrt((drift_px**2).mean())) / f_px if len(drift_px) else 0.0
+    return alike * float(np.sqrt((drift_px**2).mean())) / f_px if len(drift_px) else 0.0
 
 
-def _guessed() -> Array:
-    """What `_GUESS_PAIRS` pairs of rows that are as guessed add up to."""
-    white, lasting, decay = _FIRST_GUESS
+def _guessed(rules: ErrorRules) -> Array:
+    """What some pairs of rows that are as guessed add up to."""
+    white, lasting, decay = rules.first_white, rules.first_lasting, rules.first_decay
     product = lasting * decay
-    return _GUESS_PAIRS * np.array(
+    return rules.guess_pairs * np.array(
         [white + lasting, product, 1, product / 4, product * decay ** (_LAG - 1) / 4, 0.25]
     )
 
@@ -66,33 +53,39 @@ class TemplateErrors:
     `stds_px` (m,), others `least_px`.
     """
 
-    sums: Array = field(default_factory=_guessed)
+    sums: Array = field(default_factory=lambda: _guessed(ErrorRules()))
     ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     ages: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     rows: Array = field(default_factory=lambda: np.empty((0, _LAG)))
     begun: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     stds_px: Array = field(default_factory=lambda: np.empty(0))
-    least_px: float = MIN_STD_PX
+    least_px: float = ErrorRules().std_shared_px
+    rules: ErrorRules = ErrorRules()
+
+    @classmethod
+    def begun_by(cls, rules: ErrorRules) -> "TemplateErrors":
+        """Return what is known before any frame."""
+        return cls(_guessed(rules), least_px=rules.std_shared_px, rules=rules)
 
     @property
     def decay(self) -> float:
         """Of the lasting part, per frame."""
         product, later = self.sums[3:5]
         ratio = later / product if product > 0 else 0.0
-        return float(np.clip(max(ratio, 0.0) ** (1 / (_LAG - 1)), *_DECAYS))
+        return float(np.clip(max(ratio, 0.0) ** (1 / (_LAG - 1)), self.rules.least_decay, self.rules.most_decay))
 
     @property
     def parts(self) -> tuple[float, float]:
         """Variances of the white part of both sides, and of the lasting one on the right, in units of those claimed."""
-        all_of_it, product = self.sums[:2] / self.sums[2]
+        rules, (all_of_it, product) = self.rules, self.sums[:2] / self.sums[2]
         all_of_it = max(all_of_it, 1.0)  # what is claimed is that of all coordinates, and rows err least
-        lasting = min(max(product / self.decay, 0.0), (1 - _LEAST_WHITE) * all_of_it)  # the mean of both sides
-        return float(all_of_it - lasting), float(2 * lasting / (1 + _LEFT_FRACTION))
+        lasting = min(max(product / self.decay, 0.0), (1 - rules.least_white) * all_of_it)  # the mean of both sides
+        return float(all_of_it - lasting), float(2 * lasting / (1 + rules.left_fraction))
 
     def after(self, ids: NDArray[np.int64], z_px: Array, cov_px: Array) -> "TemplateErrors":
         """Return the knowledge after a frame's views (n, 4) of tracks `ids` (n,), ascending, with covariances."""
         ages, rows, sums = core.row_errors_of_tracks(self.ids, self.ages, self.rows, ids, z_px, cov_px)
-        keep = max(0.0, 1 - sums[2] / _MEMORY_PAIRS)
+        keep = max(0.0, 1 - sums[2] / self.rules.memory_pairs)
         return replace(self, sums=keep * self.sums + sums, ids=ids, ages=ages, rows=rows)
 
     @property
@@ -103,7 +96,7 @@ class TemplateErrors:
         """
         white, lasting = self.parts
         ratio = lasting / white
-        return white * core.view_inflation(self.ages, _LEFT_FRACTION * ratio, ratio, self.decay)
+        return white * core.view_inflation(self.ages, self.rules.left_fraction * ratio, ratio, self.decay)
 
     def with_new(self, ids: NDArray[np.int64], apart_px: Array) -> "TemplateErrors":
         """Return the same with new points (n,), whose whole patch and inner half were matched (n,) apart."""

@@ -17,12 +17,11 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record
 
-_STEP = 0.01  # of what is assumed: an estimator's σ is added to by so much, as velocities are extrapolated here
-
 
 @record
 class Timing:
-    """Delay and readout: `mean` (2,) s with `cov` (2, 2); `std` (2,): what is assumed of them beforehand.
+    """Delay and readout: `mean` (2,) s with `cov` (2, 2); `std` (2,): what is assumed of them beforehand;
+    `step`: by what share of it an estimator's σ is added to.
 
     `row_of`: in which rows of the cameras' images views are exposed. `twist` (6,) of the points in the last frame;
     None before there was a motion.
@@ -33,6 +32,7 @@ class Timing:
     std: Array
     mean: Array
     cov: Array
+    step: float = RigConfig().timing_step
     twist: Array | None = None
 
     @classmethod
@@ -47,19 +47,14 @@ class Timing:
         row_of = ExposedRows.unknown() if row_of is None else row_of
         std = np.zeros(2) if config.exact else np.array([config.std_delay_s, config.std_readout_s])
         if known is None or config.exact:
-            return cls(projection, row_of, std, np.zeros(2), np.diag(std**2))
-        return cls(projection, row_of, std, known.mean, np.diag(known.std**2))
+            return cls(projection, row_of, std, np.zeros(2), np.diag(std**2), config.timing_step)
+        return cls(projection, row_of, std, known.mean, np.diag(known.std**2), config.timing_step)
 
     def taken_out(self, points: Array, twist: Array) -> Array:
         """Return what is taken out of views of homogeneous points (n, 4) with a twist (6,): (n, 4) px."""
         if not self.mean.any():
             return np.zeros((len(points), 4))
-        return core.shifts_by_timing(self.projection.pinholes, self.row_of.of_core, points, twist, self.mean)
-
-    def of_core(self, twist: Array) -> tuple[tuple[tuple[int, int], Array], Array, Array, Array]:
-        """The timing as the compiled core takes it; `twist` (6,): of the points now."""
-        at_first = twist if self.twist is None else self.twist  # nothing better is known of the first frame
-        return self.row_of.of_core, self.mean, self.cov, at_first
+        return core.shifts_by_timing(self.projection, self.row_of, points, twist, self.mean)
 
     def with_estimate(self, mean: Array, cov: Array) -> "Timing":
         """Return the knowledge with delay and readout N(`mean` (2,), `cov` (2, 2)), as an estimator has found them.
@@ -72,4 +67,4 @@ class Timing:
         gain = np.maximum(self.std**2 / var - 1, 0.0)
         log_odds = 0.5 * (mean**2 / var * gain / (1 + gain) - np.log1p(gain))
         probability = 0.5 + 0.5 * np.tanh(0.5 * log_odds)
-        return replace(self, mean=probability * mean, cov=cov + np.diag((_STEP * self.std) ** 2))
+        return replace(self, mean=probability * mean, cov=cov + np.diag((self.step * self.std) ** 2))

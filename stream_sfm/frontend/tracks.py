@@ -7,17 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from ..config import MotionRules
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection, velocities
 from ..record import record, rows_of
-
-# Frames of agreement beyond which history no longer counts, half a second for most cameras: with more, the last old
-# tracks in a turn would outvote all new ones. Before a track has agreed once it counts a tenth of that, so that a body
-# that enters the view is outvoted, but not for ever, once it is all that is left in most of the image.
-FULL_HISTORY = 10
-# Growth of the variance of inverse depth per frame: a tenth each time forgets depths that a wrong motion has carried
-# along. Chosen by hand: with less, recovery is slower; with more, earlier views are wasted.
-FORGETTING = 1.1
 
 
 @record
@@ -75,20 +68,14 @@ class Tracks:
             rows = rows.nonzero()[0]  # once, not once per column
         return Tracks(*(rows_of(getattr(self, name), rows) for name in _COLUMNS))
 
-    @property
-    def of_core(self) -> tuple[Array, Array, Array, Array, Array, Array, NDArray[np.int64]]:
-        """The tracks as the compiled core takes them."""
-        of_points = self.points, self.var_rho, self.cov_left_px
-        return *of_points, self.anchor_from_start, self.anchor_velocity_px_s, self.slopes, self.scale
-
-    def drift_px(self, cam_from_previous: Array, radius_px: int) -> Array:
+    def drift_px(self, cam_from_previous: Array, slide_px: float) -> Array:
         """Standard deviation (n,) px of how far templates slid since the last frame, eq. (17).
 
         The warp knows pose and depth, not all of the surface: a change of viewing direction or distance by |t|/Z
-        changes the patch by as much, and a part of that passes for motion of the point. `radius_px`: half width of
-        templates, in their pixels.
+        changes the patch by as much, and a part of that passes for motion of the point. `slide_px`: that part of
+        the half width of templates, in their pixels.
         """
-        return core.template_drift(self.points, cam_from_previous, self.scale, radius_px)
+        return core.template_drift(self.points, cam_from_previous, self.scale, slide_px)
 
     def missing(self, wanted: int) -> int:
         """How many tracks of ordinary templates more there should be."""
@@ -98,13 +85,12 @@ class Tracks:
         """These rows, then the other's; the other's ids must be larger."""
         return Tracks(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in _COLUMNS))
 
-    @property
-    def weights(self) -> Array:
+    def weights(self, rules: MotionRules) -> Array:
         """Return the vote of each track (n,) where sets of tracks favour different motions, eq. (23b).
 
         The background has long been rigid with the map; what moves by itself has not.
         """
-        return 0.1 * FULL_HISTORY + np.minimum(self.agreed, FULL_HISTORY)
+        return rules.first_vote * rules.full_history + np.minimum(self.agreed, rules.full_history)
 
     def judged(self, accepted: NDArray[np.bool_], ambiguous: bool) -> "Tracks":
         """After a frame whose motion `accepted` (n,) agree with; where another may be right, all keep their history.
@@ -119,14 +105,14 @@ class Tracks:
         depth = np.maximum(points[:, 2:3], MIN_DEPTH)
         return replace(self, points=points / depth, var_rho=self.var_rho / depth[:, 0] ** 2)
 
-    def updated(self, p: StereoProjection, cam_from_previous: Array, z_px: Array, cov_px: Array) -> "Tracks":
+    def updated(
+        self, p: StereoProjection, cam_from_previous: Array, z_px: Array, cov_px: Array, forgetting: float
+    ) -> "Tracks":
         """Tracks moved by (4, 4) onto the rays of views (n, 4) with covariances (n, 4, 4); not yet their `left_px`.
 
-        1/Z by a scalar Kalman update where the right side is seen.
+        1/Z by a scalar Kalman update where the right side is seen, after its variance has grown by `forgetting`.
         """
-        points, var_rho, cov_left_px = core.update_depths(
-            p.pinholes, self.of_core, cam_from_previous, z_px, cov_px, FORGETTING
-        )
+        points, var_rho, cov_left_px = core.update_depths(p, self, cam_from_previous, z_px, cov_px, forgetting)
         return replace(self, cov_left_px=cov_left_px, points=points, var_rho=var_rho)
 
     def begun_with(self, projection: StereoProjection, twist: Array) -> "Tracks":
@@ -136,7 +122,7 @@ class Tracks:
     def shifted(self, projection: StereoProjection, px: Array) -> "Tracks":
         """Points after their views are corrected by a further (n, 4) px; `left_px` stays what was last measured."""
         z_px = projection.project_homogeneous(self.points) - px
-        return replace(self, points=core.seen_points(projection.pinholes, z_px))
+        return replace(self, points=core.seen_points(projection, z_px))
 
     def placed(self, rays: Array, left_px: Array, cov_left_px: Array, rho: Array, var_rho: Array) -> "Tracks":
         """Points put on the rays (n, 2) at which they were seen, with inverse depths (n,) and their variances."""

@@ -3,18 +3,21 @@
 import numpy as np
 
 from .. import core
+from ..config import RobustConfig
 from .gates import chi2_gate
 from .se3 import Array
 from .stereo import StereoProjection
 
+ROBUST = RobustConfig()
+
 
 class PointViews:
-    """Points (n, 3) m, or (n, 4) homogeneous, in a reference camera, and their views.
+    """Points in a reference camera, homogeneous (n, 4), and their views.
 
-    `cov_points` (n, 3, 3) or (n, 4, 4) of the same dimension, None of exact points; `z_px` (n, 4) with NaN where the
-    right side is missing, `cov_px` (n, 4, 4). `gate` (n,): the squared residual under which a share `gate_probability`
-    of good views stays. `shared` (n, 4, j): what errors that all views share do to them, by unknown amplitudes of
-    σ = 1. `of_core`: all of it as the compiled core takes it.
+    Made of points (n, 3) m, too. `cov_points` (n, 3, 3) or (n, 4, 4) of the same dimension, None of exact points;
+    `z_px` (n, 4) with NaN where the right side is missing, `cov_px` (n, 4, 4). `gate` (n,): the squared residual under
+    which the share of good views stays that the `settings` name. `shared` (n, 4, j): what errors that all views share
+    do to them, by unknown amplitudes of σ = 1.
     """
 
     def __init__(
@@ -24,7 +27,7 @@ class PointViews:
         cov_points: Array | None,
         z_px: Array,
         cov_px: Array,
-        gate_probability: float = 0.999,
+        settings: RobustConfig = ROBUST,
         shared: Array | None = None,
     ) -> None:
         n = len(z_px)
@@ -33,14 +36,21 @@ class PointViews:
             if cov_metric is not None:
                 cov_points = np.zeros((n, 4, 4))
                 cov_points[:, :3, :3] = cov_metric
-        self.projection = projection
+        self.projection, self.points, self.z_px, self.cov_px = projection, points, z_px, cov_px
+        self.cov_points = np.empty((0, 4, 4)) if cov_points is None else cov_points
+        self.settings = settings
         self.shared = np.zeros((n, 4, 0)) if shared is None else shared
-        self.gate = core.gates_of_views(z_px, chi2_gate(2, gate_probability), chi2_gate(4, gate_probability))
-        cov_points = np.empty((0, 4, 4)) if cov_points is None else cov_points
-        self.of_core = projection.pinholes, points, cov_points, z_px, cov_px, self.shared, self.gate
+        gates = (chi2_gate(dof, settings.gate_probability) for dof in (2, 4))
+        self.gate = core.gates_of_views(z_px, *gates)
 
     def __len__(self) -> int:
         return len(self.gate)
+
+    def by_left(self) -> "PointViews":
+        """Return the same points with the left sides of their views alone."""
+        left_px = np.where([True, True, False, False], self.z_px, np.nan)
+        seen = self.points, self.cov_points, left_px, self.cov_px
+        return PointViews(self.projection, *seen, self.settings, self.shared)
 
     def linearise(self, cam_from_ref: Array) -> tuple[Array, Array]:
         """Return roots (n, 4, 4) that whiten the residuals, and the whitened Jacobian (n, 4, 6 + j).
@@ -50,11 +60,11 @@ class PointViews:
         The noise is that of the view and of the point itself, as seen from here. A wild motion may bring a distant
         point next to the camera plane: where it predicts nothing, root and Jacobian are zero.
         """
-        return core.linearise_views(self.of_core, cam_from_ref)
+        return core.linearise_views(self, cam_from_ref)
 
     def squared_residuals(self, cam_from_ref: Array, root: Array) -> Array:
         """Squared whitened residuals (n,) under a motion (4, 4) without shared errors.
 
         inf where nothing is predicted or seen.
         """
-        return core.view_residuals(self.of_core, root, np.zeros(self.shared.shape[2]), cam_from_ref[None])[1][0]
+        return core.view_residuals(self, root, np.zeros(self.shared.shape[2]), cam_from_ref[None])[1][0]

@@ -19,8 +19,6 @@ MIN_DEPTH = 1e-3
 # down to this, wrong matches beyond it do not.
 KNOWN_DEPTH_SIGMAS, MIN_INVERSE_DEPTH_SIGMAS = 3.0, -2.0
 
-Pinholes = tuple[float, float, float, float, float]  # as the compiled core takes a pair
-
 
 @dataclass(frozen=True, slots=True)
 class StereoProjection:
@@ -38,11 +36,6 @@ class StereoProjection:
     width: int
     height: int
     virtual_right: bool = False
-
-    @property
-    def pinholes(self) -> Pinholes:
-        """The pair as the compiled core takes it."""
-        return self.f_px, self.cx_left_px, self.cx_right_px, self.cy_px, self.baseline_m
 
     def project(self, points_in_cam: Array) -> Array:
         """Return z (…, 4) of points (…, 3), eq. (8); the caller keeps points in front of the camera (Z > 0)."""
@@ -67,7 +60,7 @@ class StereoProjection:
 
     def project_homogeneous(self, points: Array) -> Array:
         """Return z (…, 4) of homogeneous points (X, Y, Z, ρ) in the camera, (…, 4); ρ = 0 is a point at infinity."""
-        return core.project_points(self.pinholes, points.reshape(-1, 4)).reshape(points.shape)
+        return core.project_points(self, points.reshape(-1, 4)).reshape(points.shape)
 
     def depth_m(self, z_px: Array) -> Array:
         """Return the depth (…) m from the disparity of z (…, 4); infinite or negative where that is not positive."""
@@ -94,7 +87,7 @@ class StereoProjection:
 
 def velocities(projection: StereoProjection, points_in_cam: Array, twist: Array) -> Array:
     """Return the velocities (n, 4), px/s, of views of homogeneous points (n, 4) with a twist (6,), or one each."""
-    return core.velocities(projection.pinholes, points_in_cam, twist.reshape(-1, 6))
+    return core.velocities(projection, points_in_cam, twist.reshape(-1, 6))
 
 
 def places_over_image(projection: StereoProjection, down: int, across: int) -> Array:

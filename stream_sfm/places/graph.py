@@ -33,6 +33,7 @@ _ORDER = np.r_[3:6, 0:3]  # GTSAM has rotation before translation
 # Loops at ten times their σ first: GTSAM's annealing starts no flatter than residuals of 1000 σ, and true loops are
 # further off where the odometry is bad; of eight such graphs three lost every loop.
 _SPREADS = (10.0, 1.0)
+_OUTDATED = 0.5  # σ of a common error, as it was known, by which it has changed
 
 
 @record
@@ -62,11 +63,12 @@ class PoseGraph:
     """Poses of nodes, in the world of the oldest segment that each is joined to.
 
     Of the nodes (n), in the order they came: their `numbers`, ascending; `segments`, and `homes`, those in whose worlds
-    they are; world from camera, `poses` (n, 4, 4). `links`: odometry between nodes, by their numbers. Raises
-    ConfigError where GTSAM is not installed.
+    they are; world from camera, `poses` (n, 4, 4). `links`: odometry between nodes, by their numbers. `shared`: factor
+    on the variance of loops, where several of them have the same errors. Raises ConfigError where GTSAM is not
+    installed.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, shared: float = 1.0) -> None:
         if gtsam is None:
             raise ConfigError(
                 "maps need GTSAM, which is not installed: pip install gtsam, or this package with its extra [map]"
@@ -81,7 +83,9 @@ class PoseGraph:
         self._mean, self._cov_common = np.zeros(0), np.zeros((0, 0))  # what the engine knows of them
         self._began: dict[int, tuple[Array, Array]] = {}  # of a segment: its first pose, with covariance
         self._bridges: list[Loop] = []  # that joined segments, and the last one: ways of short covariance
+        self._shared = shared
         self._isam: Any = None
+        self._solved_with = np.zeros(0), np.zeros(0)  # mean and σ of the common errors in the solver's motions
         self._solved = 0  # nodes that the solver knows
         self._asked: list[Loop] = []  # loops that it does not know
 
@@ -245,11 +249,18 @@ class PoseGraph:
         settings.setFactorization("QR")  # σ of one graph differ by 10⁴
         self._isam = gtsam.ISAM2(settings)
         self._solved, self._asked = 0, list(self.loops)
+        self._solved_with = self._mean, np.sqrt(self._cov_common.diagonal())
         self._update()
+
+    @property
+    def _is_outdated(self) -> bool:
+        """Whether the solver has motions as they were before more was known of the common errors."""
+        mean, std = self._solved_with
+        return len(mean) != len(self._mean) or bool((np.abs(self._mean - mean) > _OUTDATED * std).any())
 
     def _update(self) -> None:
         """Give iSAM2 what is new since the last call, and take its poses."""
-        if self._isam is None:
+        if self._isam is None or (self._solved and self._is_outdated):
             self.solve()
             return
         factors, values, _ = self._problem(self._solved, self._asked)
@@ -278,7 +289,7 @@ class PoseGraph:
                 factors.add(self._factor(first, second, link))
         sure = factors.size()
         for loop in loops:
-            factors.add(self._factor(loop.old, loop.new, loop.motion, spread))
+            factors.add(self._factor(loop.old, loop.new, loop.motion, spread * np.sqrt(self._shared)))
         return factors, values, sure
 
     def _factor(self, first: int, second: int, link: Motion, spread: float = 1.0) -> Any:
@@ -310,7 +321,7 @@ class PoseGraph:
         """
         if not self.numbers:
             return np.zeros((0, 6, 6))
-        self._update()
+        self.solve()  # with what is known of the common errors now, of which the covariances are, too
         covs = np.array([self._isam.marginalCovariance(number) for number in self.numbers])
         by_common = self._by_common()
         covs = covs[:, _ORDER][:, :, _ORDER] + by_common @ self._cov_common @ np.swapaxes(by_common, 1, 2)

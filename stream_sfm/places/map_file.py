@@ -157,10 +157,10 @@ def _loaded(
         raise ValueError("it is not complete")
     numbers = [record.number for record in frames]
     if numbers != sorted(set(numbers)) or not 0 <= numbers[0] <= numbers[-1] < INT64 // 2:  # later ones follow
-        raise ValueError("the numbers of its keyframes are not in order")
+        raise ValueError("its keyframes are not numbered in order")
     segments, homes = [r.segment for r in frames], [r.home for r in frames]
     if min(segments + homes) < 0 or max(segments + homes) >= INT64 // 2 or not set(homes) <= set(segments):
-        raise ValueError("it has a keyframe of no segment")
+        raise ValueError("it has a keyframe without a segment")
     known = set(numbers)
     links: dict[tuple[int, int], Motion] = {}
     loops: list[Loop] = []
@@ -223,12 +223,12 @@ def _array(data: bytes, kind: DTypeLike, *row: int) -> NDArray[Any]:
 def _pose(data: bytes) -> NDArray[np.float64]:
     (pose,) = _array(data, np.float64, 4, 4)
     if not np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-6) or (pose[3] != (0, 0, 0, 1)).any():
-        raise ValueError("it holds a pose that is no motion")
+        raise ValueError("it holds a pose that is not a rigid motion")
     return pose.astype(float)
 
 
 def _cov(data: bytes) -> NDArray[np.float64]:
     (cov,) = _array(data, np.float64, 6, 6)
     if not np.allclose(cov, cov.T, rtol=1e-6) or np.linalg.eigvalsh(cov)[0] < -1e-9 * np.trace(cov):
-        raise ValueError("it holds a covariance that is none")
+        raise ValueError("it holds a covariance that is not positive definite")
     return cov.astype(float)

@@ -82,7 +82,7 @@ class PlaceMap:
         if not isinstance(rig, StereoRig) or (config is not None and config.mono):
             raise ConfigError("maps need a pair of cameras: with one camera a motion has no length")
         self.problem, self._covs = "", np.zeros((0, 6, 6))
-        self._graph = PoseGraph()
+        self._graph = PoseGraph(SETTINGS.shared_structure)
         self._nodes: dict[int, _Node] = {}
         self._max_keyframes = max_keyframes
         config = config or Config()
@@ -117,13 +117,13 @@ class PlaceMap:
 
     @property
     def loops(self) -> list[tuple[int, int]]:
-        """Stamps of the keyframes that this run's loops in use join: first the older one."""
+        """Stamps of the two keyframes of each of this run's loops in use, the older one first."""
         nodes, loops = self._nodes, self._graph.loops
         found = [loop for loop in loops if max(loop.old, loop.new) >= self._first]
         return [(nodes[loop.old].keyframe.stamp_ns, nodes[loop.new].keyframe.stamp_ns) for loop in found]
 
     def lines(self) -> tuple[Array, Array, NDArray[np.intp]]:
-        """What a picture shows: the ways of all keyframes before and after loops, each (n, 3) in metres, and the rows
+        """The lines of a picture: paths of all keyframes before and after loops, each (n, 3) in metres, and the rows
         (m, 2) that loops join; after `close`."""
         graph, (_, odom_from_cam, rows) = self._graph, self._own()
         after = graph.poses[:, :3, 3].copy()
@@ -132,7 +132,7 @@ class PlaceMap:
         return before, after, joined.reshape(-1, 2)
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
-        """Take the next frame: mostly nothing is to be done, and else the thread is given a keyframe."""
+        """Take the next frame; one that becomes a keyframe is handed to the map's thread."""
         if self.problem:
             return
         self._path_m += float(np.linalg.norm((se3.inverse(self._before) @ estimate.world_from_cam)[:3, 3]))
@@ -154,7 +154,7 @@ class PlaceMap:
         self._chain.set_keyframe(estimate)
 
     def close(self) -> None:
-        """Finish what is waiting, and compute the covariances."""
+        """Finish what is waiting, solve all anew with what is known by now, and compute the covariances."""
         self._settle(True)
         self._pool.shutdown()
         try:
@@ -164,6 +164,9 @@ class PlaceMap:
             if not self.problem:
                 self._end("the map has no solution", error)
             self._covs = self._graph.state().covs
+        newest = max(self._nodes, default=-1)
+        if newest >= self._first and self._nodes[newest].keyframe.frame_index >= self._lost_until:
+            self.world_from_odom = self._correction(newest)
 
     def save(self, path: str | Path) -> None:
         """Write the map to a file, from which a later run goes on; after `close`. Raises OutputError."""
@@ -260,12 +263,16 @@ class PlaceMap:
         self._words.add(number, keyframe.descriptors)
         if len(self._nodes) > self._max_keyframes:
             self._thin()
-        corrected = np.eye(4)
-        if self.loops:  # before there are any the engine's own poses are at least as good
-            corrected = self._graph.pose(number) @ se3.inverse(keyframe.odom_from_cam)
         located = self._graph.home(number) == self._graph.home(self._graph.numbers[0])
         hopeful = bool(self._pending) and self._pending[-1].new == number
-        return _Found(estimate.frame_index, se3.orthonormalise(corrected), located, hopeful)
+        return _Found(estimate.frame_index, self._correction(number), located, hopeful)
+
+    def _correction(self, number: int) -> Array:
+        """World from odom (4, 4) by one keyframe."""
+        if not self.loops:  # before there are any the engine's own poses are at least as good
+            return np.eye(4)
+        odom_from_cam = self._nodes[number].keyframe.odom_from_cam
+        return se3.orthonormalise(self._graph.pose(number) @ se3.inverse(odom_from_cam))
 
     def _find(self, number: int, seen: Seen) -> None:
         """Look for older keyframes of the same place: by the predicted pose, and where that is not enough by words."""

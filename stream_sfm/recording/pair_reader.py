@@ -12,6 +12,8 @@ from .images import check_encoding
 from .messages import CalibrationMessage, ImageMessage, MessageDecoder, UndecodableMessage
 from .pairing import Pairer
 
+_MOST_REASONS = 3  # of each image that could not be used there may be one, and all say the same
+
 
 @record
 class StereoPair:
@@ -102,7 +104,7 @@ class PairReader:
     def _nothing_paired(self) -> str:
         stats, (left, right) = self.stats, self._topics
         if not stats.left_read or not stats.right_read:
-            remedy = self._problem or "; ".join(stats.warnings) or "both cameras must have images"
+            remedy = self._problem or "; ".join(stats.warnings[:_MOST_REASONS]) or "both cameras must have images"
         elif stats.dropped_backwards:
             remedy = (
                 f"{stats.dropped_backwards} stamps do not increase: do the images carry stamps in their header?"

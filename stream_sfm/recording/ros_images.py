@@ -36,7 +36,7 @@ class RosImages:
 
     @property
     def unpaired(self) -> int:
-        """How many images have found no partner within half a frame, or came with a stamp that does not ascend."""
+        """The number of images without a partner within half a frame period, or whose stamps do not increase."""
         counts = self._pairer.counts
         return sum(counts.unpaired) + sum(counts.disordered)
 

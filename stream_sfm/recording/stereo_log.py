@@ -48,7 +48,7 @@ def open_log(
     of the one in the log. `rate_hz`: of a folder of images without stamps; 10 if not given. Raises LogError where the
     log cannot be used, ConfigError for the calibration.
     """
-    source = open_source(path, calibration is not None, rate_hz)
+    source = open_source(path, calibration is not None, rate_hz, mono)
     try:
         log = _open(source, left, right, calibration, mono)
     except LogError:
@@ -150,7 +150,7 @@ def choose_cameras(
     if source.format == "video" and len(survey.of_kind("image")) == 1:
         raise LogError(
             f"{source.path} is a video: give the calibration of its images, which are beside or above each other "
-            "in its frames; of one camera say so; of two videos give the folder in which they are left and right "
+            "in its frames; for one camera say so; for two videos give the folder in which they are left and right "
             "(left.mp4, right.mp4)",
             hint=("calibration", "mono"),
         )
@@ -346,7 +346,7 @@ class StereoLog:
         return self._source.left_out
 
     def close(self) -> None:
-        """Give a camera back, and finish what it is recorded in; of a file nothing is open."""
+        """Release a camera and finish its recording; a file needs no closing."""
         self._source.close()
 
     def use_ground_truth(self, truth: str | Path | GroundTruthFile | Trajectory) -> None:

@@ -38,7 +38,7 @@ class GroundTruthFile:
         return self.frame is None and not is_euroc_table(Path(self.path))
 
     def poses(self) -> Trajectory:
-        """Return the poses of whatever they are of, in the time of the log. Raises LogError."""
+        """Return the poses as the file has them, with stamps in the time of the log. Raises LogError."""
         found, offset_ns = read_poses(Path(self.path)), round(self.offset_s * 1e9)
         if (
             len(found)

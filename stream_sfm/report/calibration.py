@@ -26,8 +26,8 @@ def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, A
         )
     elif estimate.applied and not (estimate.agrees(LENS_TERMS) and rms_px > _LEAST_PX):
         text = (
-            f"corrected by {rms_px:.2f} px of disparity as these images suggest; parts of the run do not agree that "
-            "the calibration is wrong"
+            f"corrected by {rms_px:.2f} px of disparity; the parts of the run do not yet agree on whether the "
+            "calibration is wrong"
         )
     elif estimate.applied:
         telling = 0.1  # relative error of a distance

@@ -147,8 +147,8 @@ def _charts(c: Comparison, content: dict[str, Any], traces: Traces, unit: Length
             charts.apart(c.runs, gaps, unit),
             charts.innovations(c.runs, gaps),
         ]
-    told = charts.ratios(content) if content["error_over_cross_frame"] else charts.rotation_errors(traces)
-    return [charts.errors(traces, unit), told, charts.nees(traces, gaps), path]
+    ratios = charts.ratios(content) if content["error_over_cross_frame"] else charts.rotation_errors(traces)
+    return [charts.errors(traces, unit), ratios, charts.nees(traces, gaps), path]
 
 
 def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:

@@ -37,6 +37,7 @@ def render_study(report: dict[str, Any]) -> str:
         title=f"{report['experiment']}: {_TITLES[report['experiment']]}",
         report=report,
         tables=[(table.title, _as_table(table)) for table in found],
+        has_intervals=any(isinstance(value, Interval) for table in found for _, row in table.rows for value in row),
         charts=drawn,
     )
 
@@ -45,6 +46,7 @@ def _as_table(table: StudyTable) -> Table:
     rows = []
     for names, values in table.rows:
         first = of_method(names[0]).name if table.names[0] == "estimator" else names[0]
+        first = first.replace(" = ", "\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}")
         note = ", ".join(of_method(name).name for name in names[1:])
         rows.append((Name(first, note), [(_cell(value), "") for value in values]))
     headings = (column.partition(", ") for column in table.columns)
@@ -58,7 +60,7 @@ def _cell(value: Interval | float | None) -> str:
 
 
 def _forest(table: StudyTable) -> Iterator[Markup]:
-    """Of ratios, of which 1 is best, a chart per condition: estimators with their intervals, in rotation."""
+    """Yield a chart per condition of a table of ratios, where 1 is best: estimators with their intervals."""
     if table.best is None:
         return
     for condition in dict.fromkeys(names[0] for names, _ in table.rows):
@@ -73,7 +75,7 @@ def _forest(table: StudyTable) -> Iterator[Markup]:
 
 
 def _laws(report: dict[str, Any]) -> Iterator[Markup]:
-    """Of the rates: drift by the span of a point, and local structure by the window, beside what theory says."""
+    """Yield charts of the rates: drift by the span of a point, and local structure by the window, beside theory."""
     if drift := report.get("drift_over_span"):
         lines = [("rotation", "rotation_relative", "c1"), ("position", "position_relative", "c2")]
         yield _law("Drift by the span of a point", drift, "span_frames", [*lines, ("theory", "theory", "truth")])
@@ -90,7 +92,7 @@ def _law(title: str, found: dict[str, Any], x: str, lines: Sequence[tuple[str, s
 
 
 def _over_frames(report: dict[str, Any]) -> Iterator[Markup]:
-    """Of figure 6: the errors of a few estimators over the sequence."""
+    """Yield charts of figure 6: the errors of a few estimators over the sequence."""
     for quantity in QUANTITIES if "curves" in report else ():
         x, unit = np.array(report["frames"]), "mrad" if quantity == "rotation" else "mm"
         series = [

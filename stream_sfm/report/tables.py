@@ -102,8 +102,8 @@ def of_method(name: str) -> Look:
 def of_runs(names: Sequence[str]) -> Looks:
     """How runs are drawn, by the names of their folders: in the colours of the methods one after the other."""
     last = [Path(name).name for name in names]
-    told = [name if last.count(name) == 1 else whole for name, whole in zip(last, names, strict=True)]
-    return {name: Look(told[k], f"c{k % _COLOURS + 1}") for k, name in enumerate(names)}.__getitem__
+    shown = [name if last.count(name) == 1 else whole for name, whole in zip(last, names, strict=True)]
+    return {name: Look(shown[k], f"c{k % _COLOURS + 1}") for k, name in enumerate(names)}.__getitem__
 
 
 def render(template: str, /, **values: Any) -> str:

@@ -51,7 +51,7 @@ class RosMessages:
         }
 
     def of(self, estimate: FrameEstimate) -> Stamped:
-        """Yield topic and message of all that a frame tells; with the first one, where the camera is on the robot."""
+        """Yield topic and message of all that an estimate holds; at first also the camera's pose on the robot."""
         stamp, frames, e = estimate.stamp_ns, self._frames, estimate
         if self._odometry is None and frames.base_from_cam is not None:
             mounting = ros.header(stamp, frames.moving), frames.camera, ros.pose_of(frames.base_from_cam)
@@ -70,7 +70,7 @@ class RosMessages:
         return ros.encode(message)
 
     def world_from_cam(self, pose: Array) -> Array:
-        """Return the pose of the camera (4, 4), as `Engine.reset` takes it, of one of robot or camera as ROS has it."""
+        """Return the pose of the camera (4, 4), as `Engine.reset` takes it, from a ROS pose of robot or camera."""
         return self._frames.pose_of_camera(pose)
 
     @property
@@ -79,7 +79,7 @@ class RosMessages:
         return None if self._odometry is None else self._odometry.estimate
 
     def end(self) -> Stamped:
-        """Yield what the last frame leaves to be told: the whole path, and the map's points that are still in view."""
+        """Yield what remains after the last frame: the whole path, and the map's points that are still in view."""
         if (last := self.last) is not None:
             yield self._path_now(ros.header(last.stamp_ns, self._frames.world))
             if len(last.track_ids):

@@ -42,7 +42,7 @@ class Cloud:
 def read_estimates(
     path: str | Path, warnings: list[str] | None = None, points: bool = False
 ) -> Iterator[FrameEstimate]:
-    """Yield the frames in order, all that can be read, as the run's sinks were given them, as far as they are recorded.
+    """Yield the readable frames in order, as the run's sinks received them, as far as they are recorded.
 
     Left out are points in the world, those that have left the view, times per stage, and without `points` those in view
     (`read_clouds`). What could not be read is added to `warnings`. Without such a list, it raises LogError after the

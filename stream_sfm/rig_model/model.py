@@ -11,7 +11,7 @@ from ..camera.known_timing import KnownTiming
 from ..camera.refinement import Refinement
 from ..config import RigConfig
 from ..geometry.se3 import Array
-from ..geometry.stereo import Pinholes, StereoProjection, places_over_image
+from ..geometry.stereo import StereoProjection, places_over_image
 from ..record import record
 from .estimate import CERTAIN, RigEstimate
 from .field import NO_FIELD, Field, field_over
@@ -70,21 +70,14 @@ class RigModel:
         return field_over(self.projection.width, self.projection.height) if self.has_field else NO_FIELD
 
     @property
-    def cameras(self) -> tuple[Pinholes, tuple[tuple[int, int], Array]]:
-        """The pair, and in which rows of the cameras' own images views are exposed, as the compiled core takes it."""
-        rows = ExposedRows.unknown() if self.row_of is None else self.row_of
-        return self.projection.pinholes, rows.of_core
+    def cameras(self) -> tuple[StereoProjection, ExposedRows]:
+        """The pair, and in which rows of the cameras' own images views are exposed."""
+        return self.projection, ExposedRows.unknown() if self.row_of is None else self.row_of
 
     @property
     def units_of_timing(self) -> Array:
         """Seconds (2,) per amplitude of delay and of readout."""
         return np.diag(self.root)[AT_TIMING]
-
-    @property
-    def of_core(self) -> tuple[Pinholes, tuple[float, float], Array, Field]:
-        """The model as the compiled core takes it."""
-        p = self.projection
-        return p.pinholes, (p.width, p.height), self.root, self._field
 
     def without_field(self) -> "RigModel":
         """Return the terms alone."""
@@ -109,7 +102,7 @@ class RigModel:
 
         What the field does to a missing side has no meaning.
         """
-        return core.rig_effects(self.of_core, z_px, np.atleast_1d(age_s))
+        return core.rig_effects(self.projection, self.root, self._field, z_px, np.atleast_1d(age_s))
 
     def by_timing(self, points_in_cam: Array, motion: Array, timing_s: Array, z_px: Array) -> Array:
         """Return what amplitudes of 1 of delay and readout do to views (n, 4) of homogeneous points (n, 4): (n, 4, 2).
@@ -126,8 +119,7 @@ class RigModel:
 
         (n, 4, 6) px; points are homogeneous, in the previous camera, and have the error in their depths.
         """
-        p = self.projection
-        by_term = core.disparity_effects(p.pinholes, (p.width, p.height), points, cam_from_previous, z_px)
+        by_term = core.disparity_effects(self.projection, points, cam_from_previous, z_px)
         return by_term @ self.root[DISPARITY, DISPARITY]
 
     def error_px(self, estimate: RigEstimate, z_px: Array) -> Array:

@@ -82,8 +82,10 @@ class Parts:
         means, variances = np.zeros((2, 3, t))
         for k, (first, last) in enumerate(pairwise(cuts)):
             values, axes = np.linalg.eigh(last.information - first.information)
-            cov = (axes / (1 + np.maximum(values, 0.0))) @ axes.T  # no part says less than nothing
-            means[k], variances[k] = cov @ (last.weighted - first.weighted), np.diag(cov)
+            # a part that takes back what was known along an axis says nothing there: neither how much, nor what
+            share, says = 1 / (1 + np.maximum(values, 0.0)), values > 0
+            means[k] = (axes * (share * says)) @ (axes.T @ (last.weighted - first.weighted))
+            variances[k] = axes**2 @ share
         said = np.maximum(1 / variances - 1, 1e-9)  # without what was known beforehand
         means, variances = means / (variances * said), 1 / said
         var = 1 / said.sum(axis=0)

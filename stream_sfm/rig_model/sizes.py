@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import core
 from ..geometry.se3 import Array
-from ..record import record
+from ..record import filled, record
 from .terms import CAUSES, FOCAL, TERMS
 
 # Sizes that are considered, all equally probable: from those of rendered images to three times of what is assumed.
@@ -63,4 +63,5 @@ def mixture(mean: Array, cov: Array, size: Array, known_wrong: bool = False, spr
     covariance in full. `spread`: how many σ parts of the run are apart about these terms.
     """
     counts = min(_COUNTS, spread**-2.0)
-    return Mixture(*core.rig_mixture(mean, cov, size, _FOCAL, _IS_ZERO, _LOG_PRIOR, counts, known_wrong))
+    found = core.rig_mixture(mean, cov, size, _FOCAL, _IS_ZERO, _LOG_PRIOR, counts, known_wrong)
+    return filled(Mixture, found)

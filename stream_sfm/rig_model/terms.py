@@ -116,8 +116,8 @@ def columns(projection: StereoProjection, z_px: Array, age_s: Array | float = 0.
     `age_s`, or one (n,) each: for how long errors have grown, if they do. A missing side has no columns. Those of a
     lens are px per pixel of each error, at the ray to the corner that is farthest from the lens's middle.
     """
-    units = projection.pinholes, (projection.width, projection.height), np.eye(len(TERMS)), NO_FIELD
-    return core.rig_effects(units, z_px, np.atleast_1d(np.asarray(age_s, np.float64)))[0]
+    ages_s = np.atleast_1d(np.asarray(age_s, np.float64))
+    return core.rig_effects(projection, np.eye(len(TERMS)), NO_FIELD, z_px, ages_s)[0]
 
 
 def effects_of_turn(projection: StereoProjection, left_px: Array) -> Array:
@@ -126,7 +126,7 @@ def effects_of_turn(projection: StereoProjection, left_px: Array) -> Array:
     (n, 2, 3) px per radian.
     """
     right_px = left_px + np.array([projection.cx_right_px - projection.cx_left_px, 0.0])
-    return core.effects_of_turn(projection.pinholes, right_px)
+    return core.effects_of_turn(projection, right_px)
 
 
 def by_turn(projection: StereoProjection, z_px: Array, root: Array) -> Array:
@@ -137,7 +137,7 @@ def by_turn(projection: StereoProjection, z_px: Array, root: Array) -> Array:
     moved = np.zeros((len(z_px), 4, root.shape[1]))
     seen = np.flatnonzero(np.isfinite(z_px[:, 2]))
     if root.size and len(seen):
-        moved[seen, 2:] = core.effects_of_turn(projection.pinholes, z_px[seen, 2:]) @ root
+        moved[seen, 2:] = core.effects_of_turn(projection, z_px[seen, 2:]) @ root
     return moved
 
 

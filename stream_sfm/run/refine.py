@@ -21,7 +21,7 @@ from .replay import replay
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RefinedRig:
-    """The `rig` with its refinement, and what each log has told (None: nothing)."""
+    """The `rig` with its refinement, and what each log has shown (None: nothing)."""
 
     rig: StereoRig
     estimates: tuple[RigEstimate | None, ...]
@@ -86,11 +86,11 @@ def timing_of(estimates: Sequence[RigEstimate], config: Config) -> KnownTiming |
     values, certain = [], False
     for term in (TERMS.index(DELAY), TERMS.index(READOUT)):
         mean, var = np.array([(e.mean[term], e.cov[term, term]) for e in estimates]).T
-        told = mean**2 > CERTAIN**2 * var
-        information = (1 / var[told]).sum()
-        if told.any():
-            values += [float((mean[told] / var[told]).sum() / information), float(information**-0.5)]
+        sure = mean**2 > CERTAIN**2 * var
+        information = (1 / var[sure]).sum()
+        if sure.any():
+            values += [float((mean[sure] / var[sure]).sum() / information), float(information**-0.5)]
         else:
             values += [0.0, float(prior_std(config.rig)[term])]
-        certain |= bool(told.any())
+        certain |= bool(sure.any())
     return KnownTiming(*values) if certain else None

@@ -52,7 +52,9 @@ class StoredObservations:
         if seen.rig is not None:
             self._model = seen.rig.model
             seen = replace(seen, rig=replace(seen.rig, model=None))  # type: ignore[arg-type]
-        kept = changed(observed, observations=seen, errors=TemplateErrors(begun=ids, stds_px=stds_px))
+        known = observed.errors
+        errors = TemplateErrors(begun=ids, stds_px=stds_px, least_px=known.least_px, rules=known.rules)
+        kept = changed(observed, observations=seen, errors=errors)
         parts = [getattr(kept, name) for name in Observed.__slots__]  # type: ignore[attr-defined]
         try:
             pickle.dump(parts, self._file, protocol=pickle.HIGHEST_PROTOCOL)
@@ -66,10 +68,11 @@ class StoredObservations:
     def __iter__(self) -> Iterator[Observed]:
         """Yield the frames as they were observed; one iteration at a time."""
         self._file.seek(0)
-        errors = TemplateErrors()
+        errors: TemplateErrors | None = None
         for _ in range(self._frames):
             observed = Observed(*pickle.load(self._file))
-            seen, errors = observed.observations, errors.joined(observed.errors)
+            seen = observed.observations
+            errors = observed.errors if errors is None else errors.joined(observed.errors)
             if seen.rig is not None:
                 seen = replace(seen, rig=replace(seen.rig, model=self._model))  # type: ignore[arg-type]
             yield changed(observed, observations=seen, errors=errors)

@@ -83,8 +83,8 @@ def measure(seed: np.random.SeedSequence, scene: Scene, wrong_rig: bool, frames:
     result = {}
     for window in WINDOWS if wrong_rig else _OF_EXACT_RIG:
         estimator = make_estimator("cross-frame", sequence.projection, Config())
-        told = [window.observations_for(o) for o in observations]
-        result[window.label] = followed(estimator, told, frames, tuple(EXPECTED), figures)
+        given = [window.observations_for(o) for o in observations]
+        result[window.label] = followed(estimator, given, frames, tuple(EXPECTED), figures)
     known = observations if wrong_rig else tuple(replace(o, rig=None) for o in observations)
     rho, truth = scene.autocorrelation, (sequence.world_from_cam, sequence.points_in_world)
     bounds = [cramer_rao_bound(sequence.projection, known, *truth, n, rho) for n in frames]

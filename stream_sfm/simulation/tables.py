@@ -5,6 +5,7 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from ..evaluation.figures import number_text
 from ..evaluation.relative import Interval
 from ..record import record
 from ..wording import counted
@@ -94,7 +95,7 @@ def text_of(value: Value) -> str:
         return "–"
     if isinstance(value, Interval):
         return f"{value.value:.2f} [{value.low:.2f}, {value.high:.2f}]"
-    return f"{value:.3g}"
+    return number_text(value)
 
 
 def in_words(key: str) -> str:
@@ -126,7 +127,7 @@ def _of_conditions(report: Report) -> Iterator[StudyTable]:
 
 
 def _of_rates(report: Report) -> Iterator[StudyTable]:
-    """Of the paper's Table 1: exponents, the laws over spans and windows, and what estimators reach of them."""
+    """Yield the tables of the paper's Table 1: exponents, laws over spans and windows, and what estimators reach."""
     rows: list[tuple[tuple[str, ...], list[Value]]] = []
     methods = tuple(dict.fromkeys(m for row in report.get("table", {}).values() for m in row["exponents"]))
     for name, row in report.get("table", {}).items():

@@ -25,8 +25,9 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from ..inertial.samples import ImuCalibration
 from ..mcap_file.message import Source
+from .given import NOTHING, Given
 from .image_files import ImageFile, ImageFilesSource, size_of
-from .image_folders import image_sides
+from .image_folders import ImageSides, image_sides
 from .image_sets import IMAGE_SUFFIXES, images_in, open_images
 from .joined import JoinedSource
 from .pose_files import (
@@ -53,16 +54,6 @@ _TARTANAIR_F_PX, _TARTANAIR_BASELINE_M = 320.0, 0.25
 _BODY_FROM_CAM = se3.from_rotation_translation([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [0, 0, 0])
 
 
-class Given(NamedTuple):
-    """What its user says of a recording: not to use the calibration in it, and the rate of images without stamps."""
-
-    calibrated: bool = False
-    rate_hz: float | None = None
-
-
-NOTHING = Given()
-
-
 class Layout(NamedTuple):
     """One way in which a recording lies in a folder: folders of left and right, and files of which one is there."""
 
@@ -84,9 +75,7 @@ def open_folder(folder: Path, given: Given = NOTHING) -> Source | None:
     """Return the recording in a folder; None where no layout fits. Raises LogError, ConfigError."""
     if (layout := next((layout for layout in LAYOUTS if layout.fits(folder)), None)) is not None:
         return layout.open(folder, layout, given)
-    if (videos := _videos(folder)) is not None:
-        return JoinedSource(folder, [VideoSource(path, side) for side, path in enumerate(videos)])
-    return _open_images(folder, given)
+    return _open_videos(folder, given) or _open_images(folder, given)
 
 
 def is_data_set(folder: Path) -> bool:
@@ -282,13 +271,16 @@ def _euroc_images(folder: Path, notes: list[str]) -> list[ImageFile]:
 
 def _open_tartanair(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
     """Its images are numbered, as are the lines of its poses; there may be fewer of either."""
+    poses = folder / layout.files[0]
+    if not poses.is_file() and _calibration_files(folder) and (own := _open_images(folder, given)) is not None:
+        return own  # the images of somebody else, who calls them so
     left, right = (str(folder / side) for side in layout.sides)
     source = open_images(left, right, None, rate_hz=given.rate_hz, path=folder)
     width, height = size_of(source.images[0][0].path)
     k = np.array([[_TARTANAIR_F_PX, 0, width / 2], [0, _TARTANAIR_F_PX, height / 2], [0, 0, 1]])
     camera = Camera(width, height, k, (), "none")
     rig = StereoRig(camera, camera, se3.exp([-_TARTANAIR_BASELINE_M, 0, 0, 0, 0, 0]))
-    poses, truth, notes = folder / layout.files[0], list[tuple[int, Array]](), list(source.notes)
+    truth, notes = list[tuple[int, Array]](), list(source.notes)
     if poses.is_file():
         rows = read_rows(poses, 7, "`x y z qx qy qz qw`")
         rotations = se3.matrix_from_quat_xyzw(rows[:, 3:])
@@ -304,17 +296,34 @@ def _open_tartanair(folder: Path, layout: Layout, given: Given) -> ImageFilesSou
 
 def _open_images(folder: Path, given: Given) -> ImageFilesSource | None:
     """Images by the names of their folders or their own, with stamps and a calibration if there are any beside them."""
-    if (sides := image_sides(folder)) is None:
+    sides = image_sides(folder)
+    if sides is None and given.mono and images_in(folder):
+        sides = ImageSides(str(folder), ())
+    if sides is None:
         return None
     stamps = next((folder / name for name in _STAMPS if (folder / name).is_file()), None)
     stamps = stamps if given.rate_hz is None else None
     source = open_images(sides.left, sides.right, None, stamps, given.rate_hz, path=folder)
-    files = [p for p in folder.iterdir() if p.suffix.lower() in CALIBRATION_SUFFIXES and p.is_file()]
     rig: StereoRig | None = None
-    if not given.calibrated and any(map(is_calibration, files)):
+    if not given.calibrated and _calibration_files(folder):
         rig = StereoRig.from_calibration(folder, size_of(source.images[0][0].path))
     others = [f"{other} hold images, too, which are not used" for other in sides.others]
     return ImageFilesSource(folder, source.format, rig, source.images, notes=[*source.notes, *others])
+
+
+def _calibration_files(folder: Path) -> list[Path]:
+    files = [p for p in folder.iterdir() if p.suffix.lower() in CALIBRATION_SUFFIXES and p.is_file()]
+    return [file for file in files if is_calibration(file)]
+
+
+def _open_videos(folder: Path, given: Given) -> Source | None:
+    """Videos of left and right, with a calibration if there is one beside them."""
+    if (videos := _videos(folder)) is None:
+        return None
+    rig: StereoRig | None = None
+    if not given.calibrated and _calibration_files(folder):
+        rig = StereoRig.from_calibration(folder, VideoSource(videos[0]).size)
+    return JoinedSource(folder, [VideoSource(path, side, rig) for side, path in enumerate(videos)])
 
 
 def _videos(folder: Path) -> tuple[Path, Path] | None:
@@ -332,7 +341,8 @@ LAYOUTS = (
     Layout("KITTI raw", _open_kitti, ("image_02/data", "image_03/data"), _KITTI_RAW),
     Layout("EuRoC", _open_euroc, ("mav0/cam0", "mav0/cam1"), [f"mav0/{name}" for name in _EUROC_FILES]),
     Layout("EuRoC", _open_euroc, ("cam0", "cam1"), _EUROC_FILES),
-    Layout("TartanAir", _open_tartanair, ("image_left", "image_right"), ("pose_left.txt", "image_left")),
+    Layout("TartanAir", _open_tartanair, ("image_left", "image_right"),
+           ("pose_left.txt", "image_left/000000_left.png")),
     Layout("TartanAir", _open_tartanair, ("image_lcam_front", "image_rcam_front"),
-           ("pose_lcam_front.txt", "image_lcam_front")),
+           ("pose_lcam_front.txt", "image_lcam_front/000000_lcam_front.png")),
 )  # fmt: skip

@@ -32,6 +32,8 @@ class ImageFile:
 class ImageFilesSource(Source):
     """Left and right images and poses (stamp_ns, world_from_cam), each ascending in time; `notes` for people.
 
+    One camera has no right images.
+
     `format` names the data set; `imu`: samples (stamp_ns, (6,) rad/s and m/s²) of an inertial unit. An image that
     cannot be read, or has another size than the rig's, is skipped and added to the damage of a reading. Raises LogError
     where no left and right image have the same stamp, ConfigError where no image can be rectified by the rig.
@@ -58,10 +60,9 @@ class ImageFilesSource(Source):
         self.images, self.poses = images, poses
         self.notes = list(notes)
         left, right = ({image.stamp_ns for image in side} for side in images)
-        if not left & right:
+        if right and not left & right:
             raise LogError(f"{path}: no left and right image have the same stamp: are they of one recording?")
-        if alone := len(left ^ right):
-            self.notes.append(f"{alone} images have no partner of the same stamp on the other side")
+        self.without_partner = len(left ^ right) if right else 0  # images
         # one that is missing will be reported by its reading
         files = [image.path for side in images for image in side if os.path.isfile(image.path)]
         self.size_bytes = sum(map(os.path.getsize, files))

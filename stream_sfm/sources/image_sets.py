@@ -30,7 +30,8 @@ def open_images(
     """The images `left` and `right`, each one or several files, folders or globs. Raises LogError, ConfigError.
 
     `stamps`: a file with one time per line, seconds with a decimal point or whole nanoseconds; without it names that
-    are stamps are used, else the frames are put `rate_hz` apart. `path` names the recording.
+    are stamps are used, else the frames are put `rate_hz` apart. `path` names the recording. Without any `right` the
+    images are those of one camera.
     """
     sides = [_matches("left", left), _matches("right", right)]
     if both := set(sides[0]) & set(sides[1]):
@@ -41,9 +42,7 @@ def open_images(
     notes: list[str] = []
     named = [_named_stamps(side) for side in sides]
     if stamps is None and rate_hz is None and named[0] is not None and named[1] is not None:
-        left_images, right_images = (
-            _stamped(times, side) for times, side in zip(named, sides, strict=True) if times
-        )
+        left_images, right_images = (_stamped(t or (), side) for t, side in zip(named, sides, strict=True))
         return ImageFilesSource(path, "image files", rig, (left_images, right_images))
     places, count = _places(*sides)
     if stamps is not None:
@@ -112,7 +111,8 @@ def _named_stamps(files: Sequence[Path]) -> list[int] | None:
             stamps.append(stamp_ns(name, str(file)))
         else:
             return None
-    check_ascending(stamps, files[0].parent)
+    if files:
+        check_ascending(stamps, files[0].parent)
     return stamps
 
 
@@ -122,6 +122,8 @@ def _places(left: list[Path], right: list[Path]) -> tuple[list[list[int]], int]:
     Images of one number belong together; one that has no partner keeps its place, and no pair is made of it. Raises
     LogError where names do not tell who belongs together, and the numbers of images differ.
     """
+    if not right:
+        return [list(range(len(left))), []], len(left)
     numbers = [[_number(p) for p in side] for side in (left, right)]
     of_left, of_right = map(set, numbers)
     alone = of_left ^ of_right

@@ -16,15 +16,19 @@ from ..mcap_file.message import Source
 from ..mcap_file.records import MAGIC as MCAP_MAGIC
 from ..mcap_file.records import ends_with_magic
 from ..wording import LISTED, some_of
+from .given import NOTHING, Given
 
 _OTHER_FILES = (
     ((b"\x89PNG", b"\xff\xd8\xff"), "an image: give the folder of a recording, or import images into a log"),
     ((b"RRF",), "a Rerun recording: give the log that it was made from"),
     ((b"\x28\xb5\x2f\xfd",), "compressed with zstd: decompress it with `zstd -d`"),
+    ((b"PK\x03\x04", b"\x1f\x8b", b"7z\xbc\xaf"), "an archive: unpack it and give the folder or the file in it"),
 )
 _BAG_METADATA = "metadata.yaml"  # by which the folder of a ROS 2 bag is known
 _WITHOUT_STAMPS = ("image files", "TartanAir")  # formats
 _RESULT = "estimates.mcap"  # of a run
+_LEVELS = 3  # of folders in which a recording is looked for: dataset/sequences/00
+_MOST_ENTRIES = 1000  # of one level that are looked at
 SUFFIXES = (".mcap", ".bag", ".db3")
 SUPPORTED = (
     "an MCAP file, a ROS 1 or ROS 2 bag, a KITTI, EuRoC, TUM-VI or TartanAir recording, images or videos of left "
@@ -32,11 +36,14 @@ SUPPORTED = (
 )
 
 
-def open_source(path: str | Path, calibrated: bool = False, rate_hz: float | None = None) -> Source:
+def open_source(
+    path: str | Path, calibrated: bool = False, rate_hz: float | None = None, mono: bool = False
+) -> Source:
     """Open the recording at `path`. Raises LogError where it cannot be read or is not a recording.
 
     `calibrated`: its user has a calibration, and the one in a folder is not used, so that it may be a broken one;
-    `rate_hz`: of images that have no stamps. Raises ConfigError for a rate where there are stamps.
+    `rate_hz`: of images that have no stamps; `mono`: one camera will do. Raises ConfigError for a rate where there are
+    stamps.
     """
     if not isinstance(path, str | Path):
         kind = "None" if path is None else f"of type {type(path).__name__}"
@@ -46,7 +53,7 @@ def open_source(path: str | Path, calibrated: bool = False, rate_hz: float | Non
         str(path).encode()
     except UnicodeEncodeError:  # it could not be named in any result
         raise LogError(f"{str(path)!a}: the name of the file is not UTF-8: rename it") from None
-    source = _open_folder(path, calibrated, rate_hz) if os.path.isdir(path) else _open_file(path)
+    source = _open_folder(path, Given(calibrated, rate_hz, mono)) if os.path.isdir(path) else _open_file(path)
     if rate_hz is not None and source.format not in _WITHOUT_STAMPS:
         raise ConfigError(f"{path}: a rate was given, but a recording of this kind ({source.format}) has stamps")
     return source
@@ -87,7 +94,7 @@ def _open_file(path: Path) -> Source:
         return LogFile(path)
     for magics, kind in _OTHER_FILES:
         if start.startswith(magics):
-            raise LogError(f"{path} is {kind}", hint=("import_images",))
+            raise LogError(f"{path} is {kind}", hint=("import_images",) if kind.startswith("an image") else ())
     if start.startswith(b"\x1aE\xdf\xa3") or start[4:8] == b"ftyp" or start[8:12] == b"AVI ":  # Matroska, MP4, AVI
         from .video import VideoSource
 
@@ -97,25 +104,46 @@ def _open_file(path: Path) -> Source:
     raise LogError(f"{path} is not a recording ({SUPPORTED}); its first bytes are {start[:8]!r}")
 
 
-def _open_folder(path: Path, calibrated: bool = False, rate_hz: float | None = None) -> Source:
-    from .data_sets import Given, open_folder
+def _recordings_in(folder: Path) -> list[Path]:
+    """The recordings in a folder, or, where there is none, in those below: a data set as it was unpacked."""
+    level = [folder]
+    for _ in range(_LEVELS):
+        entries = list(islice((entry for below in level for entry in _visible(below)), _MOST_ENTRIES))
+        if found := [entry for entry in entries if is_recording(entry)]:
+            return found
+        level = [entry for entry in entries if entry.is_dir() and not entry.is_symlink()]
+    return []
+
+
+def _visible(folder: Path) -> list[Path]:
+    """What is in a folder but for hidden entries and results; nothing where it cannot be read."""
+    with suppress(OSError):
+        return [p for p in sorted(folder.iterdir()) if not p.name.startswith(".") and p.name != _RESULT]
+    return []
+
+
+def _open_folder(path: Path, given: Given = NOTHING) -> Source:
+    from .data_sets import open_folder
     from .image_folders import image_folders
     from .rosbag2 import bag_files, open_rosbag2
 
     with reading(path):
         if (path / _BAG_METADATA).is_file():
             return open_rosbag2(path)
-        if (found := open_folder(path, Given(calibrated, rate_hz))) is not None:
+        if (found := open_folder(path, given)) is not None:
             return found
         if bag_files(path):
             return open_rosbag2(path)
-    inside: list[str] = []
-    with suppress(OSError):
-        inside = [str(p) for p in sorted(path.iterdir()) if not p.name.startswith(".") and is_recording(p)]
+    inside = _recordings_in(path)
+    if len(inside) == 1:
+        return open_source(inside[0], *given)
     if inside:
         raise LogError(
-            f"{path} holds several recordings or other files: give one of {some_of(inside)}", hint=("replay_batch",)
+            f"{path} holds several recordings: give one of {some_of(list(map(str, inside)))}",
+            hint=("replay_batch",),
         )
     listed = [f"{folder} ({count})" for folder, count in islice(image_folders(path), LISTED)]
-    images = f"; there are images in {some_of(listed)}, of which no names tell left from right" if listed else ""
-    raise LogError(f"{path} is a folder without a recording ({SUPPORTED}){images}", hint=("import_images",))
+    which = "give the one of a single camera" if given.mono else "of which no names tell left from right"
+    images = f"; there are images in {some_of(listed)}, {which}" if listed else ""
+    hint = () if given.mono else ("import_images",)
+    raise LogError(f"{path} is a folder without a recording ({SUPPORTED}){images}", hint=hint)

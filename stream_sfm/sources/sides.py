@@ -10,7 +10,7 @@ _NOT_A_CAMERA = re.compile(
     r"depth(?!ai)|disparity|mask|segment|semantic|confidence|label|normals|overlay|debug|heatmap", re.IGNORECASE
 )
 # what may stand before 0/1 or 1/2 in the names of a pair of cameras
-_NUMBERED = r"(cam(?:era)?|infra(?:red)?|ir|image|img|mono|gr[ae]y|stereo|fisheye|sensor|eye)([_-]?0*)"
+_NUMBERED = r"((?i:cam(?:era)?|infra(?:red)?|ir|image|img|mono|gr[ae]y|stereo|fisheye|sensor|eye))([_-]?0*)"
 _SIDES: tuple[tuple[re.Pattern[str], re.Pattern[str]], ...] = tuple(
     (re.compile(left), re.compile(right))
     for left, right in (

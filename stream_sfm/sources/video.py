@@ -7,8 +7,9 @@ from pathlib import Path
 import cv2
 
 from ..camera.pixels import to_grey
+from ..camera.rig import StereoRig
 from ..errors import LogError
-from ..mcap_file.message import Contents, Damage, Message, Source
+from ..mcap_file.message import Channel, Contents, Damage, Message, Source
 from .profile import ProfileEncoder
 from .video_stream import quiet_ffmpeg
 
@@ -16,17 +17,19 @@ from .video_stream import quiet_ffmpeg
 class VideoSource(Source):
     """The frames of one file as grey images, with the times that the file has for them. Raises LogError.
 
-    `side`: of which they are, 0 left, 1 right; None: of both, beside or above each other. Where the times do not grow,
-    frames are put as far apart as the file says by its rate.
+    `side`: of which they are, 0 left, 1 right; None: of both, beside or above each other. `rig`: the calibration that
+    is sent with the images of a side. Where the times do not grow, frames are put as far apart as the file says by its
+    rate.
     """
 
     format = "video"
     in_order = True
 
-    def __init__(self, path: Path, side: int | None = None) -> None:
+    def __init__(self, path: Path, side: int | None = None, rig: StereoRig | None = None) -> None:
         self.path, self.size_bytes, self._side = path, path.stat().st_size, side
         capture = self._open()
-        self._expected = int(max(capture.get(cv2.CAP_PROP_FRAME_COUNT), 0))
+        self._expected, self._rig = int(max(capture.get(cv2.CAP_PROP_FRAME_COUNT), 0)), rig
+        self.size = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
         capture.release()
         encoder = ProfileEncoder(None)
         self._channel = encoder.both_images if side is None else encoder.raw_images[side]
@@ -41,15 +44,18 @@ class VideoSource(Source):
             )
         return capture
 
-    def contents(self) -> Contents | None:
-        """The topic, and how many frames the container announces."""
-        return Contents([(self._channel, self._expected or None)])
+    def contents(self) -> Contents:
+        """The topics, and how many frames the container announces."""
+        channels: list[tuple[Channel, int | None]] = [(self._channel, self._expected or None)]
+        if self._rig is not None and self._side is not None:
+            channels.append((ProfileEncoder(self._rig).calibrations[self._side], None))
+        return Contents(channels)
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
-        """Yield the frames, if their topic is among `topics`; what ends them early is added to `damage`."""
-        if topics is not None and self._channel.topic not in topics:
+        """Yield the messages of `topics` (None: all); what ends the frames early is added to `damage`."""
+        if topics is not None and not any(channel.topic in topics for channel, _ in self.contents().channels):
             return
-        encoder, capture, read, last_ns = ProfileEncoder(None), self._open(), 0, -1
+        encoder, capture, read, last_ns = ProfileEncoder(self._rig), self._open(), 0, -1
         try:
             period_ns = round(1e9 / rate_hz) if (rate_hz := capture.get(cv2.CAP_PROP_FPS)) > 0 else 0
             while capture.grab():
@@ -63,7 +69,11 @@ class VideoSource(Source):
                     )
                     stamp_ns = last_ns + period_ns
                 read, last_ns = read + 1, stamp_ns
-                yield encoder.raw_image(self._side, stamp_ns, to_grey(picture))._replace(channel=self._channel)
+                sent = [*(() if self._side is None else encoder.due_calibration(self._side, stamp_ns))]
+                sent.append(
+                    encoder.raw_image(self._side, stamp_ns, to_grey(picture))._replace(channel=self._channel)
+                )
+                yield from (m for m in sent if topics is None or m.channel.topic in topics)
         finally:
             capture.release()
         if read < max(self._expected - 1, 1):  # some containers count one too many

@@ -184,7 +184,7 @@ def test_zed_conf_of_the_size_of_the_images(tmp_path):
     assert StereoRig.from_calibration(tmp_path, (672, 376)).left.K[0, 0] == 350
     with pytest.raises(ConfigError, match="for several sizes of images"):
         StereoRig.from_calibration(path)
-    with pytest.raises(ConfigError, match="images of 640×480 are of no size that a ZED has"):
+    with pytest.raises(ConfigError, match="images of 640×480 do not come from a ZED"):
         StereoRig.from_calibration(path, (640, 480))
 
 
@@ -375,7 +375,7 @@ def test_kitti_projections_take_the_size_from_the_images(tmp_path):
     camera = Camera(1241, 376, k, (), "none")
     pose = se3.from_rotation_translation(np.eye(3), np.array([-0.5372, 0, 0]))
     check(path, StereoRig(camera, camera, pose), size=(1241, 376))
-    with pytest.raises(ConfigError, match="does not tell the size of the images"):
+    with pytest.raises(ConfigError, match="does not contain the size of the images"):
         StereoRig.from_calibration(path)
 
 

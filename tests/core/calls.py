@@ -2,10 +2,13 @@
 
 import random
 from collections.abc import Iterator
+from types import SimpleNamespace as Record
 
 import numpy as np
 
 from stream_sfm import core
+from stream_sfm.config import RobustConfig
+from stream_sfm.geometry.resection import Wanted
 
 RNG = np.random.default_rng(0)
 IMAGE = RNG.uniform(0, 255, (60, 80)).astype(np.float32)
@@ -18,42 +21,83 @@ SLOTS = np.arange(N)
 WARPS = np.eye(3, 2) + 0.1 * RNG.normal(size=(N, 3, 2))
 POINTS = np.concatenate([RNG.normal(size=(N, 3)), np.ones((N, 1))], axis=1)
 VIEWS, COV = RNG.uniform(0, 60, (N, 4)), np.broadcast_to(np.eye(4), (N, 4, 4))
-PINHOLES = (60.0, 40.0, 40.0, 30.0, 0.1)
+PINHOLES = Record(f_px=60.0, cx_left_px=40.0, cx_right_px=40.0, cy_px=30.0, baseline_m=0.1, width=80, height=60)
 SHARED = RNG.normal(size=(N, 4, 2))
-OF_VIEWS = (PINHOLES, POINTS, COV, VIEWS, COV, SHARED, np.ones(N))
+OF_VIEWS = Record(
+    projection=PINHOLES, points=POINTS, cov_points=COV, z_px=VIEWS, cov_px=COV, shared=SHARED, gate=np.ones(N)
+)
 MOTIONS = np.broadcast_to(np.eye(4), (N, 4, 4))
 FIELD, MOVES = RNG.normal(size=(N, 3)), RNG.normal(size=(4, 2))
-GRID = (np.arange(3.0), np.arange(2.0), 8.0, np.eye(6))
-ROWS = ((80.0, 60.0), GRID, np.ones(13), np.eye(13), 0.2, 2.0)
-EXPOSED = ((80.0, 60.0), RNG.normal(size=(2, 3, 3)))
-RIGHT_SIDES = (PINHOLES, ROWS, np.ones(3), np.ones(6))
-TIMING = (EXPOSED, np.ones(2), np.eye(2), np.ones(6))
-TEMPLATES = (1, 4, 2, 3.0, 20.0, 4.0, 1.0)
-RULES = ((80.0, 60.0), 0.8, 2.0, 4, 0.1, False, False)
-TRACKS = (POINTS, np.ones(N), COV[:, :2, :2], MOTIONS, STARTS, STARTS, np.ones(N, int))
+GRID = Record(u_px=np.arange(3.0), v_px=np.arange(2.0), length_px=8.0, root=np.eye(6))
+ROWS = Record(projection=PINHOLES, field=GRID, mean=np.ones(13), cov=np.eye(13), scatter_px=0.2, max_px=2.0)
+EXPOSED = Record(size_px=(80.0, 60.0), coefficients=RNG.normal(size=(2, 3, 3)))
+RIGHT_SIDES = Record(rows=ROWS, turn_rad=np.ones(3), twist=np.ones(6))
+TIMING = Record(row_of=EXPOSED, mean=np.ones(2), cov=np.eye(2), twist=np.ones(6))
+TEMPLATES = Record(
+    scale=1,
+    spacing_px=2,
+    config=Record(window_radius_px=4, max_realignment_px=3.0, max_photometric_error=20.0),
+    noise=Record(shared_pixels=4.0, factor=1.0),
+)
+RULES = RobustConfig(second_views=4)
+TRACKS = Record(
+    points=POINTS,
+    var_rho=np.ones(N),
+    cov_left_px=COV[:, :2, :2],
+    anchor_from_start=MOTIONS,
+    anchor_velocity_px_s=STARTS,
+    slopes=STARTS,
+    scale=np.ones(N, int),
+)
+AXES = Record(rotation=np.eye(3), std_scale=0.1, std_axes_rad=0.1)
 BYTES, BYTES_STORED = IMAGE.astype(np.uint8), STORED.astype(np.uint8)
-STATE = (MOTIONS[:2], SLOTS, MOTIONS, POINTS[:, :3], np.zeros(8), np.zeros((2, 1)))
-SEEN = (
-    SLOTS % 2,
-    SLOTS,
-    SLOTS > 0,
-    VIEWS,
-    np.ones((N, 4)),
-    COV,
-    SHARED[..., :1],
-    SHARED,
-    np.zeros((N, 4, 0)),
-    FIELD,
-    MOVES,
+STATE = Record(
+    cams_from_ref=MOTIONS[:2],
+    ids=SLOTS,
+    ref_from_anchor=MOTIONS,
+    q=POINTS[:, :3],
+    rig_error=np.zeros(8),
+    own=np.zeros((2, 1)),
 )
-ONE = (MOTIONS[:1], *STATE[1:5], np.zeros((1, 1))), (SLOTS * 0, *SEEN[1:])
-PRIOR = (SLOTS, POINTS[:, :3], COV[:, :3, :3], np.zeros((N, 3, 9)), np.eye(8), np.ones(8))
-OF_BOTH = np.zeros((N, 3, 12))
+SEEN = Record(
+    frame=SLOTS % 2,
+    ids=SLOTS,
+    used=SLOTS > 0,
+    z_px=VIEWS,
+    weight=np.ones((N, 4)),
+    root=COV,
+    own=SHARED[..., :1],
+    terms=SHARED,
+    timing=np.zeros((N, 4, 0)),
+    field=FIELD,
+    moves=MOVES,
+)
 
-INTERVALS = (
-    *(np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 6)), np.zeros((2, 9, 6)), np.zeros((2, 9))),
-    *(np.tile(np.eye(9), (2, 1, 1)), np.zeros((2, 6)), np.zeros(2), np.full(2, 0.1)),
+
+def but(record: Record, **others: object) -> Record:
+    """The record with other values in some fields."""
+    return Record(**{**vars(record), **others})
+
+
+ONE = but(STATE, cams_from_ref=MOTIONS[:1], own=np.zeros((1, 1))), but(SEEN, frame=SLOTS * 0)
+PRIOR = Record(
+    mean=POINTS[:, :3],
+    cov=COV[:, :3, :3],
+    modes=np.zeros((N, 3, 9)),
+    rig=Record(information=np.eye(8), weighted=np.ones(8)),
 )
+PART = Record(reach=SHARED[:, :3], covariant=SHARED[:, :3], with_both=np.zeros((N, 3, 12)), both=np.eye(12))
+INTERVALS = Record(
+    rotation=np.tile(np.eye(3), (2, 1, 1)),
+    motion=np.zeros((2, 6)),
+    by_bias=np.zeros((2, 9, 6)),
+    by_clock=np.zeros((2, 9)),
+    cov=np.tile(np.eye(9), (2, 1, 1)),
+    biases=np.zeros((2, 6)),
+    clock=np.zeros(2),
+    seconds=np.full(2, 0.1),
+)
+ONE_INTERVAL = Record(**{name: array[:1] for name, array in vars(INTERVALS).items()})
 
 # Each function with arguments that it takes
 CALLS = {
@@ -62,7 +106,7 @@ CALLS = {
         *(np.ones(3), np.zeros(6), np.full(2, 1e-3)),
     ),
     "inertial_rows": (INTERVALS, np.tile(np.eye(4), (3, 1, 1)), np.zeros((3, 3)), np.ones(17), np.eye(4)),
-    "inertial_motion": (tuple(a[:1] for a in INTERVALS), np.ones(17), np.eye(4)),
+    "inertial_motion": (ONE_INTERVAL, np.ones(17), np.eye(4)),
     "match_along_rows": (IMAGE, IMAGE, PIXELS, -5, 40),
     "unfilter_png": (IMAGE.astype(np.uint8) % 5, 1),
     "store_patches": (STORED.copy(), IMAGE, PIXELS, SLOTS),
@@ -86,42 +130,41 @@ CALLS = {
     "fit_motion": (OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N), True),
     "project_points": (PINHOLES, POINTS),
     "seen_points": (PINHOLES, VIEWS),
-    "resect": (OF_VIEWS, np.eye(4), np.ones(N), RULES, np.eye(4)),
+    "resect": (OF_VIEWS, np.eye(4), np.ones(N), RULES, Wanted(True, False, False), np.eye(4)),
     "motion_of_flow": (PINHOLES, TRACKS, np.ones(N), STARTS, np.ones(N, bool), np.eye(4), 0.5, 9.0, RULES),
-    "fit_turn": ((*OF_VIEWS[:5], SHARED[..., :0], np.ones(N)), np.eye(4), np.eye(3), 0.1),
-    "rig_effects": ((PINHOLES, (80.0, 60.0), np.eye(20), GRID), VIEWS, np.ones(N)),
+    "fit_turn": (but(OF_VIEWS, shared=SHARED[..., :0]), np.eye(4), np.eye(3), 0.1),
+    "rig_effects": (PINHOLES, np.eye(20), GRID, VIEWS, np.ones(N)),
     "expected_views": (PINHOLES, STATE, SEEN, SLOTS > 2, VIEWS),
     "timing_of_views": (PINHOLES, EXPOSED, STATE, SEEN, VIEWS, np.ones((2, 2, 6)), np.ones(2)),
     "field_basis": (GRID, STARTS),
     "rig_mixture": (np.ones(9), np.eye(9), np.full(9, 2.0), 3, np.eye(2, 4) > 0, np.log([0.5, 0.5]), 0.5, False),
-    "row_terms": ((80.0, 60.0), GRID, STARTS, np.ones(N)),
-    "row_offsets": (ROWS, STARTS, np.ones(N)),
+    "row_terms": (PINHOLES, GRID, STARTS, np.ones(N)),
     "on_one_row": (ROWS, STARTS, STARTS, np.ones(N), 1.0),
     "gradient_matrices": (COV[:, :3, :3], 2),
     "align_tracks": (
         *(
             RIGHT_SIDES,
             TIMING,
-            (*TRACKS[:6], 1 + 3 * (SLOTS % 2)),
+            but(TRACKS, scale=1 + 3 * (SLOTS % 2)),
             SLOTS,
             *2 * (np.eye(4),),
             INNER / 1.0,
             SLOTS < 9,
         ),
-        (BYTES, BYTES, BYTES_STORED, BYTES > 0, TEMPLATES),
-        (IMAGE, None, STORED, IMAGE > 0, (4, *TEMPLATES[1:])),
+        Record(left=BYTES, right=BYTES, stored=BYTES_STORED, area=BYTES > 0, kind=TEMPLATES),
+        Record(left=IMAGE, right=None, stored=STORED, area=IMAGE > 0, kind=but(TEMPLATES, scale=4)),
     ),
     "place_new_points": (RIGHT_SIDES, TIMING, VIEWS, COV, 1.0, -2.0, 9.0),
     "effects_of_turn": (PINHOLES, STARTS),
     "point_motions": (MOTIONS, np.arange(N) / 10),
     "velocities": (PINHOLES, POINTS, RNG.normal(size=(N, 6))),
     "timed_views": (PINHOLES, EXPOSED, POINTS, np.ones((2, 6)), np.ones(2), VIEWS),
-    "timing_unknowns": (PINHOLES, EXPOSED, *2 * ((POINTS, np.ones(6)),), np.ones(2), np.eye(2), np.ones(6)),
-    "unknown_errors": (PINHOLES, TIMING, ROWS, POINTS, POINTS, VIEWS, np.ones(6), np.ones(6)),
+    "timing_unknowns": (PINHOLES, EXPOSED, *2 * (POINTS, np.ones(6)), np.ones(2), np.eye(2), np.ones(6)),
+    "unknown_errors": (TIMING, ROWS, POINTS, POINTS, VIEWS, np.ones(6), np.ones(6)),
     "shifts_by_timing": (PINHOLES, EXPOSED, POINTS, np.ones(6), np.ones(2)),
     "cov_of_timed_pose": (PINHOLES, EXPOSED, POINTS, np.ones(2), np.eye(6)),
-    "reported_motions": ((np.eye(3), 0.1, 0.1), MOTIONS, np.ones((N, 6, 6)), np.ones((N, 6, 2))),
-    "reported_points": ((np.eye(3), 0.1, 0.1), POINTS[:, :3], COV[:, :3, :3], np.ones(N), np.eye(4)),
+    "reported_motions": (AXES, MOTIONS, np.ones((N, 6, 6)), np.ones((N, 6, 2))),
+    "reported_points": (AXES, POINTS[:, :3], COV[:, :3, :3], np.ones(N), np.eye(4)),
     "track_covariances": (COV[:, :2, :2], np.ones(N), np.ones(N), 60.0, 0.1),
     "whitening_of_views": (VIEWS, COV),
     "whiten_blocks": (COV[:, :3, :3], SHARED[:, :3]),
@@ -138,7 +181,7 @@ CALLS = {
     "invert_triangle": (np.eye(6), np.ones(6)),
     "scaled_by_diagonal": (np.eye(6),),
     "point_marginals": (
-        *(MOTIONS, POINTS[:, :3], COV[:, :3, :3], *2 * ((SHARED[:, :3], SHARED[:, :3], OF_BOTH, np.eye(12)),)),
+        *(MOTIONS, POINTS[:, :3], COV[:, :3, :3], PART, PART),
         *(np.eye(4), np.eye(4), 3.0),
     ),
     "points_of_views": (STATE, SEEN),
@@ -146,12 +189,11 @@ CALLS = {
     "points_seen_again": (SLOTS, SLOTS > 0, np.ones((N, 3)), SLOTS, POINTS[:, :3], COV[:, :3, :3]),
     "drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),
     "normal_blocks": (PINHOLES, STATE, SEEN),
-    "q_by_reference": (MOTIONS, POINTS[:, :3]),
     "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),
     "eliminate_points": (COV[:, :3, :3], np.zeros((N, 3, 12))),
-    "window_system": (core.normal_blocks(PINHOLES, STATE, SEEN), PRIOR, POINTS[:, :3], np.zeros(9)),
+    "window_system": (core.normal_blocks(PINHOLES, STATE, SEEN), PRIOR, SLOTS, POINTS[:, :3], np.zeros(9)),
     "points_alone": (COV[:, :3, :3], np.zeros((N, 3, 7)), POINTS[:, :3], SHARED[:, :3], POINTS[:, :3], np.ones(2)),
-    "disparity_effects": (PINHOLES, (80.0, 60.0), POINTS, np.eye(4), VIEWS),
+    "disparity_effects": (PINHOLES, POINTS, np.eye(4), VIEWS),
     "leaving_views": (
         *(PINHOLES, *ONE, SLOTS > 2),
         *(np.ones((N, 3)), SLOTS > 1, SLOTS[3:], COV[3:, :3, :3]),
@@ -159,7 +201,7 @@ CALLS = {
     "absorbing_system": (core.normal_blocks(PINHOLES, *ONE), PRIOR, MOTIONS, POINTS[:, :3], np.zeros(9)),
     "absorbed_points": (
         *(SLOTS, COV[:, :3, :3], FIELD[:, None] * np.ones((N, 3, 3)), POINTS[:, :3], POINTS[:, :3], SLOTS > 2),
-        (SLOTS[:2], POINTS[:2, :3], COV[:2, :3, :3], np.ones((2, 3, 2))),
+        *(SLOTS[:2], POINTS[:2, :3], COV[:2, :3, :3], np.ones((2, 3, 2))),
     ),
 }
 VALUES = (np.nan, np.inf, -np.inf, 1e300, -1e300)
@@ -173,28 +215,43 @@ def call(name: str, arguments: list) -> object:
         return None
 
 
-def arrays_of(arguments: tuple, within: tuple[int, ...] = ()) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
-    """All arrays among arguments and the members of records, with their places."""
-    for at, argument in enumerate(arguments):
-        if isinstance(argument, tuple):
-            yield from arrays_of(argument, (*within, at))
-        elif isinstance(argument, np.ndarray):
-            yield (*within, at), argument
+Place = tuple[int | str, ...]  # numbers of arguments, names of fields
 
 
-def with_other(arguments: tuple, at: tuple[int, ...], other: object) -> tuple:
-    """The arguments with another one in that place."""
-    changed = list(arguments)
-    changed[at[0]] = with_other(arguments[at[0]], at[1:], other) if at[1:] else other
+def fields_of(record: object) -> dict[str, object]:
+    """The fields of a record; nothing else has any."""
+    if isinstance(record, Record):
+        return vars(record)
+    names = getattr(type(record), "__match_args__", getattr(record, "_fields", ()))
+    return {name: getattr(record, name) for name in names}
+
+
+def places_of(arguments: tuple) -> Iterator[tuple[Place, object]]:
+    """All arguments and fields of records, with their places."""
+    rest = [((at,), argument) for at, argument in enumerate(arguments)]
+    while rest:
+        place, argument = rest.pop(0)
+        yield place, argument
+        rest += [((*place, name), value) for name, value in fields_of(argument).items()]
+
+
+def arrays_of(arguments: tuple) -> list[tuple[Place, np.ndarray]]:
+    """All arrays among arguments and fields of records, with their places."""
+    return [(place, value) for place, value in places_of(arguments) if isinstance(value, np.ndarray)]
+
+
+def with_other(arguments: tuple, place: Place, other: object) -> tuple:
+    """The arguments with another one, or another field, in that place."""
+    changed, (at, *within) = list(arguments), place
+    changed[at] = _with_field(arguments[at], within, other)
     return tuple(changed)
 
 
-def places_of(arguments: tuple, within: tuple[int, ...] = ()) -> Iterator[tuple[tuple[int, ...], object]]:
-    """All arguments and members of records, with their places."""
-    for at, argument in enumerate(arguments):
-        yield (*within, at), argument
-        if isinstance(argument, tuple):
-            yield from places_of(argument, (*within, at))
+def _with_field(record: object, within: list[str], other: object) -> object:
+    if not within:
+        return other
+    fields = fields_of(record)
+    return Record(**{**fields, within[0]: _with_field(fields[within[0]], within[1:], other)})
 
 
 def _other(rng: random.Random, argument: object) -> object:
@@ -215,8 +272,8 @@ def _other(rng: random.Random, argument: object) -> object:
         if other.size:
             other.flat[[rng.randrange(other.size) for _ in numbers]] = numbers
         return other
-    if isinstance(argument, tuple) and rng.random() < 0.5:
-        return rng.choice((argument[:-1], (*argument, 1), argument[::-1]))
+    if (fields := list(fields_of(argument).items())) and rng.random() < 0.5:
+        return Record(**dict(rng.sample(fields, len(fields) - 1)))
     return rng.choice(
         (None, "text", (), True, np.zeros(0), *_NUMBERS, *_NUMBERS, *(int(n) for n in _NUMBERS if abs(n) < 1e300))
     )

@@ -56,7 +56,7 @@ def test_the_stub_is_what_the_module_says() -> None:
 
 
 def test_arguments_of_the_core_have_names_and_help() -> None:
-    described = [value for value in vars(_core).values() if callable(value)]
+    described = [value for value in vars(_core).values() if callable(value) and not isinstance(value, type)]
     assert len(described) > 50
     for function in described:
         signature, help_text, *_ = function.__nb_signature__[0]

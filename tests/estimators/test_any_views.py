@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stream_sfm.config import Config, RigConfig, WindowConfig
+from stream_sfm.config import Config, RigConfig, TurnRules, WindowConfig
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
 from stream_sfm.estimators.cross_frame.window import CrossFrame
-from stream_sfm.frontend.right_turn import STD_TURN_RAD
 from stream_sfm.geometry import se3
 from stream_sfm.rig_model.model import RigModel
 from stream_sfm.rig_model.terms import TERMS
@@ -53,7 +52,7 @@ def damaged(o: Observations, rng: np.random.Generator, kind: int) -> Observation
             other = Ambiguity(se3.exp(rng.normal(size=6) * 0.1), np.eye(6) * size, misfit=bool(rng.random() < 0.5))
             return replace(o, cam_from_previous=np.eye(4), ambiguity=other)
         case 10:
-            return replace(o, rig=replace(o.rig, change_root=MODEL.root_of_turn(STD_TURN_RAD) * size))
+            return replace(o, rig=replace(o.rig, change_root=MODEL.root_of_turn(TurnRules().std_rad) * size))
         case 11:
             return replace(o, rig=replace(o.rig, delay_by_rows=(size**2, size**2 * rng.normal())))
         case 12:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from stream_sfm.camera.rectification import VIRTUAL_BASELINE
-from stream_sfm.config import Config
+from stream_sfm.config import Config, MonoRules
 from stream_sfm.estimators.cross_frame.mono import CrossFrameMono
-from stream_sfm.frontend.mono.front_end import DEPTH_STD_FACTOR, UNKNOWN_DEPTH_STD, with_virtual_right
+from stream_sfm.frontend.mono.front_end import with_virtual_right
 from stream_sfm.frontend.mono.two_view import two_view_motion
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import MOTIONS, Scene, Sequence
@@ -32,13 +32,13 @@ def run(scene: Sequence) -> tuple[list[Solution], float]:
     )
     first, second, *later = scene.observations
     ids, a, b = np.intersect1d(first.track_ids, second.track_ids, return_indices=True)
-    found = two_view_motion(p.rays(first.z_px[a]), p.rays(second.z_px[b]), 2**0.5 * STD_PX / p.f_px)
+    found = two_view_motion(p.rays(first.z_px[a]), p.rays(second.z_px[b]), 2**0.5 * STD_PX / p.f_px, MonoRules())
     assert found is not None
     rays = p.rays(first.z_px[a])[found.agree]
     points = np.column_stack([rays, np.ones(len(rays)), found.rho[found.agree]]) @ found.now_from_first.T
     rho, variance = points[:, 3] / points[:, 2], found.var_rho[found.agree] / points[:, 2] ** 2
     second = left_only(second, b[found.agree])
-    sides = with_virtual_right(p, second.z_px, second.cov_px, rho, DEPTH_STD_FACTOR**2 * variance)
+    sides = with_virtual_right(p, second.z_px, second.cov_px, rho, MonoRules().depth_std_factor ** 2 * variance)
     start = MapStart(*sides, se3.inverse(found.now_from_first), found.cov_first_from_now)
     true = se3.transform(se3.inverse(scene.world_from_cam[1]), scene.points_in_world[ids[found.agree]])
     unit = float(np.sum(rho / true[:, 2] / variance) / np.sum(true[:, 2] ** -2.0 / variance))
@@ -48,7 +48,7 @@ def run(scene: Sequence) -> tuple[list[Solution], float]:
     for o in later:
         o = left_only(o, np.flatnonzero(~np.isin(o.track_ids, left_out)), start=start)
         new = ~np.isin(o.track_ids, known)
-        variance = np.full(len(new), (UNKNOWN_DEPTH_STD * typical) ** 2)
+        variance = np.full(len(new), (MonoRules().unknown_depth * typical) ** 2)
         z, cov = with_virtual_right(p, o.z_px, o.cov_px, np.full(len(new), typical), variance)
         z, cov = np.where(new[:, None], z, o.z_px), np.where(new[:, None, None], cov, o.cov_px)
         solutions.append(estimator.step(replace(o, z_px=z, cov_px=cov, n_new=int(new.sum()))))

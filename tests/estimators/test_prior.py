@@ -1,12 +1,13 @@
 """The factored prior, the window's system and its marginals against the same Gaussians written out densely."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from stream_sfm import core
-from stream_sfm.estimators.cross_frame.inverse_depth import NormalBlocks, State, linearise
+from stream_sfm.core import NormalBlocks
+from stream_sfm.estimators.cross_frame.inverse_depth import State, linearise
 from stream_sfm.estimators.cross_frame.marginals import Marginals
 from stream_sfm.estimators.cross_frame.normal_equations import CovariancePart, System
 from stream_sfm.estimators.cross_frame.prior import Prior
@@ -66,13 +67,13 @@ def _estimated(prior: Prior) -> np.ndarray:
     return np.asarray(modes @ np.linalg.solve(prior.rig.information, prior.rig.weighted))
 
 
-def blocks_of(rng) -> NormalBlocks:
+def blocks_of(rng) -> SimpleNamespace:
     """The normal equations of a view of each point but one, with Jacobians at random."""
     by_point, by_rig, r = 500 * rng.normal(size=(N, 4, 3)), rng.normal(size=(N, 4, M)), rng.normal(size=(N, 4))
     by_own = rng.normal(size=(N, 4, 6 + E))
     by_own[..., :6] = 0  # the pose is the reference
     by_point[2] = by_rig[2] = by_own[2] = 0  # not seen
-    return NormalBlocks(
+    return SimpleNamespace(
         u=(np.einsum("nij,nik->jk", by_own, by_own) + np.diag(np.arange(6 + E) > 5))[None],
         v=np.swapaxes(by_point, 1, 2) @ by_point,
         w=np.swapaxes(by_point, 1, 2) @ by_own,
@@ -85,10 +86,15 @@ def blocks_of(rng) -> NormalBlocks:
     )
 
 
-def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, b: NormalBlocks) -> tuple:
+def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, b: SimpleNamespace) -> tuple:
     """Mean and covariance of [q', ω', c] after the views, by a Kalman update with a pose as good as unknown."""
     anchors = se3.orthonormalise(x @ ANCHORS)
-    by_pose = core.q_by_reference(anchors, q)
+    moves = np.concatenate([-1e-6 * np.eye(6), 1e-6 * np.eye(6)])[
+        :, None
+    ]  # of the reference camera, q's numerically
+    moved = se3.inverse(anchors) @ se3.exp(moves) @ in_reference(anchors, q)[..., None]
+    less, more = np.split(q_from_homogeneous(moved[..., 0]), 2)
+    by_pose = np.moveaxis((more - less) / 2e-6, 0, -1)
     n = 3 * N
     # [q, ω, c, ξ] -> [q', ω', c], ξ large beside millimetres
     carry = np.zeros((n + 6 + M, n + 12 + M))
@@ -319,7 +325,7 @@ def test_system_is_the_dense_solution(prior, own) -> None:
         cov = cov + gain @ (cov_held - cov[-M:, -M:]) @ gain.T
     scale = np.sqrt(np.diag(cov))
     by_rig = np.concatenate(
-        [system.by_rig[:a], prior.world_modes @ np.concatenate([system.by_rig[system.modes :], np.eye(M)])]
+        [system.by_rig[:a], prior.world_modes @ np.concatenate([system.by_rig[system.at["modes"]], np.eye(M)])]
     )
     assert by_rig == pytest.approx(gain[np.r_[:a, a + b : a + b + 6]], rel=1e-6, abs=1e-9)
     found = np.concatenate([dx.ravel(), dq.ravel(), prior.world_modes @ dy, dy[-M:]])

@@ -114,7 +114,7 @@ def held_back_and_carried() -> Fault:
     """The same picture for half a second, each time with other noise, and then another part of the wall."""
     shown = [*range(10), *[9] * 10, *range(90, 100)]
     frames = [replace(view(POSES[k], n), stamp_ns=n * PERIOD_NS) for n, k in enumerate(shown)]
-    return Fault(frames, "io{19}lio{8}", "all of the view has changed at once", POSES[shown])
+    return Fault(frames, "io{19}lio{8}", "the whole view has changed at once", POSES[shown])
 
 
 def ten_minutes_at_rest() -> Fault:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.config import FrontendConfig
+from stream_sfm.config import Config, FlowRules, FrontendConfig
 from stream_sfm.core import corner_strength, new_corners
 from stream_sfm.frontend.alignment import TemplateAligner
 from stream_sfm.frontend.flow import as_exposed, track
@@ -23,8 +23,8 @@ def reached(levels: int, shift_px: int) -> float:
     valid = np.ones(image.shape, bool)
     corners = new_corners(corner_strength(image), valid, np.empty((0, 2)), 60, 12.0, 1e-5).astype(float)
     corners = corners[(corners[:, 0] > 40) & (corners[:, 0] < 320 - 40 - shift_px)]
-    aligner, moved = TemplateAligner.empty(FrontendConfig(), valid), prepared(np.roll(image, shift_px, axis=1))
-    at, found = track(aligner, prepared(image).left_half, moved, corners, corners, levels)
+    aligner, moved = TemplateAligner.empty(Config(), valid), prepared(np.roll(image, shift_px, axis=1))
+    at, found = track(aligner, FlowRules(), prepared(image).left_half, moved, corners, corners, levels)
     return float((found & (np.linalg.norm(at - corners - (shift_px, 0), axis=1) < 0.5)).mean())
 
 
@@ -40,6 +40,6 @@ def test_the_image_before_is_given_the_exposure_of_now() -> None:
     image = Wall(4).image(rig().left, np.eye(4))
     darker = cv2.convertScaleAbs(image, alpha=0.6, beta=10)
     before, now = prepared(image), prepared(darker)
-    exposed = as_exposed(before, now)
+    exposed = as_exposed(before, now, FlowRules())
     assert np.abs(exposed.astype(int) - now.left_half.astype(int)).max() <= 2  # two roundings
-    assert as_exposed(before, prepared(image)) is before.left_half
+    assert as_exposed(before, prepared(image), FlowRules()) is before.left_half

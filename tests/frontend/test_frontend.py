@@ -4,9 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from stream_sfm.config import Config
+from stream_sfm.config import Config, FrontendConfig
 from stream_sfm.core import corner_strength, match_along_rows, match_new_points, new_corners
+from stream_sfm.frontend.alignment import TemplateAligner
 from stream_sfm.frontend.rows import Rows
+from stream_sfm.frontend.state import RightSides
 from stream_sfm.frontend.templates import TemplateAtlas
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
@@ -63,8 +65,9 @@ def test_new_points_are_matched_on_slanted_surfaces(slope: tuple[float, float]) 
     p = StereoProjection(200.0, 120.0, 120.0, 80.0, 0.1, 240, 160)
     rows = Rows.unknown(p, Config())
     rows.mean[0] = 0.5  # px by which the rows are off, as far as one knows
-    near = (p.pinholes, rows.of_core, np.zeros(3), np.zeros(6)), corners, slots
-    kind, tolerances = (1, radius_px, 2, 2.0, 20.0, 4.0, 1.0), (2.0, 4.0, 0.5)  # as the front-end has them
+    near = RightSides(rows, np.zeros(3), np.zeros(6)), corners, slots
+    config = Config(frontend=FrontendConfig(window_radius_px=radius_px))
+    kind, tolerances = TemplateAligner.empty(config, np.ones((160, 240), bool)), (2.0, 4.0, 0.5)
     found, z_px, _, slopes, _ = match_new_points(left, right, stored, kind, *near, disparity_px, *tolerances)
     assert len(found) > 0.9 * len(corners)
     assert np.abs(z_px - np.concatenate([corners, expected_px], axis=1)[found]).max() < 0.03

@@ -7,7 +7,7 @@ import pytest
 
 from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rig import StereoRig
-from stream_sfm.config import Config
+from stream_sfm.config import Config, PairRules
 from stream_sfm.frontend.pair_check import PairCheck, PairFit, problem_of, resolution_problem
 from stream_sfm.frontend.prepared import PreparedImages
 from stream_sfm.frontend.rows import Rows
@@ -44,7 +44,7 @@ class Run:
     def show(self, fitting: PairFit | None, next_id: int = 1000, frozen: bool = False) -> bool:
         self.frame += 1
         now, before = images(self.frame), images(self.frame - (not frozen))
-        problem = problem_of(now, before, fitting, self.rows, self.factor)
+        problem = problem_of(now, before, fitting, self.rows, self.factor, PairRules())
         self.check, start_anew = self.check.after(problem, fitting, next_id)
         return start_anew
 
@@ -128,7 +128,7 @@ def test_images_that_do_not_fit_each_other_are_a_problem(
 def test_a_calibration_of_another_resolution_is_a_problem_from_the_first_frame(factor: float, name: str):
     def problem(scale: float) -> str:
         camera = Camera(512, 384, np.diag([scale, scale, 1]) @ [[400.0, 0, 256], [0, 400, 192], [0, 0, 1]])
-        return resolution_problem(StereoRig(camera, camera, se3.exp([-0.1, 0, 0, 0, 0.1, 0])))
+        return resolution_problem(StereoRig(camera, camera, se3.exp([-0.1, 0, 0, 0, 0.1, 0])), PairRules())
 
     assert f"images of {name} the size" in problem(factor)
     assert problem(1.0) == ""

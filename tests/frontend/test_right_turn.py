@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.config import RigConfig
+from stream_sfm.config import RigConfig, TurnRules
 from stream_sfm.frontend.right_turn import TurnWatch, with_turn
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
@@ -45,7 +45,7 @@ def watched(
     turns: list[np.ndarray], seed: int = 0, by_delay_rad: np.ndarray = NONE
 ) -> tuple[TurnWatch, list[bool]]:
     """A watch after frames with these turns, and which of them were unusual."""
-    rng, watch, unusual = np.random.default_rng(seed), TurnWatch(P), []
+    rng, watch, unusual = np.random.default_rng(seed), TurnWatch.begun(P, TurnRules()), []
     motion, by_delay = se3.exp([0.01, 0, -0.05, 0, 0.01, 0]), np.outer(by_delay_rad, by_delay_rad)
     for rad in turns:
         watch, turn = watch.judge(*frame(rng, rad, motion), by_delay)
@@ -57,7 +57,7 @@ def test_the_effect_of_a_small_turn_is_that_of_a_rotated_camera() -> None:
     p = scattered_points(np.random.default_rng(1), N)
     still = right_view(p, NONE)
     numerical = np.stack([(right_view(p, 1e-5 * e) - right_view(p, -1e-5 * e)) / 2e-5 for e in np.eye(3)], axis=2)
-    assert np.abs(core.effects_of_turn(P.pinholes, still) - numerical).max() < 1e-5 * P.f_px
+    assert np.abs(core.effects_of_turn(P, still) - numerical).max() < 1e-5 * P.f_px
 
 
 def test_a_turn_is_part_of_the_calibrations_error() -> None:
@@ -97,7 +97,7 @@ def test_what_a_late_camera_may_have_done_is_no_knock() -> None:
 
 
 def test_few_views_and_impossible_turns_tell_nothing() -> None:
-    rng, watch = np.random.default_rng(5), TurnWatch(P)
+    rng, watch = np.random.default_rng(5), TurnWatch.begun(P, TurnRules())
     few = frame(rng, YAW, np.eye(4))
     few[2][25:, 2:] = np.nan
     assert watch.judge(*few, NONE)[1] is None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.config import Config, RigConfig
+from stream_sfm.config import Config, RigConfig, RowRules, Rules
 from stream_sfm.frontend import rows as rows_of
 from stream_sfm.frontend.rows import Rows, row_terms
 from stream_sfm.frontend.timing import Timing
@@ -40,12 +40,12 @@ def field(left_px: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
 
 def offsets_px(rows: Rows, left_px: np.ndarray, speed: np.ndarray = AT_REST) -> np.ndarray:
     """v_left − v_right (n,) of correct matches, with speeds (n,) across the rows."""
-    return core.row_offsets(rows.of_core, left_px, speed)
+    return row_terms(P, left_px, speed) @ rows.mean
 
 
 def agree(rows: Rows, left_px: np.ndarray, right_px: np.ndarray, speed: np.ndarray = AT_REST) -> np.ndarray:
     """Which matches lie on one row, the right sides corrected by `offsets_px`."""
-    return core.on_one_row(rows.of_core, left_px, right_px, speed, 1.0)
+    return core.on_one_row(rows, left_px, right_px, speed, 1.0)
 
 
 def variance(rows: Rows) -> np.ndarray:
@@ -75,10 +75,9 @@ NO_FIELD = np.zeros(field_over(P.width, P.height).size)
 def test_the_filter_is_a_dense_gaussian(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without robust weights and steps it is least squares over all matches at once."""
     monkeypatch.setattr(rows_of, "CAUCHY_WIDTH", 1e9)
-    monkeypatch.setattr(rows_of, "_STEP_PX", 0.0)
     monkeypatch.setattr(Rows, "_likely_field_std_px", lambda self, *_: self.field_std_px)
     rng = np.random.default_rng(1)
-    prior = Rows.unknown(P, Config())
+    prior = Rows.unknown(P, Config(rules=Rules(rows=RowRules(step_px=0.0))))
     at, speed = places(rng, 60), 30 * rng.normal(size=60)
     seen = smooth(at) + STD_PX * rng.normal(size=60)
     rows = prior.learnt(at, seen, speed)
@@ -161,7 +160,9 @@ def test_a_late_camera_is_not_taken_for_rows_that_are_off(delay_s: float) -> Non
     information, weighted = rows.delay  # what matches alone say; a share of it may be an error of the velocities
     prior = Config().rig.std_delay_s ** -2.0
     assert weighted / information == pytest.approx(mean * (1 + prior * std**2), rel=0.01, abs=0.1 * std)
-    assert information == pytest.approx(1 / (1 / (std**-2 - prior) + (rows_of._SPEED_ERROR * mean) ** 2), rel=1e-6)
+    assert information == pytest.approx(
+        1 / (1 / (std**-2 - prior) + (Config().rules.rows.speed_error * mean) ** 2), rel=1e-6
+    )
 
 
 def test_a_delay_that_is_told_counts_as_known() -> None:
@@ -198,9 +199,8 @@ def test_errors_of_rows_are_those_of_the_right_sides() -> None:
     points = np.column_stack([P.rays(z_px), np.ones(N), rng.uniform(0.05, 0.5, N)])
     timing = replace(Timing.unknown(P, RigConfig(), None), twist=0.5 * twist)
     std_twist = np.repeat([0.3, 0.1], 3)
-    of_core = P.pinholes, timing.of_core(twist), rows.of_core
-    unknown, cov_turn = core.unknown_errors(*of_core, points, points, z_px, twist, std_twist)
-    cameras, moving = (P.pinholes, timing.row_of.of_core), [(points, at) for at in (0.5 * twist, twist)]
+    unknown, cov_turn = core.unknown_errors(timing, rows, points, points, z_px, twist, std_twist)
+    cameras, moving = (P, timing.row_of), (points, 0.5 * twist, points, twist)
     others = core.timing_unknowns(*cameras, *moving, timing.mean, timing.cov, std_twist)
     seen = np.isfinite(z_px[:, 2])
     terms = row_terms(P, z_px[:, :2], velocities(P, points, twist)[:, 3])
@@ -209,7 +209,7 @@ def test_errors_of_rows_are_those_of_the_right_sides() -> None:
     dense[:, 3, others.shape[2] :] = errors
     dense, found = dense.reshape(4 * N, -1), unknown.reshape(4 * N, -1)
     assert found @ found.T == pytest.approx(dense @ dense.T, abs=0.02)  # px², but for what does not matter
-    by_turn = core.effects_of_turn(P.pinholes, z_px[seen, 2:])
+    by_turn = core.effects_of_turn(P, z_px[seen, 2:])
     turns = np.linalg.solve(np.einsum("nia,nib->ab", by_turn, by_turn), by_turn[:, 1].T @ errors[seen])
     by_delay = timing.cov[0, 0] * np.outer(twist[3:], twist[3:])
     assert cov_turn == pytest.approx(turns @ turns.T + by_delay, rel=1e-9)

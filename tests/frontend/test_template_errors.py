@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stream_sfm.config import Config
+from stream_sfm.config import Config, ErrorRules
 from stream_sfm.core import view_inflation
 from stream_sfm.estimators import make_estimator
-from stream_sfm.frontend.template_errors import _LEFT_FRACTION, MIN_STD_PX, TemplateErrors
+from stream_sfm.frontend.template_errors import TemplateErrors
 from stream_sfm.simulation.scenes import Scene, Sequence
 from stream_sfm.types import LastingErrors, StereoFrame
 from tests.helpers.estimators import nees
@@ -45,7 +45,7 @@ def test_parts_and_decay_are_learnt_from_rows(white: float, ratio: float, decay:
     tracks, frames = 150, 4 * FRAMES
     errors, ids = TemplateErrors(), np.arange(tracks)
     # the variance of left and right together
-    slow = lasting(rng, (frames, tracks), (1 + _LEFT_FRACTION) * ratio * STD_PX**2, decay)
+    slow = lasting(rng, (frames, tracks), (1 + ErrorRules().left_fraction) * ratio * STD_PX**2, decay)
     cov = np.broadcast_to(STD_PX**2 * np.eye(4), (tracks, 4, 4))
     for n in range(frames):
         z = np.sqrt(white) * rng.normal(size=(tracks, 4)) * STD_PX
@@ -64,7 +64,7 @@ def test_parts_and_decay_are_learnt_from_rows(white: float, ratio: float, decay:
 def with_lasting_errors(sequence: Sequence, ratio: float, rng: np.random.Generator) -> list:
     """Observations with a lasting part on top of their white noise."""
     slow = lasting(rng, (len(sequence.observations), len(sequence.points_in_world), 4), ratio * sequence.std_px**2)
-    slow[..., :2] *= np.sqrt(_LEFT_FRACTION)
+    slow[..., :2] *= np.sqrt(ErrorRules().left_fraction)
     return [replace(o, z_px=o.z_px + slow[o.frame_index, o.track_ids]) for o in sequence.observations]
 
 
@@ -115,12 +115,12 @@ def test_points_across_a_depth_edge_say_so() -> None:
 
 def test_what_is_not_known_has_the_least_and_memory_is_bounded() -> None:
     errors = TemplateErrors()
-    assert (errors.std_disparity_px(np.arange(3)) == MIN_STD_PX).all()
+    assert (errors.std_disparity_px(np.arange(3)) == ErrorRules().std_shared_px).all()
     assert errors.std_disparity_px(np.empty(0, np.int64)).shape == (0,)
     for start in range(0, 50_000, 1000):
         ids = np.arange(start, start + 1000)
         errors = errors.with_new(ids, np.full(1000, 0.3))
-        assert errors.std_disparity_px(ids) == pytest.approx(np.hypot(MIN_STD_PX, 0.3))
+        assert errors.std_disparity_px(ids) == pytest.approx(np.hypot(ErrorRules().std_shared_px, 0.3))
     assert len(errors.begun) == len(errors.stds_px) < 30_000  # the last ones begun
     assert errors.std_disparity_px(errors.begun[:1])[0] > 0.3
-    assert errors.std_disparity_px(errors.begun[:1] - 1)[0] == MIN_STD_PX
+    assert errors.std_disparity_px(errors.begun[:1] - 1)[0] == ErrorRules().std_shared_px

@@ -7,9 +7,9 @@ import pytest
 
 from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.config import RigConfig
+from stream_sfm.frontend.first_timing import learn_timing
 from stream_sfm.frontend.state import FrontEndState
 from stream_sfm.frontend.timing import Timing
-from stream_sfm.frontend.tracker import learn_timing, lose
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.front_end import SteppedFrontEnd
@@ -113,7 +113,7 @@ def test_points_begun_before_any_motion_are_placed_by_a_timing_that_is_known(ane
     if anew:
         for frame in frames[:3]:
             front.step(frame)
-        front.state = lose(front.state)
+        front.state = front.state.lost()
     begin = 3 * anew
     front.step(frames[begin])
     assert front.state.timing.twist is None and not front.state.timing.mean[1] and len(front.state.tracks) > 100

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from stream_sfm.config import MonoRules
 from stream_sfm.frontend.mono.parallax import depths_from_motion
 from stream_sfm.frontend.mono.two_view import two_view_motion
 from stream_sfm.geometry import se3
@@ -28,7 +29,7 @@ def test_motion_and_depths_are_found_with_honest_covariances(direction) -> None:
     nees, depth = [], []
     for _ in range(60):
         first, now, rho = views(rng, true)
-        found = two_view_motion(first, now, STD)
+        found = two_view_motion(first, now, STD, MonoRules())
         assert found is not None and found.agree.mean() > 0.97 and not found.problem
         assert np.linalg.norm(found.now_from_first[:3, 3]) == pytest.approx(1)
         xi = se3.log(found.now_from_first @ se3.inverse(true))  # truth⁻¹ = estimate⁻¹ Exp(ξ)
@@ -44,7 +45,7 @@ def test_rays_of_something_else_are_told() -> None:
     true = se3.exp([1.0, 0, 0, 0, 0.05, 0])
     first, now, _ = views(rng, true)
     now[:30] += rng.uniform(0.02, 0.1, (30, 2)) * rng.choice([-1, 1], (30, 2))
-    found = two_view_motion(first, now, STD)
+    found = two_view_motion(first, now, STD, MonoRules())
     assert found is not None and not found.problem
     assert found.agree[30:].mean() > 0.97 and found.agree[:30].mean() < 0.3
     assert np.linalg.norm(se3.log(found.now_from_first @ se3.inverse(true))) < 0.1
@@ -54,11 +55,11 @@ def test_rays_of_something_else_are_told() -> None:
 def test_without_a_baseline_nothing_is_claimed(turn) -> None:
     rng = np.random.default_rng(2)
     first, now, _ = views(rng, se3.exp([0, 0, 0, *turn]))
-    found = two_view_motion(first, now, STD)
+    found = two_view_motion(first, now, STD, MonoRules())
     assert found is None or found.problem
     assert found is None or np.allclose(se3.log_so3(found.now_from_first[:3, :3]), turn, atol=3e-3)
 
 
 def test_too_few_rays_are_no_motion() -> None:
     first, now, _ = views(np.random.default_rng(3), se3.exp([1, 0, 0, 0, 0, 0]), count=7)
-    assert two_view_motion(first, now, STD) is None
+    assert two_view_motion(first, now, STD, MonoRules()) is None

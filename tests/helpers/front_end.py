@@ -1,5 +1,7 @@
 """A front-end together with its state, for tests that show it frame after frame."""
 
+from dataclasses import replace
+
 from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.camera.rig import StereoRig
@@ -15,13 +17,9 @@ class SteppedFrontEnd:
 
     def __init__(self, rig: StereoRig, known_timing: KnownTiming | None = None) -> None:
         self.rectifier = Rectifier(rig)
-        self.front_end = StereoFrontEnd(
-            self.rectifier.projection,
-            Config(),
-            self.rectifier.valid,
-            row_of=self.rectifier.rows_of,
-            known_timing=known_timing,
-        )
+        if known_timing is not None:
+            rig = replace(rig, timing=known_timing)
+        self.front_end = StereoFrontEnd(rig, self.rectifier, Config())
         self.state: FrontEndState = self.front_end.start
 
     def step(self, frame: StereoFrame) -> Observations:

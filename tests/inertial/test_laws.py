@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stream_sfm import core
+from stream_sfm.estimators.cross_frame.interval import Intervals
 from stream_sfm.geometry import se3
 
 RNG = np.random.default_rng(5)
@@ -108,7 +109,7 @@ def test_jacobian_of_the_factor_equals_differences(intervals):
     n = intervals
     parts = [integrated(gyro=GYRO + 0.1 * k) for k in range(n)]
     cov = np.stack([p[4] + p[5] + 1e-12 * np.eye(9) for p in parts])
-    rows = (
+    rows = Intervals(
         np.stack([p[0] for p in parts]),
         np.stack([p[1].ravel() for p in parts]),
         np.stack([p[2] for p in parts]),
@@ -121,7 +122,7 @@ def test_jacobian_of_the_factor_equals_differences(intervals):
     state = np.r_[0.4, -0.3, 0.8, 0.5, 9.7, 1.0, BIASES + 1e-4, 0.01, 0.02, -0.01, 0.03, 1.1e-3]
     cams, velocities, then = [np.eye(4)], [state[:3]], state
     for k in range(n):  # near where the samples lead: there the Jacobian of the rotation is exact
-        from_now, then = core.inertial_motion(tuple(row[k : k + 1] for row in rows), then, CAM_FROM_IMU)
+        from_now, then = core.inertial_motion(Intervals(*(row[k : k + 1] for row in rows)), then, CAM_FROM_IMU)
         cams.append(se3.exp(RNG.normal(0, 1e-4, 6)) @ se3.inverse(from_now) @ cams[-1])
         velocities.append(then[:3] + RNG.normal(0, 0.1, 3))
     cams, velocities = np.array(cams), np.array(velocities)
@@ -143,7 +144,7 @@ def test_jacobian_of_the_factor_equals_differences(intervals):
 
 def test_the_motion_by_samples_alone_leaves_no_residual():
     part = integrated()
-    rows = (
+    rows = Intervals(
         part[0][None], part[1].reshape(1, 6), part[2][None], part[3].reshape(1, 9), (part[4] + part[5])[None],
         BIASES[None], np.zeros(1), np.array([SECONDS[-1]]),
     )  # fmt: skip

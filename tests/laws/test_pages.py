@@ -4,10 +4,10 @@ import ast
 import re
 from itertools import pairwise, product
 from pathlib import Path
-from unittest.mock import patch
 
 import pytest
 
+from stream_sfm.config import Config, read_config, setting_names
 from stream_sfm.recording.images import COMPRESSED_FORMATS, RAW_ENCODINGS
 from tests.helpers.places import ROOT
 from tests.laws.test_imports import LEVEL
@@ -76,6 +76,13 @@ def test_constants_that_the_mathematics_name_exist():
     assert not missing
 
 
+def test_settings_that_the_pages_name_exist():
+    """Of the sections that few runs change."""
+    text = "\n".join(path.read_text(encoding="utf-8") for path in PAGES)
+    named = set(re.findall(r"`((?:rules\.\w+|robust)\.\w+)`", text))
+    assert named and named <= set(setting_names())
+
+
 def functions(file: Path) -> set[str]:
     tree = ast.parse(file.read_text(encoding="utf-8"))
     names = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
@@ -109,11 +116,11 @@ def test_the_benchmark_times_functions_that_exist() -> None:
         assert all(callable(getattr(owner, name, None)) for owner, name in functions), stage
 
 
-def test_the_ablation_switches_rules_that_exist() -> None:
+def test_the_ablation_switches_rules_by_settings_and_the_page_has_them() -> None:
     page = (ROOT / "docs/rules.md").read_text(encoding="utf-8")
-    for rule, (name, instead) in RULES.items():
-        with patch(f"stream_sfm.{name}", instead):  # raises where there is nothing of that name
-            assert rule in page, f"docs/rules.md does not have the rule {rule!r}"
+    for rule, overrides in RULES.items():
+        assert read_config(None, overrides) != Config(), rule
+        assert f"| {rule} |" in page, f"docs/rules.md does not have the rule {rule!r}"
 
 
 def test_the_log_profile_lists_every_encoding():

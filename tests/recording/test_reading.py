@@ -83,6 +83,10 @@ DEVICES = {
         ("/camera/color/image_raw", "/camera/depth/image_rect_raw", "/camera/aligned_depth_to_infra1/image_raw"),
     ),
     "RealSense, ROS 2": ("/camera/camera/infra1/image_rect_raw", "/camera/camera/infra1/camera_info", ()),
+    "RealSense Viewer": (
+        "/device_0/sensor_0/Infrared_1/image/data", "/device_0/sensor_0/Infrared_1/info/camera_info",
+        ("/device_0/sensor_0/Depth_0/image/data", "/device_0/sensor_1/Color_0/image/data"),
+    ),
     "RealSense T265": ("/camera/fisheye1/image_raw", "/camera/fisheye1/camera_info", ()),
     "ZED": (
         "/zed/zed_node/left/image_rect_color", "/zed/zed_node/left/camera_info",
@@ -113,7 +117,8 @@ DEVICES = {
 
 
 def other_side(topic: str) -> str:
-    for left, right in (("left", "right"), ("cam0", "cam1"), ("infra1", "infra2"), ("fisheye1", "fisheye2")):
+    for left, right in (("left", "right"), ("cam0", "cam1"), ("infra1", "infra2"), ("fisheye1", "fisheye2"),
+                        ("Infrared_1", "Infrared_2")):  # fmt: skip
         topic = topic.replace(left, right)
     return topic
 

@@ -34,7 +34,7 @@ Z_PX = P.project_homogeneous(POINTS)
 FAR_PX = np.tile(Z_PX[:, :2], 2) + np.array([0, 0, P.cx_right_px - P.cx_left_px, 0])  # the same, infinitely far
 MODEL = RigModel.of(P, RigConfig())
 row_of = own_rows(P)
-CAMERAS = P.pinholes, row_of.of_core
+CAMERAS = P, row_of
 STEADY, MOTION = np.stack([TWIST, np.zeros(6)]), np.stack([TWIST, [3.0, 2.0, -4.0, 2.0, 3.0, -1.5]])
 AT_ONCE = np.zeros(2)
 
@@ -100,7 +100,7 @@ def test_errors_that_grow_are_those_of_their_age() -> None:
     age_s = np.linspace(0, 3, len(Z_PX))
     found = columns(P, Z_PX, age_s=age_s)
     at = [TERMS.index(term) for term in TURNING]
-    assert found[:, 2, at] == pytest.approx(age_s[:, None] * core.effects_of_turn(P.pinholes, Z_PX[:, 2:])[:, 0])
+    assert found[:, 2, at] == pytest.approx(age_s[:, None] * core.effects_of_turn(P, Z_PX[:, 2:])[:, 0])
     focusing, focal = found[..., TERMS.index(FOCUSING)], found[..., TERMS.index(FOCAL)]
     assert focusing == pytest.approx(age_s[:, None] * focal)
     rates, cov = np.zeros(len(MODEL)), np.eye(len(MODEL))
@@ -238,7 +238,7 @@ def test_what_is_not_known_of_timing_has_the_covariance_of_its_causes(mean: tupl
     )
     by_unit = np.stack(units, axis=2)
     timing = np.array(mean), cov, std_twist
-    unknown = core.timing_unknowns(*CAMERAS, (points, then), (points, now), *timing).reshape(20, -1)
+    unknown = core.timing_unknowns(*CAMERAS, points, then, points, now, *timing).reshape(20, -1)
     drawn = mean + rng.normal(size=(draws, 2)) @ np.sqrt(cov)
     off = rng.normal(size=(draws, 6)) * std_twist
     by_time = (after - before).reshape(20, 2)

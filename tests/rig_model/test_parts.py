@@ -44,6 +44,23 @@ def test_thirds_that_disagree_are_no_evidence() -> None:
     assert made_up.agreement.spread[AT] > 10
 
 
+def test_a_part_that_takes_information_back_says_nothing() -> None:
+    """Rows may know less of a delay later: other parts say as much as before, and no part says less than nothing."""
+    rng, t = np.random.default_rng(3), len(TERMS)
+    parts = parts_of(200, 0.5, 0.0, rng)
+    assert parts.latest is not None
+    information, weighted = parts.latest.information + np.eye(t) / 0.7**2, parts.latest.weighted.copy()
+    taken = 0.3 * parts.latest.information[AT, AT]
+    for _ in range(100):
+        information[AT, AT] -= taken / 100
+        weighted[AT] -= 0.5 * taken / 100
+        parts = parts.after(information, weighted, np.full(t, 0.7))
+    found = parts.agreement
+    assert found is not None and (found.std > 0).all() and np.isfinite(found.mean).all()
+    assert found.spread[AT] < 3
+    assert abs(found.mean[AT] - 0.5) < 5 * found.std[AT] < 0.25
+
+
 def test_a_short_run_has_no_thirds_and_a_long_one_keeps_few() -> None:
     rng = np.random.default_rng(2)
     assert parts_of(20, 0.5, 0.0, rng).evidence is None

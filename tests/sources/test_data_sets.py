@@ -189,6 +189,34 @@ def test_a_damaged_image_costs_its_frame_where_the_folder_is_read(tmp_path):
     assert any("000001.png is not a PNG" in w for w in log.stats.warnings)
 
 
+def test_own_images_in_folders_called_like_tartanairs_have_their_own_calibration(tmp_path):
+    for n in range(2):
+        for side in ("left", "right"):
+            write_picture(tmp_path / f"image_{side}/{n:06d}_{side}.png")
+    (tmp_path / "calibration.toml").write_text(camera_pair().to_toml())
+    log = sfm.open_log(tmp_path)
+    assert log.rig.baseline_m == pytest.approx(camera_pair().baseline_m) and len(list(log.pairs())) == 2
+
+
+def test_the_one_recording_in_and_below_a_folder_is_taken(tmp_path):
+    write_kitti(tmp_path / "dataset/sequences/00")
+    (tmp_path / "dataset/notes.txt").touch()
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs/estimates.mcap").touch()  # a result, no recording
+    assert sfm.open_log(tmp_path).path == tmp_path / "dataset/sequences/00"
+    write_kitti(tmp_path / "dataset/sequences/01")
+    with pytest.raises(sfm.LogError, match=r"give one of .*sequences/00, .*sequences/01$"):
+        sfm.open_log(tmp_path)
+
+
+def test_a_calibration_of_another_size_is_told_in_one_sentence(tmp_path, cli):
+    write_image_folders(tmp_path, [f"{n}.png" for n in range(9)])
+    wrong = camera_pair().to_toml().replace(f"width = {WIDTH}", f"width = {2 * WIDTH}")
+    (tmp_path / "calibration.toml").write_text(wrong)
+    said = cli("replay", tmp_path, "--out", tmp_path / "run", code=3).err
+    assert "give images of the calibrated size" in said and said.count("the calibration is for") <= 3
+
+
 def test_a_folder_of_recordings_names_them(tmp_path, cli):
     for name in ("a", "b"):
         write_kitti(tmp_path / name)
@@ -248,6 +276,14 @@ def test_images_of_one_camera_are_no_pair(tmp_path):
         write_picture(tmp_path / f"img{n}.png")
     with pytest.raises(sfm.LogError, match=r"there are images in .* \(9\), of which no names tell left from right"):
         sfm.open_log(tmp_path, calibration=camera_pair())
+    log = sfm.open_log(tmp_path, calibration=camera_pair(), mono=True, rate_hz=20)
+    assert [f.stamp_ns for f in log.frames()] == [n * 50_000_000 for n in range(9)] and not log.stats.warnings
+    with pytest.raises(sfm.LogError, match=r"img.* \(9\), give the one of a single camera$"):
+        (tmp_path / "deep").mkdir()
+        (tmp_path / "deep/img").mkdir()
+        for n in range(9):
+            (tmp_path / f"img{n}.png").rename(tmp_path / f"deep/img/{n}.png")
+        sfm.open_log(tmp_path, calibration=camera_pair(), mono=True)
 
 
 def test_where_nothing_fits_the_import_line_is_told(tmp_path, cli):

@@ -56,6 +56,17 @@ def test_a_folder_with_a_video_of_each_side(ending: str, pairs: Pairs, calibrati
     assert log.stats.complete
 
 
+def test_the_calibration_beside_the_videos_is_theirs(pairs: Pairs, tmp_path: Path) -> None:
+    for n, side in enumerate(("cam0", "cam1")):
+        write(tmp_path / f"v/{side}.mkv", [p[n] for p in pairs])
+    (tmp_path / "v/rig.toml").write_text(rig().to_toml())
+    log = sfm.open_log(tmp_path / "v")
+    assert_same_frames(log, pairs)
+    assert log.rig.baseline_m == pytest.approx(rig().baseline_m) and log.stats.complete
+    (tmp_path / "v/rig.toml").write_text("[left]\n")  # a broken one: that which is given goes before it
+    assert_same_frames(sfm.open_log(tmp_path / "v", calibration=rig()), pairs)
+
+
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_video_that_holds_both_images(axis: int, pairs: Pairs, calibration: Path, tmp_path: Path, cli) -> None:
     both = write(tmp_path / "both.mkv", [np.concatenate(p, axis) for p in pairs])

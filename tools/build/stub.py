@@ -1,7 +1,8 @@
 """Write the stub of the compiled core from the module itself: `python tools/build/stub.py`.
 
-Its functions are what the stub generator of nanobind says of the module; `help` has their descriptions. The aliases
-above them are the records that stages take, as the module describes them. A test compares the stub with the module.
+Its functions are what the stub generator of nanobind says of the module; `help` has their descriptions. The classes
+above them are the records that stages take and return, as the module describes them. Any object that has the fields of
+a record is taken for it, which the type checker verifies. A test compares the stub with the module.
 """
 
 import sys
@@ -17,6 +18,8 @@ _HEAD = """\
 # The compiled core as Python calls it, written by tools/build/stub.py from the module. Arrays of another type or order
 # are copied; one of a wrong shape is a ValueError (TypeError: of a wrong number of axes). Images are (h, w) grey;
 # what lies beyond their border is as its rim.
+
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,17 +45,22 @@ def stub(module: ModuleType) -> str:
     """Return the stub of the module."""
     generator = _OncePerSignature(module, include_docstrings=False)
     for name in sorted(vars(module)):
-        if callable(value := vars(module)[name]):
+        if callable(value := vars(module)[name]) and not isinstance(value, type):
             generator.put(value, name)
-    records = []
-    for name, (kind, meaning) in module.RECORDS.items():
-        comment = textwrap.wrap(" ".join(meaning.split()), 120, initial_indent="# ", subsequent_indent="# ")
-        records += [*comment, f"{name} = {kind}"]
+    records = [_record(name, *described) for name, described in module.RECORDS.items()]
     functions = generator.output.replace("\n\n\n", "\n\n")
-    records.append(
-        "RECORDS: dict[str, tuple[str, str]]  # of each of these records, its type and what its parts are"
-    )
-    return "\n".join([f"{_HEAD}{records[0]}", *records[1:], "", functions.strip(), ""])
+    said = "RECORDS: dict[str, tuple[bool, str, list[tuple[str, str]]]]  # is returned; help; fields, types"
+    return "\n".join([_HEAD, *records, said, "", functions.strip(), ""])
+
+
+def _record(name: str, is_returned: bool, meaning: str, fields: list[tuple[str, str]]) -> str:
+    """Return the class of a record: a tuple with names, or whatever has its fields."""
+    base = f"tuple[{', '.join(kind for _, kind in fields)}]" if is_returned else "Protocol"
+    comment = textwrap.wrap(" ".join(meaning.split()), 116, initial_indent="    # ", subsequent_indent="    # ")
+    # what is taken is only read
+    field_of = "    {}: {}" if is_returned else "    @property\n    def {}(self) -> {}: ..."
+    of_fields = [field_of.format(field, kind) for field, kind in fields]
+    return "\n".join([f"class {name}({base}):", *comment, *of_fields, ""])
 
 
 if __name__ == "__main__":

@@ -197,7 +197,7 @@ def _load_ini(content: bytes, name: str) -> dict[str, Any]:
         parser.read_string(content.decode("utf-8-sig"))
     except (configparser.Error, UnicodeDecodeError) as error:
         problem = " ".join(f"{error}".split())
-        raise ConfigError(f"calibration {name} is no file of sections with keys: {problem}") from None
+        raise ConfigError(f"calibration {name} is not a file of sections with keys: {problem}") from None
     return {section: dict(parser[section]) for section in parser.sections()}
 
 

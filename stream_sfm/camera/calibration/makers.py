@@ -23,8 +23,8 @@ _ZED_LENS = ("k1", "k2", "p1", "p2", "k3")
 def _oak_socket(document: Document, side: int) -> int:
     """The socket of a camera: left 1 and right 2, unless the file says otherwise."""
     stereo, key = document.data.get("stereoRectificationData"), ("leftCameraSocket", "rightCameraSocket")[side]
-    told = stereo.get(key, -1) if isinstance(stereo, Mapping) else -1
-    return told if isinstance(told, int) and told >= 0 else 1 + side
+    socket = stereo.get(key, -1) if isinstance(stereo, Mapping) else -1
+    return socket if isinstance(socket, int) and socket >= 0 else 1 + side
 
 
 def _oak_entry(document: Document, socket: int) -> Mapping[str, Any]:
@@ -87,7 +87,7 @@ def _zed_name(document: Document, size: Size | None) -> str:
         raise document.error("the file is for several sizes of images: use it with a recording", "size")
     if (name := _ZED_SIZES.get(size)) is None:
         raise document.error(
-            f"images of {size[0]}×{size[1]} are of no size that a ZED has; it has "
+            f"images of {size[0]}×{size[1]} do not come from a ZED, which has "
             f"{', '.join(f'{width}×{height}' for width, height in _ZED_SIZES)}"
         )
     return name

@@ -67,7 +67,7 @@ def _ros_pose(left: Document, right: Document, _size: Size | None) -> Array:
 def kitti_camera(document: Document, number: int, size: Size | None) -> Camera:
     """One of KITTI's four cameras, rectified or, where the images have that size, not. Raises ConfigError."""
     if size is None:
-        raise document.error("the format does not tell the size of the images: use it with a recording")
+        raise document.error("the format does not contain the size of the images: use it with a recording")
     if _unrectified(document, number, size):
         k = document.numbers(document.data.get(f"K_0{number}"), f"K_0{number}", (3, 3))
         d = document.numbers(document.data.get(f"D_0{number}"), f"D_0{number}", (5,))

@@ -1,6 +1,7 @@
 """Inertial samples between two frames of a map, preintegrated, eqs. (78) and (79)."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,7 +9,8 @@ from ... import core
 from ...geometry.se3 import Array
 from ...inertial.buffer import Samples
 from ...inertial.samples import ImuCalibration
-from ...record import changed, record
+from ...record import changed, filled, record
+from .layout import Layout
 
 # The state that inertia adds to a map: velocity and gravity in axes of the reference camera, biases of gyroscope and
 # accelerometer, scale (metres = (1 + scale) of the images' lengths), turn of the unit, and time offset.
@@ -16,12 +18,14 @@ STATE = 17
 VELOCITY, GRAVITY, GYRO_BIAS, ACCEL_BIAS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 SCALE, AXES, CLOCK = slice(12, 13), slice(13, 16), slice(16, 17)
 BIASES, FIXED = slice(6, 12), slice(12, 17)  # those that are fixed may be exactly zero
+# A pose, perturbed as (translation, rotation), with the state: of the world in the prior, of a camera in `Known`.
+JOINT = Layout(pose=6, state=STATE)
+# What `Leaving` has information about, and the columns of `core.inertial_rows` for one interval after its pose.
+OF_LEAVING = Layout(pose=6, state=STATE, slide=3, velocity=3)
 # Variances where nothing is measured: of a turn, a velocity, and a displacement within an interval.
 _UNKNOWN = np.repeat([4.0, 400.0, 400.0], 3)
 _LEAST = np.repeat([1e-14, 1e-12, 1e-14], 3)
 _OPENED = 1e4  # factor on the variance of an interval that the images contradict
-
-Intervals = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
 
 
 @record
@@ -54,9 +58,8 @@ class Interval:
         seconds = float(samples.seconds[-1] - samples.seconds[0])
         std_walk = np.repeat(factors[:2] * np.array([of.gyro_walk, of.accel_walk]) * np.sqrt(seconds), 3)
         clock = float(state[CLOCK][0])
-        return cls(
-            *parts, state[BIASES].copy(), clock, seconds, std_walk, complete=samples.complete, note=samples.note
-        )
+        of_samples = {"complete": samples.complete, "note": samples.note, "std_walk": std_walk}
+        return filled(cls, parts, biases=state[BIASES].copy(), clock=clock, seconds=seconds, **of_samples)
 
     @classmethod
     def unknown(cls, seconds: float, state: Array) -> "Interval":
@@ -79,19 +82,32 @@ class Interval:
         return np.asarray(np.diag(_LEAST) + self.opened * by_both)
 
 
-def of_core(intervals: Sequence[Interval], factors: Array) -> Intervals:
-    """Return intervals in a row as the compiled core takes them."""
-    n = len(intervals)
-    return (
-        np.stack([i.rotation for i in intervals]),
-        np.stack([i.motion for i in intervals]).reshape(n, 6),
-        np.stack([i.by_bias for i in intervals]),
-        np.stack([i.by_clock for i in intervals]).reshape(n, 9),
-        np.stack([i.cov(factors) for i in intervals]),
-        np.stack([i.biases for i in intervals]),
-        np.array([i.clock for i in intervals]),
-        np.array([i.seconds for i in intervals]),
-    )
+class Intervals(NamedTuple):
+    """Intervals (n) in a row, as `core.inertial_rows` takes them: arrays of what each `Interval` has."""
+
+    rotation: Array
+    motion: Array
+    by_bias: Array
+    by_clock: Array
+    cov: Array
+    biases: Array
+    clock: Array
+    seconds: Array
+
+    @classmethod
+    def of(cls, intervals: Sequence[Interval], factors: Array) -> "Intervals":
+        """Stack intervals, with factors on the noise densities."""
+        n = len(intervals)
+        return cls(
+            np.stack([i.rotation for i in intervals]),
+            np.stack([i.motion for i in intervals]).reshape(n, 6),
+            np.stack([i.by_bias for i in intervals]),
+            np.stack([i.by_clock for i in intervals]).reshape(n, 9),
+            np.stack([i.cov(factors) for i in intervals]),
+            np.stack([i.biases for i in intervals]),
+            np.array([i.clock for i in intervals]),
+            np.array([i.seconds for i in intervals]),
+        )
 
 
 @record
@@ -114,3 +130,13 @@ class Known:
     world_from_cam: Array
     state: Array
     cov: Array
+
+    @property
+    def cov_pose(self) -> Array:
+        """The covariance (6, 6) of the pose."""
+        return self.cov[JOINT["pose"], JOINT["pose"]]
+
+    @property
+    def cov_state(self) -> Array:
+        """The covariance (17, 17) of the state."""
+        return self.cov[JOINT["state"], JOINT["state"]]

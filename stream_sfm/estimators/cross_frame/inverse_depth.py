@@ -10,7 +10,7 @@ ref_from_cam_s. Arrays are batched: F frames, P points, V views.
 
 from collections.abc import Sequence
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,18 +78,13 @@ class WhitenedViews:
     terms: Array
     timing: Array
     field: Array
+    moves: ClassVar[Array] = FIELD_MOVES  # by parts of the field
 
     @classmethod
     def concatenate(cls, parts: Sequence["WhitenedViews"]) -> "WhitenedViews":
         """Return the views of several frames, of one at least."""
         columns: list[Any] = [np.concatenate(column) for column in zip(*map(_COLUMNS, parts), strict=True)]
         return cls(*columns)
-
-    @property
-    def of_core(self) -> tuple[Any, ...]:
-        """The arrays that the compiled core takes."""
-        seen = self.frame, self.ids, self.used, self.z_px, self.weight, self.root
-        return *seen, self.own, self.terms, self.timing, self.field, FIELD_MOVES
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -116,29 +111,9 @@ class WhitenedViews:
 _COLUMNS = attrgetter(*WhitenedViews.__slots__)  # type: ignore[attr-defined]
 
 
-class NormalBlocks(NamedTuple):
-    """The normal equations of all views, eq. (26): blocks of the frames, of the points, and between them.
-
-    A frame has f = 6 + e unknowns: its pose, and e amplitudes of its own with their prior of σ = 1. `u` (F, f, f), `v`
-    (P, 3, 3), `w` (P, 3, fF); right-hand sides `g_pose` (F, f), `g_point` (P, 3). Of the rig's errors `rig` (m, m),
-    with the frames `rig_pose` (F, f, m), with the points `rig_point` (P, 3, m), and `g_rig` (m,).
-    """
-
-    u: Array
-    v: Array
-    w: Array
-    g_pose: Array
-    g_point: Array
-    rig: Array
-    rig_pose: Array
-    rig_point: Array
-    g_rig: Array
-
-
 def expected(state: State, views: WhitenedViews, rig: RigModel) -> WhitenedViews:
     """Return views with the used ones placed where they are expected."""
-    pinholes = rig.projection.pinholes
-    expected_px = core.expected_views(pinholes, state, views.of_core, views.stereo, views.expected_px)
+    expected_px = core.expected_views(rig.projection, state, views, views.stereo, views.expected_px)
     return changed(views, expected_px=expected_px)
 
 
@@ -176,13 +151,13 @@ def timed(state: State, views: WhitenedViews, rig: RigModel, motions: Array, tim
     """
     if rig.row_of is None:
         return views
-    by_second = core.timing_of_views(*rig.cameras, state, views.of_core, views.expected_px, motions, timing_s)
+    by_second = core.timing_of_views(*rig.cameras, state, views, views.expected_px, motions, timing_s)
     return changed(views, timing=by_second * rig.units_of_timing)
 
 
-def linearise(projection: StereoProjection, state: State, views: WhitenedViews) -> NormalBlocks:
+def linearise(projection: StereoProjection, state: State, views: WhitenedViews) -> core.NormalBlocks:
     """Return the Gauss-Newton normal equations of all used views of the points, eqs. (25), (26) and (71).
 
     Views of other points are left out.
     """
-    return NormalBlocks(*core.normal_blocks(projection.pinholes, state, views.of_core))
+    return core.normal_blocks(projection, state, views)

@@ -14,7 +14,7 @@ from ...geometry import se3
 from ...geometry.linear import symmetric
 from ...geometry.se3 import Array
 from ...geometry.stereo import KNOWN_DEPTH_SIGMAS
-from ...record import record
+from ...record import filled, record
 from ..lifecycle import WorldPoints
 from .inverse_depth import State
 from .normal_equations import System
@@ -49,14 +49,16 @@ class Marginals:
         cam_from_ref = cams_from_ref[-1] if len(cams_from_ref) else np.eye(4)
         own, by_rig = system.covariances(len(cams_from_ref) - 1)
         by_both = np.concatenate([-np.eye(6), se3.adjoint(cam_from_ref)], axis=1)
-        return cls(
-            ids,
-            se3.orthonormalise(world_from_ref @ se3.inverse(cam_from_ref)),
-            symmetric(by_both @ (own.both + by_rig.both) @ by_both.T),
-            *core.point_marginals(
-                *(ref_from_anchor, q, system.std_given, own, by_rig),
-                *(world_from_ref, cam_from_ref, KNOWN_DEPTH_SIGMAS),
-            ),
+        of_points = core.point_marginals(
+            *(ref_from_anchor, q, system.std_given, own, by_rig),
+            *(world_from_ref, cam_from_ref, KNOWN_DEPTH_SIGMAS),
+        )
+        return filled(
+            cls,
+            of_points,
+            ids=ids,
+            world_from_cam=se3.orthonormalise(world_from_ref @ se3.inverse(cam_from_ref)),
+            cov_pose=symmetric(by_both @ (own.both + by_rig.both) @ by_both.T),
         )
 
     def doubted(self, cov: Array) -> "Marginals":

@@ -10,20 +10,20 @@ import numpy as np
 from ... import core
 from ...geometry.linear import scaled_cholesky
 from ...geometry.se3 import Array
-from ...geometry.stereo import Pinholes
+from ...geometry.stereo import StereoProjection
 from .inverse_depth import WhitenedViews
 
 TWIST = 6  # amplitudes
 
 
 def twist_columns(
-    pinholes: Pinholes, views: WhitenedViews, points: Array, delay_s: float, cov_twist: Array
+    projection: StereoProjection, views: WhitenedViews, points: Array, delay_s: float, cov_twist: Array
 ) -> Array:
     """Return what an error of the twist, of covariance (6, 6), does to views of homogeneous points (V, 4).
 
     (V, 4, 6) px, of cameras of which the right one is late by some `delay_s`. A missing side has none.
     """
-    by_twist = np.stack([core.velocities(pinholes, points, e[None]) for e in np.eye(TWIST)], axis=2)
+    by_twist = np.stack([core.velocities(projection, points, e[None]) for e in np.eye(TWIST)], axis=2)
     moved = np.zeros_like(by_twist)
     moved[:, 2:] = delay_s * by_twist[:, 2:]
     moved[~np.isfinite(views.expected_px)] = 0.0

@@ -17,25 +17,20 @@ from ...geometry.se3 import Array
 from ...geometry.stereo import KNOWN_DEPTH_SIGMAS, StereoProjection
 from ...rig_model.estimate import RigEstimate
 from ...types import ExpectedMotion, LastingErrors, MapStart, Observations
+from ..advance import Followed
 from ..alignment import TemplateAligner
+from ..ambiguity import AmbiguityMemory
 from ..image_checks import image_note
 from ..new_points import begin_tracks, detect_missing
 from ..prepared import PreparedImages
 from ..rows import Rows
+from ..start_check import StartCheck
 from ..state import FrontEndState, Setup
 from ..template_errors import TemplateErrors, turn_of_slides
 from ..timing import Timing
-from ..tracker import Followed, follow, lose
-from .map_start import MIN_TRACKS, begin_map, open_map
+from ..tracker import follow
+from .map_start import begin_map, open_map
 
-_MIN_IN_FRONT = 0.5  # fraction of the tracks that a motion must leave in front of the camera; it is wrong otherwise
-# The estimator also gets the views from which these depths were learnt; so that they do not count twice, the
-# depths enter with so many times their σ. In simulation (tests/estimators/test_mono.py) the mean NEES of the pose
-# is then 3.8 and 3.7 for two motions, 6 expected; with 0.4 times their σ it was 8.9 and 6.9.
-DEPTH_STD_FACTOR = 2.0
-# σ of an unknown inverse depth, in units of the scene's median. Chosen by hand: within one σ lies all from
-# infinity to a quarter of the scene's distance, so the first parallax outweighs it.
-UNKNOWN_DEPTH_STD = 3.0
 _UNINFORMATIVE_PX2 = 1e8  # variance of a coordinate that says nothing: 10 000 px
 _LOST = "the motion was lost; a new map needs parallax"
 
@@ -49,13 +44,15 @@ class MonoFrontEnd:
     def __init__(self, projection: StereoProjection, config: Config, valid: NDArray[np.bool_]) -> None:
         import scipy.optimize  # noqa: F401 - what starts the map: here, so that its BLAS is found before the first frame
 
-        self.setup = Setup(projection, config)
+        self.setup, rules = Setup(projection, config), config.rules
         self.start = FrontEndState(
-            aligners={1: TemplateAligner.empty(config.frontend, valid)},
+            aligners={1: TemplateAligner.empty(config, valid)},
             timing=Timing.unknown(projection, RigConfig(exact=True), None),  # one camera is not late
             rows=Rows.unknown(projection, config),
             turn_watch=None,
-            errors=TemplateErrors(least_px=0.0),  # there is no other patch
+            errors=replace(TemplateErrors.begun_by(rules.errors), least_px=0.0),  # there is no other patch
+            ambiguity=AmbiguityMemory(rules=rules.motion),
+            start=StartCheck(rules=rules.motion),
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
@@ -79,7 +76,8 @@ class MonoFrontEnd:
             state, observed = self._with_right_sides(state, observed, followed)
         state = self._add_points(state, images)
         n = len(state.tracks)
-        note = image_note(images, state.previous, n, n, self.setup.config.robust.min_inliers)
+        min_inliers = self.setup.config.robust.min_inliers
+        note = image_note(images, state.previous, n, n, min_inliers, self.setup.rules.images.black_grey)
         note = note or ("" if state.map.mapped else state.map.waiting)
         state = replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns)
         return state.followed_from(images, stamp_ns), replace(observed, note=note)
@@ -98,10 +96,10 @@ class MonoFrontEnd:
         """Follow the map's points, without those that the motion puts behind the camera."""
         state, followed = follow(self.setup, state, images, stamp_ns)
         if followed is None:
-            return open_map(lose(state), _LOST), None
+            return open_map(state.lost(), _LOST), None
         tracks = state.tracks
         front = tracks.points[:, 3] > -KNOWN_DEPTH_SIGMAS * np.sqrt(tracks.var_rho)
-        if front.mean() < _MIN_IN_FRONT:
+        if front.mean() < self.setup.rules.mono.min_in_front:
             return open_map(state, _LOST), None
         followed = replace(followed, z_px=followed.z_px[front], cov_px=followed.cov_px[front])
         return replace(state, tracks=tracks.keep(front)), followed
@@ -111,17 +109,19 @@ class MonoFrontEnd:
     ) -> tuple[FrontEndState, Observations]:
         """The views, with virtual right sides where a track is handed out for the first time; and, where a map could
         begin, all of them with right sides."""
+        rules = self.setup.rules.mono
         p, tracks, rho_scene = self.setup.projection, state.tracks, state.map.rho_scene
         rho = tracks.points[:, 3]
         known = rho > KNOWN_DEPTH_SIGMAS * np.sqrt(tracks.var_rho)
-        if known.sum() >= MIN_TRACKS:
+        if known.sum() >= rules.min_tracks:
             rho_scene = float(np.median(rho[known]))
-        var_known = DEPTH_STD_FACTOR**2 * tracks.var_rho
-        var_new = var_known + (UNKNOWN_DEPTH_STD * rho_scene) ** 2
+        var_known = rules.depth_std_factor**2 * tracks.var_rho
+        var_new = var_known + (rules.unknown_depth * rho_scene) ** 2
         z_new, cov_new = with_virtual_right(p, followed.z_px, followed.cov_px, rho, var_new)
         new = tracks.ids >= state.map.first_unseen_id
         state = replace(state, map=replace(state.map, rho_scene=rho_scene, first_unseen_id=state.next_id))
-        drift_px = tracks.drift_px(followed.cam_from_previous, self.setup.config.frontend.window_radius_px)
+        drift_px = tracks.drift_px(followed.cam_from_previous, self.setup.slide_px)
+        std_turn_rad = turn_of_slides(drift_px, p.f_px, self.setup.rules.errors.alike)
         z_all, cov_all = with_virtual_right(p, followed.z_px, followed.cov_px, rho, var_known)
         return state, replace(
             observed,
@@ -130,7 +130,7 @@ class MonoFrontEnd:
             cov_px=np.where(new[:, None, None], cov_new, followed.cov_px),
             cam_from_previous=followed.cam_from_previous,
             n_new=int(new.sum()),
-            lasting=LastingErrors(drift_px, std_turn_rad=turn_of_slides(drift_px, p.f_px)),
+            lasting=LastingErrors(drift_px, std_turn_rad=std_turn_rad),
             start=MapStart(z_all, cov_all, se3.inverse(state.cam_from_start), state.map.cov_start),
         )
 
@@ -147,7 +147,7 @@ class MonoFrontEnd:
         aligner, slots = state.aligners[1].cut(images, corners_px, state.tracks.slots)
         rho, left_px = np.full(n, state.map.rho_scene if mapped else 0.0), corners_px.astype(float)
         points = np.column_stack([self.setup.projection.rays(left_px), np.ones(n), rho])
-        cov_px, var_rho = aligner.noise.typical_cov(n), (UNKNOWN_DEPTH_STD * rho) ** 2
+        cov_px, var_rho = aligner.noise.typical_cov(n), (self.setup.rules.mono.unknown_depth * rho) ** 2
         state = replace(state, aligners={1: aligner}, map=state.map if mapped else replace(state.map, n_opened=n))
         return begin_tracks(state, slots, left_px, cov_px, points, var_rho, np.zeros((n, 2)))
 

@@ -6,18 +6,14 @@ import numpy as np
 
 from ...geometry import se3
 from ...geometry.se3 import Array
+from ..advance import Followed
+from ..aligned_views import align
 from ..flow import as_exposed, track
 from ..prepared import PreparedImages
 from ..rough_motion import RoughMotion
 from ..state import FrontEndState, Setup
-from ..tracker import Followed, align
 from ..tracks import Tracks
 from .two_view import TwoView, two_view_motion
-
-# Followed since the opening frame, chosen by hand: so many, and at least this fraction of its points; what is
-# left of fewer may be one object that moves by itself.
-MIN_TRACKS = 30
-_MIN_FOLLOWED_FRACTION = 0.5
 
 
 def open_map(state: FrontEndState, why: str) -> FrontEndState:
@@ -36,13 +32,14 @@ def begin_map(setup: Setup, state: FrontEndState, images: PreparedImages) -> tup
     state = replace(state, map=replace(state.map, first_unseen_id=state.next_id))
     if not len(state.tracks):
         return open_map(state, "depths need a second view"), None
+    rules = setup.rules.mono
     state, cov_px = _follow_directions(setup, state, images)
     n, n_opened = len(state.tracks), state.map.n_opened
-    if n < max(MIN_TRACKS, _MIN_FOLLOWED_FRACTION * n_opened):
+    if n < max(rules.min_tracks, rules.min_followed * n_opened):
         return open_map(state, f"{n} of {n_opened} points could be followed since the opening frame"), None
     std_px = float(np.sqrt(np.median(np.trace(cov_px[:, :2, :2], axis1=1, axis2=2)) / 2))
     std_ray = std_px / setup.projection.f_px
-    found = two_view_motion(state.tracks.anchor_rays, state.tracks.points[:, :2], std_ray)
+    found = two_view_motion(state.tracks.anchor_rays, state.tracks.points[:, :2], std_ray, rules)
     waiting = found.problem if found else "no rigid motion explains the points"
     state = replace(state, map=replace(state.map, waiting=waiting))
     if found is None:
@@ -59,13 +56,14 @@ def _follow_directions(setup: Setup, state: FrontEndState, images: PreparedImage
     if state.previous is None:
         return state, np.empty((0, 4, 4))
     expected_px = p.project_homogeneous(tracks.points)[:, :2]
-    before_half = as_exposed(state.previous, images)
+    before_half = as_exposed(state.previous, images, setup.rules.flow)
     levels = setup.config.frontend.pyramid_levels
-    at_px, found = track(aligner, before_half, images, tracks.left_px, expected_px, levels)
-    tracks, n = tracks.keep(found), int(found.sum())
+    at_px, found = track(aligner, setup.rules.flow, before_half, images, tracks.left_px, expected_px, levels)
+    state = replace(state, tracks=tracks.keep(found))
+    n = len(state.tracks)
     by_flow = RoughMotion(np.eye(4), at_px[found], np.ones(n, bool), share=1.0)
-    views, _ = align(setup, state, images, tracks, by_flow, np.zeros(6))
-    tracks, left_px, cov_px = tracks.keep(views.rows), views.z_px[:, :2], views.cov_px
+    views = align(setup, state, images, by_flow, np.zeros(6))
+    tracks, left_px, cov_px = state.tracks.keep(views.rows), views.z_px[:, :2], views.cov_px
     tracks = tracks.placed(p.rays(left_px), left_px, cov_px[:, :2, :2], tracks.points[:, 3], tracks.var_rho)
     return replace(state, tracks=tracks), cov_px
 

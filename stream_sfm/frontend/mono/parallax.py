@@ -5,16 +5,16 @@ import numpy as np
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_DEPTH, StereoProjection
-from ..tracks import FORGETTING, Tracks
+from ..tracks import Tracks
 
 _NO_PARALLAX = 1e-12  # information about inverse depth of a view that shows none: keeps its variance finite
 
 
 def update_by_parallax(
-    p: StereoProjection, tracks: Tracks, z_px: Array, cov_px: Array, cam_from_start: Array
+    p: StereoProjection, tracks: Tracks, z_px: Array, cov_px: Array, cam_from_start: Array, forgetting: float
 ) -> Tracks:
     """Tracks put where they were seen; 1/Z by a scalar Kalman update in the anchor camera, where the parallax of
-    all frames since adds up.
+    all frames since adds up, and its variance grows by `forgetting`.
 
     With Z(ρ) = (R a)₃ + t₃ ρ, a point of inverse depth ρ there has ρ/Z here.
     """
@@ -25,7 +25,7 @@ def update_by_parallax(
     far = np.maximum(directions(now_from_anchor, tracks.anchor_rays)[:, 2], MIN_DEPTH)
     t = now_from_anchor[:, 2, 3]
     rho = tracks.points[:, 3] * far / np.maximum(1 - t * tracks.points[:, 3], MIN_DEPTH)
-    before = FORGETTING * tracks.var_rho * (np.maximum(far + t * rho, MIN_DEPTH) ** 2 / far) ** 2
+    before = forgetting * tracks.var_rho * (np.maximum(far + t * rho, MIN_DEPTH) ** 2 / far) ** 2
     gain = before / (before + var_seen)
     rho = rho + gain * (seen - rho)
     depth = np.maximum(far + t * rho, MIN_DEPTH)

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...config import MonoRules
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS
@@ -16,16 +17,7 @@ from ...record import record
 from .parallax import depths_from_motion, directions
 
 _MIN_RAYS = 8  # the five of the minimal solver, and some to tell its solutions apart
-_GATE = 3.5  # standard deviations of a distance to the epipolar line: one good ray in 2 000 is lost
 _RANSAC_CONFIDENCE = 0.9999  # of one draw without outliers; OpenCV's default is 0.999
-_HUBER = 2.0  # standard deviations; the usual width is 1.3, but RANSAC has taken the outliers out already
-# A map begins when all of these hold; chosen by hand: with stricter limits it begins later, with looser ones its
-# first poses and depths are worse.
-_MIN_AGREEMENT = 0.7  # fraction of the rays that one rigid motion has to explain
-_MIN_SIGNIFICANCE = 10.0  # median of inverse depth over its σ: depths known to 10 %
-_MAX_STD_DIRECTION_RAD = 0.035  # of the motion, 2°
-# In the new camera, of what is at depth 1 in the first: nearer points were passed or matched wrong.
-_MIN_DEPTH = 0.05
 _ANY_DEPTH = 1e6  # baselines; OpenCV leaves out what is farther than 50 otherwise
 
 
@@ -42,24 +34,26 @@ class TwoView:
     agree: NDArray[np.bool_]
     rho: Array
     var_rho: Array
+    rules: MonoRules
 
     @property
     def problem(self) -> str:
         """Why no map can begin with it; empty when it can."""
-        agreement = self.agree.mean()
-        if agreement < _MIN_AGREEMENT:
-            return f"one motion explains {100 * agreement:.0f} % of the points, {100 * _MIN_AGREEMENT:.0f} % needed"
+        agreement, rules = self.agree.mean(), self.rules
+        if agreement < rules.min_agreement:
+            explained, needed = 100 * agreement, 100 * rules.min_agreement
+            return f"one motion explains {explained:.0f} % of the points, {needed:.0f} % needed"
         significance = float(np.median(self.rho[self.agree] / np.sqrt(self.var_rho[self.agree])))
-        if significance < _MIN_SIGNIFICANCE:
+        if significance < rules.min_significance:
             known = f"known to {100 / significance:.0f} %" if significance > 1 else "not known"
-            return f"too little parallax yet: depths are {known}, {100 / _MIN_SIGNIFICANCE:.0f} % needed"
+            return f"too little parallax yet: depths are {known}, {100 / rules.min_significance:.0f} % needed"
         worst = float(np.sqrt(np.linalg.eigvalsh(self.cov_first_from_now[:3, :3])[-1]))
-        if worst > _MAX_STD_DIRECTION_RAD:
-            return f"the direction of motion is known to {worst:.2f} rad only, {_MAX_STD_DIRECTION_RAD} needed"
+        if worst > rules.max_std_direction_rad:
+            return f"the direction of motion is known to {worst:.2f} rad only, {rules.max_std_direction_rad} needed"
         return ""
 
 
-def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float) -> TwoView | None:
+def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float, rules: MonoRules) -> TwoView | None:
     """The motion that rays (n, 2) = (X/Z, Y/Z) of the same points show, those of both views with deviation `std_ray`;
     None where there is none."""
     from scipy.optimize import least_squares  # a quarter of a second, spent only where there is one camera
@@ -68,7 +62,12 @@ def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float) -> TwoVi
         return None
     cv2.setRNGSeed(0)  # the same rays give the same answer
     essential, inliers = cv2.findEssentialMat(
-        rays_first, rays_now, np.eye(3), method=cv2.RANSAC, prob=_RANSAC_CONFIDENCE, threshold=_GATE * std_ray
+        rays_first,
+        rays_now,
+        np.eye(3),
+        method=cv2.RANSAC,
+        prob=_RANSAC_CONFIDENCE,
+        threshold=rules.gate_sigmas * std_ray,
     )
     if essential is None or essential.shape != (3, 3):
         return None
@@ -88,22 +87,26 @@ def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float) -> TwoVi
         return _sampson(moved(x), first, now) / std_ray
 
     found = least_squares(
-        distances, np.zeros(5), loss="huber", f_scale=_HUBER, args=(rays_first[inlier], rays_now[inlier])
+        distances,
+        np.zeros(5),
+        loss="huber",
+        f_scale=rules.huber_sigmas,
+        args=(rays_first[inlier], rays_now[inlier]),
     )
     pose = moved(found.x)
     rho, var_rho = depths_from_motion(pose, rays_first, rays_now, 2 * std_ray**2 * np.eye(2))  # of both views
     depth_now = directions(pose, rays_first)[:, 2] + pose[2, 3] * rho  # of what is at depth 1 in the first camera
-    agree = (np.abs(distances(found.x, rays_first, rays_now)) < _GATE) & (
+    agree = (np.abs(distances(found.x, rays_first, rays_now)) < rules.gate_sigmas) & (
         rho > MIN_INVERSE_DEPTH_SIGMAS * np.sqrt(var_rho)
     )
-    agree &= depth_now > _MIN_DEPTH
+    agree &= depth_now > rules.min_depth
     # R' = Exp(w) R, t' = t + a·across is Exp(−ξ) applied on the left, ξ = (w × t − a·across, −w)
     by_x = np.zeros((6, 5))
     by_x[:3, :3], by_x[:3, 3:], by_x[3:, :3] = -se3.skew(pose[:3, 3]), -across.T, -np.eye(3)
     cov = by_x @ np.linalg.pinv(found.jac.T @ found.jac) @ by_x.T
     # |t| is exact; the depths that carry the unit on agree with it about as well as they fix its direction
     cov[:3, :3] += np.linalg.eigvalsh(cov[:3, :3])[-1] * np.outer(pose[:3, 3], pose[:3, 3])
-    return TwoView(pose, cov, agree, rho, var_rho)
+    return TwoView(pose, cov, agree, rho, var_rho, rules)
 
 
 def _sampson(now_from_first: Array, rays_first: Array, rays_now: Array) -> Array:

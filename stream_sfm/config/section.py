@@ -1,0 +1,37 @@
+"""What all sections of the settings are: frozen, checked when they are made, each setting with its meaning and ends."""
+
+import msgspec
+from msgspec import Meta
+
+from ..errors import ConfigError
+from ..wording import expected
+
+
+def number(description: str, least: float, most: float) -> Meta:
+    """What a number means, and its ends, which are accepted."""
+    return Meta(description=description, ge=least, le=most)
+
+
+def expert(description: str, least: float, most: float) -> Meta:
+    """The same of a setting that few runs need, which is printed in a section such as [expert.frontend]."""
+    return Meta(description=description, ge=least, le=most, extra={"expert": True})
+
+
+class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The base of all sections; every value is checked when a section is made, in Python or from a file."""
+
+    def __post_init__(self) -> None:
+        for field in msgspec.structs.fields(self):
+            if (value := getattr(self, field.name)) is field.default:
+                continue
+            given = f"{type(self).__name__}({field.name}={value!r})"
+            if isinstance(field.default, Section):
+                kind = type(field.default)
+                if not isinstance(value, kind):
+                    example = f"{kind.__name__}({kind.__struct_fields__[0]}={kind.__struct_defaults__[0]!r})"
+                    raise ConfigError(f"{given}: give a {kind.__name__}, as in {field.name}={example}")
+                continue
+            try:
+                msgspec.convert(value, field.type)
+            except msgspec.ValidationError as error:
+                raise ConfigError(f"{given}: give {expected(str(error))}", hint=("config_to_toml",)) from None

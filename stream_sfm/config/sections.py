@@ -1,0 +1,260 @@
+"""The sections of the settings: one frozen struct per part, units in the names.
+
+The defaults are one configuration for all logs.
+"""
+
+import re
+from typing import Annotated
+
+from msgspec import Meta
+
+from ..errors import ConfigError
+from .section import Section, expert, number
+
+_FRAME_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_/]{0,99}")
+_FRAMES = {"world_frame": "map", "odom_frame": "odom", "base_frame": "base_link", "camera_frame": "left_camera"}
+
+
+class FrontendConfig(Section, frozen=True, kw_only=True):
+    """Detection, left-right matching, tracking."""
+
+    # Chosen by hand: cost grows with the number; 240 instead of 200 gains little accuracy on our logs.
+    max_tracks: Annotated[int, number("most points tracked at the same time", 20, 2000)] = 200
+    # Chosen by hand: less means a search for corners in more frames, more leaves parts of the view without points.
+    renew_fraction: Annotated[float, expert("start new tracks once this share of max_tracks is missing", 0, 1)] = (
+        0.05
+    )
+    # Chosen by hand: patches overlap by half at most, so that their errors differ.
+    min_corner_distance_px: Annotated[float, expert("least distance of a new corner from all points", 2, 200)] = (
+        12.0
+    )
+    # Chosen by hand: lower means points in weak texture, whose covariance is large. Dark images are given a lower one.
+    min_corner_response: Annotated[
+        float, expert("least eigenvalue of a corner's gradients, as OpenCV", 1e-8, 1)
+    ] = 2e-4
+    # Measured, together with templates anchored in the first frame of a point: aligned ATE of a rendered log, by full
+    # batch adjustment, 35 mm -> 2.3 mm.
+    smoothing_px: Annotated[float, expert("σ of the Gaussian that smooths images first, pixels", 0, 5)] = 1.0
+    # Chosen by hand: more pixels are less noise, but more of them across a depth edge. Radii nearby do as well.
+    window_radius_px: Annotated[int, expert("half width of the tracked patch, pixels", 3, 30)] = 10
+    # Measured: starts are predicted, more levels change no figure of the logs with ground truth.
+    pyramid_levels: Annotated[int, expert("level at which flow starts; it ends at level 1", 1, 8)] = 2
+    # Measured: where frames are far apart, starts predicted from uncertain depths are off by that much. Of a drive at
+    # every fourth frame 1.5 px lost a third of the tracks (t_rel 1.8 % instead of 1.6); calm logs change nothing.
+    max_realignment_px: Annotated[float, expert("largest step of the alignment from its start", 0.1, 50)] = 4.0
+    # Twice the 0.8 px that the worst calibration met was off in the corners; what is learnt narrows it.
+    max_vertical_disparity_px: Annotated[float, expert("largest row difference of left and right", 0.1, 50)] = 1.5
+    # Chosen by hand, many times a sensor's noise: it refuses patches that show something else.
+    max_photometric_error: Annotated[float, expert("largest deviation of a patch, grey values", 1, 255)] = 20.0
+    # Chosen by hand: the nearest depth is f·B over so much of the width; a wider search costs time and finds rivals.
+    max_disparity_fraction: Annotated[float, number("largest disparity, share of the image's width", 0.01, 1)] = (
+        0.25
+    )
+
+
+class WindowConfig(Section, frozen=True, kw_only=True):
+    """The cross-frame estimator."""
+
+    frames: Annotated[int, number("frames in the window (batch size b in the paper)", 1, 64)] = 8
+    max_iterations: Annotated[int, expert("Gauss-Newton steps per frame, at most", 1, 50)] = 6
+
+
+class RobustConfig(Section, frozen=True, kw_only=True):
+    """Outliers and lost frames, for every estimator."""
+
+    gate_probability: Annotated[
+        float, expert("share of good views that the χ² gate keeps", 0.5, 0.999999999999)
+    ] = 0.999
+    # The search costs a few ms. Calm frames of the sample logs accept more than 0.85. (Where all squared residuals are
+    # twice too large 0.94 are accepted, where they are four times too large 0.67.)
+    calm_share: Annotated[float, expert("share of the votes below which all motions are searched", 0, 1)] = 0.8
+    # A drone that is shaken has squared residuals of up to 3.3 times the expected size, and 12 ms of a frame's 30 were
+    # spent on searches that found nothing.
+    calm_spread: Annotated[
+        float, expert("squared residuals that call for no search, times the expected", 1, 1e6)
+    ] = 4.0
+    # Bodies that pass in a room have up to 0.05 on the sample logs, and up to 0.09 where they are there before anything
+    # has a history.
+    ambiguous_share: Annotated[float, expert("odds from which a second motion may be the camera's", 1e-6, 1e6)] = (
+        0.1
+    )
+    # Views that are clearly not of the first motion.
+    beyond_gates: Annotated[float, expert("squared residual of views of a second motion, gates", 1, 1000)] = 2.0
+    # Two determine a motion; six more do not agree with it by chance.
+    second_views: Annotated[int, expert("views that make a second motion, at least", 3, 1_000_000)] = 8
+    # 6 expected. Frames that a body leads have 13 to 140. So have some of a sample log whose calibration errs, but no
+    # motion there leaves views out.
+    halves_apart: Annotated[float, expert("squared distance of motions by halves of the views, σ²", 0, 1e8)] = 12.0
+    # Errors that all views of a half share, of calibration above all.
+    shared_noise: Annotated[float, expert("share of a view's variance that all views of a half share", 0, 1)] = 0.01
+    # Bodies have 0.05 to 0.3, halves of a drone's last frames 1.
+    max_odds: Annotated[float, expert("odds of what the motion of one rigid scene leaves out", 0, 1e6)] = 0.5
+    min_inliers: Annotated[int, number("a frame with fewer accepted views is lost", 4, 2000)] = 8
+    degraded_inliers: Annotated[int, number("a frame with fewer accepted views is degraded", 4, 2000)] = 25
+
+
+class MotionConfig(Section, frozen=True, kw_only=True):
+    """The camera's motion while tracking is lost."""
+
+    std_acceleration_m_s2: Annotated[
+        float, number("σ of the acceleration while tracking is lost, m/s²", 1e-3, 1e4)
+    ] = 3.0
+    std_angular_acceleration_rad_s2: Annotated[
+        float, number("σ of the angular acceleration, rad/s²", 1e-3, 1e4)
+    ] = 3.0
+
+    @property
+    def std_acceleration(self) -> tuple[float, ...]:
+        """σ (6,) of the acceleration about each axis, m/s², and of the angular one, rad/s²."""
+        return 3 * (self.std_acceleration_m_s2,) + 3 * (self.std_angular_acceleration_rad_s2,)
+
+
+class RigConfig(Section, frozen=True, kw_only=True):
+    """Errors of the calibration, and what is known of them beforehand."""
+
+    # For rendered or simulated images, and to compare with an estimate that does not refine the calibration.
+    exact: Annotated[bool, Meta(description="take the calibration as exact")] = False
+    # Five real rigs are off by 0.05 to 1.1 px per term.
+    std_disparity_px: Annotated[float, expert("σ of each term of the disparity's error at the edge", 1e-3, 10)] = (
+        0.4
+    )
+    # Of five real rigs one is off by 6 to 15 px in the corner, where no point is, the others by up to 5.
+    std_lens_px: Annotated[float, expert("σ of each error that both lenses share, in the corner", 1e-3, 50)] = 5.0
+    # Of five real rigs three differ by 0.4 to 1.2 px.
+    std_lens_difference_px: Annotated[
+        float, expert("σ of the radial difference of the two lenses, in the corner", 1e-3, 50)
+    ] = 0.5
+    # Kalibr and OpenCV give a tenth of that on good recordings; autofocus, heat and a wrong resolution do more.
+    std_focal: Annotated[float, number("σ of the focal length's error, fraction of it", 1e-6, 0.1)] = 0.003
+    # Cameras that are triggered by software are a few milliseconds apart.
+    std_delay_s: Annotated[float, number("σ of the right camera's delay, seconds", 1e-6, 0.1)] = 0.005
+    # Rolling shutters of cheap cameras read out in 10 to 30 ms.
+    std_readout_s: Annotated[float, number("σ of the readout time of the shutters, seconds", 1e-6, 0.1)] = 0.02
+    # An estimator's σ of delay and readout is added to by so much, as velocities are extrapolated in the front-end.
+    timing_step: Annotated[float, expert("step of delay and readout per frame, share of their σ", 0, 1)] = 0.01
+    # Real rigs give way, and an estimate is of the frames before.
+    disparity_step_px: Annotated[
+        float, expert("step of each term of the disparity's error per frame, px", 0, 10)
+    ] = 0.1
+    # A mount that warms up or gives way.
+    std_turning_rad_s: Annotated[float, expert("σ of the turn rate of the right camera, rad/s", 1e-8, 0.1)] = 5e-4
+    # An autofocus moves by a percent or two in a second.
+    std_focusing_per_s: Annotated[
+        float, expert("σ of the relative change of the focal length per second", 1e-8, 0.1)
+    ] = 0.005
+    # A principal point that is off by a pixel, at usual focal lengths.
+    std_axes_rad: Annotated[float, expert("σ of the camera's axes, about x and about y", 0, 0.5)] = 0.0015
+    # Five real logs with independent truth are 0.1 to 1 % too long or too short, RMS 0.6 %.
+    std_baseline: Annotated[float, number("σ of the baseline's error, fraction of it", 0, 0.5)] = 0.006
+
+
+class ImuConfig(Section, frozen=True, kw_only=True):
+    """Inertial samples, where a log or a program has them."""
+
+    enabled: Annotated[bool, Meta(description="use inertial samples where there are any")] = True
+    # Kalibr gives a tenth of that; drawings, and tf of robots, half a degree.
+    std_axes_rad: Annotated[float, expert("σ of the unit's rotation against the camera, each axis", 1e-6, 0.5)] = (
+        0.01
+    )
+    # Triggered cameras are stamped within a millisecond, others at arrival.
+    std_time_offset_s: Annotated[
+        float, expert("σ of the unit's clock against the camera's, seconds", 1e-6, 0.1)
+    ] = 0.005
+    # Beyond it a map that begins anew would be elsewhere than the old one for most uses.
+    max_std_m: Annotated[
+        float, expert("largest σ of a position by the samples alone, metres; beyond it: lost", 0, 100)
+    ] = 0.15
+
+
+class RosConfig(Section, frozen=True, kw_only=True):
+    """Frames and axes in `estimates.mcap`, as ROS names them; nothing else depends on these."""
+
+    world_frame: Annotated[
+        str, Meta(description="the fixed frame in which corrections make the path jump; map in REP 105")
+    ] = "map"
+    odom_frame: Annotated[str, Meta(description="the fixed frame in which the path never jumps")] = "odom"
+    base_frame: Annotated[
+        str,
+        Meta(
+            description="the robot's frame, such as base_link, to report poses of; empty: report those of the camera"
+        ),
+    ] = ""
+    camera_frame: Annotated[str, Meta(description="the left camera: x right, y down, z forward")] = "left_camera"
+    z_up: Annotated[
+        bool,
+        Meta(
+            description="x forward, y left, z up in the fixed frames (REP 103), as always with a base_frame; "
+            "otherwise the axes of the first camera"
+        ),
+    ] = False
+    camera_x_m: Annotated[float, number("position of the camera in base_frame: forward, metres", -1e3, 1e3)] = 0.0
+    camera_y_m: Annotated[float, number("to the left, metres", -1e3, 1e3)] = 0.0
+    camera_z_m: Annotated[float, number("upwards, metres", -1e3, 1e3)] = 0.0
+    camera_roll_deg: Annotated[
+        float, number("roll, applied first, about x; 0 where the camera is upright; degrees", -360, 360)
+    ] = 0.0
+    camera_pitch_deg: Annotated[
+        float, number("pitch, applied second, about y; positive where it looks down; degrees", -360, 360)
+    ] = 0.0
+    camera_yaw_deg: Annotated[
+        float, number("yaw, applied last, about z; 0 where it looks along x; degrees", -360, 360)
+    ] = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        names = {name: getattr(self, name) for name in _FRAMES}
+        for setting, name in names.items():
+            if not _FRAME_NAME.fullmatch(name) and (name or setting != "base_frame"):
+                raise ConfigError(
+                    f"ros.{setting} is {name!r}; give a name of letters, digits, _ and /, as in {_FRAMES[setting]}"
+                )
+        if len(set(names.values())) < len(names):
+            raise ConfigError(
+                f"the frames of ROS need different names, not {', '.join(filter(None, names.values()))}: change one "
+                "of them (the odom frame is one of its own, below world_frame, which ROS calls map)"
+            )
+
+
+class DenseConfig(Section, frozen=True, kw_only=True):
+    """Dense stereo and surfaces (`stream-sfm surface`)."""
+
+    # Chosen by hand: twice what points use, for surfaces close to the camera. The range is narrowed for each frame.
+    max_disparity_fraction: Annotated[float, expert("largest disparity, share of the image's width", 0.01, 0.9)] = (
+        0.5
+    )
+    # OpenCV recommends 3 to 11 for semi-global matching; larger blocks are smoother and lose thin objects.
+    block_px: Annotated[int, expert("edge of the matched block, pixels, odd", 3, 21)] = 7
+    # OpenCV recommends 5 to 15: the lowest, because the left-right check and the σ reject mismatches as well.
+    uniqueness_percent: Annotated[
+        int, expert("margin by which a match must beat the second best, percent", 0, 50)
+    ] = 5
+    # As for the points (`frontend.smoothing_px`): interpolation between pixels is biased in sharper images.
+    smoothing_px: Annotated[float, expert("σ of the Gaussian before the sub-pixel step, pixels", 0, 5)] = 1.0
+    # Chosen by hand: a larger window averages more noise, but rounds off the edges of objects.
+    window_radius_px: Annotated[int, expert("half width of the window of the sub-pixel step, pixels", 2, 30)] = 6
+    # A uniform error of half a pixel has a σ of 0.29.
+    std_start_px: Annotated[float, expert("σ of the disparity that the sub-pixel step starts from", 1e-3, 1000)] = (
+        0.3
+    )
+    # Lens model and interpolation: with it, σ matches the errors of rendered frames (tools/surface_accuracy.py).
+    std_bias_px: Annotated[float, expert("σ of the disparity error that all frames share, pixels", 0, 10)] = 0.06
+    # Chosen by hand: a less certain disparity may be a mismatch.
+    max_std_px: Annotated[float, expert("leave out pixels with a larger σ of disparity", 1e-3, 100)] = 1.0
+    # Chosen by hand: beyond it, depth is too uncertain to show a shape.
+    max_relative_std: Annotated[
+        float, expert("leave out pixels with a larger σ of depth, relative to depth", 1e-4, 1)
+    ] = 0.05
+    # The limit of fusion in human stereo vision (Burt and Julesz 1980); a steeper step is the edge of an object.
+    max_disparity_step_px: Annotated[float, expert("largest step between connected pixels", 0.01, 1000)] = 1.0
+    voxel_m: Annotated[float, number("voxel size of a fused surface, metres; 0: automatic", 0, 100)] = 0.0
+    # About 160 MB; beyond it the edge is doubled, which leaves about a quarter of the voxels of a surface.
+    max_voxels: Annotated[
+        int, expert("most voxels; beyond that number they are made larger", 10_000, 100_000_000)
+    ] = 4_000_000
+    # Mismatches rarely agree in three frames.
+    min_frames: Annotated[int, expert("least number of frames that see a point of a fused surface", 1, 10_000)] = 3
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if 0 < self.voxel_m < (least_m := 1e-4):
+            raise ConfigError(f"dense.voxel_m is {self.voxel_m}; give at least {least_m}, or 0: automatic")

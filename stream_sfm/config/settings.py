@@ -1,0 +1,62 @@
+"""All settings in one struct."""
+
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
+from msgspec import Meta
+
+from ..errors import ConfigError
+from .rules import Rules
+from .section import Section
+from .sections import (
+    DenseConfig,
+    FrontendConfig,
+    ImuConfig,
+    MotionConfig,
+    RigConfig,
+    RobustConfig,
+    RosConfig,
+    WindowConfig,
+)
+
+if TYPE_CHECKING:
+    from ..camera.rig import MonoRig, StereoRig
+
+Rig = TypeVar("Rig", "StereoRig", "MonoRig", "StereoRig | MonoRig")
+
+
+class Config(Section, frozen=True, kw_only=True):
+    """All settings; each has a default."""
+
+    method: Annotated[
+        str, Meta(description="estimator: cross-frame, ekf, frame-to-frame, or another name in estimators.METHODS")
+    ] = "cross-frame"
+    mask_left: Annotated[
+        str, Meta(description="PNG of the left images' size, black where they show the robot or dirt; empty: none")
+    ] = ""
+    mask_right: Annotated[str, Meta(description="the same of the right images")] = ""
+    mono: Annotated[bool, Meta(description="use the left camera only; lengths have no unit")] = False
+    frontend: FrontendConfig = FrontendConfig()
+    window: WindowConfig = WindowConfig()
+    robust: RobustConfig = RobustConfig()
+    motion: MotionConfig = MotionConfig()
+    rig: RigConfig = RigConfig()
+    imu: ImuConfig = ImuConfig()
+    ros: RosConfig = RosConfig()
+    dense: DenseConfig = DenseConfig()
+    rules: Rules = Rules()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.mono and self.method != "cross-frame":
+            raise ConfigError(f"method {self.method} needs two cameras: with mono the method is cross-frame")
+
+    def masked(self, rig: Rig) -> Rig:
+        """Return a StereoRig or MonoRig with the masks that are set here. Raises ConfigError where they do not fit."""
+        if not (self.mask_left or self.mask_right):
+            return rig
+        return rig.masked(self.mask_left or None, self.mask_right or None)
+
+    def needs_scale(self, what: str) -> None:
+        """Raise a ConfigError if `what` is to be done with one camera."""
+        if self.mono:
+            raise ConfigError(f"{what} needs two cameras: leave mono out of the configuration")

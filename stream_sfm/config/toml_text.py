@@ -1,0 +1,128 @@
+"""Settings from TOML and as TOML.
+
+Unknown keys and values out of range are ConfigErrors that name the setting.
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, get_origin, get_type_hints
+
+import msgspec
+from msgspec import Meta
+
+from ..errors import ConfigError
+from ..inputs import LIMITS, parse_toml, read_small
+from ..wording import invalid_setting
+from .section import Section
+from .settings import Config
+
+
+def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] = ()) -> Config:
+    """Read the configuration of a TOML file (None: the defaults), then apply `section.key=value` overrides.
+
+    Raises ConfigError naming the file and the key.
+    """
+    data: dict[str, Any] = {}
+    where = ""
+    if path is not None:
+        where = f" in {path}"
+        try:
+            data = parse_toml(read_small(path, LIMITS.settings_bytes).decode("utf-8-sig"))
+        except OSError as error:
+            raise ConfigError(f"cannot read configuration {path}: {error.strerror}") from None
+        except (ValueError, RecursionError) as error:
+            raise ConfigError(f"configuration {path} is not TOML: {error}") from None
+    for override in overrides:
+        _apply(override, data)
+    _merge_expert(data, where)
+    try:
+        return msgspec.convert(data, Config)
+    except msgspec.ValidationError as error:
+        text = invalid_setting(str(error), data, msgspec.to_builtins(Config()))
+        raise ConfigError(f"configuration{where}: {text}", hint=("config_to_toml",)) from None
+
+
+def _merge_expert(data: dict[str, Any], where: str) -> None:
+    """Move what is in sections such as [expert.frontend] to [frontend], where it may be as well."""
+    expert = data.pop("expert", {})
+    if not isinstance(expert, dict) or not all(isinstance(section, dict) for section in expert.values()):
+        raise ConfigError(f"configuration{where}: expert holds sections only, such as [expert.frontend]")
+    _merge(expert, data, "", where)
+
+
+def _merge(expert: dict[str, Any], data: dict[str, Any], path: str, where: str) -> None:
+    for key, value in expert.items():
+        known = data.get(key)
+        if isinstance(value, dict) and isinstance(known, dict):
+            _merge(value, known, f"{path}{key}.", where)
+        elif key in data:
+            raise ConfigError(f"configuration{where}: {path}{key} is set twice, also as expert.{path}{key}")
+        else:
+            data[key] = value
+
+
+def _apply(override: str, data: dict[str, Any]) -> None:
+    """Set what an override such as `window.frames=12` says in the content of a TOML file."""
+    key, sign, text = override.partition("=")
+    if not sign:
+        raise ConfigError(f"setting {override!r} has no value: write KEY=VALUE, for example window.frames=12")
+    try:
+        value = parse_toml(f"x = {text}")["x"]
+    except (ValueError, RecursionError):
+        value = text  # a bare word is a string
+    *sections, leaf = key.strip().split(".")
+    for section in sections:
+        data = data.setdefault(section, {})
+        if not isinstance(data, dict):
+            raise ConfigError(f"setting {override!r}: {section} is not a section")
+    data[leaf] = value
+
+
+def setting_names() -> list[str]:
+    """Every setting with its section, such as `window.frames`."""
+    return [".".join(filter(None, (name, key))) for name, section in _sections(Config()) for key in _keys(section)]
+
+
+def config_to_toml(config: Config, expert: bool = True) -> str:
+    """Return the configuration as commented TOML, which `read_config` reads back unchanged.
+
+    Without `expert`, settings that few runs need are left out, unless they differ from their defaults.
+    """
+    lines = ["# stream_sfm configuration; every setting may be left out"]
+    if not expert:
+        lines.append("# settings that few runs need are left out; they have sections such as [expert.frontend]")
+    for name, section in _sections(config):
+        plain = [key for key, meta in _keys(section).items() if not (meta.extra or {}).get("expert")]
+        rest = [key for key in _keys(section) if key not in plain]
+        if not expert:
+            defaults = type(section)()
+            rest = [key for key in rest if getattr(section, key) != getattr(defaults, key)]
+        lines += _section_lines(name, section, plain)
+        lines += _section_lines(f"expert.{name}", section, rest)
+    return "\n".join(lines) + "\n"
+
+
+def _sections(section: Section, name: str = "") -> Iterator[tuple[str, Section]]:
+    """Names and sections; the first has no name: settings in none."""
+    yield name, section
+    for key in section.__struct_fields__:
+        if isinstance(value := getattr(section, key), Section):
+            yield from _sections(value, f"{name}.{key}" if name else key)
+
+
+def _keys(section: Section) -> dict[str, Meta]:
+    """The settings of a section, without its own sections."""
+    hints = get_type_hints(type(section), include_extras=True)
+    return {key: hint.__metadata__[0] for key, hint in hints.items() if get_origin(hint) is Annotated}
+
+
+def _section_lines(name: str, section: Section, keys: list[str]) -> list[str]:
+    if not keys:
+        return []
+    metas = _keys(section)
+    purpose = (type(section).__doc__ or "").partition("\n")[0]  # empty where Python has removed docstrings (-OO)
+    lines = ["", f"[{name}]  # {purpose}"] if name else []
+    for key in keys:
+        lines += [f"# {metas[key].description}", f"{key} = {json.dumps(getattr(section, key), ensure_ascii=False)}"]
+    return lines

@@ -1,0 +1,113 @@
+"""The front-end moves on to a frame: tracks are put where they were seen, and what is learnt from frames is learnt."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..geometry import se3
+from ..geometry.resection import Resection, SecondMotion
+from ..geometry.se3 import Array
+from ..record import record, rows_of
+from .alignment import learn_noise
+from .depth_order import depth_order
+from .inertial_choice import is_camera
+from .mono.parallax import update_by_parallax
+from .pair_check import Found
+from .seen import Seen
+from .start_check import StartCheck
+from .state import FrontEndState
+from .step import Step
+from .tracks import Tracks
+from .unsteadiness import Unsteadiness
+
+
+@record
+class Followed:
+    """What following the tracks gave: the motion `cam_from_previous` (4, 4), and views `z_px` (n, 4) with covariances
+    `cov_px` (n, 4, 4) of the tracks that live on, in the order of their table; `found`: all that were found; `other`:
+    another motion that may be right as well; `settled`: as in `Observations`."""
+
+    cam_from_previous: Array
+    z_px: Array
+    cov_px: Array
+    found: Found | None = None
+    other: SecondMotion | None = None
+    settled: bool = False
+
+
+def learn(state: FrontEndState, seen: Seen, motion: Resection, twist: Array) -> FrontEndState:
+    """Learn from a frame's residuals what views are worth, and how its points moved (6,)."""
+    aligners = learn_noise(state.aligners, motion, seen.before.scale, seen.views.z_px)
+    return replace(state, aligners=aligners, timing=replace(state.timing, twist=twist))
+
+
+def advance(
+    step: Step, state: FrontEndState, seen: Seen, motion: Resection, rival: SecondMotion | None
+) -> tuple[FrontEndState, Followed]:
+    """Move on to this frame with the tracks that agree with its motion, or with a second one.
+
+    Views are handed out as they were seen. `rival`: a motion that looks the same.
+    """
+    cam_from_start = se3.orthonormalise(motion.cam_from_ref @ state.cam_from_start)
+    kept = motion.accepted if motion.second is None else motion.accepted | motion.second.views
+    rows = kept.nonzero()[0]
+    # where most views fit badly the frame itself is poor, blurred for instance, and not full of outliers
+    z_px, cov_px = rows_of(seen.views.z_px, rows), motion.spread * rows_of(seen.views.cov_px, rows)
+    seen_px = z_px + rows_of(seen.views.taken_px, rows)
+    now = _placed(step, state, seen.before.keep(rows), motion.cam_from_ref, z_px, cov_px, cam_from_start)
+    now = replace(now, left_px=seen_px[:, :2].copy())
+    ambiguity, other, settled = state.ambiguity.after(motion, seen.before.agreed, rival)
+    state = replace(
+        state,
+        unsteadiness=_unsteadiness(step, state, motion.cam_from_ref),
+        tracks=now.judged(motion.accepted[kept], ambiguous=other is not None),
+        cam_from_start=cam_from_start,
+        velocity=se3.log(motion.cam_from_ref) / step.dt_s if step.dt_s > 0 else np.zeros(6),
+        ambiguity=ambiguity,
+        start=_start(step, state, seen.before, motion, other),
+    )
+    found = Found(seen.before, seen.found_px, seen.views.cov_px, motion)
+    return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, other, settled)
+
+
+def _placed(
+    step: Step,
+    state: FrontEndState,
+    tracks: Tracks,
+    cam_from_previous: Array,
+    z_px: Array,
+    cov_px: Array,
+    cam_from_start: Array,
+) -> Tracks:
+    """The tracks (n) in the new camera, on the rays of their views (n, 4) with covariances (n, 4, 4)."""
+    projection, forgetting = step.setup.projection, step.setup.rules.motion.forgetting
+    if projection.virtual_right:
+        return update_by_parallax(
+            projection, tracks.moved(cam_from_previous), z_px, cov_px, cam_from_start, forgetting
+        )
+    return tracks.updated(projection, cam_from_previous, z_px, state.with_turn(z_px, cov_px), forgetting)
+
+
+def _start(
+    step: Step, state: FrontEndState, before: Tracks, motion: Resection, other: SecondMotion | None
+) -> StartCheck:
+    """The check of the start after a frame; of `other` it is said already that it may be that of a body."""
+    start = state.start.settled() if is_camera(step, motion) else state.start
+    if other is not None or start.is_over:
+        return start
+    # what lies before the points that agree may move by itself, and says nothing about them
+    counts = motion.accepted | (depth_order(before, before.keep(motion.accepted), step.setup.rules.start) >= 0)
+    return start.after(before.ids[counts], motion.accepted[counts])
+
+
+def _unsteadiness(step: Step, state: FrontEndState, cam_from_previous: Array) -> Unsteadiness | None:
+    """How unsteady motions are after this one, where that can be said."""
+    before = state.unsteadiness
+    if step.dt_s <= 0 or not state.velocity.any():
+        return before
+    if before is None:
+        rules = step.setup.rules.motion
+        assumed = (step.setup.std_acceleration[[0, 3]] * step.dt_s**2) ** 2
+        before = Unsteadiness(assumed, rules.assumed_frames, rules)
+    expected = se3.exp(state.velocity * step.dt_s)
+    return before.after(se3.log(se3.inverse(expected) @ cam_from_previous))

@@ -1,0 +1,83 @@
+"""What of the tracks is found in a frame, and what is known of it beforehand: by this its motion is judged."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import core
+from ..geometry.point_views import PointViews
+from ..geometry.se3 import Array
+from ..record import record
+from ..rig_model.terms import by_turn
+from .aligned_views import AlignedViews
+from .rough_motion import RoughMotion
+from .state import FrontEndState
+from .step import Step
+from .tracks import Tracks
+
+_LEFT = np.array([True, True, False, False])
+
+
+@record
+class Seen:
+    """Of the tracks (n) that were found in a frame: how they were `before`, their `views` now, and `point_views`.
+
+    `weights` (n,): their votes, and `weight`: of all tracks that should have been found. `cov_turn` (3, 3): of turns of
+    the right camera that unknown errors of the rig feign, None of an exact rig. `turned` (n,): which views agree with
+    an unusual turn, where the motion is sought by the left sides alone.
+    """
+
+    before: Tracks
+    views: AlignedViews
+    point_views: PointViews
+    weights: Array
+    weight: float
+    cov_turn: Array | None = None
+    turned: NDArray[np.bool_] | None = None
+
+    @classmethod
+    def of(cls, step: Step, state: FrontEndState, rough: RoughMotion, twist: Array, views: AlignedViews) -> "Seen":
+        """Return what is known of the tracks that were found, near a rough motion, with a `twist` (6,) of the points.
+
+        Errors that all views share are those of delay, readout, rows and disparity, and last a turn of the right
+        camera.
+        """
+        setup, motion = step.setup, rough.cam_from_previous
+        before, weights = state.tracks.keep(views.rows), state.tracks.weights(setup.rules.motion)
+        drift_px = setup.rules.motion.slides_most * core.template_drift(
+            views.points, motion, before.scale, setup.slide_px
+        )
+        cov_points = before.cov_points(setup.projection, drift_px)
+        known_px: Array | float = 0.0
+        unknown_px = cov_turn = None
+        if state.turn_watch is not None and state.disparity is not None:
+            known_px, of_disparity = state.disparity.effects(before.points, motion, views.z_px)
+            of_rig = state.timing, state.rows_with_delay
+            seen, std_twist = (before.points, views.points, views.z_px), setup.std_acceleration * step.dt_s
+            of_timing, cov_turn = core.unknown_errors(*of_rig, *seen, twist, std_twist)
+            of_turn = by_turn(setup.projection, views.z_px, state.turn_root)
+            unknown_px = np.concatenate([of_timing, of_disparity, of_turn], axis=2)
+        point_views = PointViews(
+            setup.projection,
+            before.points,
+            cov_points,
+            views.z_px - known_px,
+            views.cov_px,
+            setup.config.robust,
+            unknown_px,
+        )
+        weight = float(weights[views.in_view].sum())
+        return cls(before, views, point_views, weights[views.rows], weight, cov_turn)
+
+    def by_left(self, turned: NDArray[np.bool_]) -> "Seen":
+        """Return the same without the right sides, of which those of views (n,) agree with a turn."""
+        views = replace(self.views, z_px=np.where(_LEFT, self.views.z_px, np.nan))
+        return replace(self, views=views, point_views=self.point_views.by_left(), turned=turned)
+
+    @property
+    def found_px(self) -> Array:
+        """The views (n, 4) by which left and right fit each other: with right sides that agree with a turn."""
+        if self.turned is None:
+            return self.views.z_px
+        return np.where(self.turned[:, None], self.views.any_row_px, self.views.z_px)

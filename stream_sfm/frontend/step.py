@@ -1,0 +1,67 @@
+"""What is given for one step of the front-end: a frame, and how the camera is expected to have moved up to it."""
+
+import numpy as np
+
+from ..geometry import se3
+from ..geometry.se3 import Array
+from ..record import record
+from ..types import ExpectedMotion
+from .prepared import PreparedImages
+from .state import FrontEndState, Setup
+
+
+@record
+class Step:
+    """The images of the frame `previous` to this one, and of this one, `dt_s` later.
+
+    `predicted` (4, 4): cam_from_previous by the last velocity, or `by_inertia` where inertial samples predict it;
+    `is_predicted`: whether that says anything.
+    """
+
+    setup: Setup
+    previous: PreparedImages
+    images: PreparedImages
+    dt_s: float
+    predicted: Array
+    is_predicted: bool
+    by_inertia: ExpectedMotion | None
+
+    @classmethod
+    def of(
+        cls,
+        setup: Setup,
+        state: FrontEndState,
+        images: PreparedImages,
+        stamp_ns: int,
+        by_inertia: ExpectedMotion | None,
+    ) -> "Step | None":
+        """Return the step from a state to a frame; None where nothing is there to follow."""
+        if state.previous is None or not len(state.tracks):
+            return None
+        dt_s = (stamp_ns - state.previous_ns) / 1e9
+        predicted, is_predicted = se3.exp(state.velocity * dt_s), bool(state.velocity.any())
+        if by_inertia is not None:
+            predicted, is_predicted = se3.inverse(by_inertia.previous_from_cam), True
+        return cls(setup, state.previous, images, dt_s, predicted, is_predicted, by_inertia)
+
+    @property
+    def std_change(self) -> Array:
+        """σ (6,) of what the assumed acceleration does to a motion between the two frames."""
+        return self.setup.std_acceleration * self.dt_s**2
+
+    def jumps(self, cam_from_previous: Array, std_change: Array) -> bool:
+        """Whether a motion (4, 4) is beyond what the last velocity and changes of σ (6,) allow."""
+        change = se3.log(se3.inverse(self.predicted) @ cam_from_previous)
+        return bool((np.abs(change) > self.setup.rules.motion.jump_sigmas * std_change).any())
+
+    def twist(self, velocity: Array, cam_from_previous: Array) -> Array:
+        """How the points move (6,) at the end of the interval, per second; `velocity` (6,): in the interval before."""
+        if self.dt_s <= 0:
+            twist = np.zeros(6)
+        else:
+            between = se3.log(cam_from_previous) / self.dt_s
+            twist = between + 0.5 * (between - velocity) if velocity.any() else between
+        if self.by_inertia is None:
+            return twist
+        # a shaken camera turns by now as no two frames tell
+        return np.concatenate([twist[:3], self.by_inertia.twist[3:]])

@@ -1,0 +1,76 @@
+"""Images that earlier ones show through, as by noise reduction over time: how much, told, and over when it is."""
+
+import cv2
+import numpy as np
+import pytest
+
+import stream_sfm as sfm
+from stream_sfm.frontend.ghost_check import GhostCheck
+from tests.helpers.places import ROOM
+
+FRAMES = 12
+
+
+def scene(seed: int) -> np.ndarray:
+    noise = np.random.default_rng(seed).integers(0, 256, (700, 900)).astype(np.float32)
+    texture = cv2.GaussianBlur(noise, (0, 0), 2)
+    return (128 + 60 * (texture - texture.mean()) / texture.std()).clip(0, 255)
+
+
+def checked(
+    share: float, std_grey: float = 2.0, pattern_grey: float = 0.0, accelerates: bool = True, seed: int = 0
+) -> GhostCheck:
+    """After a camera that moves faster and faster past a wall, whose images are `share` the one before."""
+    rng, wall, check, shown = np.random.default_rng(seed), scene(seed), GhostCheck(), None
+    corners, at = rng.uniform((60, 60), (840, 640), (150, 2)), np.zeros(2)
+    pattern = pattern_grey * rng.normal(size=(300, 400))
+    for n in range(FRAMES):
+        at = at + ((5 + 1.5 * n, 0.7 * n) if accelerates else (9, 2))
+        moved = cv2.warpAffine(wall, np.float32([[1, 0, -at[0]], [0, 1, -at[1]]]), (400, 300))
+        new = moved + pattern + std_grey * rng.normal(size=moved.shape)
+        shown = new if shown is None else share * shown + (1 - share) * new
+        image = cv2.GaussianBlur(np.rint(shown).clip(0, 255).astype(np.uint8), (0, 0), 1)
+        px = corners - at
+        rows = ((px > 0) & (px < (400, 300))).all(axis=1).nonzero()[0]
+        check = check.after(image, rows, px[rows] + 0.05 * rng.normal(size=(len(rows), 2)))
+    return check
+
+
+@pytest.mark.parametrize("share", [0.15, 0.3, 0.5])
+def test_a_ghost_is_found(share: float) -> None:
+    check = checked(share)
+    assert "earlier images show through" in check.problem
+    assert 0.2 * share < check.share[0] < 1.1 * share  # less than all: the patches compared with have ghosts, too
+
+
+@pytest.mark.parametrize("accelerates", [True, False])
+def test_without_one_the_share_is_zero_by_its_own_sigma(accelerates: bool) -> None:
+    """Noise, and a pattern of the sensor that stays at its pixels, are none."""
+    found = np.array([checked(0, 4.0, 2.0, accelerates, seed).share for seed in range(8)])
+    assert np.abs(found[:, 0]).max() < 0.01
+    assert np.abs(found[:, 1]).max() < 4
+    assert not any(checked(0, 4.0, 2.0, accelerates, seed).problem for seed in range(8))
+
+
+def test_a_suspicion_ends() -> None:
+    check = checked(0.4)
+    for _ in range(150):  # of a camera that stands
+        check = check.after(check.views[-1].image, check.views[-1].ids, check.views[-1].left_px)
+    assert not check.problem
+
+
+def test_frames_with_a_ghost_are_not_ok() -> None:
+    """Of a log with noise reduction of 0.3 no frame is ok; without it all are."""
+    log = sfm.open_log(ROOM)
+    blended, sound = sfm.Engine(log.rig), sfm.Engine(log.rig)
+    shown: list[np.ndarray] = []
+    for n, frame in enumerate(log.frames(sfm.Selection(max_frames=16))):
+        new = [image.astype(np.float32) for image in (frame.left, frame.right)]
+        shown = new if n == 0 else [0.3 * before + 0.7 * image for before, image in zip(shown, new, strict=True)]
+        estimate = blended.step(sfm.StereoFrame(frame.stamp_ns, *(np.rint(x).astype(np.uint8) for x in shown)))
+        if n > 1:  # the camera has hardly moved before
+            assert sound.step(frame).status is sfm.Status.OK
+            assert estimate.status is sfm.Status.DEGRADED
+            assert "earlier images show through" in estimate.reason
+        else:
+            sound.step(frame)

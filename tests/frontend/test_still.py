@@ -1,0 +1,69 @@
+"""What is drawn over both images: told while the scene moves, and never what a standing camera sees."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+
+import stream_sfm as sfm
+from stream_sfm.frontend.still_check import Lines, StillCheck
+from tests.helpers.places import ROOM
+
+TEXTURE = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (300, 900)).astype(np.uint8), (0, 0), 1.5)
+TEXTURE = (128 + 3.0 * (TEXTURE.astype(float) - 128)).clip(0, 255).astype(np.uint8)
+
+
+def scene(step: float, disparity: int) -> np.ndarray:
+    return TEXTURE[:, 100 + int(step) + disparity : 500 + int(step) + disparity].copy()
+
+
+def with_columns(image: np.ndarray) -> np.ndarray:
+    image[:, 20::40] = 255
+    return image
+
+
+def as_it_is(image: np.ndarray) -> np.ndarray:
+    return image
+
+
+def checked(
+    speed: float, disparity: int, drawn: Callable[[np.ndarray], np.ndarray], mask: np.ndarray | None = None
+) -> StillCheck:
+    check, rng = StillCheck(), np.random.default_rng(1)
+    for n in range(6):
+        left, right = (
+            drawn((scene(speed * n, d) + rng.normal(0, 2, (300, 400))).clip(0, 255).astype(np.uint8))
+            for d in (0, disparity)
+        )
+        check = check.after(Lines.of(left, mask), Lines.of(right, mask))
+    return check
+
+
+def test_columns_that_do_not_move_are_told() -> None:
+    assert "drawn over them" in checked(5, 12, with_columns).problem
+
+
+@pytest.mark.parametrize(("speed", "disparity"), [(5, 12), (0, 12), (5, 0), (0, 0)])
+def test_a_scene_is_not(speed: float, disparity: int) -> None:
+    """Neither what moves, nor what a standing camera sees, nor what is so far that it has no disparity."""
+    assert not checked(speed, disparity, as_it_is).problem
+
+
+def test_what_a_mask_leaves_out_is_not() -> None:
+    mask = np.ones((300, 400), bool)
+    for column in range(20, 400, 40):
+        mask[:, column - 2 : column + 3] = False
+    assert not checked(5, 12, with_columns, mask).problem
+
+
+def test_frames_with_something_drawn_over_them_are_not_ok() -> None:
+    engine = sfm.Engine((log := sfm.open_log(ROOM)).rig)
+    for n, frame in enumerate(log.frames(sfm.Selection(max_frames=24))):
+        left, right = (image.copy() for image in (frame.left, frame.right))
+        if n < 8:
+            left, right = with_columns(left), with_columns(right)
+        estimate = engine.step(sfm.StereoFrame(frame.stamp_ns, left, right))
+        if 3 < n < 8:  # the camera hardly moves before
+            assert "drawn over" in estimate.reason and estimate.status is sfm.Status.DEGRADED
+    assert "drawn over" not in estimate.reason  # over when it is
