@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import MotionRules
+from ..config.rules import MotionRules
 from ..geometry import se3
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion
 from ..geometry.se3 import Array

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import StartRules
+from ..config.rules import StartRules
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine, resect
 from .rough_motion import RoughMotion, find_rough_motion
 from .seen import Seen

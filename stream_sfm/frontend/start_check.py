@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import MotionRules
+from ..config.rules import MotionRules
 from ..geometry.resection import MANY_VIEWS
 from ..record import record
 

@@ -41,8 +41,8 @@ class PointViews:
         self.cov_points = np.empty((0, 4, 4)) if cov_points is None else cov_points
         self.settings = settings
         self.shared = np.zeros((n, 4, 0)) if shared is None else shared
-        gates = (chi2_gate(dof, settings.gate_probability) for dof in (2, 4))
-        self.gate = core.gates_of_views(z_px, *gates)
+        share = settings.gate_probability
+        self.gate = core.gates_of_views(z_px, chi2_gate(2, share), chi2_gate(4, share))
 
     def __len__(self) -> int:
         return len(self.gate)
