@@ -16,10 +16,10 @@ def nearer(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> R
     """Return the nearer one of the motion found and the second one, by both covariances, eq. (85).
 
     A body in uniform motion looks to an accelerometer like one at rest, until it or the camera turns, or the velocity
-    is known.
+    is known. It is not known where it may be that of a body which has been followed until now.
     """
     expected, second = step.by_inertia, motion.second
-    if expected is None or not motion.ok or second is None:
+    if expected is None or not motion.ok or second is None or second.lasted:
         return motion
     other = refine(seen.point_views, seen.weights, second.cam_from_ref, motion.amplitudes)
     if not other.ok:

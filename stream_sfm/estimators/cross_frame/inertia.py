@@ -119,6 +119,10 @@ class Inertia:
     def _knows_gravity(self, known: Known) -> bool:
         return bool(np.trace(known.cov[9:12, 9:12]) < 1.0)
 
+    def forget(self) -> None:
+        """Know nothing by inertia any more: where the motion may have been a body's, its velocity leads nowhere."""
+        self.now = self._anew = None
+
     def predicted(self, stamp_ns: int) -> Known | None:
         """Return pose and state at a later time, by the samples alone, eq. (81); None where they do not lead there."""
         now, calibration = self.now, self._calibration

@@ -64,6 +64,7 @@ class CrossFrame:
         self._has_field = False
         self._factors = SpanFactors.unknown(config.window.frames)
         self._said_by_rows = np.zeros(2)  # information about the delay and its weighted sum
+        self._in_question = False  # the motion into the latest frame that was estimated
         self._impossible = ""  # why the calibration cannot be right, if it cannot
 
     def step(self, observations: Observations) -> Solution:
@@ -116,6 +117,8 @@ class CrossFrame:
         try:
             return self._advance(current, observations, frame, views)
         except LostError as lost:
+            if self._in_question:
+                self.inertia.forget()
             if not len(observations.track_ids):  # the map goes on where its tracks return
                 self.waiting = True
                 return lost_solution(observations, str(lost), *self.motion.predict(observations.stamp_ns))
@@ -253,7 +256,7 @@ class CrossFrame:
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
-        rig = current.judge_rig()
+        rig, self._in_question = current.judge_rig(), motion.ambiguous is not None
         before, factors = current.marginals, self._factors
         tells = observations.lasting.inflation is not None and motion.ambiguous is None and not observations.misfit
         read_off, self._factors = reported(current, factors, tells)
