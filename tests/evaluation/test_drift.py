@@ -56,6 +56,16 @@ def test_what_all_methods_share_is_found_and_taken_out(straight: bool) -> None:
     assert min(apart[:3]) > 3 * max(apart[3:])
 
 
+def test_a_turn_that_rotations_contradict_is_drift() -> None:
+    """Positions swing to one side, as by a turn of the first pose, and rotations are right."""
+    start = se3.exp(np.array([0, 0, 0, 0.01, 0.03, 0.0]))
+    swung = TRUTH.copy()
+    swung[1:] = se3.inverse(start) @ swung[1:]
+    assert common_errors(METHODS, swung).start_rad.any()
+    swung[:, :3, :3] = TRUTH[:, :3, :3]
+    assert not common_errors(METHODS, swung).start_rad.any()
+
+
 def test_frames_without_truth_stay_without() -> None:
     truth = TRUTH.copy()
     truth[[0, 7]] = np.nan
