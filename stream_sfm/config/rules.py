@@ -6,6 +6,8 @@ alone (`tools/ablation.py`).
 
 from typing import Annotated
 
+from msgspec import Meta
+
 from .section import Section, expert
 
 
@@ -20,6 +22,8 @@ class MotionRules(Section, frozen=True, kw_only=True):
     jump_sigmas: Annotated[float, expert("a motion jumps beyond so many σ of the acceleration", 0.1, 1000)] = 4.0
     # Views that return do so within a second; after that too much has changed for flow.
     max_gap_s: Annotated[float, expert("how long the tracks of the last good frame are sought, s", 0, 100)] = 1.0
+    # 0.93 and more in the first frames of calm scenes, 0.68 to 0.77 in a crowd, whether the motion is right or not.
+    calm_start: Annotated[float, expert("share of new points that agree with a camera's motion", 0, 1)] = 0.8
     # Half a second for most cameras: with more, the last old tracks in a turn would outvote all new ones.
     full_history: Annotated[int, expert("frames of agreement beyond which history no longer counts", 1, 1000)] = 10
     # A body that enters the view is outvoted, but not for ever, once it is all that is left in most of the image.
@@ -35,6 +39,16 @@ class MotionRules(Section, frozen=True, kw_only=True):
     unsteady_frames: Annotated[int, expert("frames over which changes of the motion are averaged", 1, 10_000)] = 30
     # A few frames say more than what is assumed of any camera.
     assumed_frames: Annotated[float, expert("frames that the assumed changes count for", 1, 10_000)] = 5.0
+    # Where one set of tracks leaves the view, that does not say that the other was the background.
+    ambiguity_lasts: Annotated[float, expert("how long an ambiguity lasts, times as long as it has", 0, 1000)] = 1.0
+    # Fewer agree by chance.
+    hidden_views: Annotated[int, expert("new tracks of a body that hides the background, at least", 2, 10**9)] = 12
+    one_body: Annotated[
+        bool, Meta(description="refuse motions between those of two bodies", extra={"expert": True})
+    ] = True
+    poor_frames: Annotated[
+        bool, Meta(description="where most views fit badly, give all of them more noise", extra={"expert": True})
+    ] = True
     # A jump that was a body's says nothing of the camera.
     most_unsteady: Annotated[float, expert("largest change that counts, mean squares of earlier ones", 1, 1e6)] = (
         9.0
@@ -103,8 +117,8 @@ class FlowRules(Section, frozen=True, kw_only=True):
     # Of the quarter image, where 21 px are half an image then.
     wide_levels: Annotated[int, expert("pyramid levels for wide templates", 0, 8)] = 2
     # Chosen by hand: steps of automatic exposure are larger.
-    same_gain: Annotated[float, expert("change of contrast below which exposure is the same", 0, 1e9)] = 0.05
-    same_level_grey: Annotated[float, expert("change of the mean grey value below which it is", 0, 1e9)] = 4.0
+    same_gain: Annotated[float, expert("change of contrast below which exposure is the same", 0, 1e8)] = 0.05
+    same_level_grey: Annotated[float, expert("change of the mean grey value below which it is", 0, 1e8)] = 4.0
 
 
 class PointRules(Section, frozen=True, kw_only=True):
@@ -124,10 +138,10 @@ class PointRules(Section, frozen=True, kw_only=True):
     # Farther apart, a depth edge runs through the patch. With it the RMS of local structure error over σ went from 7.3
     # to 2.7 on rendered images.
     max_halves_apart_px: Annotated[
-        float, expert("most between the matches of a patch and of its inner half, px", 0.01, 1e9)
+        float, expert("most between the matches of a patch and of its inner half, px", 0.01, 1e8)
     ] = 0.5
     # Neighbours that share their noise counted in; a guess.
-    std_grey: Annotated[float, expert("σ of a grey difference of left and right patch", 0.1, 1e9)] = 4.0
+    std_grey: Annotated[float, expert("σ of a grey difference of left and right patch", 0.1, 1e8)] = 4.0
     # Up to twice as many are added. Drift of a corridor with bare corners 14 % without, 0.2 % with.
     bare_fraction: Annotated[float, expert("share of max_tracks below which templates are wide", 0, 1)] = 0.25
     # A slope of a quarter of a grey value per pixel, twice what noise and rounding leave in the reduced image.
@@ -140,15 +154,17 @@ class PairRules(Section, frozen=True, kw_only=True):
     # Sample logs have 0.64 and more, at the end of a bare corridor less; with one camera stopped, exchanged or turned
     # it is below 0.3.
     fit: Annotated[float, expert("share of the points agreeing on the left that agree on the right", 0, 1)] = 0.5
+    # As many as no body has by chance.
+    fewest_old: Annotated[int, expert("points from before a problem that end it, at least", 1, 2000)] = 8
     # A second for most cameras.
     good_frames: Annotated[int, expert("good frames in a row that end a problem", 1, 10_000)] = 20
     good_share: Annotated[float, expert("share of all points that agree in a good frame", 0, 1)] = 0.6
     # In real calibrations rows are off by up to 1.9 px in a corner.
-    max_rows_px: Annotated[float, expert("largest row difference of left and right, px", 0.1, 1e9)] = 2.5
+    max_rows_px: Annotated[float, expert("largest row difference of left and right, px", 0.1, 1e8)] = 2.5
     # Real ones scatter around their polynomial by up to 0.3 px.
-    max_scatter_px: Annotated[float, expert("largest scatter of the rows of matches, px", 0.05, 1e9)] = 0.5
+    max_scatter_px: Annotated[float, expert("largest scatter of the rows of matches, px", 0.05, 1e8)] = 0.5
     # 1.2 at most on any sample log, 5 to 30 with a wrong calibration.
-    max_factor: Annotated[float, expert("largest variance of views over what images explain", 1, 1e9)] = 4.0
+    max_factor: Annotated[float, expert("largest variance of views over what images explain", 1, 1e8)] = 4.0
     # Principal points of real cameras are within 0.1 of the middle, those of a calibration of half the resolution lie
     # at a quarter, of twice the resolution in the corner. A part of an image has its own anywhere.
     same_place: Annotated[float, expert("share of the size by which a principal point may differ", 0, 0.5)] = 0.03
@@ -225,7 +241,7 @@ class ErrorRules(Section, frozen=True, kw_only=True):
     # About one frame's.
     guess_pairs: Annotated[float, expert("pairs of views that the first guess counts for", 1, 1e6)] = 200.0
     # A hundred frames: the errors are a property of cameras and scene and change slowly.
-    memory_pairs: Annotated[float, expert("pairs of views that are remembered", 1, 1e9)] = 20_000.0
+    memory_pairs: Annotated[float, expert("pairs of views that are remembered", 1, 1e8)] = 20_000.0
     # Images have noise.
     least_white: Annotated[float, expert("least share of white noise", 1e-3, 1)] = 0.05
     # What is less is white.
@@ -237,6 +253,9 @@ class ErrorRules(Section, frozen=True, kw_only=True):
     std_shared_px: Annotated[float, expert("σ of the disparity error that all views of a point share", 0, 10)] = (
         0.04
     )
+    # s of eq. (17). Measured where poses and depths are exact, by `python -m tools.track_errors`: a tenth to two
+    # tenths, along the line of sight as across it.
+    slide: Annotated[float, expert("share of a patch's change by which its position slides", 0, 10)] = 0.1
     # Over 6 m of a rendered corridor pitch errs by 0.4 mrad, three times its σ without it; in a rendered office of
     # 256 px poses then have a NEES of 22, not 11.
     alike: Annotated[float, expert("share of the slide of patches that all of a frame have alike", 0, 1)] = 0.75

@@ -65,6 +65,30 @@ class RobustConfig(Section, frozen=True, kw_only=True):
     gate_probability: Annotated[
         float, expert("share of good views that the χ² gate keeps", 0.5, 0.999999999999)
     ] = 0.999
+    # The search costs a few ms. Calm frames of the sample logs accept more than 0.85. (Where all squared residuals are
+    # twice too large 0.94 are accepted, where they are four times too large 0.67.)
+    calm_share: Annotated[float, expert("share of the votes below which all motions are searched", 0, 1)] = 0.8
+    # A drone that is shaken has squared residuals of up to 3.3 times the expected size, and 12 ms of a frame's 30 were
+    # spent on searches that found nothing.
+    calm_spread: Annotated[
+        float, expert("squared residuals that call for no search, times the expected", 1, 1e6)
+    ] = 4.0
+    # Bodies that pass in a room have up to 0.05 on the sample logs, and up to 0.09 where they are there before anything
+    # has a history.
+    ambiguous_share: Annotated[float, expert("odds from which a second motion may be the camera's", 1e-6, 1e6)] = (
+        0.1
+    )
+    # Views that are clearly not of the first motion.
+    beyond_gates: Annotated[float, expert("squared residual of views of a second motion, gates", 1, 1000)] = 2.0
+    # Two determine a motion; six more do not agree with it by chance.
+    second_views: Annotated[int, expert("views that make a second motion, at least", 3, 1_000_000)] = 8
+    # 6 expected. Frames that a body leads have 13 to 140. So have some of a sample log whose calibration errs, but no
+    # motion there leaves views out.
+    halves_apart: Annotated[float, expert("squared distance of motions by halves of the views, σ²", 0, 1e8)] = 12.0
+    # Errors that all views of a half share, of calibration above all.
+    shared_noise: Annotated[float, expert("share of a view's variance that all views of a half share", 0, 1)] = 0.01
+    # Bodies have 0.05 to 0.3, halves of a drone's last frames 1.
+    max_odds: Annotated[float, expert("odds of what the motion of one rigid scene leaves out", 0, 1e6)] = 0.5
     min_inliers: Annotated[int, number("a frame with fewer accepted views is lost", 4, 2000)] = 8
     degraded_inliers: Annotated[int, number("a frame with fewer accepted views is degraded", 4, 2000)] = 25
 

@@ -11,9 +11,9 @@ void bind_resection(nb::module_& m) {
 squared residuals; whether enough views agree and determine the motion (`ok`); squared residuals (n,), `share` of the
 votes, amplitudes (j,) of shared errors and their covariance (j, j).)");
     describe_returned<Second>(m, R"(A second motion (4, 4), its covariance (6, 6), the views (n,) that agree with it only, and their odds.)");
-    describe_taken<ResectionRules>(m, R"(Share of the votes below which the global search is made; gates `beyond` which a view disagrees, how many that do make
-a second motion, and the share of the evidence from which it makes the first one ambiguous; whether most views agree
-with the start already, and whether no motion of other views is looked for.)");
+    describe_taken<ResectionRules>(m, R"(The settings of a resection, as in `RobustConfig`.)");
+    describe_taken<Wanted>(m, R"(Whether a second motion is looked for; whether most views agree with the start already, and whether it has been
+decided that no other motion than that is looked for.)");
     def<&fit_motion>(m, "fit_motion", R"(Return the motion of the views that agree with one near it, eqs. (22) and (23).
 
 Start: motion (4, 4) and amplitudes (j,). `anneal`: with Cauchy weights first. `votes` (n,): how much each view
@@ -26,7 +26,7 @@ with the largest support: each view gives its vote, less the share of the gate t
 the extent that the agreeing views have in the image adds a little. Samples depend on the number of views only.
 With a predicted motion (4, 4) it is that of one rigid scene: where halves of the views disagree, near and far, left
 and right or upper and lower ones, the motion is sought again from theirs and from the predicted one.)",
-        "views"_a, "cam_from_ref"_a, "votes"_a, "rules"_a, "predicted"_a.none());
+        "views"_a, "cam_from_ref"_a, "votes"_a, "rules"_a, "wanted"_a, "predicted"_a.none());
     def<&motion_of_flow>(m, "motion_of_flow", R"(Return the motion (4, 4) of tracks by left positions (n, 2), known to σ, that flow has `found` (n,), eq. (20).
 
 σ in pixels of the templates. Returns whether there is one, the motion, which tracks agree (n,), and their share of

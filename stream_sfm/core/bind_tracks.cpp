@@ -90,8 +90,8 @@ In units of the white part of its errors, the lasting part of either side has a 
         "ages"_a, "ratio_left"_a, "ratio_right"_a, "decay"_a);
     def<&template_drift>(m, "template_drift", R"(Return σ (n,) px of how far templates of homogeneous points (n, 4) slid during a motion (4, 4), eq. (17).
 
-`radius`: half their width, in pixels of the templates, of which each has `scale` (n,) of the image.)",
-        "points"_a, "cam_from_previous"_a, "scale"_a, "radius"_a);
+`slide`: s r, a share of half their width, in pixels of the templates, of which each has `scale` (n,) of the image.)",
+        "points"_a, "cam_from_previous"_a, "scale"_a, "slide"_a);
     def<&track_covariances>(m, "track_covariances", R"(Return the covariances (n, 4, 4) of points (X/Z, Y/Z, 1, 1/Z), after a drift of σ (n,) px; none if (0,).)",
         "cov_left_px"_a, "var_rho"_a, "drift_px"_a, "focal_px"_a, "baseline_m"_a);
 }

@@ -7,25 +7,14 @@
 namespace core {
 namespace {
 
-// From a close start noise may be twice what was assumed before the search is made: a drone that is shaken has squared
-// residuals of up to 3.3 times their expected size, and 12 ms of a frame's 30 went into searches that found nothing.
-constexpr double CALM_SPREAD = 4.0;
-
 // A body nearby and a background far away may agree with one motion, each view within its noise, all together not at all. Halves
 // of the views tell: near and far, left and right, upper and lower ones give the same motion in a scene that stands still.
-//
-// Squared distance of the motions of two halves in standard deviations, 6 expected. Frames that a body leads have 13 to 140. So
-// have some of a sample log whose calibration errs, but no motion there leaves views out.
-constexpr double APART = 12.0;
-constexpr double SHARED = 0.01;  // of a view's variance: errors that all views of a half share, of calibration above all
-// Of the evidence of what is left out over that of the rest: bodies have 0.05 to 0.3, halves of a drone's last frames 1.
-constexpr double MAX_ODDS = 0.5;
 constexpr std::size_t LEAST = 4 * MIN_VIEWS;  // views; fewer do not make two halves
 
 class Resection {
    public:
-    Resection(const PointViews& views, Vector votes, const ResectionRules& rules)
-        : views(views), votes(votes), rules(rules), n(views.points.shape[0]) {}
+    Resection(const PointViews& views, Vector votes, const ResectionRules& rules, const Wanted& wanted)
+        : views(views), votes(votes), rules(rules), wanted(wanted), n(views.points.shape[0]) {}
 
     Fitted fit(Matrix start, Vector amplitudes, bool anneal) const {
         return fit_motion(views, start, amplitudes, votes, anneal);
@@ -34,9 +23,9 @@ class Resection {
     // The motion that most views agree with, from a start, without annealing where that is close.
     Fitted first(Matrix start) const {
         Array<double, 1> amplitudes(views.shared.shape[2]);  // none
-        if (rules.start_is_close) {
+        if (wanted.start_is_close) {
             Fitted found = fit(start, amplitudes, false);
-            if (found.ok && (rules.start_is_decided || nearly_all_agree(found))) return found;
+            if (found.ok && (wanted.start_is_decided || nearly_all_agree(found))) return found;
         }
         Fitted found = fit(start, amplitudes, true);
         if (found.share >= rules.calm_share) return found;
@@ -52,7 +41,7 @@ class Resection {
     // has three coordinates of its own: it takes so many more where it also determines errors that all share.
     Resected with_second(Fitted found) const {
         std::vector<std::size_t> off = rows_where(n, [&](std::size_t i) { return is_beyond(found, i); });
-        if (!found.ok || off.size() < rules.second_views) return {std::move(found), std::nullopt};
+        if (!wanted.second || !found.ok || off.size() < rules.second_views) return {std::move(found), std::nullopt};
         Array<double, 2> start = search_among(off, found);
         Fitted other = fit(start, found.amplitudes, false);
         Array<bool, 1> only_other(n), only_found(n);
@@ -78,14 +67,14 @@ class Resection {
         Resected best{Fitted(0, 0), std::nullopt};
         Array<bool, 1> without(0);
         double most = 0, odds = 0;
-        for (std::size_t k = 0; halves.apart >= APART && k <= halves.motions.shape[0]; k++) {
+        for (std::size_t k = 0; halves.apart >= rules.halves_apart && k <= halves.motions.shape[0]; k++) {
             Matrix start = k ? Matrix{halves.motions[k - 1], {4, 4}} : predicted;
             Fitted other = fit(start, first.found.amplitudes, false);
             Array<bool, 1> left_out(n);
             std::size_t count = 0;
             for (std::size_t i = 0; i < n; i++) count += left_out.data[i] = first.found.accepted.data[i] && is_beyond(other, i);
             double says = evidence_of(other.accepted), share = evidence_of(left_out) / says;
-            if (!other.ok || count < rules.second_views || says <= most || halves_of(other).apart >= APART || share > MAX_ODDS) continue;
+            if (!other.ok || count < rules.second_views || says <= most || halves_of(other).apart >= rules.halves_apart || share > rules.max_odds) continue;
             best.found = std::move(other);
             without = std::move(left_out);
             most = says, odds = share;
@@ -99,12 +88,12 @@ class Resection {
     Halves halves_of(const Fitted& motion) const {
         if (std::count(motion.accepted.data.get(), motion.accepted.data.get() + n, true) < static_cast<std::ptrdiff_t>(LEAST))
             return {0.0, Array<double, 3>(0, 4, 4)};
-        return motions_of_halves(views, motion.cam_from_ref, motion.amplitudes, motion.accepted, SHARED);
+        return motions_of_halves(views, motion.cam_from_ref, motion.amplitudes, motion.accepted, rules.shared_noise);
     }
 
     // Whether nearly all views agree with a motion, if their noise is as large as their median residual says.
     bool nearly_all_agree(const Fitted& found) const {
-        double agree = 0, all = 0, width = std::min(found.spread, CALM_SPREAD);
+        double agree = 0, all = 0, width = std::min(found.spread, rules.calm_spread);
         for (std::size_t i = 0; i < n; i++) {
             all += votes.data[i];
             if (found.squared_residuals.data[i] < width * views.gate.data[i]) agree += votes.data[i];
@@ -116,7 +105,7 @@ class Resection {
         return motion_support(views, of.cam_from_ref, of.amplitudes, votes);
     }
 
-    bool is_beyond(const Fitted& of, std::size_t i) const { return of.squared_residuals.data[i] > rules.beyond * views.gate.data[i]; }
+    bool is_beyond(const Fitted& of, std::size_t i) const { return of.squared_residuals.data[i] > rules.beyond_gates * views.gate.data[i]; }
 
     // The motion that most of these views agree with, without the errors that all share.
     Array<double, 2> search_among(const std::vector<std::size_t>& rows, const Fitted& found) const {
@@ -137,14 +126,15 @@ class Resection {
     const PointViews& views;
     Vector votes;
     const ResectionRules& rules;
+    const Wanted& wanted;
     std::size_t n;
 };
 
 }  // namespace
 
-Resected resect(const PointViews& views, Matrix start, Vector votes, const ResectionRules& rules,
+Resected resect(const PointViews& views, Matrix start, Vector votes, const ResectionRules& rules, const Wanted& wanted,
                 std::optional<Matrix> predicted) {
-    Resection resection(views, votes, rules);
+    Resection resection(views, votes, rules, wanted);
     Resected found = resection.with_second(resection.first(start));
     if (!predicted) return found;
     require_shape(*predicted, {4, 4}, "predicted");
@@ -177,7 +167,7 @@ FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, Ve
     std::vector<std::size_t> rows = rows_where(n, [&](std::size_t i) { return found.data[i]; });
     if (rows.size() < MIN_VIEWS) return result;
     SelectedViews seen({pinholes, tracks.points, cov_points, z, cov, none, gates}, rows);
-    Fitted motion = resect(seen.views(), start, rows_of(votes, rows), rules, std::nullopt).found;
+    Fitted motion = resect(seen.views(), start, rows_of(votes, rows), rules, {false, false, false}, std::nullopt).found;
     for (std::size_t k = 0; k < rows.size(); k++) result.agree.data[rows[k]] = motion.accepted.data[k];
     result.ok = motion.ok;
     result.cam_from_previous = std::move(motion.cam_from_ref);

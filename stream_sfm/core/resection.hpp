@@ -33,11 +33,13 @@ double evidence(const Pinholes& pinholes, Matrix z, Vector weights);
 
 // resection.cpp
 struct ResectionRules {
-    double calm_share, beyond;
+    double calm_share, calm_spread, beyond_gates, ambiguous_share, halves_apart, shared_noise, max_odds;
     std::size_t second_views;
-    double ambiguous_share;
-    bool start_is_close, start_is_decided;
-    RECORD(ResectionRules, calm_share, beyond, second_views, ambiguous_share, start_is_close, start_is_decided)
+    RECORD(ResectionRules, calm_share, calm_spread, beyond_gates, ambiguous_share, halves_apart, shared_noise, max_odds, second_views)
+};
+struct Wanted {
+    bool second, start_is_close, start_is_decided;
+    RECORD(Wanted, second, start_is_close, start_is_decided)
 };
 struct Second {
     Array<double, 2> cam_from_ref, cov_pose;
@@ -60,7 +62,7 @@ struct FlowMotion {
 struct TrackTable;
 FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, Vector votes, Matrix at, Flags found,
                           Matrix start, double std_flow, double gate, const ResectionRules& rules);
-Resected resect(const PointViews& views, Matrix start, Vector votes, const ResectionRules& rules,
+Resected resect(const PointViews& views, Matrix start, Vector votes, const ResectionRules& rules, const Wanted& wanted,
                 std::optional<Matrix> predicted);
 
 // turn.cpp

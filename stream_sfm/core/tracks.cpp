@@ -19,9 +19,6 @@ constexpr double UNKNOWN_ERROR_GREY = 255.0;  // of a side that was not found: i
 // Added to the gradient matrix, relative to its trace and absolutely (grey²): along an edge the σ of a position stays within 32
 // times the σ across it, and that of a patch without texture finite.
 constexpr double EDGE_DAMPING = 1e-3, MIN_GRADIENT = 1e-6;
-// s of eq. (17): of how much a patch changes, what its position slides. Measured where poses and depths are exact, by
-// `python -m tools.track_errors`: a tenth to two tenths, along the line of sight as across it.
-constexpr double SLIDE = 0.1;
 
 // The warp (3, 2), W above h, of the maps A (2, 2) and n (2,): W = A⁻¹ and h = −Wᵀn; W is finite also where A is singular.
 void warp(const double* a, const double* by_depth, double* out) {
@@ -222,7 +219,7 @@ Array<double, 3> track_covariances(Matrices cov_left, Vector var_rho, Vector dri
     return result;
 }
 
-Array<double, 1> template_drift(Matrix points, Matrix cam_from_previous, Indices scale, double radius) {
+Array<double, 1> template_drift(Matrix points, Matrix cam_from_previous, Indices scale, double slide) {
     std::size_t n = points.shape[0];
     require_shape(points, {n, 4}, "points");
     require_shape(cam_from_previous, {4, 4}, "cam_from_previous");
@@ -231,7 +228,7 @@ Array<double, 1> template_drift(Matrix points, Matrix cam_from_previous, Indices
                              cam_from_previous[2][3] * cam_from_previous[2][3]);
     Array<double, 1> result(n);
     for (std::size_t i = 0; i < n; i++)
-        result.data[i] = SLIDE * radius * static_cast<double>(scale.data[i]) * std::max(points[i][3], 0.0) * moved;
+        result.data[i] = slide * static_cast<double>(scale.data[i]) * std::max(points[i][3], 0.0) * moved;
     return result;
 }
 

@@ -57,7 +57,7 @@ Array<bool, 1> inside_area(View<bool, 2> area, Matrix at);
 Array<double, 3> view_covariances(Matrices gradients, Vector error_left, Vector error_right, double shared_pixels,
                                   double scale, double factor);
 Array<double, 3> track_covariances(Matrices cov_left, Vector var_rho, Vector drift, double focal, double baseline);
-Array<double, 1> template_drift(Matrix points, Matrix cam_from_previous, Indices scale, double radius);
+Array<double, 1> template_drift(Matrix points, Matrix cam_from_previous, Indices scale, double slide);
 
 // alignment.cpp
 template <class T>  // float or std::uint8_t

@@ -40,7 +40,7 @@ def initial_motion(
             cov_points,
             observations.z_px[rows],
             observations.cov_px[rows],
-            config.gate_probability,
+            config,
             shared,
         )
         found = resect(

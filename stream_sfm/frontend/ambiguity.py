@@ -49,7 +49,7 @@ class AmbiguityMemory:
             apart, seen = other.cam_from_ref @ se3.inverse(motion.cam_from_ref), self.frames_seen + 1
             new = rival is not None or old[other.views].sum() < MIN_VIEWS
             new = bool(new and (self.other_is_new or self.frames_left == 0))
-            lasts = max(self.rules.full_history, seen)
+            lasts = int(self.rules.ambiguity_lasts * max(self.rules.full_history, seen))
             memory = AmbiguityMemory(other, apart, seen, lasts, rival is not None, new, self.rules)
             return memory, other, False
         remembered = self.other_than(motion.cam_from_ref)

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import StartRules
-from ..geometry.resection import BEYOND, MANY_VIEWS, MIN_SECOND_VIEWS, Resection, refine
+from ..geometry.resection import MANY_VIEWS, Resection, refine
 from .rough_motion import RoughMotion, find_rough_motion
 from .seen import Seen
-from .state import FrontEndState
+from .state import FrontEndState, Setup
 from .step import Step
 from .tracks import Tracks
 
@@ -31,7 +31,7 @@ def of_background(step: Step, state: FrontEndState, rough: RoughMotion) -> Rough
     # far points that agree fit either motion, within six σ of a position by flow
     apart_px = np.linalg.norm(left_px - rough.left_px, axis=1)
     others = tracks.keep(rough.agree & (apart_px > 6 * rules.flow.std_px * tracks.scale))
-    if not is_behind(tracks.keep(rest[other.agree]), others, rules.start):
+    if not is_behind(step.setup, tracks.keep(rest[other.agree]), others):
         return rough
     left_px[rest[other.agree]] = other.left_px[other.agree]
     agree = np.zeros(len(tracks), bool)
@@ -44,20 +44,21 @@ def decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
     second = motion.ambiguous
     if not motion.ok or second is None or state.start.is_over:
         return motion
-    tracks, views, rules = seen.before, seen.point_views, step.setup.rules.start
+    tracks, views = seen.before, seen.point_views
     other = refine(views, seen.weights, second.cam_from_ref, motion.amplitudes)
     only_second = tracks.keep(second.views)
-    only_first = tracks.keep(motion.accepted & (other.squared_residuals > BEYOND * views.gate))
-    if other.ok and is_behind(only_second, only_first, rules):
+    only_first = tracks.keep(motion.accepted & (other.squared_residuals > views.settings.beyond_gates * views.gate))
+    if other.ok and is_behind(step.setup, only_second, only_first):
         return other
-    return replace(motion, second=None) if is_behind(only_first, only_second, rules) else motion
+    return replace(motion, second=None) if is_behind(step.setup, only_first, only_second) else motion
 
 
-def is_behind(some: Tracks, others: Tracks, rules: StartRules) -> bool:
+def is_behind(setup: Setup, some: Tracks, others: Tracks) -> bool:
     """Whether points lie behind their neighbours among others, and these before theirs, where depths differ."""
+    rules, fewest = setup.rules.start, setup.config.robust.second_views
     order, back = depth_order(some, others, rules), depth_order(others, some, rules)
     behind, before = ((order == k).sum() + (back == -k).sum() for k in (1, -1))
-    return bool((order > 0).sum() >= MIN_SECOND_VIEWS and behind > rules.behind * (behind + before))
+    return bool((order > 0).sum() >= fewest and behind > rules.behind * (behind + before))
 
 
 def depth_order(some: Tracks, others: Tracks, rules: StartRules) -> NDArray[np.int64]:

@@ -144,7 +144,7 @@ class StereoFrontEnd:
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int, followed: Followed
     ) -> tuple[FrontEndState, Observations]:
         """Observations of a frame that was followed, and of points that begin in it."""
-        drift_px = state.tracks.drift_px(followed.cam_from_previous, self.setup.config.frontend.window_radius_px)
+        drift_px = state.tracks.drift_px(followed.cam_from_previous, self.setup.slide_px)
         z_new, cov_new = np.empty((0, 4)), np.empty((0, 4, 4))
         if state.turn_watch is None or not state.turn_watch.unusual:  # otherwise depths cannot be measured
             state, z_new, cov_new = begin_points(self.setup, state, images)

@@ -19,4 +19,5 @@ def is_background_hidden(step: Step, state: FrontEndState, seen: Seen, motion: R
     if np.count_nonzero(agree & trusted) >= needed:
         return False
     jumps = step.jumps(motion.cam_from_ref, step.std_change)
-    return (state.background_hidden or jumps) and int(np.count_nonzero(agree & ~trusted)) >= MANY_VIEWS
+    newcomers = int(np.count_nonzero(agree & ~trusted))
+    return (state.background_hidden or jumps) and newcomers >= step.setup.rules.motion.hidden_views

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..geometry.resection import BEYOND, MANY_VIEWS, MIN_SECOND_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine
+from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine
 from .seen import Seen
 from .state import FrontEndState
 from .step import Step
@@ -26,12 +26,13 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
     if not motion.ok or not step.jumps(motion.cam_from_ref, usual):
         return motion
     views, old = seen.point_views, seen.before.agreed > 0
+    fewest = views.settings.second_views
     near = refine(views, seen.weights, step.predicted, np.zeros(views.shared.shape[2]))
     agree, agreed = (int(np.count_nonzero(m.accepted & old)) for m in (near, motion))
-    if not near.ok or agree < max(MIN_SECOND_VIEWS, step.setup.rules.motion.as_many * agreed):
+    if not near.ok or agree < max(fewest, step.setup.rules.motion.as_many * agreed):
         return motion
-    only_other = motion.accepted & (near.squared_residuals > BEYOND * views.gate)
-    if np.count_nonzero(only_other) < MIN_SECOND_VIEWS:  # few views tell the two apart
+    only_other = motion.accepted & (near.squared_residuals > views.settings.beyond_gates * views.gate)
+    if np.count_nonzero(only_other) < fewest:  # few views tell the two apart
         return replace(near, second=motion.second) if near.share >= motion.share else motion
     return replace(near, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_other, odds=1.0))
 

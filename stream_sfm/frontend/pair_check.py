@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..camera.rig import StereoRig
 from ..config import Config, PairRules
 from ..geometry.point_views import PointViews
-from ..geometry.resection import MANY_VIEWS, MIN_SECOND_VIEWS, Resection
+from ..geometry.resection import MANY_VIEWS, Resection
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, clamp_depth
 from ..record import record
@@ -56,7 +56,7 @@ class PairFit:
         if np.count_nonzero(both & inside) < config.rules.pair.good_share * np.count_nonzero(inside):
             points = before.points, before.cov_points(projection)
             left_px = np.where([True, True, False, False], found.z_px, np.nan)
-            views = PointViews(projection, *points, left_px, found.cov_px, config.robust.gate_probability)
+            views = PointViews(projection, *points, left_px, found.cov_px, config.robust)
             root, _ = views.linearise(motion.cam_from_ref)
             left = left | (views.squared_residuals(motion.cam_from_ref, root) < motion.spread * views.gate)
         return cls(before.ids[inside], left[inside], both[inside])
@@ -89,7 +89,7 @@ class PairCheck:
             return self, False
         old = fit.ids < self.first_id
         # as many points from before the problem as no body has by chance, and half of the survivors
-        if (old & fit.both).sum() >= max(MIN_SECOND_VIEWS, rules.fit * (old & fit.left).sum()):
+        if (old & fit.both).sum() >= max(rules.fewest_old, rules.fit * (old & fit.left).sum()):
             return PairCheck(rules=rules), False
         good_frames = self.good_frames + 1 if fit.both.sum() > rules.good_share * len(fit.both) else 0
         if good_frames < rules.good_frames:

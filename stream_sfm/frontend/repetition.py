@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..config import RepetitionRules
 from ..geometry import se3
 from ..geometry.point_views import PointViews
-from ..geometry.resection import MANY_VIEWS, MIN_SECOND_VIEWS, MIN_VIEWS, SecondMotion, resect
+from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, SecondMotion, resect
 from ..geometry.se3 import Array
 from .prepared import Image
 from .rough_motion import RoughMotion, find_rough_motion
@@ -51,14 +51,14 @@ def smaller_of_alike(step: Step, state: FrontEndState, rough: RoughMotion) -> Ro
 def _rival_motion(step: Step, tracks: Tracks, rough: RoughMotion) -> SecondMotion | None:
     """Return the smallest alternative motion that look-alike patches share, if nearly every track has one."""
     rows, rivals_px = _rivals(step, tracks, rough)
-    if not _repeats(rivals_px):
+    if not _repeats(step, rivals_px):
         return None
     projection, rules = step.setup.projection, step.setup.rules.repetition
     seen = np.isfinite(rivals_px[:, 0])
     alike = tracks.keep(rows[seen])
     points = alike.points, alike.cov_points(projection)
     cov_px = np.broadcast_to(rules.std_px**2 * np.eye(4), (len(alike), 4, 4))
-    views = PointViews(projection, *points, rivals_px[seen], cov_px, step.setup.config.robust.gate_probability)
+    views = PointViews(projection, *points, rivals_px[seen], cov_px, step.setup.config.robust)
     motion = resect(views, np.eye(4), find_second=False)
     if not motion.ok or motion.share < rules.share or _is_refuted(step, tracks, rough, motion.cam_from_ref):
         return None
@@ -69,7 +69,7 @@ def _still_repeats(step: Step, tracks: Tracks, rough: RoughMotion, other: Second
     """Return whether the view still cannot tell which of two motions, the rough one and another, is the right one."""
     if other is not None and _is_refuted(step, tracks, rough, other.cam_from_ref):
         return False
-    return _repeats(_rivals(step, tracks, rough)[1])
+    return _repeats(step, _rivals(step, tracks, rough)[1])
 
 
 def _is_refuted(step: Step, tracks: Tracks, rough: RoughMotion, other_from_previous: Array) -> bool:
@@ -85,7 +85,7 @@ def _is_refuted(step: Step, tracks: Tracks, rough: RoughMotion, other_from_previ
         found = _likeness(patch, _window(now, rough.left_px[row], rules.half_px + 1))
         elsewhere = _likeness(patch, _window(now, at_px, 2 * rules.half_px))
         against += found > rules.found and elsewhere < found - rules.less
-    return against >= MIN_SECOND_VIEWS
+    return against >= step.setup.config.robust.second_views
 
 
 def _window(half: Image, at_px: Array, reach: int) -> Image | None:
@@ -104,10 +104,10 @@ def _likeness(patch: Image | None, window: Image | None) -> float:
     return float(cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED).max())
 
 
-def _repeats(rivals_px: Array) -> bool:
+def _repeats(step: Step, rivals_px: Array) -> bool:
     """Whether hardly any of the tracks is without a rival (n, 4)."""
     unique = np.isnan(rivals_px[:, 0])
-    return bool(unique.sum() < MIN_SECOND_VIEWS and (~unique).sum() >= MIN_VIEWS)
+    return bool(unique.sum() < step.setup.config.robust.second_views and (~unique).sum() >= MIN_VIEWS)
 
 
 def _rivals(step: Step, tracks: Tracks, rough: RoughMotion) -> tuple[NDArray[np.intp], Array]:
@@ -119,7 +119,7 @@ def _rivals(step: Step, tracks: Tracks, rough: RoughMotion) -> tuple[NDArray[np.
     rivals_px = np.full((len(rows), 4), np.nan)
     for k, row in enumerate(rows):
         rivals_px[k, :2] = _rival(rules, before, now, tracks.left_px[row], rough.left_px[row])
-        if np.isnan(rivals_px[: k + 1, 0]).sum() >= MIN_SECOND_VIEWS:
+        if np.isnan(rivals_px[: k + 1, 0]).sum() >= step.setup.config.robust.second_views:
             break  # the rest, of which each costs most of a millisecond, changes nothing
     return rows, rivals_px
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config import TurnRules
+from ..config import RobustConfig, TurnRules
 from ..geometry.linear import symmetric
 from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.point_views import PointViews
@@ -109,7 +109,9 @@ class TurnWatch:
         n_seen = np.count_nonzero(np.isfinite(z_px[:, 2]))
         if n_seen < rules.min_views:
             return self.calm(), None
-        views = PointViews(self.projection, points, cov_points, z_px, cov_px, rules.gate)
+        views = PointViews(
+            self.projection, points, cov_points, z_px, cov_px, RobustConfig(gate_probability=rules.gate)
+        )
         usual = self.usual + cov_expected
         rad, cov, agree, log_factor, chi2 = core.fit_turn(views, cam_from_previous, usual, rules.std_rad)
         possible = self.projection.f_px * math.hypot(*rad) < rules.max_turn_px

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .. import core
 from ..geometry.gates import chi2_gate
 from ..geometry.medians import median
-from ..geometry.resection import MANY_VIEWS, NO_SECOND, Rules, SecondMotion
+from ..geometry.resection import MANY_VIEWS, SecondMotion
 from ..geometry.se3 import Array
 from ..record import record
 from .alignment import Aligners
@@ -53,7 +53,6 @@ def _found(step: Step, aligners: Aligners, tracks: Tracks) -> Iterator[RoughMoti
     exposed, gate = as_exposed(previous, step.images, flow), chi2_gate(2, config.robust.gate_probability)
     # where half of the view is covered, mean and contrast change, and the exposure does not
     before_halves = [exposed] if exposed is previous.left_half else [exposed, previous.left_half]
-    rules = Rules(second_views=NO_SECOND)
     attempts = _attempts(config.frontend.pyramid_levels, tracks, step)
     for (start, levels, zoom), before_half in product(attempts, before_halves):
         at_px = projection.project_homogeneous(tracks.points @ start.T)[:, :2].copy()
@@ -69,7 +68,9 @@ def _found(step: Step, aligners: Aligners, tracks: Tracks) -> Iterator[RoughMoti
                 by_flow = track_wide(aligner, flow, previous, step.images, before_px, near_px)
             at_px[rows], found[rows] = by_flow
         seen = tracks.weights(step.setup.rules.motion), at_px, found
-        ok, motion, agree, share = core.motion_of_flow(projection, tracks, *seen, start, flow.std_px, gate, rules)
+        ok, motion, agree, share = core.motion_of_flow(
+            projection, tracks, *seen, start, flow.std_px, gate, config.robust
+        )
         if ok:
             yield RoughMotion(motion, at_px, agree, share)
 

@@ -46,7 +46,7 @@ class Seen:
         setup, motion = step.setup, rough.cam_from_previous
         before, weights = state.tracks.keep(views.rows), state.tracks.weights(setup.rules.motion)
         drift_px = setup.rules.motion.slides_most * core.template_drift(
-            views.points, motion, before.scale, setup.config.frontend.window_radius_px
+            views.points, motion, before.scale, setup.slide_px
         )
         cov_points = before.cov_points(setup.projection, drift_px)
         known_px: Array | float = 0.0
@@ -64,7 +64,7 @@ class Seen:
             cov_points,
             views.z_px - known_px,
             views.cov_px,
-            setup.config.robust.gate_probability,
+            setup.config.robust,
             unknown_px,
         )
         weight = float(weights[views.in_view].sum())

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import MotionRules
-from ..geometry.resection import CALM_SHARE, MANY_VIEWS
+from ..geometry.resection import MANY_VIEWS
 from ..record import record
 
 
@@ -76,7 +76,6 @@ class StartCheck:
             later_id=later_id,
             gone=bool(np.count_nonzero(accepted & (ids < later_id)) < MANY_VIEWS <= np.count_nonzero(accepted)),
         )
-        # 0.93 and more in the first frames of calm scenes, 0.68 to 0.77 in a crowd, whether the motion is right or not
-        if now.agreed >= CALM_SHARE * now.found:
+        if now.agreed >= self.rules.calm_start * now.found:
             return replace(now, calm_frames=self.calm_frames + 1)
         return replace(now, calm_frames=0, doubted=True)

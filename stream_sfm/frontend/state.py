@@ -54,6 +54,11 @@ class Setup(NamedTuple):
         """The numbers by which the front-end decides."""
         return self.config.rules
 
+    @property
+    def slide_px(self) -> float:
+        """s r of eq. (17): how far a template slides where it changes by all of itself, px of templates."""
+        return self.rules.errors.slide * self.config.frontend.window_radius_px
+
     def unseen_in_right(self, z_px: Array) -> NDArray[np.bool_]:
         """Which views (n, 4) have a right side where a mask says that it cannot be of the scene."""
         if self.right_area is None:

@@ -78,11 +78,13 @@ def _agreed_motion(
 
     Its gate says which tracks live on.
     """
-    motion = resect(seen.point_views, start, seen.weights, step.predicted)
+    rules = step.setup.rules.motion
+    motion = resect(seen.point_views, start, seen.weights, step.predicted if rules.one_body else None)
+    if not rules.poor_frames:
+        motion = replace(motion, spread=1.0)
     for policy in OF_MOTION:
         motion = policy(step, state, seen, motion)
-    least = step.setup.rules.motion.min_agreement * seen.weight
-    agree = motion.ok and seen.weights[motion.accepted].sum() >= least
+    agree = motion.ok and seen.weights[motion.accepted].sum() >= rules.min_agreement * seen.weight
     hidden = is_background_hidden(step, state, seen, motion)
     state = replace(state, background_hidden=hidden or (state.background_hidden and not agree))
     return state, motion if agree and not hidden else None

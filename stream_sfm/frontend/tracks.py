@@ -68,14 +68,14 @@ class Tracks:
             rows = rows.nonzero()[0]  # once, not once per column
         return Tracks(*(rows_of(getattr(self, name), rows) for name in _COLUMNS))
 
-    def drift_px(self, cam_from_previous: Array, radius_px: int) -> Array:
+    def drift_px(self, cam_from_previous: Array, slide_px: float) -> Array:
         """Standard deviation (n,) px of how far templates slid since the last frame, eq. (17).
 
         The warp knows pose and depth, not all of the surface: a change of viewing direction or distance by |t|/Z
-        changes the patch by as much, and a part of that passes for motion of the point. `radius_px`: half width of
-        templates, in their pixels.
+        changes the patch by as much, and a part of that passes for motion of the point. `slide_px`: that part of
+        the half width of templates, in their pixels.
         """
-        return core.template_drift(self.points, cam_from_previous, self.scale, radius_px)
+        return core.template_drift(self.points, cam_from_previous, self.scale, slide_px)
 
     def missing(self, wanted: int) -> int:
         """How many tracks of ordinary templates more there should be."""

@@ -3,9 +3,12 @@
 import numpy as np
 
 from .. import core
+from ..config import RobustConfig
 from .gates import chi2_gate
 from .se3 import Array
 from .stereo import StereoProjection
+
+ROBUST = RobustConfig()
 
 
 class PointViews:
@@ -13,8 +16,8 @@ class PointViews:
 
     Made of points (n, 3) m, too. `cov_points` (n, 3, 3) or (n, 4, 4) of the same dimension, None of exact points;
     `z_px` (n, 4) with NaN where the right side is missing, `cov_px` (n, 4, 4). `gate` (n,): the squared residual under
-    which a share `gate_probability` of good views stays. `shared` (n, 4, j): what errors that all views share do to
-    them, by unknown amplitudes of σ = 1.
+    which the share of good views stays that the `settings` name. `shared` (n, 4, j): what errors that all views share
+    do to them, by unknown amplitudes of σ = 1.
     """
 
     def __init__(
@@ -24,7 +27,7 @@ class PointViews:
         cov_points: Array | None,
         z_px: Array,
         cov_px: Array,
-        gate_probability: float = 0.999,
+        settings: RobustConfig = ROBUST,
         shared: Array | None = None,
     ) -> None:
         n = len(z_px)
@@ -35,9 +38,10 @@ class PointViews:
                 cov_points[:, :3, :3] = cov_metric
         self.projection, self.points, self.z_px, self.cov_px = projection, points, z_px, cov_px
         self.cov_points = np.empty((0, 4, 4)) if cov_points is None else cov_points
-        self._gate_probability = gate_probability
+        self.settings = settings
         self.shared = np.zeros((n, 4, 0)) if shared is None else shared
-        self.gate = core.gates_of_views(z_px, chi2_gate(2, gate_probability), chi2_gate(4, gate_probability))
+        gates = (chi2_gate(dof, settings.gate_probability) for dof in (2, 4))
+        self.gate = core.gates_of_views(z_px, *gates)
 
     def __len__(self) -> int:
         return len(self.gate)
@@ -46,7 +50,7 @@ class PointViews:
         """Return the same points with the left sides of their views alone."""
         left_px = np.where([True, True, False, False], self.z_px, np.nan)
         seen = self.points, self.cov_points, left_px, self.cov_px
-        return PointViews(self.projection, *seen, self._gate_probability, self.shared)
+        return PointViews(self.projection, *seen, self.settings, self.shared)
 
     def linearise(self, cam_from_ref: Array) -> tuple[Array, Array]:
         """Return roots (n, 4, 4) that whiten the residuals, and the whitened Jacobian (n, 4, 6 + j).

@@ -6,7 +6,6 @@ Gaussian noise. Where too few views agree with what a start led to, the whole sp
 (`core/search.cpp`), and it is looked whether the views that disagree have another motion in common.
 """
 
-import sys
 from dataclasses import field
 from typing import NamedTuple
 
@@ -15,40 +14,19 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..record import filled, record
-from .point_views import PointViews
+from .point_views import ROBUST, PointViews
 from .se3 import Array
 
 MIN_VIEWS = 6  # twelve coordinates at least, twice the unknowns, even where every view lacks its right side
 MANY_VIEWS = 2 * MIN_VIEWS  # fewer agree by chance
-# The global search costs a few ms: it is made where less of the weight than this agrees with the motion found. Calm
-# frames of the sample logs accept more than 0.85. (Where all squared residuals are twice too large 0.94 are accepted,
-# where they are four times too large 0.67.)
-CALM_SHARE = 0.8
-# A second motion makes the first one ambiguous from this share of the evidence of the first one on. Bodies that
-# pass in a room have up to 0.05 of it on the sample logs, and up to 0.09 where they are there before anything has a
-# history.
-_AMBIGUOUS_SHARE = 0.1
-BEYOND = 2.0  # gates: views that are clearly not of the first motion
-MIN_SECOND_VIEWS = 8  # two determine a motion; six more do not agree with it by chance
 
 
-class Rules(NamedTuple):
-    """When a resection searches everywhere, and which second motions it finds.
+class Wanted(NamedTuple):
+    """Whether a `second` motion is looked for, and what is known of the start."""
 
-    `second_views`: how many views make a second motion. `start_is_close`: the start is already a motion that most of
-    the views agree on, the best of any; where nearly all of them do, neither another start nor annealing is needed.
-    `start_is_decided`: no motion of other views is looked for.
-    """
-
-    calm_share: float = CALM_SHARE
-    beyond: float = BEYOND
-    second_views: int = MIN_SECOND_VIEWS
-    ambiguous_share: float = _AMBIGUOUS_SHARE
-    start_is_close: bool = False
-    start_is_decided: bool = False
-
-
-NO_SECOND = sys.maxsize  # views of a second motion, where none is looked for
+    second: bool
+    start_is_close: bool
+    start_is_decided: bool
 
 
 @record
@@ -73,7 +51,8 @@ class Resection:
     `dof` of the accepted views; `spread`: median squared residual of the views that may belong to the motion over its
     expected value, at least 1; `ok`: enough accepted views, and they determine the motion. `squared_residuals` (n,): of
     all views, whitened. `share`: of the weight that the accepted views have; `second`: what others agree on.
-    `amplitudes` (j,) of the shared errors, with `cov_amplitudes` (j, j).
+    `amplitudes` (j,) of the shared errors, with `cov_amplitudes` (j, j). `ambiguous_share`: odds from which the second
+    motion makes the first one ambiguous.
     """
 
     cam_from_ref: Array
@@ -88,11 +67,12 @@ class Resection:
     amplitudes: Array = field(default_factory=lambda: np.zeros(0))
     cov_amplitudes: Array = field(default_factory=lambda: np.zeros((0, 0)))
     second: SecondMotion | None = None
+    ambiguous_share: float = ROBUST.ambiguous_share
 
     @property
     def ambiguous(self) -> SecondMotion | None:
         """The second motion where the views cannot tell which of the two is that of the background."""
-        return self.second if self.second and self.second.odds >= _AMBIGUOUS_SHARE else None
+        return self.second if self.second and self.second.odds >= self.ambiguous_share else None
 
 
 def resect(
@@ -110,18 +90,22 @@ def resect(
     vote for different motions (None: all the same); among the views of one motion only their noise counts. With a
     `predicted` motion (4, 4), that of one rigid scene: where a body and the background agree with a motion between
     theirs, each view within its noise, halves of the views disagree, and the motion is sought again. `find_second`:
-    whether a second motion is looked for; `start_is_close`, `start_is_decided`: as in `Rules`.
+    whether a second motion is looked for. `start_is_close`: the start is already a motion that most of the views agree
+    on, the best of any; where nearly all of them do, neither another start nor annealing is needed.
+    `start_is_decided`: no motion of other views is looked for.
     """
-    n, second_views = len(views), MIN_SECOND_VIEWS if find_second else NO_SECOND
-    rules = Rules(second_views=second_views, start_is_close=start_is_close, start_is_decided=start_is_decided)
+    n, settings = len(views), views.settings
     if n < MIN_VIEWS:
         unknown = np.full((6, 6), np.inf)
         return Resection(cam_from_ref_start, unknown, np.zeros(n, bool), 0.0, 0, 1.0, False, np.full(n, np.inf))
     weights = np.ones(n) if weights is None else weights
-    found, second = core.resect(views, cam_from_ref_start, weights, rules, predicted)
-    return filled(Resection, found, second=None if second is None else filled(SecondMotion, second))
+    wanted = Wanted(find_second, start_is_close, start_is_decided)
+    found, second = core.resect(views, cam_from_ref_start, weights, settings, wanted, predicted)
+    other = None if second is None else filled(SecondMotion, second)
+    return filled(Resection, found, second=other, ambiguous_share=settings.ambiguous_share)
 
 
 def refine(views: PointViews, weights: Array, cam_from_ref: Array, amplitudes: Array) -> Resection:
     """Find the motion of the views that agree with one (4, 4), which is close to theirs, eq. (23)."""
-    return filled(Resection, core.fit_motion(views, cam_from_ref, amplitudes, weights, False))  # without annealing
+    found = core.fit_motion(views, cam_from_ref, amplitudes, weights, False)  # without annealing
+    return filled(Resection, found, ambiguous_share=views.settings.ambiguous_share)

@@ -28,7 +28,7 @@ _BAG_METADATA = "metadata.yaml"  # by which the folder of a ROS 2 bag is known
 _WITHOUT_STAMPS = ("image files", "TartanAir")  # formats
 _RESULT = "estimates.mcap"  # of a run
 _LEVELS = 3  # of folders in which a recording is looked for: dataset/sequences/00
-_MOST_ENTRIES = 200  # of one folder that are looked at
+_MOST_ENTRIES = 1000  # of one level that are looked at
 SUFFIXES = (".mcap", ".bag", ".db3")
 SUPPORTED = (
     "an MCAP file, a ROS 1 or ROS 2 bag, a KITTI, EuRoC, TUM-VI or TartanAir recording, images or videos of left "
@@ -104,15 +104,22 @@ def _open_file(path: Path) -> Source:
     raise LogError(f"{path} is not a recording ({SUPPORTED}); its first bytes are {start[:8]!r}")
 
 
-def _recordings_in(folder: Path, deep: int = _LEVELS) -> list[Path]:
+def _recordings_in(folder: Path) -> list[Path]:
     """The recordings in a folder, or, where there is none, in those below: a data set as it was unpacked."""
-    entries = list[Path]()
+    level = [folder]
+    for _ in range(_LEVELS):
+        entries = list(islice((entry for below in level for entry in _visible(below)), _MOST_ENTRIES))
+        if found := [entry for entry in entries if is_recording(entry)]:
+            return found
+        level = [entry for entry in entries if entry.is_dir() and not entry.is_symlink()]
+    return []
+
+
+def _visible(folder: Path) -> list[Path]:
+    """What is in a folder but for hidden entries and results; nothing where it cannot be read."""
     with suppress(OSError):
-        entries = [p for p in sorted(folder.iterdir())[:_MOST_ENTRIES] if not p.name.startswith(".")]
-    found = [p for p in entries if is_recording(p)]
-    if not found and deep > 1:
-        found = [p for e in entries if e.is_dir() and not e.is_symlink() for p in _recordings_in(e, deep - 1)]
-    return found
+        return [p for p in sorted(folder.iterdir()) if not p.name.startswith(".") and p.name != _RESULT]
+    return []
 
 
 def _open_folder(path: Path, given: Given = NOTHING) -> Source:

@@ -7,7 +7,8 @@ from types import SimpleNamespace as Record
 import numpy as np
 
 from stream_sfm import core
-from stream_sfm.geometry.resection import Rules
+from stream_sfm.config import RobustConfig
+from stream_sfm.geometry.resection import Wanted
 
 RNG = np.random.default_rng(0)
 IMAGE = RNG.uniform(0, 255, (60, 80)).astype(np.float32)
@@ -38,7 +39,7 @@ TEMPLATES = Record(
     config=Record(window_radius_px=4, max_realignment_px=3.0, max_photometric_error=20.0),
     noise=Record(shared_pixels=4.0, factor=1.0),
 )
-RULES = Rules(second_views=4)
+RULES = RobustConfig(second_views=4)
 TRACKS = Record(
     points=POINTS,
     var_rho=np.ones(N),
@@ -129,7 +130,7 @@ CALLS = {
     "fit_motion": (OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N), True),
     "project_points": (PINHOLES, POINTS),
     "seen_points": (PINHOLES, VIEWS),
-    "resect": (OF_VIEWS, np.eye(4), np.ones(N), RULES, np.eye(4)),
+    "resect": (OF_VIEWS, np.eye(4), np.ones(N), RULES, Wanted(True, False, False), np.eye(4)),
     "motion_of_flow": (PINHOLES, TRACKS, np.ones(N), STARTS, np.ones(N, bool), np.eye(4), 0.5, 9.0, RULES),
     "fit_turn": (but(OF_VIEWS, shared=SHARED[..., :0]), np.eye(4), np.eye(3), 0.1),
     "rig_effects": (PINHOLES, np.eye(20), GRID, VIEWS, np.ones(N)),

@@ -7,6 +7,7 @@ import pytest
 
 from stream_sfm import core
 from stream_sfm.config import Config
+from stream_sfm.estimators.cross_frame import minimise as minimising
 from stream_sfm.estimators.cross_frame import window
 from stream_sfm.estimators.cross_frame.map import Map
 from stream_sfm.estimators.cross_frame.minimise import minimise
@@ -19,7 +20,7 @@ class Steps:
     """A map whose steps promise given decreases; it notes what is done to it."""
 
     def __init__(self, decreases: list[float], is_timed: bool) -> None:
-        self.decreases, self.is_timed, self.ids, self.done = decreases, is_timed, [1], ""
+        self.decreases, self.is_timed, self.points, self.done = decreases, is_timed, [1], ""
 
     def drop_undetermined(self) -> None:
         pass
@@ -35,6 +36,13 @@ class Steps:
         self.done += "r"
 
 
+@pytest.fixture
+def of_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is timed, and how that is renewed, as `Steps` say."""
+    monkeypatch.setattr(minimising, "is_timed", lambda steps: steps.is_timed)
+    monkeypatch.setattr(minimising, "renew_timing", Steps.renew_timing)
+
+
 @pytest.mark.parametrize(
     ("decreases", "is_timed", "done"),
     [
@@ -45,7 +53,7 @@ class Steps:
         ([1e6, 2e5, 5.0], True, "sgrsgrsgr"),
     ],
 )
-def test_steps_end_where_they_promise_little(decreases: list[float], is_timed: bool, done: str) -> None:
+def test_steps_end_where_they_promise_little(decreases: list[float], is_timed: bool, done: str, of_steps) -> None:
     steps: Any = Steps(decreases, is_timed)
     assert minimise(steps, 10, 0.99) == len(decreases)
     assert steps.done == done
@@ -55,7 +63,7 @@ def test_steps_end_where_they_promise_little(decreases: list[float], is_timed: b
     ("decreases", "is_timed"),
     [([1e5, 1e6], False), ([1e5, 1e6], True), ([5.0, 1e5], True), ([np.nan], False), ([5.0, np.nan], True)],
 )
-def test_steps_that_lead_away_end_the_map(decreases: list[float], is_timed: bool) -> None:
+def test_steps_that_lead_away_end_the_map(decreases: list[float], is_timed: bool, of_steps) -> None:
     steps: Any = Steps(decreases, is_timed)
     with pytest.raises(np.linalg.LinAlgError, match="diverges"):
         minimise(steps, 10, 0.99)

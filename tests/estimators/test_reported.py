@@ -29,8 +29,8 @@ def system_at(current: Map) -> tuple[State, System]:
     """The state of a map, and the normal equations there."""
     at = current.state()
     blocks = linearise(current.projection, at, current.views)
-    known = np.searchsorted(current.ids, current.prior.ids)
-    return at, System(current.prior, known, blocks, current.q, current.amplitudes)
+    known = np.searchsorted(current.points.ids, current.prior.ids)
+    return at, System(current.prior, known, blocks, current.points.q, current.amplitudes)
 
 
 @pytest.fixture(scope="module")
@@ -58,10 +58,10 @@ def test_halves_add_up_to_all_tracks(current):
     h[:n, n:] = h[n:, :n].T
     for i, v in enumerate(blocks.v):
         h[n + 3 * i : n + 3 * i + 3, n + 3 * i : n + 3 * i + 3] = v
-    for i, row in enumerate(np.searchsorted(current.ids, prior.ids)):
+    for i, row in enumerate(np.searchsorted(current.points.ids, prior.ids)):
         rows, information = slice(n + 3 * row, n + 3 * row + 3), np.linalg.inv(prior.cov[i])
         h[rows, rows] += information
-        right[rows] -= information @ (current.q[row] - prior.mean[i] - prior.modes[i] @ current.amplitudes)
+        right[rows] -= information @ (current.points.q[row] - prior.mean[i] - prior.modes[i] @ current.amplitudes)
     gain = h[:n, n:] @ np.linalg.inv(h[n:, n:])
     assert np.abs(h[:n, :n] - gain @ h[n:, :n] - every[0]).max() < 1e-6 * scale
     assert right[:n] - gain @ right[n:] == pytest.approx(every[1], abs=1e-5 * np.abs(every[1]).max() + 1e-3)
@@ -79,10 +79,16 @@ def test_one_step_leads_to_the_minimum(current):
 
 
 def test_nothing_is_fed_back(current):
-    before = current.cams_from_ref.copy(), current.q.copy(), current.amplitudes.copy(), current.views, current.prior
+    before = (
+        current.cams_from_ref.copy(),
+        current.points.q.copy(),
+        current.amplitudes.copy(),
+        current.views,
+        current.prior,
+    )
     read_off, _ = reported(current, SpanFactors.unknown(SPANS), True)
     assert read_off is not current
-    for old, now in zip(before, (current.cams_from_ref, current.q, current.amplitudes), strict=False):
+    for old, now in zip(before, (current.cams_from_ref, current.points.q, current.amplitudes), strict=False):
         assert (old == now).all()
     assert before[3:] == (current.views, current.prior)
 

@@ -15,12 +15,12 @@ ROOT = Path(stream_sfm.__file__).parent
 # other. A new room needs a place here.
 LAYERS = (
     ("errors", "record", "__version__"),
-    ("inputs", "outputs"),
+    ("inputs", "outputs", "wording"),
+    ("config",),
     ("core",),
-    ("geometry", "blas", "files", "deflate", "interrupts", "executors", "memory", "wording", "methods"),
+    ("geometry", "blas", "files", "deflate", "interrupts", "executors", "memory", "methods"),
     ("inertial",),
     ("camera",),
-    ("config",),
     ("rig_model",),
     ("types",),
     ("motion",),

@@ -201,6 +201,8 @@ def test_own_images_in_folders_called_like_tartanairs_have_their_own_calibration
 def test_the_one_recording_in_and_below_a_folder_is_taken(tmp_path):
     write_kitti(tmp_path / "dataset/sequences/00")
     (tmp_path / "dataset/notes.txt").touch()
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs/estimates.mcap").touch()  # a result, no recording
     assert sfm.open_log(tmp_path).path == tmp_path / "dataset/sequences/00"
     write_kitti(tmp_path / "dataset/sequences/01")
     with pytest.raises(sfm.LogError, match=r"give one of .*sequences/00, .*sequences/01$"):

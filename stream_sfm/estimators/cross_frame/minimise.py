@@ -3,6 +3,7 @@
 import numpy as np
 
 from .map import Map
+from .velocities import is_timed, renew_timing
 
 # Decrease of the sum of squares that a step promises, in squared standard deviations. Measured on simulated and real
 # views: a step leaves less than a ten-thousandth of the decrease it promised. After one that promised this much, a
@@ -18,10 +19,10 @@ def minimise(current: Map, max_iterations: int, gate_probability: float) -> int:
     a second step is made with the velocities that the first one has found. The last factor stays in the map for the
     covariances. Raises LinAlgError where the iteration diverges or no points are left.
     """
-    before, steps, timed = np.inf, 0, current.is_timed
+    before, steps, timed = np.inf, 0, is_timed(current)
     while steps < max_iterations and not (before < _CONVERGED and steps >= 1 + timed):
         current.drop_undetermined()
-        if not len(current.ids):
+        if not len(current.points):
             raise np.linalg.LinAlgError("no points are left")
         decrease = current.gauss_newton_step()
         # A step that promises more than the one before it leads away from the minimum. After convergence the only step
@@ -30,6 +31,6 @@ def minimise(current: Map, max_iterations: int, gate_probability: float) -> int:
             raise np.linalg.LinAlgError("Gauss-Newton diverges")
         current.gate(gate_probability)  # by the velocities that this minimum is of
         if timed:
-            current.renew_timing()
+            renew_timing(current)
         before, steps = decrease, steps + 1
     return steps

@@ -59,15 +59,17 @@ def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
 def _of_motions(current: Map) -> Array:
     """Return what the motions between each earlier frame and the newest one add to the covariance (r, 6, 6).
 
-    Where they are ambiguous, and as patches slide alike.
+    Where they are ambiguous, these differences add up. Turns that patches feign which slide alike come and go within a
+    window, so that over any of its spans they count as over one frame, eq. (17b); those that stay add up in the pose.
     """
-    together, apart, covs = np.zeros((6, 6)), np.zeros((6, 6)), []
+    together, apart, turns = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
+    covs: list[Array] = []
     for frame, cam_from_ref in zip(reversed(current.frames), current.cams_from_ref[::-1], strict=True):
         moved = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(cam_from_ref))
         turned = frame.std_turn_rad * moved[:, 3:]
-        apart = apart + turned @ turned.T
+        turns = turns + turned @ turned.T
         if frame.ambiguity.shape[1]:
             other = moved @ frame.ambiguity
             together, apart = together + other[:, :6], apart + other[:, 6:] @ other[:, 6:].T
-        covs.append(together @ together.T + apart)
+        covs.append(together @ together.T + apart + turns / (len(covs) + 1))
     return np.stack(covs[::-1])

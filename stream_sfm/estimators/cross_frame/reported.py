@@ -43,14 +43,14 @@ def _reported(current: Map, factors: SpanFactors, learns: bool) -> tuple[Map, Sp
         inertial = result.inertia.linearise(result.cams_from_ref, result.inertial_state)
     system = System(
         result.prior.given_rig(result.amplitudes[k - m :]),
-        np.searchsorted(result.ids, result.prior.ids),
+        np.searchsorted(result.points.ids, result.prior.ids),
         linearise(result.projection, at, views),
-        result.q,
+        result.points.q,
         result.amplitudes[: k - m],
         inertial,
     )
     if learns and factors.asks_for(result.frames[-1].index):
         factors = factors.after(factor**2 * squares_of_halves(result, system, at, views))
     result.follow(system)
-    system.with_rig_of(current.system, np.searchsorted(current.ids, result.ids))
+    system.with_rig_of(current.system, np.searchsorted(current.points.ids, result.points.ids))
     return result, factors

@@ -13,6 +13,7 @@ import numpy as np
 from ... import core
 from ...geometry.medians import MEMORY_FRAMES
 from ...geometry.se3 import Array
+from ...record import record
 
 _LEAST = 5  # frames that a polynomial of fourth order and the ticks of a clock are told from
 _LATER = 3  # frames after which the velocity of a frame is known as well as it ever will be
@@ -74,3 +75,23 @@ class TwistError:
         further = (apart[-_LATER:].max() / np.median(apart)) ** 2
         weight = min(self._frames / _LATER, 1.0)
         return weight * further**2 * self._cov + (1 - weight) * np.diag((std_acceleration * apart[-1]) ** 2)
+
+
+@record
+class Exposures:
+    """A block of a map's state: when the reference camera and the window's frames were exposed.
+
+    `seconds` (F + 1,) since the first of them, and `motions` (F + 1, 2, 6) of points then. `has_twist`: whether the
+    error of a frame's twist is one of its unknowns, where a delay is probable. `clock` and `twist_error` learn.
+    """
+
+    seconds: Array
+    motions: Array
+    clock: ExposureClock
+    twist_error: TwistError
+    has_twist: bool = False
+
+    @classmethod
+    def of_reference(cls) -> "Exposures":
+        """Return those of a map that begins."""
+        return cls(np.zeros(1), np.zeros((1, 2, 6)), ExposureClock(), TwistError())

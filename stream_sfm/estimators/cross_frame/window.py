@@ -34,9 +34,11 @@ from .inverse_depth import WhitenedViews
 from .map import Map
 from .minimise import minimise
 from .outliers import RejectionCounts
+from .refocusing import root_of_refocusing
 from .relative import common_errors, relative_motions
 from .reported import reported
 from .rig_knowledge import RigKnowledge, impossible
+from .velocities import cov_of_timing, expect, renew_timing
 from .window_frame import WindowFrame, views_of
 
 # σ of the field beyond which a rig has one. Rendered images make it .017 px at the most, real ones more within four
@@ -103,10 +105,12 @@ class CrossFrame:
         views = views_of(observations, self.projection, age_s)
         if observations.rig is not None and observations.rig.change_root is not None:
             self._change_rig(observations.rig.change_root)
-        if self.map is not None and (root := self.map.root_of_refocusing) is not None:
-            self.map.rejections = RejectionCounts()  # they were by the errors as they were
-            self._change_rig(root)
         current = self.map
+        if current is not None:
+            root = root_of_refocusing(current.prior.rig, current.frames, current.doubt)
+            if root is not None:
+                current.rejections = RejectionCounts()  # they were by the errors as they were
+                self._change_rig(root)
         if current is None:
             return self._start(observations, frame, views)
         try:
@@ -150,7 +154,7 @@ class CrossFrame:
             current.settle()
         passed_s = (observations.stamp_ns - current.previous.stamp_ns) / 1e9
         current.consider_other(motion, self.motion.std_speed * passed_s)
-        current.renew_timing()
+        renew_timing(current)
         iterations = minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
         return self._report(current, observations, motion, iterations)
 
@@ -230,7 +234,7 @@ class CrossFrame:
         if start is None:
             predicted, _ = self.motion.predict(observations.stamp_ns)
             start = se3.inverse(predicted) @ previous.world_from_cam
-        views, unknown_px = current.expect(frame, views, rows, points, start, self._std_acceleration)
+        views, unknown_px = expect(current, frame, views, rows, points, start, self._std_acceleration)
         corrected = _corrected(observations, views, current.rig_error)
         found = initial_motion(
             self.projection,
@@ -257,7 +261,7 @@ class CrossFrame:
         now = current.marginals = replace(read_off.update_marginals(), cov_pose=current.cov_pose)
         known, inertial = self.inertia.report(current, read_off)
         now = now if known is None else current.place_newest(known)
-        cov_timing = current.cov_of_timing(self._std_acceleration)
+        cov_timing = cov_of_timing(current, self._std_acceleration)
         if motion.ambiguous is None:  # otherwise it may be the motion that is wrong
             self._impossible = impossible(rig)
         observations = _with_misfit(observations, self._impossible)
@@ -291,7 +295,7 @@ class CrossFrame:
         if rig is not None and observations.rig is not None:
             by_rows = self._since_by_rows(observations, len(rig.mean))
             current.learn_rig(rig, observations.rig.field_std_px, by_rows)
-        return recorded(self.motion, observations, solution, before.ended(current.ids))
+        return recorded(self.motion, observations, solution, before.ended(current.points.ids))
 
 
 def _with_misfit(observations: Observations, reason: str) -> Observations:

@@ -1,0 +1,53 @@
+"""The points of a map: a block of its state."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry import se3
+from ...geometry.se3 import Array
+from ...record import changed, record, rows_of
+
+
+@record
+class MapPoints:
+    """Points (P,) of a map: `ids`, ascending, and `q` (P, 3) in the cameras that first saw them, their anchors.
+
+    `ref_from_anchor` (P, 4, 4): these cameras, as known poses in the reference camera.
+    """
+
+    ids: NDArray[np.int64]
+    q: Array
+    ref_from_anchor: Array
+
+    @classmethod
+    def of_reference(cls, ids: NDArray[np.int64], q: Array) -> "MapPoints":
+        """Return points that the reference camera was the first to see."""
+        return cls(ids, q, np.tile(np.eye(4), (len(ids), 1, 1)))
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def keep(self, rows: NDArray[Any]) -> "MapPoints":
+        """Return the points of a mask or of rows."""
+        return MapPoints(*(rows_of(column, rows) for column in (self.ids, self.q, self.ref_from_anchor)))
+
+    def with_new(self, ids: NDArray[np.int64], q: Array, ref_from_cam: Array) -> "MapPoints":
+        """Return these points with new ones, which a camera (4, 4) is the first to see."""
+        ids = np.concatenate([self.ids, ids])
+        order = np.argsort(ids)
+        anchors = np.broadcast_to(ref_from_cam, (len(q), 4, 4))
+        return MapPoints(
+            ids[order],
+            np.concatenate([self.q, q])[order],
+            np.concatenate([self.ref_from_anchor, anchors])[order],
+        )
+
+    def moved(self, dq: Array) -> "MapPoints":
+        """Return the points moved by (P, 3)."""
+        return changed(self, q=self.q + dq)
+
+    def seen_from(self, cam_from_ref: Array) -> "MapPoints":
+        """Return the points of another reference camera (4, 4); their anchors stay."""
+        return changed(self, ref_from_anchor=se3.orthonormalise(cam_from_ref @ self.ref_from_anchor))

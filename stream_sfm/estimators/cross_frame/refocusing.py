@@ -1,0 +1,42 @@
+"""A focus that moves: by what it changes the errors of the rig, eq. (72g)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...geometry.se3 import Array
+from .doubt import Doubt
+from .prior import Prior
+from .rig_knowledge import RigKnowledge
+from .window_frame import WindowFrame
+
+
+def refocused(prior: Prior, frame: WindowFrame, next_ns: int) -> Prior:
+    """Return the prior with a focus that may have moved faster or slower since `frame`, if it moves at all.
+
+    `next_ns`: the stamp of the frame after it.
+    """
+    if frame.rig is None:
+        return prior
+    passed_s, age_s = (next_ns - frame.stamp_ns) / 1e9, prior.rig.age_s(frame.stamp_ns)
+    root = frame.rig.root_of_focusing(prior.rig.held, prior.rig.cov_held, age_s, passed_s)
+    if not root.any():
+        return prior
+    # until now its motion was taken for other errors, which are as unknown as at first
+    return prior.with_rig_change(_with_others(root, prior.rig))
+
+
+def root_of_refocusing(rig: RigKnowledge, window: Sequence[WindowFrame], doubt: Doubt) -> Array | None:
+    """Return a root (m, j) of the covariance by which a rig has changed, if windows contradict what is known of it.
+
+    What moves all of a lens's errors at once and goes on moving is its focus; None where nothing does.
+    """
+    model = window[-1].rig if window else None
+    if model is None or not rig.is_contradicted or doubt.frames or doubt.cov.any():
+        return None
+    return _with_others(model.root_of_unknown_focus(len(rig), rig.age_s(window[-1].stamp_ns)), rig)
+
+
+def _with_others(root: Array, rig: RigKnowledge) -> Array:
+    """Return a root with that of all errors as at first, of a rig that was steady until now."""
+    return np.concatenate([root, np.diag(rig.size)], axis=1) if rig.steady else root

@@ -1,0 +1,164 @@
+"""What the velocities of a map's frames do to its views, by delay and readout of the cameras, eqs. (70) to (70b)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import core
+from ...geometry.se3 import Array
+from ...geometry.stereo import clamp_depth
+from ...record import changed
+from ...rig_model.estimate import CERTAIN
+from ...rig_model.model import LEAST_VARIANCE, RigModel
+from ...rig_model.terms import DISPARITY
+from .inverse_depth import WhitenedViews, at_rest, expected, held, timed
+from .map import Map
+from .twist_unknown import TWIST, left_in_rows, twist_columns, with_room
+from .window_frame import WindowFrame
+
+# Of what accelerations are assumed to do to a twist: few frames have not shown all of its errors.
+_LEAST_TWIST = 0.1
+_PROBABLE = 2.0  # standard deviations from which on a delay is reckoned with
+_FAR = 0.0, 0.0, 1.0, 0.0  # a point at infinity, straight ahead
+
+
+def expect(
+    current: Map,
+    frame: WindowFrame,
+    views: WhitenedViews,
+    rows: NDArray[np.intp],
+    points: Array,
+    cam_from_previous: Array,
+    std_acceleration: Array,
+) -> tuple[WhitenedViews, Array | None]:
+    """Take what errors of the rig do to `rows` of the views of a frame to come, as they move there.
+
+    Homogeneous points (n, 4) of the camera before, and roughly the motion (4, 4) since. Returns the views, and what
+    they err by in common: by what is not known of the timing, with accelerations of σ (6,), by what is the frame's
+    own, and by what is not known of the disparity: (n, 4, j) px of σ = 1; None for an exact rig.
+    """
+    if frame.rig is None:
+        return views, None
+    poses = [np.eye(4), *current.cams_from_ref, cam_from_previous @ current.newest_cam_from_ref]
+    stamps_ns = [f.stamp_ns for f in (current.reference, *current.frames, frame)]
+    seconds = current.exposures.clock.seconds(np.array(poses), stamps_ns, std_acceleration)
+    current.exposures = changed(current.exposures, seconds=seconds)
+    motions = _as_turning(core.point_motions(np.array(poses), seconds), (*current.frames, frame))
+    *_, before, now = motions
+    moved = clamp_depth(points @ cam_from_previous.T)
+    by_timing = np.zeros_like(views.timing)
+    timing = _timing(current, frame.rig)
+    by_timing[rows] = frame.rig.by_timing(moved, now, timing[0], views.expected_px[rows])
+    views = changed(views, timing=by_timing)
+    of_twist = std_acceleration * (seconds[-1] - seconds[-2])
+    delay_s, std_s = timing[0][0], np.sqrt(timing[1][0, 0])
+    if current.exposures.has_twist or abs(delay_s) > _PROBABLE * std_s:
+        _begin_twist(current)
+        in_cam = core.seen_points(current.projection, views.z_px)
+        in_cam[rows] = moved
+        in_cam[~np.isfinite(in_cam).all(axis=1)] = _FAR  # the left side alone, which is not late
+        cov_twist = current.exposures.twist_error.cov(std_acceleration, seconds)
+        cov_twist = cov_twist + np.diag((_LEAST_TWIST * of_twist) ** 2)
+        size_s = np.copysign(np.hypot(delay_s, std_s), delay_s)
+        own = twist_columns(current.projection, views, in_cam, size_s, cov_twist)
+        views = changed(views, own=np.concatenate([views.own, own], axis=2))
+    of_timing = core.timing_unknowns(*frame.rig.cameras, points, before[0], moved, now[0], *timing, of_twist)
+    cov_held = current.prior.rig.cov_held[DISPARITY, DISPARITY] + LEAST_VARIANCE * np.eye(DISPARITY.stop)
+    by_disparity = frame.rig.by_disparity(points, cam_from_previous, views.z_px[rows])
+    of_disparity = by_disparity @ np.linalg.cholesky(cov_held)
+    return views, np.concatenate([of_timing, views.own[rows], of_disparity], axis=2)
+
+
+def _begin_twist(current: Map) -> None:
+    """Make room for the error of the twist among the unknowns of each frame; that of the frames before is known."""
+    if not current.exposures.has_twist:
+        current.exposures = changed(current.exposures, has_twist=True)
+        current.own = np.concatenate([current.own, np.zeros((len(current.own), TWIST))], axis=1)
+        current.views = changed(current.views, own=with_room(current.views.own))
+        if current.first_views is not None:
+            current.first_views = changed(current.first_views, own=with_room(current.first_views.own))
+            at = 6 + current.own.shape[1] - TWIST
+            current.prior = current.prior.with_own_of_first(at, TWIST)
+            current.amplitudes = np.insert(current.amplitudes, [at] * TWIST, 0.0)
+    rows, own = current.newest, current.views.own.copy()
+    own[rows, :, -TWIST:] = left_in_rows(own[rows, :, -TWIST:])
+    current.views = changed(current.views, own=own)
+
+
+def renew_timing(current: Map) -> None:
+    """Take what delay and readout do to the used views of the window, with the velocities that are known now.
+
+    They depend on the camera's velocity, which later frames tell better. The place is kept where a view was
+    expected before it counted: at a place that goes along with the view's own noise, errors that hardly show would
+    be estimated wrongly by a fixed amount, which is not averaged out.
+    """
+    rig = current.frames[-1].rig
+    if rig is None:
+        return
+    poses = np.array([np.eye(4), *current.cams_from_ref])
+    motions = _as_turning(core.point_motions(poses, current.exposures.seconds), current.frames)
+    current.exposures = changed(current.exposures, motions=motions)
+    if current.first_views is not None:
+        _renew_first(current, current.first_views, rig)
+    current.views = timed(current.state(), current.views, rig, motions[1:], _timing(current, rig)[0])
+
+
+def is_timed(current: Map) -> bool:
+    """Whether delay or readout are certain to be there, so that velocities matter to the poses."""
+    rig = current.frames[-1].rig
+    if rig is None:
+        return False
+    mean, cov = _timing(current, rig)
+    return bool((mean**2 > CERTAIN**2 * np.diag(cov)).any())
+
+
+def cov_of_timing(current: Map, std_acceleration: Array) -> Array:
+    """Return the covariance (6, 6) of the newest pose by its velocity, which delay and readout turn into errors."""
+    rig, newest = current.frames[-1].rig, current.views[current.newest]
+    if rig is None or not newest.used.any():
+        return np.zeros((6, 6))
+    indices = [f.index for f in (current.reference, *current.frames)]
+    exposures = current.exposures
+    exposures.twist_error.add(indices, exposures.motions[:, 0])
+    mean, cov = _timing(current, rig)
+    if exposures.has_twist:  # what it does by a delay is in the joint covariance
+        mean, cov = mean * [0.0, 1.0], cov * np.outer([0.0, 1.0], [0.0, 1.0])
+    in_cam = core.points_of_views(current.state(), newest)
+    cov_twist = exposures.twist_error.cov(std_acceleration, exposures.seconds)
+    return core.cov_of_timed_pose(*rig.cameras, in_cam, np.sqrt(mean**2 + np.diag(cov)), cov_twist)
+
+
+def _renew_first(current: Map, views: WhitenedViews, rig: RigModel) -> None:
+    """Begin the prior again with the first frame's views as they moved, which later frames tell better.
+
+    Possible as long as nothing else is in the prior.
+    """
+    points, rig_error = (
+        current.points.keep(np.searchsorted(current.points.ids, current.prior.ids)),
+        current.rig_error,
+    )
+    state = current.state_of_one(points, rig_error)
+    views = changed(views, used=core.among(views.ids, state.ids))
+    views = at_rest(expected(state, views, rig), rig, current.prior.rig.age_s(current.reference.stamp_ns))
+    current.first_views = views = timed(state, views, rig, current.exposures.motions[:1], _timing(current, rig)[0])
+    ages_s = np.array([current.prior.rig.age_s(f.stamp_ns) for f in current.frames])
+    current.views = at_rest(held(current.views, views.ids, views.expected_px), rig, ages_s[current.views.frame])
+    estimates = current.seen_alone(current.first_views, state, current.prior.rig.mean - rig_error)
+    current.prior = current.prior.with_first_views(*estimates)
+
+
+def _timing(current: Map, rig: RigModel) -> tuple[Array, Array]:
+    """Return delay and readout (2,) as they are held, seconds, and their covariance (2, 2)."""
+    return rig.timing(current.prior.rig.held, current.prior.rig.cov_held)
+
+
+def _as_turning(motions: Array, frames: Sequence[WindowFrame]) -> Array:
+    """Return motions (n, 2, 6) of points, those of the last frames turning as the gyroscope says, where there is one.
+
+    A polynomial through poses cannot follow a camera that is shaken.
+    """
+    for motion, frame in zip(motions[len(motions) - len(frames) :], frames, strict=True):
+        if frame.turning is not None:
+            motion[:, 3:] = frame.turning
+    return motions
