@@ -39,6 +39,7 @@ SUITES = {
     "tumvi": "EuRoC",
     "clips": "",
 }  # name -> format of its sources
+_STANDS_M = 0.5  # a shorter true path has no errors per distance
 Figures = dict[str, float | None]
 
 
@@ -113,6 +114,8 @@ def measure(path: Path, overrides: list[str]) -> Figures | str:
         figures["rpe_m"] = float(np.sqrt(np.nanmean(apart**2)))
         spans = found.get("relative_consistency") or []
         figures["factor_of_sigma"] = spans[0]["factor"] if spans else None
+        if np.nansum(np.linalg.norm(np.diff(places[:, :3, 3], axis=0), axis=1)) < _STANDS_M:
+            figures |= {"t_rel_percent": None, "r_rel_deg_per_100m": None}
     return figures | {
         "frames": count,
         "path_m": summary["path_length_m"],
@@ -144,7 +147,7 @@ def steps_back(results: dict[str, Figures], baseline: dict[str, Any], machine: s
                 said.append(f"{name}: {metric.title} is not known any more; it was {before:.4g}")
             elif (worse := metric.worse_by(now, before)) > metric.allowed(before):
                 said.append(
-                    f"{name}: {metric.title} is {now:.4g}, and was {before:.4g} {metric.unit}: worse by {worse:.3g}"
+                    f"{name}: {metric.title} went from {before:.4g} to {now:.4g} ({metric.unit}): worse by {worse:.3g}"
                 )
     return said
 

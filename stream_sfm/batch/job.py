@@ -138,7 +138,7 @@ def _fingerprint(job: Job) -> str:
 
 
 def _sha256(path: Path) -> str:
-    """Of the content of a file, or of the names and contents of all files of a folder."""
+    """Return the digest of a file, or of the names and contents of all files of a folder."""
     if not path.is_dir():
         with open_regular(path) as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]

@@ -30,18 +30,18 @@ struct has_fields<T, std::void_t<decltype(T::names)>> : std::true_type {};
 template <class Record>
 using PartsOf = decltype(std::declval<Record&>().parts());
 
+// Whether it has a name in Python.
+template <class T, class = void>
+struct is_named : std::false_type {};
+template <class T>
+struct is_named<T, std::void_t<decltype(T::record)>> : std::true_type {};
+
 // A stack of patches that a stage writes into.
 template <class T>
 struct Writable {
     T* data;
     std::array<std::size_t, 3> shape;
 };
-
-// Whether it has a name in Python.
-template <class T, class = void>
-struct is_named : std::false_type {};
-template <class T>
-struct is_named<T, std::void_t<decltype(T::record)>> : std::true_type {};
 
 // The type of an argument or a result as the stub has it; arrays by the aliases at its head.
 template <class T, class = void>

@@ -49,7 +49,7 @@ class _BothSides(Source):
         self.format, self.profile, self.library = source.format, source.profile, source.library
 
     def contents(self) -> Contents | None:
-        """Of the source as it lies on disk."""
+        """Return the contents of the source as it lies on disk."""
         return self._source.contents()
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:

@@ -41,7 +41,7 @@ def _may_be_video(topic: Topic) -> bool:
 
 
 def _codec(source: Source, topic: Topic) -> str | None:
-    """Of such a topic, by its first message: h264 or h265; None where it is none of them, or cannot be read."""
+    """Return the codec of such a topic by its first message: h264 or h265; None where it is neither or unreadable."""
     try:
         first = next(decoded(source, [topic.name], MessageDecoder.image), None)
     except LogError:
@@ -62,7 +62,7 @@ class _Decoded(Source):
         return self._source.indexed
 
     def contents(self) -> Contents | None:
-        """Of the source as it lies on disk."""
+        """Return the contents of the source as it lies on disk."""
         return self._source.contents()
 
     def attachments(self, damage: Damage) -> Iterator[Attachment]:

@@ -24,6 +24,7 @@ from .records import Comparison, RunRecord
 from .tables import of_method
 
 _LEVEL = 1.02  # two errors whose ratio is less are called alike
+_MOST_NAMED = 3  # methods whose covariances do not hold, each with its figure; of more the range is told
 
 
 @record
@@ -151,9 +152,9 @@ def consistency_of(c: Comparison, run: RunRecord, against: Against | None, truth
 
 def in_words(content: dict[str, Any], methods: dict[str, Any]) -> str:
     """The first line of page, terminal and report.json: who is ahead over which spans, and whose covariances hold."""
-    said = [_who_is_ahead(content), _which_hold(methods)]
+    said = [_who_is_ahead(content), _which_hold(methods, content["as_is"])]
     if content["common"] is not None:
-        said.insert(0, f"All methods share {content['common']['text']}, which is taken out here")
+        said.append(f"All methods share {content['common']['text']}, which is taken out here")
     sentences = [sentence for sentence in said if sentence]
     if not sentences:
         return "There is no ground truth for these frames."
@@ -190,13 +191,15 @@ def _who_is_ahead(content: dict[str, Any]) -> str:
             f"{_frames(frames)}{_source(of_halves, content)}, {_times(lines[-1][1])} over {lines[-1][0]}"
         )
     frames, ratio, of_halves = lines[-1]
-    at_last = f"{_times(ratio, inverse=True)} at {_frames(frames)}{_source(of_halves, content)}"
+    at_last = (
+        f"{names[0]} errs {_times(ratio, inverse=True)} as much over {_frames(frames)}{_source(of_halves, content)}"
+    )
     if before:
         return f"{names[0].capitalize()} is ahead up to {_frames(before)}, {names[1]} from {behind} on: {at_last}"
     if behind:
         since = "over every span" if behind == 1 else f"from {_frames(behind)} on"
         return f"{names[1].capitalize()} is ahead of {names[0]} {since}: {at_last}"
-    return f"{names[1].capitalize()} and {names[0]} err alike: {names[0]} {at_last}"
+    return f"{names[1].capitalize()} and {names[0]} err alike: {at_last}"
 
 
 def _source(of_halves: bool, content: dict[str, Any]) -> str:
@@ -243,26 +246,44 @@ def _times(ratio: dict[str, Any], inverse: bool = False) -> str:
     return f"{value:.2f}{' [{:.2f}, {:.2f}]'.format(*sorted(ends)) if ends else ''} times"
 
 
-def _which_hold(methods: dict[str, Any]) -> str:
-    """Say of which methods the covariances hold, and how wrong those of the others are."""
+def _which_hold(methods: dict[str, Any], as_is: bool) -> str:
+    """Say of which methods the covariances hold, and how wrong those of the others are: of many, the range."""
     low, high = (np.sqrt(x / 6) for x in NEES_INTERVAL)
-    hold, wrong = [], []
+    hold, wrong = [], {}
     for key, figures in methods.items():
         factor = figures["sigma_factor"]
         if factor is None:
             continue
-        name = of_method(key).name
         if low <= factor <= high:
-            hold.append(name)
+            hold.append(of_method(key).name)
         else:
-            size = factor**2 if factor > 1 else factor**-2.0
-            wrong.append(f"{name} ({float(f'{size:.2g}'):g} times too {'small' if factor > 1 else 'large'})")
+            wrong[key] = factor**2
     by_halves = any(figures["sigma_factor_from"] == "halves" for figures in methods.values())
-    source = ", by halves of the tracks," if by_halves else ""
+    source = (
+        ", by halves of the tracks," if by_halves else "" if as_is else ", with the calibration taken for exact,"
+    )
     said = f"Covariances{source} hold for {_listed(hold)}" if hold else ""
-    if wrong:
-        said += f"{', not for ' if said else f'Covariances{source} do not hold for '}{_listed(wrong)}"
-    return said
+    if not wrong:
+        return said
+    said += ", not for " if said else f"Covariances{source} do not hold for "
+    if len(wrong) <= _MOST_NAMED:
+        return said + _listed([f"{of_method(key).name} ({_off(size)})" for key, size in wrong.items()])
+    mine = wrong.pop(REFERENCE.replace("-", "_"), None)
+    others = (
+        f"{len(wrong)} {'methods' if mine is None and not hold else 'others'} ({_off(*sorted(wrong.values()))})"
+    )
+    return said + (others if mine is None else f"{of_method(REFERENCE).name} ({_off(mine)}) and {others}")
+
+
+def _off(*sizes: float) -> str:
+    """Say how many times too small or too large covariances are, by what they would have to be multiplied with."""
+    least, most = (
+        (f"{float(f'{max(x, 1 / x):.2g}'):g}", "small" if x > 1 else "large") for x in (sizes[0], sizes[-1])
+    )
+    if least[1] != most[1]:
+        return f"up to {least[0]} times too {least[1]} and {most[0]} times too {most[1]}"
+    ends = sorted({least[0], most[0]}, key=float)
+    return f"{' to '.join(ends)} times too {least[1]}"
 
 
 def _listed(names: list[str]) -> str:

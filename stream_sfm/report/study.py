@@ -60,7 +60,7 @@ def _cell(value: Interval | float | None) -> str:
 
 
 def _forest(table: StudyTable) -> Iterator[Markup]:
-    """Of ratios, of which 1 is best, a chart per condition: estimators with their intervals, in rotation."""
+    """Yield a chart per condition of a table of ratios, where 1 is best: estimators with their intervals."""
     if table.best is None:
         return
     for condition in dict.fromkeys(names[0] for names, _ in table.rows):
@@ -75,7 +75,7 @@ def _forest(table: StudyTable) -> Iterator[Markup]:
 
 
 def _laws(report: dict[str, Any]) -> Iterator[Markup]:
-    """Of the rates: drift by the span of a point, and local structure by the window, beside what theory says."""
+    """Yield charts of the rates: drift by the span of a point, and local structure by the window, beside theory."""
     if drift := report.get("drift_over_span"):
         lines = [("rotation", "rotation_relative", "c1"), ("position", "position_relative", "c2")]
         yield _law("Drift by the span of a point", drift, "span_frames", [*lines, ("theory", "theory", "truth")])
@@ -92,7 +92,7 @@ def _law(title: str, found: dict[str, Any], x: str, lines: Sequence[tuple[str, s
 
 
 def _over_frames(report: dict[str, Any]) -> Iterator[Markup]:
-    """Of figure 6: the errors of a few estimators over the sequence."""
+    """Yield charts of figure 6: the errors of a few estimators over the sequence."""
     for quantity in QUANTITIES if "curves" in report else ():
         x, unit = np.array(report["frames"]), "mrad" if quantity == "rotation" else "mm"
         series = [

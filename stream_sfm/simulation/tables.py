@@ -127,7 +127,7 @@ def _of_conditions(report: Report) -> Iterator[StudyTable]:
 
 
 def _of_rates(report: Report) -> Iterator[StudyTable]:
-    """Of the paper's Table 1: exponents, the laws over spans and windows, and what estimators reach of them."""
+    """Yield the tables of the paper's Table 1: exponents, laws over spans and windows, and what estimators reach."""
     rows: list[tuple[tuple[str, ...], list[Value]]] = []
     methods = tuple(dict.fromkeys(m for row in report.get("table", {}).values() for m in row["exponents"]))
     for name, row in report.get("table", {}).items():

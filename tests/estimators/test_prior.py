@@ -325,7 +325,7 @@ def test_system_is_the_dense_solution(prior, own) -> None:
         cov = cov + gain @ (cov_held - cov[-M:, -M:]) @ gain.T
     scale = np.sqrt(np.diag(cov))
     by_rig = np.concatenate(
-        [system.by_rig[:a], prior.world_modes @ np.concatenate([system.by_rig[system.modes :], np.eye(M)])]
+        [system.by_rig[:a], prior.world_modes @ np.concatenate([system.by_rig[system.at["modes"]], np.eye(M)])]
     )
     assert by_rig == pytest.approx(gain[np.r_[:a, a + b : a + b + 6]], rel=1e-6, abs=1e-9)
     found = np.concatenate([dx.ravel(), dq.ravel(), prior.world_modes @ dy, dy[-M:]])

@@ -116,7 +116,7 @@ def _in(table: Any, key: str) -> Any:
 
 
 def _orb_slam_camera(document: Document, side: int, size: Size | None) -> Camera:
-    """Of a rectified pair both are the one camera that is there, without distortion."""
+    """Read one camera; in a rectified pair both are the only camera given, without distortion."""
     data, model = document.data, str(document.data.get("Camera.type", "PinHole"))
     if "Camera.width" in data and "Camera.height" in data:
         size = document.size([data["Camera.width"], data["Camera.height"]], "Camera.width and Camera.height")

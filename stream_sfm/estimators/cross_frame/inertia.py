@@ -31,6 +31,7 @@ from .interval import (
     FIXED,
     GRAVITY,
     GYRO_BIAS,
+    JOINT,
     SCALE,
     STATE,
     VELOCITY,
@@ -38,6 +39,7 @@ from .interval import (
     Intervals,
     Known,
 )
+from .layout import Layout
 from .map import Map
 from .window_frame import WindowFrame
 
@@ -95,7 +97,7 @@ class Inertia:
         mean = self._buffer.mean_acceleration(stamp_ns)
         if mean is None:
             return None
-        state, joint = np.zeros(STATE), np.zeros((6 + STATE, 6 + STATE))
+        state, joint = np.zeros(STATE), np.zeros((JOINT.size, JOINT.size))
         state[GRAVITY] = -self._calibration.cam_from_imu[:3, :3] @ mean
         std = np.repeat([_STD_VELOCITY, _STD_START, _STD_GYRO_BIAS, _STD_ACCEL_BIAS], 3)
         joint[:6, :6] = cov_pose
@@ -138,7 +140,7 @@ class Inertia:
         if known is None:
             return None
         inertial = inertial_estimate(known, self._densities.factors)
-        return Prediction(stamp_ns, known.world_from_cam, known.cov[:6, :6], inertial)
+        return Prediction(stamp_ns, known.world_from_cam, known.cov_pose, inertial)
 
     def _interval(self, first_ns: int, last_ns: int, state: Array) -> Interval:
         calibration = self._calibration
@@ -217,7 +219,7 @@ class Inertia:
         if now is None or calibration is None:
             return None
         cov = now.cov.copy()
-        cov[:6], cov[:, :6] = 0.0, 0.0
+        cov[JOINT["pose"]], cov[:, JOINT["pose"]] = 0.0, 0.0
         at_origin = Known(now.stamp_ns, np.eye(4), now.state, cov)
         before, self.now = self.now, at_origin
         then = self.predicted(stamp_ns)
@@ -227,7 +229,7 @@ class Inertia:
         rate = self._buffer.rate(stamp_ns, float(then.state[CLOCK][0])) - then.state[GYRO_BIAS]
         mounted = calibration.cam_from_imu[:3, :3] @ se3.exp_so3(then.state[AXES])
         twist = -np.concatenate([then.state[VELOCITY], mounted @ rate])
-        return ExpectedMotion(now.stamp_ns, then.world_from_cam, then.cov[:6, :6], twist, self._carried)
+        return ExpectedMotion(now.stamp_ns, then.world_from_cam, then.cov_pose, twist, self._carried)
 
     def dead_reckoned(self, stamp_ns: int) -> InertialEstimate | None:
         """Return the state at a time at which no image tells the pose; None where σ does not allow to report one."""
@@ -262,12 +264,12 @@ class Inertia:
             window.factors = self._densities.factors
         known = self._with_odds(known)
         self.now = known
-        is_wrong = impossible(known.state, known.cov[6:, 6:], _STD_ACCEL_BIAS)
+        is_wrong = impossible(known.state, known.cov_state, _STD_ACCEL_BIAS)
         if is_wrong or (
             self._agreement.contradicts and self._agreement.is_young
         ):  # forget what a wrong motion told
             self._agreement = self._agreement.anew()
-            self._anew = self._begun(stamp_ns, known.world_from_cam, known.cov[:6, :6])
+            self._anew = self._begun(stamp_ns, known.world_from_cam, known.cov_pose)
         note = "; ".join(filter(None, [self._agreement.note, self._note]))
         estimate = inertial_estimate(known, self._densities.factors, self._distance2, note)
         return known, estimate
@@ -276,7 +278,7 @@ class Inertia:
         """Return pose and state where scale, axes and clock are as probable, eq. (87)."""
         state, cov = known.state, known.cov
         apart = likely(state, cov[6:, 6:], self._std_fixed) - state[FIXED]
-        at = slice(6 + FIXED.start, 6 + FIXED.stop)
+        at = JOINT.within("state", FIXED)
         gain = np.linalg.solve(cov[at, at], cov[at]).T
         moved = gain @ apart
         state = state + moved[6:]
@@ -295,25 +297,26 @@ def _distance2(expected: ExpectedMotion, cam_from_previous: Array, cov: Array, s
 
 def carried(known: Known, interval: Interval, factors: Array, cam_from_imu: Array, stamp_ns: int) -> Known:
     """Return pose and state after an interval, by its samples alone, with their joint covariance, eq. (81)."""
-    of = Intervals.of([interval], factors)
-    previous_from_now, state = core.inertial_motion(of, known.state, cam_from_imu)
+    intervals = Intervals.of([interval], factors)
+    previous_from_now, state = core.inertial_motion(intervals, known.state, cam_from_imu)
     cam = se3.inverse(previous_from_now)
     velocities = np.stack([known.state[VELOCITY], state[VELOCITY]])
-    _, j = core.inertial_rows(of, np.stack([np.eye(4), cam]), velocities, known.state, cam_from_imu)
+    _, j = core.inertial_rows(intervals, np.stack([np.eye(4), cam]), velocities, known.state, cam_from_imu)
     # whitened residuals are zero at the end and N(0, I): J_end (ξ, δv) + J_s δs + n = 0
-    at_end = np.linalg.inv(np.concatenate([j[:, :6], j[:, 6 + STATE :]], axis=1))
-    by_state = -at_end @ j[:, 6 : 6 + STATE]
-    rows, noise = np.zeros((6 + STATE, 6 + STATE)), np.zeros((6 + STATE, 9))
-    rows[:6, :6] = se3.adjoint(cam)
-    rows[:6, 6:], noise[:6] = -by_state[:6], at_end[:6]
-    rows[6:, 6:] = np.eye(STATE)
-    at_v, at_g = slice(6, 9), slice(9, 12)
-    rows[at_v, 6:], noise[at_v] = by_state[6:], -at_end[6:]
+    of, at_pose, at_state = Layout(pose=6, state=STATE, velocity=3), JOINT["pose"], JOINT["state"]
+    at_end = np.linalg.inv(np.concatenate([j[:, of["pose"]], j[:, of["velocity"]]], axis=1))
+    by_state = -at_end @ j[:, of["state"]]
+    rows, noise = np.zeros((JOINT.size, JOINT.size)), np.zeros((JOINT.size, 9))
+    rows[at_pose, at_pose] = se3.adjoint(cam)
+    rows[at_pose, at_state], noise[at_pose] = -by_state[:6], at_end[:6]
+    rows[at_state, at_state] = np.eye(STATE)
+    at_v, at_g = JOINT.within("state", VELOCITY), JOINT.within("state", GRAVITY)
+    rows[at_v, at_state], noise[at_v] = by_state[6:], -at_end[6:]
     turned = -se3.skew(state[GRAVITY])
-    rows[at_g, 6:] = cam[:3, :3] @ rows[at_g, 6:] + turned @ by_state[3:6]
+    rows[at_g, at_state] = cam[:3, :3] @ rows[at_g, at_state] + turned @ by_state[3:6]
     noise[at_g] = -turned @ at_end[3:6]
     cov = rows @ known.cov @ rows.T + noise @ noise.T
-    walk = range(6 + BIASES.start, 6 + BIASES.stop)
+    walk = range(*JOINT.within("state", BIASES).indices(JOINT.size))
     cov[walk, walk] += interval.std_walk**2
     pose = se3.orthonormalise(known.world_from_cam @ previous_from_now)
     return Known(stamp_ns, pose, state, symmetric(cov))
@@ -341,4 +344,4 @@ class InertialMotionModel(MotionModel):
         known = self._inertia.predicted(stamp_ns) if self.started else None
         if known is None:
             return super().predict(stamp_ns)
-        return known.world_from_cam, known.cov[:6, :6].copy()
+        return known.world_from_cam, known.cov_pose.copy()

@@ -11,7 +11,8 @@ from ... import core
 from ...geometry import se3
 from ...geometry.linear import Cholesky, scaled_cholesky
 from ...geometry.se3 import Array
-from .interval import GRAVITY, STATE, VELOCITY, Interval, Intervals, Known, Leaving
+from .interval import GRAVITY, JOINT, OF_LEAVING, STATE, VELOCITY, Interval, Intervals, Known, Leaving
+from .layout import Layout
 from .normal_equations import System
 
 _GRAVITY_M_S2, _STD_GRAVITY = 9.81, 0.03  # anywhere on Earth, and with the scale of an accelerometer
@@ -31,6 +32,11 @@ class InertialWindow:
         self.velocities, self.slides, self._std_slides = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
         self._clear()
         self.surprise = np.zeros((3, 4))  # of the oldest interval, see `learn`
+
+    @property
+    def _local(self) -> Layout:
+        """Where the unknowns of the window that no view sees are."""
+        return Layout(slides=3 * len(self.intervals), velocities=3 * len(self.intervals))
 
     def _clear(self) -> None:
         f = len(self.intervals)
@@ -66,13 +72,14 @@ class InertialWindow:
         residual, j = core.inertial_rows(
             Intervals.of(self.intervals, self.factors), cams, velocities, state, self.cam_from_imu
         )
-        shared = j[:, : 6 * f + STATE]
-        local = np.concatenate([j[:, : 6 * f] @ self._lead, j[:, 6 * f + STATE :]], axis=1)
+        of, slides = Layout(poses=6 * f, state=STATE, velocities=3 * f), self._local["slides"]
+        shared = j[:, of.span("poses", "state")]
+        local = np.concatenate([j[:, of["poses"]] @ self._lead, j[:, of["velocities"]]], axis=1)
         about_slides = np.repeat(self._std_slides**-2.0, 3)
         h_local = local.T @ local
         h_local[range(3 * f), range(3 * f)] += about_slides
         g_local = -local.T @ residual
-        g_local[: 3 * f] -= about_slides * self.slides.ravel()
+        g_local[slides] -= about_slides * self.slides.ravel()
         self._cov_local = Cholesky(h_local).inverse()
         coupling = local.T @ shared
         self._gain, self._g_local = -self._cov_local @ coupling, g_local
@@ -87,8 +94,8 @@ class InertialWindow:
         step = self._cov_local @ self._g_local
         step = step + self._gain @ np.concatenate([dposes.ravel(), dstate])
         self._g_local = np.zeros(6 * f)
-        self.slides = self.slides + step[: 3 * f].reshape(-1, 3)
-        self.velocities = self.velocities + step[3 * f :].reshape(-1, 3)
+        self.slides = self.slides + step[self._local["slides"]].reshape(-1, 3)
+        self.velocities = self.velocities + step[self._local["velocities"]].reshape(-1, 3)
 
     def leaving(self, cam_from_ref: Array, state: Array, cov_gravity: Array) -> Leaving:
         """Return what the oldest interval says, with the slide of its frame, for the prior to absorb."""
@@ -98,16 +105,15 @@ class InertialWindow:
             Intervals.of(self.intervals[:1], self.factors), cams, np.stack([state[VELOCITY], velocity]), state,
             self.cam_from_imu,
         )  # fmt: skip
-        j = np.concatenate(
-            [j[:, : 6 + STATE], j[:, 3:6], j[:, 6 + STATE :]], axis=1
-        )  # a slide turns as a pose does
+        of = Layout(pose=6, state=STATE, velocity=3)  # a slide turns as a pose does
+        j = np.concatenate([j[:, of.span("pose", "state")], j[:, 3:6], j[:, of["velocity"]]], axis=1)
         h, g = j.T @ j, -j.T @ residual
-        rows = range(6 + STATE, 6 + STATE + 3)
+        rows = range(OF_LEAVING["slide"].start, OF_LEAVING["slide"].stop)
         h[rows, rows] += self._std_slides[0] ** -2
         g[rows] -= slide * self._std_slides[0] ** -2
         if not self.knows_gravity and np.trace(cov_gravity) < _KNOWN_GRAVITY:
             self.knows_gravity = True
-            at, gravity = slice(6 + GRAVITY.start, 6 + GRAVITY.stop), state[GRAVITY]
+            at, gravity = OF_LEAVING.within("state", GRAVITY), state[GRAVITY]
             down = gravity / np.linalg.norm(gravity)
             h[at, at] += np.outer(down, down) / _STD_GRAVITY**2
             g[at] += down * (_GRAVITY_M_S2 - np.linalg.norm(gravity)) / _STD_GRAVITY**2
@@ -116,14 +122,19 @@ class InertialWindow:
     def true_poses(self, system: System) -> tuple[Array, Array]:
         """Return a root (6F, n + 3F) of the covariance of the true poses given the rig's errors, and how they move with
         these (6F, m)."""
-        f, modes = len(self.intervals), system.prior.world_modes[6:]
-        own = len(system.root) - system.modes
-        turn = self._lead @ self._gain[: 3 * f]
-        by_poses, by_state = turn[:, : 6 * f] + np.eye(6 * f), turn[:, 6 * f :]
-        root = by_poses @ system.root[: 6 * f] + by_state @ (modes[:, :own] @ system.root[system.modes :])
-        by_rig = by_poses @ system.by_rig[: 6 * f]
-        by_rig = by_rig + by_state @ (modes[:, :own] @ system.by_rig[system.modes :] + modes[:, own:])
-        left = self._lead @ scaled_cholesky(self._cov_local[: 3 * f, : 3 * f]) if f else np.zeros((0, 0))
+        f, modes, of = len(self.intervals), system.prior.world_modes[JOINT["state"]], system.prior.of_modes
+        of_own, of_rig, (poses, at) = (
+            modes[:, of["own"]],
+            modes[:, of["rig"]],
+            (system.at["poses"], system.at["modes"]),
+        )
+        slides, shared = self._local["slides"], Layout(poses=6 * f, state=STATE)
+        turn = self._lead @ self._gain[slides]
+        by_poses, by_state = turn[:, shared["poses"]] + np.eye(6 * f), turn[:, shared["state"]]
+        root = by_poses @ system.root[poses] + by_state @ (of_own @ system.root[at])
+        by_rig = by_poses @ system.by_rig[poses]
+        by_rig = by_rig + by_state @ (of_own @ system.by_rig[at] + of_rig)
+        left = self._lead @ scaled_cholesky(self._cov_local[slides, slides]) if f else np.zeros((0, 0))
         return np.concatenate([root, left], axis=1), by_rig
 
     def newest(self, system: System, stamp_ns: int, world_from_ref: Array, cams: Array, state: Array) -> Known:
@@ -131,37 +142,37 @@ class InertialWindow:
 
         `cams` (F, 4, 4): as the images show them; none where the newest camera is the reference.
         """
-        f, own = len(self.intervals), len(system.root) - system.modes
-        of_modes = system.prior.world_modes
+        f, of_modes, of = len(self.intervals), system.prior.world_modes, system.prior.of_modes
+        at = Layout(poses=6 * f, world=6, state=STATE)
         x = self.true_cams(cams)[-1] if f else np.eye(4)
         now = state.copy()
         now[GRAVITY] = x[:3, :3] @ state[GRAVITY]
-        # columns: poses 6F, world 6, state 17; the rest is what velocities and slides have of their own
-        rows = np.zeros((6 + STATE, 6 * f + 6 + STATE))
-        rows[:6, 6 * f : 6 * f + 6] = se3.adjoint(x)
-        rows[6:, 6 * f + 6 :] = np.eye(STATE)
-        rest = np.zeros((6 + STATE, 6 * f))
+        # the rest is what velocities and slides have of their own
+        rows, rest = np.zeros((JOINT.size, at.size)), np.zeros((JOINT.size, 6 * f))
+        rows[JOINT["pose"], at["world"]] = se3.adjoint(x)
+        rows[JOINT["state"], at["state"]] = np.eye(STATE)
         if f:
-            last = self._lead[-6:]
-            moved = np.zeros((6, rows.shape[1]))
-            moved[:, 6 * f - 6 : 6 * f] = np.eye(6)
-            by_gain = last @ self._gain[: 3 * f]
-            moved[:, : 6 * f] += by_gain[:, : 6 * f]
-            moved[:, 6 * f + 6 :] += by_gain[:, 6 * f :]
-            rows[:6] -= moved
-            rest[:6, : 3 * f] = -last
-            at = slice(6 + GRAVITY.start, 6 + GRAVITY.stop)
+            last, shared, slides = self._lead[-6:], Layout(poses=6 * f, state=STATE), self._local["slides"]
+            moved = np.zeros((6, at.size))
+            moved[:, Layout(before=6 * f - 6, newest=6)["newest"]] = np.eye(6)
+            by_gain = last @ self._gain[slides]
+            moved[:, at["poses"]] += by_gain[:, shared["poses"]]
+            moved[:, at["state"]] += by_gain[:, shared["state"]]
+            rows[JOINT["pose"]] -= moved
+            rest[JOINT["pose"], slides] = -last
+            gravity, velocity = JOINT.within("state", GRAVITY), JOINT.within("state", VELOCITY)
             turned = -se3.skew(now[GRAVITY])
-            rows[at] = x[:3, :3] @ rows[at] + turned @ moved[3:]
-            rest[at, : 3 * f] = turned @ last[3:]
-            rows[6:9] = 0
-            rows[6:9, : 6 * f] = self._gain[-3:, : 6 * f]
-            rows[6:9, 6 * f + 6 :] = self._gain[-3:, 6 * f :]
-            rest[6:9, -3:] = np.eye(3)
+            rows[gravity] = x[:3, :3] @ rows[gravity] + turned @ moved[3:]
+            rest[gravity, slides] = turned @ last[3:]
+            rows[velocity] = 0
+            rows[velocity, at["poses"]] = self._gain[-3:, shared["poses"]]
+            rows[velocity, at["state"]] = self._gain[-3:, shared["state"]]
+            rest[velocity, -3:] = np.eye(3)
             now[VELOCITY] = self.velocities[-1]
-        by_variables = _of_system(system, rows[:, : 6 * f], rows[:, 6 * f :] @ of_modes[:, :own])
+        of_world = rows[:, at.span("world", "state")]
+        by_variables = _of_system(system, rows[:, at["poses"]], of_world @ of_modes[:, of["own"]])
         root = by_variables @ system.root
-        by_rig = by_variables @ system.by_rig + rows[:, 6 * f :] @ of_modes[:, own:]
+        by_rig = by_variables @ system.by_rig + of_world @ of_modes[:, of["rig"]]
         cov = root @ root.T + by_rig @ system.cov_rig @ by_rig.T + rest @ self._cov_local @ rest.T
         pose = se3.orthonormalise(world_from_ref @ se3.inverse(x))
         return Known(stamp_ns, pose, now, 0.5 * (cov + cov.T))
@@ -181,21 +192,23 @@ class InertialWindow:
         residual, j = core.inertial_rows(
             Intervals.of(self.intervals[:1], self.factors), cams[:2], velocities[:2], state, self.cam_from_imu
         )
-        own = len(system.root) - system.modes
-        modes = system.prior.world_modes[6:]
-        local = np.zeros((9, 6 * f))
-        local[:, :3], local[:, 3 * f : 3 * f + 3] = j[:, 3:6], j[:, 6 + STATE :]
-        shared = np.zeros((9, 6 * f + STATE))
-        shared[:, :6], shared[:, 6 * f :] = j[:, :6], j[:, 6 : 6 + STATE]
+        modes, of = system.prior.world_modes[JOINT["state"]], system.prior.of_modes
+        of_own, of_rig = modes[:, of["own"]], modes[:, of["rig"]]
+        of_one, at = Layout(pose=6, state=STATE, velocity=3), Layout(poses=6 * f, state=STATE)
+        local, shared = np.zeros((9, self._local.size)), np.zeros((9, at.size))
+        first = slice(0, 3)
+        local[:, self._local.within("slides", first)] = j[:, 3:6]
+        local[:, self._local.within("velocities", first)] = j[:, of_one["velocity"]]
+        shared[:, of_one["pose"]], shared[:, at["state"]] = j[:, of_one["pose"]], j[:, of_one["state"]]
         total = shared + local @ self._gain
-        by_variables = _of_system(system, total[:, : 6 * f], total[:, 6 * f :] @ modes[:, :own])
+        by_variables = _of_system(system, total[:, at["poses"]], total[:, at["state"]] @ of_own)
         root = by_variables @ system.root
-        by_rig = by_variables @ system.by_rig + total[:, 6 * f :] @ modes[:, own:]
+        by_rig = by_variables @ system.by_rig + total[:, at["state"]] @ of_rig
         cov = root @ root.T + by_rig @ system.cov_rig @ by_rig.T + local @ self._cov_local @ local.T
         left = np.clip(1 - np.diag(cov), 0.0, 1.0)
         gain = self._gain[:3]  # of the slide of the oldest frame
-        by_slide = _of_system(system, gain[:, : 6 * f], gain[:, 6 * f :] @ modes[:, :own])
-        root, by_rig = by_slide @ system.root, by_slide @ system.by_rig + gain[:, 6 * f :] @ modes[:, own:]
+        by_slide = _of_system(system, gain[:, at["poses"]], gain[:, at["state"]] @ of_own)
+        root, by_rig = by_slide @ system.root, by_slide @ system.by_rig + gain[:, at["state"]] @ of_rig
         cov = root @ root.T + by_rig @ system.cov_rig @ by_rig.T + self._cov_local[:3, :3]
         of_slide = np.clip(1 - np.diag(cov) / self._std_slides[0] ** 2, 0.0, 1.0)
         left = np.concatenate([left, of_slide])
@@ -208,7 +221,8 @@ class InertialWindow:
 def _of_system(system: System, by_poses: Array, by_modes: Array) -> Array:
     """Return rows by poses (r, 6F) and by modes (r, k) as rows by all variables of a system; what frames have of their
     own is between them."""
-    between = np.zeros((len(by_poses), system.modes - system.poses))
+    own = system.at["own"]
+    between = np.zeros((len(by_poses), own.stop - own.start))
     return np.concatenate([by_poses, between, by_modes], axis=1)
 
 

@@ -10,6 +10,7 @@ from ...geometry.se3 import Array
 from ...inertial.buffer import Samples
 from ...inertial.samples import ImuCalibration
 from ...record import changed, filled, record
+from .layout import Layout
 
 # The state that inertia adds to a map: velocity and gravity in axes of the reference camera, biases of gyroscope and
 # accelerometer, scale (metres = (1 + scale) of the images' lengths), turn of the unit, and time offset.
@@ -17,6 +18,10 @@ STATE = 17
 VELOCITY, GRAVITY, GYRO_BIAS, ACCEL_BIAS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 SCALE, AXES, CLOCK = slice(12, 13), slice(13, 16), slice(16, 17)
 BIASES, FIXED = slice(6, 12), slice(12, 17)  # those that are fixed may be exactly zero
+# A pose, perturbed as (translation, rotation), with the state: of the world in the prior, of a camera in `Known`.
+JOINT = Layout(pose=6, state=STATE)
+# What `Leaving` has information about, and the columns of `core.inertial_rows` for one interval after its pose.
+OF_LEAVING = Layout(pose=6, state=STATE, slide=3, velocity=3)
 # Variances where nothing is measured: of a turn, a velocity, and a displacement within an interval.
 _UNKNOWN = np.repeat([4.0, 400.0, 400.0], 3)
 _LEAST = np.repeat([1e-14, 1e-12, 1e-14], 3)
@@ -125,3 +130,13 @@ class Known:
     world_from_cam: Array
     state: Array
     cov: Array
+
+    @property
+    def cov_pose(self) -> Array:
+        """The covariance (6, 6) of the pose."""
+        return self.cov[JOINT["pose"], JOINT["pose"]]
+
+    @property
+    def cov_state(self) -> Array:
+        """The covariance (17, 17) of the state."""
+        return self.cov[JOINT["state"], JOINT["state"]]

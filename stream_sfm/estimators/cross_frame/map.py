@@ -22,7 +22,7 @@ from ...rig_model.model import RigModel
 from ...types import Solution
 from .doubt import Doubt
 from .inertial_window import InertialWindow
-from .interval import Known
+from .interval import GRAVITY, JOINT, Known
 from .inverse_depth import State, WhitenedViews, at_rest, expected, held, linearise, q_of_views
 from .map_points import MapPoints
 from .marginals import Marginals
@@ -90,7 +90,7 @@ class Map:
     @property
     def rig_error(self) -> Array:
         """The errors (m,) of the rig that are taken out of the views at the present amplitudes."""
-        return self.prior.rig.at(self.amplitudes[len(self.amplitudes) - len(self.prior.rig) :])
+        return self.prior.rig.at(self.amplitudes[self.prior.of_modes["rig"]])
 
     @property
     def inertial_state(self) -> Array:
@@ -131,7 +131,7 @@ class Map:
         """Marginalise the oldest frame, eqs. (31)–(36): all that earlier frames say is in the prior again."""
         cam_from_ref, own, leaving = self.cams_from_ref[0], self.own[:1], None
         if self.inertia is not None:
-            of_gravity = self.prior.world_modes[9:12]
+            of_gravity = self.prior.world_modes[JOINT.within("state", GRAVITY)]
             leaving = self.inertia.leaving(cam_from_ref, self.inertial_state, of_gravity @ of_gravity.T)
         frame, views = self._remove_oldest()
         prior, later = self.prior, self.views if self.frames else views
@@ -287,7 +287,7 @@ class Map:
     def _move(self, dx: Array, down: Array, dq: Array, dy: Array) -> None:
         """Move poses (F, 6), their own (F, e), points (P, 3) and amplitudes (k,)."""
         if self.inertia is not None and self.frames:
-            self.inertia.follow(dx, self.prior.world_modes[6:] @ dy)
+            self.inertia.follow(dx, self.prior.world_modes[JOINT["state"]] @ dy)
         self.cams_from_ref = se3.orthonormalise(se3.exp(dx) @ self.cams_from_ref)
         self.own, self.points, self.amplitudes = self.own + down, self.points.moved(dq), self.amplitudes + dy
 
@@ -343,7 +343,7 @@ class Map:
         """Add an inertial state, `known` in the newest camera, or begin it anew: that is the reference then."""
         while self.frames:
             self.absorb_oldest()
-        rows = self.prior.world_modes[:6]
+        rows = self.prior.world_modes[JOINT["pose"]]
         self.prior = changed(self.prior, world_modes=rows, state=np.zeros(0)).with_state(known.state, known.cov)
         self.inertia = window
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
@@ -354,14 +354,14 @@ class Map:
         while self.frames:
             self.absorb_oldest()
         self.inertia = None
-        self.prior = changed(self.prior, world_modes=self.prior.world_modes[:6], state=np.zeros(0))
+        self.prior = changed(self.prior, world_modes=self.prior.world_modes[JOINT["pose"]], state=np.zeros(0))
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
         self.gauss_newton_step()
 
     def place_newest(self, known: Known) -> Marginals:
         """Put the newest camera where images and inertia together have it; points keep their places in it."""
         before: Marginals = self.marginals
-        pose, cov = known.world_from_cam, known.cov[:6, :6] + self.cov_doubt
+        pose, cov = known.world_from_cam, known.cov_pose + self.cov_doubt
         in_world = se3.transform(pose, before.points_in_cam)
         self.marginals = replace(before, world_from_cam=pose, cov_pose=cov, points_in_world=in_world)
         return self.marginals
@@ -370,8 +370,8 @@ class Map:
         """Return the cameras of the window (F, 4, 4) where they are, a root (6F, n) of their covariance given the rig's
         errors, and how they move with these (6F, m): without the turns that patches feign, as far as inertia shows."""
         if self.inertia is None:
-            poses = self.system.poses
-            return self.cams_from_ref, self.system.root[:poses], self.system.by_rig[:poses]
+            poses = self.system.at["poses"]
+            return self.cams_from_ref, self.system.root[poses], self.system.by_rig[poses]
         return self.inertia.true_cams(self.cams_from_ref), *self.inertia.true_poses(self.system)
 
     @property

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from ... import core
 from ...geometry.linear import Cholesky, Elimination, matvec, product
 from ...geometry.se3 import Array
+from .interval import JOINT
+from .layout import Layout
 from .prior import Prior
 
 
@@ -51,25 +53,28 @@ class System:
 
         `inertial`: information about poses and inertial state (6F + 17, …), and the right-hand side.
         """
-        self.prior, self.poses = prior, 6 * len(blocks.u)
         frames, of_frame = blocks.u.shape[:2]
-        self._own, self.modes = (frames, of_frame - 6), frames * of_frame  # where the modes begin
         rig, m = prior.rig, len(prior.rig)
+        self.prior, self._own = prior, (frames, of_frame - 6)
+        modes = prior.modes.shape[2] - m
+        self.at = Layout(poses=6 * frames, own=frames * (of_frame - 6), modes=modes, rig=m)
         # `std_given` (P, 3, 3): root of the covariance of a point once poses and modes are given; `_reach` (P, 3, n +
         # m): of the others, in units of it; `_given` (P, 3): its step for itself
-        h, modes, self.std_given, self._reach, self._given, self._g = core.window_system(
+        h, half, self.std_given, self._reach, self._given, self._g = core.window_system(
             blocks, prior, known, q, amplitudes
         )
-        self._rig_error = rig.at(amplitudes[len(amplitudes) - m :])
-        h[self.modes :, self.modes :] += _flat(modes).T @ _flat(modes)
+        self._rig_error = rig.at(amplitudes[prior.of_modes["rig"]])
+        of_modes = self.at.span("modes", "rig")
+        h[of_modes, of_modes] += _flat(half).T @ _flat(half)
         h -= _flat(self._reach).T @ _flat(self._reach)
         if inertial is not None:
             j = np.zeros((len(inertial[1]), len(h)))
-            j[: self.poses, : self.poses] = np.eye(self.poses)
-            j[self.poses :, self.modes :] = prior.world_modes[6:]
+            of_poses = self.at["poses"]
+            j[of_poses, of_poses] = np.eye(of_poses.stop)
+            j[of_poses.stop :, of_modes] = prior.world_modes[JOINT["state"]]
             h += j.T @ inertial[0] @ j
             self._g = self._g + j.T @ inertial[1]
-        self._others = Elimination(h, len(h) - m)
+        self._others = Elimination(h, self.at["rig"].start)
         self.root, self.by_rig = self._others.root, self._others.by_others
         self.cov_rig = Cholesky(self._others.left).inverse()
 
@@ -87,7 +92,7 @@ class System:
 
     def _steps(self, delta: Array, for_itself: Array) -> tuple[Array, Array, Array, Array]:
         """Return steps of poses (F, 6), their own (F, e), points (P, 3) and modes (k,)."""
-        poses, own, modes = np.split(delta, [self.poses, self.modes])
+        poses, own, modes = delta[self.at["poses"]], delta[self.at["own"]], delta[self.at["own"].stop :]
         return poses.reshape(-1, 6), own.reshape(self._own), matvec(self.std_given, for_itself), modes
 
     def with_rig_of(self, other: "System", rows: NDArray[np.intp]) -> None:
@@ -103,7 +108,7 @@ class System:
 
     def taken_off_by(self, points: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return −Σ MᵀV⁻¹M (6F, 6F) and −Σ MᵀV⁻¹g (6F,) of eq. (27) over some points (P,), of the poses alone."""
-        reach = _flat(self._reach[points, :, : self.poses])
+        reach = _flat(self._reach[points, :, self.at["poses"]])
         return -(reach.T @ reach), -(reach.T @ self._given[points].ravel())
 
     def rig_errors(self) -> tuple[Array, Array, Array]:
@@ -120,12 +125,13 @@ class System:
 
         And how both move with these, (12, m). Frame −1 is the reference camera, which has no error.
         """
-        of_own, of_rig = np.split(self.prior.world_modes[:6], [len(self.root) - self.modes], axis=1)
+        of, modes, world = self.prior.of_modes, self.at["modes"], self.prior.world_modes[JOINT["pose"]]
+        of_own, of_rig = world[:, of["own"]], world[:, of["rig"]]
         own, rig = np.zeros((12, len(self.root))), np.zeros((12, len(self.cov_rig)))
         if frame >= 0:
             rows = slice(6 * frame, 6 * frame + 6)
             own[:6], rig[:6] = self.root[rows], self.by_rig[rows]
-        own[6:], rig[6:] = of_own @ self.root[self.modes :], of_own @ self.by_rig[self.modes :] + of_rig
+        own[6:], rig[6:] = of_own @ self.root[modes], of_own @ self.by_rig[modes] + of_rig
         return own, rig
 
     def covariances(self, frame: int) -> tuple[CovariancePart, CovariancePart]:

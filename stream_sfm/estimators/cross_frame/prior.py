@@ -28,7 +28,8 @@ from ...geometry import se3
 from ...geometry.linear import Elimination, product, scaled_cholesky
 from ...geometry.se3 import Array
 from ...record import changed, filled, record
-from .interval import BIASES, GRAVITY, STATE, VELOCITY, Leaving
+from .interval import BIASES, GRAVITY, JOINT, OF_LEAVING, STATE, VELOCITY, Leaving
+from .layout import Layout
 from .rig_knowledge import RigKnowledge
 
 # Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
@@ -39,7 +40,7 @@ _LEAST_STATE = 1e-9  # of the variances of an inertial state, for rounding
 # away: it then correlates no two points by more than a hundredth. Trades the size of the system for that.
 _MIN_MODE_VARIANCE = 1e-2
 
-_LEAVING = 12  # modes of a leaving frame by inertia
+_INERTIAL = 12  # modes of a leaving frame by inertia: slide, velocity, and the walk of the biases
 
 # Points that enter the prior: ids, ascending, mean (n, 3), covariance (n, 3, 3), ∂q by amplitudes of their frame's own
 # (n, 3, e) and by the rig's errors (n, 3, m).
@@ -108,26 +109,34 @@ class Prior:
 
     def world(self, amplitudes: Array) -> Array:
         """Return world_from_ref (4, 4) at the given amplitudes (k,) of the modes."""
-        return se3.orthonormalise(self.world_from_ref @ se3.exp(self.world_modes[:6] @ amplitudes))
+        return se3.orthonormalise(self.world_from_ref @ se3.exp(self.world_modes[JOINT["pose"]] @ amplitudes))
 
     def state_at(self, amplitudes: Array) -> Array:
         """Return the inertial state (17,) at the given amplitudes (k,) of the modes."""
-        return np.asarray(self.state + self.world_modes[6:] @ amplitudes)
+        return np.asarray(self.state + self.world_modes[JOINT["state"]] @ amplitudes)
+
+    @property
+    def of_modes(self) -> Layout:
+        """Where modes are: the prior's own, and those of the rig's errors."""
+        return Layout(own=self.modes.shape[2] - len(self.rig), rig=len(self.rig))
 
     def with_state(self, state: Array, joint: Array) -> "Prior":
         """Return the prior with an inertial state (17,), whose covariance with the world is in `joint` (23, 23).
 
         The prior's own modes have the world's; what the state has beyond these are 17 modes that no point shares.
         """
-        world, n = self.world_modes[:6], len(self.rig)
-        own = world.shape[1] - n
-        by_world = np.linalg.solve(joint[:6, :6] + _ORIGIN_VARIANCE * np.eye(6), joint[:6, 6:]).T
-        left = joint[6:, 6:] - by_world @ joint[:6, 6:]
-        root = scaled_cholesky(0.5 * (left + left.T) + np.diag(_LEAST_STATE * np.diag(joint[6:, 6:])))
-        rows = np.zeros((6 + STATE, own + STATE + n))
-        rows[:6, :own], rows[:6, own + STATE :] = world[:, :own], world[:, own:]
-        rows[6:, :own], rows[6:, own : own + STATE] = by_world @ world[:, :own], root
-        modes = [self.modes[..., :own], np.zeros((*self.modes.shape[:2], STATE)), self.modes[..., own:]]
+        pose, at = JOINT["pose"], JOINT["state"]
+        world, of = self.world_modes[pose], self.of_modes
+        of_own, of_rig = world[:, of["own"]], world[:, of["rig"]]
+        by_world = np.linalg.solve(joint[pose, pose] + _ORIGIN_VARIANCE * np.eye(6), joint[pose, at]).T
+        left = joint[at, at] - by_world @ joint[pose, at]
+        root = scaled_cholesky(0.5 * (left + left.T) + np.diag(_LEAST_STATE * np.diag(joint[at, at])))
+        now = Layout(own=of_own.shape[1], state=STATE, rig=of_rig.shape[1])
+        rows = np.zeros((JOINT.size, now.size))
+        rows[pose, now["own"]], rows[pose, now["rig"]] = of_own, of_rig
+        rows[at, now["own"]], rows[at, now["state"]] = by_world @ of_own, root
+        none = np.zeros((*self.modes.shape[:2], STATE))
+        modes = [self.modes[..., of["own"]], none, self.modes[..., of["rig"]]]
         return changed(self, state=state, world_modes=rows, modes=np.concatenate(modes, axis=2))
 
     def absorb_frame(
@@ -155,16 +164,16 @@ class Prior:
         information S = P + Σ FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less what the rig's modes do to the views. `leaving`:
         what inertia says of the frame, with twelve modes more: its slide, its velocity and the walk of the biases.
         """
-        before, c = np.split(amplitudes, [len(amplitudes) - len(self.rig)])
         ids_new, mean_new, cov_new, by_own, by_rig = new
-        e = by_own.shape[2]
-        own = e + len(before) + 6
-        state_rows, state = self.world_modes[6:], self.state
+        e, of = by_own.shape[2], self.of_modes
+        at = self._with_frame(e, leaving is not None)
+        own = at["rig"].start
+        state_rows, state = self.world_modes[JOINT["state"]], self.state
         if leaving is not None:
             cam_from_ref = se3.exp(np.concatenate([np.zeros(3), leaving.slide])) @ cam_from_ref
-            state, state_rows = self._state_in(cam_from_ref, leaving, self.state_at(amplitudes), e)
-        world_modes = se3.adjoint(cam_from_ref) @ self.world_modes[:6]
-        of_own, of_rig = np.split(world_modes, [len(before)], axis=1)
+            state, state_rows = self._state_in(cam_from_ref, leaving, self.state_at(amplitudes), at)
+        world_modes = se3.adjoint(cam_from_ref) @ self.world_modes[JOINT["pose"]]
+        of_own, of_rig = world_modes[:, of["own"]], world_modes[:, of["rig"]]
         world_modes = np.concatenate([np.zeros((6, e)), of_own, -np.eye(6), of_rig], axis=1)
         world = self.world(amplitudes) @ se3.inverse(cam_from_ref)
         s, whitened_modes, std, half, given, right = core.absorbing_system(blocks, self, anchors, q, amplitudes)
@@ -173,10 +182,11 @@ class Prior:
         s -= flat_half.T @ flat_half
         right -= flat_half.T @ given.ravel()
         if leaving is not None:
-            s, right = self._with_leaving(leaving, s, right, e)
-            half, world_modes = (np.insert(a, [own] * _LEAVING, 0.0, axis=-1) for a in (half, world_modes))
-            world_modes[3:, own : own + 3] = -np.eye(3)  # a slide turns the camera as its pose does
-            world_modes, own = np.concatenate([world_modes, state_rows]), own + _LEAVING
+            s, right = self._with_leaving(leaving, s, right, at)
+            new_here = [at["slide"].start] * _INERTIAL
+            half, world_modes = (np.insert(a, new_here, 0.0, axis=-1) for a in (half, world_modes))
+            world_modes[3:, at["slide"]] = -np.eye(3)  # a slide turns the camera as its pose does
+            world_modes = np.concatenate([world_modes, state_rows])
         others = Elimination(s, own)
         step, weighted = others.reduced(right)
         # the others by the new modes, by the rig's errors, and their step; these are held, and moved by the window
@@ -196,45 +206,50 @@ class Prior:
             core.absorbed_points(
                 self.ids, std, carried(half), given, q, stays, ids_new, mean_new, cov_new, modes_new[..., :-1]
             ),
-            world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[:6, -1])),
+            world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[JOINT["pose"], -1])),
             world_modes=world_modes[:, :-1],
-            rig=changed(self.rig, mean=self.rig.at(c), information=others.left, weighted=weighted),
-            state=state + world_modes[6:, -1],
+            rig=changed(
+                self.rig, mean=self.rig.at(amplitudes[of["rig"]]), information=others.left, weighted=weighted
+            ),
+            state=state + world_modes[JOINT["state"], -1],
         )
 
-    def _with_leaving(self, leaving: Leaving, s: Array, right: Array, e: int) -> tuple[Array, Array]:
-        """Add what inertia says of a leaving frame to the information about modes: e of its own, the prior's, six of
-        its pose, twelve of inertia, which are new here, and those of the rig."""
-        before = self.world_modes.shape[1] - len(self.rig)
-        at = e + before + 6
-        s, right = np.insert(s, [at] * _LEAVING, 0.0, axis=0), np.insert(right, [at] * _LEAVING, 0.0)
-        s = np.insert(s, [at] * _LEAVING, 0.0, axis=1)
-        j = np.zeros((len(leaving.g), len(s)))
-        j[:6, at - 6 : at] = np.eye(6)
-        j[6 : 6 + STATE, e : e + before] = self.world_modes[6:, :before]
-        j[6 : 6 + STATE, at + _LEAVING :] = self.world_modes[6:, before:]
-        j[6 + STATE :, at : at + 6] = np.eye(6)
+    def _with_frame(self, e: int, has_inertia: bool) -> Layout:
+        """Return where modes are once a frame leaves: e of its own, the prior's, its pose, inertia's, the rig's."""
+        inertial = {"slide": 3, "velocity": 3, "walk": 6} if has_inertia else {}
+        of = self.of_modes
+        before, rig = (of[name].stop - of[name].start for name in ("own", "rig"))
+        return Layout(frame=e, before=before, translation=3, rotation=3, **inertial, rig=rig)
+
+    def _with_leaving(self, leaving: Leaving, s: Array, right: Array, at: Layout) -> tuple[Array, Array]:
+        """Add what inertia says of a leaving frame to the information about modes; its own modes are new here."""
+        new_here = [at["slide"].start] * _INERTIAL
+        s, right = np.insert(s, new_here, 0.0, axis=0), np.insert(right, new_here, 0.0)
+        s = np.insert(s, new_here, 0.0, axis=1)
+        j, rows, state, of = np.zeros((OF_LEAVING.size, at.size)), OF_LEAVING, JOINT["state"], self.of_modes
+        j[rows["pose"], at.span("translation", "rotation")] = np.eye(6)
+        j[rows["state"], at["before"]] = self.world_modes[state, of["own"]]
+        j[rows["state"], at["rig"]] = self.world_modes[state, of["rig"]]
+        j[rows.span("slide", "velocity"), at.span("slide", "velocity")] = np.eye(6)
         s += j.T @ leaving.h @ j
-        walk = range(at + 6, at + _LEAVING)
+        walk = range(at["walk"].start, at["walk"].stop)
         s[walk, walk] += 1.0
         return s, right + j.T @ leaving.g
 
-    def _state_in(self, x: Array, leaving: Leaving, now: Array, e: int) -> tuple[Array, Array]:
+    def _state_in(self, x: Array, leaving: Leaving, now: Array, at: Layout) -> tuple[Array, Array]:
         """Return the inertial state (17,) in the leaving camera x (4, 4), and its modes, those of `_with_leaving`."""
-        before = self.world_modes.shape[1] - len(self.rig)
-        at = e + before + 6
-        rows = np.zeros((STATE, e + self.world_modes.shape[1] + 6 + _LEAVING))
-        rows[:, e : e + before] = self.world_modes[6:, :before]
-        rows[:, at + _LEAVING :] = self.world_modes[6:, before:]
+        rows, of = np.zeros((STATE, at.size)), self.of_modes
+        rows[:, at["before"]] = self.world_modes[JOINT["state"], of["own"]]
+        rows[:, at["rig"]] = self.world_modes[JOINT["state"], of["rig"]]
         state = now.copy()
         state[VELOCITY], state[GRAVITY] = leaving.velocity, x[:3, :3] @ now[GRAVITY]
         rows[GRAVITY] = x[:3, :3] @ rows[GRAVITY]
         turned = -se3.skew(state[GRAVITY])
-        rows[GRAVITY, at - 3 : at] += turned
-        rows[GRAVITY, at : at + 3] += turned
+        rows[GRAVITY, at["rotation"]] += turned
+        rows[GRAVITY, at["slide"]] += turned
         rows[VELOCITY] = 0
-        rows[VELOCITY, at + 3 : at + 6] = np.eye(3)
-        rows[BIASES, at + 6 : at + _LEAVING] = np.diag(leaving.std_walk)
+        rows[VELOCITY, at["velocity"]] = np.eye(3)
+        rows[BIASES, at["walk"]] = np.diag(leaving.std_walk)
         return state, rows
 
     def given_rig(self, amplitudes: Array) -> "Prior":

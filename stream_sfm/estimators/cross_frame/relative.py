@@ -11,6 +11,7 @@ from ...geometry.linear import product
 from ...geometry.se3 import Array
 from ...rig_model.estimate import RigEstimate
 from ...types import CommonErrors, RelativeMotions
+from .interval import JOINT
 from .map import Map
 
 
@@ -32,9 +33,10 @@ def relative_motions(current: Map, cov_newest: Array, by_span: Array) -> Relativ
     cams = np.array([np.eye(4), *true_cams[:-1]])  # the reference is exact by definition
     from_newest = cams @ se3.inverse(true_cams[-1])
     half = apart_from_newest(true_cams, of_poses)
-    n, factors = len(system.root), by_span[: len(frames), None, None][::-1]
-    half[..., : system.modes] *= factors / by_span[-1]
-    half[..., system.modes : n] *= factors
+    factors = by_span[: len(frames), None, None][::-1]
+    modes = system.at["modes"]
+    half[..., : modes.start] *= factors / by_span[-1]
+    half[..., modes] *= factors
     by_rig = apart_from_newest(true_cams, of_rig)
     cov = half @ np.swapaxes(half, 1, 2) + product(by_rig, system.cov_rig) @ np.swapaxes(by_rig, 1, 2)
     return RelativeMotions(
@@ -50,9 +52,10 @@ def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
     if rig is None:
         return None
     system = current.system
-    of_poses, of_modes = system.by_rig[: system.poses], system.by_rig[system.modes :]
-    of_world = se3.adjoint(current.newest_cam_from_ref) @ system.prior.world_modes[:6]
-    jacobian = of_world[:, : len(of_modes)] @ of_modes + of_world[:, len(of_modes) :] - of_poses[-6:]
+    of_poses, of_modes = system.by_rig[system.at["poses"]], system.by_rig[system.at["modes"]]
+    of_world = se3.adjoint(current.newest_cam_from_ref) @ system.prior.world_modes[JOINT["pose"]]
+    of = system.prior.of_modes
+    jacobian = of_world[:, of["own"]] @ of_modes + of_world[:, of["rig"]] - of_poses[-6:]
     return CommonErrors(current.rig_error, rig.cov, jacobian)
 
 
@@ -64,8 +67,8 @@ def _of_motions(current: Map) -> Array:
     """
     together, apart, turns = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
     covs: list[Array] = []
-    for frame, cam_from_ref in zip(reversed(current.frames), current.cams_from_ref[::-1], strict=True):
-        moved = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(cam_from_ref))
+    by_cams = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(current.cams_from_ref))
+    for frame, moved in zip(reversed(current.frames), by_cams[::-1], strict=True):
         turned = frame.std_turn_rad * moved[:, 3:]
         turns = turns + turned @ turned.T
         if frame.ambiguity.shape[1]:

@@ -1,0 +1,24 @@
+"""Where named blocks of a vector begin and end: the one place where their sizes are added up."""
+
+from itertools import accumulate
+
+
+class Layout:
+    """Blocks one after the other: `Layout(pose=6, state=17)["state"]` is `slice(6, 23)`."""
+
+    def __init__(self, **sizes: int) -> None:
+        ends = list(accumulate(sizes.values()))
+        self.size = ends[-1]
+        self._blocks = {name: slice(end - sizes[name], end) for name, end in zip(sizes, ends, strict=True)}
+
+    def __getitem__(self, block: str) -> slice:
+        return self._blocks[block]
+
+    def span(self, first: str, last: str) -> slice:
+        """Return where blocks are from the first to the last one."""
+        return slice(self[first].start, self[last].stop)
+
+    def within(self, block: str, part: slice) -> slice:
+        """Return where a part of a block is."""
+        start: int = self[block].start
+        return slice(start + part.start, start + part.stop)
