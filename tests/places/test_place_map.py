@@ -260,7 +260,7 @@ def test_a_map_whose_content_does_not_fit_is_refused(room: Room, tmp_path: Path)
     fewer = dict(list(state.links.items())[1:])
     cases = [
         (keyframes, replace(state, poses=np.full_like(state.poses, np.nan)), "not finite"),
-        (keyframes, replace(state, poses=2 * state.poses), "no motion"),
+        (keyframes, replace(state, poses=2 * state.poses), "not a rigid motion"),
         (keyframes, replace(state, covs=-np.ones_like(state.covs)), "a covariance that is none"),
         (keyframes, replace(state, numbers=numbers[::-1]), "not in order"),
         (keyframes, replace(state, homes=[9] * len(numbers)), "no segment"),
