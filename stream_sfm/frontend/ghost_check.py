@@ -24,7 +24,8 @@ from .prepared import Image
 _RADIUS_PX = 5  # of a patch
 _BACK = 4  # frames from T to I: motion has changed, the view of the point hardly
 _PATCHES = 64  # of a frame; each costs some 20 µs
-_LEAST_PX = 0.7  # of motion between two frames, below which what was there is nearly the patch itself
+# Of motion between two frames. With 0.7 the texture of a wall, resampled by parts of a pixel, is taken for a ghost.
+_LEAST_PX = 1.5
 _FEWEST = 5  # patches
 _NOISE_GREY2 = 1.0  # variance of what is left of a patch at least: rounding, smoothed
 _REMEMBERED = 40  # frames that are judged together
