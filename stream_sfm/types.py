@@ -156,13 +156,16 @@ class Ambiguity:
     """Why the motion that the views show may not be the camera's.
 
     `other_from_previous` (4, 4): another motion since the previous frame that may as well be the camera's, and its
-    covariance `cov_other` (6, 6), of the perturbation on the right of its inverse; or None. `misfit`: the images do not
-    fit each other or the calibration; the note of the observations says why.
+    covariance `cov_other` (6, 6), of the perturbation on the right of its inverse; or None. `lasted`: for how many
+    frames before this one what was followed may have moved by itself already. `misfit`: the images do not fit each
+    other or the calibration; the note of the observations says why. `of_start`: it is so since the map began.
     """
 
     other_from_previous: Array | None = None
     cov_other: Array | None = None
     misfit: bool = False
+    lasted: int = 0
+    of_start: bool = False
 
     def __repr__(self) -> str:
         return f"<Ambiguity: {'' if self.other_from_previous is None else 'two motions '}{'misfit' * self.misfit}>"
@@ -275,6 +278,7 @@ class Observations:
     - `ambiguity`: why the motion may not be the camera's; None where nothing says so.
     - `jumped`: all of the view has changed at once, and no velocity says where the camera is.
     - `settled`: of the two motions of the frames before, the one that was followed was the camera's.
+    - `unconfirmed`: a misfit since the map began has ended, and nothing has shown that the motion was the camera's.
     - `stepped`: both images may have been displaced at once in the frame before, which looks like a turn of the camera.
     - `lasting`: errors that the views share with those of earlier frames.
     - `rig`: what errors of the rig do to the views; None where the calibration is exact.
@@ -293,6 +297,7 @@ class Observations:
     ambiguity: Ambiguity | None = None
     jumped: bool = False
     settled: bool = False
+    unconfirmed: bool = False
     stepped: bool = False
     lasting: LastingErrors = field(default_factory=LastingErrors)
     rig: RigView | None = None

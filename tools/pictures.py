@@ -32,7 +32,7 @@ VIEWER_SIZE = (1500, 850)
 VIEWER_BAR_PX = 36  # menu and window buttons, above the picture
 VIEWER_LOADS_S = 60.0  # on two busy cores without a graphics card
 VIEWER_TRIES = 4
-REPORT_SIZE = (1280, 1062)
+REPORT_SIZE = (1280, 1086)
 TRANSITORY_SIZE = (1000, 370)
 REPORT_LEFT_OUT = (  # of the last column, too: times are those of this machine at this moment
     "<style>main > .scroll tr > :last-child, details, .how:last-child { display: none }</style>"

@@ -36,7 +36,7 @@ from stream_sfm.geometry.linear import mahalanobis2
 from stream_sfm.motion import Motion
 from stream_sfm.recording.stereo_log import StereoLog
 from stream_sfm.rig_model.estimate import CERTAIN
-from stream_sfm.rig_model.terms import AT_TURNING, DELAY, FOCAL, FOCUSING, READOUT
+from stream_sfm.rig_model.terms import AT_TURNING, DELAY, FOCAL, FOCUSING, READOUT, TERMS
 from stream_sfm.types import Frame, FrameEstimate, Status
 from tools.make_logs import WorldOrder, asked_faults, write_logs
 from tools.render.faults import Fault
@@ -187,12 +187,13 @@ def stated(estimates: Sequence[FrameEstimate], faults: dict[str, Fault]) -> list
     rig = next((e.rig for e in reversed(estimates) if e.rig is not None), None)
     found = [(KNOCK, float(e.frame_index), 0.0) for e in estimates if e.rig_change is not None]
     if rig is not None:
-        found += [(term, *rig.term(term)) for term in (DELAY, READOUT, FOCAL, FOCUSING)]
+        found += [(term, *rig.term(term)) for term in (DELAY, READOUT, FOCAL, FOCUSING) if rig.agrees((term,))]
         rate, cov = rig.mean[AT_TURNING], rig.cov[AT_TURNING, AT_TURNING]
         size = float(np.linalg.norm(rate))
         sigmas = float(np.sqrt(rate @ np.linalg.solve(cov, rate)))
-        found.append((TURNING, size, size / max(sigmas, 1e-12)))
-        if rig.applied:
+        if rig.agrees(TERMS[AT_TURNING]):
+            found.append((TURNING, size, size / max(sigmas, 1e-12)))
+        if rig.applied and rig.agrees(LENS_TERMS):
             error, std = rig.mean[: len(LENS_TERMS)], np.sqrt(np.diag(rig.cov)[: len(LENS_TERMS)])
             most = int(np.argmax(np.abs(error) / std))
             found.append((DISPARITY, float(error[most]), float(std[most])))

@@ -20,6 +20,11 @@ struct RowModel {
     double scatter_px, max_px;
     RECORD(Rows, projection, field, mean, cov, scatter_px, max_px)
 };
+struct RightSides {  // where they are sought, of points that move with a twist, with a turn of the right camera
+    RowModel rows;
+    Vector turn_rad, twist;
+    RECORD(RightSides, rows, turn_rad, twist)
+};
 struct ExposedRows {  // polynomials over the rectified image: the rows of the cameras' own images
     std::array<double, 2> size_px;
     Matrices coefficients;

@@ -1,16 +1,14 @@
 // Stages on tracks: predicted, aligned, updated, begun; and errors that last along them.
 #pragma once
 
+#include "algebra.hpp"
 #include "image.hpp"
-#include "rig.hpp"
+#include "pinholes.hpp"
 
 namespace core {
 
-struct RightSides {  // where they are sought, of points that move with a twist, with a turn of the right camera
-    RowModel rows;
-    Vector turn_rad, twist;
-    RECORD(RightSides, rows, turn_rad, twist)
-};
+struct RightSides;
+struct Timing;
 struct TemplateConfig {
     int window_radius_px;
     double max_realignment_px, max_photometric_error;

@@ -107,14 +107,16 @@ def recorded(motion: MotionModel, observations: Observations, solution: Solution
 
     A pose from images that do not fit each other is followed, and it may as well be where earlier frames predict
     it: the covariances of the pose and of the points in the world cover that; relative motions are not reported. After
-    a step of both images they cover that the camera has not moved with it.
+    a step of both images they cover that the camera has not moved with it, and after a doubt that nothing has settled,
+    what they covered last.
     Raises LinAlgError for a pose that is not finite: nothing learns from it.
     """
     if not (np.isfinite(solution.world_from_cam).all() and np.isfinite(solution.cov_pose).all()):
         raise np.linalg.LinAlgError("the pose is not finite")
     solution = with_ended(solution, ended)
     pose = observations.stamp_ns, solution.world_from_cam, solution.cov_pose
-    cov = motion.record(*pose, doubtful=observations.misfit, stepped=observations.stepped)
+    of_start = observations.ambiguity is not None and observations.ambiguity.of_start
+    cov = motion.record(*pose, observations.misfit, observations.stepped, of_start, observations.unconfirmed)
     if observations.misfit:
         solution = replace(solution, relative=None)
     if cov is solution.cov_pose:

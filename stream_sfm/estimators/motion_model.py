@@ -17,7 +17,7 @@ _BUILD_UP_S = 1.0
 # in this time, and by no more later. A camera whose images were held back, or that was put elsewhere, is as uncertain
 # as after this time without images. Of a car that is 30 m, two standard deviations.
 _SPEEDS_UP_S = 3.0
-_STEPS = 16  # that are remembered: a stream that is displaced all the time is bounded, too
+_STEPS = 16  # that are kept: a stream that is displaced all the time is bounded, too
 
 
 class MotionModel:
@@ -30,9 +30,14 @@ class MotionModel:
         self._stamp_ns: int | None = None
         self._velocity = np.zeros(6)  # ξ per second, in the camera's own axes
         self._velocity_known = False
-        self._steps: list[tuple[Array, Array]] = []  # of both images: the pose after each, and its motion
+        # Of steps of both images, and of doubts that nothing has settled: the pose after each, and the covariance left.
+        self._left: list[tuple[Array, Array]] = []
         self._known_at_ns: int | None = None  # when the velocity was measured last; until it was, the first pose
         self._trusted: MotionModel | None = None  # as it was before the doubtful frames up to the latest one
+        self._at_start: MotionModel | None = None  # as it was when the map began
+        self._covered: tuple[Array, Array] | None = (
+            None  # a pose since a doubtful start, and what covers that doubt
+        )
 
     @property
     def started(self) -> bool:
@@ -45,23 +50,37 @@ class MotionModel:
         return np.asarray(_SPEEDS_UP_S * self._std_acceleration)
 
     def record(
-        self, stamp_ns: int, world_from_cam: Array, cov_pose: Array, doubtful: bool = False, stepped: bool = False
+        self,
+        stamp_ns: int,
+        world_from_cam: Array,
+        cov_pose: Array,
+        doubtful: bool = False,
+        stepped: bool = False,
+        of_start: bool = False,
+        unconfirmed: bool = False,
     ) -> Array:
         """Take the estimated pose of a frame and the velocity that it implies, and return its covariance (6, 6).
 
-        A `doubtful` pose is followed, and may as well be where the last one that was not predicts it, eq. (43a). With
-        `stepped`, both images were displaced before it, and the camera has moved with them or not: by how much is what
-        the model does not explain. It stays in all later poses, also where the images step back.
+        A `doubtful` pose is followed, and may as well be where the last one that was not predicts it, eq. (43a); where
+        the doubt is `of_start`, where the map's first pose does. What covers that stays in all later poses where the
+        doubt ends `unconfirmed`. With `stepped`, both images were displaced before it, and the camera has moved with
+        them or not: by how much is what the model does not explain. It stays in all later poses, also where the images
+        step back.
         """
         if stepped:
             step = se3.log(se3.inverse(self.predict(stamp_ns)[0]) @ world_from_cam)
-            self._steps = [*self._steps, (world_from_cam, step)][-_STEPS:]
-        cov_pose = self._with_steps(world_from_cam, cov_pose)
+            self._leave(world_from_cam, np.outer(step, step))
+        if unconfirmed and self._covered is not None:
+            self._leave(*self._covered)
+        cov_pose = self._with_left(world_from_cam, cov_pose)
         if not doubtful:
-            self._trusted = None
+            self._trusted = self._covered = None
         else:
-            self._trusted = self._trusted or copy(self)
-            cov_pose = self._trusted._covering(stamp_ns, world_from_cam, cov_pose)
+            since = self._at_start if of_start else None
+            self._trusted = since or self._trusted or copy(self)
+            covering = self._trusted._covering(stamp_ns, world_from_cam)
+            self._covered = (world_from_cam, covering) if of_start else None
+            cov_pose = cov_pose + covering
         dt = self._seconds_since(stamp_ns)
         if dt > 0:
             self._velocity = se3.log(se3.inverse(self._pose) @ world_from_cam) / dt
@@ -73,10 +92,12 @@ class MotionModel:
     def restart(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
         """Take the pose at which a new map begins; the velocity stays as it is, and as old as it is.
 
-        Earlier steps of the images are in its covariance, which all poses of the map have.
+        Earlier steps of the images and doubts are in its covariance, which all poses of the map have.
         """
-        self._steps = []
+        self._left, self._trusted, self._covered = [], None, None
         self._go_on(stamp_ns, world_from_cam, cov_pose)
+        self._at_start = None
+        self._at_start = copy(self)
 
     def _go_on(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
         self._pose, self._cov, self._stamp_ns = world_from_cam, cov_pose, stamp_ns
@@ -89,19 +110,23 @@ class MotionModel:
         reach_s2 = _SPEEDS_UP_S * (0.5 * _SPEEDS_UP_S + _BUILD_UP_S)
         self._cov = self._cov + np.diag((reach_s2 * self._std_acceleration) ** 2)
 
-    def _with_steps(self, world_from_cam: Array, cov_pose: Array) -> Array:
-        """Return the covariance (6, 6) of a pose that goes on from where steps may have feigned a motion."""
-        for pose, step in self._steps:
-            moved = se3.adjoint(se3.inverse(world_from_cam) @ pose) @ step
-            cov_pose = cov_pose + np.outer(moved, moved)
+    def _leave(self, world_from_cam: Array, cov: Array) -> None:
+        """Keep a covariance (6, 6) of a pose in all later ones."""
+        self._left = [*self._left, (world_from_cam, cov)][-_STEPS:]
+
+    def _with_left(self, world_from_cam: Array, cov_pose: Array) -> Array:
+        """Return the covariance (6, 6) of a pose that goes on from where steps and doubts have left theirs."""
+        for pose, cov in self._left:
+            ad = se3.adjoint(se3.inverse(world_from_cam) @ pose)
+            cov_pose = cov_pose + ad @ cov @ ad.T
         return cov_pose
 
-    def _covering(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Array:
-        """Return the covariance (6, 6) of a pose that may as well be where the model predicts it, eq. (43a)."""
+    def _covering(self, stamp_ns: int, world_from_cam: Array) -> Array:
+        """Return the covariance (6, 6) by which a pose may as well be where the model predicts it, eq. (43a)."""
         predicted, cov = self.predict(stamp_ns)
         pose_from_predicted = se3.inverse(world_from_cam) @ predicted
         ad, apart = se3.adjoint(pose_from_predicted), se3.log(pose_from_predicted)
-        return np.asarray(cov_pose + ad @ cov @ ad.T + np.outer(apart, apart))
+        return np.asarray(ad @ cov @ ad.T + np.outer(apart, apart))
 
     def predict(self, stamp_ns: int) -> tuple[Array, Array]:
         """Predict pose (4, 4) and covariance (6, 6) at a later time, eqs. (42) and (43).

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import MotionRules
+from ..config.rules import MotionRules
 from ..geometry import se3
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion
 from ..geometry.se3 import Array
@@ -48,7 +48,7 @@ class AmbiguityMemory:
         if other is not None:
             apart, seen = other.cam_from_ref @ se3.inverse(motion.cam_from_ref), self.frames_seen + 1
             new = rival is not None or old[other.views].sum() < MIN_VIEWS
-            new = bool(new and (self.other_is_new or self.frames_left == 0))
+            new = bool(new and not other.lasted and (self.other_is_new or self.frames_left == 0))
             lasts = int(self.rules.ambiguity_lasts * max(self.rules.full_history, seen))
             memory = AmbiguityMemory(other, apart, seen, lasts, rival is not None, new, self.rules)
             return memory, other, False

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import StartRules
-from ..geometry.resection import MANY_VIEWS, Resection, refine
+from ..config.rules import StartRules
+from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine, resect
 from .rough_motion import RoughMotion, find_rough_motion
 from .seen import Seen
 from .state import FrontEndState, Setup
@@ -51,6 +51,39 @@ def decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
     if other.ok and is_behind(step.setup, only_second, only_first):
         return other
     return replace(motion, second=None) if is_behind(step.setup, only_first, only_second) else motion
+
+
+def uncovered(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
+    """Return a motion with a second one in question, where one lies behind all of the other, however small either is.
+
+    What comes into view before a scene is a body. What comes into view behind all that was followed may be the scene,
+    which a body has hidden for as long as that has been followed. (Until a start is over its check says so.)
+    """
+    second, tracks, setup = motion.second, seen.before, step.setup
+    if not motion.ok or second is None or not state.start.is_over:
+        return motion
+    only_second, followed = tracks.keep(second.views), tracks.keep(motion.accepted)
+    if _is_deeper(setup, only_second, followed):
+        # what these know by themselves: the motion found may be one that near points nearly agree with, too
+        alone = resect(seen.point_views.select(second.views), second.cam_from_ref, find_second=False)
+        known = alone if alone.ok else second
+        second = SecondMotion(known.cam_from_ref, known.cov_pose, second.views, 1.0, _history(followed))
+        return replace(motion, second=second)
+    lasted = _history(only_second)
+    if lasted < setup.rules.motion.full_history or not _is_deeper(setup, followed, only_second):
+        return motion
+    return replace(motion, second=replace(second, odds=max(second.odds, 1.0), lasted=lasted))
+
+
+def _is_deeper(setup: Setup, some: Tracks, others: Tracks) -> bool:
+    """Whether points lie behind their neighbours among others, and hardly any of these is as far away."""
+    as_far = np.count_nonzero(others.points[:, 3] < setup.rules.start.deeper * np.median(some.points[:, 3]))
+    return bool(as_far < MANY_VIEWS) and is_behind(setup, some, others)
+
+
+def _history(tracks: Tracks) -> int:
+    """For how many frames enough tracks for a motion have agreed."""
+    return int(np.sort(tracks.agreed)[-MIN_VIEWS]) if len(tracks) >= MIN_VIEWS else 0
 
 
 def is_behind(setup: Setup, some: Tracks, others: Tracks) -> bool:

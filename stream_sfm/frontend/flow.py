@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config import FlowRules
+from ..config.rules import FlowRules
 from ..geometry.se3 import Array
 from .alignment import WIDE, TemplateAligner
 from .prepared import Image, PreparedImages

@@ -92,11 +92,13 @@ class StereoFrontEnd:
         if images.lines is not None:
             state = replace(state, still=state.still.after(*images.lines))
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
+        unconfirmed = bool(before.start.problem) and state.start.gone
         state, start_anew = self._check(before, state, images, stamp_ns, followed)
         if followed is None or start_anew:
             state, observed = self._start_over(state, images, stamp_ns, wait=not start_anew)
         else:
             state, observed = self._go_on(state, images, stamp_ns, followed)
+            observed = replace(observed, unconfirmed=unconfirmed)
         if change is not None and observed.rig is not None:
             rig = replace(
                 observed.rig, change=change, change_root=self.rig.root_of_turn(self.setup.rules.turn.std_rad)
@@ -253,10 +255,10 @@ class StereoFrontEnd:
 
 def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:
     """Why the motion of a frame may not be the camera's: another one may be, or left and right do not fit."""
-    misfit = bool(_misfit(state))
+    misfit, of_start = bool(_misfit(state)), bool(state.start.problem)
     if other is not None:
-        return Ambiguity(other.cam_from_ref, other.cov_pose, misfit)
-    return Ambiguity(misfit=True) if misfit else None
+        return Ambiguity(other.cam_from_ref, other.cov_pose, misfit, other.lasted, of_start)
+    return Ambiguity(misfit=True, of_start=of_start) if misfit else None
 
 
 def _misfit(state: FrontEndState) -> str:

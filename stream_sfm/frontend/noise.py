@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..config import ErrorRules
+from ..config.rules import ErrorRules
 from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.se3 import Array
 from ..record import record

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.rig import StereoRig
-from ..config import Config, PairRules
+from ..config import Config
+from ..config.rules import PairRules
 from ..geometry.point_views import PointViews
 from ..geometry.resection import MANY_VIEWS, Resection
 from ..geometry.se3 import Array

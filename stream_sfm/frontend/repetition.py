@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import RepetitionRules
+from ..config.rules import RepetitionRules
 from ..geometry import se3
 from ..geometry.point_views import PointViews
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, SecondMotion, resect

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config import RobustConfig, TurnRules
+from ..config import RobustConfig
+from ..config.rules import TurnRules
 from ..geometry.linear import symmetric
 from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.point_views import PointViews
@@ -58,13 +59,14 @@ def with_turn(rig: RigModel, estimate: RigEstimate, rad: Array) -> RigEstimate:
 @record
 class TurnWatch:
     """Statistics of a run's turns, learnt from so many `frames`: the covariance `usual` (3, 3) of ordinary ones as they
-    are measured, and `real` (3, 3), without the noise of the measurement.
+    are measured, and `real` (3, 3), without the noise of the measurement. `settings`: of the gate of its views.
 
     `unusual`: the turns (3,) of the frames in a row, up to the latest, that were not usual.
     """
 
     projection: StereoProjection
     rules: TurnRules
+    settings: RobustConfig
     usual: Array
     real: Array
     frames: int
@@ -74,7 +76,8 @@ class TurnWatch:
     def begun(cls, projection: StereoProjection, rules: TurnRules) -> "TurnWatch":
         """Return the watch before any frame."""
         guess = np.eye(3) * rules.first_guess_rad**2
-        return cls(projection, rules, guess, guess, rules.guess_frames)
+        settings = RobustConfig(gate_probability=rules.gate)
+        return cls(projection, rules, settings, guess, guess, rules.guess_frames)
 
     @property
     def lasting_rad(self) -> Array | None:
@@ -109,9 +112,7 @@ class TurnWatch:
         n_seen = np.count_nonzero(np.isfinite(z_px[:, 2]))
         if n_seen < rules.min_views:
             return self.calm(), None
-        views = PointViews(
-            self.projection, points, cov_points, z_px, cov_px, RobustConfig(gate_probability=rules.gate)
-        )
+        views = PointViews(self.projection, points, cov_points, z_px, cov_px, self.settings)
         usual = self.usual + cov_expected
         rad, cov, agree, log_factor, chi2 = core.fit_turn(views, cam_from_previous, usual, rules.std_rad)
         possible = self.projection.f_px * math.hypot(*rad) < rules.max_turn_px

@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from .. import core
-from ..config import Config, RowRules
+from ..config import Config
+from ..config.rules import RowRules
 from ..geometry.linear import symmetric_inverse
 from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
 from ..geometry.se3 import Array

@@ -4,7 +4,7 @@ At a start nothing has a history: bodies that cover most of the view outvote the
 say so, because they begin where points are missing, and the background is there. As long as too many of them
 disagree, the motion may be that of a body; once they agree, the start is redone from there. Once nothing that was
 there at the start is followed any more, what is followed has been found by points that began later, and there is
-nothing left to doubt.
+nothing left to doubt of it; but nothing has confirmed the poses up to there.
 """
 
 from dataclasses import replace
@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import MotionRules
+from ..config.rules import MotionRules
 from ..geometry.resection import MANY_VIEWS
 from ..record import record
 

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..camera.pixels import FEWEST_BITS
-from ..config import Config, Rules
+from ..config import Config
+from ..config.rules import Rules
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection

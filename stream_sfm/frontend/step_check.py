@@ -8,7 +8,7 @@ camera has made it cannot be told: the frames count as before, and their poses m
 
 import numpy as np
 
-from ..config import StepRules
+from ..config.rules import StepRules
 from ..geometry.se3 import Array
 from ..record import record
 

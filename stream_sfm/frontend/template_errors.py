@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config import ErrorRules
+from ..config.rules import ErrorRules
 from ..geometry.se3 import Array
 from ..record import record
 

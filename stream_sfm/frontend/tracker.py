@@ -11,7 +11,7 @@ from ..geometry.se3 import Array
 from ..types import ExpectedMotion
 from .advance import Followed, advance, learn
 from .aligned_views import align
-from .depth_order import decided, of_background
+from .depth_order import decided, of_background, uncovered
 from .first_timing import first_timed
 from .hidden_background import is_background_hidden
 from .inertia import steadier, without_newcomer
@@ -34,6 +34,7 @@ OF_MOTION: tuple[Callable[[Step, FrontEndState, Seen, Resection], Resection], ..
     decided,  # at the start of a map, again by all views
     steadier,  # the motion that goes on as before, not one that jumps
     without_newcomer,  # a body that comes into view is not in question
+    uncovered,  # a scene that comes into view behind all that was followed is in question, however small it is
     nearer,  # the motion that inertial samples allow
 )
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config import MotionRules
+from ..config.rules import MotionRules
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection, velocities
 from ..record import record, rows_of

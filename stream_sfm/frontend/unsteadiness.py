@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..config import MotionRules
+from ..config.rules import MotionRules
 from ..geometry.se3 import Array
 from ..record import record
 

@@ -1,6 +1,7 @@
 """Points with covariances and their stereo views: what a motion between them is judged by."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import core
 from ..config import RobustConfig
@@ -40,11 +41,17 @@ class PointViews:
         self.cov_points = np.empty((0, 4, 4)) if cov_points is None else cov_points
         self.settings = settings
         self.shared = np.zeros((n, 4, 0)) if shared is None else shared
-        gates = (chi2_gate(dof, settings.gate_probability) for dof in (2, 4))
-        self.gate = core.gates_of_views(z_px, *gates)
+        share = settings.gate_probability
+        self.gate = core.gates_of_views(z_px, chi2_gate(2, share), chi2_gate(4, share))
 
     def __len__(self) -> int:
         return len(self.gate)
+
+    def select(self, rows: NDArray[np.bool_]) -> "PointViews":
+        """Return the points and views of a mask (n,)."""
+        cov_points = self.cov_points[rows] if len(self.cov_points) else None
+        seen = self.points[rows], cov_points, self.z_px[rows], self.cov_px[rows]
+        return PointViews(self.projection, *seen, self.settings, self.shared[rows])
 
     def by_left(self) -> "PointViews":
         """Return the same points with the left sides of their views alone."""

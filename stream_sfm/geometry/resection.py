@@ -34,13 +34,15 @@ class SecondMotion:
     """A second motion, `cam_from_ref` (4, 4), which views share that clearly disagree with the first one.
 
     `cov_pose` (6, 6): of ref_from_cam, right perturbation. `views` (n,) bool: which agree with this motion only;
-    `odds`: their evidence over that of the views which agree with the first motion only.
+    `odds`: their evidence over that of the views which agree with the first motion only. `lasted`: for how many frames
+    the first motion may have been another one already.
     """
 
     cam_from_ref: Array
     cov_pose: Array
     views: NDArray[np.bool_]
     odds: float
+    lasted: int = 0
 
 
 @record

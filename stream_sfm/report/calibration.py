@@ -45,6 +45,7 @@ def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, A
     return {
         "applied": estimate.applied,
         "probability_wrong": estimate.p_wrong,
+        "parts_agree": estimate.agrees(LENS_TERMS),
         "terms": list(LENS_TERMS),
         "error_px": estimate.mean[: len(LENS_TERMS)].tolist(),
         "std_px": np.sqrt(np.diag(estimate.cov))[: len(LENS_TERMS)].tolist(),

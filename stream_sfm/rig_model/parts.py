@@ -4,7 +4,8 @@ Errors of views that last, or that a model does not have, make the σ of an erro
 those that only time tells apart: a delay, a readout, a turn, a focus. A real one is the same in each third of a run.
 One that is made up, to explain what wanders slowly, is not: thirds of a drive with a rigid, triggered rig said 0.8,
 1.0 and 0.3 ms, and all of it 1.5 ± 0.1. What the thirds say follows from the information that the prior had at their
-ends.
+ends. Frames whose motion may not be the camera's are in no part: a body that is followed is explained by errors of the
+rig, and all parts of it agree.
 """
 
 from dataclasses import replace
@@ -39,26 +40,37 @@ class Agreement(NamedTuple):
 
 @record
 class Parts:
-    """Ends of parts of a run, `every` so many frames, which grows with the run; and of the latest frame."""
+    """Ends of parts of a run, `every` so many frames, which grows with the run; and of the latest frame.
+
+    `whole`: of all frames so far, in the parts or not.
+    """
 
     ends: tuple[_End, ...] = ()
     latest: _End | None = None
+    whole: _End | None = None
     every: int = 1
 
-    def after(self, information: Array, weighted: Array, size: Array) -> "Parts":
+    def after(self, information: Array, weighted: Array, size: Array, counts: bool = True) -> "Parts":
         """Return the parts after a frame has left the window: what the prior knows of the rig's errors (m,) then.
 
-        `information` (m, m) and weighted sums (m,) of the errors themselves, of which `size` (m,) was known beforehand.
+        `information` (m, m) and weighted sums (m,) of the errors themselves, of which `size` (m,) was known beforehand;
+        `counts`: the frame's motion is the camera's.
         """
         t = len(TERMS)
         of_views = information[:t, :t] - np.diag(size[:t] ** -2.0)
-        latest = _End(1 if self.latest is None else self.latest.frames + 1, of_views, weighted[:t].copy())
+        none = _End(0, np.zeros_like(of_views), np.zeros(len(of_views)))
+        before, said = self.whole or none, self.latest or none
+        whole = _End(before.frames + 1, of_views, weighted[:t].copy())
+        if not counts:
+            return replace(self, whole=whole)
+        by_frame = of_views - before.information, whole.weighted - before.weighted
+        latest = _End(said.frames + 1, said.information + by_frame[0], said.weighted + by_frame[1])
         ends, every = self.ends, self.every
         if latest.frames % every == 0:
             ends = (*ends, latest)
         if len(ends) > _MOST:
             ends, every = ends[1::2], 2 * every
-        return replace(self, ends=ends, latest=latest, every=every)
+        return replace(self, ends=ends, latest=latest, whole=whole, every=every)
 
     @property
     def evidence(self) -> Array | None:

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stream_sfm.config import Config, RigConfig, TurnRules, WindowConfig
+from stream_sfm.config import Config, RigConfig, WindowConfig
+from stream_sfm.config.rules import TurnRules
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
 from stream_sfm.estimators.cross_frame.window import CrossFrame

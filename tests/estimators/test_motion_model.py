@@ -5,6 +5,7 @@ import pytest
 
 from stream_sfm.config import MotionConfig
 from stream_sfm.estimators.motion_model import MotionModel
+from stream_sfm.geometry import se3
 
 FRAME_NS = 50_000_000
 CONFIG = MotionConfig(std_acceleration_m_s2=2.0, std_angular_acceleration_rad_s2=1.0)
@@ -40,3 +41,26 @@ def test_a_measured_velocity_starts_the_clock_anew() -> None:
         std = np.sqrt(np.diag(motion.predict((10 + frames) * FRAME_NS)[1]))
         half_square_s2 = 0.5 * (frames * FRAME_NS / 1e9) ** 2
         np.testing.assert_allclose(std, half_square_s2 * np.repeat([2.0, 1.0], 3))
+
+
+def test_a_start_that_is_doubted_is_covered_since_the_start_and_for_good_if_nothing_confirms_it() -> None:
+    """A body is followed: what the doubt adds knows no velocity, and stays where nothing settles it."""
+    step, settles, none = se3.exp(np.array([0.05, 0, 0, 0, 0, 0.01])), {}, 1e-8 * np.eye(6)
+    for name, of_start, unconfirmed in (("later", False, False), ("settled", True, False), ("open", True, True)):
+        moving, pose = MotionModel(MotionConfig()), np.eye(4)
+        moving.restart(0, pose, none)
+        for k in range(1, 20):
+            pose, doubtful = pose @ step, 5 <= k < 15
+            cov = moving.record(
+                k * 50_000_000,
+                pose,
+                none,
+                doubtful,
+                of_start=of_start and doubtful,
+                unconfirmed=unconfirmed and k == 15,
+            )
+            settles[name, k] = np.sqrt(np.linalg.eigvalsh(cov[:3, :3]).max())
+    assert settles["later", 5] < 0.02  # the camera goes on as in the frames before
+    assert settles["open", 5] > 5 * 0.05  # these are of what may be a body
+    assert settles["settled", 16] < 1e-3
+    assert settles["open", 16] >= 0.9 * settles["open", 14]

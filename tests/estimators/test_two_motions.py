@@ -89,3 +89,26 @@ def test_what_is_settled_is_taken_back() -> None:
     assert in_world[1] > 0.01 and abs(in_world[2] / in_world[0] - 1) < 0.1
     relative = [run[8].relative.cov[0] for run in runs]
     assert np.allclose(relative[2], relative[0], atol=1e-7)
+
+
+def test_what_may_have_been_wrong_for_some_frames_is_covered_at_once() -> None:
+    """The other motion has been hidden: all frames that may have followed a body err alike, in a row and in σ."""
+    frames, _ = observations(9, moves_from=99)
+    with_start = [replace(o, cam_from_previous=se3.inverse(STEP)) for o in frames]
+    other = Ambiguity(se3.exp(-OWN) @ se3.inverse(STEP), 1e-8 * np.eye(6))
+    std_m = {}
+    for lasted in (0, 4):
+        estimator = CrossFrame(P, Config())
+        run = [
+            estimator.step(replace(o, ambiguity=replace(other, lasted=lasted)) if k >= 6 else o)
+            for k, o in enumerate(with_start)
+        ]
+        std_m[lasted] = np.array([np.sqrt(np.trace(s.cov_pose[:3, :3])) for s in run])
+        relative = run[6].relative
+        assert relative is not None
+        of_earlier = relative.cov[np.flatnonzero(relative.frame_indices == 4)[0]]
+        std_m[lasted, "earlier"] = np.sqrt(np.trace(of_earlier[:3, :3]))
+    own_m = np.linalg.norm(OWN[:3]) * np.sqrt(3)  # in any direction
+    assert np.allclose(std_m[0][6:] / own_m, [1, 2, 3], rtol=0.2)
+    assert np.allclose(std_m[4][6:] / own_m, [5, 6, 7], rtol=0.2)
+    assert std_m[4, "earlier"] > 1.8 * std_m[0, "earlier"]

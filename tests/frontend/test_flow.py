@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.config import Config, FlowRules, FrontendConfig
+from stream_sfm.config import Config, FrontendConfig
+from stream_sfm.config.rules import FlowRules
 from stream_sfm.core import corner_strength, new_corners
 from stream_sfm.frontend.alignment import TemplateAligner
 from stream_sfm.frontend.flow import as_exposed, track

@@ -7,7 +7,8 @@ import pytest
 
 from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rig import StereoRig
-from stream_sfm.config import Config, PairRules
+from stream_sfm.config import Config
+from stream_sfm.config.rules import PairRules
 from stream_sfm.frontend.pair_check import PairCheck, PairFit, problem_of, resolution_problem
 from stream_sfm.frontend.prepared import PreparedImages
 from stream_sfm.frontend.rows import Rows

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.config import RigConfig, TurnRules
+from stream_sfm.config import RigConfig
+from stream_sfm.config.rules import TurnRules
 from stream_sfm.frontend.right_turn import TurnWatch, with_turn
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.config import Config, RigConfig, RowRules, Rules
+from stream_sfm.config import Config, RigConfig
+from stream_sfm.config.rules import RowRules, Rules
 from stream_sfm.frontend import rows as rows_of
 from stream_sfm.frontend.rows import Rows, row_terms
 from stream_sfm.frontend.timing import Timing

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stream_sfm.config import Config, ErrorRules
+from stream_sfm.config import Config
+from stream_sfm.config.rules import ErrorRules
 from stream_sfm.core import view_inflation
 from stream_sfm.estimators import make_estimator
 from stream_sfm.frontend.template_errors import TemplateErrors

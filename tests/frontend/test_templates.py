@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.config import ErrorRules
+from stream_sfm.config.rules import ErrorRules
 from stream_sfm.frontend.noise import ViewNoise
 from stream_sfm.frontend.templates import Grey, Patches, TemplateAtlas
 

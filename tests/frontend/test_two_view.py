@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stream_sfm.config import MonoRules
+from stream_sfm.config.rules import MonoRules
 from stream_sfm.frontend.mono.parallax import depths_from_motion
 from stream_sfm.frontend.mono.two_view import two_view_motion
 from stream_sfm.geometry import se3

@@ -61,6 +61,25 @@ def test_a_part_that_takes_information_back_says_nothing() -> None:
     assert abs(found.mean[AT] - 0.5) < 5 * found.std[AT] < 0.25
 
 
+def test_frames_that_do_not_count_are_in_no_part() -> None:
+    """A body is followed for a while: its frames say another error, with which all of them agree."""
+    rng, t = np.random.default_rng(4), len(TERMS)
+    size = np.full(t, 0.7)
+    information, weighted, parts, counting = np.diag(size**-2.0), np.zeros(t), Parts(), Parts()
+    for k in range(200):
+        counts = not 40 <= k < 140
+        direction = rng.normal(size=t)
+        seen = direction[AT] * (0.5 if counts else -3.0) + rng.normal(scale=0.1)
+        information = information + np.outer(direction, direction) / 0.1**2
+        weighted = weighted + direction * seen / 0.1**2
+        parts = parts.after(information, weighted, size, counts)
+        counting = counting.after(information, weighted, size)
+    found, wrong = parts.agreement, counting.agreement
+    assert found is not None and wrong is not None and parts.latest is not None and parts.latest.frames == 100
+    assert abs(found.mean[AT] - 0.5) < 5 * found.std[AT] < 0.25
+    assert abs(wrong.mean[AT] - 0.5) > 0.5
+
+
 def test_a_short_run_has_no_thirds_and_a_long_one_keeps_few() -> None:
     rng = np.random.default_rng(2)
     assert parts_of(20, 0.5, 0.0, rng).evidence is None

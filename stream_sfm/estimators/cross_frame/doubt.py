@@ -43,13 +43,14 @@ class Doubt:
         No vehicle moves between two frames by much more than `std_moved` (6,) otherwise than it did.
 
         The difference of the two, in any direction, as the camera's motion may be that of a third set, which is hidden;
-        and the error of the other, eq. (36a). The differences of frames in a row have one sign. Also returns the
+        and the error of the other, eq. (36a). The differences of frames in a row have one sign. Where what is followed
+        may have been a body for some frames already, their motions may be wrong by as much. Also returns the
         `ambiguity` of the frame.
         """
         other = motion.ambiguous
         if other is None:
             return changed(self, frames=0), None
-        frames = self.frames + 1
+        frames = max(self.frames, other.lasted) + 1
         first_from_other = motion.cam_from_ref @ se3.inverse(other.cam_from_ref)  # of the newest camera
         apart = np.linalg.norm(se3.log(first_from_other).reshape(2, 3), axis=1)
         apart = np.minimum(apart, std_moved[[0, 3]])
@@ -57,7 +58,8 @@ class Doubt:
         own = se3.adjoint(first_from_other) @ scaled_cholesky(cov)
         ambiguity = np.concatenate([np.diag(np.repeat(apart, 3)), own], axis=1)
         modes = se3.adjoint(se3.inverse(cam_from_ref)) @ ambiguity
-        modes[:, :6] *= np.sqrt(2 * frames - 1)  # n frames of one sign: n² = 1 + 3 + 5 + …
+        modes[:, :6] *= np.sqrt(frames**2 - self.frames**2)  # n frames of one sign: n²
+        modes[:, 6:] *= frames - self.frames  # so much is known of the camera's motion in all of these
         return changed(self, cov=self.cov + modes @ modes.T, frames=frames), ambiguity
 
     def of_newest(self, cam_from_ref: Array) -> Array:

@@ -100,8 +100,8 @@ class Inertia:
         state, joint = np.zeros(STATE), np.zeros((JOINT.size, JOINT.size))
         state[GRAVITY] = -self._calibration.cam_from_imu[:3, :3] @ mean
         std = np.repeat([_STD_VELOCITY, _STD_START, _STD_GYRO_BIAS, _STD_ACCEL_BIAS], 3)
-        joint[:6, :6] = cov_pose
-        joint[6:, 6:] = np.diag(np.r_[std, self._std_fixed] ** 2)
+        joint[JOINT["pose"], JOINT["pose"]] = cov_pose
+        joint[JOINT["state"], JOINT["state"]] = np.diag(np.r_[std, self._std_fixed] ** 2)
         return Known(stamp_ns, world_from_cam, state, joint)
 
     def begin(self, current: Map, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
@@ -277,12 +277,12 @@ class Inertia:
     def _with_odds(self, known: Known) -> Known:
         """Return pose and state where scale, axes and clock are as probable, eq. (87)."""
         state, cov = known.state, known.cov
-        apart = likely(state, cov[6:, 6:], self._std_fixed) - state[FIXED]
+        apart = likely(state, known.cov_state, self._std_fixed) - state[FIXED]
         at = JOINT.within("state", FIXED)
         gain = np.linalg.solve(cov[at, at], cov[at]).T
         moved = gain @ apart
-        state = state + moved[6:]
-        pose = se3.orthonormalise(known.world_from_cam @ se3.exp(moved[:6]))
+        state = state + moved[JOINT["state"]]
+        pose = se3.orthonormalise(known.world_from_cam @ se3.exp(moved[JOINT["pose"]]))
         cov = symmetric(cov + np.outer(moved, moved))  # of the fixed ones about where they are put
         return Known(known.stamp_ns, pose, state, cov)
 

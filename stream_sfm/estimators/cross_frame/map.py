@@ -147,7 +147,7 @@ class Map:
             self.amplitudes, cam_from_ref, anchors, q, blocks, stays, (new_ids, *alone), leaving
         )
         prior = prior.truncate_modes()
-        prior = changed(prior, rig=prior.rig.with_part())
+        prior = changed(prior, rig=prior.rig.with_part(not frame.in_question))
         self.prior = refocused(prior, frame, self.frames[0].stamp_ns) if self.frames else prior
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
         self.points = self.points.keep(seen_later if self.frames else core.among(self.points.ids, self.prior.ids))
@@ -232,8 +232,11 @@ class Map:
     def consider_other(self, motion: Resection, std_moved: Array) -> None:
         """Add to the world's uncertainty that the second of two plausible motions may be the true one; see `Doubt`."""
         self.doubt, ambiguity = self.doubt.with_other(motion, std_moved, self.newest_cam_from_ref)
-        if ambiguity is not None:
-            self.frames[-1].ambiguity = ambiguity
+        if motion.ambiguous is None or ambiguity is None:
+            return
+        for frame in self.frames[-1 - motion.ambiguous.lasted :]:
+            if frame is self.frames[-1] or not frame.ambiguity.shape[1]:
+                frame.ambiguity = ambiguity
 
     def settle(self) -> None:
         """Drop the uncertainty about alternative motions: those followed have turned out to be the camera's."""

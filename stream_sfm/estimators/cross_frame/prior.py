@@ -95,8 +95,8 @@ class Prior:
         `from_first_frame`.
         """
         modes = self.modes.copy()
-        modes[..., 6 : 6 + by_own.shape[2]] = by_own
-        modes[..., modes.shape[2] - by_rig.shape[2] :] = by_rig
+        modes[..., Layout(pose=6, own=by_own.shape[2])["own"]] = by_own
+        modes[..., self.of_modes["rig"]] = by_rig
         return changed(self, mean=mean, cov=cov, modes=modes)
 
     def with_own_of_first(self, at: int, n: int) -> "Prior":

@@ -138,10 +138,10 @@ class RigKnowledge:
         size[len(TERMS) :] = max(field_std_px, _LEAST_FIELD_PX)
         return size
 
-    def with_part(self) -> "RigKnowledge":
-        """Return the knowledge after a frame has left the window, which is one more of the run's parts."""
+    def with_part(self, counts: bool) -> "RigKnowledge":
+        """Return the knowledge after a frame has left the window, which `counts` as one more of the run's parts."""
         weighted = self.weighted + self.information @ self.mean
-        return changed(self, parts=self.parts.after(self.information, weighted, self.size))
+        return changed(self, parts=self.parts.after(self.information, weighted, self.size, counts))
 
     def informed(self, more: Array, weighted: Array) -> "RigKnowledge":
         """Return the knowledge with so much `more` information (m,) about each error, and its weighted sums (m,).

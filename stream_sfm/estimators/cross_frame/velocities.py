@@ -13,6 +13,7 @@ from ...rig_model.estimate import CERTAIN
 from ...rig_model.model import LEAST_VARIANCE, RigModel
 from ...rig_model.terms import DISPARITY
 from .inverse_depth import WhitenedViews, at_rest, expected, held, timed
+from .layout import Layout
 from .map import Map
 from .twist_unknown import TWIST, left_in_rows, twist_columns, with_room
 from .window_frame import WindowFrame
@@ -78,7 +79,7 @@ def _begin_twist(current: Map) -> None:
         current.views = changed(current.views, own=with_room(current.views.own))
         if current.first_views is not None:
             current.first_views = changed(current.first_views, own=with_room(current.first_views.own))
-            at = 6 + current.own.shape[1] - TWIST
+            at = Layout(pose=6, own=current.own.shape[1] - TWIST).size
             current.prior = current.prior.with_own_of_first(at, TWIST)
             current.amplitudes = np.insert(current.amplitudes, [at] * TWIST, 0.0)
     rows, own = current.newest, current.views.own.copy()

@@ -101,7 +101,7 @@ class CrossFrame:
         age_s = 0.0 if self.map is None else self.map.prior.rig.age_s(observations.stamp_ns)
         model = None if observations.rig is None else observations.rig.model
         stamp_ns, std_turn_rad = observations.stamp_ns, observations.lasting.std_turn_rad
-        frame = WindowFrame(observations.frame_index, stamp_ns, model, std_turn_rad)
+        frame = WindowFrame(observations.frame_index, stamp_ns, model, std_turn_rad, misfit=observations.misfit)
         views = views_of(observations, self.projection, age_s)
         if observations.rig is not None and observations.rig.change_root is not None:
             self._change_rig(observations.rig.change_root)

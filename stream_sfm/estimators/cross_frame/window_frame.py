@@ -22,7 +22,7 @@ class WindowFrame:
     `ambiguity` (6, k): by what else the motion from the frame before may be wrong, in axes of this camera; frames in
     a row share the first six columns, the others are of each alone. `interval`: the inertial samples since the frame
     before, with the `velocity` (3,) that they predict, and `turning` (2, 3), angular velocity and acceleration of
-    points by the gyroscope; None without.
+    points by the gyroscope; None without. `misfit`: the images do not fit each other or the calibration.
     """
 
     index: int
@@ -33,6 +33,12 @@ class WindowFrame:
     interval: Interval | None = None
     velocity: Array = field(default_factory=lambda: np.zeros(3))
     turning: Array | None = None
+    misfit: bool = False
+
+    @property
+    def in_question(self) -> bool:
+        """Whether the motion from the frame before may not be the camera's."""
+        return self.misfit or self.ambiguity.shape[1] > 0
 
 
 def views_of(observations: Observations, projection: StereoProjection, age_s: float = 0.0) -> WhitenedViews:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import MonoRules
+from ...config.rules import MonoRules
 from ...geometry import se3
 from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS
