@@ -1,0 +1,47 @@
+"""What the table of a replay tells of the inertial unit."""
+
+import pytest
+
+from stream_sfm.cli.summaries import print_summary
+
+_TIMES = dict.fromkeys(("p50", "p95", "max"), 1.0)
+_SUMMARY = {
+    "log": "a.mcap",
+    "method": "cross-frame",
+    "complete": True,
+    "unscaled": False,
+    "frames": dict.fromkeys(("estimated", "paired", "degraded", "lost", "dropped"), 1),
+    "path_length_m": 1.0,
+    "duration_s": 1.0,
+    "timing_ms": dict.fromkeys(("total", "decode", "frontend", "estimator"), _TIMES),
+    "peak_rss_mib": 100.0,
+    "frames_per_s": 20.0,
+    "cpu_s": 1.0,
+}
+_IMU = {
+    "frames": 90,
+    "dead_reckoned": 20,
+    "std_tilt_rad": 0.002,
+    "scale_percent": -1.14,
+    "std_scale_percent": 0.08,
+    "axes_rad": [-0.017, 0.001, 0.0],
+    "std_axes_rad": [0.0005, 0.0004, 0.0003],
+    "time_offset_s": -0.005,
+    "std_time_offset_s": 2e-5,
+    "densities_over_data_sheet": [1.7, 8.0],
+}
+
+
+def test_table_tells_axes_clock_scale_and_noise_of_an_inertial_unit(capsys: pytest.CaptureFixture[str]) -> None:
+    print_summary(_SUMMARY | {"imu": _IMU}, None, stages=False)
+    told = capsys.readouterr().out
+    assert "90 frames, 20 of them by the IMU alone" in told
+    assert "lengths -1.14 %, σ 0.08 %" in told
+    assert "its clock -5.00 ms, σ 0.02 ms" in told
+    assert "its axes (-17.00, +1.00, +0.00) mrad, σ 0.5 mrad" in told
+    assert "its noise × 1.7 (gyroscope) and × 8 (accelerometer) of the data sheet" in told
+
+
+def test_table_has_no_rows_of_an_inertial_unit_without_one(capsys: pytest.CaptureFixture[str]) -> None:
+    print_summary(_SUMMARY | {"imu": None}, None, stages=False)
+    assert "inertia" not in capsys.readouterr().out
