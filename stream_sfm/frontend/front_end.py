@@ -22,6 +22,7 @@ from .alignment import WIDE, TemplateAligner, valid_area
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
 from .first_timing import learn_timing
+from .ghost_check import GhostCheck
 from .image_checks import are_alike, image_note
 from .new_points import begin_points, renews
 from .pair_check import PairCheck, PairFit, problem_of, resolution_problem
@@ -31,6 +32,7 @@ from .rows import Rows
 from .start_check import StartCheck
 from .state import FrontEndState, Setup
 from .step_check import StepCheck
+from .still_check import StillCheck
 from .template_errors import TemplateErrors, turn_of_slides
 from .timing import Timing
 from .tracker import follow
@@ -65,6 +67,8 @@ class StereoFrontEnd:
             start=StartCheck(rules=rules.motion),
             steps=StepCheck(rules=rules.step),
             pair=PairCheck(rules=rules.pair),
+            ghosts=GhostCheck(rules=rules.ghosts),
+            still=StillCheck(rules=rules.still),
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
