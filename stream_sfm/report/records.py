@@ -24,6 +24,7 @@ from ..recording.pairing import gaps_after
 from ..rig_model.estimate import RigEstimate
 from ..types import FrameEstimate, InertialEstimate, RigChange, Status, Trajectory
 from ..wording import counted
+from .inertia import describe_inertia
 
 STAGES = ("decode", "frontend", "estimator", "total")
 _NUMBERS = (*STAGES, "nis", "nis_dof", "sigma_local_m", "reprojection_px")
@@ -98,28 +99,8 @@ class RunRecord:
         """What the inertial samples have told by the end of the run; None without any."""
         if self._inertial is None or self.upright is None:
             return None
-        last = self._inertial
-        std = np.sqrt(np.diag(last.cov))[6:]
-        return {
-            "frames": self._inertial_frames,
-            "dead_reckoned": self._dead_reckoned,
-            "up_in_world": self.upright.upright_from_world[2, :3].tolist(),
-            "std_up_in_world_rad": self.upright.std_tilt_rad,
-            "gravity_from_world": self.upright.upright_from_world.tolist(),
-            "std_tilt_rad": last.std_tilt_rad,
-            "gravity_m_s2": float(np.linalg.norm(last.gravity)),
-            "gyro_bias_rad_s": last.gyro_bias.tolist(),
-            "std_gyro_bias_rad_s": std[6:9].tolist(),
-            "accel_bias_m_s2": last.accel_bias.tolist(),
-            "std_accel_bias_m_s2": std[9:12].tolist(),
-            "scale_percent": 100 * last.scale,
-            "std_scale_percent": float(100 * std[12]),
-            "axes_rad": last.axes_rad.tolist(),
-            "std_axes_rad": std[13:16].tolist(),
-            "time_offset_s": last.time_offset_s,
-            "std_time_offset_s": float(std[16]),
-            "densities_over_data_sheet": last.densities.tolist(),
-        }
+        counts = {"frames": self._inertial_frames, "dead_reckoned": self._dead_reckoned}
+        return counts | describe_inertia(self.upright, self._inertial)
 
     def refuse(self, error: FrameError) -> None:
         """Count a frame that the front-end refused."""
