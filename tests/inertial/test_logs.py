@@ -8,6 +8,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
+from stream_sfm.report.pages import render_log
 from tests.helpers.imu_log import write_imu_log
 from tests.helpers.wall import rig
 from tools.render.inertial import BMI160
@@ -93,3 +94,12 @@ def test_chains_of_kalibr_and_openvins_with_the_noise_beside(tmp_path, key):
         found = sfm.StereoRig.from_calibration(where)
         assert np.allclose(found.imu.cam_from_imu, CAM_FROM_IMU, atol=1e-9) and found.imu.accel_noise == 0.02
         assert found.imu.time_offset_s == 0.004 and found.baseline_m == pytest.approx(0.2)
+
+
+def test_the_page_of_a_log_says_what_its_samples_told(imu_log, tmp_path):
+    for log, told in zip(imu_log[:2], (True, False), strict=True):
+        result = sfm.replay(log, tmp_path / log.stem)
+        summary = json.loads((result.out_dir / "summary.json").read_bytes())
+        row = {"name": log.stem, "log": str(log), "status": "done", "reason": "", "summary": summary}
+        page = render_log(row, result.out_dir)
+        assert ("<h2>Inertia</h2>" in page) == told == ("11 frames, 0 of them by the IMU alone" in page)
