@@ -191,7 +191,8 @@ class RosConfig(Section, frozen=True, kw_only=True):
         bool,
         Meta(
             description="turn the world frame so that z is upwards by inertial samples, with the axes of z_up or of "
-            "base_frame; a replay writes trajectory_gravity.tum, too"
+            "base_frame; a replay writes trajectory_gravity.tum, too",
+            extra={"expert": True},
         ),
     ] = False
     camera_x_m: Annotated[float, number("position of the camera in base_frame: forward, metres", -1e3, 1e3)] = 0.0
