@@ -7,7 +7,6 @@ from ..errors import ExitCode, StreamSfmError
 from ..wording import counted
 from . import options
 from .printing import broken_at, number, output_width, print_json, print_notes, print_table
-from .summaries import inertial_rows
 
 _MAX_TOPICS = 200  # shown; --json lists all
 
@@ -112,4 +111,6 @@ def _inertial_facts(imu: dict[str, Any]) -> Iterator[tuple[str, str]]:
     seen = f"{counted(imu['samples'], 'sample')}{rate}, {counted(imu['gap_count'], 'gap')}{force}"
     yield "IMU", f"{' and '.join(imu['topics'])}: {seen}"
     if first := imu.get("first_frames"):
+        from ..report.inertia import inertial_rows
+
         yield from inertial_rows(first)

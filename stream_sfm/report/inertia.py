@@ -68,3 +68,21 @@ def describe_inertia(upright: Upright, last: InertialEstimate) -> dict[str, Any]
         "densities_over_data_sheet": last.densities.tolist(),
         "findings": list(inertial_findings(last)),
     }
+
+
+def _axes(values: list[float], per_unit: float) -> str:
+    return f"({', '.join(f'{per_unit * x:+.2f}' for x in values)})"
+
+
+def inertial_rows(imu: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the rows of a table about what the samples of an inertial unit have told."""
+    yield "inertia", f"{imu['frames']} frames, {imu['dead_reckoned']} of them by the IMU alone"
+    tilt, lengths = 1e3 * imu["std_tilt_rad"], imu["std_scale_percent"]
+    yield "", f"tilt σ {tilt:.2g} mrad, lengths {imu['scale_percent']:+.2f} %, σ {lengths:.2g} %"
+    offset_ms, std_ms = 1e3 * imu["time_offset_s"], 1e3 * imu["std_time_offset_s"]
+    yield "", f"its clock {offset_ms:+.2f} ms, σ {std_ms:.2g} ms"
+    std_axes = 1e3 * max(imu["std_axes_rad"])
+    yield "", f"its axes {_axes(imu['axes_rad'], 1e3)} mrad, σ {std_axes:.2g} mrad"
+    yield "", f"biases {_axes(imu['gyro_bias_rad_s'], 1e3)} mrad/s, {_axes(imu['accel_bias_m_s2'], 1e3)} mm/s²"
+    gyro, accel = imu["densities_over_data_sheet"]
+    yield "", f"its noise × {gyro:.2g} (gyroscope) and × {accel:.2g} (accelerometer) of the data sheet"

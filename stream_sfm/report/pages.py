@@ -28,6 +28,7 @@ from ..types import Status, Trajectory
 from ..wording import counted
 from . import charts, masks
 from .charts import Traces, traces_of
+from .inertia import inertial_rows
 from .numbers import figures_of
 from .records import Comparison, RunRecord
 from .svg import Chart, Series, draw
@@ -248,6 +249,7 @@ def render_log(log: dict[str, Any], folder: Path) -> str:
         accuracy=table(_OF_BATCH, [_name_of(log)], [row], units_of([row], _OF_BATCH)),
         costs=table(_COSTS, [_name_of(log)], [_costs_of(summary)], {}),
         statuses=[(log["name"], summary["statuses"])],
+        inertia=[] if not summary.get("imu") else list(inertial_rows(summary["imu"])),
         path=_path("Path seen from above", folder),
     )
 

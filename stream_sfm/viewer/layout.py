@@ -13,11 +13,13 @@ CAMERA = "world/camera"
 SIDES = (f"{CAMERA}/left", f"{CAMERA}/right")
 TRAJECTORY, TRUTH, POINTS = "world/trajectory", "world/ground_truth", f"{CAMERA}/local_structure"
 ELLIPSOID = f"{CAMERA}/position_3_sigma"
+GRAVITY, VELOCITY = f"{CAMERA}/gravity", f"{CAMERA}/velocity"
 LOOPS_BEFORE, LOOPS_AFTER = "world/places/before", "world/places/after"
 TIMELINES = ("frame", "time")
 DRIFT, TRACKS, TIMING, STATUS = "drift", "tracks", "timing", "status"
 TRACK_SERIES = ("tracked", "new", "used", "rejected")
 ESTIMATE_COLOUR, TRUTH_COLOUR, ELLIPSOID_COLOUR = (255, 170, 60), (110, 200, 120), (255, 90, 160)
+GRAVITY_COLOUR, VELOCITY_COLOUR = (230, 230, 230), (60, 200, 230)
 MAP_COLOUR = (90, 160, 255)
 SERIES_COLOURS = [(90, 160, 255), (120, 220, 120), (255, 190, 80), (240, 90, 90)]
 
@@ -96,5 +98,7 @@ def styles() -> dict[str, rr.AsComponents]:
         ELLIPSOID: rr.Ellipsoids3D.from_fields(
             colors=ELLIPSOID_COLOUR, fill_mode=rr.components.FillMode.MajorWireframe
         ),
+        GRAVITY: rr.Arrows3D.from_fields(colors=GRAVITY_COLOUR, radii=ui(2.0), labels="gravity"),
+        VELOCITY: rr.Arrows3D.from_fields(colors=VELOCITY_COLOUR, radii=ui(2.0), labels="velocity"),
         **{f"{side}/tracks": rr.Points2D.from_fields(radii=ui(2.5)) for side in SIDES},
     }

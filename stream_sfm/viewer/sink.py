@@ -17,7 +17,7 @@ from ..evaluation.association import MAX_GAP_NS
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..sources.image_header import image_format
-from ..types import Frame, FrameEstimate, Picture, Status, Trajectory
+from ..types import Frame, FrameEstimate, InertialEstimate, Picture, Status, Trajectory
 from . import layout
 from .recording import Recording
 
@@ -52,6 +52,7 @@ class RerunSink:
         self._world_from_truth: Array | None = None
         self._previous: Array | None = None
         self._status = ""
+        self._has_inertia = False
         self._places: PlaceMap | None = None
         self._stages: tuple[str, ...] = ()
         self._recording = Recording(rrd, view, layout.blueprint(self._sides, self._unit), name)
@@ -101,6 +102,7 @@ class RerunSink:
         colours = layout.colours_of(estimate.points_in_cam, estimate.cov_points)
         stream.log(layout.POINTS, rr.Points3D.from_fields(positions=estimate.points_in_cam, colors=colours))
         self._ellipsoid(estimate.cov_pose[:3, :3])
+        self._inertia(estimate.inertial)
         self._tracks(estimate, colours)
         self._series(estimate)
         self._log_status(estimate)
@@ -127,6 +129,22 @@ class RerunSink:
         quaternion = se3.quat_xyzw_from_matrix(axes)[None]
         shape = rr.Ellipsoids3D.from_fields(half_sizes=half_sizes, quaternions=quaternion)
         self._stream.log(layout.ELLIPSOID, shape)
+
+    def _inertia(self, inertial: InertialEstimate | None) -> None:
+        """Log gravity, and the way of half a second at the velocity, as arrows at the camera."""
+        if inertial is None and not self._has_inertia:
+            return
+        self._has_inertia = inertial is not None
+        arrows: dict[str, Array] = dict.fromkeys((layout.GRAVITY, layout.VELOCITY), np.empty((0, 3)))
+        if inertial is not None:
+            down = inertial.gravity / np.linalg.norm(inertial.gravity)
+            arrows = {
+                layout.GRAVITY: self._image_distance * down[None],
+                layout.VELOCITY: inertial.velocity[None] / 2,
+            }
+        for path, vectors in arrows.items():
+            shown = rr.Arrows3D.from_fields(vectors=vectors.astype(np.float32), origins=np.zeros_like(vectors))
+            self._stream.log(path, shown)
 
     def _tracks(self, estimate: FrameEstimate, colours: NDArray[np.uint32]) -> None:
         """Log the points in the images."""

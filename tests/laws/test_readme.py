@@ -23,6 +23,7 @@ PAGES = {
 }
 FRAMES = 4
 NOT_RUN = {
+    "--world gravity": "the sample log has no inertial unit",
     "--mask": "needs masks of these images; tests/camera/test_masks.py has some",
     "python3 -m venv": "makes the environment that this test runs in",
     "activate": "enters it",

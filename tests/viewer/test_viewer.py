@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from tests.helpers.imu_log import write_imu_log
 from tests.helpers.places import ROOM
 from tests.helpers.wall import Wall, camera_path, rig
 
@@ -68,6 +69,16 @@ def test_a_map_is_shown_before_and_after_its_loops(tmp_path):
     _run(path, True, Places())
     expected = {f"world/places/{when}/{what}" for when in ("before", "after") for what in ("way", "loops")}
     assert expected <= _verified_pieces(path).keys()
+
+
+def test_gravity_and_velocity_are_arrows_at_the_camera(tmp_path, cli):
+    rrd, (log, plain, _) = tmp_path / "imu.rrd", write_imu_log(tmp_path)
+    arrows = {"world/camera/gravity", "world/camera/velocity"}
+    cli("replay", log, "--out", tmp_path / "out", "--rrd", rrd, "-q")
+    assert arrows <= {path for path, count in _verified_pieces(rrd).items() if count == 2}  # style and frames
+    assert sfm.read_results(tmp_path / "out").summary["imu"]["frames"] > 0
+    cli("replay", plain, "--out", tmp_path / "plain", "--rrd", rrd, "-q")
+    assert all(count == 1 for path, count in _verified_pieces(rrd).items() if path in arrows)  # the style alone
 
 
 def test_the_recording_of_the_sample_log_is_written_in_few_pieces(tmp_path, cli):
