@@ -11,14 +11,12 @@ where it has a similar one, and zero in all other images, whose noise at two mom
 the other side of the point in the last image: what a fast approach changes of a patch is as much like O as like P.
 """
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
-from ..record import record
+from ..record import changed, record
 from .prepared import Image
 
 _RADIUS_PX = 5  # of a patch
@@ -88,11 +86,11 @@ class GhostCheck:
         check = GhostCheck(views, (*self.sums, _sums(views))[-_REMEMBERED:])
         share, significance = check.share
         shown = share > _LEAST_SHARE and significance > _LEAST_SIGNIFICANCE
-        return replace(check, lasts=_LASTS if shown else max(0, self.lasts - 1))
+        return changed(check, lasts=_LASTS if shown else max(0, self.lasts - 1))
 
     def interrupted(self) -> "GhostCheck":
         """Return the check after a frame that could not be followed."""
-        return replace(self, views=())
+        return changed(self, views=())
 
 
 def _sums(views: tuple[_View, ...]) -> Array:
@@ -125,7 +123,7 @@ def _sums(views: tuple[_View, ...]) -> Array:
 
 def _patches(image: Image, at_px: Array) -> Array:
     """Patches (n, d, d) of an image around positions (n, 2), with a border of one pixel."""
-    x, y = ((_OFFSETS[k] + at_px[:, k, None, None]).astype(np.float32) for k in (0, 1))
+    x, y = (_OFFSETS[:, None] + at_px.T[:, :, None, None]).astype(np.float32)
     d = x.shape[1]
     sampled = cv2.remap(image, x.reshape(-1, d), y.reshape(-1, d), cv2.INTER_LINEAR)
     return sampled.reshape(-1, d, d).astype(float)

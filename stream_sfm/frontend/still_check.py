@@ -39,10 +39,10 @@ class Lines(NamedTuple):
     @classmethod
     def of(cls, image: NDArray[np.uint8], mask: NDArray[np.bool_] | None = None) -> "Lines":
         """The lines of an image (h, w), of which a mask (h, w) is false where it does not show the scene."""
-        grey = image.astype(np.int16)
+        lines = cls(*(side[::_EVERY].astype(np.int16, order="C") for side in (image, image.T)))
         if mask is not None:
-            grey[~mask] = -1
-        return cls(grey[::_EVERY].copy(), grey.T[::_EVERY].copy())
+            lines.rows[~mask[::_EVERY]] = lines.columns[~mask.T[::_EVERY]] = -1
+        return lines
 
 
 @record
@@ -79,19 +79,21 @@ class StillCheck:
 def _counts(left: Line, right: Line, before: Line) -> tuple[int, int, int]:
     """How many edges are in lines (k, n) of the left image, at how many of their pixels it has changed since the one
     `before`, and how many are the same there and in the right image."""
-    grey, *steps = _with_steps(left)
-    at = (grey >= 0) & ((np.abs(steps[0]) >= _EDGE_GREY) | (np.abs(steps[1]) >= _EDGE_GREY))
-    edges = np.stack([grey[at], steps[0][at], steps[1][at]])
-    then, there = (np.stack([part[at] for part in _with_steps(lines)]) for lines in (before, right))
+    grey, back, ahead = left[:, _FAR_PX:-_FAR_PX], left[:, : -2 * _FAR_PX], left[:, 2 * _FAR_PX :]
+    at = (grey >= 0) & ((np.abs(grey - back) >= _EDGE_GREY) | (np.abs(grey - ahead) >= _EDGE_GREY))
+    rows, columns = at.nonzero()
+    pixels = rows * left.shape[1] + columns + _FAR_PX
+    edges, then, there = _with_steps(left, pixels), _with_steps(before, pixels), _with_steps(right, pixels)
     moved = np.abs(edges[0] - then[0]) >= _EDGE_GREY
     drawn = _same(edges, then) & _same(edges, there)
     return len(moved), int(np.count_nonzero(moved)), int(np.count_nonzero(drawn))
 
 
-def _with_steps(lines: Line) -> tuple[Line, Line, Line]:
-    """Of lines (k, n): all pixels but those at the ends, and by how much they differ from those on either side."""
-    middle = lines[:, _FAR_PX:-_FAR_PX]
-    return middle, middle - lines[:, : -2 * _FAR_PX], middle - lines[:, 2 * _FAR_PX :]
+def _with_steps(lines: Line, pixels: NDArray[np.intp]) -> Line:
+    """Return (3, n): pixels (n,) of lines, counted through all of them, and how they differ from either side."""
+    flat = lines.ravel()
+    grey = flat.take(pixels)
+    return np.stack([grey, grey - flat.take(pixels - _FAR_PX), grey - flat.take(pixels + _FAR_PX)])
 
 
 def _same(edges: Line, others: Line) -> NDArray[np.bool_]:
