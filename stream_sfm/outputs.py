@@ -16,6 +16,8 @@ RESULTS = (
     "metadata.yaml",
 )  # fmt: skip
 MAP_TRAJECTORY = "trajectory_map.tum"  # and of a replay with loops
+GRAVITY_TRAJECTORY = "trajectory_gravity.tum"  # and of one whose world is upright
+TRAJECTORIES = (MAP_TRAJECTORY, GRAVITY_TRAJECTORY)
 _FileId = tuple[int, int]  # device and inode: equal for all names and links of a file
 
 

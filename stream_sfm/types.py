@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 from .errors import ConfigError
 from .geometry.se3 import Array
 from .inertial.samples import ImuCalibration, ImuSamples
+from .inertial.upright import BODY_FROM_CAMERA_AXES, Upright
 from .record import Kind, about
 from .rig_model.estimate import RigEstimate
 from .rig_model.model import RigModel
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]  # (h, w) or (h, w, 1) grey, (h, w, 3) or (h, w, 4) with blue first
+_POSE_AND_GRAVITY = [*range(6), *range(9, 12)]  # rows of `InertialEstimate.cov`
 _LEAST_VARIANCE = 1e-9  # of an error of the rig, in σ²: one that is known says nothing of the others
 Picture = Image | bytes  # an image, or a compressed one (PNG, JPEG, WebP)
 
@@ -510,6 +512,18 @@ class FrameEstimate(Solution):
     timings_ms: dict[str, float]
     unscaled: bool = False
     rig_change: RigChange | None = field(metadata=about(Kind.PARTS), default=None)
+
+    def upright(self, fixed_from_world: Array = BODY_FROM_CAMERA_AXES) -> Upright | None:
+        """Return where the world lies in one whose z axis is up, by the gravity of this frame; None without inertia.
+
+        `upright_from_world @ world_from_cam` is the pose there, with `cov_pose`. `fixed_from_world` (4, 4): the axes to
+        make upright; those of a body, x forward and y left, if not given.
+        """
+        if self.inertial is None:
+            return None
+        joint = self.inertial.cov[np.ix_(_POSE_AND_GRAVITY, _POSE_AND_GRAVITY)].copy()
+        joint[:6, :6] = self.cov_pose  # where a map began anew in the same world, that of its place is in it, too
+        return Upright.of(self.world_from_cam, self.inertial.gravity, joint, fixed_from_world)
 
     def __repr__(self) -> str:
         pose = _pose(self.world_from_cam, self.cov_pose, "units" if self.unscaled else "m")

@@ -22,7 +22,8 @@ def refine(
 
     Estimates the errors of a calibration from one or more logs of the same cameras. Writes a calibration with these
     errors, and with delay and readout where they are certain; other commands read it with --calibration. An error of
-    the baseline is not observable, because it scales everything alike.
+    the baseline is not observable by images, because it scales everything alike. With an IMU it is: then the baseline,
+    and the clock and the axes of the IMU, are corrected where they are certain.
 
     Args:
         logs: recordings of the same cameras
@@ -42,14 +43,14 @@ def refine(
     projection = Rectifier(refined.rig).projection
     nothing = {"text": "no frame was tracked, so nothing was learnt"}
     found = [
-        {"log": log, **(nothing if estimate is None else describe(projection, estimate))}
-        for log, estimate in zip(logs, refined.estimates, strict=True)
+        {"log": log, **(nothing if estimate is None else describe(projection, estimate)), "imu": list(of_unit)}
+        for log, estimate, of_unit in zip(logs, refined.estimates, refined.of_unit, strict=True)
     ]
     if json:
         print_json({"out": out, "logs": found})
     else:
         for of_log in found:
-            print(f"{of_log['log']}: {of_log['text']}")
+            print("; ".join([f"{of_log['log']}: {of_log['text']}", *of_log["imu"]]))
         print(f"written to {out}: give it to other commands with --calibration {out}")
 
 

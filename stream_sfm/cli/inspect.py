@@ -4,8 +4,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from ..errors import ExitCode, StreamSfmError
+from ..wording import counted
 from . import options
 from .printing import broken_at, number, output_width, print_json, print_notes, print_table
+from .summaries import inertial_rows
 
 _MAX_TOPICS = 200  # shown; --json lists all
 
@@ -17,7 +19,8 @@ def inspect(
 
     Shows the topics of a log, the stereo pair that would be used and why, frame rate, gaps and calibration, and checks
     the calibration against the images: the rows of matched corners; and lens errors, focal length, right-camera delay
-    and shutter readout, as estimated from the first frames. If a replay cannot work, the exit code is 3 and the output
+    and shutter readout, as estimated from the first frames. An IMU is checked for rate and gaps, and against the images
+    for its clock, axes, biases and noise. If a replay cannot work, the exit code is 3 and the output
     says what to change.
     """
     from ..inspection.overview import inspect_log
@@ -30,8 +33,13 @@ def inspect(
     if not found["problems"]:
         try:
             # in some seconds most cameras turn
-            look = replay.replay(open_log(log, **cameras.chosen), selection=Selection(max_frames=60))
-            found["rig_errors"] = look.summary.get("rig")
+            opened = open_log(log, **cameras.chosen)
+            look = replay.replay(opened, selection=Selection(max_frames=60)).summary
+            found["rig_errors"] = look.get("rig")
+            found["warnings"] += filter(None, [opened.imu_problem])
+            if found["imu"] is not None:
+                found["imu"]["first_frames"] = look["imu"]
+                found["warnings"] += look["imu"]["findings"] if look["imu"] else []
         except StreamSfmError as error:
             found["warnings"].append(f"the first frames cannot be estimated: {error}")
     code = ExitCode.INPUT if found["problems"] else ExitCode.DONE
@@ -92,5 +100,16 @@ def _facts(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield "calibration check", f"{check['matches']} matched corners: {rows}, {disparity}"
     if errors := found.get("rig_errors"):
         yield "first frames", errors["text"]
+    if imu := found.get("imu"):
+        yield from _inertial_facts(imu)
     depth = f", depth on {found['ground_truth_depth']}" if found["ground_truth_depth"] else ""
     yield "ground truth", f"{found['ground_truth'] or 'none'}{depth}"
+
+
+def _inertial_facts(imu: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    rate = f" at {imu['rate_hz']:.0f} Hz" if imu["rate_hz"] else ""
+    force = f", specific force {imu['specific_force_m_s2']:.2f} m/s²" if imu["specific_force_m_s2"] else ""
+    seen = f"{counted(imu['samples'], 'sample')}{rate}, {counted(imu['gap_count'], 'gap')}{force}"
+    yield "IMU", f"{' and '.join(imu['topics'])}: {seen}"
+    if first := imu.get("first_frames"):
+        yield from inertial_rows(first)

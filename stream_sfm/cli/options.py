@@ -135,6 +135,14 @@ MethodName = Annotated[
     Method | None, Parameter(group=SETTINGS, metavar="NAME", help="the estimator; cross-frame if not given")
 ]
 Names = Annotated[str, Parameter(group=RESULTS, metavar="NAME,…")]
+World = Annotated[
+    Literal["camera", "gravity"] | None,
+    Parameter(
+        group=RESULTS,
+        help="gravity: the fixed frame map of ROS has z upwards by the log's inertial samples, and "
+        "trajectory_gravity.tum has the poses in it; camera, as without it: the axes of the first camera",
+    ),
+]
 Calibration = Annotated[list[str] | None, Parameter(group=CAMERAS, metavar="FILE", validator=_one_or_two)]
 CameraFlag = Annotated[bool, Parameter(group=CAMERAS)]
 Force = Annotated[bool, Parameter(group=RESULTS, help="replace OUT.mcap if it exists")]
@@ -223,7 +231,7 @@ class Settings:
         list[str] | None, Parameter(group=CAMERAS, consume_multiple=True, metavar="LEFT.png", validator=_one_or_two)
     ] = None
 
-    def read(self, **chosen: str | bool | None) -> "Config":
+    def read(self, world: str | None = None, **chosen: str | bool | None) -> "Config":
         """The configuration, with settings that have an option of their own (None or False: not given).
 
         Raises ConfigError.
@@ -235,6 +243,7 @@ class Settings:
         chosen |= {name: os.path.abspath(path) for name, path in masks.items()}  # the run says so in config.toml
         further = [f"{name}={json.dumps(value)}" for name, value in chosen.items() if value]
         further += ["imu.enabled=false"] if self.no_imu else []
+        further += [] if world is None else [f"ros.gravity={json.dumps(world == 'gravity')}"]
         found = read_config(self.config, [*(self.set or []), *further])
         check_method(found.method)
         return found

@@ -48,6 +48,7 @@ def replay(
     loops: options.ResultFlag = False,
     map: options.ResultFile = None,
     save_map: options.ResultFile = None,
+    world: options.World = None,
     cameras: options.Cameras = options.Cameras(),
     mono: options.CameraFlag = False,
     frames: options.Frames = options.Frames(),
@@ -71,16 +72,18 @@ def replay(
         save_map: write the map at the end, also over the one that was read; implies --loops
         mono: use the left camera only; lengths are in units of the first baseline instead of metres
     """
-    from ..outputs import MAP_TRAJECTORY, RESULTS
+    from ..outputs import RESULTS, TRAJECTORIES
     from ..recording.stereo_log import open_log
     from ..results.folder import changed_results, new_run_folder
 
-    config, selection = settings.read(method=method, mono=mono), frames.selection()
+    config, selection = settings.read(method=method, mono=mono, world=world), frames.selection()
     inputs = (log, truth.ground_truth, settings.config, cameras.calibration)
     folder = Path(out) if out else new_run_folder(log)
-    options.protect([shown.rrd, folder / MAP_TRAJECTORY, *changed_results(folder, config)], *inputs, map)
+    options.protect(
+        [shown.rrd, *(folder / name for name in TRAJECTORIES), *changed_results(folder, config)], *inputs, map
+    )
     options.protect([save_map], *inputs)
-    options.protect([shown.rrd, save_map, *(folder / name for name in (*RESULTS, MAP_TRAJECTORY))])
+    options.protect([shown.rrd, save_map, *(folder / name for name in (*RESULTS, *TRAJECTORIES))])
     recording = open_log(log, **cameras.chosen, mono=config.mono, ground_truth=truth.read())
     known = {
         "self_test": self_test,
@@ -104,6 +107,7 @@ def live(
     calibration: options.Calibration = None,
     size: options.MaybeSize = None,
     rate: options.MaybePositive = None,
+    world: options.World = None,
     serial: Annotated[str | None, Parameter(group=options.CAMERAS, metavar="NUMBER")] = None,
     exposure: Annotated[options.MaybePositive, Parameter(metavar="MS")] = None,
     max_frames: options.MaybeCount = None,
@@ -137,7 +141,8 @@ def live(
 
     names = [camera] if right is None else [camera, right]
     name = "-".join(name.rsplit("/", 1)[-1] for name in names)
-    config, folder = settings.read(method=method), Path(out) if out else new_run_folder(name)
+    config = settings.read(method=method, world=world)
+    folder = Path(out) if out else new_run_folder(name)
     inputs = [name for name in names if os.path.isfile(name) or os.path.isdir(name)]
     options.protect([record, shown.rrd, *changed_results(folder, config)], settings.config, calibration, inputs)
     given = options.calibration_files(calibration)

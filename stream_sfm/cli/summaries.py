@@ -143,7 +143,7 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
     if rig := summary.get("rig"):
         yield "calibration", rig["text"]
     if imu := summary.get("imu"):
-        yield from _inertial_rows(imu)
+        yield from inertial_rows(imu)
     for name, spans in summary.get("self_test", {}).items():
         yield f"halves of the {name}", f"differ by {factors_text(spans)}"
     if back := summary.get("there_and_back"):
@@ -160,14 +160,20 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
             yield "", f"ATE {ate} m, aligned {aligned} m"
 
 
-def _inertial_rows(imu: dict[str, Any]) -> Iterator[tuple[str, str]]:
+def _axes(values: list[float], per_unit: float) -> str:
+    return f"({', '.join(f'{per_unit * x:+.2f}' for x in values)})"
+
+
+def inertial_rows(imu: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the rows of a table about what the samples of an inertial unit have told."""
     yield "inertia", f"{imu['frames']} frames, {imu['dead_reckoned']} of them by the IMU alone"
     tilt, lengths = 1e3 * imu["std_tilt_rad"], imu["std_scale_percent"]
     yield "", f"tilt σ {tilt:.2g} mrad, lengths {imu['scale_percent']:+.2f} %, σ {lengths:.2g} %"
     offset_ms, std_ms = 1e3 * imu["time_offset_s"], 1e3 * imu["std_time_offset_s"]
     yield "", f"its clock {offset_ms:+.2f} ms, σ {std_ms:.2g} ms"
-    axes, std_axes = ", ".join(f"{1e3 * x:+.2f}" for x in imu["axes_rad"]), 1e3 * max(imu["std_axes_rad"])
-    yield "", f"its axes ({axes}) mrad, σ {std_axes:.2g} mrad"
+    std_axes = 1e3 * max(imu["std_axes_rad"])
+    yield "", f"its axes {_axes(imu['axes_rad'], 1e3)} mrad, σ {std_axes:.2g} mrad"
+    yield "", f"biases {_axes(imu['gyro_bias_rad_s'], 1e3)} mrad/s, {_axes(imu['accel_bias_m_s2'], 1e3)} mm/s²"
     gyro, accel = imu["densities_over_data_sheet"]
     yield "", f"its noise × {gyro:.2g} (gyroscope) and × {accel:.2g} (accelerometer) of the data sheet"
 

@@ -187,6 +187,14 @@ class RosConfig(Section, frozen=True, kw_only=True):
             "otherwise the axes of the first camera"
         ),
     ] = False
+    gravity: Annotated[
+        bool,
+        Meta(
+            description="turn the world frame so that z is upwards by inertial samples, with the axes of z_up or of "
+            "base_frame; a replay writes trajectory_gravity.tum, too",
+            extra={"expert": True},
+        ),
+    ] = False
     camera_x_m: Annotated[float, number("position of the camera in base_frame: forward, metres", -1e3, 1e3)] = 0.0
     camera_y_m: Annotated[float, number("to the left, metres", -1e3, 1e3)] = 0.0
     camera_z_m: Annotated[float, number("upwards, metres", -1e3, 1e3)] = 0.0

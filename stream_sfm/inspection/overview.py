@@ -37,6 +37,7 @@ from .calibration_check import (
     size_problem,
     stamp_warning,
 )
+from .unit_check import check_unit
 
 _CHECKED_PLACES = 4  # spread over the log; at each, two consecutive frames are looked at
 _KEPT_BYTES = 256 * 2**20  # of images kept for it, recorded and decoded; of larger ones fewer are looked at
@@ -110,6 +111,7 @@ class _Inspection:
             "frames": None,
             "rig": None,
             "calibration_check": None,
+            "imu": None,
         }
 
     def run(self, left: str | None, right: str | None, calibration: Where | StereoRig | None) -> None:
@@ -133,6 +135,7 @@ class _Inspection:
             self.problems.append(str(error))
         pairs = self._read_pairs(choice)
         self._check_truth()
+        self._check_unit()
         if rig is not None and self._sizes_fit(rig, pairs):
             self._check(rig, choice, pairs)
 
@@ -176,6 +179,17 @@ class _Inspection:
             read_truth(self.source, topic, images["left"]["frame_id"], self.warnings)
         except LogError as error:
             self.warnings.append(f"ground truth cannot be read: {error}")
+
+    def _check_unit(self) -> None:
+        """Look at the samples of the inertial unit, if there is one."""
+        try:
+            check = check_unit(self.source, self.survey)
+        except LogError as error:
+            self.warnings.append(f"the IMU cannot be read: {error}")
+            return
+        if check is not None:
+            self.result["imu"] = asdict(check)
+            self.warnings += check.warnings()
 
     def _sizes_fit(self, rig: StereoRig, pairs: list[StereoPair]) -> bool:
         for message in chain.from_iterable(pair.images for pair in pairs):

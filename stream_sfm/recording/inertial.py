@@ -80,7 +80,7 @@ def with_imu(rig: StereoRig | MonoRig, imu: ImuCalibration | None) -> StereoRig 
 
 def with_samples(frames: Iterator[RecordedFrame], source: Source, topics: ImuTopics) -> Iterator[RecordedFrame]:
     """Yield frames with their samples: all since the frame before, and one beyond."""
-    samples = _samples(source, topics)
+    samples = samples_of(source, topics)
     coming = next(samples, None)
     first, given_ns = True, None  # and the stamp of the sample given last
     for frame in frames:
@@ -104,7 +104,7 @@ def _joined(taken: list[ImuMessage]) -> ImuSamples:
     )
 
 
-def _samples(source: Source, topics: ImuTopics) -> Iterator[ImuMessage]:
+def samples_of(source: Source, topics: ImuTopics) -> Iterator[ImuMessage]:
     """Yield the samples of a unit; of two topics those of the gyroscope, with interpolated accelerations."""
     messages = decoded(source, topics.names, MessageDecoder.imu)
     if topics.gyro == topics.accel:

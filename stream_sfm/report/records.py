@@ -17,12 +17,14 @@ from ..evaluation.relative_consistency import RelativeRecord
 from ..evaluation.structure import StructureComparison
 from ..evaluation.trajectory import path_length_m
 from ..geometry.se3 import Array
+from ..inertial.upright import Upright
 from ..motion import Odometry
 from ..observer import Observed
 from ..recording.pairing import gaps_after
 from ..rig_model.estimate import RigEstimate
 from ..types import FrameEstimate, InertialEstimate, RigChange, Status, Trajectory
 from ..wording import counted
+from .inertia import describe_inertia
 
 STAGES = ("decode", "frontend", "estimator", "total")
 _NUMBERS = (*STAGES, "nis", "nis_dof", "sigma_local_m", "reprojection_px")
@@ -53,7 +55,8 @@ class RunRecord:
         self.structure: StructureComparison | None = None
         self.relative = RelativeRecord()
         self.rig: RigEstimate | None = None
-        self._inertial: tuple[Array, InertialEstimate] | None = None  # of the latest frame, with its rotation
+        self._inertial: InertialEstimate | None = None  # of the latest frame that has it
+        self.upright: Upright | None = None  # where the world is by that frame
         self.inertial_problem = ""  # why samples were not used
         self._inertial_frames = self._dead_reckoned = 0
         self.rig_changes: list[RigChange] = []
@@ -86,7 +89,7 @@ class RunRecord:
         if estimate.inertial is not None:
             self._inertial_frames += 1
             self._dead_reckoned += estimate.inertial.dead_reckoned
-            self._inertial = (estimate.world_from_cam[:3, :3], estimate.inertial)
+            self._inertial, self.upright = estimate.inertial, estimate.upright()
         if estimate.rig_change is not None:
             self.rig_changes.append(estimate.rig_change)
         if self._corrected_from is None and not self.rig_changes and estimate.rig and estimate.rig.applied:
@@ -94,29 +97,10 @@ class RunRecord:
 
     def inertial(self) -> dict[str, Any] | None:
         """What the inertial samples have told by the end of the run; None without any."""
-        if self._inertial is None:
+        if self._inertial is None or self.upright is None:
             return None
-        world_from_cam, last = self._inertial
-        std = np.sqrt(np.diag(last.cov))[6:]
-        up = -world_from_cam @ last.gravity / np.linalg.norm(last.gravity)
-        return {
-            "frames": self._inertial_frames,
-            "dead_reckoned": self._dead_reckoned,
-            "up_in_world": up.tolist(),
-            "std_tilt_rad": last.std_tilt_rad,
-            "gravity_m_s2": float(np.linalg.norm(last.gravity)),
-            "gyro_bias_rad_s": last.gyro_bias.tolist(),
-            "std_gyro_bias_rad_s": std[6:9].tolist(),
-            "accel_bias_m_s2": last.accel_bias.tolist(),
-            "std_accel_bias_m_s2": std[9:12].tolist(),
-            "scale_percent": 100 * last.scale,
-            "std_scale_percent": float(100 * std[12]),
-            "axes_rad": last.axes_rad.tolist(),
-            "std_axes_rad": std[13:16].tolist(),
-            "time_offset_s": last.time_offset_s,
-            "std_time_offset_s": float(std[16]),
-            "densities_over_data_sheet": last.densities.tolist(),
-        }
+        counts = {"frames": self._inertial_frames, "dead_reckoned": self._dead_reckoned}
+        return counts | describe_inertia(self.upright, self._inertial)
 
     def refuse(self, error: FrameError) -> None:
         """Count a frame that the front-end refused."""

@@ -37,13 +37,16 @@ class RosMessages:
     """Makes the messages of a run's estimates, given in order: for `estimates.mcap`, or for a node that publishes them.
 
     `topics`: the types of the messages by topic. Messages have the fields that ROS 2 gives them. `map_from_world`:
-    where a map of places has the world of the estimates by now (4, 4); what is said in the world frame follows it.
+    where a map of places has the world of the estimates by now (4, 4); what is said in the world frame follows it, or,
+    with `ros.gravity`, the direction upwards as it is known by now.
     """
 
     def __init__(self, ros: RosConfig, map_from_world: Callable[[], Array] | None = None) -> None:
         type_store()
         self._frames = RosFrames(ros)
-        self._map_from_world = map_from_world or (lambda: np.eye(4))
+        self._gravity = ros.gravity and map_from_world is None
+        self._level, self._cov_level = np.eye(4), np.zeros((6, 6))  # of the world, by gravity, as known by now
+        self._map_from_world = map_from_world or (lambda: self._level)
         self._path, self._path_length = PathSoFar(), 0.0
         self._odometry: Odometry | None = None
         self.topics = {
@@ -56,7 +59,8 @@ class RosMessages:
         if self._odometry is None and frames.base_from_cam is not None:
             mounting = ros.header(stamp, frames.moving), frames.camera, ros.pose_of(frames.base_from_cam)
             yield "/tf_static", ros.transforms(mounting)
-        yield from self._pose(e)
+        cov_pose = self._upright_cov_pose(e) if self._gravity else e.cov_pose
+        yield from self._pose(e, cov_pose)
         head = ros.header(stamp, frames.camera)
         yield "/stream_sfm/points", ros.cloud(head, e.track_ids, e.points_in_cam, e.cov_points)
         if len(e.ended_ids):
@@ -100,13 +104,22 @@ class RosMessages:
         head = ros.header(estimate.stamp_ns, self._frames.camera)
         return ros.make("diagnostic_msgs/msg/DiagnosticArray", header=head, status=[status])
 
-    def _pose(self, estimate: FrameEstimate) -> Stamped:
+    def _upright_cov_pose(self, estimate: FrameEstimate) -> Array:
+        """Level the world by the gravity of a frame, if it has it, and return the covariance of its pose there."""
+        if (found := estimate.upright(self._frames.fixed_from_world)) is not None:
+            self._level = se3.inverse(self._frames.fixed_from_world) @ found.upright_from_world
+            self._cov_level = found.cov
+            return found.cov_pose
+        to_cam = se3.adjoint(se3.inverse(estimate.world_from_cam))  # lost, or before the first samples
+        return np.asarray(estimate.cov_pose + to_cam @ self._cov_level @ to_cam.T)
+
+    def _pose(self, estimate: FrameEstimate, cov_pose: Array) -> Stamped:
         """Every message that states where the moving frame is, camera or robot: in the world, and on its own path."""
         frames = self._frames
         self._odometry = now = Odometry.after(self._odometry, estimate)
         head, odom = ros.header(estimate.stamp_ns, frames.world), ros.header(estimate.stamp_ns, frames.odom)
         in_map = self._map_from_world()
-        pose, cov = frames.pose(in_map @ estimate.world_from_cam), frames.cov_pose(estimate.cov_pose)
+        pose, cov = frames.pose(in_map @ estimate.world_from_cam), frames.cov_pose(cov_pose)
         said, covariance = ros.pose_of(pose), fixed_axis_covariance(pose[:3, :3], cov)
         yield "/stream_sfm/pose", ros.make(ros.POSE, header=head, pose=ros.with_covariance(said, covariance))
         on_path = frames.pose(now.odom_from_cam)

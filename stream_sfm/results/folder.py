@@ -13,7 +13,7 @@ from ..config import Config, config_to_toml
 from ..errors import OutputError
 from ..files import PartFile, json_bytes, make_folder, write_whole
 from ..geometry.se3 import Array
-from ..outputs import MAP_TRAJECTORY, RESULTS, only_writer
+from ..outputs import RESULTS, TRAJECTORIES, only_writer
 from ..types import Frame, FrameEstimate, Trajectory
 from .estimates_writer import EstimatesWriter
 from .ros_messages import type_store
@@ -67,10 +67,10 @@ class ResultFolder:
         """Write summary.json, if there was an estimate."""
         self._write("summary.json", json_bytes(summary))
 
-    def write_corrected(self, trajectory: Trajectory) -> None:
-        """Write trajectory_map.tum, the poses in the world of a map."""
+    def write_trajectory(self, name: str, trajectory: Trajectory) -> None:
+        """Write one of `outputs.TRAJECTORIES`: the poses in another world, known at the end of a run."""
         lines = map(tum_line, trajectory.stamps_ns.tolist(), trajectory.world_from_cam)
-        self._write(MAP_TRAJECTORY, "".join(lines).encode())
+        self._write(name, "".join(lines).encode())
 
     def _write(self, name: str, content: bytes) -> None:
         if self._estimates is not None:
@@ -91,7 +91,8 @@ class ResultFolder:
     def _open(self) -> EstimatesWriter:
         make_folder(self.path)
         self._lock.enter_context(only_writer(self.path))
-        (self.path / MAP_TRAJECTORY).unlink(missing_ok=True)  # of an earlier run; this one may not have it
+        for name in TRAJECTORIES:
+            (self.path / name).unlink(missing_ok=True)  # of an earlier run; this one may not have it
         if self.path / "config.toml" in changed_results(self.path, self._config):
             write_whole(self.path / "config.toml", config_to_toml(self._config).encode())
         for name, text in zip(NAMES, first_lines(UNIT_WITHOUT_SCALE if self._config.mono else ""), strict=True):

@@ -9,9 +9,7 @@ import numpy as np
 from ..config import RosConfig
 from ..geometry import se3
 from ..geometry.se3 import Array
-
-# Columns: the camera's right, down and forward in a body's axes.
-_BODY_FROM_CAMERA_AXES = se3.from_rotation_translation([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])
+from ..inertial.upright import BODY_FROM_CAMERA_AXES
 
 
 def fixed_axis_covariance(rotation: Array, cov_pose: Array) -> Array:
@@ -42,7 +40,7 @@ class RosFrames:
         self.moving = ros.base_frame or ros.camera_frame
         self.base_from_cam = _base_from_cam(ros) if ros.base_frame else None
         own: Array = np.eye(4) if self.base_from_cam is None else self.base_from_cam
-        self.fixed_from_world = _BODY_FROM_CAMERA_AXES if ros.z_up and not ros.base_frame else own
+        self.fixed_from_world = BODY_FROM_CAMERA_AXES if (ros.z_up or ros.gravity) and not ros.base_frame else own
         self._world_from_fixed, self._cam_from_moving = se3.inverse(self.fixed_from_world), se3.inverse(own)
         # W·Exp(ξ) in the base: B·W·Exp(ξ)·B⁻¹ = (B·W·B⁻¹)·Exp(Ad(B) ξ).
         self._carries = se3.adjoint(own)
@@ -78,4 +76,4 @@ def _base_from_cam(ros: RosConfig) -> Array:
     about_x, about_y, about_z = (se3.exp_so3(a * axis) for a, axis in zip(angles, np.eye(3), strict=True))
     place = [ros.camera_x_m, ros.camera_y_m, ros.camera_z_m]
     mounted = se3.from_rotation_translation(about_z @ about_y @ about_x, place)
-    return mounted @ _BODY_FROM_CAMERA_AXES
+    return mounted @ BODY_FROM_CAMERA_AXES

@@ -12,19 +12,22 @@ from ..camera.refinement import LENS_TERMS, combine
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import ConfigError, LogError
+from ..geometry import se3
 from ..recording.stereo_log import open_log
+from ..report.inertia import AXES, CLOCK, SCALE, fixed_error, inertial_findings
 from ..rig_model.estimate import CERTAIN, RigEstimate
 from ..rig_model.terms import DELAY, READOUT, TERMS, prior_std
-from ..types import Frame, FrameEstimate, Selection
+from ..types import Frame, FrameEstimate, InertialEstimate, Selection
 from .replay import replay
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RefinedRig:
-    """The `rig` with its refinement, and what each log has shown (None: nothing)."""
+    """The `rig` with its refinement, and what each log has shown (None: nothing), of the inertial unit in sentences."""
 
     rig: StereoRig
     estimates: tuple[RigEstimate | None, ...]
+    of_unit: tuple[tuple[str, ...], ...] = ()
 
     def __repr__(self) -> str:
         return f"<RefinedRig from {len(self.estimates)} logs: {self.rig.refinement!r}>"
@@ -39,8 +42,9 @@ def refine(
 ) -> RefinedRig:
     """Refine the calibration that the logs share, or the given one. Their cameras must be the same.
 
-    A refinement that the calibration already has is ignored: what is learnt replaces it. Raises ConfigError; LogError
-    also where the images show errors that are not learnt, such as exchanged cameras.
+    A refinement that the calibration already has is ignored: what is learnt replaces it. What inertial samples show for
+    certain of their clock, their axes, and the scale of the images goes into the calibration itself.
+    Raises ConfigError; LogError also where the images show errors that are not learnt, such as exchanged cameras.
     """
     config = config or Config()
     config.needs_scale("refine")
@@ -48,7 +52,7 @@ def refine(
         raise ConfigError(f"neither rig.exact nor the method {config.method} refines a calibration: leave them out")
     opened = [open_log(log, calibration=calibration) for log in logs]
     rig = replace(opened[0].stereo_rig, refinement=None, timing=None)
-    estimates = []
+    estimates, units = [], []
     for log in opened:
         if replace(log.stereo_rig, refinement=None, timing=None).to_toml() != rig.to_toml():
             raise ConfigError(
@@ -60,22 +64,26 @@ def refine(
         if result.problems:
             raise LogError("; ".join(result.problems), hint=("left", "right", "calibration", "inspect"))
         estimates.append(latest.rig)
+        units.append(latest.unit)
     known = [e for e in estimates if e is not None]
     if known:
         n = len(LENS_TERMS)
         priors_px = np.array([e.prior_std[:n] for e in known])
         refinement = combine([e.refinement for e in known], priors_px, prior_std(config.rig)[:n])
         rig = replace(rig, refinement=refinement, timing=timing_of(known, config))
-    return RefinedRig(rig, tuple(estimates))
+    found = [() if unit is None else tuple(inertial_findings(unit)) for unit in units]
+    return RefinedRig(with_unit(rig, list(filter(None, units))), tuple(estimates), tuple(found))
 
 
 class _Latest:
-    """A sink that keeps the latest estimate of the rig's errors."""
+    """A sink that keeps the latest estimates of the rig's errors and of its inertial unit."""
 
     rig: RigEstimate | None = None
+    unit: InertialEstimate | None = None
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
         self.rig = estimate.rig or self.rig
+        self.unit = estimate.inertial or self.unit
 
     def close(self) -> None:
         """Nothing is open."""
@@ -94,3 +102,24 @@ def timing_of(estimates: Sequence[RigEstimate], config: Config) -> KnownTiming |
             values += [0.0, float(prior_std(config.rig)[term])]
         certain |= bool(sure.any())
     return KnownTiming(*values) if certain else None
+
+
+def with_unit(rig: StereoRig, units: Sequence[InertialEstimate]) -> StereoRig:
+    """Return a rig with what independent runs are certain of: clock and axes of its unit, and its baseline by the unit.
+
+    The unit measures in metres: where lengths by the images alone are too short, so is the baseline.
+    """
+    if rig.imu is None:
+        return rig
+    found = []
+    for group in (CLOCK, AXES, SCALE):
+        sure = [(error, cov) for error, cov, certain in (fixed_error(unit, group) for unit in units) if certain]
+        information = sum((np.linalg.inv(cov) for _, cov in sure), np.zeros((group.stop - group.start,) * 2))
+        weighted = sum((np.linalg.solve(cov, error) for error, cov in sure), np.zeros(len(information)))
+        found.append(np.linalg.solve(information, weighted) if sure else weighted)
+    clock, axes, scale = found
+    turned = rig.imu.cam_from_imu @ se3.exp(np.concatenate([np.zeros(3), axes]))
+    unit = replace(rig.imu, cam_from_imu=turned, time_offset_s=rig.imu.time_offset_s + float(clock[0]))
+    right_from_left = rig.right_from_left.copy()
+    right_from_left[:3, 3] *= 1 + float(scale[0])
+    return replace(rig, imu=unit, right_from_left=right_from_left)

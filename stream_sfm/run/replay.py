@@ -17,11 +17,12 @@ from ..evaluation.summary import evaluate
 from ..inspection.calibration_check import CalibrationSink
 from ..interrupts import Interruption, deferred_interrupts
 from ..observer import Observer
-from ..outputs import MAP_TRAJECTORY, RESULTS, refuse_overwriting
+from ..outputs import GRAVITY_TRAJECTORY, MAP_TRAJECTORY, RESULTS, TRAJECTORIES, refuse_overwriting
 from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration import describe
 from ..report.records import Truth
 from ..types import Frame, FrameEstimate, Selection, Sink, Trajectory
+from .gravity import check_gravity, upright_trajectory
 from .lane import Lane
 from .loop import Course, run
 from .self_test import SelfTest
@@ -34,11 +35,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ReplayResult:
-    """The result of a replay: `summary` as in summary.json, `out_dir` (None: nothing was written), all poses."""
+    """The result of a replay: `summary` as in summary.json, `out_dir` (None: nothing was written), all poses.
+
+    `in_gravity`: the same poses, with covariances, in a world whose z axis is up; None without `ros.gravity`.
+    """
 
     summary: dict[str, Any]
     out_dir: Path | None
     trajectory: Trajectory
+    in_gravity: Trajectory | None = None
 
     @property
     def problems(self) -> list[str]:
@@ -103,11 +108,14 @@ def replay(
     truth = Truth(None, checked_ranges(ignore_ground_truth), std_truth)
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration, mono=config.mono)
+    with_map = loops or known_map is not None or save_map is not None
     folder, map_file = (None if path is None else Path(path) for path in (out_dir, save_map))
-    written = [] if folder is None else [folder / name for name in (*RESULTS, MAP_TRAJECTORY)]
+    written = [] if folder is None else [folder / name for name in (*RESULTS, *TRAJECTORIES)]
     refuse_overwriting([*written, *filter(None, [map_file])], [log.path])
     replayed = _Replay(log, config, selection, folder, self_test, there_and_back)
-    if loops or known_map is not None or map_file is not None:
+    if config.ros.gravity:
+        check_gravity(log, replayed.lane, with_map)
+    if with_map:
         replayed.find_places(known_map, map_file, sinks)
     with deferred_interrupts() as interruption:
         course = run(
@@ -193,6 +201,7 @@ class _Replay:
         corrected = None
         if self._places is not None and len(record):
             corrected, further["map"] = self._corrected(self._places, course, truth)
+        in_gravity = upright_trajectory(record, course) if self._config.ros.gravity else None
         depth = [self._depth.problem] if self._depth is not None and self._depth.problem else []
         complete = course.complete and self._log.stats.complete
         warnings = [*self._log.stats.warnings, *course.warnings, *depth]
@@ -201,7 +210,9 @@ class _Replay:
             if folder is not None:
                 folder.write_summary(summary)
                 if corrected is not None:
-                    folder.write_corrected(corrected)
+                    folder.write_trajectory(MAP_TRAJECTORY, corrected)
+                if in_gravity is not None:
+                    folder.write_trajectory(GRAVITY_TRAJECTORY, in_gravity)
         except Exception as error:
             course.error = course.error or error
         if self._places is not None and self._save_map is not None and corrected is not None:
@@ -209,7 +220,8 @@ class _Replay:
                 self._places.save(self._save_map)
             except OutputError as error:  # the run's own files are complete
                 course.error = course.error or error
-        return ReplayResult(summary, None if folder is None else folder.path, record.trajectory())
+        out_dir = None if folder is None else folder.path
+        return ReplayResult(summary, out_dir, record.trajectory(), in_gravity)
 
     def _back(self, course: Course, interruption: Interruption) -> dict[str, Any] | None:
         """Return what the way back shows; what is already estimated is not lost where it fails."""

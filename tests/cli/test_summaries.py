@@ -1,4 +1,4 @@
-"""What the table of a replay tells of the inertial unit."""
+"""What the table of a replay says about the inertial unit."""
 
 import pytest
 
@@ -28,18 +28,21 @@ _IMU = {
     "std_axes_rad": [0.0005, 0.0004, 0.0003],
     "time_offset_s": -0.005,
     "std_time_offset_s": 2e-5,
+    "gyro_bias_rad_s": [-0.025, 0.003, 0.0],
+    "accel_bias_m_s2": [0.03, 0.0, -0.06],
     "densities_over_data_sheet": [1.7, 8.0],
 }
 
 
-def test_table_tells_axes_clock_scale_and_noise_of_an_inertial_unit(capsys: pytest.CaptureFixture[str]) -> None:
+def test_table_shows_axes_clock_scale_and_noise_of_an_inertial_unit(capsys: pytest.CaptureFixture[str]) -> None:
     print_summary(_SUMMARY | {"imu": _IMU}, None, stages=False)
-    told = capsys.readouterr().out
-    assert "90 frames, 20 of them by the IMU alone" in told
-    assert "lengths -1.14 %, σ 0.08 %" in told
-    assert "its clock -5.00 ms, σ 0.02 ms" in told
-    assert "its axes (-17.00, +1.00, +0.00) mrad, σ 0.5 mrad" in told
-    assert "its noise × 1.7 (gyroscope) and × 8 (accelerometer) of the data sheet" in told
+    shown = capsys.readouterr().out
+    assert "90 frames, 20 of them by the IMU alone" in shown
+    assert "lengths -1.14 %, σ 0.08 %" in shown
+    assert "its clock -5.00 ms, σ 0.02 ms" in shown
+    assert "its axes (-17.00, +1.00, +0.00) mrad, σ 0.5 mrad" in shown
+    assert "biases (-25.00, +3.00, +0.00) mrad/s, (+30.00, +0.00, -60.00) mm/s²" in shown
+    assert "its noise × 1.7 (gyroscope) and × 8 (accelerometer) of the data sheet" in shown
 
 
 def test_table_has_no_rows_of_an_inertial_unit_without_one(capsys: pytest.CaptureFixture[str]) -> None:

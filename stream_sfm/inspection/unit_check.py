@@ -1,0 +1,86 @@
+"""What the samples of an inertial unit look like by themselves: rate, gaps, sizes, and whether they can be used."""
+
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+
+from ..geometry.se3 import Array
+from ..inertial.buffer import SampleBuffer
+from ..inertial.samples import ImuCalibration, ImuSamples
+from ..mcap_file.message import Source
+from ..recording.inertial import find_topics, samples_of
+from ..recording.survey import Survey
+from ..wording import counted
+
+_MOST = 20_000  # samples that are looked at: a hundred seconds at 200 Hz
+_GAP = 3.0  # of a period, beyond which samples are missing
+_STEPS = 200  # in which a buffer is given them, as frames would
+
+
+@dataclass(frozen=True, slots=True)
+class UnitCheck:
+    """The first `samples` of a unit on its `topics`: their rate, and gaps of more than three periods.
+
+    `specific_force_m_s2`, `turn_rad_s`: medians of what both sensors measure; 9.81 at rest. `saturated`: samples at the
+    end of the range. `problem`: why they cannot be used; empty while nothing says so.
+    """
+
+    topics: list[str]
+    samples: int
+    rate_hz: float | None
+    gap_count: int
+    longest_gap_s: float | None
+    specific_force_m_s2: float | None
+    turn_rad_s: float | None
+    saturated: int
+    problem: str
+
+    def warnings(self) -> list[str]:
+        """Say what is wrong with the samples by themselves."""
+        said = [f"the IMU is not used: {self.problem}"] if self.problem else []
+        if self.gap_count and self.longest_gap_s is not None:
+            said.append(
+                f"{self.gap_count} gaps between the samples of the IMU, the longest {self.longest_gap_s:.3f} s"
+            )
+        if self.saturated:
+            said.append(f"{counted(self.saturated, 'sample')} of the IMU at the end of its range")
+        return said
+
+
+def check_unit(source: Source, survey: Survey) -> UnitCheck | None:
+    """Look at the first samples of the unit that a replay would use; None where the log has none.
+
+    Raises LogError where a topic cannot be read.
+    """
+    topics = find_topics(survey)
+    if topics is None:
+        return None
+    messages = list(islice(samples_of(source, topics), _MOST))
+    if len(messages) < 2:
+        problem = f"{len(messages)} samples on {' and '.join(topics.names)} can be read: give a log with more"
+        return UnitCheck(list(topics.names), len(messages), None, 0, None, None, None, 0, problem)
+    samples = ImuSamples(
+        np.array([m.stamp_ns for m in messages], np.int64),
+        np.array([m.gyro_rad_s for m in messages]),
+        np.array([m.accel_m_s2 for m in messages]),
+    )
+    buffer = SampleBuffer(ImuCalibration())
+    for first in range(0, len(samples), _STEPS):
+        buffer.add(samples[first : first + _STEPS])
+    stamps_s: Array = (np.sort(samples.stamps_ns) - samples.stamps_ns.min()) / 1e9
+    steps_s = np.diff(stamps_s)
+    period_s = float(np.median(steps_s))
+    gaps = steps_s[steps_s > _GAP * period_s]
+    force, turn = (float(np.nanmedian(np.linalg.norm(a, axis=1))) for a in (samples.accel_m_s2, samples.gyro_rad_s))
+    return UnitCheck(
+        topics=list(topics.names),
+        samples=len(samples),
+        rate_hz=1 / period_s if period_s > 0 else None,
+        gap_count=len(gaps),
+        longest_gap_s=float(gaps.max()) if len(gaps) else None,
+        specific_force_m_s2=force if np.isfinite(force) else None,
+        turn_rad_s=turn if np.isfinite(turn) else None,
+        saturated=buffer.counts["saturated"],
+        problem=buffer.problem,
+    )
