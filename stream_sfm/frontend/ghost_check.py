@@ -16,7 +16,6 @@ sampling changes fine texture are the same in both directions; a ghost is of the
 is less evidence counts.
 """
 
-from dataclasses import replace
 from operator import itemgetter
 
 import cv2
@@ -25,7 +24,7 @@ from numpy.typing import NDArray
 
 from ..config.rules import GhostRules
 from ..geometry.se3 import Array
-from ..record import record
+from ..record import changed, record
 from .prepared import Image
 
 _RADIUS_PX = 5  # of a patch
@@ -81,14 +80,14 @@ class GhostCheck:
         """Return the check after a frame, its smoothed left image (h, w) and where its tracks are in it."""
         rules = self.rules
         views = (*self.views, _View(image, ids, left_px))[-rules.back_frames - 1 :]
-        check = replace(self, views=views, sums=(*self.sums, _sums(views, rules))[-rules.remembered :])
+        check = changed(self, views=views, sums=(*self.sums, _sums(views, rules))[-rules.remembered :])
         share, significance = check.share
         shown = share > rules.share and significance > rules.sigmas
-        return replace(check, lasts=rules.lasting_frames if shown else max(0, self.lasts - 1))
+        return changed(check, lasts=rules.lasting_frames if shown else max(0, self.lasts - 1))
 
     def interrupted(self) -> "GhostCheck":
         """Return the check after a frame that could not be followed."""
-        return replace(self, views=())
+        return changed(self, views=())
 
 
 def _share(sums: Array) -> tuple[float, float]:

@@ -7,14 +7,13 @@ under 1 in 200 are at the same pixels with the same grey values in both images, 
 earlier, while others move.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..config.rules import StillRules
-from ..record import record
+from ..record import changed, record
 
 _EVERY = 8  # of rows and columns that are looked at
 _FAR_PX = 2  # from a pixel to those whose difference to it is an edge
@@ -62,14 +61,14 @@ class StillCheck:
         rules, lefts = self.rules, self.lefts
         shapes = [line.shape for line in left]
         if [line.shape for line in right] != shapes or (lefts and [line.shape for line in lefts[-1]] != shapes):
-            return replace(self, lefts=(left,))
+            return changed(self, lefts=(left,))
         lefts = (*lefts, left)[-rules.apart_frames - 1 :]
         if len(lefts) <= rules.apart_frames:
-            return replace(self, lefts=lefts)
+            return changed(self, lefts=lefts)
         lines = zip(left, lefts[-2], lefts[0], right, strict=True)
         edges, moved, drawn = (int(n) for n in np.sum([_counts(*each, rules=rules) for each in lines], axis=0))
         seen = (0, 0) if moved < rules.moving * edges else (edges, drawn)
-        return replace(self, lefts=lefts, counts=(*self.counts, seen)[-rules.remembered :])
+        return changed(self, lefts=lefts, counts=(*self.counts, seen)[-rules.remembered :])
 
 
 def _counts(left: Line, last: Line, earlier: Line, right: Line, rules: StillRules) -> tuple[int, int, int]:
