@@ -6,7 +6,8 @@ from typing import NamedTuple
 class Method(NamedTuple):
     """A class, by its module in `estimators/`, and how pages name it.
 
-    `frames` of its window, None: as configured; `compared`: whether `compare` runs it if no method is named.
+    `frames` of its window, None: as configured; `compared`: whether `compare` runs it if no method is named;
+    `inertial`: whether it uses inertial samples, if it can.
     """
 
     module: str
@@ -14,6 +15,7 @@ class Method(NamedTuple):
     label: str
     frames: int | None = None
     compared: bool = True
+    inertial: bool = True
 
 
 REFERENCE = "cross-frame"  # the method of this package, over whose errors others are given
@@ -33,4 +35,6 @@ METHODS = {
     ),
     "depth-filter": Method("baselines.per_point", "CrossFrameWC", "depth filter", frames=1, compared=False),
 }
+WITHOUT_IMU = "cross-frame-no-imu"  # which `compare` runs where a log has samples
+METHODS[WITHOUT_IMU] = METHODS[REFERENCE]._replace(label="cross-frame without IMU", compared=False, inertial=False)
 COMPARED = tuple(name for name, method in METHODS.items() if method.compared)

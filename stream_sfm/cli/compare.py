@@ -29,8 +29,9 @@ def compare(
 
     Runs several methods on the same observations with the same calibration, which a first pass corrects: by default the
     cross-frame method (joint, per-point WC and per-point CC), three EKFs (plain; iterated and camera-centred;
-    linearised at a constant velocity) and frame-to-frame estimation. Writes report.html (a single file), report.json,
-    and one result folder per method, as `replay` does.
+    linearised at a constant velocity) and frame-to-frame estimation. Where the log has an IMU, the cross-frame method
+    uses it, and is also run without. Writes report.html (a single file), report.json, and one result folder per method,
+    as `replay` does.
 
     Args:
         out: result folder; runs/LOG-TIME if not given
@@ -40,7 +41,6 @@ def compare(
         loops: also show the first method with loops closed; needs the extra map
     """
     from ..inspection.overview import inspect_log
-    from ..methods import COMPARED
     from ..recording.stereo_log import open_log
     from ..results.folder import new_run_folder, point_latest_to
     from ..run import compare as comparison
@@ -50,7 +50,8 @@ def compare(
     config, selection = settings.read(), frames.selection()
     recording = open_log(log, **cameras.chosen, ground_truth=truth.read())
     folder = Path(out) if out else new_run_folder(log)
-    names = tuple(dict.fromkeys(filter(None, map(str.strip, methods.split(","))))) or COMPARED
+    named = tuple(dict.fromkeys(filter(None, map(str.strip, methods.split(",")))))
+    names = named or comparison.compared_on(recording, config)
     written = comparison.outputs(folder, names)
     options.protect(written, log, truth.ground_truth, settings.config, cameras.calibration)
     inspection = inspect_log(log, **cameras.chosen)

@@ -41,6 +41,8 @@ def make_estimator(name: str, projection: StereoProjection, config: Config) -> E
         config = msgspec.structs.replace(
             config, window=msgspec.structs.replace(config.window, frames=method.frames)
         )
+    if not method.inertial:
+        config = msgspec.structs.replace(config, imu=msgspec.structs.replace(config.imu, enabled=False))
     kind = getattr(import_module(f"{__name__}.{method.module}"), method.kind)
     estimator: Estimator = kind(projection, config)
     estimator.name = name

@@ -18,7 +18,7 @@ from ..errors import ConfigError
 from ..estimators import check_method
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..interrupts import deferred_interrupts
-from ..methods import COMPARED, REFERENCE
+from ..methods import COMPARED, REFERENCE, WITHOUT_IMU
 from ..observer import Observed, Observer
 from ..outputs import RESULTS, refuse_overwriting
 from ..recording.pair_reader import ReadStats
@@ -60,7 +60,7 @@ def compare(
     config: Config | None = None,
     selection: Selection | None = None,
     *,
-    methods: Sequence[str] = COMPARED,
+    methods: Sequence[str] | None = None,
     left: str | None = None,
     right: str | None = None,
     calibration: str | Path | StereoRig | None = None,
@@ -81,7 +81,8 @@ def compare(
     finds its errors by itself, if it does that; the window is then in two rows, by its poses and by its newest motions
     added up.
 
-    `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with a folder of its own.
+    `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with a folder of its
+    own; None: those of `compared_on`.
     `ignore_ground_truth`: ranges [first, end) of frames of this run whose ground truth is not compared.
     `inspection`: what `inspect_log` found, for the report. `self_test`, `std_truth`: as in `replay`. `sinks` are given
     the estimates of the first method, for which images are read a second time, and are closed at the end. `on_frame`
@@ -91,13 +92,14 @@ def compare(
     """
     config, selection = config or Config(), selection or Selection()
     config.needs_scale("compare")
-    if not methods:
+    if methods is not None and not methods:
         raise ConfigError("no method is named: give those to compare, such as cross-frame and ekf")
-    for name in methods:
+    for name in methods or ():
         check_method(name)
     truth = Truth(None, checked_ranges(ignore_ground_truth), std_truth)
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration)
+    methods = methods or compared_on(log, config)
     folder = None if out_dir is None else Path(out_dir)
     if folder is not None:
         refuse_overwriting(outputs(folder, methods), [log.path])
@@ -320,6 +322,13 @@ def _add_corrected(found: Comparison, places: "PlaceMap") -> None:
         found.runs.insert(1, first.with_poses(f"{first.name}-loops", places.corrected(first.trajectory())))
         _, positions_m, joined = places.lines()
         found.loops = positions_m[joined]
+
+
+def compared_on(log: StereoLog, config: Config) -> tuple[str, ...]:
+    """Return the methods that are compared where none is named: with inertial samples the window without them, too."""
+    if log.imu_topics is None or log.stereo_rig.imu is None or not config.imu.enabled:
+        return COMPARED
+    return (REFERENCE, WITHOUT_IMU, *(name for name in COMPARED if name != REFERENCE))
 
 
 def outputs(folder: Path, methods: Sequence[str]) -> list[Path]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..evaluation.relative import Interval
 from ..geometry.se3 import Array
-from ..methods import COMPARED, METHODS, REFERENCE
+from ..methods import COMPARED, METHODS, REFERENCE, WITHOUT_IMU
 from .measure import NORMALISED, QUANTITIES, Measured, Method, measure
 from .scenes import Scene
 
@@ -161,10 +161,14 @@ def of_conditions(
     return Study(lambda: conditions, report)
 
 
+# No simulated log has inertial samples.
+_SIMULATED = tuple(Method(name) for name in METHODS if name != WITHOUT_IMU)
+
+
 def judged(
     scene: Scene,
     frames: tuple[int, ...],
-    methods: Sequence[Method] = tuple(map(Method, METHODS)),
+    methods: Sequence[Method] = _SIMULATED,
     bound: bool = True,
     share: float = 1.0,
 ) -> Condition:

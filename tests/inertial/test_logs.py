@@ -9,6 +9,7 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
 from stream_sfm.report.pages import render_log
+from stream_sfm.run.compare import compared_on
 from tests.helpers.imu_log import write_imu_log
 from tests.helpers.wall import rig
 from tools.render.inertial import BMI160
@@ -103,3 +104,19 @@ def test_the_page_of_a_log_says_what_its_samples_told(imu_log, tmp_path):
         row = {"name": log.stem, "log": str(log), "status": "done", "reason": "", "summary": summary}
         page = render_log(row, result.out_dir)
         assert ("<h2>Inertia</h2>" in page) == told == ("11 frames, 0 of them by the IMU alone" in page)
+
+
+def test_a_comparison_runs_the_window_without_samples_too(imu_log):
+    path, plain, _ = imu_log
+    log = sfm.open_log(path)
+    assert compared_on(log, sfm.Config())[:2] == ("cross-frame", "cross-frame-no-imu")
+    assert compared_on(sfm.open_log(plain), sfm.Config()) == compared_on(
+        log, sfm.read_config(None, ["imu.enabled=false"])
+    )
+    methods = ("cross-frame", "cross-frame-no-imu", "frame-to-frame")
+    both, without = (sfm.compare(at, methods=methods).comparison for at in (log, plain))
+    run = {record.name: record for record in both.runs}
+    assert run["cross-frame"].inertial() is not None and run["cross-frame-no-imu"].inertial() is None
+    assert not np.array_equal(run["cross-frame"].poses, run["cross-frame-no-imu"].poses)
+    assert all(record.inertial() is None for record in without.runs)
+    assert np.array_equal(without.runs[0].poses, without.runs[1].poses)

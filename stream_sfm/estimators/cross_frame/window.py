@@ -69,7 +69,7 @@ class CrossFrame:
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
-        self.inertia.take(observations.inertial)
+        self.inertia.take(observations.inertial if self.config.imu.enabled else None)
         try:
             solution = self._take(observations)
         except np.linalg.LinAlgError:
