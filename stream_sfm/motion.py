@@ -95,7 +95,7 @@ class Motion:
         known = later if len(later.mean) else self
         changed = len(self.mean) and len(later.mean) and self.common_since != later.common_since
         first = (self.of_former_rig() if changed else self).given(known.mean, known.cov_common)
-        then = later.given(known.mean, known.cov_common)
+        then = later if known is later else later.given(known.mean, known.cov_common)
         ad = se3.adjoint(se3.inverse(then.earlier_from_newest))
         return Motion(
             se3.orthonormalise(first.earlier_from_newest @ then.earlier_from_newest),

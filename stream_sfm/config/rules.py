@@ -286,6 +286,49 @@ class MonoRules(Section, frozen=True, kw_only=True):
     min_depth: Annotated[float, expert("least depth now of what is at depth 1 first", 0, 1)] = 0.05
 
 
+class GhostRules(Section, frozen=True, kw_only=True):
+    """Whether earlier images show through."""
+
+    # Slower views are too much like themselves to tell; with 0.7 hardly more ghosts are found.
+    least_px: Annotated[float, expert("motion between two frames of patches that are looked at, px", 0.1, 1000)] = (
+        1.5
+    )
+    # Motion has changed then, the view of the point hardly.
+    back_frames: Annotated[int, expert("frames between the two views of a patch that are compared", 1, 100)] = 4
+    # Each costs some 20 µs.
+    patches: Annotated[int, expert("most patches of a frame", 1, 2000)] = 64
+    fewest: Annotated[int, expert("least patches of a frame that says anything", 1, 2000)] = 5
+    # What rounding leaves in smoothed images.
+    noise_grey: Annotated[float, expert("least σ of what is left of a patch", 0.1, 1000)] = 1.0
+    remembered: Annotated[int, expert("frames that are judged together", 1, 10_000)] = 40
+    # Without new evidence, which there is none of while the camera stands or moves steadily.
+    lasting_frames: Annotated[int, expert("frames that a suspicion lasts", 1, 10_000)] = 100
+    # Sound logs, real and rendered, some blurred, dark, encoded or with a pattern of the sensor, have at most 4.1 σ.
+    share: Annotated[float, expert("least share of the image before in one", 0, 1)] = 0.008
+    sigmas: Annotated[float, expert("by how many σ it is above zero", 0.1, 1e8)] = 6.0
+
+
+class StillRules(Section, frozen=True, kw_only=True):
+    """Whether something is drawn over both images."""
+
+    # Well above noise.
+    edge_grey: Annotated[int, expert("difference of grey values two pixels apart at an edge", 1, 255)] = 16
+    # Of another encoding of the same pixels.
+    same_grey: Annotated[int, expert("grey values that the same pixel may differ by", 0, 255)] = 3
+    same_step_grey: Annotated[int, expert("grey values that the step of the same edge may differ by", 0, 255)] = 4
+    # Compared with the last image only, up to 0.0116 of the edges of rendered yards and corridors seem to be drawn:
+    # what is far, in a camera that hardly turns.
+    apart_frames: Annotated[int, expert("frames back to an earlier image that edges are compared with", 1, 100)] = 4
+    # With fewer edges moving the camera stands, and what is drawn does not show.
+    moving: Annotated[
+        float, expert("share of edges that change by a step, in a frame that says anything", 0, 1)
+    ] = 0.2
+    remembered: Annotated[int, expert("frames that are judged together", 1, 10_000)] = 10
+    fewest: Annotated[int, expert("edges that it takes to say anything", 1, 10**9)] = 500
+    # Sound logs, rendered and real, have up to 0.0033; overlays that lead estimates astray have from 0.02 on.
+    drawn: Annotated[float, expert("least share of edges that stay, left and right", 0, 1)] = 0.008
+
+
 class ImageRules(Section, frozen=True, kw_only=True):
     """What is wrong with images."""
 
@@ -309,5 +352,7 @@ class Rules(Section, frozen=True, kw_only=True):
     turn: TurnRules = TurnRules()
     rows: RowRules = RowRules()
     errors: ErrorRules = ErrorRules()
+    ghosts: GhostRules = GhostRules()
+    still: StillRules = StillRules()
     images: ImageRules = ImageRules()
     mono: MonoRules = MonoRules()

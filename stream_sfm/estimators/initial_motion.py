@@ -1,7 +1,5 @@
 """The motion since the previous frame from which every estimator starts a frame, and its outlier test."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +9,7 @@ from ..geometry.point_views import PointViews
 from ..geometry.resection import Resection, SecondMotion, resect
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..record import changed
 from ..types import Observations
 
 
@@ -55,7 +54,7 @@ def initial_motion(
         return None
     if not found.ok or found.accepted.sum() < config.min_inliers:
         return None
-    return found if start is None else replace(found, second=_second_motion(found, observations))
+    return found if start is None else changed(found, second=_second_motion(found, observations))
 
 
 def _second_motion(found: Resection, observations: Observations) -> SecondMotion | None:

@@ -1,13 +1,11 @@
 """The front-end moves on to a frame: tracks are put where they were seen, and what is learnt from frames is learnt."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..geometry import se3
 from ..geometry.resection import Resection, SecondMotion
 from ..geometry.se3 import Array
-from ..record import record, rows_of
+from ..record import changed, record, rows_of
 from .alignment import learn_noise
 from .depth_order import depth_order
 from .inertial_choice import is_camera
@@ -38,7 +36,7 @@ class Followed:
 def learn(state: FrontEndState, seen: Seen, motion: Resection, twist: Array) -> FrontEndState:
     """Learn from a frame's residuals what views are worth, and how its points moved (6,)."""
     aligners = learn_noise(state.aligners, motion, seen.before.scale, seen.views.z_px)
-    return replace(state, aligners=aligners, timing=replace(state.timing, twist=twist))
+    return changed(state, aligners=aligners, timing=changed(state.timing, twist=twist))
 
 
 def advance(
@@ -55,9 +53,9 @@ def advance(
     z_px, cov_px = rows_of(seen.views.z_px, rows), motion.spread * rows_of(seen.views.cov_px, rows)
     seen_px = z_px + rows_of(seen.views.taken_px, rows)
     now = _placed(step, state, seen.before.keep(rows), motion.cam_from_ref, z_px, cov_px, cam_from_start)
-    now = replace(now, left_px=seen_px[:, :2].copy())
+    now = changed(now, left_px=seen_px[:, :2].copy())
     ambiguity, other, settled = state.ambiguity.after(motion, seen.before.agreed, rival)
-    state = replace(
+    state = changed(
         state,
         unsteadiness=_unsteadiness(step, state, motion.cam_from_ref),
         tracks=now.judged(motion.accepted[kept], ambiguous=other is not None),

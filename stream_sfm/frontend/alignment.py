@@ -6,7 +6,6 @@ docs/mathematics.md, section 3.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import ClassVar, NamedTuple
 
 import cv2
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from ..config import Config, FrontendConfig
 from ..geometry.resection import Resection
 from ..geometry.se3 import Array
-from ..record import record
+from ..record import changed, record
 from .noise import ViewNoise
 from .prepared import GreyImage, PreparedImages
 from .templates import SPACING_PX, TemplateAtlas
@@ -77,7 +76,7 @@ class TemplateAligner:
         is_free = np.ones(self.config.max_tracks, bool)
         is_free[taken] = False
         free = np.flatnonzero(is_free)[: len(corners)]
-        return replace(self, atlas=self.atlas.stored(images.grey(self.scale)[0], corners, free)), free
+        return changed(self, atlas=self.atlas.stored(images.grey(self.scale)[0], corners, free)), free
 
 
 def valid_area(valid: NDArray[np.bool_], radius_px: int) -> NDArray[np.bool_]:
@@ -103,5 +102,5 @@ def learn_noise(aligners: Aligners, motion: Resection, scale: NDArray[np.int64],
         n = int(np.count_nonzero(np.isfinite(z_px[used])))
         fitted = round(6 * n / max(1, motion.dof + 6))  # their share of the motion
         noise = aligner.noise.learnt(float(motion.squared_residuals[used].sum()), n - fitted)
-        learnt[size] = replace(aligner, noise=noise)
+        learnt[size] = changed(aligner, noise=noise)
     return learnt

@@ -6,8 +6,6 @@ tracks that have begun meanwhile have a full history at least. Where the scene r
 until something is in view that does not.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +13,7 @@ from ..config.rules import MotionRules
 from ..geometry import se3
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion
 from ..geometry.se3 import Array
-from ..record import record
+from ..record import changed, record
 
 
 @record
@@ -57,10 +55,10 @@ class AmbiguityMemory:
             return AmbiguityMemory(rules=self.rules), None, self.repeats
         if self.frames_left == 1 and self.other_is_new and (motion.accepted & old).sum() >= MANY_VIEWS:
             return AmbiguityMemory(rules=self.rules), None, True
-        return replace(self, frames_left=self.frames_left - 1), remembered, False
+        return changed(self, frames_left=self.frames_left - 1), remembered, False
 
     def other_than(self, cam_from_ref: Array) -> SecondMotion | None:
         """Return the alternative to a motion (4, 4), which differs from it as the latest one did."""
         if self.last is None or self.other_from_first is None or self.frames_left == 0:
             return None
-        return replace(self.last, cam_from_ref=self.other_from_first @ cam_from_ref)
+        return changed(self.last, cam_from_ref=self.other_from_first @ cam_from_ref)

@@ -5,13 +5,12 @@ view: it stands still in the image, so flow finds it at once and nothing else. W
 then; and along the border of the two sets the background is the one behind.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..config.rules import StartRules
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine, resect
+from ..record import changed
 from .rough_motion import RoughMotion, find_rough_motion
 from .seen import Seen
 from .state import FrontEndState, Setup
@@ -24,7 +23,7 @@ def of_background(step: Step, state: FrontEndState, rough: RoughMotion) -> Rough
     rules, tracks, rest = step.setup.rules, state.tracks, np.flatnonzero(~rough.agree)
     if state.start.is_over or len(rest) < max(MANY_VIEWS, rules.start.unexplained * len(tracks)):
         return rough
-    other = find_rough_motion(replace(step, is_predicted=False), state.aligners, tracks.keep(rest))
+    other = find_rough_motion(changed(step, is_predicted=False), state.aligners, tracks.keep(rest))
     if other is None:
         return rough
     left_px = step.setup.projection.project_homogeneous(tracks.points @ other.cam_from_previous.T)[:, :2]
@@ -50,7 +49,7 @@ def decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
     only_first = tracks.keep(motion.accepted & (other.squared_residuals > views.settings.beyond_gates * views.gate))
     if other.ok and is_behind(step.setup, only_second, only_first):
         return other
-    return replace(motion, second=None) if is_behind(step.setup, only_first, only_second) else motion
+    return changed(motion, second=None) if is_behind(step.setup, only_first, only_second) else motion
 
 
 def uncovered(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
@@ -68,11 +67,11 @@ def uncovered(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -
         alone = resect(seen.point_views.select(second.views), second.cam_from_ref, find_second=False)
         known = alone if alone.ok else second
         second = SecondMotion(known.cam_from_ref, known.cov_pose, second.views, 1.0, _history(followed))
-        return replace(motion, second=second)
+        return changed(motion, second=second)
     lasted = _history(only_second)
     if lasted < setup.rules.motion.full_history or not _is_deeper(setup, followed, only_second):
         return motion
-    return replace(motion, second=replace(second, odds=max(second.odds, 1.0), lasted=lasted))
+    return changed(motion, second=changed(second, odds=max(second.odds, 1.0), lasted=lasted))
 
 
 def _is_deeper(setup: Setup, some: Tracks, others: Tracks) -> bool:

@@ -4,31 +4,30 @@ In the first frame of a map it is not known how its points moved. What a late ca
 views, and what its rows say, is taken in with the second frame.
 """
 
-from dataclasses import replace
-
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..record import changed
 from .state import FrontEndState
 
 
 def first_timed(projection: StereoProjection, state: FrontEndState, twist: Array) -> FrontEndState:
     """Take in what waited for a twist (6,) of the points: rows, and the places of the tracks of the first frame."""
     if state.rows_waiting is not None:
-        state = replace(state, rows=state.rows.after(state.rows_waiting, twist), rows_waiting=None)
+        state = changed(state, rows=state.rows.after(state.rows_waiting, twist), rows_waiting=None)
     if state.timing.twist is not None:
         return state
-    tracks, timing = state.tracks.begun_with(projection, twist), replace(state.timing, twist=twist)
+    tracks, timing = state.tracks.begun_with(projection, twist), changed(state.timing, twist=twist)
     if timing.mean.any():
         tracks = tracks.shifted(projection, timing.taken_out(tracks.points, twist))
-    return replace(state, tracks=tracks, timing=timing)
+    return changed(state, tracks=tracks, timing=timing)
 
 
 def learn_timing(projection: StereoProjection, state: FrontEndState, mean: Array, cov: Array) -> FrontEndState:
     """Take in that delay and readout are N(`mean` (2,), `cov` (2, 2)), seconds, and place the tracks anew by it."""
     before, now = state.timing, state.timing.with_estimate(mean, cov)
-    state = replace(state, timing=now)
+    state = changed(state, timing=now)
     if now.twist is None or (before.mean == now.mean).all():
         return state
     points = state.tracks.points
-    change_px = replace(now, mean=now.mean - before.mean).taken_out(points, now.twist)
-    return replace(state, tracks=state.tracks.shifted(projection, change_px))
+    change_px = changed(now, mean=now.mean - before.mean).taken_out(points, now.twist)
+    return changed(state, tracks=state.tracks.shifted(projection, change_px))

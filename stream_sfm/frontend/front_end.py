@@ -14,6 +14,7 @@ from ..camera.rig import StereoRig
 from ..config import Config
 from ..geometry.resection import SecondMotion
 from ..geometry.se3 import Array
+from ..record import changed
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
 from ..types import Ambiguity, ExpectedMotion, LastingErrors, Observations, RigChange, RigView
@@ -22,6 +23,7 @@ from .alignment import WIDE, TemplateAligner, valid_area
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
 from .first_timing import learn_timing
+from .ghost_check import GhostCheck
 from .image_checks import are_alike, image_note
 from .new_points import begin_points, renews
 from .pair_check import PairCheck, PairFit, problem_of, resolution_problem
@@ -31,6 +33,7 @@ from .rows import Rows
 from .start_check import StartCheck
 from .state import FrontEndState, Setup
 from .step_check import StepCheck
+from .still_check import StillCheck
 from .template_errors import TemplateErrors, turn_of_slides
 from .timing import Timing
 from .tracker import follow
@@ -65,6 +68,8 @@ class StereoFrontEnd:
             start=StartCheck(rules=rules.motion),
             steps=StepCheck(rules=rules.step),
             pair=PairCheck(rules=rules.pair),
+            ghosts=GhostCheck(rules=rules.ghosts),
+            still=StillCheck(rules=rules.still),
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
@@ -90,7 +95,7 @@ class StereoFrontEnd:
             expected = None  # it is of another frame than the one that is followed from
         state, change = self._take_out_turn(state)
         if images.lines is not None:
-            state = replace(state, still=state.still.after(*images.lines))
+            state = changed(state, still=state.still.after(*images.lines))
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
         unconfirmed = bool(before.start.problem) and state.start.gone
         state, start_anew = self._check(before, state, images, stamp_ns, followed)
@@ -104,7 +109,7 @@ class StereoFrontEnd:
                 observed.rig, change=change, change_root=self.rig.root_of_turn(self.setup.rules.turn.std_rad)
             )
             observed = replace(observed, rig=rig)
-        return replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns), observed
+        return changed(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns), observed
 
     def _take_out_turn(self, state: FrontEndState) -> tuple[FrontEndState, RigChange | None]:
         """Correct all that is measured from now on for a turn of the right camera that earlier frames have shown."""
@@ -116,7 +121,7 @@ class StereoFrontEnd:
         calm, turn_rad = watch.calm(), state.turn_rad + rad
         disparity = DisparityError.of(self.rig)  # what is left of it is as unknown as at first
         now = state.frame_index
-        state = replace(state, turn_rad=turn_rad, turned_at=now, turn_watch=calm, disparity=disparity)
+        state = changed(state, turn_rad=turn_rad, turned_at=now, turn_watch=calm, disparity=disparity)
         return state, rig_change(self.setup.projection, first, rad)
 
     def _check(
@@ -139,7 +144,7 @@ class StereoFrontEnd:
         factor = state.aligners[1].noise.factor
         problem = self.problem or problem_of(images, state.previous, fit, state.rows, factor, config.rules.pair)
         pair, start_anew = state.pair.after(problem, fit, state.next_id)
-        state = replace(state, steps=state.steps.after(change, projection.f_px), pair=pair)
+        state = changed(state, steps=state.steps.after(change, projection.f_px), pair=pair)
         return state, start_anew or state.start.is_redone
 
     def _go_on(
@@ -154,7 +159,7 @@ class StereoFrontEnd:
         cov_px = np.concatenate([followed.cov_px, cov_new])
         note = self._note(state, images, z_px)
         ghosts = state.ghosts.after(images.left, state.tracks.ids[: len(z_px)], z_px[:, :2])
-        state = replace(state.followed_from(images, stamp_ns), ghosts=ghosts)
+        state = changed(state.followed_from(images, stamp_ns), ghosts=ghosts)
         state, observed = self._observed(
             state, stamp_ns, z_px, cov_px, note or ghosts.problem or state.still.problem
         )
@@ -188,7 +193,7 @@ class StereoFrontEnd:
             return self._observed(state, stamp_ns, *nothing, _HIDDEN)
         anew, z_px, cov_px = begin_points(self.setup, state.lost(), images)
         ghosts = anew.ghosts.interrupted().after(images.left, anew.tracks.ids[: len(z_px)], z_px[:, :2])
-        anew = replace(anew, ghosts=ghosts)
+        anew = changed(anew, ghosts=ghosts)
         note = self._note(anew, images, z_px)
         if waits and len(z_px) < self.setup.config.robust.min_inliers:
             return self._observed(state, stamp_ns, *nothing, note)
@@ -219,7 +224,7 @@ class StereoFrontEnd:
             if self.setup.config.rig.exact
             else RigView(self.rig, state.rows.field_std_px, timing_px, state.rows.delay, state.turn_root),
         )
-        return replace(state, errors=errors), observed
+        return changed(state, errors=errors), observed
 
     def _note(self, state: FrontEndState, images: PreparedImages, z_px: Array) -> str:
         """What is wrong with the images, from the views (n, 4) of all tracks."""
@@ -242,7 +247,7 @@ class StereoFrontEnd:
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
         """Take in what an estimator has found out about the rig with the latest frame, in units of σ."""
         step_px = self.setup.config.rig.disparity_step_px
-        state = replace(state, disparity=DisparityError.of(self.rig, self.rig.in_units(estimate), step_px))
+        state = changed(state, disparity=DisparityError.of(self.rig, self.rig.in_units(estimate), step_px))
         return learn_timing(self.setup.projection, state, *self.rig.timing(estimate.mean, estimate.cov))
 
     def rig_in_px(self, turn_rad: Array, estimate: RigEstimate | None) -> RigEstimate | None:

@@ -9,34 +9,30 @@ first derivatives, these times x and y, and its second derivatives. What they le
 leave of P, r_P: over all patches, share = Σ r_I·(r_P − r_O) / Σ r_P², which is a where T has no ghost of its own, less
 where it has a similar one, and zero in all other images, whose noise at two moments is independent. O is what lies on
 the other side of the point in the last image: what a fast approach changes of a patch is as much like O as like P.
+
+A second control is time itself: r_I·r_P less the same with the two images exchanged, r_J·r_N, where J is the patch in
+the last image and N what is at its place now. A pattern of the sensor that stays at its pixels, dust, and how
+sampling changes fine texture are the same in both directions; a ghost is of the past only. The control by which there
+is less evidence counts.
 """
 
-from dataclasses import replace
+from operator import itemgetter
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..config.rules import GhostRules
 from ..geometry.se3 import Array
-from ..record import record
+from ..record import changed, record
 from .prepared import Image
 
 _RADIUS_PX = 5  # of a patch
-_BACK = 4  # frames from T to I: motion has changed, the view of the point hardly
-_PATCHES = 64  # of a frame; each costs some 20 µs
-# Of motion between two frames. With 0.7 the texture of a wall, resampled by parts of a pixel, is taken for a ghost.
-_LEAST_PX = 1.5
-_FEWEST = 5  # patches
-_NOISE_GREY2 = 1.0  # variance of what is left of a patch at least: rounding, smoothed
-_REMEMBERED = 40  # frames that are judged together
-# Frames that a suspicion lasts without new evidence, which there is none of while the camera stands or moves steadily.
-_LASTS = 100
-# Sample logs, real and rendered, never have a share above zero by more than 4 σ.
-_LEAST_SHARE, _LEAST_SIGNIFICANCE = 0.008, 6.0
-
 _LEAST_VARIANCE = 1e-6  # of what patches say, over its square
-_NOTHING = np.zeros(5)
-_OFFSETS = np.mgrid[-_RADIUS_PX - 1 : _RADIUS_PX + 2, -_RADIUS_PX - 1 : _RADIUS_PX + 2][::-1].astype(np.float32)
+_NOTHING = np.zeros((2, 5))
+_LEAST_SQUARE = 1e-3  # of a change of a patch, grey values squared
+# Changes may depend on each other, as where a patch is one straight edge; they have single precision.
+_RIDGE = 1e-6
 
 
 @record
@@ -55,22 +51,20 @@ class _View:
 
 @record
 class GhostCheck:
-    """What the frames so far have shown: the latest views, and `sums` (k, 5) of the latest frames: over all patches, of
-    p = r_I·(r_P − r_O), s = r_P², p², p s and s². `lasts`: for how many frames a ghost is still suspected."""
+    """What the frames so far have shown: the latest views, and `sums` (2, 5) of each of the latest frames: over all
+    patches, of p = r_I·(r_P − r_O), s = r_P², p², p s and s², and of the same with p = r_I·r_P − r_J·r_N. `lasts`: for
+    how many frames a ghost is still suspected."""
 
     views: tuple[_View, ...] = ()
     sums: tuple[Array, ...] = ()
     lasts: int = 0
+    rules: GhostRules = GhostRules()
 
     @property
     def share(self) -> tuple[float, float]:
-        """How much of each image is the one before it, and this in σ; zero where nothing is known."""
-        p, s, pp, ps, ss = np.sum(self.sums, axis=0) if self.sums else _NOTHING
-        if s <= 0:
-            return 0.0, 0.0
-        share = p / s
-        variance = pp - 2 * share * ps + share**2 * ss  # of p by how patches differ
-        return float(share), float(p / np.sqrt(max(variance, _LEAST_VARIANCE * pp)))
+        """How much of each image is the one before it, and this in σ, of the control by which it is least; zero where
+        nothing is known."""
+        return min(map(_share, np.sum(self.sums, axis=0) if self.sums else _NOTHING), key=itemgetter(1))
 
     @property
     def problem(self) -> str:
@@ -84,66 +78,96 @@ class GhostCheck:
 
     def after(self, image: Image, ids: NDArray[np.int64], left_px: Array) -> "GhostCheck":
         """Return the check after a frame, its smoothed left image (h, w) and where its tracks are in it."""
-        views = (*self.views, _View(image, ids, left_px))[-_BACK - 1 :]
-        check = GhostCheck(views, (*self.sums, _sums(views))[-_REMEMBERED:])
+        rules = self.rules
+        views = (*self.views, _View(image, ids, left_px))[-rules.back_frames - 1 :]
+        check = changed(self, views=views, sums=(*self.sums, _sums(views, rules))[-rules.remembered :])
         share, significance = check.share
-        shown = share > _LEAST_SHARE and significance > _LEAST_SIGNIFICANCE
-        return replace(check, lasts=_LASTS if shown else max(0, self.lasts - 1))
+        shown = share > rules.share and significance > rules.sigmas
+        return changed(check, lasts=rules.lasting_frames if shown else max(0, self.lasts - 1))
 
     def interrupted(self) -> "GhostCheck":
         """Return the check after a frame that could not be followed."""
-        return replace(self, views=())
+        return changed(self, views=())
 
 
-def _sums(views: tuple[_View, ...]) -> Array:
+def _share(sums: Array) -> tuple[float, float]:
+    """A share and its significance in σ from the sums (5,) of a control."""
+    p, s, pp, ps, ss = sums
+    if s <= 0:
+        return 0.0, 0.0
+    share = p / s
+    variance = pp - 2 * share * ps + share**2 * ss  # of p by how patches differ
+    return float(share), float(p / np.sqrt(max(variance, _LEAST_VARIANCE * pp)))
+
+
+def _sums(views: tuple[_View, ...], rules: GhostRules) -> Array:
     """What a frame, the last of these, says: see `GhostCheck`."""
     first, before, now = views[0], views[-2] if len(views) > 1 else views[-1], views[-1]
     if not (len(first.ids) and len(before.ids) and len(now.ids)) or first.image.shape != now.image.shape:
         return _NOTHING
     then_px, last_px = first.of(now.ids), before.of(now.ids)
     limit = np.array(now.image.shape[::-1]) - _RADIUS_PX - 3
-    usable = np.linalg.norm(now.left_px - last_px, axis=1) > _LEAST_PX
+    usable = np.linalg.norm(now.left_px - last_px, axis=1) > rules.least_px
     for px in (then_px, now.left_px, 2 * last_px - now.left_px):
         usable &= ((px > _RADIUS_PX + 2) & (px < limit)).all(axis=1)
     rows = usable.nonzero()[0]
-    if len(rows) < _FEWEST:
+    if len(rows) < rules.fewest:
         return _NOTHING
-    rows = rows[:: -(-len(rows) // _PATCHES)]
-    explained = _explained(_patches(first.image, then_px[rows]))
-    seen, there, opposite = (
-        _unexplained(_patches(image, px[rows])[:, 1:-1, 1:-1], explained)
-        for image, px in (
-            (now.image, now.left_px),
-            (before.image, now.left_px),
-            (before.image, 2 * last_px - now.left_px),
-        )
-    )
-    weights = 1 / ((seen**2).mean(axis=1) + _NOISE_GREY2)
-    p, s = weights * (seen * (there - opposite)).sum(axis=1), weights * (there**2).sum(axis=1)
-    return np.array([p.sum(), s.sum(), (p * p).sum(), (p * s).sum(), (s * s).sum()])
+    rows = rows[:: -(-len(rows) // rules.patches)]
+    now_px, last_px, opposite_px = now.left_px[rows], last_px[rows], (2 * last_px - now.left_px)[rows]
+    newer = _patches(now.image, np.stack([now_px, last_px]), _RADIUS_PX)
+    older = _patches(before.image, np.stack([now_px, opposite_px, last_px]), _RADIUS_PX)
+    explained = _explained(_patches(first.image, then_px[rows], _RADIUS_PX + 1))
+    left = _unexplained(np.concatenate([newer, older]).reshape(5, len(rows), -1), explained)
+    seen, there_now, there, opposite, last = left
+    weights = 1 / (_dot(seen, seen) / seen.shape[1] + rules.noise_grey**2)
+    s, seen_there = weights * _dot(there, there), _dot(seen, there)
+    both = weights * (seen_there - _dot(seen, opposite)), weights * (seen_there - _dot(last, there_now))
+    return np.array([[p.sum(), s.sum(), p @ p, p @ s, s @ s] for p in both])
 
 
-def _patches(image: Image, at_px: Array) -> Array:
-    """Patches (n, d, d) of an image around positions (n, 2), with a border of one pixel."""
-    x, y = ((_OFFSETS[k] + at_px[:, k, None, None]).astype(np.float32) for k in (0, 1))
-    d = x.shape[1]
-    sampled = cv2.remap(image, x.reshape(-1, d), y.reshape(-1, d), cv2.INTER_LINEAR)
-    return sampled.reshape(-1, d, d).astype(float)
+def _dot(some: Array, others: Array) -> Array:
+    """Products (n,) of rows (n, k)."""
+    return np.einsum("nk,nk->n", some, others)
 
 
-def _explained(patches: Array) -> Array:
-    """What may change of patches (n, d, d) between two frames, as orthonormal columns (n, k, 11), k = (d − 2)²."""
-    x, y = (offset[1:-1, 1:-1].astype(float) for offset in _OFFSETS)
+def _patches(image: Image, at_px: Array, radius_px: int) -> NDArray[np.float32]:
+    """Patches (..., d, d), d = 2 radius + 1, of an image around positions (..., 2)."""
+    d = 2 * radius_px + 1
+    offsets = np.arange(-radius_px, radius_px + 1, dtype=np.float32)
+    x, y = at_px.reshape(-1, 2).astype(np.float32).T[:, :, None, None]
+    across, down = np.empty((2, x.size, d, d), np.float32)
+    across[:], down[:] = x + offsets, y + offsets[:, None]
+    sampled = cv2.remap(image, across.reshape(-1, d), down.reshape(-1, d), cv2.INTER_LINEAR)
+    return sampled.astype(np.float32).reshape(*at_px.shape[:-1], d, d)
+
+
+def _explained(patches: NDArray[np.float32]) -> NDArray[np.float32]:
+    """What may change of patches (n, d, d) between two frames: (n, 11, k), k = (d − 2)²."""
+    patches = patches - patches.mean(axis=(1, 2), keepdims=True)
     t, left, right = patches[:, 1:-1, 1:-1], patches[:, 1:-1, :-2], patches[:, 1:-1, 2:]
     above, below = patches[:, :-2, 1:-1], patches[:, 2:, 1:-1]
-    across = patches[:, 2:, 2:] + patches[:, :-2, :-2] - patches[:, 2:, :-2] - patches[:, :-2, 2:]
-    dx, dy = right - left, below - above
-    second = left + right - 2 * t, above + below - 2 * t, across
-    columns = np.stack([np.ones_like(t), t, dx, dy, x * dx, y * dx, x * dy, y * dy, *second], axis=-1)
-    return np.asarray(np.linalg.qr(columns.reshape(len(t), -1, columns.shape[-1]))[0])
+    x = np.arange(-_RADIUS_PX, _RADIUS_PX + 1, dtype=np.float32)
+    y = x[:, None]
+    changes = np.empty((len(t), 11, *t.shape[1:]), np.float32)
+    changes[:, 0], changes[:, 1] = 1, t
+    dx, dy = np.subtract(right, left, out=changes[:, 2]), np.subtract(below, above, out=changes[:, 3])
+    for n, (slope, along) in enumerate(((dx, x), (dx, y), (dy, x), (dy, y)), start=4):
+        np.multiply(slope, along, out=changes[:, n])
+    np.subtract(left + right, 2 * t, out=changes[:, 8])
+    np.subtract(above + below, 2 * t, out=changes[:, 9])
+    falling, rising = patches[:, 2:, 2:] + patches[:, :-2, :-2], patches[:, 2:, :-2] + patches[:, :-2, 2:]
+    np.subtract(falling, rising, out=changes[:, 10])
+    return changes.reshape(len(t), 11, -1)
 
 
-def _unexplained(patches: Array, explained: Array) -> Array:
-    """What orthonormal columns leave of patches: (n, k)."""
-    y = patches.reshape(len(patches), -1, 1)
-    return np.asarray((y - explained @ (np.swapaxes(explained, 1, 2) @ y))[..., 0])
+def _unexplained(views: NDArray[np.float32], explained: NDArray[np.float32]) -> Array:
+    """What the changes explained (n, m, k) leave of views (v, n, k) of patches."""
+    views = np.swapaxes(views - views.mean(axis=2, keepdims=True), 0, 1)
+    gram = (explained @ np.swapaxes(explained, 1, 2)).astype(float)
+    scale = 1 / np.sqrt(np.maximum(np.einsum("nii->ni", gram), _LEAST_SQUARE))
+    gram = gram * scale[:, None] * scale[:, :, None] + _RIDGE * np.eye(gram.shape[1])
+    products = scale[:, :, None] * (explained @ np.swapaxes(views, 1, 2))
+    parts = scale[:, :, None] * np.linalg.solve(gram, products)
+    left = views - np.swapaxes(parts, 1, 2).astype(np.float32) @ explained
+    return np.swapaxes(left, 0, 1).astype(float)

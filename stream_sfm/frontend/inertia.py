@@ -5,11 +5,10 @@ well, within their noise. To follow it the camera would have to jump. Where noth
 tracks go on as before, such a motion is that of a body.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine
+from ..record import changed
 from .seen import Seen
 from .state import FrontEndState
 from .step import Step
@@ -33,8 +32,8 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
         return motion
     only_other = motion.accepted & (near.squared_residuals > views.settings.beyond_gates * views.gate)
     if np.count_nonzero(only_other) < fewest:  # few views tell the two apart
-        return replace(near, second=motion.second) if near.share >= motion.share else motion
-    return replace(near, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_other, odds=1.0))
+        return changed(near, second=motion.second) if near.share >= motion.share else motion
+    return changed(near, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_other, odds=1.0))
 
 
 def without_newcomer(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
@@ -50,4 +49,4 @@ def without_newcomer(step: Step, state: FrontEndState, seen: Seen, motion: Resec
         return motion
     if np.count_nonzero(motion.accepted & old) < MANY_VIEWS:
         return motion
-    return replace(motion, second=replace(second, odds=0.0))
+    return changed(motion, second=changed(second, odds=0.0))

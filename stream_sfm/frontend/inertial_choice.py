@@ -1,11 +1,10 @@
 """Of two motions that views agree with, the one that inertial samples allow, where they allow one only."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..geometry import se3
 from ..geometry.resection import Resection, refine
+from ..record import changed
 from ..types import ExpectedMotion
 from .seen import Seen
 from .state import FrontEndState
@@ -27,8 +26,8 @@ def nearer(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> R
     apart = step.setup.rules.motion.inertial_apart
     first, then = _distance2(expected, motion), _distance2(expected, other)
     if first - then > apart:
-        return replace(other, second=None)
-    return replace(motion, second=None) if then - first > apart else motion
+        return changed(other, second=None)
+    return changed(motion, second=None) if then - first > apart else motion
 
 
 def is_camera(step: Step, motion: Resection) -> bool:

@@ -4,14 +4,13 @@ Where hardly any are found, in front of a bare wall, what faint texture there is
 grey value are corners too, once thirty pixels are averaged into one.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS
+from ..record import changed
 from .alignment import WIDE
 from .prepared import PreparedImages
 from .state import FrontEndState, RightSides, Setup
@@ -82,7 +81,7 @@ def begin_tracks(
     )
     if state.timing.twist is not None:
         new = new.begun_with(state.timing.projection, state.timing.twist)
-    return replace(state, next_id=state.next_id + n, tracks=state.tracks.append(new))
+    return changed(state, next_id=state.next_id + n, tracks=state.tracks.append(new))
 
 
 def _begin(
@@ -102,7 +101,7 @@ def _begin(
         return state, np.empty((0, 4)), np.empty((0, 4, 4))
     taken = state.tracks.slots[state.tracks.scale == scale]
     aligner, slots = state.aligners[scale].cut(images, corners, taken)
-    state = replace(state, aligners={**state.aligners, scale: aligner})
+    state = changed(state, aligners={**state.aligners, scale: aligner})
     twist = np.zeros(6) if state.timing.twist is None else state.timing.twist
     of_templates = *images.grey(scale), aligner.atlas.grey, aligner, state.right_sides(twist)
     rules = setup.rules.points
@@ -122,7 +121,7 @@ def _begin(
     var_rho = var_rho + by_turn_px2 / (setup.projection.f_px * setup.projection.baseline_m) ** 2
     begun = z_px[:, :2], cov_px[:, :2, :2], points, var_rho, slopes, scale
     errors = state.errors.with_new(state.next_id + np.arange(len(rows), dtype=np.int64), apart_px[rows])
-    return begin_tracks(replace(state, errors=errors), slots[rows], *begun), z_px, cov_px
+    return begin_tracks(changed(state, errors=errors), slots[rows], *begun), z_px, cov_px
 
 
 def _learn_rows(state: FrontEndState, z_px: Array, twist: Array) -> tuple[FrontEndState, RightSides]:
@@ -130,8 +129,8 @@ def _learn_rows(state: FrontEndState, z_px: Array, twist: Array) -> tuple[FrontE
 
     While the velocity is unknown, they also wait for that of the next frame: a late camera would look like wrong rows.
     """
-    learnt = replace(state, rows=state.rows.after(z_px, twist))
-    now = replace(state, rows_waiting=z_px) if state.timing.twist is None else learnt
+    learnt = changed(state, rows=state.rows.after(z_px, twist))
+    now = changed(state, rows_waiting=z_px) if state.timing.twist is None else learnt
     return now, learnt.right_sides(twist)
 
 

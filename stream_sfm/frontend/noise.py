@@ -6,14 +6,12 @@ after smoothing. What the patch cannot know (perspective, interpolation, the len
 factor for all views.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..config.rules import ErrorRules
 from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.se3 import Array
-from ..record import record
+from ..record import changed, record
 
 _REDUCTION_PX = 0.6  # σ of the smoothing that halving twice leaves, in pixels of the reduced image
 
@@ -45,7 +43,7 @@ class ViewNoise:
         gain = 1 / min(frames + 1, MEMORY_FRAMES)
         factor = self.factor * (1 + gain * (chi2 / dof - 1))
         factor = np.clip(factor, self.rules.least_factor, self.rules.most_factor)
-        return replace(self, factor=float(factor), frames=frames)
+        return changed(self, factor=float(factor), frames=frames)
 
     def typical_cov(self, n: int) -> Array:
         """Covariances (n, 2, 2) px² of left positions where nothing has been measured yet."""

@@ -7,8 +7,6 @@ half of them are not, the motion is ambiguous until points from before are found
 everything has long fitted together anew: then all tracks are dropped, and a new map begins.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +17,7 @@ from ..geometry.point_views import PointViews
 from ..geometry.resection import MANY_VIEWS, Resection
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, clamp_depth
-from ..record import record
+from ..record import changed, record
 from .image_checks import frozen
 from .prepared import PreparedImages
 from .rows import Rows
@@ -94,7 +92,7 @@ class PairCheck:
             return PairCheck(rules=rules), False
         good_frames = self.good_frames + 1 if fit.both.sum() > rules.good_share * len(fit.both) else 0
         if good_frames < rules.good_frames:
-            return replace(self, good_frames=good_frames), False
+            return changed(self, good_frames=good_frames), False
         return PairCheck(rules=rules), True
 
 

@@ -6,8 +6,6 @@ in perfect agreement with all that is seen. It must be so for all that is seen: 
 puts it, a post before the grid or the ground below it, tells the two apart.
 """
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +15,7 @@ from ..geometry import se3
 from ..geometry.point_views import PointViews
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, SecondMotion, resect
 from ..geometry.se3 import Array
+from ..record import changed
 from .prepared import Image
 from .rough_motion import RoughMotion, find_rough_motion
 from .state import FrontEndState
@@ -31,7 +30,7 @@ def smaller_of_alike(step: Step, state: FrontEndState, rough: RoughMotion) -> Ro
     """
     if state.ambiguity.repeats:
         other = state.ambiguity.other_than(rough.cam_from_previous)
-        return replace(rough, rival=other if _still_repeats(step, state.tracks, rough, other) else None)
+        return changed(rough, rival=other if _still_repeats(step, state.tracks, rough, other) else None)
     known = np.count_nonzero(state.tracks.agreed) >= MANY_VIEWS
     rival = None if known else _rival_motion(step, state.tracks, rough)
     if rival is None:
@@ -41,11 +40,11 @@ def smaller_of_alike(step: Step, state: FrontEndState, rough: RoughMotion) -> Ro
         for m in (rough.cam_from_previous, rival.cam_from_ref)
     )
     if size > rival_size:
-        near = replace(step, predicted=rival.cam_from_ref, is_predicted=True)
+        near = changed(step, predicted=rival.cam_from_ref, is_predicted=True)
         smaller = find_rough_motion(near, state.aligners, state.tracks)
         if smaller is not None:
-            return replace(smaller, rival=replace(rival, cam_from_ref=rough.cam_from_previous))
-    return replace(rough, rival=rival)
+            return changed(smaller, rival=changed(rival, cam_from_ref=rough.cam_from_previous))
+    return changed(rough, rival=rival)
 
 
 def _rival_motion(step: Step, tracks: Tracks, rough: RoughMotion) -> SecondMotion | None:

@@ -10,7 +10,6 @@ three such frames in a row have shown the same turn, it is taken out of everythi
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,7 @@ from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.point_views import PointViews
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, places_over_image
-from ..record import record
+from ..record import changed, record
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
 from ..rig_model.terms import TERMS, effects_of_turn, terms_of_turn
@@ -51,7 +50,7 @@ def with_turn(rig: RigModel, estimate: RigEstimate, rad: Array) -> RigEstimate:
     """An estimate in units of the terms, with a turn (3,) that has been taken out of the views."""
     turned = np.zeros(len(estimate.mean))
     turned[: len(TERMS)] = terms_of_turn(rig.projection) @ rad
-    return replace(
+    return changed(
         estimate, mean=estimate.mean + turned, mean_if_wrong=estimate.mean_if_wrong + turned, p_wrong=1.0
     )
 
@@ -91,7 +90,7 @@ class TurnWatch:
 
     def calm(self) -> "TurnWatch":
         """Return the watch without its unusual turns: they are corrected now, or no track is left that shows them."""
-        return replace(self, unusual=())
+        return changed(self, unusual=())
 
     def judge(
         self,
@@ -120,7 +119,7 @@ class TurnWatch:
         stands_out = possible and log_factor > -math.log(rules.knocks)
         if not stands_out or len(self.unusual) >= rules.patience_frames:
             return self._learnt(rad, cov + cov_expected, stands_out, chi2), None
-        return replace(self, unusual=(*self.unusual, rad)), agree
+        return changed(self, unusual=(*self.unusual, rad)), agree
 
     def _learnt(self, rad: Array, cov: Array, stands_out: bool, chi2: float) -> "TurnWatch":
         """Return the watch after a frame whose turn (3,) counts as usual, although it may stand out.
@@ -130,11 +129,11 @@ class TurnWatch:
         """
         square, counts = np.outer(rad, rad), 1.0 if chi2 < self.rules.limit else self.rules.limit / chi2
         if stands_out:
-            return replace(self, usual=self.usual + square, real=self.real + square, unusual=())
+            return changed(self, usual=self.usual + square, real=self.real + square, unusual=())
         frames = min(self.frames + 1, MEMORY_FRAMES)
         gain = np.linalg.solve(self.real + cov, self.real).T
         expected = symmetric(counts * gain @ square @ gain.T + self.real - gain @ self.real)
-        return replace(
+        return changed(
             self,
             usual=self.usual + (counts * square - self.usual) / frames,
             real=self.real + (expected - self.real) / frames,

@@ -7,8 +7,6 @@ motion, so all of that is one linear Gaussian filter, and the size of the field 
 Only new matches count: a point's later views repeat its first error.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from .. import core
@@ -18,7 +16,7 @@ from ..geometry.linear import symmetric_inverse
 from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, velocities
-from ..record import record
+from ..record import changed, record
 from ..rig_model.field import Field, field_over
 
 _POLYNOMIAL = 6  # coefficients
@@ -77,7 +75,7 @@ class Rows:
             return self
         gain = own / own[_POLYNOMIAL]
         mean = self.mean + gain * (delay_s - self.mean[_POLYNOMIAL])
-        return replace(self, mean=mean, cov=self.cov + np.outer(gain, gain) * (variance_s2 - own[_POLYNOMIAL]))
+        return changed(self, mean=mean, cov=self.cov + np.outer(gain, gain) * (variance_s2 - own[_POLYNOMIAL]))
 
     @property
     def field(self) -> Field:
@@ -112,7 +110,7 @@ class Rows:
         information[field, field] += field_std_px**-2 - self.field_std_px**-2
         cov = symmetric_inverse(information)
         mean = cov @ right
-        return replace(
+        return changed(
             self,
             mean=mean,
             cov=cov,

@@ -1,14 +1,12 @@
 """What of the tracks is found in a frame, and what is known of it beforehand: by this its motion is judged."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
 from ..geometry.point_views import PointViews
 from ..geometry.se3 import Array
-from ..record import record
+from ..record import changed, record
 from ..rig_model.terms import by_turn
 from .aligned_views import AlignedViews
 from .rough_motion import RoughMotion
@@ -72,8 +70,8 @@ class Seen:
 
     def by_left(self, turned: NDArray[np.bool_]) -> "Seen":
         """Return the same without the right sides, of which those of views (n,) agree with a turn."""
-        views = replace(self.views, z_px=np.where(_LEFT, self.views.z_px, np.nan))
-        return replace(self, views=views, point_views=self.point_views.by_left(), turned=turned)
+        views = changed(self.views, z_px=np.where(_LEFT, self.views.z_px, np.nan))
+        return changed(self, views=views, point_views=self.point_views.by_left(), turned=turned)
 
     @property
     def found_px(self) -> Array:

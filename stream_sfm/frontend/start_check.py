@@ -7,14 +7,12 @@ there at the start is followed any more, what is followed has been found by poin
 nothing left to doubt of it; but nothing has confirmed the poses up to there.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..config.rules import MotionRules
 from ..geometry.resection import MANY_VIEWS
-from ..record import record
+from ..record import changed, record
 
 
 @record
@@ -56,7 +54,7 @@ class StartCheck:
 
     def settled(self) -> "StartCheck":
         """Return the check where it is known otherwise that the motion is the camera's."""
-        return replace(self, calm_frames=self.rules.full_history, doubted=False)
+        return changed(self, calm_frames=self.rules.full_history, doubted=False)
 
     def after(self, ids: NDArray[np.int64], accepted: NDArray[np.bool_]) -> "StartCheck":
         """Return the check after a frame in which the tracks `ids` (n,), ascending, were found.
@@ -68,7 +66,7 @@ class StartCheck:
             return self
         next_id = int(ids[-1]) + 1
         later_id = self.later_id or next_id
-        now = replace(
+        now = changed(
             self,
             found=kept * self.found + int(new.sum()),
             agreed=kept * self.agreed + int((new & accepted).sum()),
@@ -77,5 +75,5 @@ class StartCheck:
             gone=bool(np.count_nonzero(accepted & (ids < later_id)) < MANY_VIEWS <= np.count_nonzero(accepted)),
         )
         if now.agreed >= self.rules.calm_start * now.found:
-            return replace(now, calm_frames=self.calm_frames + 1)
-        return replace(now, calm_frames=0, doubted=True)
+            return changed(now, calm_frames=self.calm_frames + 1)
+        return changed(now, calm_frames=0, doubted=True)

@@ -1,6 +1,6 @@
 """What the front-end knows between two frames: one record, which a step replaces and never changes."""
 
-from dataclasses import field, replace
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from ..config.rules import Rules
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from ..record import record
+from ..record import changed, record
 from ..rig_model.terms import by_turn
 from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
@@ -167,15 +167,15 @@ class FrontEndState:
 
     def followed_from(self, images: PreparedImages, stamp_ns: int) -> "FrontEndState":
         """The state after a frame from whose images the next one is followed."""
-        return replace(self, previous=images.shrunk(), previous_ns=stamp_ns)
+        return changed(self, previous=images.shrunk(), previous_ns=stamp_ns)
 
     def lost(self) -> "FrontEndState":
         """The state without tracks and velocity, and all that was learnt from these."""
-        return replace(
+        return changed(
             self,
             tracks=Tracks.none(),
             velocity=np.zeros(6),
-            timing=replace(self.timing, twist=None),
+            timing=changed(self.timing, twist=None),
             ambiguity=AmbiguityMemory(rules=self.ambiguity.rules),
             start=StartCheck(rules=self.start.rules),
             steps=StepCheck(rules=self.steps.rules),  # how a new map moves is not known

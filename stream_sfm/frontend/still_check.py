@@ -3,8 +3,8 @@
 A time or a frame shown on the display, a grid, a hot or a bright column: points on it are in both images and never
 move, as if the camera stood and saw them at one distance. Where they are many, they may outvote the scene. What a
 standing camera sees has a disparity, and points at infinity move with every turn, so that of the edges of real images
-under 1 in 100 are at the same pixels with the same grey values in both images and in the image before, while others
-move.
+under 1 in 200 are at the same pixels with the same grey values in both images, in the one before and in one some frames
+earlier, while others move.
 """
 
 from typing import NamedTuple
@@ -12,20 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import record
+from ..config.rules import StillRules
+from ..record import changed, record
 
 _EVERY = 8  # of rows and columns that are looked at
-# An edge: grey values that a pixel differs by from one two pixels further. It is the same as another where the pixel is
-# about as bright, and the step as large or, on a thin line, of the same sign on both sides.
-_FAR_PX, _EDGE_GREY, _SAME_GREY, _SAME_STEP = 2, 16, 3, 4
-_REMEMBERED = 10  # frames
-# Of all edges: rendered and real logs have up to 0.006; overlays that lead estimates astray have from 0.02 on.
-_DRAWN = 0.012
-# Of all edges, where the image is by an edge's step brighter or darker than before: with fewer the camera stands, and
-# what is drawn does not show.
-_MOVING = 0.2
-_FEWEST = 500  # edges of which anything is said
-
+_FAR_PX = 2  # from a pixel to those whose difference to it is an edge
 
 Line = NDArray[np.int16]
 
@@ -47,17 +38,18 @@ class Lines(NamedTuple):
 
 @record
 class StillCheck:
-    """What the frames so far have shown: the left lines of the latest one, and of each of the latest how many edges
+    """What the frames so far have shown: the left lines of the latest ones, and of each of the latest how many edges
     there are, and how many of them are drawn over both images."""
 
-    left: Lines | None = None
+    lefts: tuple[Lines, ...] = ()
     counts: tuple[tuple[int, int], ...] = ()
+    rules: StillRules = StillRules()
 
     @property
     def problem(self) -> str:
         """Say that something is drawn over both images; or nothing."""
         edges, drawn = np.sum(self.counts, axis=0) if self.counts else (0, 0)
-        if edges < _FEWEST or drawn < _DRAWN * edges:
+        if edges < self.rules.fewest or drawn < self.rules.drawn * edges:
             return ""
         return (
             f"{drawn / edges:.0%} of the edges stay at the same pixels of both images while the rest moves: is "
@@ -66,39 +58,41 @@ class StillCheck:
 
     def after(self, left: Lines, right: Lines) -> "StillCheck":
         """Return the check after a frame, by lines of its images."""
-        before = self.left
-        comparable = before is not None and [line.shape for line in before] == [line.shape for line in left]
-        if before is None or not comparable or [line.shape for line in right] != [line.shape for line in left]:
-            return StillCheck(left, self.counts)
-        counts = np.sum([_counts(*lines) for lines in zip(left, right, before, strict=True)], axis=0)
-        edges, moved, drawn = (int(count) for count in counts)
-        seen = (0, 0) if moved < _MOVING * edges else (edges, drawn)
-        return StillCheck(left, (*self.counts, seen)[-_REMEMBERED:])
+        rules, lefts = self.rules, self.lefts
+        shapes = [line.shape for line in left]
+        if [line.shape for line in right] != shapes or (lefts and [line.shape for line in lefts[-1]] != shapes):
+            return changed(self, lefts=(left,))
+        lefts = (*lefts, left)[-rules.apart_frames - 1 :]
+        if len(lefts) <= rules.apart_frames:
+            return changed(self, lefts=lefts)
+        lines = zip(left, lefts[-2], lefts[0], right, strict=True)
+        edges, moved, drawn = (int(n) for n in np.sum([_counts(*each, rules=rules) for each in lines], axis=0))
+        seen = (0, 0) if moved < rules.moving * edges else (edges, drawn)
+        return changed(self, lefts=lefts, counts=(*self.counts, seen)[-rules.remembered :])
 
 
-def _counts(left: Line, right: Line, before: Line) -> tuple[int, int, int]:
-    """How many edges are in lines (k, n) of the left image, at how many of their pixels it has changed since the one
-    `before`, and how many are the same there and in the right image."""
-    grey, *steps = _with_steps(left)
-    at = (grey >= 0) & ((np.abs(steps[0]) >= _EDGE_GREY) | (np.abs(steps[1]) >= _EDGE_GREY))
-    edges = np.stack([grey[at], steps[0][at], steps[1][at]])
-    then, there = (np.stack([part[at] for part in _with_steps(lines)]) for lines in (before, right))
-    moved = np.abs(edges[0] - then[0]) >= _EDGE_GREY
-    drawn = _same(edges, then) & _same(edges, there)
-    return len(moved), int(np.count_nonzero(moved)), int(np.count_nonzero(drawn))
+def _counts(left: Line, last: Line, earlier: Line, right: Line, rules: StillRules) -> tuple[int, int, int]:
+    """How many edges are in lines (k, n) of the left image, at how many of their pixels it has changed since the last
+    one, and how many are the same there, in an earlier one and in the right image."""
+    least, steep = rules.edge_grey, np.zeros(left.shape, bool)
+    steps = np.abs(left[:, _FAR_PX:] - left[:, :-_FAR_PX]) >= least
+    np.logical_or(steps[:, _FAR_PX:], steps[:, :-_FAR_PX], out=steep[:, _FAR_PX:-_FAR_PX])
+    edges = np.flatnonzero(steep & (left >= 0))
+    left, last, earlier, right = (lines.ravel() for lines in (left, last, earlier, right))
+    changed = np.abs(left[edges] - last[edges])
+    drawn = edges[changed <= rules.same_grey]
+    for other in (last, earlier, right):
+        drawn = drawn[_same(left, other, drawn, rules)]
+    return len(edges), int(np.count_nonzero(changed >= least)), len(drawn)
 
 
-def _with_steps(lines: Line) -> tuple[Line, Line, Line]:
-    """Of lines (k, n): all pixels but those at the ends, and by how much they differ from those on either side."""
-    middle = lines[:, _FAR_PX:-_FAR_PX]
-    return middle, middle - lines[:, : -2 * _FAR_PX], middle - lines[:, 2 * _FAR_PX :]
-
-
-def _same(edges: Line, others: Line) -> NDArray[np.bool_]:
-    """Which edges (3, n), pixels with their steps, are the same as others."""
-    steps, other = edges[1:], others[1:]
-    steep = np.abs(steps) >= _EDGE_GREY
-    as_large = (steep & (np.abs(steps - other) <= _SAME_STEP)).any(axis=0)
-    alike = (steep & (np.abs(other) >= _EDGE_GREY) & (np.sign(steps) == np.sign(other))).all(axis=0)
-    line = alike & (np.sign(steps[0]) == np.sign(steps[1]))
-    return np.asarray((np.abs(edges[0] - others[0]) <= _SAME_GREY) & (as_large | line))
+def _same(line: Line, other: Line, at: NDArray[np.intp], rules: StillRules) -> NDArray[np.bool_]:
+    """Which edges of a line (n,), at some of its pixels, another has, too: there it is about as bright, and its step as
+    large or, on a thin line, of the same sign on both sides."""
+    around = at + np.array([[-_FAR_PX], [_FAR_PX]])
+    steps, others = line[at] - line[around], other[at] - other[around]
+    steep = np.abs(steps) >= rules.edge_grey
+    as_large = (steep & (np.abs(steps - others) <= rules.same_step_grey)).any(axis=0)
+    alike = (steep & (np.abs(others) >= rules.edge_grey) & (np.sign(steps) == np.sign(others))).all(axis=0)
+    thin = alike & (np.sign(steps[0]) == np.sign(steps[1]))
+    return np.asarray((np.abs(line[at] - other[at]) <= rules.same_grey) & (as_large | thin))

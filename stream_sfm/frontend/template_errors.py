@@ -12,7 +12,7 @@ that out: perspective beyond the affine warp, the lens model, and most of all a 
 apart the whole patch and its inner half are matched shows how large it may be, eq. (18).
 """
 
-from dataclasses import field, replace
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from .. import core
 from ..config.rules import ErrorRules
 from ..geometry.se3 import Array
-from ..record import record
+from ..record import changed, record
 
 _LAG = 5  # frames over which the decay is measured: most tracks live as long
 
@@ -86,7 +86,7 @@ class TemplateErrors:
         """Return the knowledge after a frame's views (n, 4) of tracks `ids` (n,), ascending, with covariances."""
         ages, rows, sums = core.row_errors_of_tracks(self.ids, self.ages, self.rows, ids, z_px, cov_px)
         keep = max(0.0, 1 - sums[2] / self.rules.memory_pairs)
-        return replace(self, sums=keep * self.sums + sums, ids=ids, ages=ages, rows=rows)
+        return changed(self, sums=keep * self.sums + sums, ids=ids, ages=ages, rows=rows)
 
     @property
     def inflation(self) -> Array:
@@ -105,7 +105,7 @@ class TemplateErrors:
     def joined(self, later: "TemplateErrors") -> "TemplateErrors":
         """Return the same with the points of a later one, too."""
         begun = np.concatenate([self.begun, later.begun])[-_REMEMBERED:]
-        return replace(self, begun=begun, stds_px=np.concatenate([self.stds_px, later.stds_px])[-_REMEMBERED:])
+        return changed(self, begun=begun, stds_px=np.concatenate([self.stds_px, later.stds_px])[-_REMEMBERED:])
 
     def std_disparity_px(self, ids: NDArray[np.int64]) -> Array:
         """Return σ (n,) px of what all views of points (n,), living or ended, err by in common."""

@@ -5,8 +5,6 @@ already in the points. So a resection has further unknowns: delay, readout and v
 about delay and readout is taken out of the views before any motion is sought; it gets the views as they were seen.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from .. import core
@@ -15,7 +13,7 @@ from ..camera.known_timing import KnownTiming
 from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
-from ..record import record
+from ..record import changed, record
 
 
 @record
@@ -67,4 +65,4 @@ class Timing:
         gain = np.maximum(self.std**2 / var - 1, 0.0)
         log_odds = 0.5 * (mean**2 / var * gain / (1 + gain) - np.log1p(gain))
         probability = 0.5 + 0.5 * np.tanh(0.5 * log_odds)
-        return replace(self, mean=probability * mean, cov=cov + np.diag((self.step * self.std) ** 2))
+        return changed(self, mean=probability * mean, cov=cov + np.diag((self.step * self.std) ** 2))

@@ -4,10 +4,10 @@ Depths come from the right image, or from the parallax of one camera (`mono/para
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 from ..geometry.resection import Resection, resect
 from ..geometry.se3 import Array
+from ..record import changed
 from ..types import ExpectedMotion
 from .advance import Followed, advance, learn
 from .aligned_views import align
@@ -82,10 +82,10 @@ def _agreed_motion(
     rules = step.setup.rules.motion
     motion = resect(seen.point_views, start, seen.weights, step.predicted if rules.one_body else None)
     if not rules.poor_frames:
-        motion = replace(motion, spread=1.0)
+        motion = changed(motion, spread=1.0)
     for policy in OF_MOTION:
         motion = policy(step, state, seen, motion)
     agree = motion.ok and seen.weights[motion.accepted].sum() >= rules.min_agreement * seen.weight
     hidden = is_background_hidden(step, state, seen, motion)
-    state = replace(state, background_hidden=hidden or (state.background_hidden and not agree))
+    state = changed(state, background_hidden=hidden or (state.background_hidden and not agree))
     return state, motion if agree and not hidden else None

@@ -1,6 +1,6 @@
 """The table of live tracks: one row per point, ascending ids."""
 
-from dataclasses import fields, replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from .. import core
 from ..config.rules import MotionRules
 from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection, velocities
-from ..record import record, rows_of
+from ..record import changed, columns_at, record
 
 
 @record
@@ -62,11 +62,9 @@ class Tracks:
 
     def keep(self, rows: NDArray[Any]) -> "Tracks":
         """The given rows (mask or indices)."""
-        if rows.dtype == bool:
-            if rows.all():
-                return self
-            rows = rows.nonzero()[0]  # once, not once per column
-        return Tracks(*(rows_of(getattr(self, name), rows) for name in _COLUMNS))
+        if rows.dtype == bool and rows.all():
+            return self
+        return Tracks(*columns_at(_COLUMNS(self), rows))
 
     def drift_px(self, cam_from_previous: Array, slide_px: float) -> Array:
         """Standard deviation (n,) px of how far templates slid since the last frame, eq. (17).
@@ -83,7 +81,7 @@ class Tracks:
 
     def append(self, other: "Tracks") -> "Tracks":
         """These rows, then the other's; the other's ids must be larger."""
-        return Tracks(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in _COLUMNS))
+        return Tracks(*map(np.concatenate, zip(_COLUMNS(self), _COLUMNS(other), strict=True)))
 
     def weights(self, rules: MotionRules) -> Array:
         """Return the vote of each track (n,) where sets of tracks favour different motions, eq. (23b).
@@ -97,13 +95,13 @@ class Tracks:
 
         Otherwise a body that is once taken for the background would outvote it soon.
         """
-        return self if ambiguous else replace(self, agreed=np.where(accepted, self.agreed + 1, self.agreed // 2))
+        return self if ambiguous else changed(self, agreed=np.where(accepted, self.agreed + 1, self.agreed // 2))
 
     def moved(self, cam_from_previous: Array) -> "Tracks":
         """Points carried into a new camera; `left_px` stays what was last measured."""
         points = self.points @ cam_from_previous.T
         depth = np.maximum(points[:, 2:3], MIN_DEPTH)
-        return replace(self, points=points / depth, var_rho=self.var_rho / depth[:, 0] ** 2)
+        return changed(self, points=points / depth, var_rho=self.var_rho / depth[:, 0] ** 2)
 
     def updated(
         self, p: StereoProjection, cam_from_previous: Array, z_px: Array, cov_px: Array, forgetting: float
@@ -113,21 +111,21 @@ class Tracks:
         1/Z by a scalar Kalman update where the right side is seen, after its variance has grown by `forgetting`.
         """
         points, var_rho, cov_left_px = core.update_depths(p, self, cam_from_previous, z_px, cov_px, forgetting)
-        return replace(self, cov_left_px=cov_left_px, points=points, var_rho=var_rho)
+        return changed(self, cov_left_px=cov_left_px, points=points, var_rho=var_rho)
 
     def begun_with(self, projection: StereoProjection, twist: Array) -> "Tracks":
         """Tracks that have all begun in the current camera, in which points move with a twist (6,) per second."""
-        return replace(self, anchor_velocity_px_s=velocities(projection, self.points, twist)[:, :2])
+        return changed(self, anchor_velocity_px_s=velocities(projection, self.points, twist)[:, :2])
 
     def shifted(self, projection: StereoProjection, px: Array) -> "Tracks":
         """Points after their views are corrected by a further (n, 4) px; `left_px` stays what was last measured."""
         z_px = projection.project_homogeneous(self.points) - px
-        return replace(self, points=core.seen_points(projection, z_px))
+        return changed(self, points=core.seen_points(projection, z_px))
 
     def placed(self, rays: Array, left_px: Array, cov_left_px: Array, rho: Array, var_rho: Array) -> "Tracks":
         """Points put on the rays (n, 2) at which they were seen, with inverse depths (n,) and their variances."""
         points = np.concatenate([rays, np.ones((len(rays), 1)), rho[:, None]], axis=1)
-        return replace(self, left_px=left_px.copy(), cov_left_px=cov_left_px, points=points, var_rho=var_rho)
+        return changed(self, left_px=left_px.copy(), cov_left_px=cov_left_px, points=points, var_rho=var_rho)
 
     def cov_points(self, projection: StereoProjection, drift_px: Array | None = None) -> Array:
         """Covariances (n, 4, 4) of `points`: of the ray and of the inverse depth, after a drift of σ (n,), eq. (33)."""
@@ -137,4 +135,4 @@ class Tracks:
         )
 
 
-_COLUMNS = tuple(field.name for field in fields(Tracks))
+_COLUMNS = attrgetter(*Tracks.__slots__)  # type: ignore[attr-defined]

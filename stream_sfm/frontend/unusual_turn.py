@@ -1,8 +1,7 @@
 """The right camera seems to have turned: the motion is sought by the left sides until it is clear whether it has."""
 
-from dataclasses import replace
-
 from ..geometry.se3 import Array
+from ..record import changed
 from .seen import Seen
 from .state import FrontEndState
 
@@ -14,4 +13,4 @@ def without_turned(state: FrontEndState, seen: Seen, cam_from_previous: Array) -
     points, cov_points = seen.point_views.points, seen.point_views.cov_points
     views = points, cov_points, seen.views.any_row_px, seen.views.cov_px
     watch, agree = state.turn_watch.judge(*views, cam_from_previous, seen.cov_turn)
-    return replace(state, turn_watch=watch), None if agree is None else seen.by_left(agree)
+    return changed(state, turn_watch=watch), None if agree is None else seen.by_left(agree)

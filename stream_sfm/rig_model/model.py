@@ -1,7 +1,5 @@
 """The whole model of a rig's errors: physical terms and field, in units of what is assumed for each beforehand."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,7 +10,7 @@ from ..camera.refinement import Refinement
 from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, places_over_image
-from ..record import record
+from ..record import changed, record
 from .estimate import CERTAIN, RigEstimate
 from .field import NO_FIELD, Field, field_over
 from .terms import AT_TIMING, DISPARITY, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
@@ -81,7 +79,7 @@ class RigModel:
 
     def without_field(self) -> "RigModel":
         """Return the terms alone."""
-        return replace(self, has_field=False)
+        return changed(self, has_field=False)
 
     def field_at(self, z_px: Array) -> Array:
         """Return the field's basis (n, K) at views (n, 4); K is 0 without a field."""
@@ -193,7 +191,7 @@ class RigModel:
 
         mean, cov = in_units(estimate.mean, estimate.cov)
         mean_if_wrong, cov_if_wrong = in_units(estimate.mean_if_wrong, estimate.cov_if_wrong)
-        return replace(
+        return changed(
             estimate,
             mean=mean,
             cov=cov,

@@ -8,14 +8,13 @@ ends. Frames whose motion may not be the camera's are in no part: a body that is
 rig, and all parts of it agree.
 """
 
-from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from ..geometry.se3 import Array
-from ..record import record
+from ..record import changed, record
 from .terms import AT_TURNING, TERMS
 
 _MOST = 12  # ends of parts that are kept
@@ -36,6 +35,13 @@ class Agreement(NamedTuple):
     mean: Array
     std: Array
     spread: Array
+
+    @property
+    def evidence(self) -> Array:
+        """How many σ (t,) the thirds of the run agree on for each term; for a turn, for all three of its terms."""
+        squared = (self.mean / self.std) ** 2
+        squared[AT_TURNING] = squared[AT_TURNING].sum()
+        return np.asarray(np.sqrt(squared))
 
 
 @record
@@ -62,7 +68,7 @@ class Parts:
         before, said = self.whole or none, self.latest or none
         whole = _End(before.frames + 1, of_views, weighted[:t].copy())
         if not counts:
-            return replace(self, whole=whole)
+            return changed(self, whole=whole)
         by_frame = of_views - before.information, whole.weighted - before.weighted
         latest = _End(said.frames + 1, said.information + by_frame[0], said.weighted + by_frame[1])
         ends, every = self.ends, self.every
@@ -70,17 +76,7 @@ class Parts:
             ends = (*ends, latest)
         if len(ends) > _MOST:
             ends, every = ends[1::2], 2 * every
-        return replace(self, ends=ends, latest=latest, whole=whole, every=every)
-
-    @property
-    def evidence(self) -> Array | None:
-        """How many σ (t,) the thirds of the run agree on for each term; for a turn, for all three of its terms."""
-        found = self.agreement
-        if found is None:
-            return None
-        squared = (found.mean / found.std) ** 2
-        squared[AT_TURNING] = squared[AT_TURNING].sum()
-        return np.asarray(np.sqrt(squared))
+        return changed(self, ends=ends, latest=latest, whole=whole, every=every)
 
     @property
     def agreement(self) -> Agreement | None:

@@ -18,14 +18,19 @@ def scene(seed: int) -> np.ndarray:
 
 
 def checked(
-    share: float, std_grey: float = 2.0, pattern_grey: float = 0.0, accelerates: bool = True, seed: int = 0
+    share: float,
+    std_grey: float = 2.0,
+    pattern_grey: float = 0.0,
+    accelerates: bool = True,
+    seed: int = 0,
+    speed: float = 1.0,
 ) -> GhostCheck:
     """After a camera that moves faster and faster past a wall, whose images are `share` the one before."""
     rng, wall, check, shown = np.random.default_rng(seed), scene(seed), GhostCheck(), None
     corners, at = rng.uniform((60, 60), (840, 640), (150, 2)), np.zeros(2)
     pattern = pattern_grey * rng.normal(size=(300, 400))
     for n in range(FRAMES):
-        at = at + ((5 + 1.5 * n, 0.7 * n) if accelerates else (9, 2))
+        at = at + speed * np.array((5 + 1.5 * n, 0.7 * n) if accelerates else (9, 2))
         moved = cv2.warpAffine(wall, np.float32([[1, 0, -at[0]], [0, 1, -at[1]]]), (400, 300))
         new = moved + pattern + std_grey * rng.normal(size=moved.shape)
         shown = new if shown is None else share * shown + (1 - share) * new
@@ -50,6 +55,16 @@ def test_without_one_the_share_is_zero_by_its_own_sigma(accelerates: bool) -> No
     assert np.abs(found[:, 0]).max() < 0.01
     assert np.abs(found[:, 1]).max() < 4
     assert not any(checked(0, 4.0, 2.0, accelerates, seed).problem for seed in range(8))
+
+
+@pytest.mark.parametrize("pattern_grey", [4.0, 8.0])
+def test_a_strong_pattern_of_the_sensor_is_no_ghost_where_the_view_moves_slowly(pattern_grey: float) -> None:
+    """It is in both images at the same pixels, but alike in both directions of time."""
+    found = [
+        checked(0, 2.0, pattern_grey, accelerates, seed, 0.25) for accelerates in (True, False) for seed in (0, 1)
+    ]
+    assert max(check.share[1] for check in found) < 4
+    assert not any(check.problem for check in found)
 
 
 def test_a_suspicion_ends() -> None:

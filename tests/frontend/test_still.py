@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.config.rules import StillRules
 from stream_sfm.frontend.still_check import Lines, StillCheck
 from tests.helpers.places import ROOM
 
@@ -48,6 +49,18 @@ def test_columns_that_do_not_move_are_told() -> None:
 def test_a_scene_is_not(speed: float, disparity: int) -> None:
     """Neither what moves, nor what a standing camera sees, nor what is so far that it has no disparity."""
     assert not checked(speed, disparity, as_it_is).problem
+
+
+def test_what_is_far_is_not_where_the_camera_hardly_turns() -> None:
+    """Its edges are where they were in the image before, nearly, in both images; but not some frames earlier."""
+    now, before = StillCheck(), StillCheck(rules=StillRules(apart_frames=1))
+    for n in range(12):
+        turned = cv2.warpAffine(TEXTURE, np.float32([[1, 0, -100 - 0.5 * n], [0, 1, 0]]), (400, 300))
+        left, right = turned.copy(), turned.copy()
+        left[100:], right[100:] = scene(5 * n, 0)[100:], scene(5 * n, 12)[100:]
+        lines = Lines.of(left), Lines.of(right)
+        now, before = now.after(*lines), before.after(*lines)
+    assert before.problem and not now.problem
 
 
 def test_what_a_mask_leaves_out_is_not() -> None:

@@ -97,15 +97,6 @@ def test_chains_of_kalibr_and_openvins_with_the_noise_beside(tmp_path, key):
         assert found.imu.time_offset_s == 0.004 and found.baseline_m == pytest.approx(0.2)
 
 
-def test_the_page_of_a_log_says_what_its_samples_told(imu_log, tmp_path):
-    for log, told in zip(imu_log[:2], (True, False), strict=True):
-        result = sfm.replay(log, tmp_path / log.stem)
-        summary = json.loads((result.out_dir / "summary.json").read_bytes())
-        row = {"name": log.stem, "log": str(log), "status": "done", "reason": "", "summary": summary}
-        page = render_log(row, result.out_dir)
-        assert ("<h2>Inertia</h2>" in page) == told == ("11 frames, 0 of them by the IMU alone" in page)
-
-
 def test_a_comparison_runs_the_window_without_samples_too(imu_log):
     path, plain, _ = imu_log
     log = sfm.open_log(path)
@@ -120,3 +111,12 @@ def test_a_comparison_runs_the_window_without_samples_too(imu_log):
     assert not np.array_equal(run["cross-frame"].poses, run["cross-frame-no-imu"].poses)
     assert all(record.inertial() is None for record in without.runs)
     assert np.array_equal(without.runs[0].poses, without.runs[1].poses)
+
+
+def test_the_page_of_a_log_says_what_its_samples_told(imu_log, tmp_path):
+    for log, told in zip(imu_log[:2], (True, False), strict=True):
+        result = sfm.replay(log, tmp_path / log.stem)
+        summary = json.loads((result.out_dir / "summary.json").read_bytes())
+        row = {"name": log.stem, "log": str(log), "status": "done", "reason": "", "summary": summary}
+        page = render_log(row, result.out_dir)
+        assert ("<h2>Inertia</h2>" in page) == told == ("11 frames, 0 of them by the IMU alone" in page)

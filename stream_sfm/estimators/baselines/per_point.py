@@ -13,7 +13,6 @@ of its points; correlations between points are dropped, as in the paper. There a
 b = 1 is the classical depth filter.
 """
 
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 from ...geometry import se3
 from ...geometry.gates import chi2_gates
 from ...geometry.se3 import Array
-from ...record import record
+from ...record import changed, record
 from ...types import Observations, Solution
 from ..lifecycle import WorldPoints, frame_status, solution_of
 from ..triangulation import compose_cov, points_to_world, triangulate, usable_births
@@ -46,7 +45,7 @@ class PerPointFrame:
 
     def select(self, rows: NDArray[np.bool_]) -> "PerPointFrame":
         """Return the frame with the views of a mask only."""
-        return replace(self, ids=self.ids[rows], z_px=self.z_px[rows], cov_px=self.cov_px[rows])
+        return changed(self, ids=self.ids[rows], z_px=self.z_px[rows], cov_px=self.cov_px[rows])
 
 
 class _PerPointWindow(Baseline):
@@ -155,7 +154,7 @@ class _PerPointWindow(Baseline):
             result = problem.minimum(poses, self._points, self._config.window.max_iterations, _TOLERANCE)
             self._points = result.points
             self._window = [
-                replace(f, ref_from_cam=p) for f, p in zip(self._window, result.ref_from_cam, strict=True)
+                changed(f, ref_from_cam=p) for f, p in zip(self._window, result.ref_from_cam, strict=True)
             ]
             dof = 2 * (views.information[:, [0, 2], [0, 2]] > 0).sum(axis=1)
             bad = result.squares > chi2_gates(dof, self._config.robust.gate_probability)
@@ -199,7 +198,7 @@ class _PerPointWindow(Baseline):
         mean[rows], information[rows] = priors.mean, priors.information
         self._priors = PointPriors(mean, information)
         self._window = [
-            replace(f, ref_from_cam=se3.orthonormalise(new_from_ref @ f.ref_from_cam)) for f in self._window
+            changed(f, ref_from_cam=se3.orthonormalise(new_from_ref @ f.ref_from_cam)) for f in self._window
         ]
         return new_from_ref
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ... import core
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
-from ...record import changed, record, rows_of
+from ...record import changed, columns_at, record
 from ...rig_model.model import FIELD_MOVES, RigModel
 from ...rig_model.terms import AT_TIMING
 
@@ -90,7 +90,7 @@ class WhitenedViews:
         return len(self.ids)
 
     def __getitem__(self, rows: slice | NDArray[np.intp]) -> "WhitenedViews":
-        return WhitenedViews(*[rows_of(column, rows) for column in _COLUMNS(self)])
+        return WhitenedViews(*columns_at(_COLUMNS(self), rows))
 
     def given_rig(self, amplitudes: Array) -> "WhitenedViews":
         """Return the views as those of an exact rig, without what amplitudes (m,) of its errors do."""

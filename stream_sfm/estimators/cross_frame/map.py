@@ -4,8 +4,6 @@ The reference camera p is the newest frame that has left the window; frames p+1 
 Points are q in the cameras that first saw them (`inverse_depth`); the world is one more pose, carried by the prior.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -90,7 +88,7 @@ class Map:
     @property
     def rig_error(self) -> Array:
         """The errors (m,) of the rig that are taken out of the views at the present amplitudes."""
-        return self.prior.rig.at(self.amplitudes[self.prior.of_modes["rig"]])
+        return self.prior.rig_at(self.amplitudes)
 
     @property
     def inertial_state(self) -> Array:
@@ -302,12 +300,13 @@ class Map:
         mean, cov, information = self.system.rig_errors()
         changes = not rig.steady or (model is not None and model.focus_moves(mean, cov))
         counted = (mean, cov) if changes else rig.tempered(mean, cov, information)
-        rig, found = rig.contradicted(mean, cov).judged(*counted)
+        agreement = rig.parts.agreement
+        rig, found = rig.contradicted(mean, cov).judged(*counted, agreement)
         self._move(*self.system.follow_rig(rig.held - self.rig_error))
         self.prior = changed(self.prior, rig=rig)
         self.system.cov_rig = found.cov
         age = self.prior.rig.age_s(self.frames[-1].stamp_ns)
-        evidence = rig.parts.evidence
+        evidence = None if agreement is None else agreement.evidence
         return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age, evidence=evidence)
 
     def learn_rig(self, estimate: RigEstimate, field_std_px: float, by_rows: tuple[Array, Array]) -> None:
@@ -366,7 +365,7 @@ class Map:
         before: Marginals = self.marginals
         pose, cov = known.world_from_cam, known.cov_pose + self.cov_doubt
         in_world = se3.transform(pose, before.points_in_cam)
-        self.marginals = replace(before, world_from_cam=pose, cov_pose=cov, points_in_world=in_world)
+        self.marginals = changed(before, world_from_cam=pose, cov_pose=cov, points_in_world=in_world)
         return self.marginals
 
     def true_poses(self) -> tuple[Array, Array, Array]:

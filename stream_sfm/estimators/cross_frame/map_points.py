@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ...geometry import se3
 from ...geometry.se3 import Array
-from ...record import changed, record, rows_of
+from ...record import changed, columns_at, record
 
 
 @record
@@ -31,7 +31,7 @@ class MapPoints:
 
     def keep(self, rows: NDArray[Any]) -> "MapPoints":
         """Return the points of a mask or of rows."""
-        return MapPoints(*(rows_of(column, rows) for column in (self.ids, self.q, self.ref_from_anchor)))
+        return MapPoints(*columns_at((self.ids, self.q, self.ref_from_anchor), rows))
 
     def with_new(self, ids: NDArray[np.int64], q: Array, ref_from_cam: Array) -> "MapPoints":
         """Return these points with new ones, which a camera (4, 4) is the first to see."""

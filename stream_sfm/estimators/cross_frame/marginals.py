@@ -4,8 +4,6 @@ Both come from the same joint covariance of poses, points and world, so they are
 and (38), and eqs. (39)–(41).
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +12,7 @@ from ...geometry import se3
 from ...geometry.linear import symmetric
 from ...geometry.se3 import Array
 from ...geometry.stereo import KNOWN_DEPTH_SIGMAS
-from ...record import filled, record
+from ...record import changed, filled, record
 from ..lifecycle import WorldPoints
 from .inverse_depth import State
 from .normal_equations import System
@@ -65,7 +63,7 @@ class Marginals:
         """Return the marginals with `cov` (6, 6) added to the newest pose and to all that is seen from it."""
         j, r = se3.point_in_source_jacobian(self.points_in_cam), self.world_from_cam[:3, :3]
         of_points = r @ (j @ cov @ np.swapaxes(j, 1, 2)) @ r.T
-        return replace(
+        return changed(
             self,
             cov_pose=self.cov_pose + cov,
             cov_points_in_world=symmetric(self.cov_points_in_world + of_points),

@@ -54,7 +54,7 @@ class System:
         `inertial`: information about poses and inertial state (6F + 17, …), and the right-hand side.
         """
         frames, of_frame = blocks.u.shape[:2]
-        rig, m = prior.rig, len(prior.rig)
+        m = len(prior.rig)
         self.prior, self._own = prior, (frames, of_frame - 6)
         modes = prior.modes.shape[2] - m
         self.at = Layout(poses=6 * frames, own=frames * (of_frame - 6), modes=modes, rig=m)
@@ -63,7 +63,7 @@ class System:
         h, half, self.std_given, self._reach, self._given, self._g = core.window_system(
             blocks, prior, known, q, amplitudes
         )
-        self._rig_error = rig.at(amplitudes[prior.of_modes["rig"]])
+        self._rig_error = prior.rig_at(amplitudes)
         of_modes = self.at.span("modes", "rig")
         h[of_modes, of_modes] += _flat(half).T @ _flat(half)
         h -= _flat(self._reach).T @ _flat(self._reach)

@@ -24,7 +24,7 @@ class RejectionCounts:
 
     def excluded(self, ids: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return which of `ids` (n,) are excluded."""
-        often = sorted(i for i, n in self._counts.items() if n >= _MAX_REJECTIONS)
+        often = sorted([i for i, n in self._counts.items() if n >= _MAX_REJECTIONS])
         return core.among(ids, np.array(often, np.int64))
 
     def forget_all_but(self, ids: NDArray[np.int64]) -> None:

@@ -115,6 +115,10 @@ class Prior:
         """Return the inertial state (17,) at the given amplitudes (k,) of the modes."""
         return np.asarray(self.state + self.world_modes[JOINT["state"]] @ amplitudes)
 
+    def rig_at(self, amplitudes: Array) -> Array:
+        """Return the errors (m,) of the rig at the given amplitudes (k,) of the modes, of which theirs come last."""
+        return self.rig.at(amplitudes[len(amplitudes) - len(self.rig) :])
+
     @property
     def of_modes(self) -> Layout:
         """Where modes are: the prior's own, and those of the rig's errors."""
@@ -208,9 +212,7 @@ class Prior:
             ),
             world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[JOINT["pose"], -1])),
             world_modes=world_modes[:, :-1],
-            rig=changed(
-                self.rig, mean=self.rig.at(amplitudes[of["rig"]]), information=others.left, weighted=weighted
-            ),
+            rig=changed(self.rig, mean=self.rig_at(amplitudes), information=others.left, weighted=weighted),
             state=state + world_modes[JOINT["state"], -1],
         )
 

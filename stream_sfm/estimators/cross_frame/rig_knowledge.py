@@ -16,7 +16,7 @@ from ...geometry.linear import Cholesky, symmetric
 from ...geometry.se3 import Array
 from ...record import changed, record
 from ...rig_model.estimate import RigEstimate
-from ...rig_model.parts import Parts
+from ...rig_model.parts import Agreement, Parts
 from ...rig_model.sizes import Mixture, likely_sizes, mixture
 from ...rig_model.terms import FOCAL, TERMS
 
@@ -124,9 +124,11 @@ class RigKnowledge:
         growth[: len(TERMS)] = np.sqrt(np.maximum(self.innovation2, 1.0))
         return growth
 
-    def judged(self, mean: Array, cov: Array) -> tuple["RigKnowledge", Mixture]:
-        """Return the knowledge that holds c at the mixture which N(`mean`, `cov`) from all views leads to."""
-        agreement = self.parts.agreement
+    def judged(self, mean: Array, cov: Array, agreement: Agreement | None) -> tuple["RigKnowledge", Mixture]:
+        """Return the knowledge that holds c at the mixture which N(`mean`, `cov`) from all views leads to.
+
+        `agreement`: of the run's parts.
+        """
         spread = 1.0 if agreement is None else float(agreement.spread[TERMS.index(FOCAL) :].max())
         found = mixture(mean, cov, self.size, not self.steady, spread)
         knowledge = changed(self, held=found.mean, cov_held=found.cov)

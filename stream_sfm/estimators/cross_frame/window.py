@@ -16,6 +16,7 @@ from ...geometry import se3
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
+from ...record import changed
 from ...rig_model.terms import DELAY, TERMS
 from ...types import Ambiguity, ExpectedMotion, InertialView, Observations, Prediction, Solution, Status
 from ..initial_motion import initial_motion
@@ -261,7 +262,7 @@ class CrossFrame:
         tells = observations.lasting.inflation is not None and motion.ambiguous is None and not observations.misfit
         read_off, self._factors = reported(current, factors, tells)
         # the world has moved with all errors that last, which only the weights of eq. (69) allow for
-        now = current.marginals = replace(read_off.update_marginals(), cov_pose=current.cov_pose)
+        now = current.marginals = changed(read_off.update_marginals(), cov_pose=current.cov_pose)
         known, inertial = self.inertia.report(current, read_off)
         now = now if known is None else current.place_newest(known)
         cov_timing = cov_of_timing(current, self._std_acceleration)

@@ -1,11 +1,10 @@
 """How a map begins with one camera: points are followed from an opening frame until the motion shows their depths."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from ...geometry import se3
 from ...geometry.se3 import Array
+from ...record import changed
 from ..advance import Followed
 from ..aligned_views import align
 from ..flow import as_exposed, track
@@ -18,8 +17,8 @@ from .two_view import TwoView, two_view_motion
 
 def open_map(state: FrontEndState, why: str) -> FrontEndState:
     """Make this frame the opening one."""
-    return replace(
-        state, tracks=Tracks.none(), cam_from_start=np.eye(4), map=replace(state.map, mapped=False, waiting=why)
+    return changed(
+        state, tracks=Tracks.none(), cam_from_start=np.eye(4), map=changed(state.map, mapped=False, waiting=why)
     )
 
 
@@ -29,7 +28,7 @@ def begin_map(setup: Setup, state: FrontEndState, images: PreparedImages) -> tup
     Its length is the unit of the first map; after a loss the best guess of the unit is that the scene is as far
     away as it was.
     """
-    state = replace(state, map=replace(state.map, first_unseen_id=state.next_id))
+    state = changed(state, map=changed(state.map, first_unseen_id=state.next_id))
     if not len(state.tracks):
         return open_map(state, "depths need a second view"), None
     rules = setup.rules.mono
@@ -41,12 +40,12 @@ def begin_map(setup: Setup, state: FrontEndState, images: PreparedImages) -> tup
     std_ray = std_px / setup.projection.f_px
     found = two_view_motion(state.tracks.anchor_rays, state.tracks.points[:, :2], std_ray, rules)
     waiting = found.problem if found else "no rigid motion explains the points"
-    state = replace(state, map=replace(state.map, waiting=waiting))
+    state = changed(state, map=changed(state.map, waiting=waiting))
     if found is None:
         return state, None
     if waiting:  # the motion's direction may mean nothing yet, its rotation turns the templates
         rotation = found.now_from_first[:3, :3]
-        return replace(state, cam_from_start=se3.from_rotation_translation(rotation, np.zeros(3))), None
+        return changed(state, cam_from_start=se3.from_rotation_translation(rotation, np.zeros(3))), None
     return _begin(state, found, cov_px)
 
 
@@ -59,13 +58,13 @@ def _follow_directions(setup: Setup, state: FrontEndState, images: PreparedImage
     before_half = as_exposed(state.previous, images, setup.rules.flow)
     levels = setup.config.frontend.pyramid_levels
     at_px, found = track(aligner, setup.rules.flow, before_half, images, tracks.left_px, expected_px, levels)
-    state = replace(state, tracks=tracks.keep(found))
+    state = changed(state, tracks=tracks.keep(found))
     n = len(state.tracks)
     by_flow = RoughMotion(np.eye(4), at_px[found], np.ones(n, bool), share=1.0)
     views = align(setup, state, images, by_flow, np.zeros(6))
     tracks, left_px, cov_px = state.tracks.keep(views.rows), views.z_px[:, :2], views.cov_px
     tracks = tracks.placed(p.rays(left_px), left_px, cov_px[:, :2, :2], tracks.points[:, 3], tracks.var_rho)
-    return replace(state, tracks=tracks), cov_px
+    return changed(state, tracks=tracks), cov_px
 
 
 def _begin(state: FrontEndState, found: TwoView, cov_px: Array) -> tuple[FrontEndState, Followed]:
@@ -76,12 +75,12 @@ def _begin(state: FrontEndState, found: TwoView, cov_px: Array) -> tuple[FrontEn
     cam_from_start = found.now_from_first.copy()
     cam_from_start[:3, 3] *= unit
     points = np.concatenate([tracks.anchor_rays, np.ones((len(rho), 1)), rho[:, None] / unit], axis=1)
-    state = replace(
+    state = changed(
         state,
-        tracks=replace(tracks, points=points, var_rho=var_rho / unit**2).moved(cam_from_start),
+        tracks=changed(tracks, points=points, var_rho=var_rho / unit**2).moved(cam_from_start),
         cam_from_start=cam_from_start,
         velocity=np.zeros(6),
-        map=replace(state.map, mapped=True, rho_scene=rho_scene, cov_start=found.cov_first_from_now),
+        map=changed(state.map, mapped=True, rho_scene=rho_scene, cov_start=found.cov_first_from_now),
     )
     z_px = np.concatenate([tracks.left_px, np.full((len(rho), 2), np.nan)], axis=1)
     return state, Followed(cam_from_start, z_px, cov_px[found.agree])
