@@ -2,6 +2,7 @@
 
 from ..camera.rig import StereoRig
 from ..errors import ConfigError
+from ..methods import METHODS
 from ..recording.stereo_log import StereoLog
 from ..report.records import RunRecord
 from ..types import InertialEstimator, Trajectory
@@ -18,7 +19,7 @@ def check_gravity(log: StereoLog, lane: Lane, with_map: bool) -> None:
         why = "with one camera inertial samples are not used: use both cameras"
     elif not config.imu.enabled:
         why = "inertial samples are switched off: set imu.enabled to true"
-    elif not isinstance(lane.estimator, InertialEstimator):
+    elif not (METHODS[config.method].inertial and isinstance(lane.estimator, InertialEstimator)):
         why = f"the method {config.method} takes no inertial samples: use cross-frame"
     elif log.imu_topics is None:
         why = log.imu_problem or f"{log.path} has no inertial samples: leave out the world of gravity"
