@@ -30,12 +30,12 @@ def compare(
     Runs several methods on the same observations with the same calibration, which a first pass corrects: by default the
     cross-frame method (joint, per-point WC and per-point CC), three EKFs (plain; iterated and camera-centred;
     linearised at a constant velocity) and frame-to-frame estimation. Where the log has an IMU, the cross-frame method
-    uses it, and is also run without. Writes report.html (a single file), report.json, and one result folder per method,
-    as `replay` does.
+    and the iterated EKF use it, and the cross-frame method is also run without. Writes report.html (a single file),
+    report.json, and one result folder per method, as `replay` does.
 
     Args:
         out: result folder; runs/LOG-TIME if not given
-        methods: the methods, separated by commas; without this option seven, from cross-frame to frame-to-frame
+        methods: the methods, separated by commas; without this option those above
         as_is: give each method the calibration of the log, as a user has it; adds a row of cross-frame's newest motions
         self_test: check the covariances without ground truth: disjoint halves of the tracks and of the image must agree
         loops: also show the first method with loops closed; needs the extra map

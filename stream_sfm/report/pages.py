@@ -169,6 +169,9 @@ def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:
         notes.append(f"Time gap before frame {where}{' …' if len(c.front.gaps) > 8 else ''}.")
     if not c.complete:
         notes.append(f"This report does not cover the whole log{': ' + c.warnings[-1] if c.warnings else ''}.")
+    inertial = [of_method(run.name).name for run in c.runs if run.inertial() is not None]
+    if inertial and len(inertial) < len(c.runs):
+        notes.append(f"Inertial samples are used by {' and '.join(inertial)}, and by no other method here.")
     for run in c.runs:
         if lost := run.count(Status.LOST):
             notes.append(f"{of_method(run.name).name}: tracking was lost in {lost} of {len(run)} frames.")

@@ -8,7 +8,8 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
-from stream_sfm.report.pages import render_log
+from stream_sfm.report.numbers import numbers
+from stream_sfm.report.pages import render_comparison, render_log
 from stream_sfm.run.compare import compared_on
 from tests.helpers.imu_log import write_imu_log
 from tests.helpers.wall import rig
@@ -104,13 +105,18 @@ def test_a_comparison_runs_the_window_without_samples_too(imu_log):
     assert compared_on(sfm.open_log(plain), sfm.Config()) == compared_on(
         log, sfm.read_config(None, ["imu.enabled=false"])
     )
-    methods = ("cross-frame", "cross-frame-no-imu", "frame-to-frame")
+    methods = ("cross-frame", "cross-frame-no-imu", "iterated-ekf", "ekf")
     both, without = (sfm.compare(at, methods=methods).comparison for at in (log, plain))
     run = {record.name: record for record in both.runs}
     assert run["cross-frame"].inertial() is not None and run["cross-frame-no-imu"].inertial() is None
     assert not np.array_equal(run["cross-frame"].poses, run["cross-frame-no-imu"].poses)
     assert all(record.inertial() is None for record in without.runs)
     assert np.array_equal(without.runs[0].poses, without.runs[1].poses)
+    assert run["iterated-ekf"].inertial() is not None and run["ekf"].inertial() is None
+    said = "Inertial samples are used by cross-frame and iterated EKF, and by no other method here."
+    for found, told in ((both, True), (without, False)):
+        page = render_comparison(found, numbers(found))
+        assert (said in page) == ("Inertial samples" in page) == told
 
 
 def test_the_page_of_a_log_says_what_its_samples_told(imu_log, tmp_path):
