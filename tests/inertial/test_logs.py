@@ -114,9 +114,9 @@ def test_a_comparison_runs_the_window_without_samples_too(imu_log):
     assert np.array_equal(without.runs[0].poses, without.runs[1].poses)
     assert run["iterated-ekf"].inertial() is not None and run["ekf"].inertial() is None
     said = "Inertial samples are used by cross-frame and iterated EKF, and by no other method here."
-    for found, told in ((both, True), (without, False)):
+    for found, shown in ((both, True), (without, False)):
         page = render_comparison(found, numbers(found))
-        assert (said in page) == ("Inertial samples" in page) == told
+        assert (said in page) == ("Inertial samples" in page) == shown
 
 
 def test_the_page_of_a_log_says_what_its_samples_told(imu_log, tmp_path):
