@@ -58,7 +58,7 @@ def _print_drift(drift: dict[str, Any], lines: list[dict[str, Any]], names: dict
     headings = [f"{line['frames']} frame{'' if line['frames'] == 1 else 's'}\n{unit.name}" for line in lines]
     print_table(rows, ["position error over", *headings])
     if any(of["position_from_halves"] for line in lines for of in line["methods"].values()):
-        print("* the ground truth is too coarse here: ratio between halves of the tracks")
+        print("* the ground truth cannot tell the methods apart here: ratio between halves of the tracks")
 
 
 def print_evaluation(runs: Sequence[dict[str, Any]]) -> None:
