@@ -30,6 +30,7 @@ from .frontend.template_errors import TemplateErrors
 from .geometry.se3 import Array
 from .geometry.stereo import StereoProjection
 from .inertial.samples import ImuSamples
+from .inertial.state import SCALE
 from .inputs import INT64
 from .record import changed, record, rows_of
 from .rig_model.estimate import RigEstimate
@@ -267,7 +268,7 @@ class Observer:
         """The physical axes, with lengths as uncertain as inertia leaves them."""
         if inertial is None or self._exact:
             return self._axes
-        std_scale = float(np.sqrt(inertial.cov[18, 18]))
+        std_scale = float(np.sqrt(inertial.cov_of(SCALE)[0, 0]))
         return PhysicalAxes(self.rectifier.rect_from_cam, std_scale, self._std_axes_rad)
 
     def _turned(self, inertial: InertialEstimate) -> InertialEstimate:

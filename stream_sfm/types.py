@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from .errors import ConfigError
 from .geometry.se3 import Array
 from .inertial.samples import ImuCalibration, ImuSamples
+from .inertial.state import GRAVITY
 from .inertial.upright import BODY_FROM_CAMERA_AXES, Upright
 from .record import Kind, about
 from .rig_model.estimate import RigEstimate
 from .rig_model.model import RigModel
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]  # (h, w) or (h, w, 1) grey, (h, w, 3) or (h, w, 4) with blue first
-_POSE_AND_GRAVITY = [*range(6), *range(9, 12)]  # rows of `InertialEstimate.cov`
+_POSE_AND_GRAVITY = [*range(6), *range(6 + GRAVITY.start, 6 + GRAVITY.stop)]  # rows of `InertialEstimate.cov`
 _LEAST_VARIANCE = 1e-9  # of an error of the rig, in σ²: one that is known says nothing of the others
 Picture = Image | bytes  # an image, or a compressed one (PNG, JPEG, WebP)
 
@@ -253,12 +254,16 @@ class InertialEstimate:
     dead_reckoned: bool = False
     note: str = ""
 
+    def cov_of(self, part: slice) -> Array:
+        """Return the covariance (k, k) of a part of the state, one of those in `inertial/state.py`."""
+        return self.cov[6:, 6:][part, part]
+
     @property
     def std_tilt_rad(self) -> float:
         """σ of the direction of gravity in the camera, the larger one of two."""
         size = float(np.linalg.norm(self.gravity))
         across = np.linalg.svd(self.gravity[None] / size)[2][1:]
-        return float(np.sqrt(np.linalg.eigvalsh(across @ self.cov[9:12, 9:12] @ across.T)[-1])) / size
+        return float(np.sqrt(np.linalg.eigvalsh(across @ self.cov_of(GRAVITY) @ across.T)[-1])) / size
 
     def __repr__(self) -> str:
         return (

@@ -7,9 +7,9 @@ import numpy as np
 
 from ..geometry.se3 import Array
 from ..inertial.buffer import SampleBuffer
-from ..inertial.samples import ImuCalibration, ImuSamples
+from ..inertial.samples import ImuCalibration
 from ..mcap_file.message import Source
-from ..recording.inertial import find_topics, samples_of
+from ..recording.inertial import find_topics, joined_samples, samples_of
 from ..recording.survey import Survey
 from ..wording import counted
 
@@ -40,9 +40,8 @@ class UnitCheck:
         """Say what is wrong with the samples by themselves."""
         said = [f"the IMU is not used: {self.problem}"] if self.problem else []
         if self.gap_count and self.longest_gap_s is not None:
-            said.append(
-                f"{self.gap_count} gaps between the samples of the IMU, the longest {self.longest_gap_s:.3f} s"
-            )
+            gaps = counted(self.gap_count, "gap")
+            said.append(f"{gaps} between the samples of the IMU, the longest {self.longest_gap_s:.3f} s")
         if self.saturated:
             said.append(f"{counted(self.saturated, 'sample')} of the IMU at the end of its range")
         return said
@@ -60,11 +59,7 @@ def check_unit(source: Source, survey: Survey) -> UnitCheck | None:
     if len(messages) < 2:
         problem = f"{len(messages)} samples on {' and '.join(topics.names)} can be read: give a log with more"
         return UnitCheck(list(topics.names), len(messages), None, 0, None, None, None, 0, problem)
-    samples = ImuSamples(
-        np.array([m.stamp_ns for m in messages], np.int64),
-        np.array([m.gyro_rad_s for m in messages]),
-        np.array([m.accel_m_s2 for m in messages]),
-    )
+    samples = joined_samples(messages)
     buffer = SampleBuffer(ImuCalibration())
     for first in range(0, len(samples), _STEPS):
         buffer.add(samples[first : first + _STEPS])

@@ -91,10 +91,11 @@ def with_samples(frames: Iterator[RecordedFrame], source: Source, topics: ImuTop
                 del taken[:-_MOST]
             given_ns, coming = coming.stamp_ns, next(samples, None)
         first = False
-        yield replace(frame, imu=_joined(taken))
+        yield replace(frame, imu=joined_samples(taken))
 
 
-def _joined(taken: list[ImuMessage]) -> ImuSamples:
+def joined_samples(taken: list[ImuMessage]) -> ImuSamples:
+    """Return what messages have, as arrays."""
     if not taken:
         return ImuSamples.joined([])
     return ImuSamples(

@@ -6,39 +6,32 @@ from typing import Any
 import numpy as np
 
 from ..geometry.se3 import Array
+from ..inertial.state import ACCEL_BIAS, AXES, CLOCK, FIXED, GYRO_BIAS, SCALE
 from ..inertial.upright import Upright
-from ..rig_model.estimate import CERTAIN
+from ..rig_model.estimate import in_words, is_certain
 from ..types import InertialEstimate
 
-# Of the 17 numbers of the state those that do not change during a run, each group zero or not as a whole.
-SCALE, AXES, CLOCK = slice(12, 13), slice(13, 16), slice(16, 17)
 _NOISY = 5.0  # times the densities of the data sheet: vibration, or other units
+# Of what does not change during a run: where it is in the state, per unit, and the sentence about a certain error.
+_FINDINGS = (
+    (CLOCK, 1e3, "the clock of the IMU is {:.2f} ± {:.2f} ms {} that of the left camera", ("ahead of", "behind")),
+    (AXES, 1e3, "the IMU is turned by {:.1f} ± {:.1f} mrad against its calibration", ("", "")),
+    (SCALE, 100, "lengths by the images alone are {:.2f} ± {:.2f} % too {}", ("short", "long")),
+)
 
 
-def fixed_error(last: InertialEstimate, group: slice) -> tuple[Array, Array, bool]:
-    """Return one of the fixed errors (k,), its covariance (k, k), and whether it is certain not to be zero."""
-    fixed = np.r_[np.zeros(SCALE.start), last.scale, last.axes_rad, last.time_offset_s]
-    error, cov = fixed[group], last.cov[6:, 6:][group, group]
-    return error, cov, bool(error @ np.linalg.pinv(cov) @ error > CERTAIN**2)
+def fixed_error(last: InertialEstimate, part: slice) -> tuple[Array, Array]:
+    """Return one of the errors that do not change, scale, axes or clock (k,), and its covariance (k, k)."""
+    fixed = np.r_[np.zeros(FIXED.start), last.scale, last.axes_rad, last.time_offset_s]
+    return fixed[part], last.cov_of(part)
 
 
 def inertial_findings(last: InertialEstimate) -> Iterator[str]:
     """Say what is certain of a unit: its clock, its axes, its noise, and the scale of the images that it shows."""
-    for group, per_unit, sentence, words in (
-        (
-            CLOCK,
-            1e3,
-            "the clock of the IMU is {:.2f} ± {:.2f} ms {} that of the left camera",
-            ("ahead of", "behind"),
-        ),
-        (AXES, 1e3, "the IMU is turned by {:.1f} ± {:.1f} mrad against its calibration", ("", "")),
-        (SCALE, 100, "lengths by the images alone are {:.2f} ± {:.2f} % too {}", ("short", "long")),
-    ):
-        error, cov, certain = fixed_error(last, group)
-        if certain:
-            size = float(np.linalg.norm(error))
-            std = float(np.sqrt(error @ cov @ error)) / size
-            yield sentence.format(per_unit * size, per_unit * std, words[int(error[0] < 0)])
+    for part, per_unit, sentence, words in _FINDINGS:
+        error, cov = fixed_error(last, part)
+        if is_certain(error, cov):
+            yield in_words(error, cov, per_unit, sentence, words)
     for name, factor in zip(("gyroscope", "accelerometer"), last.densities, strict=True):
         if factor > _NOISY:
             yield f"the {name} has {factor:.0f} times the noise of its calibration: vibration, or other units?"
@@ -56,15 +49,15 @@ def describe_inertia(upright: Upright, last: InertialEstimate) -> dict[str, Any]
         "std_tilt_rad": last.std_tilt_rad,
         "gravity_m_s2": float(np.linalg.norm(last.gravity)),
         "gyro_bias_rad_s": last.gyro_bias.tolist(),
-        "std_gyro_bias_rad_s": std[6:9].tolist(),
+        "std_gyro_bias_rad_s": std[GYRO_BIAS].tolist(),
         "accel_bias_m_s2": last.accel_bias.tolist(),
-        "std_accel_bias_m_s2": std[9:12].tolist(),
+        "std_accel_bias_m_s2": std[ACCEL_BIAS].tolist(),
         "scale_percent": 100 * last.scale,
-        "std_scale_percent": float(100 * std[12]),
+        "std_scale_percent": float(100 * std[SCALE][0]),
         "axes_rad": last.axes_rad.tolist(),
         "std_axes_rad": std[AXES].tolist(),
         "time_offset_s": last.time_offset_s,
-        "std_time_offset_s": float(std[16]),
+        "std_time_offset_s": float(std[CLOCK][0]),
         "densities_over_data_sheet": last.densities.tolist(),
         "findings": list(inertial_findings(last)),
     }

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..camera.refinement import LENS_TERMS
 from ..config import RigConfig
 from ..geometry import se3
+from ..inertial.state import ACCEL_BIAS, AXES, CLOCK, GRAVITY, GYRO_BIAS, SCALE, VELOCITY
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.terms import CAUSES, TERMS, at, prior_std
 from ..types import CommonErrors, FrameEstimate, InertialEstimate, RelativeMotions, Status
@@ -144,7 +145,8 @@ def _inertial(m: Any) -> InertialEstimate | None:
         return None
     of = np.asarray(s)
     rest = m.inertial_cov.reshape(23, 23), m.inertial_densities, m.inertial_distance2, m.dead_reckoned
-    return InertialEstimate(of[:3], of[3:6], of[6:9], of[9:12], float(of[12]), of[13:16], float(of[16]), *rest)
+    moving = of[VELOCITY], of[GRAVITY], of[GYRO_BIAS], of[ACCEL_BIAS]
+    return InertialEstimate(*moving, float(of[SCALE][0]), of[AXES], float(of[CLOCK][0]), *rest)
 
 
 def estimate_of(m: Any, points: tuple[NDArray[Any], ...] | None = None) -> FrameEstimate:

@@ -10,6 +10,18 @@ from .terms import CAUSES, TERMS, Group, at
 CERTAIN = 5.0  # standard deviations from which on an error is put into words, and known to change
 
 
+def is_certain(error: Array, cov: Array) -> bool:
+    """Whether an error (k,) with covariance (k, k) is certain not to be zero."""
+    return bool(error @ np.linalg.pinv(cov) @ error > CERTAIN**2)
+
+
+def in_words(error: Array, cov: Array, per_unit: float, sentence: str, words: tuple[str, str]) -> str:
+    """Return a sentence with the size of an error (k,) and its σ, and the word for its sign; see `terms.Group`."""
+    size = float(np.linalg.norm(error))
+    std = float(np.sqrt(error @ cov @ error)) / size
+    return sentence.format(per_unit * size, per_unit * std, words[0] if error[0] > 0 else words[1])
+
+
 @record
 class RigEstimate:
     """What is known about the errors of the rig: `mean` (m,) with covariance `cov` (m, m), taken out of all views.
@@ -66,11 +78,8 @@ class RigEstimate:
         for group in CAUSES:
             where = at(group.terms)
             error, cov = self.mean[where], self.cov[where, where]
-            if self.agrees(group.terms) and error @ np.linalg.pinv(cov) @ error > CERTAIN**2:
-                size = float(np.linalg.norm(error))
-                std = float(np.sqrt(error @ cov @ error)) / size
-                word = group.words[0] if error[0] > 0 else group.words[1]
-                found.append(group.sentence.format(group.per_unit * size, group.per_unit * std, word))
+            if self.agrees(group.terms) and is_certain(error, cov):
+                found.append(in_words(error, cov, group.per_unit, group.sentence, group.words))
         return found
 
     def __repr__(self) -> str:

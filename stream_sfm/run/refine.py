@@ -13,9 +13,10 @@ from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import ConfigError, LogError
 from ..geometry import se3
+from ..inertial.state import AXES, CLOCK, SCALE
 from ..recording.stereo_log import open_log
-from ..report.inertia import AXES, CLOCK, SCALE, fixed_error, inertial_findings
-from ..rig_model.estimate import CERTAIN, RigEstimate
+from ..report.inertia import fixed_error, inertial_findings
+from ..rig_model.estimate import CERTAIN, RigEstimate, is_certain
 from ..rig_model.terms import DELAY, READOUT, TERMS, prior_std
 from ..types import Frame, FrameEstimate, InertialEstimate, Selection
 from .replay import replay
@@ -113,7 +114,7 @@ def with_unit(rig: StereoRig, units: Sequence[InertialEstimate]) -> StereoRig:
         return rig
     found = []
     for group in (CLOCK, AXES, SCALE):
-        sure = [(error, cov) for error, cov, certain in (fixed_error(unit, group) for unit in units) if certain]
+        sure = [known for known in (fixed_error(unit, group) for unit in units) if is_certain(*known)]
         information = sum((np.linalg.inv(cov) for _, cov in sure), np.zeros((group.stop - group.start,) * 2))
         weighted = sum((np.linalg.solve(cov, error) for error, cov in sure), np.zeros(len(information)))
         found.append(np.linalg.solve(information, weighted) if sure else weighted)

@@ -42,7 +42,7 @@ def test_gaps_and_other_units_are_told(logs, monkeypatch):
     found = sfm.inspect(logs[0])
     assert found["imu"]["samples"] == start - 8 and found["imu"]["gap_count"] == 1
     assert found["imu"]["longest_gap_s"] == pytest.approx(0.045)
-    assert any("1 gap" in w and "the longest 0.045 s" in w for w in found["warnings"])
+    assert any("1 gap between" in w and "the longest 0.045 s" in w for w in found["warnings"])
     changed(monkeypatch, lambda m: inertial.replace(m, accel_m_s2=m.accel_m_s2 / 9.81))
     found = sfm.inspect(logs[0])
     assert found["imu"]["problem"] and any("the IMU is not used" in w for w in found["warnings"])

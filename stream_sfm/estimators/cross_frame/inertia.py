@@ -18,27 +18,13 @@ from ...geometry.resection import Resection, SecondMotion
 from ...geometry.se3 import Array
 from ...inertial.buffer import SampleBuffer
 from ...inertial.samples import ImuCalibration
+from ...inertial.state import ACCEL_BIAS, AXES, BIASES, CLOCK, FIXED, GRAVITY, GYRO_BIAS, SCALE, STATE, VELOCITY
 from ...record import changed
 from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction
 from ..motion_model import MotionModel
 from .inertia_checks import IMPOSSIBLE, Agreement, Densities, impossible, likely
 from .inertial_window import InertialWindow
-from .interval import (
-    ACCEL_BIAS,
-    AXES,
-    BIASES,
-    CLOCK,
-    FIXED,
-    GRAVITY,
-    GYRO_BIAS,
-    JOINT,
-    SCALE,
-    STATE,
-    VELOCITY,
-    Interval,
-    Intervals,
-    Known,
-)
+from .interval import JOINT, Interval, Intervals, Known
 from .layout import Layout
 from .map import Map
 from .window_frame import WindowFrame
@@ -117,7 +103,7 @@ class Inertia:
         self.now = known
 
     def _knows_gravity(self, known: Known) -> bool:
-        return bool(np.trace(known.cov[9:12, 9:12]) < 1.0)
+        return bool(np.trace(known.cov_state[GRAVITY, GRAVITY]) < 1.0)
 
     def forget(self) -> None:
         """Know nothing by inertia any more: where the motion may have been a body's, its velocity leads nowhere."""

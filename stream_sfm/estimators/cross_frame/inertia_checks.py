@@ -8,8 +8,8 @@ from itertools import product
 import numpy as np
 
 from ...geometry.se3 import Array
+from ...inertial.state import ACCEL_BIAS, FIXED, GRAVITY
 from ...record import record
-from .interval import ACCEL_BIAS, FIXED, GRAVITY
 
 _FRAMES = 5  # whose distances are added up
 IMPOSSIBLE = 40.0  # what one frame adds to the sum at most: a single bad frame is not a contradiction, but not used

@@ -11,7 +11,8 @@ from ... import core
 from ...geometry import se3
 from ...geometry.linear import Cholesky, scaled_cholesky
 from ...geometry.se3 import Array
-from .interval import GRAVITY, JOINT, OF_LEAVING, STATE, VELOCITY, Interval, Intervals, Known, Leaving
+from ...inertial.state import GRAVITY, STATE, VELOCITY
+from .interval import JOINT, OF_LEAVING, Interval, Intervals, Known, Leaving
 from .layout import Layout
 from .normal_equations import System
 

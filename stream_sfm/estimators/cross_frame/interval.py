@@ -9,15 +9,10 @@ from ... import core
 from ...geometry.se3 import Array
 from ...inertial.buffer import Samples
 from ...inertial.samples import ImuCalibration
+from ...inertial.state import BIASES, CLOCK, STATE
 from ...record import changed, filled, record
 from .layout import Layout
 
-# The state that inertia adds to a map: velocity and gravity in axes of the reference camera, biases of gyroscope and
-# accelerometer, scale (metres = (1 + scale) of the images' lengths), turn of the unit, and time offset.
-STATE = 17
-VELOCITY, GRAVITY, GYRO_BIAS, ACCEL_BIAS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
-SCALE, AXES, CLOCK = slice(12, 13), slice(13, 16), slice(16, 17)
-BIASES, FIXED = slice(6, 12), slice(12, 17)  # those that are fixed may be exactly zero
 # A pose, perturbed as (translation, rotation), with the state: of the world in the prior, of a camera in `Known`.
 JOINT = Layout(pose=6, state=STATE)
 # What `Leaving` has information about, and the columns of `core.inertial_rows` for one interval after its pose.

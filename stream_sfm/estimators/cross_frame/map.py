@@ -14,13 +14,14 @@ from ...geometry.linear import symmetric
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
+from ...inertial.state import GRAVITY
 from ...record import changed, rows_of
 from ...rig_model.estimate import RigEstimate
 from ...rig_model.model import RigModel
 from ...types import Solution
 from .doubt import Doubt
 from .inertial_window import InertialWindow
-from .interval import GRAVITY, JOINT, Known
+from .interval import JOINT, Known
 from .inverse_depth import State, WhitenedViews, at_rest, expected, held, linearise, q_of_views
 from .map_points import MapPoints
 from .marginals import Marginals

@@ -27,8 +27,9 @@ from ... import core
 from ...geometry import se3
 from ...geometry.linear import Elimination, product, scaled_cholesky
 from ...geometry.se3 import Array
+from ...inertial.state import BIASES, GRAVITY, STATE, VELOCITY
 from ...record import changed, filled, record
-from .interval import BIASES, GRAVITY, JOINT, OF_LEAVING, STATE, VELOCITY, Leaving
+from .interval import JOINT, OF_LEAVING, Leaving
 from .layout import Layout
 from .rig_knowledge import RigKnowledge
 
