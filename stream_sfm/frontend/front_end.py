@@ -157,12 +157,9 @@ class StereoFrontEnd:
             state, z_new, cov_new = begin_points(self.setup, state, images)
         z_px = np.concatenate([followed.z_px, z_new])
         cov_px = np.concatenate([followed.cov_px, cov_new])
-        note = self._note(state, images, z_px)
-        ghosts = state.ghosts.after(images.left, state.tracks.ids[: len(z_px)], z_px[:, :2])
-        state = changed(state.followed_from(images, stamp_ns), ghosts=ghosts)
-        state, observed = self._observed(
-            state, stamp_ns, z_px, cov_px, note or ghosts.problem or state.still.problem
-        )
+        note, state = self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px)
+        note = note or state.ghosts.problem or state.still.problem
+        state, observed = self._observed(state, stamp_ns, z_px, cov_px, note)
         return state, replace(
             observed,
             cam_from_previous=followed.cam_from_previous,
@@ -184,23 +181,18 @@ class StereoFrontEnd:
 
         Where nothing is to `wait` for, the tracks are dropped at once.
         """
-        rules = self.setup.rules
-        waits, nothing = (
-            wait and state.may_wait(stamp_ns, rules.motion.max_gap_s),
-            (np.empty((0, 4)), np.empty((0, 4, 4))),
-        )
+        rules, nothing = self.setup.rules, (np.empty((0, 4)), np.empty((0, 4, 4)))
+        waits = wait and state.may_wait(stamp_ns, rules.motion.max_gap_s)
         if waits and state.background_hidden:
             return self._observed(state, stamp_ns, *nothing, _HIDDEN)
         anew, z_px, cov_px = begin_points(self.setup, state.lost(), images)
-        ghosts = anew.ghosts.interrupted().after(images.left, anew.tracks.ids[: len(z_px)], z_px[:, :2])
-        anew = changed(anew, ghosts=ghosts)
         note = self._note(anew, images, z_px)
         if waits and len(z_px) < self.setup.config.robust.min_inliers:
             return self._observed(state, stamp_ns, *nothing, note)
         jumped = wait and state.previous is not None and are_alike(images, state.previous, rules.images.alike)
         if jumped:
             note = note or _JUMPED
-        state, observed = self._observed(anew.followed_from(images, stamp_ns), stamp_ns, z_px, cov_px, note)
+        state, observed = self._observed(_seen(anew, images, stamp_ns, z_px), stamp_ns, z_px, cov_px, note)
         return state, replace(observed, n_new=len(z_px), jumped=jumped)
 
     def _observed(
@@ -256,6 +248,12 @@ class StereoFrontEnd:
             return None
         found = self.rig.in_units(estimate)
         return found if not turn_rad.any() else with_turn(self.rig, found, turn_rad)
+
+
+def _seen(state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Array) -> FrontEndState:
+    """The state from which the next frame is followed, with what views (n, 4) of all tracks show of ghosts."""
+    ghosts = state.ghosts.after(images.left, state.tracks.ids[: len(z_px)], z_px[:, :2])
+    return changed(state.followed_from(images, stamp_ns), ghosts=ghosts)
 
 
 def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:

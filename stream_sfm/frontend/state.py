@@ -179,6 +179,7 @@ class FrontEndState:
             ambiguity=AmbiguityMemory(rules=self.ambiguity.rules),
             start=StartCheck(rules=self.start.rules),
             steps=StepCheck(rules=self.steps.rules),  # how a new map moves is not known
+            ghosts=self.ghosts.interrupted(),
             background_hidden=False,
             turn_watch=None if self.turn_watch is None else self.turn_watch.calm(),
         )

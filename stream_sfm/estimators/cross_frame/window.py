@@ -195,11 +195,9 @@ class CrossFrame:
         more, weighted = np.zeros((2, m))
         if (view := observations.rig) is not None:
             at, said = TERMS.index(DELAY), view.model.amplitudes(DELAY, *view.delay_by_rows)
+            # rows that know less by a shaken camera's twist would take a part of a run back
             if self.inertia.now is not None and said[0] < self._said_by_rows[0]:
-                return (
-                    more,
-                    weighted,
-                )  # rows that know less by a shaken camera's twist would take a part of a run back
+                return more, weighted
             more[at], weighted[at] = said - self._said_by_rows
             self._said_by_rows = said
         return more, weighted
