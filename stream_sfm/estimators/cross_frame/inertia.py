@@ -24,8 +24,7 @@ from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction
 from ..motion_model import MotionModel
 from .inertia_checks import IMPOSSIBLE, Agreement, Densities, impossible, likely
 from .inertial_window import InertialWindow
-from .interval import JOINT, Interval, Intervals, Known
-from .layout import Layout
+from .interval import JOINT, OF_INTERVAL, Interval, Intervals, Known
 from .map import Map
 from .window_frame import WindowFrame
 
@@ -293,7 +292,7 @@ def carried(known: Known, interval: Interval, factors: Array, cam_from_imu: Arra
     velocities = np.stack([known.state[VELOCITY], state[VELOCITY]])
     _, j = core.inertial_rows(intervals, np.stack([np.eye(4), cam]), velocities, known.state, cam_from_imu)
     # whitened residuals are zero at the end and N(0, I): J_end (ξ, δv) + J_s δs + n = 0
-    of, at_pose, at_state = Layout(pose=6, state=STATE, velocity=3), JOINT["pose"], JOINT["state"]
+    of, at_pose, at_state = OF_INTERVAL, JOINT["pose"], JOINT["state"]
     at_end = np.linalg.inv(np.concatenate([j[:, of["pose"]], j[:, of["velocity"]]], axis=1))
     by_state = -at_end @ j[:, of["state"]]
     rows, noise = np.zeros((JOINT.size, JOINT.size)), np.zeros((JOINT.size, 9))

@@ -12,7 +12,7 @@ from ...geometry import se3
 from ...geometry.linear import Cholesky, scaled_cholesky
 from ...geometry.se3 import Array
 from ...inertial.state import GRAVITY, STATE, VELOCITY
-from .interval import JOINT, OF_LEAVING, Interval, Intervals, Known, Leaving
+from .interval import JOINT, OF_INTERVAL, OF_LEAVING, Interval, Intervals, Known, Leaving
 from .layout import Layout
 from .normal_equations import System
 
@@ -106,7 +106,7 @@ class InertialWindow:
             Intervals.of(self.intervals[:1], self.factors), cams, np.stack([state[VELOCITY], velocity]), state,
             self.cam_from_imu,
         )  # fmt: skip
-        of = Layout(pose=6, state=STATE, velocity=3)  # a slide turns as a pose does
+        of = OF_INTERVAL  # a slide turns as a pose does
         j = np.concatenate([j[:, of.span("pose", "state")], j[:, 3:6], j[:, of["velocity"]]], axis=1)
         h, g = j.T @ j, -j.T @ residual
         rows = range(OF_LEAVING["slide"].start, OF_LEAVING["slide"].stop)
@@ -124,11 +124,8 @@ class InertialWindow:
         """Return a root (6F, n + 3F) of the covariance of the true poses given the rig's errors, and how they move with
         these (6F, m)."""
         f, modes, of = len(self.intervals), system.prior.world_modes[JOINT["state"]], system.prior.of_modes
-        of_own, of_rig, (poses, at) = (
-            modes[:, of["own"]],
-            modes[:, of["rig"]],
-            (system.at["poses"], system.at["modes"]),
-        )
+        of_own, of_rig = modes[:, of["own"]], modes[:, of["rig"]]
+        poses, at = system.at["poses"], system.at["modes"]
         slides, shared = self._local["slides"], Layout(poses=6 * f, state=STATE)
         turn = self._lead @ self._gain[slides]
         by_poses, by_state = turn[:, shared["poses"]] + np.eye(6 * f), turn[:, shared["state"]]
@@ -155,7 +152,7 @@ class InertialWindow:
         if f:
             last, shared, slides = self._lead[-6:], Layout(poses=6 * f, state=STATE), self._local["slides"]
             moved = np.zeros((6, at.size))
-            moved[:, Layout(before=6 * f - 6, newest=6)["newest"]] = np.eye(6)
+            moved[:, at["poses"]][:, -6:] = np.eye(6)  # the newest one
             by_gain = last @ self._gain[slides]
             moved[:, at["poses"]] += by_gain[:, shared["poses"]]
             moved[:, at["state"]] += by_gain[:, shared["state"]]
@@ -195,7 +192,7 @@ class InertialWindow:
         )
         modes, of = system.prior.world_modes[JOINT["state"]], system.prior.of_modes
         of_own, of_rig = modes[:, of["own"]], modes[:, of["rig"]]
-        of_one, at = Layout(pose=6, state=STATE, velocity=3), Layout(poses=6 * f, state=STATE)
+        of_one, at = OF_INTERVAL, Layout(poses=6 * f, state=STATE)
         local, shared = np.zeros((9, self._local.size)), np.zeros((9, at.size))
         first = slice(0, 3)
         local[:, self._local.within("slides", first)] = j[:, 3:6]

@@ -15,7 +15,9 @@ from .layout import Layout
 
 # A pose, perturbed as (translation, rotation), with the state: of the world in the prior, of a camera in `Known`.
 JOINT = Layout(pose=6, state=STATE)
-# What `Leaving` has information about, and the columns of `core.inertial_rows` for one interval after its pose.
+# The columns of `core.inertial_rows` for one interval.
+OF_INTERVAL = Layout(pose=6, state=STATE, velocity=3)
+# What `Leaving` has information about.
 OF_LEAVING = Layout(pose=6, state=STATE, slide=3, velocity=3)
 # Variances where nothing is measured: of a turn, a velocity, and a displacement within an interval.
 _UNKNOWN = np.repeat([4.0, 400.0, 400.0], 3)
