@@ -78,7 +78,7 @@ class RepetitionRules(Section, frozen=True, kw_only=True):
     # As for points of the coarse image.
     half_px: Annotated[int, expert("half width of the correlated patch, px of the half-size image", 2, 50)] = 6
     # As far as flow reaches.
-    reach: Annotated[int, expert("rivals are sought within one in so many of the width", 1, 100_000)] = 3
+    reach: Annotated[int, expert("rivals are sought within the width of the image over this", 1, 100_000)] = 3
     # As along the row (core/rows.cpp): what comes closer is a rival.
     lead: Annotated[float, expert("lead in correlation over what is no rival", 0, 1)] = 0.06
     # A whole pixel of the half-size image.
@@ -125,7 +125,7 @@ class PointRules(Section, frozen=True, kw_only=True):
     """New points of a pair."""
 
     # As accurate as in each frame (medians over three starts on four logs), CPU of a replay 3 % less.
-    period: Annotated[int, expert("new points are sought in one in so many frames", 1, 100)] = 2
+    period: Annotated[int, expert("frames from one search for new points to the next", 1, 100)] = 2
     # In the others only where more than this is missing.
     urgent_fraction: Annotated[float, expert("missing share of max_tracks that does not wait", 0, 1)] = 0.6
     # On KITTI 1.2 ms of 16 less with the figures unchanged. Every second time, and on bare walls, it is the whole row.
