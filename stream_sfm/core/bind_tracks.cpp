@@ -1,7 +1,7 @@
 // Python's view of tracks.hpp.
 
 #include "binding.hpp"
-#include "rig.hpp"
+#include "rig_records.hpp"
 #include "tracks.hpp"
 
 namespace binding {

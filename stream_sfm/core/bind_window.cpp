@@ -1,7 +1,7 @@
 // Python's view of window.hpp.
 
 #include "binding.hpp"
-#include "rig.hpp"
+#include "rig_records.hpp"
 #include "window.hpp"
 
 namespace binding {

@@ -3,7 +3,7 @@
 #include "tracks.hpp"
 #include "images.hpp"
 #include "resection.hpp"
-#include "rig.hpp"
+#include "row_timing.hpp"
 
 namespace core {
 namespace {

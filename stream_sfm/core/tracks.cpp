@@ -2,7 +2,7 @@
 
 #include "tracks.hpp"
 #include "poses.hpp"
-#include "rig.hpp"
+#include "row_timing.hpp"
 
 namespace core {
 namespace {

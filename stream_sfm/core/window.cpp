@@ -6,7 +6,7 @@
 
 #include "window.hpp"
 #include "poses.hpp"
-#include "rig.hpp"
+#include "row_timing.hpp"
 
 namespace core {
 namespace {

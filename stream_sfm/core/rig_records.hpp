@@ -1,0 +1,43 @@
+// What is known of a rig's errors, as stages take it.
+#pragma once
+
+#include "algebra.hpp"
+#include "pinholes.hpp"
+
+namespace core {
+
+constexpr std::size_t TERMS = 20, AT_TIMING = 14;  // the order of rig_model/terms.py; delay and readout follow each other
+
+struct Field {
+    Vector u_px, v_px;
+    double length_px;
+    Matrix root;
+    RECORD(Field, u_px, v_px, length_px, root)
+};
+struct RowModel {
+    Pinholes projection;
+    Field field;
+    Vector mean;
+    Matrix cov;
+    double scatter_px, max_px;
+    RECORD(Rows, projection, field, mean, cov, scatter_px, max_px)
+};
+struct RightSides {  // where they are sought, of points that move with a twist, with a turn of the right camera
+    RowModel rows;
+    Vector turn_rad, twist;
+    RECORD(RightSides, rows, turn_rad, twist)
+};
+struct ExposedRows {  // polynomials over the rectified image: the rows of the cameras' own images
+    std::array<double, 2> size_px;
+    Matrices coefficients;
+    RECORD(ExposedRows, size_px, coefficients)
+};
+struct Timing {  // delay and readout, and how points moved in the frame before, if that is known
+    ExposedRows row_of;
+    Vector mean;
+    Matrix cov;
+    std::optional<Vector> twist;
+    RECORD(Timing, row_of, mean, cov, twist)
+};
+
+}  // namespace core
