@@ -30,7 +30,6 @@ class Lines(NamedTuple):
     @classmethod
     def of(cls, image: NDArray[np.uint8], mask: NDArray[np.bool_] | None = None) -> "Lines":
         """The lines of an image (h, w), of which a mask (h, w) is false where it does not show the scene."""
-        grey = image.astype(np.int16)
         rows, columns = image[::_EVERY].astype(np.int16), image.T[::_EVERY].astype(np.int16, order="C")
         if mask is not None:
             rows[~mask[::_EVERY]] = -1
