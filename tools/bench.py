@@ -76,6 +76,7 @@ def measure(log: Path, repeat: int, overrides: list[str]) -> dict[str, Any]:
         "stages_ms": {"step": quickest["step_ms"], "decode (wait)": quickest["decode_wait_ms"]}
         | quickest["stages_ms"],
         "step_above_imports_mib": job("step", log, *overrides)["above_images_mib"],
+        "calls_a_frame": job("calls", log, *overrides),
         "start_up_cpu_s": start_up_cpu_s(log),
         "ground_truth": replays[0]["ground_truth"],
         "turns": turns,
@@ -104,6 +105,8 @@ def show(results: dict[str, Any]) -> None:
         for key, value in r["ground_truth"].items():
             if value is not None:
                 table.add_row(key, f"{value:.4g}")
+        for whose, calls in r["calls_a_frame"].items():
+            table.add_row(f"calls of {whose} a frame", f"{calls['a_frame']:.0f}")
         for stage, times in r["stages_ms"].items():
             table.add_row(f"{stage}, ms p50 / p95", f"{times['p50']:.2f} / {times['p95']:.2f}")
         console.print(table)

@@ -2,7 +2,7 @@
 
 Each job imports what it needs and no more: the loop and the floor pay for reading a log, not for an engine.
 
-python tools/bench_jobs.py replay|loop|floor|step|scaled|window LOG [KEY=VALUE ...]      prints one JSON object
+python tools/bench_jobs.py replay|loop|floor|step|calls|scaled|window LOG [KEY=VALUE ...]      prints one JSON object
 """
 
 import json
@@ -11,7 +11,9 @@ import resource
 import sys
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -190,6 +192,50 @@ def run_step(path: str, overrides: list[str]) -> dict[str, Any]:
     return {"above_images_mib": peak_mib - images_mib - imports_mib, "growth_mib": peak_mib - before_mib}
 
 
+def run_calls(path: str, overrides: list[str]) -> dict[str, Any]:
+    """How often a step calls the compiled core, and functions of the package in Python; the most frequent of both.
+
+    A generator counts each time it goes on, a comprehension not at all.
+    """
+    import stream_sfm
+    from stream_sfm import Engine, Selection, core, open_log, read_config
+
+    package = os.path.dirname(stream_sfm.__file__)
+    of_core: Counter[str] = Counter()
+    of_python: Counter[str] = Counter()
+
+    def counted(name: str, function: Any) -> Any:
+        def inner(*args: Any, **named: Any) -> Any:
+            of_core[name] += 1
+            return function(*args, **named)
+
+        return inner
+
+    def see(stack: FrameType, event: str, _: Any) -> None:
+        code = stack.f_code
+        if event == "call" and code.co_filename.startswith(package) and not code.co_name.startswith("<"):
+            of_python[f"{Path(code.co_filename).stem}.{code.co_name}"] += 1
+
+    stages = {name: each for name, each in vars(core).items() if type(each).__name__ == "nb_func"}
+    for name, each in stages.items():
+        setattr(core, name, counted(name, each))
+    log = open_log(path)
+    frames = list(log.frames(Selection(max_frames=WARM_UP + 50)))
+    engine = Engine(log.rig, read_config(None, overrides))
+    for n, frame in enumerate(frames):
+        if n == WARM_UP:
+            of_core.clear()
+            sys.setprofile(see)
+        engine.step(frame)
+    sys.setprofile(None)
+    stepped = max(1, len(frames) - WARM_UP)
+    counts = {"core": of_core, "python": of_python}
+    return {
+        name: {"a_frame": c.total() / stepped, "most": {k: v / stepped for k, v in c.most_common(30)}}
+        for name, c in counts.items()
+    }
+
+
 def run_window(_: str, overrides: list[str]) -> dict[str, Any]:
     """The estimator with covariances on simulated views: 200 points a frame, each seen in 12 frames."""
     from stream_sfm import read_config
@@ -236,6 +282,7 @@ JOBS = {
     "floor": run_floor,
     "loop": run_loop,
     "step": run_step,
+    "calls": run_calls,
     "scaled": run_scaled,
     "window": run_window,
 }
