@@ -257,7 +257,7 @@ def _which_hold(methods: dict[str, Any], as_is: bool) -> str:
         if low <= factor <= high:
             hold.append(of_method(key).name)
         else:
-            wrong[key] = factor**2
+            wrong[key] = factor
     by_halves = any(figures["sigma_factor_from"] == "halves" for figures in methods.values())
     source = (
         ", by halves of the tracks," if by_halves else "" if as_is else ", with the calibration taken for exact,"
@@ -276,14 +276,14 @@ def _which_hold(methods: dict[str, Any], as_is: bool) -> str:
 
 
 def _off(*sizes: float) -> str:
-    """Say how many times too small or too large covariances are, by what they would have to be multiplied with."""
+    """Say how many times too small or too large σ is."""
     least, most = (
         (f"{float(f'{max(x, 1 / x):.2g}'):g}", "small" if x > 1 else "large") for x in (sizes[0], sizes[-1])
     )
     if least[1] != most[1]:
-        return f"up to {least[0]} times too {least[1]} and {most[0]} times too {most[1]}"
+        return f"σ up to {least[0]} times too {least[1]} and {most[0]} times too {most[1]}"
     ends = sorted({least[0], most[0]}, key=float)
-    return f"{' to '.join(ends)} times too {least[1]}"
+    return f"σ {' to '.join(ends)} times too {least[1]}"
 
 
 def _listed(names: list[str]) -> str:
