@@ -2,8 +2,8 @@
 
 Given the modes of the prior, points are independent of each other. So are then the poses that two halves of the tracks
 lead to, each of which is one Newton step away from the common minimum. How far they are apart, in units of the σ that
-they claim, is known without any truth, and without a model of what lasts. There are two kinds of halves: even and odd
-tracks, and those first seen left and right of the image's middle, which show what neighbours have in common.
+they claim, is known without any truth, and without a model of what lasts. There are two kinds of halves: every second
+track and the others, and those on the left and on the right, which show what neighbours have in common.
 """
 
 from contextlib import suppress
@@ -20,7 +20,7 @@ from .map import Map
 from .normal_equations import System
 from .relative import apart_from_newest
 
-_KINDS = ((0, 1), (0, 2))  # halves that the quarters 0 … 3 begin with: even tracks, and those on the left
+_KINDS = ((0, 1), (0, 2))  # halves that the quarters 0 … 3 begin with: every second track, and those on the left
 _MEMORY = 25.0  # looks: errors that last are a property of cameras and scene, and change slowly
 # Once so many are known, one frame in so many is looked at: neighbouring windows have most of their views in common.
 _EVERY = 4
@@ -71,7 +71,7 @@ def squares_of_halves(of: Map, system: System, at: State, views: WhitenedViews) 
 
     `system`: of a map, with an exact rig, linearised at the state `at` with `views`.
     """
-    parts = _poses_by(of, system, at, views, _quarters(of, at))
+    parts = _poses_by(of, system, at, views, _quarters(at))
     found = np.full((2, len(of.frames)), np.nan)
     for kind, (first, second) in enumerate(_KINDS):
         third, fourth = (k for k in range(4) if k not in (first, second))
@@ -87,14 +87,15 @@ def _together(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Arr
     return one[0] + other[0], one[1] + other[1]
 
 
-def _quarters(of: Map, at: State) -> NDArray[np.int64]:
-    """Return of which quarter points (P,) are: even on the left, even on the right, odd on the left, odd on the right.
+def _quarters(at: State) -> NDArray[np.int64]:
+    """Return of which quarter points (P,) are: every second one on the left, on the right, and of the others.
 
-    A point is where its anchor, the camera that first saw it, has it.
+    A point is where its anchor, the camera that first saw it, has it. The middle is that of the points, and every
+    second one is so among those that there are: tracks that come from half an image, or with even numbers only, have
+    halves as well.
     """
-    p = of.projection
-    right = p.f_px * at.q[:, 0] + p.cx_left_px > p.width / 2
-    return 2 * (at.ids % 2) + right
+    right = at.q[:, 0] > np.median(at.q[:, 0])
+    return 2 * (np.arange(len(at.ids)) % 2) + right
 
 
 def _poses_by(
