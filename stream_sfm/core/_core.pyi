@@ -320,6 +320,8 @@ class NormalBlocks(tuple[Array, Array, Array, Array, Array, Array, Array, Array,
 class CovariancePart(Protocol):
     # One of two parts of the joint covariance of points, a pose and the world, as in normal_equations.py.
     @property
+    def root(self) -> Array: ...
+    @property
     def reach(self) -> Array: ...
     @property
     def covariant(self) -> Array: ...
@@ -498,7 +500,6 @@ def place_new_points(
 def point_marginals(
     ref_from_anchor: Array,
     q: Array,
-    std_given: Array,
     own: CovariancePart,
     by_rig: CovariancePart,
     world_from_ref: Array,
@@ -518,6 +519,9 @@ def pose_adjoint(poses: Array) -> Array: ...
 def pose_exp(xi: Array) -> Array: ...
 def pose_inverse(poses: Array) -> Array: ...
 def pose_log(poses: Array) -> Array: ...
+def poses_by_parts(
+    pinholes: Pinholes, state: WindowState, views: WindowViews, part: Pixels, parts: int
+) -> tuple[Array, Array]: ...
 def predict_tracks(
     pinholes: Pinholes,
     timing: Timing,

@@ -86,7 +86,13 @@ PRIOR = Record(
     modes=np.zeros((N, 3, 9)),
     rig=Record(information=np.eye(8), weighted=np.ones(8)),
 )
-PART = Record(reach=SHARED[:, :3], covariant=SHARED[:, :3], with_both=np.zeros((N, 3, 12)), both=np.eye(12))
+PART = Record(
+    root=COV[:, :3, :3],
+    reach=SHARED[:, :3],
+    covariant=SHARED[:, :3],
+    with_both=np.zeros((N, 3, 12)),
+    both=np.eye(12),
+)
 INTERVALS = Record(
     rotation=np.tile(np.eye(3), (2, 1, 1)),
     motion=np.zeros((2, 6)),
@@ -181,7 +187,7 @@ CALLS = {
     "invert_triangle": (np.eye(6), np.ones(6)),
     "scaled_by_diagonal": (np.eye(6),),
     "point_marginals": (
-        *(MOTIONS, POINTS[:, :3], COV[:, :3, :3], PART, PART),
+        *(MOTIONS, POINTS[:, :3], PART, PART),
         *(np.eye(4), np.eye(4), 3.0),
     ),
     "points_of_views": (STATE, SEEN),
@@ -189,6 +195,7 @@ CALLS = {
     "points_seen_again": (SLOTS, SLOTS > 0, np.ones((N, 3)), SLOTS, POINTS[:, :3], COV[:, :3, :3]),
     "drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),
     "normal_blocks": (PINHOLES, STATE, SEEN),
+    "poses_by_parts": (PINHOLES, STATE, SEEN, SLOTS % 3, 3),
     "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),
     "eliminate_points": (COV[:, :3, :3], np.zeros((N, 3, 12))),
     "window_system": (core.normal_blocks(PINHOLES, STATE, SEEN), PRIOR, SLOTS, POINTS[:, :3], np.zeros(9)),

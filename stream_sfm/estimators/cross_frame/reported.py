@@ -48,6 +48,7 @@ def _reported(current: Map, factors: SpanFactors, learns: bool) -> tuple[Map, Sp
         result.points.q,
         result.amplitudes[: k - m],
         inertial,
+        beside=current.system,
     )
     if learns and factors.asks_for(result.frames[-1].index):
         factors = factors.after(factor**2 * squares_of_halves(result, system, at, views))
