@@ -36,6 +36,11 @@ class Compared:
         """The poses (2, n, 4, 4) of two halves."""
         return cls(halves[0], halves[1], _OF_HALVES)
 
+    def until(self, frames: int) -> "Compared":
+        """The same of more frames, of the last of which nothing is known."""
+        more = np.full((frames - len(self.truth), 4, 4), np.nan)
+        return Compared(np.concatenate([self.poses, more]), np.concatenate([self.truth, more]), self.share)
+
     def errors(self, span: int) -> tuple[Array, Array]:
         """Errors of position (m) and of rotation (rad) over a span, (n − span,) each."""
         position, rotation = relative_errors(self.poses, self.truth, span)
@@ -47,14 +52,13 @@ def errors_over(span: int, methods: Mapping[str, Compared]) -> dict[str, Array]:
 
     A method that knows less than half of the motions, as one that failed early, takes none from the others.
     """
-    found = {name: np.stack(compared.errors(span)) for name, compared in methods.items()}
-    longest = max((errors.shape[1] for errors in found.values()), default=0)
-    errors = {
-        name: np.pad(x, ((0, 0), (0, longest - x.shape[1])), constant_values=np.nan) for name, x in found.items()
-    }
-    known = np.array([np.isfinite(x[0]) for x in errors.values()]).reshape(-1, longest)
+    if not methods:
+        return {}
+    frames = max(len(compared.truth) for compared in methods.values())
+    errors = {name: np.stack(compared.until(frames).errors(span)) for name, compared in methods.items()}
+    known = np.array([np.isfinite(x[0]) for x in errors.values()])
     counts = known.sum(axis=1)
-    all_know = known[counts > _KNOWS * counts.max(initial=0)].all(axis=0)
+    all_know = known[counts > _KNOWS * counts.max()].all(axis=0)
     return {name: np.where(all_know, x, np.nan) for name, x in errors.items()}
 
 
