@@ -49,8 +49,10 @@ sets of ids are ascending.)",
 
 Gates of squared residuals of views from one side, and from both.)",
         "pinholes"_a, "state"_a, "views"_a, "gate_of_one"_a, "gate_of_both"_a);
-    def<&normal_blocks>(m, "normal_blocks", R"(Return the Gauss-Newton normal equations of views, eqs. (25), (26) and (71).)",
-        "pinholes"_a, "state"_a, "views"_a);
+    def<&normal_blocks>(m, "normal_blocks", R"(Return the Gauss-Newton normal equations of views, eqs. (25), (26) and (71).
+
+With the rig's errors among the unknowns, or as they are.)",
+        "pinholes"_a, "state"_a, "views"_a, "with_rig"_a);
     def<&poses_by_parts>(m, "poses_by_parts", R"(Return what views say of poses by the `parts` of the points, `part` (P,): the blocks (parts F, 6, 6) and (parts F, 6).)",
         "pinholes"_a, "state"_a, "views"_a, "part"_a, "parts"_a);
     def<&eliminate_points>(m, "eliminate_points", R"(Eliminate points from normal equations, eq. (27): V (P, 3, 3), and W (P, 3, n) with the others.

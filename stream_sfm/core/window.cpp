@@ -216,11 +216,11 @@ Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& s
     return result;
 }
 
-NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views) {
+NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, bool with_rig) {
     const std::vector<Seen> seen = seen_by(state, views);
-    std::size_t frames = state.cams_from_ref.shape[0], points = state.q.shape[0], m = state.rig_error.shape[0];
-    std::size_t terms = views.terms.shape[2], timed = views.timing.shape[2], basis = views.field.shape[1];
-    std::size_t parts = basis ? views.moves.shape[1] : 0;
+    std::size_t frames = state.cams_from_ref.shape[0], points = state.q.shape[0], m = with_rig ? state.rig_error.shape[0] : 0;
+    std::size_t terms = with_rig ? views.terms.shape[2] : 0, timed = with_rig ? views.timing.shape[2] : 0;
+    std::size_t basis = with_rig ? views.field.shape[1] : 0, parts = basis ? views.moves.shape[1] : 0;
     const std::size_t of_own = views.own.shape[2], by_frame = 6 + of_own;
     NormalBlocks blocks{{frames, by_frame, by_frame}, {points, 3, 3}, {points, 3, by_frame * frames}, {frames, by_frame, m}, {points, 3, m},
                         {frames, by_frame}, {points, 3}, {m, m}, {m}};

@@ -43,8 +43,8 @@ def test_halves_add_up_to_all_tracks(current):
     at, system = system_at(current)
     quarters = _quarters(at)
     assert np.bincount(quarters, minlength=4).min() > 0.15 * len(quarters)
-    parts = _poses_by(current, system, at, current.views, quarters)
-    every = _poses_by(current, system, at, current.views, np.zeros_like(quarters))[0]
+    parts = _poses_by(current, system, at, quarters)
+    every = _poses_by(current, system, at, np.zeros_like(quarters))[0]
     scale = np.abs(every[0]).max()
     assert np.abs(sum(p[0] for p in parts) - every[0]).max() < 1e-9 * scale
     assert sum(p[1] for p in parts) == pytest.approx(every[1], abs=1e-9 * np.abs(every[1]).max() + 1e-6)
@@ -111,7 +111,7 @@ def mean_squares(autocorrelation: float, trials: int) -> tuple[np.ndarray, np.nd
         )
         current = map_after(scene.sequence(np.random.SeedSequence([7, seed])))
         at, system = system_at(current)
-        found.append(squares_of_halves(current, system, at, current.views)[0])
+        found.append(squares_of_halves(current, system, at)[0])
     return np.mean(found, axis=0), np.std(found, axis=0) / np.sqrt(trials)
 
 

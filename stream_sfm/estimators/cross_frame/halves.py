@@ -15,7 +15,7 @@ from ... import core
 from ...geometry.linear import Cholesky, mahalanobis2
 from ...geometry.se3 import Array
 from ...record import record
-from .inverse_depth import State, WhitenedViews
+from .inverse_depth import State
 from .map import Map
 from .normal_equations import System
 from .relative import apart_from_newest
@@ -66,12 +66,12 @@ class SpanFactors:
         return SpanFactors(squares, frames)
 
 
-def squares_of_halves(of: Map, system: System, at: State, views: WhitenedViews) -> Array:
+def squares_of_halves(of: Map, system: System, at: State) -> Array:
     """Return δᵀC⁻¹δ/6 (2, f) over spans of 1 … f frames, of both kinds of halves; NaN where one knows too little.
 
-    `system`: of a map, with an exact rig, linearised at the state `at` with `views`.
+    `system`: of a map, with the rig as it is, linearised at its state `at`.
     """
-    parts = _poses_by(of, system, at, views, _quarters(at))
+    parts = _poses_by(of, system, at, _quarters(at))
     found = np.full((2, len(of.frames)), np.nan)
     for kind, (first, second) in enumerate(_KINDS):
         third, fourth = (k for k in range(4) if k not in (first, second))
@@ -98,12 +98,10 @@ def _quarters(at: State) -> NDArray[np.int64]:
     return 2 * (np.arange(len(at.ids)) % 2) + right
 
 
-def _poses_by(
-    of: Map, system: System, at: State, views: WhitenedViews, quarters: NDArray[np.int64]
-) -> list[tuple[Array, Array]]:
+def _poses_by(of: Map, system: System, at: State, quarters: NDArray[np.int64]) -> list[tuple[Array, Array]]:
     """Return what quarters of the points say of the poses, given all modes: information (n, n), right side (n,)."""
     frames = len(of.frames)
-    u, g = core.poses_by_parts(of.projection, at, views, quarters, 4)
+    u, g = core.poses_by_parts(of.projection, at, of.views, quarters, 4)
     parts = []
     for quarter, (blocks, right) in enumerate(zip(u.reshape(4, frames, 6, 6), g.reshape(4, -1), strict=True)):
         taken, taken_right = system.taken_off_by(quarters == quarter)
