@@ -29,7 +29,7 @@ METHODS = {
     STEPWISE: Method("baselines.frame_to_frame", "FrameToFrame", "frame-to-frame"),
     "cross-frame-wc": Method("baselines.per_point", "CrossFrameWC", "per-point WC"),
     "cross-frame-cc": Method("baselines.per_point", "CrossFrameCC", "per-point CC"),
-    "ekf-cv": Method("baselines.ekf", "EkfConstantVelocity", "constant-velocity EKF"),
+    "ekf-cv": Method("baselines.ekf", "EkfConstantVelocity", "constant-velocity EKF", inertial=False),
     "cross-frame-cc-literal": Method(
         "baselines.per_point", "CrossFrameCCLiteral", "per-point CC, literal", compared=False
     ),

@@ -42,6 +42,11 @@ def some_of(names: Sequence[str], separator: str = ", ") -> str:
     return separator.join(names[:LISTED]) + (f"{separator}and {more} more" if more > 0 else "")
 
 
+def in_a_row(names: Sequence[str]) -> str:
+    """Return names, at least one, as a sentence lists them."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
 def counted(n: int, thing: str) -> str:
     """A number of things: 1 frame, 2 frames."""
     return f"{n} {thing}{'' if n == 1 else 's'}"

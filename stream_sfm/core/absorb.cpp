@@ -81,14 +81,14 @@ LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, c
     WindowViews counted = views;
     counted.used = counts;
     Part absorbed(state, at_rows), begun(state, fresh);
-    NormalBlocks own = normal_blocks(pinholes, begun.in(state), counted);
+    NormalBlocks own = normal_blocks(pinholes, begun.in(state), counted, true);
     Array<double, 3> drifted = rows_of(cov, rows);
     Array<double, 3> drift = drift_covariances(absorbed.ids, absorbed.anchors, absorbed.q, views.ids, var_drift);
     add(1.0, drift.data.get(), 9 * rows.size(), drifted.data.get());
     Array<bool, 1> stays = rows_of(seen_later, at_rows);
     Array<double, 1> held(state.rig_error.shape[0]);  // errors of the rig stay where they are
     PointsAlone alone = points_alone(own.v, own.w, own.g_point, own.rig_point, begun.q, held);
-    NormalBlocks blocks = normal_blocks(pinholes, absorbed.in(state), counted);
+    NormalBlocks blocks = normal_blocks(pinholes, absorbed.in(state), counted, true);
     return {numbers(rows), std::move(stays), std::move(drifted), std::move(absorbed.anchors), std::move(absorbed.q),
             std::move(blocks), std::move(begun.ids), std::move(alone)};
 }

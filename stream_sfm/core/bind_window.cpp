@@ -49,8 +49,12 @@ sets of ids are ascending.)",
 
 Gates of squared residuals of views from one side, and from both.)",
         "pinholes"_a, "state"_a, "views"_a, "gate_of_one"_a, "gate_of_both"_a);
-    def<&normal_blocks>(m, "normal_blocks", R"(Return the Gauss-Newton normal equations of views, eqs. (25), (26) and (71).)",
-        "pinholes"_a, "state"_a, "views"_a);
+    def<&normal_blocks>(m, "normal_blocks", R"(Return the Gauss-Newton normal equations of views, eqs. (25), (26) and (71).
+
+With the rig's errors among the unknowns, or as they are.)",
+        "pinholes"_a, "state"_a, "views"_a, "with_rig"_a);
+    def<&poses_by_parts>(m, "poses_by_parts", R"(Return what views say of poses by the `parts` of the points, `part` (P,): the blocks (parts F, 6, 6) and (parts F, 6).)",
+        "pinholes"_a, "state"_a, "views"_a, "part"_a, "parts"_a);
     def<&eliminate_points>(m, "eliminate_points", R"(Eliminate points from normal equations, eq. (27): V (P, 3, 3), and W (P, 3, n) with the others.
 
 Returns lower roots L (P, 3, 3) of V⁻¹ = L Lᵀ, and LᵀW. Raises LinAlgError where information is not definite.)",
@@ -90,9 +94,9 @@ ids with mean (j, 3), covariances (j, 3, 3) and modes (j, 3, k).)",
         "ids"_a, "std_given"_a, "moved"_a, "given"_a, "q"_a, "stays"_a, "ids_new"_a, "mean_new"_a, "cov_new"_a, "modes_new"_a);
     def<&point_marginals>(m, "point_marginals", R"(Return points in the newest camera and in the world, each with covariances, eqs. (28) and (37) to (41).
 
-Points: anchors (P, 4, 4), q (P, 3), and roots (P, 3, 3) of their covariances given all else. Parts of the joint
-covariance, given the rig's errors and by them; poses (4, 4). `known_sigmas` of 1/Z make a point finite.)",
-        "ref_from_anchor"_a, "q"_a, "std_given"_a, "own"_a, "by_rig"_a, "world_from_ref"_a, "cam_from_ref"_a, "known_sigmas"_a);
+Points: anchors (P, 4, 4) and q (P, 3). Parts of the joint covariance, given the rig's errors, by roots (P, 3, 3) of the
+covariances of points given all else, and by these errors; poses (4, 4). `known_sigmas` of 1/Z make a point finite.)",
+        "ref_from_anchor"_a, "q"_a, "own"_a, "by_rig"_a, "world_from_ref"_a, "cam_from_ref"_a, "known_sigmas"_a);
 }
 
 }  // namespace binding

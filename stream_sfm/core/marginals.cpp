@@ -5,6 +5,8 @@
 namespace core {
 namespace {
 
+constexpr double UNIT[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, NOTHING[9] = {};
+
 // out (3, 3) = the covariance of Jq δq + Jy δy, of covariances (3, 3), (6, 6) and between them (3, 6).
 void propagate(const double* jq, const double* qq, const double* jy, const double* yy, const double* qy, double* out) {
     double by_q[9], by_y[18], of_q[9], of_y[9], between[18], half[9];
@@ -34,18 +36,17 @@ void add_gram(const double* rows, const double* others, std::size_t k, double* o
     add(1.0, all, 9, out);
 }
 
-// Covariances of a point q (3, 3) and with pose and world (3, 12), by what reaches it in units of `root` (3, 3).
-void add_part(const double* root, const CovariancePart& part, std::size_t i, double* of_q, double* with_both) {
-    add_gram(part.reach[i], part.covariant[i], part.reach.shape[2], of_q);
+// Adds the covariances of a point q (3, 3) and with pose and world (3, 12) by one part; `of_itself` (3, 3) in its units.
+void add_part(const CovariancePart& part, std::size_t i, const double* of_itself, double* of_q, double* with_both) {
+    const double* root = part.root[i];
+    double sum[9], half[9], whole[9];
+    std::copy(of_itself, of_itself + 9, sum);
+    add_gram(part.reach[i], part.covariant[i], part.reach.shape[2], sum);
+    multiply<3, 3, 3>(root, sum, half);
+    multiply_transposed<3, 3, 3>(half, root, whole);
+    add(1.0, whole, 9, of_q);
     for (std::size_t row = 0; row < 3; row++)
         for (std::size_t k = 0; k < 3; k++) add(-root[3 * row + k], part.with_both[i] + 12 * k, 12, with_both + 12 * row);
-}
-
-// out (3, 3) = root a rootᵀ.
-void in_units(const double* root, const double* a, double* out) {
-    double half[9];
-    multiply<3, 3, 3>(root, a, half);
-    multiply_transposed<3, 3, 3>(half, root, out);
 }
 
 // ∂X/∂P (3, 4) of the metric point X = P₁..₃/ρ, eq. (38), times b (4, 3).
@@ -57,14 +58,14 @@ void metric_by(const double* point, const double* b, double* out) {
 
 }  // namespace
 
-PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, Matrices std_given,
-                               const CovariancePart& own, const CovariancePart& of_rig, Matrix world_from_ref,
-                               Matrix cam_from_ref, double known_sigmas) {
+PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, const CovariancePart& own,
+                               const CovariancePart& of_rig, Matrix world_from_ref, Matrix cam_from_ref,
+                               double known_sigmas) {
     std::size_t n = q_in_anchor.shape[0];
     require_shape(ref_from_anchor, {n, 4, 4}, "ref_from_anchor");
     require_shape(q_in_anchor, {n, 3}, "q");
-    require_shape(std_given, {n, 3, 3}, "std_given");
     for (const CovariancePart* each : {&own, &of_rig}) {
+        require_shape(each->root, {n, 3, 3}, "root");
         require_shape(each->reach, {n, 3, each->reach.shape[2]}, "reach");
         require_shape(each->covariant, each->reach.shape, "covariant");
         require_shape(each->with_both, {n, 3, 12}, "with_both");
@@ -85,12 +86,11 @@ PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, Mat
     columns_of(both + 72, 6, 6, ww);
     columns_of(own.both.data, 0, 6, xx_given);
     for (std::size_t i = 0; i < n; i++) {
-        double of_q[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, qq[9], qq_given[9], with_both[36] = {}, qx[18], qx_given[18], qw[18];
-        add_part(std_given[i], own, i, of_q, with_both);
-        in_units(std_given[i], of_q, qq_given);
+        double qq[9], qq_given[9] = {}, with_both[36] = {}, qx[18], qx_given[18], qw[18];
+        add_part(own, i, UNIT, qq_given, with_both);
         columns_of(with_both, 0, 3, qx_given);
-        add_part(std_given[i], of_rig, i, of_q, with_both);
-        in_units(std_given[i], of_q, qq);
+        std::copy(qq_given, qq_given + 9, qq);
+        add_part(of_rig, i, NOTHING, qq, with_both);
         columns_of(with_both, 0, 3, qx);
         columns_of(with_both, 6, 3, qw);
         const double *anchor = ref_from_anchor[i], *q = q_in_anchor[i];

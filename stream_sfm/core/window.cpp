@@ -216,10 +216,11 @@ Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& s
     return result;
 }
 
-NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views) {
+NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, bool with_rig) {
     const std::vector<Seen> seen = seen_by(state, views);
-    std::size_t frames = state.cams_from_ref.shape[0], points = state.q.shape[0], m = state.rig_error.shape[0];
-    std::size_t terms = views.terms.shape[2], timed = views.timing.shape[2], basis = views.field.shape[1], parts = views.moves.shape[1];
+    std::size_t frames = state.cams_from_ref.shape[0], points = state.q.shape[0], m = with_rig ? state.rig_error.shape[0] : 0;
+    std::size_t terms = with_rig ? views.terms.shape[2] : 0, timed = with_rig ? views.timing.shape[2] : 0;
+    std::size_t basis = with_rig ? views.field.shape[1] : 0, parts = basis ? views.moves.shape[1] : 0;
     const std::size_t of_own = views.own.shape[2], by_frame = 6 + of_own;
     NormalBlocks blocks{{frames, by_frame, by_frame}, {points, 3, 3}, {points, 3, by_frame * frames}, {frames, by_frame, m}, {points, 3, m},
                         {frames, by_frame}, {points, 3}, {m, m}, {m}};
@@ -319,6 +320,27 @@ NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, c
     for (std::size_t x = 0; x < m; x++)
         for (std::size_t y = x + 1; y < m; y++) rig[y * m + x] = rig[x * m + y];
     return blocks;
+}
+
+PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Indices part,
+                            int parts) {
+    std::size_t frames = state.cams_from_ref.shape[0], of_part = static_cast<std::size_t>(std::max(parts, 0));
+    require_shape(part, {state.q.shape[0]}, "part");
+    PosesByParts result{{of_part * frames, 6, 6}, {of_part * frames, 6}};
+    for (const Seen& seen : seen_by(state, views)) {
+        auto at = static_cast<std::uint64_t>(part.data[seen.point]);
+        require(at < of_part, "a point is of no part");
+        double p[4], r[4], a[16], by_cam[16], j[6], *u = result.u[at * frames + seen.frame], *g = result.g[at * frames + seen.frame];
+        residual(pinholes, state, views, seen, p, r);
+        jacobian(pinholes, p, a);
+        multiply<4, 4, 4>(views.root[seen.view], a, by_cam);
+        for (int row = 0; row < 4; row++) {
+            by_motion(by_cam + 4 * row, p, j);
+            for (std::size_t x = 0; x < 6; x++) add(j[x], j, 6, u + 6 * x);
+            add(r[row], j, 6, g);
+        }
+    }
+    return result;
 }
 
 }  // namespace core

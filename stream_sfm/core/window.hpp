@@ -50,7 +50,14 @@ SeenAgain points_seen_again(Indices ids, Flags usable, Matrix var_drift, Indices
 Array<double, 3> drift_covariances(Indices ids, Matrices ref_from_anchor, Matrix q, Indices seen, Matrix var_drift);
 Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
                                   double of_one, double of_both);
-NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
+NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, bool with_rig);
+struct PosesByParts {
+    Array<double, 3> u;
+    Array<double, 2> g;
+    FIELDS(u, g)
+};
+PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Indices part,
+                            int parts);
 
 // elimination.cpp
 struct RigKnowledge {  // information about its errors, and the weighted sums of their amplitudes
@@ -111,10 +118,10 @@ AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved, 
                                Indices ids_new, Matrix mean_new, Matrices cov_new, Matrices modes_new);
 
 // marginals.cpp
-struct CovariancePart {  // of points, the pose and the world: what reaches points, also times its covariance, and times those with both
-    Matrices reach, covariant, with_both;
+struct CovariancePart {  // of points, the pose and the world: what reaches points, in units of roots, also times its covariance, and times those with both
+    Matrices root, reach, covariant, with_both;
     Matrix both;
-    RECORD(CovariancePart, reach, covariant, with_both, both)
+    RECORD(CovariancePart, root, reach, covariant, with_both, both)
 };
 struct PointMarginals {
     Array<double, 2> q_in_cam, points_in_cam, points_in_world;
@@ -122,8 +129,8 @@ struct PointMarginals {
     Array<bool, 1> finite;
     RECORD(PointMarginals, q_in_cam, cov_q_in_cam, points_in_cam, cov_points, points_in_world, cov_points_in_world, finite)
 };
-PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, Matrices std_given,
-                               const CovariancePart& own, const CovariancePart& of_rig, Matrix world_from_ref,
-                               Matrix cam_from_ref, double known_sigmas);
+PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, const CovariancePart& own,
+                               const CovariancePart& of_rig, Matrix world_from_ref, Matrix cam_from_ref,
+                               double known_sigmas);
 
 }  // namespace core

@@ -15,6 +15,7 @@ from .relative import Interval, band, relative_errors, span_ratio, spans_for
 
 SPANS = (1, 2, 5, 10, 20, 50)  # frames, of the table
 _TELLS = 1 / 3  # of their errors two methods must be apart at least, so that these errors are not the truth's
+_KNOWS = 0.5  # of the motions that any method knows: one that knows fewer is left out where all are compared
 _OF_HALVES = 0.5  # of the difference of halves: variances add up to four times that of the whole
 KINDS = ("position", "rotation")
 
@@ -35,20 +36,40 @@ class Compared:
         """The poses (2, n, 4, 4) of two halves."""
         return cls(halves[0], halves[1], _OF_HALVES)
 
+    def until(self, frames: int) -> "Compared":
+        """The same of more frames, of the last of which nothing is known."""
+        more = np.full((frames - len(self.truth), 4, 4), np.nan)
+        return Compared(np.concatenate([self.poses, more]), np.concatenate([self.truth, more]), self.share)
+
     def errors(self, span: int) -> tuple[Array, Array]:
         """Errors of position (m) and of rotation (rad) over a span, (n − span,) each."""
         position, rotation = relative_errors(self.poses, self.truth, span)
         return self.share * position, self.share * rotation
 
 
+def errors_over(span: int, methods: Mapping[str, Compared]) -> dict[str, Array]:
+    """Errors of position (m) and rotation (rad), (2, n) of each method, of the same motions: NaN where one has none.
+
+    A method that knows less than half of the motions, as one that failed early, takes none from the others.
+    """
+    if not methods:
+        return {}
+    frames = max(len(compared.truth) for compared in methods.values())
+    errors = {name: np.stack(compared.until(frames).errors(span)) for name, compared in methods.items()}
+    known = np.array([np.isfinite(x[0]) for x in errors.values()])
+    counts = known.sum(axis=1)
+    all_know = known[counts > _KNOWS * counts.max()].all(axis=0)
+    return {name: np.where(all_know, x, np.nan) for name, x in errors.items()}
+
+
 def curves(methods: Mapping[str, Compared]) -> dict[str, Any]:
     """Return RMS errors over spans from one frame to a quarter of them, with 95 % bands: `frames`, `methods`."""
     frames = spans_for(max((len(m.truth) for m in methods.values()), default=0))
+    found = [errors_over(span, methods) for span in frames]
     result: dict[str, Any] = {"frames": frames, "methods": {}}
-    for name, compared in methods.items():
-        found = [compared.errors(span) for span in frames]
+    for name in methods:
         result["methods"][name] = {
-            f"{kind}_rms_{unit}": [_rounded(band(errors[k])) for errors in found]
+            f"{kind}_rms_{unit}": [_rounded(band(errors[name][k])) for errors in found]
             for k, (kind, unit) in enumerate(zip(KINDS, ("m", "rad"), strict=True))
         }
     return result
@@ -62,41 +83,30 @@ def table(
     Where a method and the reference are too close together for the truth to tell, their ratio is that of `of_halves`.
     """
     longest = max((len(m.truth) for m in methods.values()), default=0) // 4
-    return [
-        {"frames": span, "methods": {name: _at(name, span, methods, reference, of_halves) for name in methods}}
-        for span in SPANS
-        if span <= longest
-    ]
+    return [_line(span, methods, reference, of_halves or {}) for span in SPANS if span <= longest]
 
 
-def _at(
-    name: str,
-    span: int,
-    methods: Mapping[str, Compared],
-    reference: str,
-    of_halves: Mapping[str, Compared] | None,
+def _line(
+    span: int, methods: Mapping[str, Compared], reference: str, of_halves: Mapping[str, Compared]
 ) -> dict[str, Any]:
-    """What one method errs over one span."""
-    mine = methods[name].errors(span)
-    result: dict[str, Any] = {}
-    for k, kind in enumerate(KINDS):
-        unit = "m" if k == 0 else "rad"
-        result[f"{kind}_rms_{unit}"] = _rms(mine[k])
-        result[f"{kind}_over_{_key(reference)}"] = None
-        result[f"{kind}_from_halves"] = False
-        if name == reference or reference not in methods:
-            continue
-        theirs = methods[reference].errors(span)[k]
-        told = tells(methods[name], methods[reference], span)[k]
-        if not told:
-            result[f"{kind}_from_halves"] = True
-            if of_halves is None or name not in of_halves or reference not in of_halves:
-                continue
-            ratio = span_ratio(of_halves[name].errors(span)[k], of_halves[reference].errors(span)[k], span)
-        else:
-            ratio = span_ratio(mine[k], theirs, span)
-        result[f"{kind}_over_{_key(reference)}"] = of_interval(ratio)
-    return result
+    """What the methods err over one span."""
+    errors, errors_of_halves = errors_over(span, methods), errors_over(span, of_halves)
+    line: dict[str, Any] = {"frames": span, "methods": {}}
+    for name in methods:
+        told = (True, True)
+        if name != reference and reference in methods:
+            told = tells(methods[name], methods[reference], span)
+        of: dict[str, Any] = {}
+        for k, (kind, unit) in enumerate(zip(KINDS, ("m", "rad"), strict=True)):
+            source = errors if told[k] else errors_of_halves
+            ratio = None
+            if name != reference and name in source and reference in source:
+                ratio = span_ratio(source[name][k], source[reference][k], span)
+            of[f"{kind}_rms_{unit}"] = _rms(errors[name][k])
+            of[f"{kind}_over_{_key(reference)}"] = of_interval(ratio)
+            of[f"{kind}_from_halves"] = not told[k]
+        line["methods"][name] = of
+    return line
 
 
 def tells(method: Compared, reference: Compared, span: int) -> tuple[bool, bool]:

@@ -20,6 +20,7 @@ from ..geometry.se3 import Array
 from ..methods import REFERENCE, STEPWISE
 from ..record import record
 from ..types import Trajectory
+from ..wording import in_a_row
 from .records import Comparison, RunRecord
 from .tables import of_method
 
@@ -257,17 +258,17 @@ def _which_hold(methods: dict[str, Any], as_is: bool) -> str:
         if low <= factor <= high:
             hold.append(of_method(key).name)
         else:
-            wrong[key] = factor**2
+            wrong[key] = factor
     by_halves = any(figures["sigma_factor_from"] == "halves" for figures in methods.values())
     source = (
         ", by halves of the tracks," if by_halves else "" if as_is else ", with the calibration taken for exact,"
     )
-    said = f"Covariances{source} hold for {_listed(hold)}" if hold else ""
+    said = f"Covariances{source} hold for {in_a_row(hold)}" if hold else ""
     if not wrong:
         return said
     said += ", not for " if said else f"Covariances{source} do not hold for "
     if len(wrong) <= _MOST_NAMED:
-        return said + _listed([f"{of_method(key).name} ({_off(size)})" for key, size in wrong.items()])
+        return said + in_a_row([f"{of_method(key).name} ({_off(size)})" for key, size in wrong.items()])
     mine = wrong.pop(REFERENCE.replace("-", "_"), None)
     others = (
         f"{len(wrong)} {'methods' if mine is None and not hold else 'others'} ({_off(*sorted(wrong.values()))})"
@@ -276,15 +277,11 @@ def _which_hold(methods: dict[str, Any], as_is: bool) -> str:
 
 
 def _off(*sizes: float) -> str:
-    """Say how many times too small or too large covariances are, by what they would have to be multiplied with."""
+    """Say how many times too small or too large σ is."""
     least, most = (
         (f"{float(f'{max(x, 1 / x):.2g}'):g}", "small" if x > 1 else "large") for x in (sizes[0], sizes[-1])
     )
     if least[1] != most[1]:
-        return f"up to {least[0]} times too {least[1]} and {most[0]} times too {most[1]}"
+        return f"σ up to {least[0]} times too {least[1]} and {most[0]} times too {most[1]}"
     ends = sorted({least[0], most[0]}, key=float)
-    return f"{' to '.join(ends)} times too {least[1]}"
-
-
-def _listed(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    return f"σ {' to '.join(ends)} times too {least[1]}"

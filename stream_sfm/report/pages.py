@@ -25,7 +25,7 @@ from ..evaluation.figures import (
 from ..files import json_bytes, write_whole
 from ..sources.pose_files import read_tum
 from ..types import Status, Trajectory
-from ..wording import counted
+from ..wording import counted, in_a_row
 from . import charts, masks
 from .charts import Traces, traces_of
 from .inertia import inertial_rows
@@ -171,7 +171,7 @@ def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:
         notes.append(f"This report does not cover the whole log{': ' + c.warnings[-1] if c.warnings else ''}.")
     inertial = [of_method(run.name).name for run in c.runs if run.inertial() is not None]
     if inertial and len(inertial) < len(c.runs):
-        notes.append(f"Inertial samples are used by {' and '.join(inertial)}, and by no other method here.")
+        notes.append(f"Inertial samples are used by {in_a_row(inertial)}, and by no other method here.")
     for run in c.runs:
         if lost := run.count(Status.LOST):
             notes.append(f"{of_method(run.name).name}: tracking was lost in {lost} of {len(run)} frames.")

@@ -86,7 +86,13 @@ PRIOR = Record(
     modes=np.zeros((N, 3, 9)),
     rig=Record(information=np.eye(8), weighted=np.ones(8)),
 )
-PART = Record(reach=SHARED[:, :3], covariant=SHARED[:, :3], with_both=np.zeros((N, 3, 12)), both=np.eye(12))
+PART = Record(
+    root=COV[:, :3, :3],
+    reach=SHARED[:, :3],
+    covariant=SHARED[:, :3],
+    with_both=np.zeros((N, 3, 12)),
+    both=np.eye(12),
+)
 INTERVALS = Record(
     rotation=np.tile(np.eye(3), (2, 1, 1)),
     motion=np.zeros((2, 6)),
@@ -181,24 +187,25 @@ CALLS = {
     "invert_triangle": (np.eye(6), np.ones(6)),
     "scaled_by_diagonal": (np.eye(6),),
     "point_marginals": (
-        *(MOTIONS, POINTS[:, :3], COV[:, :3, :3], PART, PART),
+        *(MOTIONS, POINTS[:, :3], PART, PART),
         *(np.eye(4), np.eye(4), 3.0),
     ),
     "points_of_views": (STATE, SEEN),
     "views_within_gates": (PINHOLES, STATE, SEEN, 5.0, 9.0),
     "points_seen_again": (SLOTS, SLOTS > 0, np.ones((N, 3)), SLOTS, POINTS[:, :3], COV[:, :3, :3]),
     "drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),
-    "normal_blocks": (PINHOLES, STATE, SEEN),
+    "normal_blocks": (PINHOLES, STATE, SEEN, True),
+    "poses_by_parts": (PINHOLES, STATE, SEEN, SLOTS % 3, 3),
     "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),
     "eliminate_points": (COV[:, :3, :3], np.zeros((N, 3, 12))),
-    "window_system": (core.normal_blocks(PINHOLES, STATE, SEEN), PRIOR, SLOTS, POINTS[:, :3], np.zeros(9)),
+    "window_system": (core.normal_blocks(PINHOLES, STATE, SEEN, True), PRIOR, SLOTS, POINTS[:, :3], np.zeros(9)),
     "points_alone": (COV[:, :3, :3], np.zeros((N, 3, 7)), POINTS[:, :3], SHARED[:, :3], POINTS[:, :3], np.ones(2)),
     "disparity_effects": (PINHOLES, POINTS, np.eye(4), VIEWS),
     "leaving_views": (
         *(PINHOLES, *ONE, SLOTS > 2),
         *(np.ones((N, 3)), SLOTS > 1, SLOTS[3:], COV[3:, :3, :3]),
     ),
-    "absorbing_system": (core.normal_blocks(PINHOLES, *ONE), PRIOR, MOTIONS, POINTS[:, :3], np.zeros(9)),
+    "absorbing_system": (core.normal_blocks(PINHOLES, *ONE, True), PRIOR, MOTIONS, POINTS[:, :3], np.zeros(9)),
     "absorbed_points": (
         *(SLOTS, COV[:, :3, :3], FIELD[:, None] * np.ones((N, 3, 3)), POINTS[:, :3], POINTS[:, :3], SLOTS > 2),
         *(SLOTS[:2], POINTS[:2, :3], COV[:2, :3, :3], np.ones((2, 3, 2))),

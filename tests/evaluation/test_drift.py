@@ -104,3 +104,21 @@ def test_where_the_truth_errs_more_than_methods_differ_halves_are_asked() -> Non
     assert without["methods"]["a"]["position_over_b"] is None and without["methods"]["a"]["position_from_halves"]
     (told, *_) = table({name: Compared(m.poses, TRUTH) for name, m in methods.items()}, "b")
     assert not told["methods"]["a"]["position_from_halves"] and told["methods"]["a"]["position_over_b"]["ci95"]
+
+
+def test_methods_are_compared_over_the_same_motions() -> None:
+    """The ratio of two methods is that of the errors shown, also where one of them has lost its way for a while."""
+    lost = METHODS[1].copy()
+    lost[20:60] = np.nan
+    rough = METHODS[0].copy()
+    rough[20:60, :3, 3] += np.random.default_rng(5).normal(size=(40, 3))  # metres off where the other is lost
+    line = table({"a": Compared(rough, TRUTH), "b": Compared(lost, TRUTH)}, "b")[0]["methods"]
+    quotient = line["a"]["position_rms_m"] / line["b"]["position_rms_m"]
+    assert line["a"]["position_over_b"]["value"] == pytest.approx(quotient)
+    assert 0.7 < quotient < 1.4  # within three standard errors of 1
+
+
+def test_a_method_that_is_mostly_lost_takes_no_motions_from_the_others() -> None:
+    both = {"a": Compared(METHODS[0], TRUTH), "lost": Compared(METHODS[1][:20], TRUTH[:20])}
+    alone = curves({"a": both["a"]})["methods"]["a"]
+    assert curves(both)["methods"]["a"] == alone

@@ -105,15 +105,16 @@ def test_a_comparison_runs_the_window_without_samples_too(imu_log):
     assert compared_on(sfm.open_log(plain), sfm.Config()) == compared_on(
         log, sfm.read_config(None, ["imu.enabled=false"])
     )
-    methods = ("cross-frame", "cross-frame-no-imu", "iterated-ekf", "ekf")
+    methods = ("cross-frame", "cross-frame-no-imu", "iterated-ekf", "ekf", "ekf-cv")
     both, without = (sfm.compare(at, methods=methods).comparison for at in (log, plain))
     run = {record.name: record for record in both.runs}
     assert run["cross-frame"].inertial() is not None and run["cross-frame-no-imu"].inertial() is None
     assert not np.array_equal(run["cross-frame"].poses, run["cross-frame-no-imu"].poses)
     assert all(record.inertial() is None for record in without.runs)
     assert np.array_equal(without.runs[0].poses, without.runs[1].poses)
-    assert run["iterated-ekf"].inertial() is not None and run["ekf"].inertial() is None
-    said = "Inertial samples are used by cross-frame and iterated EKF, and by no other method here."
+    assert run["iterated-ekf"].inertial() is not None and run["ekf"].inertial() is not None
+    assert run["ekf-cv"].inertial() is None
+    said = "Inertial samples are used by cross-frame, iterated EKF and EKF, and by no other method here."
     for found, shown in ((both, True), (without, False)):
         page = render_comparison(found, numbers(found))
         assert (said in page) == ("Inertial samples" in page) == shown

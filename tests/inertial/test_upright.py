@@ -117,7 +117,7 @@ def test_the_other_results_are_the_same_bytes(logs, upright, tmp_path):
         (1, [], {}, "wall.mcap has no inertial samples"),
         (0, ["imu.enabled=false"], {}, "switched off: set imu.enabled"),
         (0, ["mono=true"], {}, "use both cameras"),
-        (0, ['method="ekf"'], {}, "the method ekf takes no inertial samples"),
+        (0, ['method="frame-to-frame"'], {}, "the method frame-to-frame takes no inertial samples"),
         (0, [], {"save_map": "map.bin"}, "a map of places has a world of its own"),
     ],
 )

@@ -2,8 +2,9 @@
 
 filterpy's filter is additive, so its state is the error, zero before each update, which is then injected into the pose
 and the points. State: ξ of world_from_cam (6), then δX in the world (3 per point). Nothing is assumed of the motion:
-`predict` frees the pose from everything it knew. There is one update per frame, linearised at the robust resection of
-the frame (`Ekf`) or at the constant-velocity prediction (`EkfConstantVelocity`, the weaker usage).
+`predict` frees the pose from everything it knew. Where inertial samples have come, they predict it instead, with 17
+more rows behind the pose, those of `inertial/state.py`. There is one update per frame, linearised at the robust
+resection of the frame (`Ekf`) or at the constant-velocity prediction (`EkfConstantVelocity`, the weaker usage).
 Solà, Simultaneous localization and mapping with the extended Kalman filter, 2014.
 """
 
@@ -12,11 +13,15 @@ from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
 from ... import core
+from ...config import Config
 from ...geometry import se3
 from ...geometry.linear import matvec, symmetric
 from ...geometry.se3 import Array
-from ...geometry.stereo import MIN_DEPTH, clamp_depth
+from ...geometry.stereo import MIN_DEPTH, StereoProjection, clamp_depth
+from ...record import changed
 from ...types import Observations, Solution
+from ..cross_frame.inertia import Inertia, InertialMotionModel, TakesSamples, inertial_estimate
+from ..cross_frame.interval import JOINT, Known
 from ..lifecycle import WorldPoints, frame_status, solution_of
 from ..triangulation import counted_cov, triangulate, usable_births
 from .baseline import Baseline
@@ -25,16 +30,29 @@ from .baseline import Baseline
 # plus this many times that of the drift so far (otherwise each frame would claim to know a little about where it is in
 # the world). Trades what the prior still says, a ten-thousandth, against digits: the update subtracts such numbers.
 _FREE, _FREE_OF_DRIFT = 1e4, 300.0
+_AS_GIVEN = np.ones(3)  # factors on the noise densities, which this filter does not learn
 
 
-class Ekf(Baseline):
-    """Joint covariance (6 + 3m, 6 + 3m) of the pose and the m visible points; world-centred."""
+class Ekf(TakesSamples, Baseline):
+    """Joint covariance of the pose (6), the inertial state (17 or none) and the m visible points; world-centred."""
 
     _at_prediction = False  # where the update is linearised: otherwise at the resection
 
+    def __init__(self, projection: StereoProjection, config: Config) -> None:
+        super().__init__(projection, config)
+        self.inertia = Inertia(config)
+        self._motion = InertialMotionModel(config, self.inertia)
+        self._own = 6  # rows before those of the points
+
+    def step(self, observations: Observations) -> Solution:
+        """Take the next frame; see `Estimator.step`."""
+        self.inertia.take(observations.inertial if self._config.imu.enabled else None)
+        return self.by_inertia_if_lost(super().step(observations), observations.stamp_ns)
+
     def _begin(self, obs: Observations, first: Solution) -> WorldPoints:
-        self._world_from_cam, self._cov = first.world_from_cam, first.cov_pose
+        self._world_from_cam, self._cov, self._own = first.world_from_cam, first.cov_pose, 6
         self._ids, self._points = np.empty(0, np.int64), np.empty((0, 3))  # points in the world
+        self._begin_inertia(obs.stamp_ns)
         self._add(obs)
         return self._in_world()
 
@@ -49,8 +67,9 @@ class Ekf(Baseline):
             self._world_from_cam, _ = self._motion.predict(obs.stamp_ns)
         else:
             self._world_from_cam = se3.orthonormalise(self._world_from_cam @ se3.inverse(found.cam_from_ref))
-        free = _FREE * found.cov_pose + _FREE_OF_DRIFT * self._cov[:6, :6]
-        self._update(obs.z_px[rows], counted_cov(obs, rows), found.accepted, free)
+        known = self._predict(obs, _FREE * found.cov_pose + _FREE_OF_DRIFT * self._cov[:6, :6])
+        self._update(obs.z_px[rows], counted_cov(obs, rows), found.accepted, known)
+        self._begin_inertia(obs.stamp_ns)
         rejected = self._ids[~found.accepted]
         self._add(obs)
         solution = solution_of(
@@ -64,21 +83,22 @@ class Ekf(Baseline):
             iterations=1,
             nis=found.chi2,
             nis_dof=found.dof,
+            inertial=self.inertia.now and inertial_estimate(self.inertia.now, _AS_GIVEN),
         )
         return solution, ended
 
     def _in_world(self) -> WorldPoints:
-        return WorldPoints(self._ids, self._points, _blocks(self._cov[6:, 6:]).copy())
+        return WorldPoints(self._ids, self._points, _blocks(self._cov[self._own :, self._own :]).copy())
 
     def _drop(self, keep: NDArray[np.bool_]) -> WorldPoints:
         """Marginalise the points outside the mask, and return them."""
         ended = self._in_world().select(~keep)
-        rows = np.concatenate([np.ones(6, bool), np.repeat(keep, 3)])
+        rows = np.concatenate([np.ones(self._own, bool), np.repeat(keep, 3)])
         self._ids, self._points, self._cov = self._ids[keep], self._points[keep], self._cov[rows][:, rows]
         return ended
 
     def _measurement(self, used: NDArray[np.intp], z_px: Array, cov_px: Array) -> tuple[Array, Array]:
-        """Return innovations (3k,) of unit noise, and H (3k, 6+3m), of views (k, 4) of the points `used`.
+        """Return innovations (3k,) of unit noise, and H (3k, n), of views (k, 4) of the points `used`.
 
         The four numbers of a view say three things of a point, for both rows say one: whitened, they are turned until
         the fourth says nothing. A missing side says nothing at all.
@@ -88,26 +108,77 @@ class Ekf(Baseline):
         white = core.whitening_of_views(z_px, cov_px)
         apart = matvec(white, np.nan_to_num(z_px) - self._projection.project(in_cam))
         turn, a = np.linalg.qr(white @ self._projection.jacobian(in_cam))
-        h = np.zeros((len(used), 3, 6 + 3 * len(self._ids)))
+        h = np.zeros((len(used), 3, len(self._cov)))
         h[:, :, :6] = a @ se3.point_in_source_jacobian(in_cam)
-        columns = 6 + 3 * used[:, None] + np.arange(3)
+        columns = self._own + 3 * used[:, None] + np.arange(3)
         h[np.arange(len(used))[:, None, None], np.arange(3)[:, None], columns[:, None, :]] = (
             a @ cam_from_world[:3, :3]
         )
         return matvec(np.swapaxes(turn, 1, 2), apart).ravel(), h.reshape(3 * len(used), -1)
 
-    def _update(self, z_px: Array, cov_px: Array, accepted: NDArray[np.bool_], cov_free: Array) -> None:
-        """Predict, which leaves the pose with `cov_free` (6, 6), and update with filterpy's filter, eqs. (50), (51)."""
+    def _predict(self, obs: Observations, cov_free: Array) -> Known | None:
+        """Predict pose and state by the samples since the last frame, and return them, eq. (81).
+
+        Where none lead here the pose is freed, with the covariance `cov_free` (6, 6), and inertia is forgotten: None.
+        """
+        by = self.inertia.transition(obs.stamp_ns)
+        if by is None or self.inertia.now is None:
+            self._end_inertia()
+            self._cov[:6], self._cov[:, :6] = 0.0, 0.0
+            self._cov[:6, :6] = cov_free
+            return None
+        known, own = self.inertia.now.carried(by, obs.stamp_ns), self._own
+        self._cov[:own] = by.rows @ self._cov[:own]
+        self._cov[:, :own] = self._cov[:own].T
+        # patches that slide alike feign a turn, eq. (17a), which the gyroscope does not measure
+        known.cov[range(3, 6), range(3, 6)] += obs.lasting.std_turn_rad**2
+        self._cov[:own, :own] = known.cov
+        return known
+
+    def _update(self, z_px: Array, cov_px: Array, accepted: NDArray[np.bool_], known: Known | None) -> None:
+        """Update with filterpy's filter, eqs. (50), (51); `known`: what samples predict."""
         used = np.flatnonzero(accepted)
         innovation, h = self._measurement(used, z_px[used], cov_px[used])
-        kf = ExtendedKalmanFilter(dim_x=len(self._cov), dim_z=len(innovation))
-        kf.x = np.zeros(len(self._cov))
-        kf.P = self._cov
-        kf.P[:6], kf.P[:, :6], kf.P[:6, :6] = 0.0, 0.0, cov_free
-        kf.update(innovation, HJacobian=lambda x: h, Hx=lambda x: h @ x)
-        self._world_from_cam = se3.orthonormalise(self._world_from_cam @ se3.exp(kf.x[:6]))
-        self._points = self._points + kf.x[6:].reshape(-1, 3)
+        x = np.zeros(len(self._cov))
+        if known is not None:
+            x[:6] = se3.log(se3.inverse(self._world_from_cam) @ known.world_from_cam)
+        x = self._filtered(x, innovation, h)
+        self._world_from_cam = se3.orthonormalise(self._world_from_cam @ se3.exp(x[:6]))
+        self._points = self._points + x[self._own :].reshape(-1, 3)
+        if known is None:
+            return
+        now = changed(known, state=known.state + x[JOINT["state"]], world_from_cam=self._world_from_cam)
+        self.inertia.now = changed(now, cov=self._cov[: self._own, : self._own].copy())
+
+    def _filtered(self, x: Array, innovation: Array, h: Array) -> Array:
+        """Return the error (n,) after an update with measurements (k,) of unit noise; the covariance is updated."""
+        kf = ExtendedKalmanFilter(dim_x=len(x), dim_z=len(innovation))
+        kf.x, kf.P = x, self._cov
+        kf.update(innovation, HJacobian=lambda _: h, Hx=lambda x: h @ x)
         self._cov = symmetric(kf.P)
+        return np.asarray(kf.x)
+
+    def _begin_inertia(self, stamp_ns: int) -> None:
+        """Take in the inertial state that was carried here, or one of which nothing is known, if there are samples."""
+        if self._own > 6:
+            return
+        known = self.inertia.predicted(stamp_ns)
+        if known is None:
+            known = self.inertia.begun(stamp_ns, self._world_from_cam, self._cov[:6, :6])
+        if known is None:
+            self.inertia.now = None
+            return
+        n, self._own = len(self._cov) + len(known.state), JOINT.size
+        joint, kept = np.zeros((n, n)), np.r_[:6, self._own : n]
+        joint[: self._own, : self._own] = known.cov
+        joint[np.ix_(kept, kept)] = self._cov
+        self._cov = joint
+        self.inertia.now = changed(known, cov=joint[: self._own, : self._own].copy())
+
+    def _end_inertia(self) -> None:
+        """Marginalise the inertial state."""
+        kept = np.r_[:6, self._own : len(self._cov)]
+        self._cov, self._own, self.inertia.now = self._cov[np.ix_(kept, kept)], 6, None
 
     def _let_drift(self, std_drift_px: Array) -> None:
         """Add process noise, m², across the ray and in depth."""
@@ -118,7 +189,7 @@ class Ekf(Baseline):
         across = in_cam[:, 2] * std_drift_px / p.f_px
         blocks = along[:, None, None] ** 2 * ray[:, :, None] * ray[:, None, :]
         blocks[:, [0, 1], [0, 1]] += across[:, None] ** 2
-        _blocks(self._cov[6:, 6:])[:] += r @ blocks @ r.T
+        _blocks(self._cov[self._own :, self._own :])[:] += r @ blocks @ r.T
 
     def _add(self, obs: Observations) -> None:
         """Add new points, correlated with the rest, eq. (52): X = T X_c, δX = R (J ξ + δX_c) with J = [I, −[X_c]×]."""
@@ -134,7 +205,7 @@ class Ekf(Baseline):
         joint[d:, d:] = g @ self._cov[:6, :6] @ g.T
         _blocks(joint[d:, d:])[:] += r @ cov @ r.T
         order = np.argsort(together := np.concatenate([self._ids, obs.track_ids[new]]))
-        rows = np.concatenate([np.arange(6), (6 + 3 * order[:, None] + np.arange(3)).ravel()])
+        rows = np.concatenate([np.arange(self._own), (self._own + 3 * order[:, None] + np.arange(3)).ravel()])
         self._ids, self._cov = together[order], joint[np.ix_(rows, rows)]
         self._points = np.concatenate([self._points, se3.transform(self._world_from_cam, in_cam)])[order]
 
@@ -144,9 +215,14 @@ class Ekf(Baseline):
         in_cam = se3.transform(cam_from_world, self._points)
         r, j = cam_from_world[:3, :3], se3.point_in_source_jacobian(in_cam)
         jt = np.swapaxes(j, 1, 2)
-        cross = self._cov[6:, :6].reshape(-1, 3, 6)
+        cross = self._cov[self._own :, :6].reshape(-1, 3, 6)
         mixed = r @ cross @ jt
-        cov = r @ _blocks(self._cov[6:, 6:]) @ r.T + mixed + np.swapaxes(mixed, 1, 2) + j @ self._cov[:6, :6] @ jt
+        cov = (
+            r @ _blocks(self._cov[self._own :, self._own :]) @ r.T
+            + mixed
+            + np.swapaxes(mixed, 1, 2)
+            + j @ self._cov[:6, :6] @ jt
+        )
         return in_cam, symmetric(cov)
 
 

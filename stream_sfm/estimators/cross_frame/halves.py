@@ -2,8 +2,8 @@
 
 Given the modes of the prior, points are independent of each other. So are then the poses that two halves of the tracks
 lead to, each of which is one Newton step away from the common minimum. How far they are apart, in units of the σ that
-they claim, is known without any truth, and without a model of what lasts. There are two kinds of halves: even and odd
-tracks, and those first seen left and right of the image's middle, which show what neighbours have in common.
+they claim, is known without any truth, and without a model of what lasts. There are two kinds of halves: every second
+track and the others, and those on the left and on the right, which show what neighbours have in common.
 """
 
 from contextlib import suppress
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from ... import core
 from ...geometry.linear import Cholesky, mahalanobis2
 from ...geometry.se3 import Array
-from ...record import changed, record
-from .inverse_depth import State, WhitenedViews, linearise
+from ...record import record
+from .inverse_depth import State
 from .map import Map
 from .normal_equations import System
 from .relative import apart_from_newest
 
-_KINDS = ((0, 1), (0, 2))  # halves that the quarters 0 … 3 begin with: even tracks, and those on the left
+_KINDS = ((0, 1), (0, 2))  # halves that the quarters 0 … 3 begin with: every second track, and those on the left
 _MEMORY = 25.0  # looks: errors that last are a property of cameras and scene, and change slowly
 # Once so many are known, one frame in so many is looked at: neighbouring windows have most of their views in common.
 _EVERY = 4
@@ -66,12 +66,12 @@ class SpanFactors:
         return SpanFactors(squares, frames)
 
 
-def squares_of_halves(of: Map, system: System, at: State, views: WhitenedViews) -> Array:
+def squares_of_halves(of: Map, system: System, at: State) -> Array:
     """Return δᵀC⁻¹δ/6 (2, f) over spans of 1 … f frames, of both kinds of halves; NaN where one knows too little.
 
-    `system`: of a map, with an exact rig, linearised at the state `at` with `views`.
+    `system`: of a map, with the rig as it is, linearised at its state `at`.
     """
-    parts = [_poses_by(of, system, at, views, points) for points in _quarters(of, at)]
+    parts = _poses_by(of, system, at, _quarters(at))
     found = np.full((2, len(of.frames)), np.nan)
     for kind, (first, second) in enumerate(_KINDS):
         third, fourth = (k for k in range(4) if k not in (first, second))
@@ -87,26 +87,28 @@ def _together(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Arr
     return one[0] + other[0], one[1] + other[1]
 
 
-def _quarters(of: Map, at: State) -> list[NDArray[np.bool_]]:
-    """Return masks of the points: even on the left, even on the right, odd on the left, odd on the right.
+def _quarters(at: State) -> NDArray[np.int64]:
+    """Return of which quarter points (P,) are: every second one on the left, on the right, and of the others.
 
-    A point is where its anchor, the camera that first saw it, has it.
+    A point is where its anchor, the camera that first saw it, has it. The middle is that of the points, and every
+    second one is so among those that there are: tracks that come from half an image, or with even numbers only, have
+    halves as well.
     """
-    p, odd = of.projection, at.ids % 2 == 1
-    right = p.f_px * at.q[:, 0] + p.cx_left_px > p.width / 2
-    return [(odd == o) & (right == r) for o in (False, True) for r in (False, True)]
+    right = at.q[:, 0] > np.median(at.q[:, 0])
+    return 2 * (np.arange(len(at.ids)) % 2) + right
 
 
-def _poses_by(
-    of: Map, system: System, at: State, views: WhitenedViews, points: NDArray[np.bool_]
-) -> tuple[Array, Array]:
-    """Return what some points say of the window's poses, given all modes: information (n, n), right side (n,)."""
-    of_points = changed(views, used=views.used & core.among(views.ids, at.ids[points]))
-    blocks = linearise(of.projection, at, of_points)
-    information, right = system.taken_off_by(points)
-    for f, own in enumerate(blocks.u):
-        information[6 * f : 6 * f + 6, 6 * f : 6 * f + 6] += own[:6, :6]
-    return information, right + blocks.g_pose[:, :6].ravel()
+def _poses_by(of: Map, system: System, at: State, quarters: NDArray[np.int64]) -> list[tuple[Array, Array]]:
+    """Return what quarters of the points say of the poses, given all modes: information (n, n), right side (n,)."""
+    frames = len(of.frames)
+    u, g = core.poses_by_parts(of.projection, at, of.views, quarters, 4)
+    parts = []
+    for quarter, (blocks, right) in enumerate(zip(u.reshape(4, frames, 6, 6), g.reshape(4, -1), strict=True)):
+        taken, taken_right = system.taken_off_by(quarters == quarter)
+        information = np.zeros((frames, 6, frames, 6))
+        information[np.arange(frames), :, np.arange(frames)] = blocks
+        parts.append((information.reshape(taken.shape) - taken, right - taken_right))
+    return parts
 
 
 def _squares(of: Map, one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:

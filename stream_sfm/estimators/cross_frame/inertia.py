@@ -18,13 +18,13 @@ from ...geometry.resection import Resection, SecondMotion
 from ...geometry.se3 import Array
 from ...inertial.buffer import SampleBuffer
 from ...inertial.samples import ImuCalibration
-from ...inertial.state import ACCEL_BIAS, AXES, BIASES, CLOCK, FIXED, GRAVITY, GYRO_BIAS, SCALE, STATE, VELOCITY
+from ...inertial.state import ACCEL_BIAS, AXES, CLOCK, FIXED, GRAVITY, GYRO_BIAS, SCALE, STATE, VELOCITY
 from ...record import changed
-from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction
+from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction, Solution, Status
 from ..motion_model import MotionModel
 from .inertia_checks import IMPOSSIBLE, Agreement, Densities, impossible, likely
 from .inertial_window import InertialWindow
-from .interval import JOINT, OF_INTERVAL, Interval, Intervals, Known
+from .interval import JOINT, Interval, Intervals, Known, Transition, transition
 from .map import Map
 from .window_frame import WindowFrame
 
@@ -75,7 +75,7 @@ class Inertia:
             logging.getLogger("stream_sfm").warning(self.problem)
             self.now = self._anew = None
 
-    def _begun(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Known | None:
+    def begun(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Known | None:
         """Return the state of a camera of which nothing is known by inertia; None without samples around it."""
         if self._calibration is None or self._buffer.problem:
             return None
@@ -94,7 +94,7 @@ class Inertia:
         known = self.predicted(stamp_ns)
         self._carried = known is not None and not self._agreement.is_young
         if known is None:
-            known = self._begun(stamp_ns, world_from_cam, cov_pose)
+            known = self.begun(stamp_ns, world_from_cam, cov_pose)
         if known is None or self._calibration is None:
             return
         window = InertialWindow(self._calibration.cam_from_imu, self._densities.factors, self._knows_gravity(known))
@@ -110,15 +110,21 @@ class Inertia:
 
     def predicted(self, stamp_ns: int) -> Known | None:
         """Return pose and state at a later time, by the samples alone, eq. (81); None where they do not lead there."""
+        if self.now is not None and stamp_ns == self.now.stamp_ns and not self.problem:
+            return self.now
+        found = self.transition(stamp_ns)
+        return None if found is None or self.now is None else self.now.carried(found, stamp_ns)
+
+    def transition(self, stamp_ns: int) -> Transition | None:
+        """Return what leads from the latest state to a later time; None where samples do not lead there."""
         now, calibration = self.now, self._calibration
         if now is None or calibration is None or self._buffer.problem:
             return None
-        if stamp_ns <= now.stamp_ns:
-            return now if stamp_ns == now.stamp_ns else None
-        if stamp_ns - now.stamp_ns > _MAX_GAP_S * 1e9 or not self._buffer.covers(now.stamp_ns, stamp_ns):
+        ahead_ns = stamp_ns - now.stamp_ns
+        if not 0 < ahead_ns <= _MAX_GAP_S * 1e9 or not self._buffer.covers(now.stamp_ns, stamp_ns):
             return None
         interval = self._interval(now.stamp_ns, stamp_ns, now.state)
-        return carried(now, interval, self._densities.factors, calibration.cam_from_imu, stamp_ns)
+        return transition(now.state, interval, self._densities.factors, calibration.cam_from_imu)
 
     def prediction(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
         """Return pose and state later on, with further samples, which are not kept; None where none lead there."""
@@ -171,7 +177,7 @@ class Inertia:
         begun, self._anew, calibration = self._anew, None, self._calibration
         if current.inertia is None and not self.problem:
             newest = (current.frames[-1] if current.frames else current.reference).stamp_ns
-            begun = self._begun(newest, current.marginals.world_from_cam, current.marginals.cov_pose)
+            begun = self.begun(newest, current.marginals.world_from_cam, current.marginals.cov_pose)
         if begun is not None and calibration is not None:
             window = InertialWindow(calibration.cam_from_imu, self._densities.factors, knows_gravity=False)
             current.begin_inertia(window, begun)
@@ -258,7 +264,7 @@ class Inertia:
             self._agreement.contradicts and self._agreement.is_young
         ):  # forget what a wrong motion told
             self._agreement = self._agreement.anew()
-            self._anew = self._begun(stamp_ns, known.world_from_cam, known.cov_pose)
+            self._anew = self.begun(stamp_ns, known.world_from_cam, known.cov_pose)
         note = "; ".join(filter(None, [self._agreement.note, self._note]))
         estimate = inertial_estimate(known, self._densities.factors, self._distance2, note)
         return known, estimate
@@ -284,33 +290,6 @@ def _distance2(expected: ExpectedMotion, cam_from_previous: Array, cov: Array, s
     return float(apart @ np.linalg.solve(both, apart))
 
 
-def carried(known: Known, interval: Interval, factors: Array, cam_from_imu: Array, stamp_ns: int) -> Known:
-    """Return pose and state after an interval, by its samples alone, with their joint covariance, eq. (81)."""
-    intervals = Intervals.of([interval], factors)
-    previous_from_now, state = core.inertial_motion(intervals, known.state, cam_from_imu)
-    cam = se3.inverse(previous_from_now)
-    velocities = np.stack([known.state[VELOCITY], state[VELOCITY]])
-    _, j = core.inertial_rows(intervals, np.stack([np.eye(4), cam]), velocities, known.state, cam_from_imu)
-    # whitened residuals are zero at the end and N(0, I): J_end (ξ, δv) + J_s δs + n = 0
-    of, at_pose, at_state = OF_INTERVAL, JOINT["pose"], JOINT["state"]
-    at_end = np.linalg.inv(np.concatenate([j[:, of["pose"]], j[:, of["velocity"]]], axis=1))
-    by_state = -at_end @ j[:, of["state"]]
-    rows, noise = np.zeros((JOINT.size, JOINT.size)), np.zeros((JOINT.size, 9))
-    rows[at_pose, at_pose] = se3.adjoint(cam)
-    rows[at_pose, at_state], noise[at_pose] = -by_state[:6], at_end[:6]
-    rows[at_state, at_state] = np.eye(STATE)
-    at_v, at_g = JOINT.within("state", VELOCITY), JOINT.within("state", GRAVITY)
-    rows[at_v, at_state], noise[at_v] = by_state[6:], -at_end[6:]
-    turned = -se3.skew(state[GRAVITY])
-    rows[at_g, at_state] = cam[:3, :3] @ rows[at_g, at_state] + turned @ by_state[3:6]
-    noise[at_g] = -turned @ at_end[3:6]
-    cov = rows @ known.cov @ rows.T + noise @ noise.T
-    walk = range(*JOINT.within("state", BIASES).indices(JOINT.size))
-    cov[walk, walk] += interval.std_walk**2
-    pose = se3.orthonormalise(known.world_from_cam @ previous_from_now)
-    return Known(stamp_ns, pose, state, symmetric(cov))
-
-
 def inertial_estimate(known: Known, factors: Array, distance2: float = 0.0, note: str = "") -> InertialEstimate:
     """Return what is reported of a state."""
     s = known.state
@@ -319,6 +298,36 @@ def inertial_estimate(known: Known, factors: Array, distance2: float = 0.0, note
         *(known.cov, factors[:2], distance2),
         note=note,
     )
+
+
+class TakesSamples:
+    """What every estimator does that takes inertial samples; see `InertialEstimator`."""
+
+    inertia: Inertia
+
+    @property
+    def inertial_problem(self) -> str:
+        """Why inertial samples are not used."""
+        return self.inertia.problem
+
+    def expect(self, stamp_ns: int, view: InertialView | None) -> ExpectedMotion | None:
+        """Return the motion that inertial samples predict for the next frame."""
+        self.inertia.take(view)
+        return self.inertia.expected_motion(stamp_ns) if self.inertia.is_trusted else None
+
+    def predict(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
+        """Return pose and state at a later time by inertial samples."""
+        return self.inertia.prediction(stamp_ns, view)
+
+    def by_inertia_if_lost(self, solution: Solution, stamp_ns: int) -> Solution:
+        """Return the solution of a frame, or where it is lost what inertia makes of it, if σ allows to report it."""
+        if solution.status != Status.LOST or solution.inertial is not None:
+            return solution
+        by_inertia = self.inertia.dead_reckoned(stamp_ns)
+        if by_inertia is None:
+            return solution
+        reason = f"dead-reckoned by the IMU: {solution.reason}"
+        return replace(solution, status=Status.DEGRADED, reason=reason, inertial=by_inertia)
 
 
 class InertialMotionModel(MotionModel):

@@ -6,10 +6,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import core
+from ...geometry import se3
+from ...geometry.linear import symmetric
 from ...geometry.se3 import Array
 from ...inertial.buffer import Samples
 from ...inertial.samples import ImuCalibration
-from ...inertial.state import BIASES, CLOCK, STATE
+from ...inertial.state import BIASES, CLOCK, GRAVITY, STATE, VELOCITY
 from ...record import changed, filled, record
 from .layout import Layout
 
@@ -137,3 +139,46 @@ class Known:
     def cov_state(self) -> Array:
         """The covariance (17, 17) of the state."""
         return self.cov[JOINT["state"], JOINT["state"]]
+
+    def carried(self, by: "Transition", stamp_ns: int) -> "Known":
+        """Return pose and state after a transition, with their joint covariance, eq. (81)."""
+        cov = by.rows @ self.cov @ by.rows.T + by.cov
+        pose = se3.orthonormalise(self.world_from_cam @ by.previous_from_now)
+        return Known(stamp_ns, pose, by.state, symmetric(cov))
+
+
+@record
+class Transition:
+    """How an interval's samples lead from one pose and state to the next, eq. (81): the motion `previous_from_now`
+    (4, 4), the new `state` (17,), and of both together the linear `rows` (23, 23) and the noise `cov` (23, 23)."""
+
+    previous_from_now: Array
+    state: Array
+    rows: Array
+    cov: Array
+
+
+def transition(state: Array, interval: Interval, factors: Array, cam_from_imu: Array) -> Transition:
+    """Return what the samples of an interval say of the pose and the state at its end."""
+    intervals = Intervals.of([interval], factors)
+    previous_from_now, then = core.inertial_motion(intervals, state, cam_from_imu)
+    cam = se3.inverse(previous_from_now)
+    velocities = np.stack([state[VELOCITY], then[VELOCITY]])
+    _, j = core.inertial_rows(intervals, np.stack([np.eye(4), cam]), velocities, state, cam_from_imu)
+    # whitened residuals are zero at the end and N(0, I): J_end (ξ, δv) + J_s δs + n = 0
+    of, at_pose, at_state = OF_INTERVAL, JOINT["pose"], JOINT["state"]
+    at_end = np.linalg.inv(np.concatenate([j[:, of["pose"]], j[:, of["velocity"]]], axis=1))
+    by_state = -at_end @ j[:, of["state"]]
+    rows, noise = np.zeros((JOINT.size, JOINT.size)), np.zeros((JOINT.size, 9))
+    rows[at_pose, at_pose] = se3.adjoint(cam)
+    rows[at_pose, at_state], noise[at_pose] = -by_state[:6], at_end[:6]
+    rows[at_state, at_state] = np.eye(STATE)
+    at_v, at_g = JOINT.within("state", VELOCITY), JOINT.within("state", GRAVITY)
+    rows[at_v, at_state], noise[at_v] = by_state[6:], -at_end[6:]
+    turned = -se3.skew(then[GRAVITY])
+    rows[at_g, at_state] = cam[:3, :3] @ rows[at_g, at_state] + turned @ by_state[3:6]
+    noise[at_g] = -turned @ at_end[3:6]
+    cov = noise @ noise.T
+    walk = range(*JOINT.within("state", BIASES).indices(JOINT.size))
+    cov[walk, walk] += interval.std_walk**2
+    return Transition(previous_from_now, then, rows, cov)

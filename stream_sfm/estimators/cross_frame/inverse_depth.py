@@ -92,13 +92,6 @@ class WhitenedViews:
     def __getitem__(self, rows: slice | NDArray[np.intp]) -> "WhitenedViews":
         return WhitenedViews(*columns_at(_COLUMNS(self), rows))
 
-    def given_rig(self, amplitudes: Array) -> "WhitenedViews":
-        """Return the views as those of an exact rig, without what amplitudes (m,) of its errors do."""
-        if not len(amplitudes):
-            return self
-        none = {"terms": self.terms[..., :0], "timing": self.timing[..., :0], "field": self.field[:, :0]}
-        return changed(self, z_px=self.z_px - self.shift_px(amplitudes), **none)
-
     def shift_px(self, amplitudes: Array) -> Array:
         """Return what amplitudes (m,) of the rig's errors do (V, 4)."""
         own, timed = self.terms.shape[2], self.timing.shape[2]
@@ -155,9 +148,11 @@ def timed(state: State, views: WhitenedViews, rig: RigModel, motions: Array, tim
     return changed(views, timing=by_second * rig.units_of_timing)
 
 
-def linearise(projection: StereoProjection, state: State, views: WhitenedViews) -> core.NormalBlocks:
+def linearise(
+    projection: StereoProjection, state: State, views: WhitenedViews, with_rig: bool = True
+) -> core.NormalBlocks:
     """Return the Gauss-Newton normal equations of all used views of the points, eqs. (25), (26) and (71).
 
-    Views of other points are left out.
+    Views of other points are left out. Without `with_rig` the rig's errors are not among the unknowns.
     """
-    return core.normal_blocks(projection, state, views)
+    return core.normal_blocks(projection, state, views, with_rig)

@@ -48,7 +48,7 @@ class Marginals:
         own, by_rig = system.covariances(len(cams_from_ref) - 1)
         by_both = np.concatenate([-np.eye(6), se3.adjoint(cam_from_ref)], axis=1)
         of_points = core.point_marginals(
-            *(ref_from_anchor, q, system.std_given, own, by_rig),
+            *(ref_from_anchor, q, own, by_rig),
             *(world_from_ref, cam_from_ref, KNOWN_DEPTH_SIGMAS),
         )
         return filled(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ... import core
 from ...geometry.linear import Cholesky, Elimination, matvec, product
 from ...geometry.se3 import Array
+from ...record import rows_of
 from .interval import JOINT
 from .layout import Layout
 from .prior import Prior
@@ -21,11 +22,12 @@ from .prior import Prior
 class CovariancePart(NamedTuple):
     """One of two parts of the joint covariance of points, a pose x and the world w, eq. (28).
 
-    With what reaches points, in units of their own covariance given the others: `reach` (P, 3, k), of k variables;
-    `covariant` (P, 3, k): times the covariance of these; `with_both` (P, 3, 12): times theirs with x and w. And `both`
-    (12, 12): of x and w.
+    With what reaches points, in units `root` (P, 3, 3) of their own covariance given the others: `reach` (P, 3, k), of
+    k variables; `covariant` (P, 3, k): times the covariance of these; `with_both` (P, 3, 12): times theirs with x and
+    w. And `both` (12, 12): of x and w.
     """
 
+    root: Array
     reach: Array
     covariant: Array
     with_both: Array
@@ -48,10 +50,12 @@ class System:
         q: Array,
         amplitudes: Array,
         inertial: tuple[Array, Array] | None = None,
+        beside: "System | None" = None,
     ) -> None:
         """Take the points as they are at q (P, 3), where views were linearised, and modes at `amplitudes` (k,).
 
-        `inertial`: information about poses and inertial state (6F + 17, …), and the right-hand side.
+        `inertial`: information about poses and inertial state (6F + 17, …), and the right-hand side. `beside`: another
+        system of the same prior, which may have errors of the rig where this one has none.
         """
         frames, of_frame = blocks.u.shape[:2]
         m = len(prior.rig)
@@ -65,7 +69,9 @@ class System:
         )
         self._rig_error = prior.rig_at(amplitudes)
         of_modes = self.at.span("modes", "rig")
-        h[of_modes, of_modes] += _flat(half).T @ _flat(half)
+        # what the prior says of its modes by the points
+        self._of_modes: Array = _flat(half).T @ _flat(half) if beside is None else beside._of_modes[:modes, :modes]
+        h[of_modes, of_modes] += self._of_modes
         h -= _flat(self._reach).T @ _flat(self._reach)
         if inertial is not None:
             j = np.zeros((len(inertial[1]), len(h)))
@@ -77,6 +83,8 @@ class System:
         self._others = Elimination(h, self.at["rig"].start)
         self.root, self.by_rig = self._others.root, self._others.by_others
         self.cov_rig = Cholesky(self._others.left).inverse()
+        # what moves the points with the rig's errors, and in which rows they are there
+        self._of_rig: tuple[System, NDArray[np.intp]] | None = None
 
     def step(self) -> tuple[Array, Array, Array, Array, float]:
         """Return steps of poses (F, 6), their own (F, e), points (P, 3), modes (k,), and the decrease gᵀδ they promise.
@@ -100,16 +108,26 @@ class System:
 
         `rows` (P,): the points in the other system. How they move hardly depends on the weights of the views.
         """
-        self.prior, self.by_rig, self.cov_rig = other.prior, other.by_rig, other.cov_rig
-        m = len(self.cov_rig)
-        if m:
-            units = np.linalg.inv(self.std_given) @ other.std_given[rows]
-            self._reach = np.concatenate([self._reach, units @ other._reach[rows, :, -m:]], axis=2)
+        self.prior, self.by_rig, self.cov_rig, self._of_rig = (
+            other.prior,
+            other.by_rig,
+            other.cov_rig,
+            (other, rows),
+        )
+
+    def _points_by_rig(self) -> tuple[Array, Array]:
+        """Return how points move with the rig's errors, (P, 3, m), and the roots (P, 3, 3) in whose units they do."""
+        if self._of_rig is not None:
+            other, rows = self._of_rig
+            by_rig, root = other._points_by_rig()
+            return (by_rig, root) if len(rows) == len(root) else (rows_of(by_rig, rows), rows_of(root, rows))
+        n = len(self.root)
+        return product(self._reach[..., :n], self.by_rig) + self._reach[..., n:], self.std_given
 
     def taken_off_by(self, points: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return −Σ MᵀV⁻¹M (6F, 6F) and −Σ MᵀV⁻¹g (6F,) of eq. (27) over some points (P,), of the poses alone."""
-        reach = _flat(self._reach[points, :, self.at["poses"]])
-        return -(reach.T @ reach), -(reach.T @ self._given[points].ravel())
+        """Return Σ MᵀV⁻¹M (6F, 6F) and Σ MᵀV⁻¹g (6F,) of eq. (27) over some points (P,), of the poses alone."""
+        reach = _flat(rows_of(self._reach[..., self.at["poses"]], points))
+        return reach.T @ reach, reach.T @ rows_of(self._given, points).ravel()
 
     def rig_errors(self) -> tuple[Array, Array, Array]:
         """Return mean (m,), covariance and information (m, m) of the rig's errors by all views."""
@@ -138,12 +156,11 @@ class System:
         """Return the covariances given the rig's errors, with the pose of `frame`, and what these errors add."""
         n, (own, rig) = len(self.root), self.pose_and_world(frame)
         by_own = product(self._reach[..., :n], self.root)
-        by_rig = product(self._reach[..., :n], self.by_rig)
-        by_rig += self._reach[..., n:]
+        by_rig, root = self._points_by_rig()
         covariant = product(by_rig, self.cov_rig)
         return (
-            CovariancePart(by_own, by_own, product(by_own, own.T), own @ own.T),
-            CovariancePart(by_rig, covariant, product(covariant, rig.T), rig @ self.cov_rig @ rig.T),
+            CovariancePart(self.std_given, by_own, by_own, product(by_own, own.T), own @ own.T),
+            CovariancePart(root, by_rig, covariant, product(covariant, rig.T), rig @ self.cov_rig @ rig.T),
         )
 
 

@@ -36,7 +36,7 @@ def _reported(current: Map, factors: SpanFactors, learns: bool) -> tuple[Map, Sp
     result.views = changed(views, root=views.root * (own / views.weight)[:, None, :], weight=own)
     result.drop_undetermined()
     m, k = len(result.prior.rig), len(result.amplitudes)
-    at, views = result.state()._replace(rig_error=np.zeros(0)), result.views.given_rig(result.rig_error)
+    at = result.state()
     inertial = None
     if current.inertia is not None:  # a copy, which nothing feeds back either
         result.inertia = copy.copy(current.inertia)
@@ -44,13 +44,14 @@ def _reported(current: Map, factors: SpanFactors, learns: bool) -> tuple[Map, Sp
     system = System(
         result.prior.given_rig(result.amplitudes[k - m :]),
         np.searchsorted(result.points.ids, result.prior.ids),
-        linearise(result.projection, at, views),
+        linearise(result.projection, at, result.views, with_rig=False),
         result.points.q,
         result.amplitudes[: k - m],
         inertial,
+        beside=current.system,
     )
     if learns and factors.asks_for(result.frames[-1].index):
-        factors = factors.after(factor**2 * squares_of_halves(result, system, at, views))
+        factors = factors.after(factor**2 * squares_of_halves(result, system, at))
     result.follow(system)
     system.with_rig_of(current.system, np.searchsorted(current.points.ids, result.points.ids))
     return result, factors

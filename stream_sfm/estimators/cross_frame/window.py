@@ -18,7 +18,7 @@ from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...record import changed
 from ...rig_model.terms import DELAY, TERMS
-from ...types import Ambiguity, ExpectedMotion, InertialView, Observations, Prediction, Solution, Status
+from ...types import Ambiguity, Observations, Solution
 from ..initial_motion import initial_motion
 from ..lifecycle import (
     LostError,
@@ -30,7 +30,7 @@ from ..lifecycle import (
     with_ended,
 )
 from .halves import SpanFactors
-from .inertia import Inertia, InertialMotionModel
+from .inertia import Inertia, InertialMotionModel, TakesSamples
 from .inverse_depth import WhitenedViews
 from .map import Map
 from .minimise import minimise
@@ -48,7 +48,7 @@ _HAS_FIELD_PX = 0.02
 _NO_HISTORY = 0.1  # weight of a point that has not yet agreed with the map, relative to one frame of agreement
 
 
-class CrossFrame:
+class CrossFrame(TakesSamples):
     """The default estimator (see `Estimator`)."""
 
     name = "cross-frame"
@@ -75,27 +75,7 @@ class CrossFrame:
             solution = self._take(observations)
         except np.linalg.LinAlgError:
             solution = self._lose(observations, "the views do not determine the motion")
-        if solution.status != Status.LOST or solution.inertial is not None:
-            return solution
-        by_inertia = self.inertia.dead_reckoned(observations.stamp_ns)
-        if by_inertia is None:
-            return solution
-        reason = f"dead-reckoned by the IMU: {solution.reason}"
-        return replace(solution, status=Status.DEGRADED, reason=reason, inertial=by_inertia)
-
-    @property
-    def inertial_problem(self) -> str:
-        """Why inertial samples are not used; see `InertialEstimator`."""
-        return self.inertia.problem
-
-    def expect(self, stamp_ns: int, view: InertialView | None) -> ExpectedMotion | None:
-        """Return the motion that inertial samples predict for the next frame; see `InertialEstimator`."""
-        self.inertia.take(view)
-        return self.inertia.expected_motion(stamp_ns) if self.inertia.is_trusted else None
-
-    def predict(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
-        """Return pose and state at a later time by inertial samples; see `InertialEstimator`."""
-        return self.inertia.prediction(stamp_ns, view)
+        return self.by_inertia_if_lost(solution, observations.stamp_ns)
 
     def _take(self, observations: Observations) -> Solution:
         """Start a map or follow the camera. Raises LinAlgError where the views do not determine what is sought."""
