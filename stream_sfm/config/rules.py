@@ -8,6 +8,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from .inertia_rules import InertiaRules
 from .section import Section, expert
 
 
@@ -340,7 +341,7 @@ class ImageRules(Section, frozen=True, kw_only=True):
 
 
 class Rules(Section, frozen=True, kw_only=True):
-    """What the front-end decides by."""
+    """What the front-end decides by, and the window about inertia."""
 
     motion: MotionRules = MotionRules()
     start: StartRules = StartRules()
@@ -356,3 +357,4 @@ class Rules(Section, frozen=True, kw_only=True):
     still: StillRules = StillRules()
     images: ImageRules = ImageRules()
     mono: MonoRules = MonoRules()
+    inertia: InertiaRules = InertiaRules()

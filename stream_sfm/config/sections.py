@@ -57,6 +57,13 @@ class WindowConfig(Section, frozen=True, kw_only=True):
 
     frames: Annotated[int, number("frames in the window (batch size b in the paper)", 1, 64)] = 8
     max_iterations: Annotated[int, expert("Gauss-Newton steps per frame, at most", 1, 50)] = 6
+    # Rendered images make it 0.017 px at the most, real ones more within four frames; all that has to do with the rig
+    # is done for 20 errors instead of a hundred.
+    least_field_px: Annotated[float, expert("σ of the field beyond which a rig has one, px", 0, 100)] = 0.02
+    # A point that never agreed says little beside one that did.
+    no_history: Annotated[float, expert("weight of a point that never agreed with the map, frames", 1e-6, 100)] = (
+        0.1
+    )
 
 
 class RobustConfig(Section, frozen=True, kw_only=True):
@@ -91,10 +98,25 @@ class RobustConfig(Section, frozen=True, kw_only=True):
     max_odds: Annotated[float, expert("odds of what the motion of one rigid scene leaves out", 0, 1e6)] = 0.5
     min_inliers: Annotated[int, number("a frame with fewer accepted views is lost", 4, 2000)] = 8
     degraded_inliers: Annotated[int, number("a frame with fewer accepted views is degraded", 4, 2000)] = 25
+    # Below it, what agrees may not be the background.
+    degraded_share: Annotated[float, expert("a frame whose motion has less of the votes is degraded", 0, 1)] = 0.5
+    # Where three standard deviations stand for one, covariances mean little.
+    degraded_spread: Annotated[
+        float, expert("squared residuals beyond which a frame is degraded, times the expected", 1, 1e8)
+    ] = 9.0
 
 
 class MotionConfig(Section, frozen=True, kw_only=True):
     """The camera's motion while tracking is lost."""
+
+    # A walking start.
+    build_up_s: Annotated[
+        float, expert("time in which the acceleration builds up the σ of an unknown velocity, s", 0, 1000)
+    ] = 1.0
+    # Velocities differ from the last one known by what the acceleration builds up in this time, and by no more later.
+    # A camera that was put elsewhere is as uncertain as after this time without images. Of a car that is 30 m, two
+    # standard deviations.
+    speeds_up_s: Annotated[float, expert("for how long a vehicle speeds up, s", 1e-3, 1000)] = 3.0
 
     std_acceleration_m_s2: Annotated[
         float, number("σ of the acceleration while tracking is lost, m/s²", 1e-3, 1e4)
@@ -144,6 +166,25 @@ class RigConfig(Section, frozen=True, kw_only=True):
     ] = 0.005
     # A principal point that is off by a pixel, at usual focal lengths.
     std_axes_rad: Annotated[float, expert("σ of the camera's axes, about x and about y", 0, 0.5)] = 0.0015
+    # No calibration errs by more: real rigs have 4 to 16, the most one with a radial error of 12 px in the corner.
+    impossible: Annotated[float, expert("length of all errors, each in its σ, that cannot be", 1, 1e8)] = 20.0
+    # Neighbouring windows share most of their views. On sound logs, rendered and real, roots of the averages are 0.5 to
+    # 1.3 (KITTI 06 has 3.2 in one term), where the focus moves 2 to 7.
+    innovations: Annotated[int, expert("frames over which innovations are averaged", 1, 10_000)] = 40
+    calm_frames: Annotated[int, expert("calm frames by which that average begins", 0, 10_000)] = 10
+    # At most 4 on rendered logs that are sound, 6 on real ones, 8 to 18 where the focus moves.
+    contradicts: Annotated[float, expert("σ by which a window contradicts a term", 0.1, 1e8)] = 5.0
+    contradictions: Annotated[int, expert("such frames in a row that change the rig", 1, 10_000)] = 3
+    # At 0.2 the focus of an exact camera that looks down on a lawn seems to move, and the run fails: a rendered mower,
+    # every frame or every other, ends up to 15 m off instead of 0.03. KITTI would be 3 to 12 % better.
+    odds: Annotated[float, expert("odds that a cause of errors, or an error of inertia, is there", 1e-12, 1e6)] = (
+        0.05
+    )
+    # Errors that last, and those of neighbours, make their σ half of what it should be (simulated 1.4, real 1.5 to 4.5
+    # times).
+    counts: Annotated[
+        float, expert("share of the information about errors that counts for these odds", 1e-6, 1)
+    ] = 0.25
     # Five real logs with independent truth are 0.1 to 1 % too long or too short, RMS 0.6 %.
     std_baseline: Annotated[float, number("σ of the baseline's error, fraction of it", 0, 0.5)] = 0.006
 

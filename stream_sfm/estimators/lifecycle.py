@@ -16,12 +16,6 @@ from ..types import Observations, Solution, Status
 from .motion_model import MotionModel
 from .triangulation import points_to_world, triangulate, usable_births
 
-# Share of the weight of all views of known points that one motion must explain: below it, what agrees may not be the
-# background.
-_DEGRADED_SHARE = 0.5
-# Squared residuals over their expected size: where three standard deviations stand for one, covariances mean little.
-_DEGRADED_SPREAD = 9.0
-
 
 class WorldPoints(NamedTuple):
     """Points in one frame, the world as a rule: `ids` (k,), `points` (k, 3) m, `cov_points` (k, 3, 3) m²."""
@@ -50,7 +44,7 @@ def frame_status(
     inliers: int, note: str, config: RobustConfig, motion: Resection | None = None
 ) -> tuple[Status, str]:
     """Return status and reason of a frame that was estimated; `note` as in Observations, `motion` its robust start."""
-    reasons = [] if motion is None else _weaknesses(motion)
+    reasons = [] if motion is None else _weaknesses(motion, config)
     if inliers < config.degraded_inliers:
         reasons.append(f"only {inliers} accepted views (fewer than {config.degraded_inliers})")
     if note:
@@ -58,14 +52,14 @@ def frame_status(
     return (Status.DEGRADED if reasons else Status.OK), "; ".join(reasons)
 
 
-def _weaknesses(motion: Resection) -> list[str]:
+def _weaknesses(motion: Resection, config: RobustConfig) -> list[str]:
     """Return why the motion of a frame may not be the camera's, or its covariance not mean what it says."""
     reasons = []
     if motion.ambiguous is not None:
         reasons.append("two rigid motions agree with the views")
-    elif motion.share < _DEGRADED_SHARE:
+    elif motion.share < config.degraded_share:
         reasons.append(f"only {motion.share:.0%} of the views, by their history, agree with one motion")
-    if motion.spread > _DEGRADED_SPREAD:
+    if motion.spread > config.degraded_spread:
         reasons.append(f"the views scatter by {np.sqrt(motion.spread):.1f} times their standard deviations")
     return reasons
 

@@ -11,12 +11,6 @@ from ..config import MotionConfig
 from ..geometry import se3
 from ..geometry.se3 import Array
 
-# An unknown velocity has the σ that the assumed acceleration builds up in this time: a walking start.
-_BUILD_UP_S = 1.0
-# For so long a vehicle speeds up: velocities differ from the last one known by what the assumed acceleration builds up
-# in this time, and by no more later. A camera whose images were held back, or that was put elsewhere, is as uncertain
-# as after this time without images. Of a car that is 30 m, two standard deviations.
-_SPEEDS_UP_S = 3.0
 _STEPS = 16  # that are kept: a stream that is displaced all the time is bounded, too
 
 
@@ -24,7 +18,7 @@ class MotionModel:
     """The last estimated pose, its covariance, and the velocity that led to it. Frames come in order of time."""
 
     def __init__(self, config: MotionConfig) -> None:
-        self._std_acceleration = np.array(config.std_acceleration)
+        self._config, self._std_acceleration = config, np.array(config.std_acceleration)
         self._pose = np.eye(4)
         self._cov = np.zeros((6, 6))
         self._stamp_ns: int | None = None
@@ -47,7 +41,7 @@ class MotionModel:
     @property
     def std_speed(self) -> Array:
         """σ (6,) of how far velocities of a vehicle are apart, per second: what it builds up while it speeds up."""
-        return np.asarray(_SPEEDS_UP_S * self._std_acceleration)
+        return np.asarray(self._config.speeds_up_s * self._std_acceleration)
 
     def record(
         self,
@@ -107,7 +101,7 @@ class MotionModel:
     def jump(self) -> None:
         """Record that the camera has left its last pose in a way that no velocity explains."""
         self._velocity, self._velocity_known = np.zeros(6), False
-        reach_s2 = _SPEEDS_UP_S * (0.5 * _SPEEDS_UP_S + _BUILD_UP_S)
+        reach_s2 = self._config.speeds_up_s * (0.5 * self._config.speeds_up_s + self._config.build_up_s)
         self._cov = self._cov + np.diag((reach_s2 * self._std_acceleration) ** 2)
 
     def _leave(self, world_from_cam: Array, cov: Array) -> None:
@@ -145,8 +139,8 @@ class MotionModel:
         if stamp_ns is None or self._known_at_ns is None:
             return 0.0
         age_s = (stamp_ns - self._known_at_ns) / 1e9
-        speeding_up_s = min(age_s, _SPEEDS_UP_S)
-        built_up_s = 0.0 if self._velocity_known else _BUILD_UP_S
+        speeding_up_s = min(age_s, self._config.speeds_up_s)
+        built_up_s = 0.0 if self._velocity_known else self._config.build_up_s
         return (age_s - 0.5 * speeding_up_s) * speeding_up_s + age_s * built_up_s
 
     def _seconds_since(self, stamp_ns: int) -> float:

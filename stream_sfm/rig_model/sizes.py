@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 
 from .. import core
+from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..record import filled, record
 from .terms import CAUSES, FOCAL, TERMS
@@ -17,18 +18,12 @@ from .terms import CAUSES, FOCAL, TERMS
 # Sizes that are considered, all equally probable: from those of rendered images to three times of what is assumed.
 _SIZES = np.geomspace(0.025, 3.0, 41)
 _FOCAL = TERMS.index(FOCAL)
-# What noise shows of the other terms is considered only: each of `CAUSES` is 0 or not, and beforehand the odds that
-# it is not are _ODDS. At 1 : 5 the focus of an exact camera that looks down on a lawn seems to move, and the run fails:
-# a rendered mower, every frame or every other, ends up to 15 m off instead of .03. KITTI would be 3 to 12 % better.
-_ODDS = 0.05
+# What noise shows of the other terms is considered only: each of `CAUSES` is 0 or not.
 _COMBINATIONS = list(product((False, True), repeat=len(CAUSES)))
 _IS_ZERO = np.array(  # (32, 7): which terms are 0 in each combination
     [[zero for group, zero in zip(CAUSES, zeros, strict=True) for _ in group.terms] for zeros in _COMBINATIONS]
 )
-_LOG_PRIOR = np.log(_ODDS) * np.sum(~np.array(_COMBINATIONS), axis=1)
-# Of the information that views claim about these terms, the share that counts for whether they are wrong at all: errors
-# that last, and those of neighbours, make their σ half of what it should be (simulated 1.4, real 1.5 to 4.5 times).
-_COUNTS = 0.25
+_THERE = np.sum(~np.array(_COMBINATIONS), axis=1)  # how many are not 0
 
 
 @record
@@ -56,12 +51,14 @@ def likely_sizes(mean: Array, cov: Array, size: Array) -> Array:
     return result
 
 
-def mixture(mean: Array, cov: Array, size: Array, known_wrong: bool = False, spread: float = 1.0) -> Mixture:
+def mixture(
+    mean: Array, cov: Array, size: Array, rules: RigConfig, known_wrong: bool = False, spread: float = 1.0
+) -> Mixture:
     """Return the errors by N(`mean`, `cov`), where lenses with their field, or each of the other terms, may have none.
 
     What turns show of the focal length or of a delay, noise shows, too: until one is probable, it counts in the
     covariance in full. `spread`: how many σ parts of the run are apart about these terms.
     """
-    counts = min(_COUNTS, spread**-2.0)
-    found = core.rig_mixture(mean, cov, size, _FOCAL, _IS_ZERO, _LOG_PRIOR, counts, known_wrong)
+    counts = min(rules.counts, spread**-2.0)
+    found = core.rig_mixture(mean, cov, size, _FOCAL, _IS_ZERO, np.log(rules.odds) * _THERE, counts, known_wrong)
     return filled(Mixture, found)

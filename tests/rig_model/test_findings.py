@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stream_sfm.config import RigConfig
 from stream_sfm.rig_model.estimate import RigEstimate
 from stream_sfm.rig_model.sizes import mixture
 from stream_sfm.rig_model.terms import DELAY, FOCAL, FOCUSING, READOUT, TERMS, TURNING
@@ -65,7 +66,7 @@ def test_errors_that_are_most_probably_zero_have_variances_of_zero_at_least(seed
     size = np.r_[np.ones(len(TERMS)), np.full(40, 1e-3)]
     j = 1e2 * rng.normal(size=(3 * m, m))
     cov = np.linalg.inv(j.T @ j + np.diag(size**-2.0))
-    mixed = mixture(np.zeros(m), cov, size)
+    mixed = mixture(np.zeros(m), cov, size, RigConfig())
     assert mixed.p_wrong < 1e-4  # one error alone that is below 1e-3 of its σ, of the one in twenty that has one
     assert (np.diag(mixed.cov) >= 0).all()
     basis = rng.normal(size=(100, m))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from stream_sfm.config import RigConfig
 from stream_sfm.geometry.se3 import Array
-from stream_sfm.rig_model import sizes as module
 from stream_sfm.rig_model.sizes import likely_sizes, mixture
 from stream_sfm.rig_model.terms import DELAY, FOCAL, FOCUSING, READOUT, TERMS, TURNING
 
@@ -95,17 +95,15 @@ def test_a_likely_size_does_not_depend_on_the_size_so_far() -> None:
 
 
 @pytest.mark.parametrize(("std", "errors"), [(0.5, 1.0), (8.0, 0.0), (30.0, 1.0), (0.5, 0.0)])
-def test_a_mixture_has_the_moments_of_its_two_halves(
-    std: float, errors: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_mixture_has_the_moments_of_its_two_halves(std: float, errors: float) -> None:
     """A calibration that is wrong with the probability of its likelihood, and otherwise has no errors but timing.
 
     Wrong lenses err in all terms, or, one in twenty, in one alone; judged with the other terms as is most probable.
     """
-    monkeypatch.setattr(module, "_COUNTS", 1.0)  # views whose σ is right
+    rules = RigConfig(counts=1.0)  # views whose σ is right
     true = errors * SIZE * np.random.default_rng(6).normal(size=M)
     views = Views(7, true, std)
-    found = mixture(views.mean, views.cov, SIZE)
+    found = mixture(views.mean, views.cov, SIZE, rules)
     weights, sizes = combinations(views, SIZE)
     others = np.where(np.arange(M) < AT_FOCAL, 0.0, sizes[int(np.argmax(weights))])  # as is most probable
     of_lens = np.eye(M)[:AT_FOCAL]
@@ -123,5 +121,5 @@ def test_a_mixture_has_the_moments_of_its_two_halves(
     cov = sum(p * second for p, _, second in halves) - np.outer(mean, mean)
     assert np.abs(found.mean - mean).max() < 1e-6
     assert np.abs(found.cov - cov).max() < 1e-6
-    known = mixture(views.mean, views.cov, SIZE, known_wrong=True)
+    known = mixture(views.mean, views.cov, SIZE, rules, known_wrong=True)
     assert known.p_wrong == 1 and np.abs(known.mean - halves[0][1]).max() < 1e-6

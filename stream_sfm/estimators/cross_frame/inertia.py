@@ -22,32 +22,26 @@ from ...inertial.state import ACCEL_BIAS, AXES, CLOCK, FIXED, GRAVITY, GYRO_BIAS
 from ...record import changed
 from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction, Solution, Status
 from ..motion_model import MotionModel
-from .inertia_checks import IMPOSSIBLE, Agreement, Densities, impossible, likely
+from .inertia_checks import Agreement, Densities, impossible, likely
 from .inertial_window import InertialWindow
 from .interval import JOINT, Interval, Intervals, Known, Transition, transition
 from .map import Map
 from .window_frame import WindowFrame
 
-# σ of what is not known when inertia begins: velocity, m/s; what the accelerometer measures beside gravity, m/s²; and
-# the biases, rad/s and m/s², of consumer-grade units.
-_STD_VELOCITY, _STD_START, _STD_GYRO_BIAS, _STD_ACCEL_BIAS = 3.0, 4.0, 0.05, 0.3
-_LEAST_STD_SCALE = 1e-6
-_MAX_GAP_S = 10.0  # from the last estimate: beyond it samples lead nowhere
-_MAX_STD_TURN_RAD = 0.1  # as far as a pose by samples alone is reported as one
-_FARTHER = 1.5  # factor on the images' σ of a motion: errors of views that last
+_LEAST_STD_SCALE = 1e-6  # keeps its variance above rounding
 
 
 class Inertia:
     """All that an estimator knows by inertia between two frames. `now`: of the latest estimate; None before one."""
 
     def __init__(self, config: Config) -> None:
-        self._config = config.imu
+        self._config, self._rig, self._rules = config.imu, config.rig, config.rules.inertia
         scale = _LEAST_STD_SCALE if config.rig.exact else max(config.rig.std_baseline, _LEAST_STD_SCALE)
         self._std_fixed = np.r_[scale, np.full(3, self._config.std_axes_rad), self._config.std_time_offset_s]
         self._calibration: ImuCalibration | None = None
         self._buffer = SampleBuffer(ImuCalibration())
         self.now: Known | None = None
-        self._agreement, self._densities = Agreement(), Densities.as_given()
+        self._agreement, self._densities = Agreement(self._rules), Densities.as_given(self._rules)
         self._distance2, self._note = 0.0, ""
         self._frames = config.window.frames
         self._carried = False  # the state is from before the present map
@@ -61,7 +55,7 @@ class Inertia:
     @property
     def is_trusted(self) -> bool:
         """Whether the samples agreed with the images of the latest frame, so that the next ones are sought by them."""
-        return not self._agreement.distrusted and self._distance2 < IMPOSSIBLE
+        return not self._agreement.distrusted and self._distance2 < self._rules.impossible
 
     def take(self, view: InertialView | None) -> None:
         """Take the samples that have come with a frame; twice the same are taken once."""
@@ -84,7 +78,9 @@ class Inertia:
             return None
         state, joint = np.zeros(STATE), np.zeros((JOINT.size, JOINT.size))
         state[GRAVITY] = -self._calibration.cam_from_imu[:3, :3] @ mean
-        std = np.repeat([_STD_VELOCITY, _STD_START, _STD_GYRO_BIAS, _STD_ACCEL_BIAS], 3)
+        rules = self._rules
+        wide = rules.std_velocity_m_s, rules.std_start_m_s2, rules.std_gyro_bias_rad_s, rules.std_accel_bias_m_s2
+        std = np.repeat(wide, 3)
         joint[JOINT["pose"], JOINT["pose"]] = cov_pose
         joint[JOINT["state"], JOINT["state"]] = np.diag(np.r_[std, self._std_fixed] ** 2)
         return Known(stamp_ns, world_from_cam, state, joint)
@@ -97,12 +93,10 @@ class Inertia:
             known = self.begun(stamp_ns, world_from_cam, cov_pose)
         if known is None or self._calibration is None:
             return
-        window = InertialWindow(self._calibration.cam_from_imu, self._densities.factors, self._knows_gravity(known))
+        knows = bool(np.trace(known.cov_state[GRAVITY, GRAVITY]) < self._rules.known_gravity_m2_s4)
+        window = InertialWindow(self._calibration.cam_from_imu, self._densities.factors, self._rules, knows)
         current.begin_inertia(window, known)
         self.now = known
-
-    def _knows_gravity(self, known: Known) -> bool:
-        return bool(np.trace(known.cov_state[GRAVITY, GRAVITY]) < 1.0)
 
     def forget(self) -> None:
         """Know nothing by inertia any more: where the motion may have been a body's, its velocity leads nowhere."""
@@ -121,7 +115,7 @@ class Inertia:
         if now is None or calibration is None or self._buffer.problem:
             return None
         ahead_ns = stamp_ns - now.stamp_ns
-        if not 0 < ahead_ns <= _MAX_GAP_S * 1e9 or not self._buffer.covers(now.stamp_ns, stamp_ns):
+        if not 0 < ahead_ns <= self._rules.max_gap_s * 1e9 or not self._buffer.covers(now.stamp_ns, stamp_ns):
             return None
         interval = self._interval(now.stamp_ns, stamp_ns, now.state)
         return transition(now.state, interval, self._densities.factors, calibration.cam_from_imu)
@@ -179,7 +173,9 @@ class Inertia:
             newest = (current.frames[-1] if current.frames else current.reference).stamp_ns
             begun = self.begun(newest, current.marginals.world_from_cam, current.marginals.cov_pose)
         if begun is not None and calibration is not None:
-            window = InertialWindow(calibration.cam_from_imu, self._densities.factors, knows_gravity=False)
+            window = InertialWindow(
+                calibration.cam_from_imu, self._densities.factors, self._rules, knows_gravity=False
+            )
             current.begin_inertia(window, begun)
             self.now = begun
 
@@ -192,14 +188,16 @@ class Inertia:
         expected = self.expected_motion(frame.stamp_ns)
         if expected is None or not frame.interval.cov_gyro.any():
             return motion
-        distance2 = _distance2(expected, motion.cam_from_ref, motion.spread * motion.cov_pose, frame.std_turn_rad)
+        cov = self._rules.farther**2 * (motion.spread * motion.cov_pose)
+        distance2 = _distance2(expected, motion.cam_from_ref, cov, frame.std_turn_rad)
         turns = (
             float(np.linalg.norm(se3.log_so3(frame.interval.rotation))),
             float(np.linalg.norm(se3.log_so3(motion.cam_from_ref[:3, :3]))),
         )
         self._distance2 = distance2
         self._agreement = self._agreement.after(distance2, frame.interval.seconds, turns)
-        if self._agreement.contradicts or distance2 > IMPOSSIBLE:  # this one may be wrong, whatever the others say
+        # this one may be wrong, whatever the others say
+        if self._agreement.contradicts or distance2 > self._rules.impossible:
             frame.interval = frame.interval.open()
         if not (self._agreement.contradicts or (self._agreement.distrusted and self._agreement.is_young)):
             return motion
@@ -232,7 +230,7 @@ class Inertia:
         if known is None:
             return None
         std_m, std_rad = (float(np.sqrt(np.linalg.eigvalsh(known.cov[k : k + 3, k : k + 3])[-1])) for k in (0, 3))
-        if not (std_m <= self._config.max_std_m and std_rad <= _MAX_STD_TURN_RAD):
+        if not (std_m <= self._config.max_std_m and std_rad <= self._rules.max_std_turn_rad):
             return None
         return replace(inertial_estimate(known, self._densities.factors), dead_reckoned=True)
 
@@ -259,7 +257,7 @@ class Inertia:
             window.factors = self._densities.factors
         known = self._with_odds(known)
         self.now = known
-        is_wrong = impossible(known.state, known.cov_state, _STD_ACCEL_BIAS)
+        is_wrong = impossible(known.state, known.cov_state, self._rules)
         if is_wrong or (
             self._agreement.contradicts and self._agreement.is_young
         ):  # forget what a wrong motion told
@@ -272,7 +270,7 @@ class Inertia:
     def _with_odds(self, known: Known) -> Known:
         """Return pose and state where scale, axes and clock are as probable, eq. (87)."""
         state, cov = known.state, known.cov
-        apart = likely(state, known.cov_state, self._std_fixed) - state[FIXED]
+        apart = likely(state, known.cov_state, self._std_fixed, self._rig) - state[FIXED]
         at = JOINT.within("state", FIXED)
         gain = np.linalg.solve(cov[at, at], cov[at]).T
         moved = gain @ apart
@@ -285,7 +283,7 @@ class Inertia:
 def _distance2(expected: ExpectedMotion, cam_from_previous: Array, cov: Array, std_slide_rad: float) -> float:
     """Squared distance of a motion (4, 4) with the covariance (6, 6) of its inverse from the expected one."""
     apart = se3.log(se3.inverse(expected.previous_from_cam) @ se3.inverse(cam_from_previous))
-    both = expected.cov + _FARTHER**2 * cov
+    both = expected.cov + cov
     both[range(3, 6), range(3, 6)] += std_slide_rad**2
     return float(apart @ np.linalg.solve(both, apart))
 

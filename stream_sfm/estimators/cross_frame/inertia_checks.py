@@ -7,30 +7,15 @@ from itertools import product
 
 import numpy as np
 
+from ...config import RigConfig
+from ...config.inertia_rules import InertiaRules
 from ...geometry.se3 import Array
-from ...inertial.state import ACCEL_BIAS, FIXED, GRAVITY
-from ...record import record
+from ...inertial.state import ACCEL_BIAS, FIXED, GRAVITY, GRAVITY_M_S2
+from ...record import changed, record
 
-_FRAMES = 5  # whose distances are added up
-IMPOSSIBLE = 40.0  # what one frame adds to the sum at most: a single bad frame is not a contradiction, but not used
-_BOUND = 100.0  # sum of squared distances of five frames, 30 expected; more where they are larger anyway
-_LARGEST_BOUND = 180.0
-_EXPECTED, _USUAL_FRAMES = 6.0, 20.0  # of one frame, and over how many the usual distance is taken
-_AGREED_S = 1.0
-_FAR_BIAS = 25.0  # squared distance of the accelerometer's biases from what is assumed, 3 expected
-_FAR_GRAVITY = 25.0  # of the size of gravity
-_GRAVITY_M_S2, _STD_GRAVITY = 9.81, 0.1
+_EXPECTED = 6.0  # squared distance of the motions of one frame
 _DEGREES = 180 / np.pi
-# Of noise densities: what data sheets say counts as much as this share of one interval, and so many are remembered.
-_DATA_SHEET = 3.0
-_LITTLE = 0.1  # the same where residuals are larger than they can be: that noise is larger needs little evidence
-_MEMORY = 400.0
-_LEAST_FACTOR, _MOST_FACTOR = 0.05, 100.0
-# Odds that the scale, the axes or the clock are not exactly as calibrated, and the share of the information about them
-# that counts for it, as for the rig (`rig_model/sizes.py`): errors of views that last look like these.
-_ODDS = 0.05
-_COUNTS = 0.25
-_SIZES = (1, 3, 1)  # of the groups
+_SIZES = (1, 3, 1)  # of scale, axes and clock
 
 
 @record
@@ -39,6 +24,7 @@ class Agreement:
     have agreed, whether they have contradicted each other and not agreed for long since, and whether they never have.
     `usual`: the distance lately; `log_ratio`: of how far gyroscope and images turn, smoothed."""
 
+    rules: InertiaRules
     distances2: tuple[float, ...] = ()
     agreed_s: float = 0.0
     distrusted: bool = False
@@ -48,20 +34,22 @@ class Agreement:
 
     def after(self, distance2: float, seconds: float, turns_rad: tuple[float, float]) -> "Agreement":
         """Return it after a frame whose motions are so far apart; turns by gyroscope and by images."""
-        latest = (*self.distances2, min(distance2, IMPOSSIBLE))[-_FRAMES:]
+        rules = self.rules
+        latest = (*self.distances2, min(distance2, rules.impossible))[-rules.frames :]
         contradicts = sum(latest) > self.bound
-        usual = self.usual + (latest[-1] - self.usual) / _USUAL_FRAMES
+        usual = self.usual + (latest[-1] - self.usual) / rules.usual_frames
         agreed_s = 0.0 if contradicts else self.agreed_s + seconds
         log_ratio = self.log_ratio
         if min(turns_rad) > 1e-3:
             log_ratio += 0.2 * (np.log(turns_rad[0] / turns_rad[1]) - log_ratio)
-        distrusted = contradicts or (self.distrusted and agreed_s < _AGREED_S)
-        return Agreement(latest, agreed_s, distrusted, self.is_young and agreed_s < _AGREED_S, log_ratio, usual)
+        distrusted = contradicts or (self.distrusted and agreed_s < rules.agreed_s)
+        is_young = self.is_young and agreed_s < rules.agreed_s
+        return Agreement(rules, latest, agreed_s, distrusted, is_young, log_ratio, usual)
 
     @property
     def bound(self) -> float:
         """The sum of the latest squared distances beyond which there is a contradiction."""
-        return min(_BOUND * max(1.0, self.usual / _EXPECTED), _LARGEST_BOUND)
+        return min(self.rules.bound * max(1.0, self.usual / _EXPECTED), self.rules.largest_bound)
 
     @property
     def contradicts(self) -> bool:
@@ -70,7 +58,7 @@ class Agreement:
 
     def anew(self) -> "Agreement":
         """Return it for a state that begins again: the images are not trusted until both agree."""
-        return Agreement(distrusted=True, log_ratio=self.log_ratio)
+        return Agreement(self.rules, distrusted=True, log_ratio=self.log_ratio)
 
     @property
     def note(self) -> str:
@@ -84,14 +72,16 @@ class Agreement:
         return "the IMU contradicts the images"
 
 
-def impossible(state: Array, cov: Array, std_accel_bias: float) -> bool:
+def impossible(state: Array, cov: Array, rules: InertiaRules) -> bool:
     """Whether a state (17,) with `cov` (17, 17) cannot be, so that it has begun with a wrong motion, eq. (85)."""
     bias, gravity = state[ACCEL_BIAS], state[GRAVITY]
-    if bias @ bias > _FAR_BIAS * std_accel_bias**2 + _FAR_BIAS * np.trace(cov[ACCEL_BIAS, ACCEL_BIAS]):
+    if bias @ bias > rules.far_bias * rules.std_accel_bias_m_s2**2 + rules.far_bias * np.trace(
+        cov[ACCEL_BIAS, ACCEL_BIAS]
+    ):
         return True
     size = np.linalg.norm(gravity)
-    variance = _STD_GRAVITY**2 + gravity @ cov[GRAVITY, GRAVITY] @ gravity / size**2
-    return bool((size - _GRAVITY_M_S2) ** 2 > _FAR_GRAVITY * variance)
+    variance = rules.std_gravity_m_s2**2 + gravity @ cov[GRAVITY, GRAVITY] @ gravity / size**2
+    return bool((size - GRAVITY_M_S2) ** 2 > rules.far_gravity * variance)
 
 
 @record
@@ -103,37 +93,38 @@ class Densities:
     no say, so that all weights are small.
     """
 
+    rules: InertiaRules
     squares: Array
     shares: Array
     plain: Array
 
     @classmethod
-    def as_given(cls) -> "Densities":
+    def as_given(cls, rules: InertiaRules) -> "Densities":
         """Return those of the data sheet."""
-        return cls(np.full(3, _DATA_SHEET), np.full(3, _DATA_SHEET), np.full((3, 2), _LITTLE))
+        return cls(rules, np.full(3, rules.data_sheet), np.full(3, rules.data_sheet), np.full((3, 2), rules.little))
 
     @property
     def factors(self) -> Array:
         """The factors (3,)."""
         known, at_least = self.squares / self.shares, self.plain[:, 0] / self.plain[:, 1]
         at_least[2] = 0.0  # of slides: what the gyroscope shows alone
-        return np.clip(
-            np.sqrt(np.where(at_least > 1, np.maximum(known, at_least), known)), _LEAST_FACTOR, _MOST_FACTOR
-        )
+        squares = np.where(at_least > 1, np.maximum(known, at_least), known)
+        return np.clip(np.sqrt(squares), self.rules.least_factor, self.rules.most_factor)
 
     def after(self, surprise: Array) -> "Densities":
         """Return them after an interval with a `surprise` (3, 4), as in `InertialWindow.learn`."""
-        keep = 1 - 1 / _MEMORY
-        squares = keep * self.squares + (1 - keep) * _DATA_SHEET + surprise[:, 0] * self.factors**2
-        shares = keep * self.shares + (1 - keep) * _DATA_SHEET + surprise[:, 1]
+        keep = 1 - 1 / self.rules.remembered
+        squares = keep * self.squares + (1 - keep) * self.rules.data_sheet + surprise[:, 0] * self.factors**2
+        shares = keep * self.shares + (1 - keep) * self.rules.data_sheet + surprise[:, 1]
         plain = keep * self.plain + np.stack([surprise[:, 2] * self.factors**2, surprise[:, 3]], axis=1)
-        return Densities(squares, shares, plain)
+        return changed(self, squares=squares, shares=shares, plain=plain)
 
 
-def likely(state: Array, cov: Array, std: Array) -> Array:
+def likely(state: Array, cov: Array, std: Array, rig: RigConfig) -> Array:
     """Return the mean (5,) of scale, axes and clock, each of which may be exactly zero, eq. (87).
 
-    From their state (17,), covariance (17, 17), and σ (5,) beforehand.
+    From their state (17,), covariance (17, 17), and σ (5,) beforehand. The odds are those of the rig: errors of views
+    that last look like wrong scale, axes or clock.
     """
     mean, own = state[FIXED], cov[FIXED, FIXED]
     scaled = own / np.outer(std, std)
@@ -146,11 +137,11 @@ def likely(state: Array, cov: Array, std: Array) -> Array:
     for there in product((False, True), repeat=len(_SIZES)):
         rows = np.flatnonzero(np.repeat(there, _SIZES))
         at = np.ix_(rows, rows)
-        counted = np.eye(len(rows)) + _COUNTS * information[at]
+        counted = np.eye(len(rows)) + rig.counts * information[at]
         log_odds.append(
-            np.log(_ODDS) * sum(there)
+            np.log(rig.odds) * sum(there)
             - 0.5 * np.linalg.slogdet(counted)[1]
-            + 0.5 * _COUNTS**2 * weighted[rows] @ np.linalg.solve(counted, weighted[rows])
+            + 0.5 * rig.counts**2 * weighted[rows] @ np.linalg.solve(counted, weighted[rows])
         )
         mean = np.zeros(5)
         mean[rows] = np.linalg.solve(np.eye(len(rows)) + information[at], weighted[rows])

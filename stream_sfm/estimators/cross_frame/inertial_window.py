@@ -8,16 +8,15 @@ gyroscope without. So poses of the window are those that the images show, and ca
 import numpy as np
 
 from ... import core
+from ...config.inertia_rules import InertiaRules
 from ...geometry import se3
 from ...geometry.linear import Cholesky, scaled_cholesky
 from ...geometry.se3 import Array
-from ...inertial.state import GRAVITY, STATE, VELOCITY
+from ...inertial.state import GRAVITY, GRAVITY_M_S2, STATE, VELOCITY
 from .interval import JOINT, OF_INTERVAL, OF_LEAVING, Interval, Intervals, Known, Leaving
 from .layout import Layout
 from .normal_equations import System
 
-_GRAVITY_M_S2, _STD_GRAVITY = 9.81, 0.03  # anywhere on Earth, and with the scale of an accelerometer
-_KNOWN_GRAVITY = 1.0  # trace of the covariance of gravity, m²/s⁴, from which on its size counts
 _LEAST_SLIDE_RAD = 1e-7
 
 
@@ -27,8 +26,9 @@ class InertialWindow:
     `factors` (3,): on the noise densities, and on the slides.
     """
 
-    def __init__(self, cam_from_imu: Array, factors: Array, knows_gravity: bool) -> None:
+    def __init__(self, cam_from_imu: Array, factors: Array, rules: InertiaRules, knows_gravity: bool) -> None:
         self.cam_from_imu, self.factors, self.knows_gravity = cam_from_imu, factors, knows_gravity
+        self._rules = rules
         self.intervals: list[Interval] = []
         self.velocities, self.slides, self._std_slides = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
         self._clear()
@@ -112,12 +112,13 @@ class InertialWindow:
         rows = range(OF_LEAVING["slide"].start, OF_LEAVING["slide"].stop)
         h[rows, rows] += self._std_slides[0] ** -2
         g[rows] -= slide * self._std_slides[0] ** -2
-        if not self.knows_gravity and np.trace(cov_gravity) < _KNOWN_GRAVITY:
+        if not self.knows_gravity and np.trace(cov_gravity) < self._rules.known_gravity_m2_s4:
             self.knows_gravity = True
             at, gravity = OF_LEAVING.within("state", GRAVITY), state[GRAVITY]
+            variance = self._rules.std_known_gravity_m_s2**2
             down = gravity / np.linalg.norm(gravity)
-            h[at, at] += np.outer(down, down) / _STD_GRAVITY**2
-            g[at] += down * (_GRAVITY_M_S2 - np.linalg.norm(gravity)) / _STD_GRAVITY**2
+            h[at, at] += np.outer(down, down) / variance
+            g[at] += down * (GRAVITY_M_S2 - np.linalg.norm(gravity)) / variance
         return Leaving(h, g, slide, velocity, self.intervals[0].std_walk)
 
     def true_poses(self, system: System) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from dataclasses import field
 import numpy as np
 from numpy.typing import NDArray
 
+from ...config import RigConfig
 from ...geometry.linear import Cholesky, symmetric
 from ...geometry.se3 import Array
 from ...record import changed, record
@@ -20,16 +21,6 @@ from ...rig_model.parts import Agreement, Parts
 from ...rig_model.sizes import Mixture, likely_sizes, mixture
 from ...rig_model.terms import FOCAL, TERMS
 
-# Length of all errors together, each in the σ assumed for it beforehand: no calibration errs by more. Real rigs have
-# 4 to 16, the most one with a radial error of 12 px in the corner.
-_IMPOSSIBLE = 20.0
-# Frames over which innovations are averaged, and by how many calm ones the average begins: neighbouring windows share
-# most of their views. On sound logs, rendered and real, roots of the averages are 0.5 to 1.3 (KITTI 06 has 3.2 in one
-# term), where the focus moves 2 to 7.
-_INNOVATIONS, _CALM_FRAMES = 40, 10
-# In so many frames in a row a window contradicts a term by so many σ: at most by 4 on rendered logs that are sound, by
-# 6 on real ones, by 8 to 18 where the focus moves.
-_CONTRADICTS, _CONTRADICTIONS = 5.0, 3
 _LEAST_GAIN = 1e-9  # of a variance: less is rounding
 _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
 
@@ -58,7 +49,8 @@ class RigKnowledge:
     parts: Parts = Parts()
     contradictions: int = 0
     innovation2: Array = field(default_factory=lambda: np.ones(len(TERMS)))
-    frames: int = _CALM_FRAMES
+    frames: int = 0
+    rules: RigConfig = RigConfig()
 
     @classmethod
     def unknown(
@@ -67,13 +59,15 @@ class RigKnowledge:
         sizes_unknown: NDArray[np.bool_] | bool = True,
         since_ns: int = 0,
         mean: Array | float = 0.0,
+        rules: RigConfig | None = None,
     ) -> "RigKnowledge":
         """Return the prior: m errors of σ `size` (m,) about a mean."""
-        m = len(size)
+        m, rules = len(size), rules or RigConfig()
         size, mean = size.copy(), np.zeros(m) + mean
         size[len(TERMS) :] = _LEAST_FIELD_PX
         cov = np.diag(size**2)
-        return cls(mean, np.diag(size**-2.0), np.zeros(m), size, mean, cov, sizes_unknown, since_ns=since_ns)
+        knowledge = cls(mean, np.diag(size**-2.0), np.zeros(m), size, mean, cov, sizes_unknown, since_ns=since_ns)
+        return changed(knowledge, frames=rules.calm_frames, rules=rules)
 
     def __len__(self) -> int:
         return len(self.mean)
@@ -107,15 +101,15 @@ class RigKnowledge:
         prior = Cholesky(self.information)
         gain = (mean - self.mean - prior.solve(self.weighted))[:t]
         var = np.maximum(np.diag(prior.inverse() - cov)[:t], _LEAST_GAIN)
-        frames = min(self.frames + 1, _INNOVATIONS)
-        again = self.contradictions + 1 if (gain**2 > _CONTRADICTS**2 * var).any() else 0
+        frames = min(self.frames + 1, self.rules.innovations)
+        again = self.contradictions + 1 if (gain**2 > self.rules.contradicts**2 * var).any() else 0
         mean_square = self.innovation2 + (gain**2 / var - self.innovation2) / frames
         return changed(self, innovation2=mean_square, frames=frames, contradictions=again)
 
     @property
     def is_contradicted(self) -> bool:
         """Whether several windows in a row say that the errors are not what they were."""
-        return self.contradictions >= _CONTRADICTIONS
+        return self.contradictions >= self.rules.contradictions
 
     @property
     def growth(self) -> Array:
@@ -130,7 +124,7 @@ class RigKnowledge:
         `agreement`: of the run's parts.
         """
         spread = 1.0 if agreement is None else float(agreement.spread[TERMS.index(FOCAL) :].max())
-        found = mixture(mean, cov, self.size, not self.steady, spread)
+        found = mixture(mean, cov, self.size, self.rules, not self.steady, spread)
         knowledge = changed(self, held=found.mean, cov_held=found.cov)
         return knowledge, Mixture(found.mean, found.cov * np.outer(self.growth, self.growth), found.p_wrong)
 
@@ -191,10 +185,10 @@ class RigKnowledge:
         )
 
 
-def impossible(rig: RigEstimate | None) -> str:
+def impossible(rig: RigEstimate | None, rules: RigConfig) -> str:
     """Say that the errors of the calibration are larger than those of any; empty where they are not, or not known."""
     length = 0.0 if rig is None else float(np.linalg.norm(rig.mean[: len(TERMS)]))
-    if length < _IMPOSSIBLE:
+    if length < rules.impossible:
         return ""
     return (
         f"the errors of the calibration would be {length:.1f} times the σ assumed for them: is it of these cameras "

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
-from ...config import Config
+from ...config import Config, RigConfig
 from ...geometry import se3
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
@@ -41,11 +41,6 @@ from .reported import reported
 from .rig_knowledge import RigKnowledge, impossible
 from .velocities import cov_of_timing, expect, renew_timing
 from .window_frame import WindowFrame, views_of
-
-# σ of the field beyond which a rig has one. Rendered images make it .017 px at the most, real ones more within four
-# frames; all that has to do with the rig is done for 20 errors instead of a hundred.
-_HAS_FIELD_PX = 0.02
-_NO_HISTORY = 0.1  # weight of a point that has not yet agreed with the map, relative to one frame of agreement
 
 
 class CrossFrame(TakesSamples):
@@ -112,7 +107,7 @@ class CrossFrame(TakesSamples):
     def _start(self, observations: Observations, frame: WindowFrame, views: WhitenedViews) -> Solution:
         """Begin a map in this camera: at the world's origin in the very first frame, else at the predicted pose."""
         self.waiting = False
-        rig = _unknown_rig(observations) if self.rig is None else self.rig
+        rig = _unknown_rig(observations, self.config.rig) if self.rig is None else self.rig
         self.rig = rig.informed(*self._since_by_rows(observations, len(rig)))
         corrected = _corrected(observations, views, self.rig.mean)
         solution = first_solution(self.projection, self.config.robust, self.motion, corrected)
@@ -156,7 +151,7 @@ class CrossFrame(TakesSamples):
         view = observations.rig
         if view is None:
             return observations
-        if view.field_std_px > _HAS_FIELD_PX and not self._has_field:
+        if view.field_std_px > self.config.window.least_field_px and not self._has_field:
             self._has_field = True
             if self.map is not None:
                 self.map.begin_field(view.model)
@@ -226,7 +221,7 @@ class CrossFrame(TakesSamples):
             points,
             cov,
             start,
-            _NO_HISTORY + current.frames_agreed(views.ids[rows]).astype(float),
+            self.config.window.no_history + current.frames_agreed(views.ids[rows]).astype(float),
             unknown_px,
         )
         if found is None:
@@ -245,7 +240,7 @@ class CrossFrame(TakesSamples):
         now = now if known is None else current.place_newest(known)
         cov_timing = cov_of_timing(current, self._std_acceleration)
         if motion.ambiguous is None:  # otherwise it may be the motion that is wrong
-            self._impossible = impossible(rig)
+            self._impossible = impossible(rig, self.config.rig)
         observations = _with_misfit(observations, self._impossible)
         observations = _with_note(observations, "" if inertial is None else inertial.note)
         ids, used = current.views.ids[current.newest], current.views.used[current.newest]
@@ -295,12 +290,12 @@ def _with_note(observations: Observations, note: str) -> Observations:
     return replace(observations, note=f"{observations.note}; {note}" if observations.note else note)
 
 
-def _unknown_rig(observations: Observations) -> RigKnowledge:
+def _unknown_rig(observations: Observations, rules: RigConfig) -> RigKnowledge:
     """Return what is known about the rig before any view."""
     if observations.rig is None:
         return RigKnowledge.unknown(np.zeros(0))
     mean, size, learnt = observations.rig.model.before_views()
-    return RigKnowledge.unknown(size, learnt, observations.stamp_ns, mean)
+    return RigKnowledge.unknown(size, learnt, observations.stamp_ns, mean, rules)
 
 
 def _corrected(observations: Observations, views: WhitenedViews, rig_error: Array) -> Observations:
