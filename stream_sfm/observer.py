@@ -20,6 +20,7 @@ from .camera.rig import MonoRig, StereoRig
 from .camera.unseen_errors import PhysicalAxes
 from .config import Config
 from .errors import ConfigError, FrameError
+from .frontend.echo_check import middle
 from .frontend.front_end import StereoFrontEnd
 from .frontend.image_checks import are_one_image
 from .frontend.mono.front_end import MonoFrontEnd
@@ -123,6 +124,7 @@ class Observer:
         if len(sides) > 1:
             left, right = map(Lines.of, sides, (camera.mask for camera in self.rig.cameras.values()))
             prepared = replace(prepared, one_image=are_one_image(*sides), lines=(left, right))
+            prepared = replace(prepared, middles=(middle(sides[0]), middle(sides[1])))
         if frame_index is not None:
             self._frontend.prepare(prepared, frame_index)
         return prepared

@@ -330,6 +330,19 @@ class StillRules(Section, frozen=True, kw_only=True):
     drawn: Annotated[float, expert("least share of edges that stay, left and right", 0, 1)] = 0.008
 
 
+class EchoRules(Section, frozen=True, kw_only=True):
+    """Whether both images show everything twice."""
+
+    # Nearer copies cannot be told from blur and from how texture is sampled.
+    least_px: Annotated[float, expert("least displacement of the copy, px", 0.1, 1000)] = 5.5
+    largest_px: Annotated[int, expert("largest displacement across and down, px", 4, 64)] = 48
+    # Of 134 sound logs and renders the largest is 0.10, of single frames 0.13. A copy of a fifth has some 0.2.
+    strength: Annotated[float, expert("least strength of the copy, share of the image itself", 0, 1)] = 0.16
+    remembered: Annotated[int, expert("frames that are judged together", 1, 1000)] = 4
+    # Each costs some 5 ms.
+    every: Annotated[int, expert("frames from one that is looked at to the next", 1, 10_000)] = 20
+
+
 class ImageRules(Section, frozen=True, kw_only=True):
     """What is wrong with images."""
 
@@ -355,6 +368,7 @@ class Rules(Section, frozen=True, kw_only=True):
     errors: ErrorRules = ErrorRules()
     ghosts: GhostRules = GhostRules()
     still: StillRules = StillRules()
+    echo: EchoRules = EchoRules()
     images: ImageRules = ImageRules()
     mono: MonoRules = MonoRules()
     inertia: InertiaRules = InertiaRules()

@@ -22,6 +22,7 @@ from .advance import Followed
 from .alignment import WIDE, TemplateAligner, valid_area
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
+from .echo_check import EchoCheck
 from .first_timing import learn_timing
 from .ghost_check import GhostCheck
 from .image_checks import are_alike, image_note
@@ -70,6 +71,7 @@ class StereoFrontEnd:
             pair=PairCheck(rules=rules.pair),
             ghosts=GhostCheck(rules=rules.ghosts),
             still=StillCheck(rules=rules.still),
+            echo=EchoCheck(rules=rules.echo),
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
@@ -96,6 +98,8 @@ class StereoFrontEnd:
         state, change = self._take_out_turn(state)
         if images.lines is not None:
             state = changed(state, still=state.still.after(*images.lines))
+        if images.middles is not None:
+            state = changed(state, echo=state.echo.after(*images.middles))
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
         unconfirmed = bool(before.start.problem) and state.start.gone
         state, start_anew = self._check(before, state, images, stamp_ns, followed)
@@ -158,7 +162,7 @@ class StereoFrontEnd:
         z_px = np.concatenate([followed.z_px, z_new])
         cov_px = np.concatenate([followed.cov_px, cov_new])
         note, state = self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px)
-        note = note or state.ghosts.problem or state.still.problem
+        note = note or state.ghosts.problem or state.still.problem or state.echo.problem
         state, observed = self._observed(state, stamp_ns, z_px, cov_px, note)
         return state, replace(
             observed,

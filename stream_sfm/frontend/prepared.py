@@ -26,7 +26,7 @@ class PreparedImages:
     """The two smoothed images (h, w) of one frame, and the left one at half the size, for flow; `rectified`: both as
     they came. Of the frame they were made of: `stamp_ns`, and `grey_bits`: how many bits of 16-bit images were taken to
     be used, None of other images; `made_by`: equal where the same was done to images; `one_image`: both cameras have
-    delivered the same; `lines`: of both as they came, None of one camera. Other forms are computed when
+    delivered the same; `lines` and `middles`: of both as they came, None of one camera. Other forms are computed when
     they are first asked for."""
 
     left: Image
@@ -38,6 +38,7 @@ class PreparedImages:
     made_by: str = ""
     one_image: bool = False
     lines: tuple[Lines, Lines] | None = None
+    middles: tuple[Image, Image] | None = None
 
     @classmethod
     def of(

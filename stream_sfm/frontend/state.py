@@ -18,6 +18,7 @@ from ..rig_model.terms import by_turn
 from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
+from .echo_check import EchoCheck
 from .ghost_check import GhostCheck
 from .pair_check import PairCheck
 from .prepared import PreparedImages
@@ -106,7 +107,8 @@ class FrontEndState:
     - `turn_watch`: of the right camera, None where it cannot turn; `pair`: whether left and right fit each other;
       `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions; `start`:
       whether the map has started with the motion of the camera; `steps`: whether both images have been displaced;
-      `ghosts`: whether earlier images show through; `still`: whether something is drawn over both.
+      `ghosts`: whether earlier images show through; `still`: whether something is drawn over both;
+      `echo`: whether both show everything twice.
     - `errors`: what is learnt of errors that views of a point share; `disparity`: of its error, as far as it is known.
     - `map`: with one camera, how far the map has come.
     """
@@ -135,6 +137,7 @@ class FrontEndState:
     steps: StepCheck = field(default_factory=StepCheck)
     ghosts: GhostCheck = field(default_factory=GhostCheck)
     still: StillCheck = field(default_factory=StillCheck)
+    echo: EchoCheck = field(default_factory=EchoCheck)
     rows_waiting: Array | None = None
     pair: PairCheck = field(default_factory=PairCheck)
     map: MapState = field(default_factory=MapState)

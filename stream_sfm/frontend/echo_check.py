@@ -1,0 +1,90 @@
+"""Whether both images show everything twice: a reflection in a pane, crosstalk, or a bad cable that echoes.
+
+An image x with a copy of itself, c times as strong and displaced by d, has the spectrum X·(1 + c·exp(−i ω·d)). The
+logarithm of its power, transformed back, is that of x, which falls off within some pixels, with c at d and −c²/2 at 2d.
+What repeats itself in the scene, tiles or windows, has a positive value at 2d, too, as the tile after the next one is
+there as well. An echo is at the same d in both cameras, and stays there while the view changes; so transforms of both
+are compared, and those of some frames averaged.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config.rules import EchoRules
+from ..record import changed, record
+from .prepared import Image
+
+_SIZE_PX = 256  # of the middle that is looked at, most
+_BLUR_PX = 2.0  # what is wider is light and shade
+_FLOOR = 1e-3  # of the mean power, as noise and rounding leave it
+_AROUND = 5  # the width, px, of what a value is compared with
+
+Cepstrum = NDArray[np.float32]
+
+
+@record
+class EchoCheck:
+    """What the frames so far have shown: `cepstra` (2 r + 1, 4 r + 1) of the latest ones that were looked at; `waited`:
+    frames since the last one; `at_px` (x, y): by how much the copy is displaced, None where there is none."""
+
+    cepstra: tuple[Cepstrum, ...] = ()
+    waited: int = 0
+    at_px: tuple[int, int] | None = None
+    rules: EchoRules = EchoRules()
+
+    @property
+    def problem(self) -> str:
+        """Say that both images show everything twice; or nothing."""
+        if self.at_px is None:
+            return ""
+        x, y = self.at_px
+        return (
+            f"both images show everything twice, displaced by ({x}, {y}) px: is there a pane before the cameras, or a "
+            "bad cable?"
+        )
+
+    def after(self, left: Image, right: Image) -> "EchoCheck":
+        """Return the check after a frame, by the middles of its images as they came."""
+        rules = self.rules
+        if len(self.cepstra) >= rules.remembered and self.waited + 1 < rules.every:
+            return changed(self, waited=self.waited + 1)
+        if min(left.shape) < 4 * rules.largest_px or left.shape != right.shape:
+            return self
+        shown = np.minimum(_cepstrum(left, rules.largest_px), _cepstrum(right, rules.largest_px))
+        cepstra = (*self.cepstra, shown)[-rules.remembered :]
+        return changed(self, cepstra=cepstra, waited=0, at_px=_echo(np.mean(cepstra, axis=0), rules))
+
+
+def middle(image: Image) -> Image:
+    """Return a copy of the middle of an image (h, w), square where it is as large, its sides even."""
+    h, w = (min(n, _SIZE_PX) // 2 * 2 for n in image.shape)
+    y, x = (image.shape[0] - h) // 2, (image.shape[1] - w) // 2
+    return image[y : y + h, x : x + w].copy()
+
+
+def _cepstrum(image: Image, largest_px: int) -> Cepstrum:
+    """The transform of the logarithm of the power of an image (h, w): of y from 0 to 2 r, x from −2 r to 2 r."""
+    grey = image.astype(np.float32)
+    grey -= cv2.GaussianBlur(grey, (0, 0), _BLUR_PX)
+    grey *= cv2.createHanningWindow(image.shape[::-1], cv2.CV_32F)
+    spectrum = cv2.dft(grey, flags=cv2.DFT_COMPLEX_OUTPUT)
+    power = np.square(spectrum).sum(axis=2)
+    log_power = np.log(power + max(_FLOOR * float(power.mean()), 1e-6))
+    # it is even, so that the transform is its own inverse, and real
+    whole = cv2.dft(log_power, flags=cv2.DFT_SCALE | cv2.DFT_COMPLEX_OUTPUT)[..., 0]
+    far = 2 * largest_px
+    rows = whole[: far + 1]
+    return np.asarray(np.hstack([rows[:, -far:], rows[:, : far + 1]]), np.float32)
+
+
+def _echo(cepstrum: Cepstrum, rules: EchoRules) -> tuple[int, int] | None:
+    """By how much (x, y) a copy is displaced of which a cepstrum tells, or None."""
+    r = rules.largest_px
+    near = np.ascontiguousarray(cepstrum[: r + 1, r : 3 * r + 1])
+    above = near - cv2.medianBlur(near, _AROUND)
+    y, x = np.mgrid[: r + 1, -r : r + 1]
+    twice = cepstrum[2 * y, 2 * x + 2 * r]
+    above[(x * x + y * y < rules.least_px**2) | ((y == 0) & (x < 0)) | (twice > 0)] = 0
+    best = int(np.argmax(above))
+    return (int(x.flat[best]), int(y.flat[best])) if above.flat[best] > rules.strength else None
