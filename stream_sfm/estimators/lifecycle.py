@@ -13,7 +13,7 @@ from ..geometry.resection import Resection
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..types import Observations, Solution, Status
-from .motion_model import MotionModel
+from .motion_model import Doubts, MotionModel
 from .triangulation import points_to_world, triangulate, usable_births
 
 
@@ -108,9 +108,9 @@ def recorded(motion: MotionModel, observations: Observations, solution: Solution
     if not (np.isfinite(solution.world_from_cam).all() and np.isfinite(solution.cov_pose).all()):
         raise np.linalg.LinAlgError("the pose is not finite")
     solution = with_ended(solution, ended)
-    pose = observations.stamp_ns, solution.world_from_cam, solution.cov_pose
     of_start = observations.ambiguity is not None and observations.ambiguity.of_start
-    cov = motion.record(*pose, observations.misfit, observations.stepped, of_start, observations.unconfirmed)
+    doubts = Doubts(observations.misfit, of_start, observations.unconfirmed, observations.stepped)
+    cov = motion.record(observations.stamp_ns, solution.world_from_cam, solution.cov_pose, doubts)
     if observations.misfit:
         solution = replace(solution, relative=None)
     if cov is solution.cov_pose:

@@ -4,6 +4,7 @@ Its prediction is where the estimate of every frame starts, and it is the estima
 """
 
 from copy import copy
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,23 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 
 _STEPS = 16  # that are kept: a stream that is displaced all the time is bounded, too
+
+
+class Doubts(NamedTuple):
+    """What is in doubt of a pose.
+
+    `misfit`: it may as well be where the last pose that was not predicts it; with `of_start`, where the map's first one
+    does. `unconfirmed`: such a doubt of the start has ended with it, and nothing has settled it. `stepped`: both images
+    were displaced before it, and the camera has moved with them or not.
+    """
+
+    misfit: bool = False
+    of_start: bool = False
+    unconfirmed: bool = False
+    stepped: bool = False
+
+
+NO_DOUBTS = Doubts()
 
 
 class MotionModel:
@@ -48,32 +66,27 @@ class MotionModel:
         stamp_ns: int,
         world_from_cam: Array,
         cov_pose: Array,
-        doubtful: bool = False,
-        stepped: bool = False,
-        of_start: bool = False,
-        unconfirmed: bool = False,
+        doubts: Doubts = NO_DOUBTS,
     ) -> Array:
         """Take the estimated pose of a frame and the velocity that it implies, and return its covariance (6, 6).
 
-        A `doubtful` pose is followed, and may as well be where the last one that was not predicts it, eq. (43a); where
-        the doubt is `of_start`, where the map's first pose does. What covers that stays in all later poses where the
-        doubt ends `unconfirmed`. With `stepped`, both images were displaced before it, and the camera has moved with
-        them or not: by how much is what the model does not explain. It stays in all later poses, also where the images
-        step back.
+        A doubtful pose is followed, and its covariance covers where it may be as well, eq. (43a). What covers a doubt
+        of the start stays in all later poses where that ends unconfirmed. By how much a camera has moved with images
+        that stepped is what the model does not explain; it stays in all later poses, also where the images step back.
         """
-        if stepped:
+        if doubts.stepped:
             step = se3.log(se3.inverse(self.predict(stamp_ns)[0]) @ world_from_cam)
             self._leave(world_from_cam, np.outer(step, step))
-        if unconfirmed and self._covered is not None:
+        if doubts.unconfirmed and self._covered is not None:
             self._leave(*self._covered)
         cov_pose = self._with_left(world_from_cam, cov_pose)
-        if not doubtful:
+        if not doubts.misfit:
             self._trusted = self._covered = None
         else:
-            since = self._at_start if of_start else None
+            since = self._at_start if doubts.of_start else None
             self._trusted = since or self._trusted or copy(self)
             covering = self._trusted._covering(stamp_ns, world_from_cam)
-            self._covered = (world_from_cam, covering) if of_start else None
+            self._covered = (world_from_cam, covering) if doubts.of_start else None
             cov_pose = cov_pose + covering
         dt = self._seconds_since(stamp_ns)
         if dt > 0:

@@ -54,15 +54,16 @@ def advance(
     seen_px = z_px + rows_of(seen.views.taken_px, rows)
     now = _placed(step, state, seen.before.keep(rows), motion.cam_from_ref, z_px, cov_px, cam_from_start)
     now = changed(now, left_px=seen_px[:, :2].copy())
-    ambiguity, other, settled = state.ambiguity.after(motion, seen.before.agreed, rival)
+    ambiguity, other, settled = state.ambiguity.after(motion, seen.before, rival)
+    in_question = other is not None or ambiguity.frames_left > 0  # this frame's motion, or which set stands still
     state = changed(
         state,
         unsteadiness=_unsteadiness(step, state, motion.cam_from_ref),
-        tracks=now.judged(motion.accepted[kept], ambiguous=other is not None),
+        tracks=now.judged(motion.accepted[kept], ambiguous=in_question),
         cam_from_start=cam_from_start,
         velocity=se3.log(motion.cam_from_ref) / step.dt_s if step.dt_s > 0 else np.zeros(6),
         ambiguity=ambiguity,
-        start=_start(step, state, seen.before, motion, other),
+        start=_start(step, state, seen.before, motion, in_question),
     )
     found = Found(seen.before, seen.found_px, seen.views.cov_px, motion)
     return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, other, settled)
@@ -86,12 +87,10 @@ def _placed(
     return tracks.updated(projection, cam_from_previous, z_px, state.with_turn(z_px, cov_px), forgetting)
 
 
-def _start(
-    step: Step, state: FrontEndState, before: Tracks, motion: Resection, other: SecondMotion | None
-) -> StartCheck:
-    """The check of the start after a frame; of `other` it is said already that it may be that of a body."""
+def _start(step: Step, state: FrontEndState, before: Tracks, motion: Resection, in_question: bool) -> StartCheck:
+    """The check of the start after a frame; where two motions are `in_question` that is said already."""
     start = state.start.settled() if is_camera(step, motion) else state.start
-    if other is not None or start.is_over:
+    if in_question or start.is_over:
         return start
     # what lies before the points that agree may move by itself, and says nothing about them
     counts = motion.accepted | (depth_order(before, before.keep(motion.accepted), step.setup.rules.start) >= 0)

@@ -2,18 +2,23 @@
 
 Two sets of tracks move differently, and nothing tells which of them stands still. When one of them leaves the view,
 that does not say that the other one was the background: the ambiguity lasts as long again as it has lasted, and until
-tracks that have begun meanwhile have a full history at least. Where the scene repeats itself (`repetition.py`) it lasts
-until something is in view that does not.
+tracks that have begun meanwhile have a full history at least. A frame in which both sets are in view and one motion
+explains them is not in question, whichever of them is the background. Where the scene repeats itself (`repetition.py`)
+it lasts until something is in view that does not.
 """
+
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..config.rules import MotionRules
 from ..geometry import se3
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion
 from ..geometry.se3 import Array
 from ..record import changed, record
+from .tracks import Tracks
 
 
 @record
@@ -22,6 +27,7 @@ class AmbiguityMemory:
 
     `frames_seen`: frames with another motion since the last one without ambiguity; `frames_left`: how long it lasts.
     `repeats`: because the scene looks the same for both. `other_is_new`: nothing of the other set was followed before.
+    `other_ids` (m,): the tracks of the other set.
     """
 
     last: SecondMotion | None = None
@@ -30,32 +36,41 @@ class AmbiguityMemory:
     frames_left: int = 0
     repeats: bool = False
     other_is_new: bool = False
+    other_ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     rules: MotionRules = MotionRules()
 
     def after(
-        self, motion: Resection, agreed: NDArray[np.int64], rival: SecondMotion | None = None
+        self, motion: Resection, before: Tracks, rival: SecondMotion | None = None
     ) -> tuple["AmbiguityMemory", SecondMotion | None, bool]:
         """Return the memory after a frame's motion, and the other one that may be right as well.
 
         That is the frame's own, or the `rival` that looks the same, or one that differs from the frame's motion as the
-        last one did. `agreed` (n,): the history of its views. Also returns whether an ambiguity was resolved in favour
+        last one did. `before` (n): the tracks of its views. Also returns whether an ambiguity was resolved in favour
         of the motion followed: the view no longer repeats itself, or enough of the former background still agrees and
         none of it was part of the other set.
         """
-        other, old = motion.ambiguous or rival, agreed >= self.rules.full_history
+        other, old = motion.ambiguous or rival, before.agreed >= self.rules.full_history
         if other is not None:
             apart, seen = other.cam_from_ref @ se3.inverse(motion.cam_from_ref), self.frames_seen + 1
             new = rival is not None or old[other.views].sum() < MIN_VIEWS
             new = bool(new and not other.lasted and (self.other_is_new or self.frames_left == 0))
             lasts = int(self.rules.ambiguity_lasts * max(self.rules.full_history, seen))
-            memory = AmbiguityMemory(other, apart, seen, lasts, rival is not None, new, self.rules)
+            ids = self.other_ids if motion.ambiguous is None else before.ids[other.views]
+            memory = AmbiguityMemory(other, apart, seen, lasts, rival is not None, new, ids, self.rules)
             return memory, other, False
         remembered = self.other_than(motion.cam_from_ref)
         if remembered is None or self.repeats:
             return AmbiguityMemory(rules=self.rules), None, self.repeats
         if self.frames_left == 1 and self.other_is_new and (motion.accepted & old).sum() >= MANY_VIEWS:
             return AmbiguityMemory(rules=self.rules), None, True
-        return changed(self, frames_left=self.frames_left - 1), remembered, False
+        memory = changed(self, frames_left=self.frames_left - 1)
+        return memory, None if self._is_explained(motion, before) else remembered, False
+
+    def _is_explained(self, motion: Resection, before: Tracks) -> bool:
+        """Whether the other set is still in view, and nearly all of it agrees with a motion."""
+        others = core.among(before.ids, self.other_ids)
+        n_agree = np.count_nonzero(others & motion.accepted)
+        return bool(n_agree >= MANY_VIEWS and n_agree >= self.rules.as_many * np.count_nonzero(others))
 
     def other_than(self, cam_from_ref: Array) -> SecondMotion | None:
         """Return the alternative to a motion (4, 4), which differs from it as the latest one did."""

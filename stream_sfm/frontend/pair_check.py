@@ -110,16 +110,8 @@ def problem_of(
     """
     if images.one_image:
         return "left and right are the same image: is one camera recorded as both?"
-    if rows.largest_px > rules.max_rows_px:
-        return (
-            f"the rows of left and right differ by up to {rows.largest_px:.1f} px: is the calibration of these cameras "
-            "and of this resolution, are left and right exchanged?"
-        )
-    if rows.scatter_px > rules.max_scatter_px:
-        return (
-            f"the rows of matches scatter by {rows.scatter_px:.1f} px: are left and right exchanged, or the images not "
-            "of one moment?"
-        )
+    if problem := rows_problem(rows, rules):
+        return problem
     if factor > rules.max_factor:
         return (
             f"views are off by {np.sqrt(factor):.1f} times what their images explain: is the calibration of these "
@@ -137,6 +129,21 @@ def problem_of(
         f"of {n_left} points that agree in the left image {n_both} do in the right one: is one "
         "camera covered, frozen or moved, are left and right exchanged, or the images not of one moment?"
     )
+
+
+def rows_problem(rows: Rows, rules: PairRules) -> str:
+    """Say why the rows of matches cannot be those of a calibrated pair; empty where they can."""
+    if rows.largest_px > rules.max_rows_px:
+        return (
+            f"the rows of left and right differ by up to {rows.largest_px:.1f} px: is the calibration of these cameras "
+            "and of this resolution, are left and right exchanged?"
+        )
+    if rows.scatter_px > rules.max_scatter_px:
+        return (
+            f"the rows of matches scatter by {rows.scatter_px:.1f} px: are left and right exchanged, or the images not "
+            "of one moment?"
+        )
+    return ""
 
 
 def resolution_problem(rig: StereoRig, rules: PairRules) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,8 @@ from ..camera.models import MAX_PIXELS
 from ..camera.pixels import GreyScaler
 from ..camera.refinement import disparity_rms_px
 from ..camera.rig import StereoRig, baseline_warnings
-from ..errors import LogError
+from ..engine import Engine
+from ..errors import LogError, StreamSfmError
 from ..mcap_file.message import Damage, Source
 from ..recording.both_sides import both_sides
 from ..recording.ground_truth import depth_topic, read_truth, truth_topic
@@ -28,14 +30,16 @@ from ..recording.topics import PairChoice, is_rectified
 from ..recording.video_topics import with_videos
 from ..sources.joined import JoinedSource
 from ..sources.recognise import open_source
+from ..types import StereoFrame
 from ..wording import LISTED
 from .calibration_check import (
-    Images,
     calibration_findings,
     check_calibration,
+    images_of,
     matched_corners,
     size_problem,
     stamp_warning,
+    well_followed,
 )
 from .unit_check import check_unit
 
@@ -204,7 +208,7 @@ class _Inspection:
         decoded = list(self._decoded(pairs))
         if pairs and not decoded:
             self.problems.append(f"{self.source.path}: none of the sampled image pairs can be decoded")
-        corners = [matched_corners(*images) for images in decoded]
+        corners = [matched_corners(*images_of(frame)) for frame in decoded]
         check = check_calibration(rig, corners)
         self.result["calibration_check"] = {k: None if v != v else v for k, v in asdict(check).items()}  # no NaN
         if np.isnan(check.negative_share):  # else the images tell which of both is wrong
@@ -216,11 +220,11 @@ class _Inspection:
         if frames["median_offset_ms"] and frames["rate_hz"]:
             said = stamp_warning(frames["median_offset_ms"], 1e3 / frames["rate_hz"], choice.right)
             self.warnings += [said] if said else []
-        problems, warnings = calibration_findings(rig, check, corners, choice)
+        problems, warnings = calibration_findings(rig, check, corners, choice, partial(_is_followed, rig, decoded))
         self.warnings += warnings
         self.problems += [f"{self.source.path}: {problem}" for problem in problems]
 
-    def _decoded(self, pairs: list[StereoPair]) -> Iterator[Images]:
+    def _decoded(self, pairs: list[StereoPair]) -> Iterator[StereoFrame]:
         scaler = GreyScaler()
         for pair in pairs:
             try:
@@ -228,7 +232,16 @@ class _Inspection:
             except UndecodableImage as error:
                 self.warnings.append(f"an image cannot be decoded: {error}")
             else:
-                yield left, right
+                yield StereoFrame(pair.stamp_ns, left, right)
+
+
+def _is_followed(rig: StereoRig, frames: list[StereoFrame]) -> bool:
+    """Whether an engine follows all of these frames well that it can follow from one before."""
+    try:
+        engine = Engine(rig)
+        return well_followed([engine.step(frame).status for frame in frames])
+    except StreamSfmError:
+        return False
 
 
 def _topics(survey: Survey) -> list[dict[str, Any]]:

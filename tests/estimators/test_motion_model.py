@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import MotionConfig
-from stream_sfm.estimators.motion_model import MotionModel
+from stream_sfm.estimators.motion_model import Doubts, MotionModel
 from stream_sfm.geometry import se3
 
 FRAME_NS = 50_000_000
@@ -51,14 +51,8 @@ def test_a_start_that_is_doubted_is_covered_since_the_start_and_for_good_if_noth
         moving.restart(0, pose, none)
         for k in range(1, 20):
             pose, doubtful = pose @ step, 5 <= k < 15
-            cov = moving.record(
-                k * 50_000_000,
-                pose,
-                none,
-                doubtful,
-                of_start=of_start and doubtful,
-                unconfirmed=unconfirmed and k == 15,
-            )
+            doubts = Doubts(doubtful, of_start and doubtful, unconfirmed and k == 15)
+            cov = moving.record(k * 50_000_000, pose, none, doubts)
             settles[name, k] = np.sqrt(np.linalg.eigvalsh(cov[:3, :3]).max())
     assert settles["later", 5] < 0.02  # the camera goes on as in the frames before
     assert settles["open", 5] > 5 * 0.05  # these are of what may be a body

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.estimators.motion_model import MotionModel
+from stream_sfm.estimators.motion_model import Doubts, MotionModel
 from stream_sfm.frontend.image_checks import are_one_image
 from stream_sfm.frontend.step_check import StepCheck
 from stream_sfm.geometry import se3
@@ -52,7 +52,7 @@ def test_a_pose_is_as_uncertain_as_a_step_that_the_camera_may_not_have_made() ->
     pose = se3.exp(step)
     nothing = np.zeros((6, 6))
     np.testing.assert_allclose(
-        model.record(3 * 10**8, pose, nothing, stepped=True), np.outer(step, step), atol=1e-12
+        model.record(3 * 10**8, pose, nothing, Doubts(stepped=True)), np.outer(step, step), atol=1e-12
     )
     later = pose @ se3.exp([0, 0, 1, 0, 0, 0])
     cov = model.record(4 * 10**8, later, nothing)

@@ -6,7 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
+import stream_sfm as sfm
+from stream_sfm.geometry import se3
+from stream_sfm.inspection.calibration_check import calibration_findings, check_calibration, matched_corners
 from stream_sfm.inspection.overview import inspect_log
+from stream_sfm.recording.topics import PairChoice
 from tests.helpers.stereo_logs import START_NS, LogWriter, calibration_of, infos_of, write_image, write_info
 from tests.helpers.wall import Wall, camera_path, rig
 
@@ -123,7 +127,31 @@ def test_the_wrong_calibration(path, frames):
         replace(c, R=cv2.Rodrigues(np.array([x, 0.0, 0.0]))[0]) for c, x in zip(INFOS, (0.0, 0.02), strict=True)
     ]
     (problem,) = inspect_log(write(path, frames, turned))["problems"]
-    assert "does not belong to these images" in problem
+    assert "rows of left and right" in problem and "give the calibration of these cameras" in problem
+
+
+@pytest.mark.parametrize(
+    ("turn_rad", "wrong"),
+    [((0, 0, 0.016), False), ((0, 0, 0.03), True), ((0.006, 0, 0), False), ((0.012, 0, 0), True)],
+    ids=["rolled a little", "rolled", "pitched a little", "pitched"],
+)
+def test_rows_are_judged_as_a_replay_judges_them(path, frames, turn_rad, wrong):
+    """What the model of rows takes out is no finding, however large its median; what it cannot is one of both."""
+    turned = [replace(c, R=cv2.Rodrigues(k * np.array(turn_rad))[0]) for k, c in enumerate(INFOS)]
+    found, summary = inspect_log(write(path, frames, turned)), sfm.replay(path).summary
+    for problems in (found["problems"], summary["problems"]):
+        assert [("rows of left and right differ" in p) for p in problems] == [True] * wrong
+    assert found["warnings"] == []
+
+
+def test_rows_of_cameras_that_are_late_are_refuted_by_frames_that_are_followed(frames):
+    pitched = replace(STEREO, right_from_left=se3.exp([0, 0, 0, 0.012, 0, 0]) @ STEREO.right_from_left)
+    corners = [matched_corners(f.left, f.right) for f in frames[:2]]
+    check, choice = check_calibration(pitched, corners), PairChoice(LEFT, RIGHT, "")
+    assert check.rows_problem
+    for followed in (False, True):
+        problems, warnings = calibration_findings(pitched, check, corners, choice, lambda f=followed: f)
+        assert bool(problems) != followed and not warnings
 
 
 def test_rectified_images_with_the_calibration_of_those_before(path):
@@ -134,7 +162,7 @@ def test_rectified_images_with_the_calibration_of_those_before(path):
     ]
     frames = Wall(5).frames(STEREO, camera_path(4))
     (problem,) = inspect_log(write(path, frames, bent))["problems"]
-    assert "or these are rectified already: name their topics image_rect" in problem
+    assert "if they are rectified already, name their topics image_rect" in problem.lower()
     topics = tuple(topic.replace("image", "image_rect") for topic in (LEFT, RIGHT))
     renamed = write(path.with_name("renamed.mcap"), frames, bent, sides=topics)
     assert inspect_log(renamed)["problems"] == []
