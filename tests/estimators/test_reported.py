@@ -41,7 +41,7 @@ def current() -> Map:
 def test_halves_add_up_to_all_tracks(current):
     """Their information and right-hand sides are those of all tracks, of the dense equations without the points."""
     at, system = system_at(current)
-    quarters = _quarters(at)
+    quarters = _quarters(current, at)
     assert np.bincount(quarters, minlength=4).min() > 0.15 * len(quarters)
     parts = _poses_by(current, system, at, quarters)
     every = _poses_by(current, system, at, np.zeros_like(quarters))[0]
@@ -73,7 +73,7 @@ def test_tracks_of_half_a_scene_have_both_kinds_of_halves(current, kind):
     ids, x = current.points.ids, current.points.q[:, 0]
     kept = ids % 2 == 0 if kind == "even numbers" else x < np.median(x)
     at = current.state()._replace(ids=ids[kept], q=current.points.q[kept])
-    assert np.bincount(_quarters(at), minlength=4).min() > 0.15 * kept.sum()
+    assert np.bincount(_quarters(current, at), minlength=4).min() > 0.15 * kept.sum()
 
 
 def test_one_step_leads_to_the_minimum(current):

@@ -2,8 +2,8 @@
 
 Given the modes of the prior, points are independent of each other. So are then the poses that two halves of the tracks
 lead to, each of which is one Newton step away from the common minimum. How far they are apart, in units of the σ that
-they claim, is known without any truth, and without a model of what lasts. There are two kinds of halves: every second
-track and the others, and those on the left and on the right, which show what neighbours have in common.
+they claim, is known without any truth, and without a model of what lasts. There are two kinds of halves: even and odd
+tracks, and those first seen left and right of the image's middle, which show what neighbours have in common.
 """
 
 from contextlib import suppress
@@ -20,7 +20,7 @@ from .map import Map
 from .normal_equations import System
 from .relative import apart_from_newest
 
-_KINDS = ((0, 1), (0, 2))  # halves that the quarters 0 … 3 begin with: every second track, and those on the left
+_KINDS = ((0, 1), (0, 2))  # halves that the quarters 0 … 3 begin with: even tracks, and those on the left
 _MEMORY = 25.0  # looks: errors that last are a property of cameras and scene, and change slowly
 # Once so many are known, one frame in so many is looked at: neighbouring windows have most of their views in common.
 _EVERY = 4
@@ -28,6 +28,7 @@ _GUESS = 2.5  # weight in looks of the first guess, which is 1
 # Of one frame, in units of the mean so far: a body that moves in one half is not an error that lasts. Gaussian errors
 # are beyond it in one frame of 10¹⁰.
 _MOST = 10.0
+_LEAST = 0.125  # share of the tracks that makes a half
 
 
 @record
@@ -71,7 +72,7 @@ def squares_of_halves(of: Map, system: System, at: State) -> Array:
 
     `system`: of a map, with the rig as it is, linearised at its state `at`.
     """
-    parts = _poses_by(of, system, at, _quarters(at))
+    parts = _poses_by(of, system, at, _quarters(of, at))
     found = np.full((2, len(of.frames)), np.nan)
     for kind, (first, second) in enumerate(_KINDS):
         third, fourth = (k for k in range(4) if k not in (first, second))
@@ -87,15 +88,19 @@ def _together(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Arr
     return one[0] + other[0], one[1] + other[1]
 
 
-def _quarters(at: State) -> NDArray[np.int64]:
-    """Return of which quarter points (P,) are: every second one on the left, on the right, and of the others.
+def _quarters(of: Map, at: State) -> NDArray[np.int64]:
+    """Return of which quarter points (P,) are: even on the left, even on the right, odd on the left, odd on the right.
 
-    A point is where its anchor, the camera that first saw it, has it. The middle is that of the points, and every
-    second one is so among those that there are: tracks that come from half an image, or with even numbers only, have
-    halves as well.
+    A point is where its anchor, the camera that first saw it, has it. Tracks that have even numbers only, or come from
+    one side of the image, are told apart by their order and by the median, and have halves as well.
     """
-    right = at.q[:, 0] > np.median(at.q[:, 0])
-    return 2 * (np.arange(len(at.ids)) % 2) + right
+    p, x = of.projection, at.q[:, 0]
+    odd, right = at.ids % 2 == 1, p.f_px * x + p.cx_left_px > p.width / 2
+    if not _LEAST < odd.mean() < 1 - _LEAST:
+        odd = np.arange(len(x)) % 2 == 1
+    if not _LEAST < right.mean() < 1 - _LEAST:
+        right = x > np.median(x)
+    return 2 * odd.astype(np.int64) + right
 
 
 def _poses_by(of: Map, system: System, at: State, quarters: NDArray[np.int64]) -> list[tuple[Array, Array]]:
