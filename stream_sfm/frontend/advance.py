@@ -7,7 +7,7 @@ from ..geometry.resection import Resection, SecondMotion
 from ..geometry.se3 import Array
 from ..record import changed, record, rows_of
 from .alignment import learn_noise
-from .depth_order import depth_order
+from .depth_order import may_be_scene
 from .inertial_choice import is_camera
 from .mono.parallax import update_by_parallax
 from .pair_check import Found
@@ -92,8 +92,8 @@ def _start(step: Step, state: FrontEndState, before: Tracks, motion: Resection, 
     start = state.start.settled() if is_camera(step, motion) else state.start
     if in_question or start.is_over:
         return start
-    # what lies before the points that agree may move by itself, and says nothing about them
-    counts = motion.accepted | (depth_order(before, before.keep(motion.accepted), step.setup.rules.start) >= 0)
+    start = start.begun_with(float(motion.accepted.mean()))
+    counts = motion.accepted | may_be_scene(step.setup.rules, before, motion.accepted, start.fills_view)
     return start.after(before.ids[counts], motion.accepted[counts])
 
 

@@ -8,7 +8,7 @@ then; and along the border of the two sets the background is the one behind.
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config.rules import StartRules
+from ..config.rules import Rules, StartRules
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine, resect
 from ..record import changed
 from .rough_motion import RoughMotion, find_rough_motion
@@ -83,6 +83,20 @@ def _is_deeper(setup: Setup, some: Tracks, others: Tracks) -> bool:
 def _history(tracks: Tracks) -> int:
     """For how many frames enough tracks for a motion have agreed."""
     return int(np.sort(tracks.agreed)[-MIN_VIEWS]) if len(tracks) >= MIN_VIEWS else 0
+
+
+def may_be_scene(rules: Rules, tracks: Tracks, accepted: NDArray[np.bool_], fills_view: bool) -> NDArray[np.bool_]:
+    """Return which tracks (n) that a motion does not explain may be of a scene that those `accepted` (n,) hide.
+
+    What lies before its neighbours that agree may move by itself. So may all of them where what agrees has covered the
+    view from the start (`fills_view`) and nearly all of it is as far away: it hides nothing, and they have come later.
+    """
+    rest, followed = ~accepted, tracks.keep(accepted)
+    if fills_view and rest.any():
+        as_far = followed.points[:, 3] < rules.start.deeper * np.median(tracks.points[rest, 3])
+        if np.count_nonzero(as_far) >= rules.motion.calm_start * len(followed):
+            return np.zeros(len(tracks), bool)
+    return rest & (depth_order(tracks, followed, rules.start) >= 0)
 
 
 def is_behind(setup: Setup, some: Tracks, others: Tracks) -> bool:

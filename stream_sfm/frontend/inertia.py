@@ -37,15 +37,15 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
 
 
 def without_newcomer(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
-    """Return a motion that goes on as before with a second one, that jumps, no longer in question, if that came anew.
+    """Return a motion that goes on as before with a second one no longer in question, if that came anew.
 
-    That is: many old tracks agree with the first motion only, and hardly any with the second one.
+    That is: many old tracks agree with the first motion, and hardly any with the second one only. How fast that is says
+    nothing: a body may pass slowly. (What comes into view behind all of it is in question again, by `uncovered`.)
     """
     second, old = motion.ambiguous, seen.before.agreed >= step.setup.rules.motion.full_history
     if second is None or not state.start.is_over or state.ambiguity.frames_left > 0:
         return motion
-    jump, other_jumps = (step.jumps(m, step.std_change) for m in (motion.cam_from_ref, second.cam_from_ref))
-    if jump or not other_jumps or np.count_nonzero(second.views & old) >= MIN_VIEWS:
+    if step.jumps(motion.cam_from_ref, step.std_change) or np.count_nonzero(second.views & old) >= MIN_VIEWS:
         return motion
     if np.count_nonzero(motion.accepted & old) < MANY_VIEWS:
         return motion

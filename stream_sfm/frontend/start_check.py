@@ -2,7 +2,9 @@
 
 At a start nothing has a history: bodies that cover most of the view outvote the background. Points that begin later
 say so, because they begin where points are missing, and the background is there. As long as too many of them
-disagree, the motion may be that of a body; once they agree, the start is redone from there. Once nothing that was
+disagree, the motion may be that of a body; once they agree, the start is redone from there. Those that disagree do not
+count where they cannot be the scene (`depth_order.may_be_scene`): a body that comes into view later is found again and
+again at the same places, and would be taken for many witnesses. Once nothing that was
 there at the start is followed any more, what is followed has been found by points that began later, and there is
 nothing left to doubt of it; but nothing has confirmed the poses up to there.
 """
@@ -21,6 +23,7 @@ class StartCheck:
 
     `calm_frames` in a row in which enough of them agreed. `doubted`: since the start they once did not. `next_id`: of
     the tracks that have not been judged; those of the start are below `later_id`. `gone`: they are not followed now.
+    `first_share`: of the tracks of the first frame that agreed with its motion, 0 before it.
     """
 
     found: float = 0.0
@@ -30,6 +33,7 @@ class StartCheck:
     next_id: int = 0
     later_id: int = 0
     gone: bool = False
+    first_share: float = 0.0
     rules: MotionRules = MotionRules()
 
     @property
@@ -43,6 +47,11 @@ class StartCheck:
         )
 
     @property
+    def fills_view(self) -> bool:
+        """Whether nearly all of the view had one motion while nothing had a history."""
+        return self.first_share >= self.rules.calm_start
+
+    @property
     def is_over(self) -> bool:
         """Whether the motion is taken for the camera's for good, or the start is to be redone."""
         return self.gone or self.calm_frames >= self.rules.full_history
@@ -51,6 +60,10 @@ class StartCheck:
     def is_redone(self) -> bool:
         """Whether the start is to be redone: what was doubted is still followed, and points agree now."""
         return self.doubted and self.is_over and not self.gone
+
+    def begun_with(self, share: float) -> "StartCheck":
+        """Return the check with the share of the tracks in a frame that agree, if that is the first one."""
+        return self if self.first_share else changed(self, first_share=share)
 
     def settled(self) -> "StartCheck":
         """Return the check where it is known otherwise that the motion is the camera's."""
