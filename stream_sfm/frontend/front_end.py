@@ -33,7 +33,7 @@ from .right_turn import TurnWatch, rig_change, shift_of_turn, with_turn
 from .rows import Rows
 from .start_check import StartCheck
 from .state import FrontEndState, Setup
-from .step_check import StepCheck
+from .step_check import StepCheck, displacement_px
 from .still_check import StillCheck
 from .template_errors import TemplateErrors, turn_of_slides
 from .timing import Timing
@@ -148,7 +148,9 @@ class StereoFrontEnd:
         factor = state.aligners[1].noise.factor
         problem = self.problem or problem_of(images, state.previous, fit, state.rows, factor, config.rules.pair)
         pair, start_anew = state.pair.after(problem, fit, state.next_id)
-        state = changed(state, steps=state.steps.after(change, projection.f_px), pair=pair)
+        if change is not None and len(before.tracks):
+            change = displacement_px(change, projection.f_px, float(np.median(before.tracks.points[:, 3])))
+        state = changed(state, steps=state.steps.after(change), pair=pair)
         return state, start_anew or state.start.is_redone
 
     def _go_on(

@@ -1,9 +1,10 @@
 """Whether both images have been displaced at once: a crop or a synchronisation that has changed.
 
-All points are then displaced alike, which looks like a turn of the camera between two frames, before and after which it
-moves on as it did. A camera has mass: where it turns, its velocity changes and stays changed. So a motion that differs
-from the last one as none before it is suspected; where the next one is as before, a step has been seen. Whether the
-camera has made it cannot be told: the frames count as before, and their poses may be off by the step.
+All points are then displaced alike, which looks like a turn of the camera between two frames, or where all of them are
+as far away like a step aside; before and after it the camera moves on as it did. A camera has mass: where it moves, its
+velocity changes and stays changed. So a motion that displaces points unlike the last one, and as none before it,
+is suspected; where the next one is as before, a step has been seen. Whether the camera has made it cannot be told: the
+frames count as before, and their poses may be off by the step.
 """
 
 import numpy as np
@@ -15,11 +16,11 @@ from ..record import record
 
 @record
 class StepCheck:
-    """What the changes of motion so far were: the sizes of the latest ones, pixels; `suspected` (6,): the change in the
-    last frame, if it may be a step; `confirmed_px`: the size of a step that the last frame has confirmed, or 0."""
+    """What the changes of motion so far were: the sizes of the latest ones, pixels; `suspected_px` (3,): the change in
+    the last frame, if it may be a step; `confirmed_px`: the size of a step that the last frame has confirmed, or 0."""
 
     sizes_px: tuple[float, ...] = ()
-    suspected: Array | None = None
+    suspected_px: Array | None = None
     confirmed_px: float = 0.0
     rules: StepRules = StepRules()
 
@@ -29,21 +30,30 @@ class StepCheck:
         if not self.confirmed_px:
             return ""
         return (
-            f"the view has turned by {self.confirmed_px:.0f} px at once: have both images been displaced, by another "
+            f"the view has moved by {self.confirmed_px:.0f} px at once: have both images been displaced, by another "
             "crop or lost synchronisation?"
         )
 
-    def after(self, change: Array | None, f_px: float) -> "StepCheck":
-        """Return the check after a frame whose motion differs from the last one by `change` (6,); None: not known."""
+    def after(self, change_px: Array | None) -> "StepCheck":
+        """Return the check after a frame whose motion differs from the last one by `change_px` (3,), see
+        `displacement_px`; None: not known."""
         rules = self.rules
-        if change is None:
+        if change_px is None:
             return StepCheck(self.sizes_px, rules=rules)
-        turn_px = f_px * change[3:]
-        size = float(np.linalg.norm(turn_px))
-        if self.suspected is not None:
-            step_px = f_px * self.suspected[3:]
-            if np.linalg.norm(turn_px + step_px) < rules.back * np.linalg.norm(step_px):
-                return StepCheck(self.sizes_px, confirmed_px=float(np.linalg.norm(step_px)), rules=rules)
+        size = float(np.linalg.norm(change_px))
+        if self.suspected_px is not None:
+            step = float(np.linalg.norm(self.suspected_px))
+            if np.linalg.norm(change_px + self.suspected_px) < rules.back * step:
+                return StepCheck(self.sizes_px, confirmed_px=step, rules=rules)
         usual = float(np.median(self.sizes_px)) if len(self.sizes_px) >= rules.fewest else np.inf
         unusual = size > max(rules.least_px, rules.unusual * usual)
-        return StepCheck((*self.sizes_px, size)[-rules.remembered :], change if unusual else None, rules=rules)
+        return StepCheck((*self.sizes_px, size)[-rules.remembered :], change_px if unusual else None, rules=rules)
+
+
+def displacement_px(change: Array, f_px: float, inverse_depth: float) -> Array:
+    """Return by how much (3,) a change of motion (6,) displaces the middle of the view, and turns it about that, px.
+
+    `inverse_depth`: of the points there, 1/m. Motions are those of points from one camera to the next.
+    """
+    step, turn = inverse_depth * change[:3], change[3:]
+    return np.asarray(f_px * np.array([step[0] + turn[1], step[1] - turn[0], turn[2]]))

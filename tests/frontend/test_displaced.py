@@ -6,7 +6,7 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.estimators.motion_model import Doubts, MotionModel
 from stream_sfm.frontend.image_checks import are_one_image
-from stream_sfm.frontend.step_check import StepCheck
+from stream_sfm.frontend.step_check import StepCheck, displacement_px
 from stream_sfm.geometry import se3
 from tests.helpers.places import ROOM
 
@@ -16,20 +16,20 @@ TEXTURE = RNG.integers(0, 256, (60, 80)).astype(np.uint8)
 
 
 def turned(px: float) -> np.ndarray:
-    return np.array([0, 0, 0, 0, px / F_PX, 0])
+    return displacement_px(np.array([0, 0, 0, 0, px / F_PX, 0]), F_PX, 0.5)
 
 
 def checked(*changes_px: float) -> StepCheck:
     """After many small changes of motion, and then these."""
     check = StepCheck()
     for px in (*RNG.uniform(0.2, 1, 20), *changes_px):
-        check = check.after(turned(px), F_PX)
+        check = check.after(turned(px))
     return check
 
 
 def test_a_step_is_a_change_that_the_next_frame_takes_back() -> None:
     assert not checked(12).problem
-    assert "turned by 12 px at once" in checked(12, -11.5).problem
+    assert "moved by 12 px at once" in checked(12, -11.5).problem
     assert not checked(12, -11.5, 0.1).problem
 
 
@@ -37,10 +37,29 @@ def test_a_turn_that_goes_on_is_none() -> None:
     assert not checked(12, 0.5).problem
 
 
+def test_a_change_of_motion_displaces_points_as_it_moves_them() -> None:
+    """By the difference of two projections of a point in the middle of the view, and of one beside it for the roll."""
+    depth_m = 4.0
+    points = depth_m * np.array([[0, 0, 1], [1e-3, 0, 1]])
+    for change in 1e-6 * np.eye(6)[[0, 1, 3, 4, 5]]:
+        moved = se3.transform(se3.exp(change), points)
+        apart = F_PX * (moved[:, :2] / moved[:, 2:] - points[:, :2] / points[:, 2:])
+        roll = (apart[1, 1] - apart[0, 1]) / 1e-3
+        expected = [*apart[0], roll]
+        np.testing.assert_allclose(displacement_px(change, F_PX, 1 / depth_m), expected, atol=1e-8)
+
+
+def test_a_step_aside_before_a_wall_is_one() -> None:
+    """Where all points are as far away, displaced images look like a step aside as well as like a turn."""
+    aside = displacement_px(np.array([0, 0.18, 0, 0, 0, 0]), F_PX, 0.5)
+    check = checked().after(aside)
+    assert "moved by 36 px at once" in check.after(-0.96 * aside).problem
+
+
 def test_a_hand_that_shakes_is_none() -> None:
     check = StepCheck()
     for px in RNG.normal(0, 7, 200):
-        check = check.after(turned(px), F_PX)
+        check = check.after(turned(px))
         assert not check.problem
 
 
