@@ -28,7 +28,7 @@ class Config(Section, frozen=True, kw_only=True):
     """All settings; each has a default."""
 
     method: Annotated[
-        str, Meta(description="estimator: cross-frame, ekf, frame-to-frame, or another name in estimators.METHODS")
+        str, Meta(description="estimator: cross-frame, ekf, frame-to-frame, or another name in stream_sfm.methods")
     ] = "cross-frame"
     mask_left: Annotated[
         str, Meta(description="PNG of the left images' size, black where they show the robot or dirt; empty: none")
