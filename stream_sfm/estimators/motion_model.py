@@ -16,7 +16,7 @@ _STEPS = 16  # that are kept: a stream that is displaced all the time is bounded
 
 
 class Doubts(NamedTuple):
-    """What is in doubt of a pose.
+    """Why a pose may be wrong.
 
     `misfit`: it may as well be where the last pose that was not predicts it; with `of_start`, where the map's first one
     does. `unconfirmed`: such a doubt of the start has ended with it, and nothing has settled it. `stepped`: both images

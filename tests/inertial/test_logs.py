@@ -120,6 +120,19 @@ def test_a_comparison_runs_the_window_without_samples_too(imu_log):
         assert (said in page) == ("Inertial samples" in page) == shown
 
 
+@pytest.mark.parametrize("method", ["cross-frame-no-imu", "ekf-cv"])
+def test_a_method_without_samples_takes_none_where_it_runs_alone_either(imu_log, method):
+    """Not with a frame, and not ahead of it, where a front-end asks for the motion that they predict."""
+    log, runs = sfm.open_log(imu_log[0]), []
+    for switched_off in ([], ["imu.enabled=false"]):
+        engine = sfm.Engine(log.rig, sfm.read_config(None, [f'method="{method}"', *switched_off]))
+        runs.append([engine.step(frame) for frame in log.frames()])
+    assert all(e.inertial is None for e in runs[0])
+    for one, other in zip(*runs, strict=True):
+        assert np.array_equal(one.world_from_cam, other.world_from_cam)
+        assert np.array_equal(one.cov_pose, other.cov_pose)
+
+
 def test_the_page_of_a_log_says_what_its_samples_told(imu_log, tmp_path):
     for log, told in zip(imu_log[:2], (True, False), strict=True):
         result = sfm.replay(log, tmp_path / log.stem)

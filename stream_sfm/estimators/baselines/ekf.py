@@ -46,7 +46,7 @@ class Ekf(TakesSamples, Baseline):
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
-        self.inertia.take(observations.inertial if self._config.imu.enabled else None)
+        self.inertia.take(observations.inertial)
         return self.by_inertia_if_lost(super().step(observations), observations.stamp_ns)
 
     def _begin(self, obs: Observations, first: Solution) -> WorldPoints:

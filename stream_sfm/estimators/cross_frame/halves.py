@@ -91,8 +91,8 @@ def _together(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Arr
 def _quarters(of: Map, at: State) -> NDArray[np.int64]:
     """Return of which quarter points (P,) are: even on the left, even on the right, odd on the left, odd on the right.
 
-    A point is where its anchor, the camera that first saw it, has it. Tracks that have even numbers only, or come from
-    one side of the image, are told apart by their order and by the median, and have halves as well.
+    A point is where its anchor, the camera that first saw it, has it. Where tracks have even numbers only, or come from
+    one side of the image, their order and their median make the halves.
     """
     p, x = of.projection, at.q[:, 0]
     odd, right = at.ids % 2 == 1, p.f_px * x + p.cx_left_px > p.width / 2

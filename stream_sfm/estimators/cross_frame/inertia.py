@@ -58,8 +58,8 @@ class Inertia:
         return not self._agreement.distrusted and self._distance2 < self._rules.impossible
 
     def take(self, view: InertialView | None) -> None:
-        """Take the samples that have come with a frame; twice the same are taken once."""
-        if view is None:
+        """Take the samples that have come with a frame, unless they are switched off; twice the same are taken once."""
+        if view is None or not self._config.enabled:
             return
         if self._calibration is None:
             self._calibration = view.calibration

@@ -65,7 +65,7 @@ class CrossFrame(TakesSamples):
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
-        self.inertia.take(observations.inertial if self.config.imu.enabled else None)
+        self.inertia.take(observations.inertial)
         try:
             solution = self._take(observations)
         except np.linalg.LinAlgError:
