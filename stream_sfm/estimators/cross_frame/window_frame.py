@@ -49,7 +49,7 @@ def views_of(observations: Observations, projection: StereoProjection, age_s: fl
     weight, n = _weights(observations), len(observations.track_ids)
     own, terms, timing, field = np.zeros((n, 4, 0)), np.zeros((n, 4, 0)), np.zeros((n, 4, 0)), np.zeros((n, 0))
     if observations.rig is not None:
-        timing = np.zeros((n, 4, 2))
+        timing = observations.rig.model.without_timing(n)
         own = by_turn(projection, observations.z_px, observations.rig.turn_root)
         terms, field = observations.rig.model.at_rest(observations.z_px, age_s)
     return WhitenedViews(
