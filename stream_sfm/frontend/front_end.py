@@ -12,6 +12,7 @@ import numpy as np
 from ..camera.rectification import Rectifier
 from ..camera.rig import StereoRig
 from ..config import Config
+from ..geometry.medians import median
 from ..geometry.resection import SecondMotion
 from ..geometry.se3 import Array
 from ..record import changed
@@ -149,7 +150,7 @@ class StereoFrontEnd:
         problem = self.problem or problem_of(images, state.previous, fit, state.rows, factor, config.rules.pair)
         pair, start_anew = state.pair.after(problem, fit, state.next_id)
         if change is not None and len(before.tracks):
-            change = displacement_px(change, projection.f_px, float(np.median(before.tracks.points[:, 3])))
+            change = displacement_px(change, projection.f_px, median(before.tracks.points[:, 3]))
         state = changed(state, steps=state.steps.after(change), pair=pair)
         return state, start_anew or state.start.is_redone
 
