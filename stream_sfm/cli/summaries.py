@@ -151,7 +151,10 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
 
         yield from inertial_rows(imu)
     for name, spans in summary.get("self_test", {}).items():
-        yield f"halves of the {name}", f"differ by {factors_text(spans)}"
+        half, _, calibrated = name.partition("_")
+        if spans or not calibrated:
+            calibration = ", with one calibration" if calibrated else ""
+            yield f"halves of the {half}", f"differ by {factors_text(spans)}{calibration}"
     if back := summary.get("there_and_back"):
         share = f" ({back['apart_percent']:.2g} % of the path)" if back["apart_percent"] is not None else ""
         yield (

@@ -25,7 +25,7 @@ from ..types import Frame, FrameEstimate, Selection, Sink, Trajectory
 from .gravity import check_gravity, upright_trajectory
 from .lane import Lane
 from .loop import Course, run
-from .self_test import SelfTest
+from .self_test import SelfTestOfRun
 from .summary import peak_rss_mib, summarise
 from .there_and_back import drift_there_and_back
 
@@ -94,7 +94,8 @@ def replay(
 
     `left`, `right`, `calibration`: as in `open_log`. `ignore_ground_truth`: ranges [first, end) of frames of this
     run whose ground truth is not compared, because it is wrong. `self_test`: estimate from
-    disjoint halves of the tracks, too, and tell in the summary how large their difference is in σ. `there_and_back`:
+    disjoint halves of the tracks, too, and tell in the summary how large their difference is in σ, with the calibration
+    that each half finds and with the one that the run has found. `there_and_back`:
     estimate the frames once more, backwards, and tell how far from its beginning that ends. `loops`: find
     places again beside the engine, and write the poses that follow, trajectory_map.tum; so do `known_map`, a file in
     whose world the camera is looked for, and `save_map`, a file to write the map to at the end. `std_truth`: σ of the
@@ -153,7 +154,7 @@ class _Replay:
         with one_thread:
             observer = Observer(log.rig, config)
             self.lane = Lane(config, observer, self._depth, folder)
-        self.checks = [SelfTest(observer.projection, config)] if self_test else []
+        self.checks = [SelfTestOfRun(self.lane)] if self_test else []
         self._calibration = CalibrationSink(log)
         self._places: PlaceMap | None = None
         self._save_map: Path | None = None
@@ -218,7 +219,8 @@ class _Replay:
         if record.rig is not None:
             further["rig"] = describe(self.lane.observer.projection, record.rig)
         for test in self.checks:
-            further["self_test"] = test.result()
+            further["self_test"] = test.result(interruption)
+            test.close()
         if self._there_and_back and not course.interrupted and len(record):
             further["there_and_back"] = self._back(course, interruption)
         return further
