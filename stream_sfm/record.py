@@ -33,8 +33,11 @@ def filled(cls: type[T], parts: Any, **others: Any) -> T:
 
 def changed(of: T, **fields: Any) -> T:
     """Return a record with other values in some fields; `dataclasses.replace` takes four times as long."""
+    values = of.__dict__ | fields
+    if len(values) > len(of.__dict__):
+        raise TypeError(f"{type(of).__name__} has no field {', '.join(sorted(fields.keys() - of.__dict__.keys()))}")
     result = object.__new__(type(of))
-    result.__dict__ = of.__dict__ | fields
+    result.__dict__ = values
     return result
 
 
