@@ -6,8 +6,8 @@ from types import SimpleNamespace as Record
 
 import numpy as np
 
-from stream_sfm import core
 from stream_sfm.config import RobustConfig
+from stream_sfm.core import _core as core
 from stream_sfm.geometry.resection import Wanted
 
 RNG = np.random.default_rng(0)
@@ -124,11 +124,11 @@ CALLS = {
     "view_inflation": (SLOTS, 0.5, 1.0, 0.92),
     "warp_patches": (STORED, SLOTS, WARPS, 4, 2),
     "align_patches": (IMAGE, STARTS, *core.warp_patches(STORED, SLOTS, WARPS, 4, 2), 4, 2),
-    "predict_tracks": (PINHOLES, TIMING, np.ones(6), TRACKS, np.eye(4), np.eye(4), STARTS, np.ones(N, bool)),
+    "_predict_tracks": (PINHOLES, TIMING, np.ones(6), TRACKS, np.eye(4), np.eye(4), STARTS, np.ones(N, bool)),
     "update_depths": (PINHOLES, TRACKS, np.eye(4), VIEWS, COV, 1.1),
     "templates_fit": (WARPS, 4.0, 10.0),
     "inside_area": (IMAGE > 100, STARTS),
-    "view_covariances": (COV[:, :2, :2], np.ones(N), np.ones(N), 4.0, 1.0, 1.0),
+    "_view_covariances": (COV[:, :2, :2], np.ones(N), np.ones(N), 4.0, 1.0, 1.0),
     "template_drift": (POINTS, np.eye(4), np.ones(N, int), 10.0),
     "match_new_points": (IMAGE, IMAGE, STORED, TEMPLATES, RIGHT_SIDES, PIXELS, SLOTS, STARTS[:, 0], 3.0, 4.0, 2.0),
     "linearise_views": (OF_VIEWS, np.eye(4)),
@@ -145,8 +145,8 @@ CALLS = {
     "field_basis": (GRID, STARTS),
     "rig_mixture": (np.ones(9), np.eye(9), np.full(9, 2.0), 3, np.eye(2, 4) > 0, np.log([0.5, 0.5]), 0.5, False),
     "row_terms": (PINHOLES, GRID, STARTS, np.ones(N)),
-    "on_one_row": (ROWS, STARTS, STARTS, np.ones(N), 1.0),
-    "gradient_matrices": (COV[:, :3, :3], 2),
+    "_on_one_row": (ROWS, STARTS, STARTS, np.ones(N), 1.0),
+    "_gradient_matrices": (COV[:, :3, :3], 2),
     "align_tracks": (
         *(
             RIGHT_SIDES,
@@ -193,7 +193,7 @@ CALLS = {
     "points_of_views": (STATE, SEEN),
     "views_within_gates": (PINHOLES, STATE, SEEN, 5.0, 9.0),
     "points_seen_again": (SLOTS, SLOTS > 0, np.ones((N, 3)), SLOTS, POINTS[:, :3], COV[:, :3, :3]),
-    "drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),
+    "_drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),
     "normal_blocks": (PINHOLES, STATE, SEEN, True),
     "poses_by_parts": (PINHOLES, STATE, SEEN, SLOTS % 3, 3),
     "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),
