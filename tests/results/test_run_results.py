@@ -3,7 +3,7 @@
 import csv
 import shutil
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +12,11 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.config import RosConfig
 from stream_sfm.geometry import se3
+from stream_sfm.record import about
 from stream_sfm.results.folder import ResultFolder
 from stream_sfm.results.frames import fixed_axis_covariance
+from stream_sfm.results.own_messages import DEFINITIONS, ESTIMATE
+from stream_sfm.results.trajectory_files import frame_table
 from tests.results.test_estimates import estimate, rig
 
 FRAMES = 9
@@ -33,6 +36,15 @@ def run(request: pytest.FixtureRequest, tmp_path_factory, estimates) -> sfm.RunR
     folder.close()
     folder.write_summary({"frames": {"estimated": FRAMES}})
     return sfm.read_results(folder.path)
+
+
+def test_what_describes_a_field_puts_it_into_messages_and_tables() -> None:
+    message = DEFINITIONS[ESTIMATE].split("\n")
+    for described in fields(sfm.FrameEstimate):
+        says = about(described).says
+        where = message.index(f"# {says}") if says else 0
+        assert not says or message[where + 1].split()[1] == described.name
+        assert not about(described).column or described.name in frame_table([])
 
 
 def test_poses_are_those_of_the_run(run: sfm.RunResults, estimates) -> None:

@@ -9,7 +9,9 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
 from stream_sfm.importers import Imported, import_euroc, import_kitti
+from stream_sfm.mcap_file.message import Damage
 from stream_sfm.recording.stereo_log import StereoLog
+from stream_sfm.sources.image_files import ImageFile, ImageFilesSource
 from stream_sfm.sources.recognise import is_recording
 from tests.helpers.data_sets import (
     BODY_FROM_LEFT,
@@ -179,6 +181,20 @@ def test_folders_of_images_want_a_calibration_that_puts_the_right_camera_on_the_
     (tmp_path / "rig.toml").write_text(camera_pair(se3.exp([0.2, 0, 0, 0, 0, 0])).to_toml())
     with pytest.raises(sfm.ConfigError, match=f"{tmp_path}.* to the left of the left one"):
         sfm.open_log(tmp_path)
+
+
+def test_an_image_may_have_its_bytes_from_elsewhere_as_from_an_archive(tmp_path):
+    packed = write_picture(tmp_path / "image.png").read_bytes()
+
+    class Packed(ImageFile):
+        def content(self) -> bytes:
+            return packed
+
+    images = [Packed(n, tmp_path / f"a.tar/{n}.png") for n in range(3)]
+    source = ImageFilesSource(tmp_path / "a.tar", "tar", camera_pair(), (images, images))
+    sent = [m for m in source.messages(Damage()) if "image" in m.channel.topic]
+    assert len(sent) == 6 and all(packed in bytes(m.data) for m in sent)
+    assert images[0].size() == (WIDTH, HEIGHT) and source.size_bytes == 0
 
 
 def test_a_damaged_image_costs_its_frame_where_the_folder_is_read(tmp_path):
