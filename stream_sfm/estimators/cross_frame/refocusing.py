@@ -23,7 +23,7 @@ def refocused(prior: Prior, frame: WindowFrame, next_ns: int) -> Prior:
     if not root.any():
         return prior
     # until now its motion was taken for other errors, which are as unknown as at first
-    return prior.with_rig_change(_with_others(root, prior.rig))
+    return prior.with_rig_change(prior.rig.changed(_with_others(root, prior.rig)))
 
 
 def root_of_refocusing(rig: RigKnowledge, window: Sequence[WindowFrame], doubt: Doubt) -> Array | None:

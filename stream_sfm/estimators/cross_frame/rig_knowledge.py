@@ -21,6 +21,7 @@ from ...rig_model.parts import Agreement, Parts
 from ...rig_model.sizes import Mixture, likely_sizes, mixture
 from ...rig_model.terms import FOCAL, TERMS
 
+_FOCAL = TERMS.index(FOCAL)
 _LEAST_GAIN = 1e-9  # of a variance: less is rounding
 _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
 
@@ -168,6 +169,22 @@ class RigKnowledge:
             contradictions=0,
         )
         return knowledge, kept, apart
+
+    def refocused(self, by: float, std: float) -> tuple["RigKnowledge", Array, Array]:
+        """Return what `changed` does for a focal length that has changed by N(`by`, `std`²), in units of its error.
+
+        The other errors are what they were, and their sizes go on being learnt.
+        """
+        root = np.zeros((len(self), 1))
+        root[_FOCAL] = std
+        after, kept, apart = self.changed(root)
+        mean, held, cov_held, size = after.mean.copy(), after.held.copy(), after.cov_held.copy(), after.size.copy()
+        mean[_FOCAL] += by
+        held[_FOCAL] += by
+        cov_held[_FOCAL, _FOCAL] += std**2
+        size[_FOCAL] = np.hypot(size[_FOCAL], std)
+        after = changed(after, mean=mean, held=held, cov_held=cov_held, size=size, steady=self.steady)
+        return after, kept, apart
 
     def with_field(self, n: int) -> "RigKnowledge":
         """Return the knowledge with n more errors, of a field of which nothing has been seen."""

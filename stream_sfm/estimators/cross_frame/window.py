@@ -5,7 +5,9 @@ structure through the uncertainty of the world itself. Source: Weng, Cui and Ahu
 docs/mathematics.md, sections 5 to 7.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +15,13 @@ from numpy.typing import NDArray
 from ... import core
 from ...config import Config, RigConfig
 from ...geometry import se3
+from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...record import changed
-from ...rig_model.terms import DELAY, TERMS
+from ...rig_model.model import RigModel
+from ...rig_model.terms import DELAY, FOCAL, TERMS
 from ...types import Ambiguity, Observations, Solution
 from ..initial_motion import initial_motion
 from ..lifecycle import (
@@ -35,12 +39,15 @@ from .inverse_depth import WhitenedViews
 from .map import Map
 from .minimise import minimise
 from .outliers import RejectionCounts
+from .own_focus import focus_columns, with_focus
 from .refocusing import root_of_refocusing
 from .relative import common_errors, relative_motions
 from .reported import reported
 from .rig_knowledge import RigKnowledge, impossible
 from .velocities import cov_of_timing, expect, renew_timing
 from .window_frame import WindowFrame, views_of
+
+FOCAL_AT = TERMS.index(FOCAL)
 
 
 class CrossFrame(TakesSamples):
@@ -81,13 +88,14 @@ class CrossFrame(TakesSamples):
         frame = WindowFrame(observations.frame_index, stamp_ns, model, std_turn_rad, misfit=observations.misfit)
         views = views_of(observations, self.projection, age_s)
         if observations.rig is not None and observations.rig.change_root is not None:
-            self._change_rig(observations.rig.change_root)
+            self._change_rig(partial(RigKnowledge.changed, root=observations.rig.change_root))
         current = self.map
         if current is not None:
             root = root_of_refocusing(current.prior.rig, current.frames, current.doubt)
             if root is not None:
                 current.rejections = RejectionCounts()  # they were by the errors as they were
-                self._change_rig(root)
+                self._change_rig(partial(RigKnowledge.changed, root=root))
+            self._end_refocusing(current, model)
         if current is None:
             return self._start(observations, frame, views)
         try:
@@ -129,6 +137,8 @@ class CrossFrame(TakesSamples):
         self.waiting = False
         cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
         current.enter(frame, cam_from_ref, views, corrected_px, rejected, ambiguous=motion.ambiguous is not None)
+        if current.focus.moves:
+            current.own[-1, 0] = motion.amplitudes[-1]
         if observations.settled:
             current.settle()
         passed_s = (observations.stamp_ns - current.previous.stamp_ns) / 1e9
@@ -137,14 +147,21 @@ class CrossFrame(TakesSamples):
         iterations = minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
         return self._report(current, observations, motion, iterations)
 
-    def _change_rig(self, root: Array) -> None:
+    def _change_rig(self, change: Callable[[RigKnowledge], tuple[RigKnowledge, Array, Array]]) -> None:
         """Record that the rig's errors have changed since the last frame: earlier views have the old ones."""
-        if self.map is None:
-            self.rig = None if self.rig is None else self.rig.changed(root)[0]
+        if self.map is not None:
+            self.map.change_rig(change)
+        elif self.rig is not None:
+            self.rig = change(self.rig)[0]
+
+    def _end_refocusing(self, current: Map, model: RigModel | None) -> None:
+        """Make a focal length that has changed, and rests, one of the rig's errors again."""
+        rests_at = current.focus.rests_at
+        if model is None or rests_at is None:
             return
-        while self.map.frames:
-            self.map.absorb_oldest()
-        self.map.change_rig(root)
+        current.focus = current.focus.calm()
+        unit = model.root[FOCAL_AT, FOCAL_AT]
+        self._change_rig(partial(RigKnowledge.refocused, by=rests_at / unit, std=self.config.rig.std_refocused / unit))
 
     def _with_errors_in_use(self, observations: Observations) -> Observations:
         """Return the observations of a rig without a field, until there is one."""
@@ -213,6 +230,7 @@ class CrossFrame(TakesSamples):
             start = se3.inverse(predicted) @ previous.world_from_cam
         views, unknown_px = expect(current, frame, views, rows, points, start, self._std_acceleration)
         corrected = _corrected(observations, views, current.rig_error)
+        weights = self.config.window.no_history + current.frames_agreed(views.ids[rows]).astype(float)
         found = initial_motion(
             self.projection,
             robust,
@@ -221,11 +239,19 @@ class CrossFrame(TakesSamples):
             points,
             cov,
             start,
-            self.config.window.no_history + current.frames_agreed(views.ids[rows]).astype(float),
+            weights,
             unknown_px,
         )
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} or more of the {len(rows)} tracked points")
+        if frame.rig is not None and unknown_px is not None:
+            focus = focus_columns(current, frame.rig, views.terms)
+            shared = np.concatenate([unknown_px, focus[rows]], axis=2)
+            seen = PointViews(
+                self.projection, points, cov, corrected.z_px[rows], corrected.cov_px[rows], robust, shared
+            )
+            current.focus, found = current.focus.judge(seen, weights, found)
+            views = with_focus(current, views, focus)
         return found, views.ids[rows[~found.accepted]], views, corrected.z_px
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
