@@ -1,10 +1,10 @@
-"""A focal length that changes: noticed in its first frame, an unknown of each frame until it rests.
+"""A focal length that changes: noticed in its first frame, and followed until it rests.
 
 A zoom scales all of an image about its middle, and with it the disparities. Where points lie at various depths no
-motion does that, so each frame shows by how much its focal length is another one than that of the points, to a hundredth
-of a percent on good images. A frame in which that is not as usual begins a suspicion: from then on the focal length of
-each frame is one of the frame's own unknowns, eq. (36c), whatever it does. The pose is then as uncertain as that makes
-it, and no frame is worse for the one before. Once it is the same for some frames it is one of the rig's errors again.
+motion does that, so each frame shows by how much its focal length is another one than that of the points: to a
+hundredth of a percent on good images. Where that is more than usual, the focal length of each frame is an unknown of
+its own from then on. So it may do what it wants, the pose is as uncertain as that makes it, and no frame suffers from
+another. Once it has been the same for some frames, it is one of the rig's errors again.
 """
 
 import numpy as np
@@ -15,13 +15,16 @@ from ...geometry.resection import Resection, refine
 from ...geometry.se3 import Array
 from ...record import changed, record
 
+_LEAST_INFORMATION = 1e-9
+_RESTS = 3.0  # σ of the slope, and of the scatter, of a focal length that rests
+
 
 @record
 class FocusWatch:
     """What frames show of their focal lengths, as shares of it.
 
-    `spread`: mean square of what calm frames show, in σ of that, over the last of `frames`. `shown`: while `moves`, what
-    each frame since then has shown of it, and its variance.
+    `spread`: mean square of what calm frames show, in σ of that, over the last of `frames`. `moves`: whether it
+    changes, and `shown`: what each frame since it began has shown of it, with its variance.
     """
 
     rules: RigConfig
@@ -35,23 +38,28 @@ class FocusWatch:
         """Return the watch of a map that begins."""
         return cls(rules, frames=rules.calm_frames)
 
-    def judge(self, views: PointViews, weights: Array, found: Resection) -> tuple["FocusWatch", Resection]:
-        """Return the watch after a frame, and its motion, with a focal length of its own where that moves.
+    @property
+    def has_begun(self) -> bool:
+        """Whether the latest frame is the first that shows it."""
+        return self.moves and len(self.shown) == 1
 
-        The last of what the `views` share is a change of it by `rules.std_refocused`. `weights` (n,) and what was
-        `found` without it: as in `resect`.
+    def judge(self, views: PointViews, weights: Array, found: Resection) -> tuple["FocusWatch", Resection]:
+        """Return the watch after a frame, and its motion, with a focal length of its own where that changes.
+
+        The last of the errors that `views` share is a change of it by `rules.std_refocused`; it is the last of the
+        motion's amplitudes. `found` is the motion without it, with `weights` (n,) as in `resect`.
         """
-        start = np.append(found.amplitudes, 0.0)
+        start, unit = np.append(found.amplitudes, 0.0), self.rules.std_refocused
         own = refine(views, weights, found.cam_from_ref, start)
-        if not own.ok or own.accepted.sum() < found.accepted.sum():
-            return (self, found) if not self.moves else (self, changed(found, amplitudes=start))
-        information = max(1 / own.cov_amplitudes[-1, -1] - 1, 1e-9)
-        weighted = own.amplitudes[-1] / own.cov_amplitudes[-1, -1]
-        unit = self.rules.std_refocused
-        shown = unit * weighted / information, unit**2 / information
-        own = changed(own, second=found.second)
+        if not own.ok or (not self.moves and own.accepted.sum() < found.accepted.sum()):
+            return self, changed(found, amplitudes=start)
+        explained = own.share >= views.settings.calm_share  # by one motion, where two seemed to be
+        own = changed(own, second=None if explained else found.second)
+        var = float(own.cov_amplitudes[-1, -1])
+        information = max(1 / var - 1, _LEAST_INFORMATION)  # without that of σ = 1
+        shown = unit * float(own.amplitudes[-1]) / (var * information), unit**2 / information
         if self.moves:
-            return changed(self, shown=(*self.shown, shown)), own
+            return changed(self, shown=(*self.shown[-self.rules.rested_frames :], shown)), own
         square = shown[0] ** 2 / shown[1]
         if square > self.rules.refocused**2 * max(self.spread, 1.0):
             return changed(self, moves=True, shown=(shown,)), own
@@ -60,19 +68,17 @@ class FocusWatch:
 
     @property
     def rests_at(self) -> float | None:
-        """The focal length that the latest frames have in common, once there are enough."""
+        """The change of the focal length that the latest frames have in common, once there are enough."""
         n = self.rules.rested_frames
-        if not self.moves or len(self.shown) < n:
+        if len(self.shown) < n:
             return None
         shares, var = np.array(self.shown[-n:]).T
-        var = var * max(self.spread, 1.0)
-        weight = 1 / var
+        weight = 1 / (var * max(self.spread, 1.0))
         mean = float(weight @ shares / weight.sum())
-        t = np.arange(n) - weight @ np.arange(n) / weight.sum()
-        slope, var_slope = weight * t @ shares / (weight @ t**2), 1 / (weight @ t**2)
-        scatter = float(weight @ (shares - mean) ** 2)
-        still = slope**2 < 9 * var_slope and scatter < n + 3 * np.sqrt(2 * n)
-        return mean if still else None
+        since = np.arange(n) - weight @ np.arange(n) / weight.sum()
+        slope, scatter = float(weight * since @ shares), float(weight @ (shares - mean) ** 2)
+        even = slope**2 < _RESTS**2 * float(weight @ since**2)
+        return mean if even and scatter < n + _RESTS * np.sqrt(2 * n) else None
 
     def calm(self) -> "FocusWatch":
         """Return the watch of a focal length that rests."""

@@ -127,6 +127,11 @@ class Map:
         return core.points_alone(blocks.v, blocks.w, blocks.g_point, blocks.rig_point, state.q, rig_step)
 
     @property
+    def rig_left(self) -> RigKnowledge:
+        """What the next map begins with: a focal length that has changed is whatever it is."""
+        return self.prior.rig.refocused()[0] if self.focus.moves else self.prior.rig
+
+    @property
     def newest(self) -> slice:
         """The rows of the newest frame's views."""
         return slice(int(np.searchsorted(self.views.frame, len(self.frames) - 1)), len(self.views))

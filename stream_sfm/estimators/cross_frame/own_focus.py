@@ -1,44 +1,66 @@
-"""The focal length of a frame as one of the frame's own unknowns: what it does to views, eq. (36c)."""
+"""The focal length as an unknown of each frame, while it changes: how that begins and ends, eqs. (36c) and (72l)."""
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ...geometry.point_views import PointViews
+from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...record import changed
-from ...rig_model.model import RigModel
 from ...rig_model.terms import FOCAL, TERMS
 from .inverse_depth import WhitenedViews
 from .map import Map
+from .rig_knowledge import RigKnowledge
 
 _AT = TERMS.index(FOCAL)
 
 
-def focus_columns(current: Map, model: RigModel, terms: Array) -> Array:
-    """Return what a change of the focal length by σ does to views with `terms` (n, 4, t): (n, 4, 1) px."""
-    return np.asarray(terms[..., _AT : _AT + 1] * (current.focus.rules.std_refocused / model.root[_AT, _AT]))
+def judge_focus(
+    current: Map, views: WhitenedViews, rows: NDArray[np.intp], seen: PointViews, weights: Array, found: Resection
+) -> tuple[Resection, WhitenedViews]:
+    """Return the motion into a frame to come with a focal length of its own, where that changes, and its views.
 
-
-def with_focus(current: Map, views: WhitenedViews, columns: Array) -> WhitenedViews:
-    """Return the views of a frame to come with its own focal length, in a map that has room for one."""
-    watch = current.focus
-    if not (watch.moves or current.has_focus):
-        return views
-    if watch.moves and len(watch.shown) == 1:
+    `found`: the motion without; `seen`: the `rows` of its views that it was found from, with `weights` (n,).
+    """
+    columns = _columns(current, views)
+    current.focus, motion = current.focus.judge(seen.with_shared(columns[rows]), weights, found)
+    if current.focus.has_begun:
         _begin(current)
-    return changed(views, own=np.concatenate([columns * watch.moves, views.own], axis=2))
+    if current.has_focus:
+        views = changed(views, own=np.concatenate([columns * current.focus.moves, views.own], axis=2))
+    return motion, views
+
+
+def enter_focus(current: Map, motion: Resection) -> None:
+    """Start the focal length of the newest frame where its motion has it."""
+    if current.focus.moves:
+        current.own[-1, 0] = motion.amplitudes[-1]
+
+
+def end_refocusing(current: Map) -> None:
+    """Make a focal length that has changed, and rests, one of the rig's errors again."""
+    rests_at = current.focus.rests_at
+    if rests_at is not None:
+        current.focus = current.focus.calm()
+        current.change_rig(lambda rig: RigKnowledge.refocused(rig, rests_at))
+
+
+def _columns(current: Map, views: WhitenedViews) -> Array:
+    """Return what a change of the focal length by σ does to views: (V, 4, 1) px."""
+    rules = current.prior.rig.rules
+    return np.asarray(views.terms[..., _AT : _AT + 1] * (rules.std_refocused / rules.std_focal))
 
 
 def _begin(current: Map) -> None:
-    """Give each frame of the window a focal length of its own, too: it may have begun to change before it showed."""
-    model, views = current.frames[-1].rig if current.frames else None, current.views
+    """Give each frame of the window a focal length of its own: it may have begun to change before it showed."""
     if not current.has_focus:
         current.has_focus = True
         current.own = np.insert(current.own, 0, 0.0, axis=1)
-        current.views = changed(views, own=np.insert(views.own, 0, 0.0, axis=2))
+        current.views = changed(current.views, own=np.insert(current.views.own, 0, 0.0, axis=2))
         if (first := current.first_views) is not None:
             current.first_views = changed(first, own=np.insert(first.own, 0, 0.0, axis=2))
             current.prior = current.prior.with_own_of_first(6, 1)
             current.amplitudes = np.insert(current.amplitudes, 6, 0.0)
-    if model is not None:
-        own = current.views.own.copy()
-        own[..., :1] = focus_columns(current, model, current.views.terms)
-        current.views = changed(current.views, own=own)
+    own = current.views.own.copy()
+    own[..., :1] = _columns(current, current.views)
+    current.views = changed(current.views, own=own)

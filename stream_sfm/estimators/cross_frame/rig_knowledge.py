@@ -48,7 +48,6 @@ class RigKnowledge:
     steady: bool = True
     since_ns: int = 0
     parts: Parts = Parts()
-    contradictions: int = 0
     innovation2: Array = field(default_factory=lambda: np.ones(len(TERMS)))
     frames: int = 0
     rules: RigConfig = RigConfig()
@@ -103,14 +102,8 @@ class RigKnowledge:
         gain = (mean - self.mean - prior.solve(self.weighted))[:t]
         var = np.maximum(np.diag(prior.inverse() - cov)[:t], _LEAST_GAIN)
         frames = min(self.frames + 1, self.rules.innovations)
-        again = self.contradictions + 1 if (gain**2 > self.rules.contradicts**2 * var).any() else 0
         mean_square = self.innovation2 + (gain**2 / var - self.innovation2) / frames
-        return changed(self, innovation2=mean_square, frames=frames, contradictions=again)
-
-    @property
-    def is_contradicted(self) -> bool:
-        """Whether several windows in a row say that the errors are not what they were."""
-        return self.contradictions >= self.rules.contradictions
+        return changed(self, innovation2=mean_square, frames=frames)
 
     @property
     def growth(self) -> Array:
@@ -166,16 +159,18 @@ class RigKnowledge:
             weighted=kept.T @ self.weighted,
             steady=False,
             parts=Parts(),
-            contradictions=0,
         )
         return knowledge, kept, apart
 
-    def refocused(self, by: float, std: float) -> tuple["RigKnowledge", Array, Array]:
-        """Return what `changed` does for a focal length that has changed by N(`by`, `std`²), in units of its error.
+    def refocused(self, share: float = 0.0) -> tuple["RigKnowledge", Array, Array]:
+        """Return what `changed` does for a focal length that has changed by about such a `share`, eq. (72l).
 
         The other errors are what they were, and their sizes go on being learnt.
         """
-        root = np.zeros((len(self), 1))
+        root, by, std = (
+            np.zeros((len(self), 1)),
+            *np.array([share, self.rules.std_refocused]) / self.rules.std_focal,
+        )
         root[_FOCAL] = std
         after, kept, apart = self.changed(root)
         mean, held, cov_held, size = after.mean.copy(), after.held.copy(), after.cov_held.copy(), after.size.copy()

@@ -20,8 +20,7 @@ from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...record import changed
-from ...rig_model.model import RigModel
-from ...rig_model.terms import DELAY, FOCAL, TERMS
+from ...rig_model.terms import DELAY, TERMS
 from ...types import Ambiguity, Observations, Solution
 from ..initial_motion import initial_motion
 from ..lifecycle import (
@@ -38,16 +37,12 @@ from .inertia import Inertia, InertialMotionModel, TakesSamples
 from .inverse_depth import WhitenedViews
 from .map import Map
 from .minimise import minimise
-from .outliers import RejectionCounts
-from .own_focus import focus_columns, with_focus
-from .refocusing import root_of_refocusing
+from .own_focus import end_refocusing, enter_focus, judge_focus
 from .relative import common_errors, relative_motions
 from .reported import reported
 from .rig_knowledge import RigKnowledge, impossible
 from .velocities import cov_of_timing, expect, renew_timing
 from .window_frame import WindowFrame, views_of
-
-FOCAL_AT = TERMS.index(FOCAL)
 
 
 class CrossFrame(TakesSamples):
@@ -91,11 +86,7 @@ class CrossFrame(TakesSamples):
             self._change_rig(partial(RigKnowledge.changed, root=observations.rig.change_root))
         current = self.map
         if current is not None:
-            root = root_of_refocusing(current.prior.rig, current.frames, current.doubt)
-            if root is not None:
-                current.rejections = RejectionCounts()  # they were by the errors as they were
-                self._change_rig(partial(RigKnowledge.changed, root=root))
-            self._end_refocusing(current, model)
+            end_refocusing(current)
         if current is None:
             return self._start(observations, frame, views)
         try:
@@ -109,7 +100,7 @@ class CrossFrame(TakesSamples):
             if not self.waiting:
                 return self._lose(observations, str(lost))
             # its tracks did not return: another map begins with what has come instead
-            self.map, self.rig = None, current.prior.rig
+            self.map, self.rig = None, current.rig_left
             return with_ended(self._start(observations, frame, views), current.marginals.ended())
 
     def _start(self, observations: Observations, frame: WindowFrame, views: WhitenedViews) -> Solution:
@@ -137,8 +128,7 @@ class CrossFrame(TakesSamples):
         self.waiting = False
         cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
         current.enter(frame, cam_from_ref, views, corrected_px, rejected, ambiguous=motion.ambiguous is not None)
-        if current.focus.moves:
-            current.own[-1, 0] = motion.amplitudes[-1]
+        enter_focus(current, motion)
         if observations.settled:
             current.settle()
         passed_s = (observations.stamp_ns - current.previous.stamp_ns) / 1e9
@@ -153,15 +143,6 @@ class CrossFrame(TakesSamples):
             self.map.change_rig(change)
         elif self.rig is not None:
             self.rig = change(self.rig)[0]
-
-    def _end_refocusing(self, current: Map, model: RigModel | None) -> None:
-        """Make a focal length that has changed, and rests, one of the rig's errors again."""
-        rests_at = current.focus.rests_at
-        if model is None or rests_at is None:
-            return
-        current.focus = current.focus.calm()
-        unit = model.root[FOCAL_AT, FOCAL_AT]
-        self._change_rig(partial(RigKnowledge.refocused, by=rests_at / unit, std=self.config.rig.std_refocused / unit))
 
     def _with_errors_in_use(self, observations: Observations) -> Observations:
         """Return the observations of a rig without a field, until there is one."""
@@ -206,7 +187,7 @@ class CrossFrame(TakesSamples):
         if current is None or not current.frames or self._impossible:
             self.rig, self._said_by_rows, self._impossible = None, np.zeros(2), ""
         else:
-            self.rig = current.prior.rig
+            self.rig = current.rig_left
         ended = None if current is None else current.marginals.ended()
         return lost_solution(observations, reason, *predicted, ended)
 
@@ -244,14 +225,10 @@ class CrossFrame(TakesSamples):
         )
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} or more of the {len(rows)} tracked points")
-        if frame.rig is not None and unknown_px is not None:
-            focus = focus_columns(current, frame.rig, views.terms)
-            shared = np.concatenate([unknown_px, focus[rows]], axis=2)
-            seen = PointViews(
-                self.projection, points, cov, corrected.z_px[rows], corrected.cov_px[rows], robust, shared
-            )
-            current.focus, found = current.focus.judge(seen, weights, found)
-            views = with_focus(current, views, focus)
+        if unknown_px is not None:
+            seen = corrected.z_px[rows], corrected.cov_px[rows], robust, unknown_px
+            seen_again = PointViews(self.projection, points, cov, *seen)
+            found, views = judge_focus(current, views, rows, seen_again, weights, found)
         return found, views.ids[rows[~found.accepted]], views, corrected.z_px
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
