@@ -185,12 +185,13 @@ class Map:
         corrected_px: Array,
         rejected: NDArray[np.int64],
         ambiguous: bool,
+        own: Array,
     ) -> None:
         """Add the newest frame to the window, without the views of `rejected` tracks.
 
         Points that the map does not hold yet start at their stereo view, which is `corrected_px` (V, 4) without the
         rig's errors. Where the motion is `ambiguous`, the tracks may be right another time, and nothing is held against
-        them.
+        them. `own` (1, e): amplitudes of what the views err by in common, to start from.
         """
         if not ambiguous:
             self._count_rejected(rejected)
@@ -204,7 +205,7 @@ class Map:
         views = changed(views, frame=np.full(len(views), len(self.frames)), used=(known | new) & wanted)
         self.frames.append(frame)
         self.cams_from_ref = np.concatenate([self.cams_from_ref, cam_from_ref[None]])
-        self.own = np.concatenate([self.own, np.zeros((1, self.own.shape[1]))])
+        self.own = np.concatenate([self.own, own])
         if self.inertia is not None and frame.interval is not None:  # where slides are unknowns
             self.inertia.enter(frame.interval, frame.velocity, frame.std_turn_rad)
             frame.std_turn_rad = 0.0

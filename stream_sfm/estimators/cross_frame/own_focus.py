@@ -31,10 +31,24 @@ def judge_focus(
     return motion, views
 
 
-def enter_focus(current: Map, motion: Resection) -> None:
-    """Start the focal length of the newest frame where its motion has it."""
+def own_at_first(current: Map, motion: Resection) -> Array:
+    """Return the amplitudes (1, e) of a frame's own from which the window starts: the focal length of its motion."""
+    own = np.zeros((1, current.own.shape[1]))
     if current.focus.moves:
-        current.own[-1, 0] = motion.amplitudes[-1]
+        own[0, 0] = motion.amplitudes[-1]
+    return own
+
+
+def place_focus(current: Map) -> None:
+    """Take what the focal length of the newest frame does where its views are expected, as of all errors of the rig.
+
+    Where it is taken at measured places the noise of the views biases it, by little, and the rate at which a focus
+    moves, which hardly anything else tells then, by several σ.
+    """
+    if current.focus.moves:
+        own = current.views.own.copy()
+        own[current.newest, :, :1] = _columns(current, current.views[current.newest])
+        current.views = changed(current.views, own=own)
 
 
 def end_refocusing(current: Map) -> None:

@@ -37,7 +37,7 @@ from .inertia import Inertia, InertialMotionModel, TakesSamples
 from .inverse_depth import WhitenedViews
 from .map import Map
 from .minimise import minimise
-from .own_focus import end_refocusing, enter_focus, judge_focus
+from .own_focus import end_refocusing, judge_focus, own_at_first, place_focus
 from .relative import common_errors, relative_motions
 from .reported import reported
 from .rig_knowledge import RigKnowledge, impossible
@@ -127,8 +127,10 @@ class CrossFrame(TakesSamples):
             current.absorb_oldest()
         self.waiting = False
         cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
-        current.enter(frame, cam_from_ref, views, corrected_px, rejected, ambiguous=motion.ambiguous is not None)
-        enter_focus(current, motion)
+        own, ambiguous = own_at_first(current, motion), motion.ambiguous is not None
+        corrected_px = corrected_px - views.own @ own[0]
+        current.enter(frame, cam_from_ref, views, corrected_px, rejected, ambiguous, own)
+        place_focus(current)
         if observations.settled:
             current.settle()
         passed_s = (observations.stamp_ns - current.previous.stamp_ns) / 1e9
