@@ -23,8 +23,8 @@ _RESTS = 3.0  # σ of the slope, and of the scatter, of a focal length that rest
 class FocusWatch:
     """What frames show of their focal lengths, as shares of it.
 
-    `spread`: mean square of what calm frames show, in σ of that, over the last of `frames`. `moves`: whether it
-    changes, and `shown`: what each frame since it began has shown of it, with its variance.
+    `spread`: mean square of what calm frames show, in σ of that, over the last of `frames`, and `waiting`: those of the
+    latest. `moves`: whether it changes, and `shown`: what each frame since it began has shown of it, with its variance.
     """
 
     rules: RigConfig
@@ -32,6 +32,7 @@ class FocusWatch:
     frames: int = 0
     moves: bool = False
     shown: tuple[tuple[float, float], ...] = ()
+    waiting: tuple[float, ...] = ()
 
     @classmethod
     def begun(cls, rules: RigConfig) -> "FocusWatch":
@@ -62,9 +63,20 @@ class FocusWatch:
             return changed(self, shown=(*self.shown[-self.rules.rested_frames :], shown)), own
         square = shown[0] ** 2 / shown[1]
         if square > self.rules.refocused**2 * max(self.spread, 1.0):
-            return changed(self, moves=True, shown=(shown,)), own
+            return changed(self, moves=True, shown=(shown,), waiting=()), own
+        return self._learnt(square), found
+
+    def _learnt(self, square: float) -> "FocusWatch":
+        """Return the watch after a calm frame, which tells what is usual once as many more have been calm.
+
+        What grows from frame to frame until it stands out would be usual by then.
+        """
+        waiting = (*self.waiting, square)
+        if len(waiting) <= self.rules.rested_frames:
+            return changed(self, waiting=waiting)
         frames = min(self.frames + 1, self.rules.innovations)
-        return changed(self, spread=self.spread + (square - self.spread) / frames, frames=frames), found
+        spread = self.spread + (waiting[0] - self.spread) / frames
+        return changed(self, spread=spread, frames=frames, waiting=waiting[1:])
 
     @property
     def rests_at(self) -> float | None:
