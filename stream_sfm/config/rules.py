@@ -205,6 +205,8 @@ class TurnRules(Section, frozen=True, kw_only=True):
     # Where a body covers them it explains fewer.
     agree: Annotated[float, expert("share of the right views that a turn must explain", 0, 1)] = 0.6
     gate: Annotated[float, expert("share of good views that its gate keeps", 0.5, 0.999999999999)] = 0.999
+    # After a knock, views are off by ten standard deviations and more.
+    steps: Annotated[int, expert("steps of reweighting that find a turn, at most", 1, 1000)] = 12
     # The measured turn is where the estimator starts; it is not used a second time.
     std_rad: Annotated[float, expert("prior σ of the turn by a knock, about each axis, rad", 1e-6, 0.5)] = 3e-3
 

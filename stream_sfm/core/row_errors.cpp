@@ -5,7 +5,7 @@
 namespace core {
 namespace {
 
-constexpr std::size_t POLYNOMIAL = 6;  // coefficients; then the delay, then the field
+enum : std::size_t { POLYNOMIAL = 6 };  // coefficients; then the delay, then the field
 constexpr double GATE = 4.0;  // standard deviations that a match may be off: one good match in 16 000 is lost
 // Three times the scatter of good matches; below, few matches that agree by chance set the gate.
 constexpr double LEAST_GATE_PX = 0.3;
