@@ -42,6 +42,7 @@ class RigModel:
     row_of: ExposedRows | None = None
     known_timing: KnownTiming | None = None
     by_focal: FocalEffect | None = None
+    zooms: bool = False
     has_field: bool = True
 
     @classmethod
@@ -84,6 +85,14 @@ class RigModel:
         """Return the terms alone."""
         return changed(self, has_field=False)
 
+    def zooming(self) -> "RigModel":
+        """Return the model of cameras whose focal length changes by itself.
+
+        A calibration that has a wrong focal length has fitted the disparity of far points with it.
+        A zoom changes that disparity, too, where cameras look towards each other.
+        """
+        return changed(self, zooms=True)
+
     def field_at(self, z_px: Array) -> Array:
         """Return the field's basis (n, K) at views (n, 4); K is 0 without a field."""
         return self._field.at(z_px[:, :2])
@@ -104,7 +113,7 @@ class RigModel:
         What the field does to a missing side has no meaning.
         """
         terms, field = core.rig_effects(self.projection, self.root, self._field, z_px, np.atleast_1d(age_s))
-        if self.by_focal is not None:
+        if self.zooms and self.by_focal is not None:
             moved = np.where(np.isfinite(z_px), self.by_focal(z_px), 0.0)
             unit = np.diag(self.root)
             terms[..., _FOCAL] = moved * unit[_FOCAL]

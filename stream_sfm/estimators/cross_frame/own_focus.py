@@ -67,6 +67,7 @@ def _columns(current: Map, views: WhitenedViews) -> Array:
 
 def _begin(current: Map) -> None:
     """Give each frame of the window a focal length of its own: it may have begun to change before it showed."""
+    current.prior = changed(current.prior, rig=changed(current.prior.rig, zooms=True))
     if not current.has_focus:
         current.has_focus = True
         current.own = np.insert(current.own, 0, 0.0, axis=1)

@@ -35,7 +35,8 @@ class RigKnowledge:
     window holds c, the mean of the mixture, and `cov_held` (m, m): its covariance. `size` (m,): σ of each error before
     any view, which is learnt where `sizes_unknown`.
     `steady`: the errors have not changed; once they have, no prior can be exchanged, and the calibration is wrong.
-    `since_ns`: from when on errors have grown, if they do. `parts`: what parts of the run say, since the last change.
+    `zooms`: a focal length has changed by itself. `since_ns`: from when on errors have grown, if they do. `parts`: what
+    parts of the run say, since the last change.
     `innovation2` (t,): mean square of what windows added about each term, in σ of that, over the last of `frames`.
     """
 
@@ -47,6 +48,7 @@ class RigKnowledge:
     cov_held: Array
     sizes_unknown: NDArray[np.bool_] | bool = True
     steady: bool = True
+    zooms: bool = False
     since_ns: int = 0
     parts: Parts = Parts()
     innovation2: Array = field(default_factory=lambda: np.ones(len(TERMS)))
@@ -183,7 +185,7 @@ class RigKnowledge:
         held[_FOCAL] += by
         cov_held[_FOCAL, _FOCAL] += std**2
         size[_FOCAL] = np.hypot(size[_FOCAL], std)
-        after = changed(after, mean=mean, held=held, cov_held=cov_held, size=size, steady=self.steady)
+        after = changed(after, mean=mean, held=held, cov_held=cov_held, size=size, steady=self.steady, zooms=True)
         return after, kept, apart
 
     def with_field(self, n: int) -> "RigKnowledge":

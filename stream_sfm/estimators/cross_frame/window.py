@@ -147,7 +147,7 @@ class CrossFrame(TakesSamples):
             self.rig = change(self.rig)[0]
 
     def _with_errors_in_use(self, observations: Observations) -> Observations:
-        """Return the observations of a rig without a field, until there is one."""
+        """Return the observations of a rig without a field until there is one, and that zooms once it has."""
         view = observations.rig
         if view is None:
             return observations
@@ -157,10 +157,13 @@ class CrossFrame(TakesSamples):
                 self.map.begin_field(view.model)
             elif self.rig is not None:
                 self.rig = self.rig.with_field(len(view.model) - len(self.rig))
-        if self._has_field:
-            return observations
-        root = None if view.change_root is None else view.change_root[: len(TERMS)]
-        return replace(observations, rig=replace(view, model=view.model.without_field(), change_root=root))
+        rig = self.rig if self.map is None else self.map.prior.rig
+        if rig is not None and rig.zooms:
+            view = replace(view, model=view.model.zooming())
+        if not self._has_field:
+            root = None if view.change_root is None else view.change_root[: len(TERMS)]
+            view = replace(view, model=view.model.without_field(), change_root=root)
+        return replace(observations, rig=view)
 
     def _since_by_rows(self, observations: Observations, m: int) -> tuple[Array, Array]:
         """Return what rows have said about the rig's m errors since they were last asked: information, weighted sums.
