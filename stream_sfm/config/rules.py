@@ -345,6 +345,19 @@ class StillRules(Section, frozen=True, kw_only=True):
     drawn: Annotated[float, expert("least share of edges that stay, left and right", 0, 1)] = 0.008
 
 
+class FieldRules(Section, frozen=True, kw_only=True):
+    """Whether rows are of two moments in turn."""
+
+    # Sound logs, real and rendered, have at most 0.04 in both images; interlaced ones that move have 0.08 to 6.
+    combed: Annotated[float, expert("least excess of odd differences, share of that of two rows apart", 0, 100)] = (
+        0.06
+    )
+    # Each costs a fifth of a millisecond.
+    every: Annotated[int, expert("frames from one that is looked at to the next", 1, 10_000)] = 2
+    # What stands is not combed.
+    lasting_frames: Annotated[int, expert("frames that a suspicion lasts", 1, 10_000)] = 30
+
+
 class EchoRules(Section, frozen=True, kw_only=True):
     """Whether both images show everything twice."""
 
@@ -386,6 +399,7 @@ class Rules(Section, frozen=True, kw_only=True):
     still: StillRules = StillRules()
     echo: EchoRules = EchoRules()
     smears: SmearRules = SmearRules()
+    fields: FieldRules = FieldRules()
     images: ImageRules = ImageRules()
     mono: MonoRules = MonoRules()
     inertia: InertiaRules = InertiaRules()
