@@ -227,6 +227,9 @@ class RigConfig(Section, frozen=True, kw_only=True):
     odds: Annotated[float, expert("odds that a cause of errors, or an error of inertia, is there", 1e-12, 1e6)] = (
         0.05
     )
+    share_alone: Annotated[float, expert("share of wrong calibrations that are wrong in one term only", 0, 1)] = (
+        0.05
+    )
     # Errors that last, and those of neighbours, make their σ half of what it should be (simulated 1.4, real 1.5 to 4.5
     # times).
     counts: Annotated[
