@@ -166,7 +166,7 @@ def test_delay_and_readout_are_read_off_a_moving_camera_and_poses_stay_consisten
 
 
 def zoomed(flight: Flight, longer: Array) -> list[Observations]:
-    """What a flight's cameras see whose focal lengths in each frame are `longer` (n,) times the calibrated ones."""
+    """What cameras of a flight see whose focal lengths are `longer` (n,) times the calibrated ones in each frame."""
     middle = np.tile([flight.P.cx_left_px, flight.P.cy_px], 2)
     return [
         replace(o, z_px=middle + k * (o.z_px - middle)) for o, k in zip(flight.observations(), longer, strict=True)
@@ -192,7 +192,7 @@ def test_while_a_focus_moves_and_after_it_has_stopped_no_pose_claims_too_much(sh
 
 
 def test_a_focal_length_that_jumps_is_found_in_its_frame_and_one_that_does_not_is_not() -> None:
-    """Of 30 sound frames none is suspected; a jump by half a percent is, in its frame, and has ended by the last."""
+    """Of 30 sound frames none is suspected; a jump by half a percent is, in its frame, and ends before the last."""
     flight, at = Flight(1, 0.0, 0.0, 30), 9
     for jump in (0.0, 0.005):
         estimator = CrossFrame(flight.P, Config())
