@@ -12,6 +12,7 @@ import numpy as np
 from ..camera.rectification import Rectifier
 from ..camera.rig import StereoRig
 from ..config import Config
+from ..geometry.medians import median
 from ..geometry.resection import SecondMotion
 from ..geometry.se3 import Array
 from ..record import changed
@@ -155,7 +156,7 @@ class StereoFrontEnd:
         problem = self.problem or problem_of(images, state.previous, fit, state.rows, factor, config.rules.pair)
         pair, start_anew = state.pair.after(problem, fit, state.next_id)
         if change is not None and len(before.tracks):
-            change = displacement_px(change, projection.f_px, float(np.median(before.tracks.points[:, 3])))
+            change = displacement_px(change, projection.f_px, median(before.tracks.points[:, 3]))
         state = changed(state, steps=state.steps.after(change), pair=pair)
         return state, start_anew or state.start.is_redone
 
@@ -253,7 +254,7 @@ class StereoFrontEnd:
         """Take in what an estimator has found out about the rig with the latest frame, in units of σ."""
         step_px = self.setup.config.rig.disparity_step_px
         state = changed(state, disparity=DisparityError.of(self.rig, self.rig.in_units(estimate), step_px))
-        return learn_timing(self.setup.projection, state, *self.rig.timing(estimate.mean, estimate.cov))
+        return learn_timing(self.setup.projection, state, *self.rig.timing(estimate))
 
     def rig_in_px(self, turn_rad: Array, estimate: RigEstimate | None) -> RigEstimate | None:
         """Return errors of the calibration in units of their σ, in pixels; `turn_rad` (3,): of the right camera."""

@@ -31,7 +31,7 @@ from ...inertial.state import BIASES, GRAVITY, STATE, VELOCITY
 from ...record import changed, filled, record
 from .interval import JOINT, OF_LEAVING, Leaving
 from .layout import Layout
-from .rig_knowledge import RigKnowledge
+from .rig_knowledge import NO_RIG, RigKnowledge
 
 # Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
 # micrometre and a microradian are far below any estimate.
@@ -263,7 +263,7 @@ class Prior:
             mean=self.mean + self.modes[..., own:] @ amplitudes,
             modes=np.ascontiguousarray(self.modes[..., :own]),
             world_modes=self.world_modes[:, :own],
-            rig=RigKnowledge.unknown(np.zeros(0)),
+            rig=NO_RIG,
         )
 
     def with_field(self, n: int) -> "Prior":

@@ -16,13 +16,14 @@ from ...config import RigConfig
 from ...geometry.linear import Cholesky, symmetric
 from ...geometry.se3 import Array
 from ...record import changed, record
-from ...rig_model.estimate import RigEstimate
+from ...rig_model.estimate import Amplitudes, RigEstimate
 from ...rig_model.parts import Agreement, Parts
 from ...rig_model.sizes import Mixture, likely_sizes, mixture
 from ...rig_model.terms import FOCAL, TERMS
 
 _LEAST_GAIN = 1e-9  # of a variance: less is rounding
 _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
+_RULES = RigConfig()
 
 
 @record
@@ -50,7 +51,7 @@ class RigKnowledge:
     contradictions: int = 0
     innovation2: Array = field(default_factory=lambda: np.ones(len(TERMS)))
     frames: int = 0
-    rules: RigConfig = RigConfig()
+    rules: RigConfig = _RULES
 
     @classmethod
     def unknown(
@@ -62,7 +63,7 @@ class RigKnowledge:
         rules: RigConfig | None = None,
     ) -> "RigKnowledge":
         """Return the prior: m errors of σ `size` (m,) about a mean."""
-        m, rules = len(size), rules or RigConfig()
+        m, rules = len(size), rules or _RULES
         size, mean = size.copy(), np.zeros(m) + mean
         size[len(TERMS) :] = _LEAST_FIELD_PX
         cov = np.diag(size**2)
@@ -79,6 +80,10 @@ class RigKnowledge:
     def age_s(self, stamp_ns: int) -> float:
         """Return for how long errors may have grown."""
         return (stamp_ns - self.since_ns) / 1e9
+
+    def held_at(self, stamp_ns: int) -> Amplitudes:
+        """Return the errors that the window holds, as old as they are at a stamp."""
+        return Amplitudes(self.held, self.cov_held, self.age_s(stamp_ns))
 
     def tempered(self, mean: Array, cov: Array, information: Array) -> tuple[Array, Array]:
         """Return what all views say of c, N(`mean`, `cov`), with the window by its share, eq. (72h).
@@ -183,6 +188,10 @@ class RigKnowledge:
             cov_held=np.block([[self.cov_held, apart], [apart.T, np.diag(least**2)]]),
             sizes_unknown=np.concatenate([np.broadcast_to(self.sizes_unknown, m), none == 0]),
         )
+
+
+NO_RIG = RigKnowledge.unknown(np.zeros(0))
+"""What is known about a rig without errors."""
 
 
 def impossible(rig: RigEstimate | None, rules: RigConfig) -> str:

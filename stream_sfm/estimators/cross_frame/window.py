@@ -38,7 +38,7 @@ from .outliers import RejectionCounts
 from .refocusing import root_of_refocusing
 from .relative import common_errors, relative_motions
 from .reported import reported
-from .rig_knowledge import RigKnowledge, impossible
+from .rig_knowledge import NO_RIG, RigKnowledge, impossible
 from .velocities import cov_of_timing, expect, renew_timing
 from .window_frame import WindowFrame, views_of
 
@@ -293,7 +293,7 @@ def _with_note(observations: Observations, note: str) -> Observations:
 def _unknown_rig(observations: Observations, rules: RigConfig) -> RigKnowledge:
     """Return what is known about the rig before any view."""
     if observations.rig is None:
-        return RigKnowledge.unknown(np.zeros(0))
+        return NO_RIG
     mean, size, learnt = observations.rig.model.before_views()
     return RigKnowledge.unknown(size, learnt, observations.stamp_ns, mean, rules)
 
