@@ -2,11 +2,11 @@
 
 At a start nothing has a history: bodies that cover most of the view outvote the background. Points that begin later
 say so, because they begin where points are missing, and the background is there. As long as too many of them
-disagree, the motion may be that of a body; once they agree, the start is redone from there. Those that disagree do not
-count where they cannot be the scene (`depth_order.may_be_scene`): a body that comes into view later is found again and
-again at the same places, and would be taken for many witnesses. Once nothing that was
-there at the start is followed any more, what is followed has been found by points that began later, and there is
-nothing left to doubt of it; but nothing has confirmed the poses up to there.
+disagree, the motion may be that of a body. Those that disagree do not count where they cannot be the scene
+(`depth_order.may_be_scene`): a body that comes into view later is found again and again at the same places, and would
+be taken for many witnesses. Nor do they in a frame whose second motion is that of points before the others. Once they
+agree, or nothing that was there at the start is followed any more, what is followed is what points that began later
+have shown, and there is nothing left to doubt of it; but nothing has confirmed the poses up to there. The map goes on.
 """
 
 import numpy as np
@@ -53,13 +53,8 @@ class StartCheck:
 
     @property
     def is_over(self) -> bool:
-        """Whether the motion is taken for the camera's for good, or the start is to be redone."""
+        """Whether the motion is taken for the camera's from now on."""
         return self.gone or self.calm_frames >= self.rules.full_history
-
-    @property
-    def is_redone(self) -> bool:
-        """Whether the start is to be redone: what was doubted is still followed, and points agree now."""
-        return self.doubted and self.is_over and not self.gone
 
     def begun_with(self, share: float) -> "StartCheck":
         """Return the check with the share of the tracks in a frame that agree, if that is the first one."""
