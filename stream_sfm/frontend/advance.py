@@ -93,7 +93,9 @@ def _start(step: Step, state: FrontEndState, before: Tracks, motion: Resection, 
     if in_question or start.is_over:
         return start
     start = start.begun_with(float(motion.accepted.mean()))
-    counts = motion.accepted | may_be_scene(step.setup.rules, before, motion.accepted, start.fills_view)
+    counts = motion.accepted
+    if motion.second is None or not motion.second.in_front:
+        counts = counts | may_be_scene(step.setup.rules, before, motion.accepted, start.fills_view)
     return start.after(before.ids[counts], motion.accepted[counts])
 
 

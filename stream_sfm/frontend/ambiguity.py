@@ -46,8 +46,8 @@ class AmbiguityMemory:
 
         That is the frame's own, or the `rival` that looks the same, or one that differs from the frame's motion as the
         last one did. `before` (n): the tracks of its views. Also returns whether an ambiguity was resolved in favour
-        of the motion followed: the view no longer repeats itself, or enough of the former background still agrees and
-        none of it was part of the other set.
+        of the motion followed: the view no longer repeats itself, or the other set turns out to be a body before the
+        scene, or enough of the former background still agrees and none of it was part of the other set.
         """
         other, old = motion.ambiguous or rival, before.agreed >= self.rules.full_history
         if other is not None:
@@ -63,8 +63,17 @@ class AmbiguityMemory:
             return AmbiguityMemory(rules=self.rules), None, self.repeats
         if self.frames_left == 1 and self.other_is_new and (motion.accepted & old).sum() >= MANY_VIEWS:
             return AmbiguityMemory(rules=self.rules), None, True
+        if self._is_of_body(motion, before):
+            return AmbiguityMemory(rules=self.rules), None, True
         memory = changed(self, frames_left=self.frames_left - 1)
         return memory, None if self._is_explained(motion, before) else remembered, False
+
+    def _is_of_body(self, motion: Resection, before: Tracks) -> bool:
+        """Whether the other set is still in view, and lies before the points of the motion."""
+        second = motion.second
+        if second is None or not second.in_front:
+            return False
+        return bool(np.count_nonzero(core.among(before.ids[second.views], self.other_ids)) >= MIN_VIEWS)
 
     def _is_explained(self, motion: Resection, before: Tracks) -> bool:
         """Whether the other set is still in view, and nearly all of it agrees with a motion."""

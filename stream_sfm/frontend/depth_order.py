@@ -40,17 +40,24 @@ def of_background(step: Step, state: FrontEndState, rough: RoughMotion) -> Rough
 
 
 def decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
-    """Of two motions that agree with views the one whose points lie behind the others, if these do."""
-    second = motion.ambiguous
-    if not motion.ok or second is None or state.start.is_over:
+    """Of two motions that agree with views the one whose points lie behind the others, if these do.
+
+    Once the start is over tracks have a history, and the order of depths says only that what lies before the motion
+    followed is a body, not that what lies behind is the scene.
+    """
+    second, at_start = motion.second, not state.start.is_over
+    asked = motion.ambiguous is not None or at_start or state.ambiguity.frames_left > 0
+    if not motion.ok or second is None or not asked:
         return motion
     tracks, views = seen.before, seen.point_views
     other = refine(views, seen.weights, second.cam_from_ref, motion.amplitudes)
     only_second = tracks.keep(second.views)
     only_first = tracks.keep(motion.accepted & (other.squared_residuals > views.settings.beyond_gates * views.gate))
-    if other.ok and is_behind(step.setup, only_second, only_first):
+    if at_start and motion.ambiguous and other.ok and is_behind(step.setup, only_second, only_first):
         return other
-    return changed(motion, second=None) if is_behind(step.setup, only_first, only_second) else motion
+    if is_behind(step.setup, only_first, only_second):
+        return changed(motion, second=changed(second, odds=0.0, in_front=True))
+    return motion
 
 
 def uncovered(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
@@ -103,11 +110,14 @@ def may_be_scene(rules: Rules, tracks: Tracks, accepted: NDArray[np.bool_], fill
 
 
 def is_behind(setup: Setup, some: Tracks, others: Tracks) -> bool:
-    """Whether points lie behind their neighbours among others, and these before theirs, where depths differ."""
-    rules, fewest = setup.rules.start, setup.config.robust.second_views
-    order, back = depth_order(some, others, rules), depth_order(others, some, rules)
-    behind, before = ((order == k).sum() + (back == -k).sum() for k in (1, -1))
-    return bool((order > 0).sum() >= fewest and behind > rules.behind * (behind + before))
+    """Whether others lie before their neighbours among some points, where depths differ.
+
+    What moves by itself is asked, because all around it is the scene. (A floor before the camera lies before the
+    nearest points of a body, too, which are far from it in the image.)
+    """
+    rules, order = setup.rules.start, depth_order(others, some, setup.rules.start)
+    before, behind = ((order == k).sum() for k in (-1, 1))
+    return bool(before >= setup.config.robust.second_views and before > rules.behind * (before + behind))
 
 
 def depth_order(some: Tracks, others: Tracks, rules: StartRules) -> NDArray[np.int64]:

@@ -110,7 +110,7 @@ class StereoFrontEnd:
         if images.middles is not None:
             state = changed(state, echo=state.echo.after(*images.middles))
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
-        unconfirmed = bool(before.start.problem) and state.start.gone
+        unconfirmed = bool(before.start.problem) and state.start.is_over and state.start.doubted
         state, start_anew = self._check(before, state, images, stamp_ns, followed)
         if followed is None or start_anew:
             state, observed = self._start_over(state, images, stamp_ns, wait=not start_anew)
@@ -160,7 +160,7 @@ class StereoFrontEnd:
         if change is not None and len(before.tracks):
             change = displacement_px(change, projection.f_px, median(before.tracks.points[:, 3]))
         state = changed(state, steps=state.steps.after(change), pair=pair)
-        return state, start_anew or state.start.is_redone
+        return state, start_anew
 
     def _go_on(
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int, followed: Followed

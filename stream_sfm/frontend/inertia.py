@@ -19,10 +19,7 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
 
     What jumps is then the second motion.
     """
-    usual = step.std_change
-    if state.unsteadiness is not None:
-        usual = np.minimum(usual, state.unsteadiness.std)
-    if not motion.ok or not step.jumps(motion.cam_from_ref, usual):
+    if not motion.ok or not step.jumps(motion.cam_from_ref, step.usual_change(state.unsteadiness)):
         return motion
     views, old = seen.point_views, seen.before.agreed > 0
     fewest = views.settings.second_views

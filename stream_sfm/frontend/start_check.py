@@ -2,10 +2,11 @@
 
 At a start no track has a history, so bodies that cover most of the view outvote the background. Points that begin
 later reveal this, because they begin where points are missing, which is on the background. As long as too many of them
-disagree, the motion may be that of a body. Once they agree, the start is redone from there. Points that cannot be the
-scene (`depth_order.may_be_scene`) do not count: a body that comes into view later is found again and again at the same
-places, and would pass for many witnesses. Once no track of the start is left, the motion rests on points that began
-later and is no longer in doubt, but nothing has confirmed the poses up to there.
+disagree, the motion may be that of a body. Points that cannot be the scene (`depth_order.may_be_scene`) do not count: a
+body that comes into view later is found again and again at the same places, and would pass for many witnesses. Nor does
+any in a frame whose second motion is that of points before the others. Once new points agree, or no track of the start
+is left, the motion rests on points that began later and is no longer in doubt, but nothing has confirmed the poses up
+to there. The map goes on.
 """
 
 import numpy as np
@@ -52,13 +53,8 @@ class StartCheck:
 
     @property
     def is_over(self) -> bool:
-        """Whether the motion is taken for the camera's for good, or the start is to be redone."""
+        """Whether the motion is taken for the camera's from now on."""
         return self.gone or self.calm_frames >= self.rules.full_history
-
-    @property
-    def is_redone(self) -> bool:
-        """Whether the start is to be redone: what was doubted is still followed, and points agree now."""
-        return self.doubted and self.is_over and not self.gone
 
     def begun_with(self, share: float) -> "StartCheck":
         """Return the check with the share of the tracks in a frame that agree, if that is the first one."""

@@ -8,6 +8,7 @@ from ..record import record
 from ..types import ExpectedMotion
 from .prepared import PreparedImages
 from .state import FrontEndState, Setup
+from .unsteadiness import Unsteadiness
 
 
 @record
@@ -48,6 +49,10 @@ class Step:
     def std_change(self) -> Array:
         """σ (6,) of what the assumed acceleration does to a motion between the two frames."""
         return self.setup.std_acceleration * self.dt_s**2
+
+    def usual_change(self, unsteadiness: Unsteadiness | None) -> Array:
+        """σ (6,) of a change of the motion as this camera moves, if it is known to move more steadily than any may."""
+        return self.std_change if unsteadiness is None else np.minimum(self.std_change, unsteadiness.std)
 
     def jumps(self, cam_from_previous: Array, std_change: Array) -> bool:
         """Whether a motion (4, 4) is beyond what the last velocity and changes of σ (6,) allow."""

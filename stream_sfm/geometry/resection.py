@@ -35,7 +35,8 @@ class SecondMotion:
 
     `cov_pose` (6, 6): of ref_from_cam, right perturbation. `views` (n,) bool: which agree with this motion only;
     `odds`: their evidence over that of the views which agree with the first motion only. `lasted`: for how many frames
-    the first motion may have been another one already.
+    the first motion may have been another one already. `in_front`: whether these views lie before those of the first
+    motion, so that they are of a body.
     """
 
     cam_from_ref: Array
@@ -43,6 +44,7 @@ class SecondMotion:
     views: NDArray[np.bool_]
     odds: float
     lasted: int = 0
+    in_front: bool = False
 
 
 @record

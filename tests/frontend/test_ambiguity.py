@@ -57,3 +57,14 @@ def test_a_frame_whose_motion_explains_both_sets_is_not_in_question() -> None:
     both, one_left = motion(FIRST, None), changed(motion(FIRST, None), accepted=~LATER)
     found = others([motion(FIRST, 0.5, LATER), both, one_left, *[both] * 3])
     assert [other is not None for other in found] == [True, False, True, False, False, False]
+
+
+def test_an_ambiguity_ends_when_the_other_set_turns_out_to_lie_before_the_scene() -> None:
+    ambiguous, body = motion(FIRST, 0.5, LATER), motion(FIRST, 0.0, LATER)
+    assert body.second is not None
+    in_front = changed(body, second=changed(body.second, in_front=True))
+    another = changed(in_front, second=changed(body.second, in_front=True, views=~LATER))
+    memory, _, _ = AmbiguityMemory().after(ambiguous, TRACKS)
+    for frame, ends in ((body, False), (another, False), (in_front, True)):
+        after, other, settled = memory.after(frame, TRACKS)
+        assert (settled, other is None, after.frames_left == 0) == (ends, ends, ends)

@@ -5,8 +5,13 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.config import Config
+from stream_sfm.frontend.depth_order import is_behind
+from stream_sfm.frontend.state import Setup
 from stream_sfm.geometry import se3
+from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.estimators import nees
+from tests.helpers.tracks import tracks_at
 from tests.helpers.wall import Wall, camera_path, rig
 
 N, DISPARITY_PX = 20, 65  # 0.8 m away, before a wall at 3 m
@@ -38,3 +43,15 @@ def test_an_arm_in_front_of_the_scene_is_not_taken_for_it(share: float) -> None:
     lately = se3.inverse(se3.inverse(begin) @ end) @ se3.inverse(poses[N // 2]) @ poses[-1]
     assert np.linalg.norm(lately[:3, 3]) < 0.01  # of 0.23 m, which is the error of who follows the arm
     assert estimates[-1].status is sfm.Status.OK
+
+
+def test_a_floor_before_the_camera_does_not_hide_that_a_body_lies_before_the_scene() -> None:
+    """The floor is nearer than the body, which is the nearest part of the other set; around the body is the wall."""
+    u, v = (x.ravel() for x in np.meshgrid(np.arange(10.0, 320, 20), np.arange(10.0, 240, 20)))
+    on_body = (abs(u - 160) < 50) & (v > 60) & (v < 150)
+    depth_m = np.where(on_body, 2.0, np.where(v > 180, 1.0, 4.0))
+    tracks = tracks_at(depth_m, left_px=np.stack([u, v], axis=1))
+    body, scene = tracks.keep(on_body), tracks.keep(~on_body)
+    setup = Setup(StereoProjection(400.0, 160.0, 160.0, 120.0, 0.1, 320, 240), Config())
+    assert is_behind(setup, scene, body)
+    assert not is_behind(setup, body, scene)

@@ -6,30 +6,9 @@ import pytest
 from stream_sfm.config.rules import Rules
 from stream_sfm.frontend.depth_order import may_be_scene
 from stream_sfm.frontend.start_check import StartCheck
-from stream_sfm.frontend.tracks import Tracks
+from tests.helpers.tracks import tracks_at
 
 N_FOLLOWED, N_OTHERS = 40, 8
-
-
-def tracks(depth_m: np.ndarray) -> Tracks:
-    """Tracks (n) of these depths, side by side along a row of the image."""
-    n = len(depth_m)
-    rays = np.zeros((n, 2))
-    left_px = np.stack([10.0 * np.arange(n), np.zeros(n)], axis=1)
-    return Tracks(
-        ids=np.arange(n),
-        slots=np.arange(n),
-        left_px=left_px,
-        cov_left_px=np.zeros((n, 2, 2)),
-        points=np.concatenate([rays, np.ones((n, 1)), 1 / depth_m[:, None]], axis=1),
-        var_rho=np.zeros(n),
-        anchor_from_start=np.zeros((n, 4, 4)),
-        anchor_rays=rays,
-        anchor_velocity_px_s=np.zeros((n, 2)),
-        slopes=np.zeros((n, 2)),
-        scale=np.ones(n, np.int64),
-        agreed=np.zeros(n, np.int64),
-    )
 
 
 @pytest.mark.parametrize(
@@ -46,13 +25,13 @@ def test_others_count_unless_they_cannot_be_the_scene(
 ) -> None:
     depth_m = np.repeat([followed_m, others_m], [N_FOLLOWED, N_OTHERS])
     accepted = np.arange(len(depth_m)) < N_FOLLOWED
-    others = may_be_scene(Rules(), tracks(depth_m), accepted, fills_view)
+    others = may_be_scene(Rules(), tracks_at(depth_m), accepted, fills_view)
     assert not others[accepted].any()
     assert (others[~accepted] == counts).all()
 
 
 def test_all_that_agrees_leaves_nothing_to_doubt() -> None:
-    assert not may_be_scene(Rules(), tracks(np.full(9, 2.0)), np.ones(9, bool), True).any()
+    assert not may_be_scene(Rules(), tracks_at(np.full(9, 2.0)), np.ones(9, bool), True).any()
 
 
 def test_only_the_first_frame_says_whether_one_motion_filled_the_view() -> None:
