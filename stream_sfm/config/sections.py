@@ -64,6 +64,15 @@ class WindowConfig(Section, frozen=True, kw_only=True):
     no_history: Annotated[float, expert("weight of a point that never agreed with the map, frames", 1e-6, 100)] = (
         0.1
     )
+    # Errors that last are a property of cameras and scene, and change slowly.
+    halves_memory: Annotated[float, expert("frames from which is known how long errors last", 1, 1e6)] = 25.0
+    # Neighbouring windows have most of their views in common.
+    halves_every: Annotated[int, expert("frames from one that is looked at to the next, then", 1, 10_000)] = 4
+    halves_guess: Annotated[float, expert("frames that the first guess counts for: errors do not last", 0, 1e6)] = (
+        2.5
+    )
+    # A body that moves in one half is not an error that lasts. Gaussian errors are beyond it in one frame of 10¹⁰.
+    halves_most: Annotated[float, expert("most that one frame counts, means so far", 1, 1e8)] = 10.0
 
 
 class RobustConfig(Section, frozen=True, kw_only=True):
