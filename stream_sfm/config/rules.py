@@ -303,6 +303,8 @@ class SmearRules(Section, frozen=True, kw_only=True):
         float, expert("motion between two frames of patches that are looked at, px", 0.01, 1000)
     ] = 0.2
     most_px: Annotated[float, expert("and at most, px", 0.1, 1000)] = 3.0
+    # In dim light tracks of a standing camera seem to move by 0.15 px, and by more where noise looks like a smear.
+    typical_px: Annotated[float, expert("least median motion in a frame that says anything, px", 0, 1000)] = 0.25
     # By then the view of a point has changed.
     oldest: Annotated[int, expert("frames back to the slow view, at most", 1, 1000)] = 20
     patches: Annotated[int, expert("most patches of a frame", 1, 2000)] = 128

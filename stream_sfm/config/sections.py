@@ -222,9 +222,15 @@ class RigConfig(Section, frozen=True, kw_only=True):
     # 1.3 (KITTI 06 has 3.2 in one term), where the focus moves 2 to 7.
     innovations: Annotated[int, expert("frames over which innovations are averaged", 1, 10_000)] = 40
     calm_frames: Annotated[int, expert("calm frames by which that average begins", 0, 10_000)] = 10
-    # At most 4 on rendered logs that are sound, 6 on real ones, 8 to 18 where the focus moves.
-    contradicts: Annotated[float, expert("σ by which a window contradicts a term", 0.1, 1e8)] = 5.0
-    contradictions: Annotated[int, expert("such frames in a row that change the rig", 1, 10_000)] = 3
+    # An autofocus moves by a percent or two.
+    std_refocused: Annotated[
+        float, expert("σ of the relative change of a focal length that changes between frames", 1e-6, 0.5)
+    ] = 0.02
+    # At most 4 on sound logs, rendered and real; a change by 0.1 % shows as 10 and more.
+    refocused: Annotated[float, expert("σ by which a frame shows that its focal length is another", 0.1, 1e8)] = 5.0
+    rested_frames: Annotated[
+        int, expert("frames in a row with one focal length, after which it rests", 3, 10_000)
+    ] = 8
     # At 0.2 the focus of an exact camera that looks down on a lawn seems to move, and the run fails: a rendered mower,
     # every frame or every other, ends up to 15 m off instead of 0.03. KITTI would be 3 to 12 % better.
     odds: Annotated[float, expert("odds that a cause of errors, or an error of inertia, is there", 1e-12, 1e6)] = (

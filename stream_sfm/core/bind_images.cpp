@@ -53,7 +53,7 @@ The image is cut into cells of about one wanted point each; a cell's corners are
 before all second ranks. `strength` (h, w) of each pixel as a corner, and its least value `min_strength`, which is
 less in images without contrast; `allowed` (h, w).)",
         "strength"_a, "allowed"_a, "taken_px"_a, "wanted"_a, "distance_px"_a, "min_strength"_a, "rules"_a);
-    def<&gradient_matrices>(m, "gradient_matrices", R"(Return gradient matrices (n, 2, 2), grey², eq. (14), of products (n, 3, 3) as `warp_patches` returns them.)",
+    def<&gradient_matrices>(m, "_gradient_matrices", R"(Return gradient matrices (n, 2, 2), grey², eq. (14), of products (n, 3, 3) as `warp_patches` returns them.)",
         "information"_a, "spacing_px"_a);
 }
 

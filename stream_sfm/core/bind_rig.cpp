@@ -69,7 +69,7 @@ Of n independent ones, from the information that views have about each and their
 A polynomial of second order, and a delay, of views that move across the rows by (n,), or all by (1,), px/s; then
 the field.)",
         "pinholes"_a, "field"_a, "left_px"_a, "row_speed_px_s"_a);
-    def<&on_one_row>(m, "on_one_row", R"(Return whether left and right positions (n, 2), the right ones without the rows' differences, lie on one row.
+    def<&on_one_row>(m, "_on_one_row", R"(Return whether left and right positions (n, 2), the right ones without the rows' differences, lie on one row.
 
 Speeds as in `row_terms`. The gate is `scale` times as wide.)",
         "rows"_a, "left_px"_a, "right_px"_a, "row_speed_px_s"_a, "scale"_a);

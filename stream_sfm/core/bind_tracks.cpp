@@ -44,14 +44,14 @@ With covariances (n, 4, 4), by templates of that `scale`. An inverse depth is at
 of a left position at most `max_std_px`. Also returns the views (k, 4) without the rows' differences; and without
 the timing, their points (k, 4) and the variances (k,) of 1/Z.)",
         "right_sides"_a, "timing"_a, "z_px"_a, "cov_px"_a, "scale"_a, "least_sigmas"_a, "max_std_px"_a);
-    def<&align_tracks>(m, "align_tracks", R"(Find tracks (n) with templates in `slots` (n,) in new images, where `predict_tracks` puts them.
+    def<&align_tracks>(m, "align_tracks", R"(Find tracks (n) with templates in `slots` (n,) in new images, where `_predict_tracks` puts them.
 
 In the left image, and what is found there in the right one, in the row where it should be. Returns which should be
 in view (n,), and of those found at least on the left: their rows (k,), points (k, 4), views (k, 4), NaN where the
 right side was not found in its row, their covariances (k, 4, 4), eq. (15), views (k, 4) with right sides that miss
 their row, and what has been taken out of all these (k, 4) px, for the timing.)",
         "right_sides"_a, "timing"_a, "tracks"_a, "slots"_a, "cam_from_previous"_a, "cam_from_start"_a, "left_px"_a, "agree"_a, "ordinary"_a, "wide"_a.none());
-    def<&predict_tracks>(m, "predict_tracks", R"(Return where a motion (4, 4) puts tracks (n), and how their patches look in the camera `cam_from_start` (4, 4).
+    def<&predict_tracks>(m, "_predict_tracks", R"(Return where a motion (4, 4) puts tracks (n), and how their patches look in the camera `cam_from_start` (4, 4).
 
 Points (n, 4), positions (n, 2) and right columns (n,) at which they start: those of `left_px` (n, 2) that `agree`
 (n,) with the motion, or where it puts them. And warps (n, 3, 2) of pixel offsets, now to anchor, for the left and
@@ -71,7 +71,7 @@ A pixel covers at least `least_area` pixels of the patch. Half widths of the win
         "warps"_a, "radius"_a, "half"_a, "least_area"_a);
     def<&inside_area>(m, "inside_area", R"(Return which positions (n, 2) lie in an area (h, w); those that are not finite do not.)",
         "area"_a, "at_px"_a);
-    def<&view_covariances>(m, "view_covariances", R"(Return the covariances (n, 4, 4) px² of views, eq. (15), times a `factor`.
+    def<&view_covariances>(m, "_view_covariances", R"(Return the covariances (n, 4, 4) px² of views, eq. (15), times a `factor`.
 
 Gradient matrices (n, 2, 2) of templates, and deviations (n,) of grey differences on either side, inf where it was
 not found. `shared_pixels` have one noise value; a template's pixel is `scale` image pixels wide.)",

@@ -6,10 +6,10 @@ from types import SimpleNamespace as Record
 
 import numpy as np
 
-from stream_sfm import core
 from stream_sfm.config import RobustConfig
 from stream_sfm.config.point_rules import PointRules, TemplateRules
 from stream_sfm.config.rules import ErrorRules, RowRules
+from stream_sfm.core import _core as core
 from stream_sfm.geometry.resection import Wanted
 
 RNG = np.random.default_rng(0)
@@ -137,11 +137,11 @@ CALLS = {
         2,
         TemplateRules(),
     ),
-    "predict_tracks": (PINHOLES, TIMING, np.ones(6), TRACKS, np.eye(4), np.eye(4), STARTS, np.ones(N, bool)),
+    "_predict_tracks": (PINHOLES, TIMING, np.ones(6), TRACKS, np.eye(4), np.eye(4), STARTS, np.ones(N, bool)),
     "update_depths": (PINHOLES, TRACKS, np.eye(4), VIEWS, COV, 1.1),
     "templates_fit": (WARPS, 4.0, 10.0, 0.2),
     "inside_area": (IMAGE > 100, STARTS),
-    "view_covariances": (COV[:, :2, :2], np.ones(N), np.ones(N), 4.0, 1.0, 1.0, TemplateRules()),
+    "_view_covariances": (COV[:, :2, :2], np.ones(N), np.ones(N), 4.0, 1.0, 1.0, TemplateRules()),
     "template_drift": (POINTS, np.eye(4), np.ones(N, int), 10.0),
     "match_new_points": (
         IMAGE,
@@ -179,8 +179,8 @@ CALLS = {
         False,
     ),
     "row_terms": (PINHOLES, GRID, STARTS, np.ones(N)),
-    "on_one_row": (ROWS, STARTS, STARTS, np.ones(N), 1.0),
-    "gradient_matrices": (COV[:, :3, :3], 2),
+    "_on_one_row": (ROWS, STARTS, STARTS, np.ones(N), 1.0),
+    "_gradient_matrices": (COV[:, :3, :3], 2),
     "align_tracks": (
         *(
             RIGHT_SIDES,
@@ -227,7 +227,7 @@ CALLS = {
     "points_of_views": (STATE, SEEN),
     "views_within_gates": (PINHOLES, STATE, SEEN, 5.0, 9.0),
     "points_seen_again": (SLOTS, SLOTS > 0, np.ones((N, 3)), SLOTS, POINTS[:, :3], COV[:, :3, :3]),
-    "drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),
+    "_drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),
     "normal_blocks": (PINHOLES, STATE, SEEN, True),
     "poses_by_parts": (PINHOLES, STATE, SEEN, SLOTS % 3, 3),
     "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),

@@ -1,13 +1,14 @@
 """The compiled core as a whole: it takes any array without harm, and gives the same bytes in every thread."""
 
 import pickle
+import re
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
-from stream_sfm import core
 from stream_sfm.config.point_rules import TemplateRules
+from stream_sfm.core import _core as core
 from stream_sfm.geometry.stereo import information_of_views
 from tests.core.calls import (
     CALLS,
@@ -40,14 +41,20 @@ from tests.core.calls import (
     call,
     with_other,
 )
+from tests.helpers.places import ROOT
 
 
-def test_every_function_is_called() -> None:
+def test_every_function_is_called_here_and_the_public_ones_by_the_package() -> None:
+    """A name with an underscore is that of a part of a stage, for the tests of its law."""
     assert set(CALLS) == {
         name
         for name, function in vars(core).items()
-        if callable(function) and name[0] != "_" and not isinstance(function, type)
+        if callable(function) and name[:2] != "__" and not isinstance(function, type)
     }
+    package = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "stream_sfm").rglob("*.py"))
+    called = set(re.findall(r"\bcore\.(\w+)", package))
+    called |= {name for names in re.findall(r"from \.+core import (.+)", package) for name in names.split(", ")}
+    assert {name for name in CALLS if name[0] != "_"} <= called
 
 
 @pytest.mark.parametrize("name", CALLS)
@@ -83,10 +90,10 @@ def test_arguments_that_do_not_fit_are_value_errors_that_say_which() -> None:
 
 def test_what_is_missing_or_too_large_is_refused() -> None:
     """Read beyond its end, or into nothing, they ended the process."""
-    of_tracks = list(CALLS["predict_tracks"])
+    of_tracks = list(CALLS["_predict_tracks"])
     of_tracks[1] = but(TIMING, mean=np.ones(1))
     with pytest.raises(ValueError, match=r"mean has shape \(1\) in place of \(2\)"):
-        core.predict_tracks(*of_tracks)
+        core._predict_tracks(*of_tracks)
     most = 2**31 - 1
     with pytest.raises(ValueError, match="spacing_px is not within 1 and 1000"):
         core.warp_patches(STORED, SLOTS, WARPS, 4, most, TemplateRules())
@@ -111,7 +118,7 @@ def test_a_field_that_is_missing_or_of_another_kind_is_named_with_its_record() -
             core.update_depths(arguments[0], tracks, *arguments[2:])
     rows = but(ROWS, field=but(GRID, length_px=None))
     with pytest.raises(TypeError, match=r"Field\.length_px is NoneType in place of float"):
-        core.on_one_row(rows, STARTS, STARTS, np.ones(N), 1.0)
+        core._on_one_row(rows, STARTS, STARTS, np.ones(N), 1.0)
 
 
 def test_only_the_sides_that_are_there_count() -> None:

@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from stream_sfm import core
 from stream_sfm.config.point_rules import TemplateRules
 from stream_sfm.config.rules import ErrorRules
+from stream_sfm.core import _core
 from stream_sfm.frontend.noise import ViewNoise
 from stream_sfm.frontend.templates import Grey, Patches, TemplateAtlas
 
@@ -61,8 +61,8 @@ def test_a_shift_is_found_whatever_the_exposure_and_as_well_as_it_says(gain: flo
         assert found.mean() > 0.95
         away = (at - points - shift)[found]
         shared_pixels = ViewNoise.unknown(ErrorRules(), 1.0).shared_pixels
-        gradients = core.gradient_matrices(patches.information, patches.spacing_px)
-        cov = core.view_covariances(gradients, error, error, shared_pixels, 1.0, 1.0, TemplateRules())[
+        gradients = _core._gradient_matrices(patches.information, patches.spacing_px)
+        cov = _core._view_covariances(gradients, error, error, shared_pixels, 1.0, 1.0, TemplateRules())[
             found, :2, :2
         ]
         cov = 2 * cov - TemplateRules().std_floor_px ** 2 * np.eye(
