@@ -30,7 +30,7 @@ class PointRules(Section, frozen=True, kw_only=True):
     bare_fraction: Annotated[float, expert("share of max_tracks below which templates are wide", 0, 1)] = 0.25
     # A slope of a quarter of a grey value per pixel, twice what noise and rounding leave in the reduced image.
     min_wide_response: Annotated[float, expert("as min_corner_response, of wide templates", 1e-12, 1)] = 1e-6
-    # Half of the default patch, as large where the images are of half the size.
+    # This is half of the default patch, which is as large where the images have half the size.
     match_radius_px: Annotated[int, expert("half width of the window correlated along the row, px", 1, 100)] = 5
     # Smoothing leaves neighbours the same noise. As many matches as with all samples, in a third of the time.
     match_spacing_px: Annotated[int, expert("spacing of its samples, px", 1, 100)] = 2
@@ -50,7 +50,7 @@ class PointRules(Section, frozen=True, kw_only=True):
     # χ² with two degrees of freedom at 0.999: a slope that the patches do not clearly show costs more in noise than it
     # saves in bias.
     significant_slope: Annotated[float, expert("χ² beyond which a slope counts", 0, 1e8)] = 13.8
-    # More change no figure of the logs with ground truth.
+    # Further steps change no figure of the logs with ground truth.
     slant_steps: Annotated[int, expert("Gauss-Newton steps that find a slope", 1, 100)] = 3
     # Farther it is another match.
     max_slant_shift_px: Annotated[float, expert("largest shift of a match by its slope, px", 0, 100)] = 2.0
@@ -83,9 +83,9 @@ class TemplateRules(Section, frozen=True, kw_only=True):
     min_explained: Annotated[
         float, expert("least share of the image's variance that a template explains", 0, 1)
     ] = 0.5
-    # A fifth: light on one patch alone changes by that much.
+    # Light on one patch alone changes by a fifth.
     same_exposure: Annotated[float, expert("difference of the logarithms of gains of one exposure", 0, 100)] = 0.18
-    # As many do not agree by chance.
+    # So many do not agree by chance.
     exposure_views: Annotated[int, expert("views of a further exposure, at least", 1, 10_000)] = 12
     exposures: Annotated[int, expert("exposures within the life of a track, at most", 1, 100)] = 3
     # σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification tables leave even in a perfect
@@ -93,7 +93,7 @@ class TemplateRules(Section, frozen=True, kw_only=True):
     std_floor_px: Annotated[float, expert("least σ of a position, px", 0, 10)] = 0.03
     # Rounding to whole grey values alone leaves 0.4 between two images.
     least_error_grey: Annotated[float, expert("least σ of a grey difference", 1e-3, 255)] = 0.5
-    # Its covariance is large, and counts for nothing.
+    # The covariance of such a side is large, so that it counts for nothing.
     unknown_error_grey: Annotated[
         float, expert("σ of the grey differences of a side that is not found", 1, 1e6)
     ] = 255.0

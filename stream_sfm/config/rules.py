@@ -366,6 +366,9 @@ class EchoRules(Section, frozen=True, kw_only=True):
     # Nearer copies cannot be told from blur and from how texture is sampled.
     least_px: Annotated[float, expert("least displacement of the copy, px", 0.1, 1000)] = 5.5
     largest_px: Annotated[int, expert("largest displacement across and down, px", 4, 64)] = 48
+    blur_px: Annotated[float, expert("σ of the Gaussian beyond which all is light and shade, px", 0.1, 100)] = 2.0
+    # As noise and rounding leave it.
+    floor: Annotated[float, expert("least power of a frequency, share of the mean", 1e-9, 1)] = 1e-3
     # Of 134 sound logs and renders the largest is 0.10, of single frames 0.13. A copy of a fifth has some 0.2.
     strength: Annotated[float, expert("least strength of the copy, share of the image itself", 0, 1)] = 0.16
     remembered: Annotated[int, expert("frames that are judged together", 1, 1000)] = 4
@@ -381,6 +384,12 @@ class ImageRules(Section, frozen=True, kw_only=True):
     # Blur by 9 px leaves 0.2 to 0.47 of the sharpness, dark images little of the contrast; of views of one log that
     # are one or two seconds apart nearly all have more.
     alike: Annotated[float, expert("contrast and sharpness of views of one place, share of each other", 0, 1)] = 0.5
+    # Left and right are one image where nearly all pixels with a slope differ by no more than another encoding of the
+    # same pixel does. In a pair they do so only where nothing is nearer than a quarter of a pixel of disparity shows.
+    slope_grey: Annotated[int, expert("difference of grey values two pixels apart that is a slope", 1, 255)] = 16
+    same_grey: Annotated[int, expert("grey values that one pixel of both images may differ by", 0, 255)] = 2
+    same_share: Annotated[float, expert("share of slopes that are the same in one image", 0, 1)] = 0.95
+    fewest_slopes: Annotated[int, expert("slopes that it takes to say so", 1, 10**9)] = 100
 
 
 class Rules(Section, frozen=True, kw_only=True):

@@ -64,6 +64,15 @@ class WindowConfig(Section, frozen=True, kw_only=True):
     no_history: Annotated[float, expert("weight of a point that never agreed with the map, frames", 1e-6, 100)] = (
         0.1
     )
+    # Errors that last are a property of cameras and scene, and change slowly.
+    halves_memory: Annotated[float, expert("frames from which is known how long errors last", 1, 1e6)] = 25.0
+    # Neighbouring windows have most of their views in common.
+    halves_every: Annotated[int, expert("frames from one that is looked at to the next, then", 1, 10_000)] = 4
+    halves_guess: Annotated[float, expert("frames that the first guess counts for: errors do not last", 0, 1e6)] = (
+        2.5
+    )
+    # A body that moves in one half is not an error that lasts. Gaussian errors are beyond it in one frame of 10¹⁰.
+    halves_most: Annotated[float, expert("most that one frame counts, means so far", 1, 1e8)] = 10.0
 
 
 class RobustConfig(Section, frozen=True, kw_only=True):
@@ -96,7 +105,7 @@ class RobustConfig(Section, frozen=True, kw_only=True):
     shared_noise: Annotated[float, expert("share of a view's variance that all views of a half share", 0, 1)] = 0.01
     # Bodies have 0.05 to 0.3, halves of a drone's last frames 1.
     max_odds: Annotated[float, expert("odds of what the motion of one rigid scene leaves out", 0, 1e6)] = 0.5
-    # A little wider than later, while the motion moves fast: fewer good views are let go of.
+    # It is a little wider than later while the motion moves fast, so that fewer good views are lost.
     first_half_weight: Annotated[
         float, expert("squared residual of half weight in the first steps, times the expected", 0.1, 1e6)
     ] = 6.0
@@ -105,9 +114,9 @@ class RobustConfig(Section, frozen=True, kw_only=True):
     final_steps: Annotated[int, expert("steps of the final least squares, at most", 1, 100)] = 4
     # Between them the pose moves too little to change the Jacobian much.
     relinearised: Annotated[int, expert("steps from one linearisation to the next", 1, 100)] = 3
-    # Half a standard deviation; the final least squares does the rest.
+    # This is half a standard deviation; the final least squares does the rest.
     robust_converged: Annotated[float, expert("squared step, σ², that ends the robust steps", 1e-12, 1e6)] = 0.3
-    # A tenth of a standard deviation.
+    # This is a tenth of a standard deviation.
     final_converged: Annotated[float, expert("squared step, σ², that ends the final ones", 1e-12, 1e6)] = 1e-2
     # With residuals so close to their expected size the first step may be the last.
     settled_spread: Annotated[
@@ -117,15 +126,15 @@ class RobustConfig(Section, frozen=True, kw_only=True):
     spread_gates: Annotated[float, expert("gates within which views tell the noise", 1, 1e6)] = 10.0
     # Closed form: with 60 % outliers none is clean by (1 - 0.4³)²⁵⁶ < 1e-7, with one side by (1 - 0.4⁴)²⁵⁶ = 0.0013.
     samples: Annotated[int, expert("random samples of a search for a motion, at most", 1, 10_000)] = 256
-    # Some of them noise makes useless.
+    # Noise makes some of them useless.
     clean_samples: Annotated[
         int, expert("samples without outliers, on average, where it is known how many views agree", 1, 10_000)
     ] = 20
-    # From a rough beginning; a fifth changes nothing that the ranking sees.
+    # A fifth step from a rough beginning changes nothing that the ranking sees.
     sample_steps: Annotated[int, expert("Gauss-Newton steps from a sample", 1, 100)] = 4
-    # Few noisy views fix a motion only roughly, and so is their order.
+    # Few noisy views fix a motion only roughly, so the order of the samples is rough.
     refined: Annotated[int, expert("best samples that are refined by all views", 1, 1000)] = 12
-    # First the neighbourhood of a rough motion, then its own views.
+    # The first ones are the neighbourhood of a rough motion, the later ones its own views.
     first_refining_gates: Annotated[float, expert("gates within which views refine a sample at first", 1, 1e6)] = (
         16.0
     )
@@ -135,7 +144,7 @@ class RobustConfig(Section, frozen=True, kw_only=True):
     # through a gap between bodies.
     extent_power: Annotated[float, expert("power of the extent of the views in a motion's support", 0, 10)] = 0.25
     min_extent: Annotated[float, expert("least extent, share of the image", 1e-6, 1)] = 0.1
-    # A hundred tracks tell apart as many.
+    # A hundred tracks distinguish about as many places.
     places: Annotated[int, expert("places per side of the image that count once as evidence", 1, 100)] = 8
     min_inliers: Annotated[int, number("a frame with fewer accepted views is lost", 4, 2000)] = 8
     degraded_inliers: Annotated[int, number("a frame with fewer accepted views is degraded", 4, 2000)] = 25

@@ -16,8 +16,6 @@ from ..record import changed, record
 from .prepared import Image
 
 _SIZE_PX = 256  # of the middle that is looked at, most
-_BLUR_PX = 2.0  # what is wider is light and shade
-_FLOOR = 1e-3  # of the mean power, as noise and rounding leave it
 _AROUND = 5  # the width, px, of what a value is compared with
 
 Cepstrum = NDArray[np.float32]
@@ -51,7 +49,7 @@ class EchoCheck:
             return changed(self, waited=self.waited + 1)
         if min(left.shape) < 4 * rules.largest_px or left.shape != right.shape:
             return self
-        shown = np.minimum(_cepstrum(left, rules.largest_px), _cepstrum(right, rules.largest_px))
+        shown = np.minimum(_cepstrum(left, rules), _cepstrum(right, rules))
         cepstra = (*self.cepstra, shown)[-rules.remembered :]
         return changed(self, cepstra=cepstra, waited=0, at_px=_echo(np.mean(cepstra, axis=0), rules))
 
@@ -63,17 +61,17 @@ def middle(image: Image) -> Image:
     return image[y : y + h, x : x + w].copy()
 
 
-def _cepstrum(image: Image, largest_px: int) -> Cepstrum:
+def _cepstrum(image: Image, rules: EchoRules) -> Cepstrum:
     """The transform of the logarithm of the power of an image (h, w): of y from 0 to 2 r, x from −2 r to 2 r."""
     grey = image.astype(np.float32)
-    grey -= cv2.GaussianBlur(grey, (0, 0), _BLUR_PX)
+    grey -= cv2.GaussianBlur(grey, (0, 0), rules.blur_px)
     grey *= cv2.createHanningWindow(image.shape[::-1], cv2.CV_32F)
     spectrum = cv2.dft(grey, flags=cv2.DFT_COMPLEX_OUTPUT)
     power = np.square(spectrum).sum(axis=2)
-    log_power = np.log(power + max(_FLOOR * float(power.mean()), 1e-6))
+    log_power = np.log(power + max(rules.floor * float(power.mean()), 1e-6))
     # it is even, so that the transform is its own inverse, and real
     whole = cv2.dft(log_power, flags=cv2.DFT_SCALE | cv2.DFT_COMPLEX_OUTPUT)[..., 0]
-    far = 2 * largest_px
+    far = 2 * rules.largest_px
     rows = whole[: far + 1]
     return np.asarray(np.hstack([rows[:, -far:], rows[:, : far + 1]]), np.float32)
 

@@ -3,13 +3,10 @@
 import cv2
 import numpy as np
 
+from ..config.rules import ImageRules
 from .prepared import Image, PreparedImages
 
-# Where left and right are one image: of the pixels with so large a slope (grey values over two pixels), in some rows,
-# nearly all differ by no more than another encoding of the same pixel does. In a pair they do so only where nothing is
-# nearer than a quarter of a pixel of disparity shows.
-_SLOPE_GREY, _SAME_GREY, _SAME_SHARE, _SAME_ROWS = 16, 2, 0.95, 8
-_FEWEST_SLOPES = 100
+_EVERY = 8  # of the rows in which left and right are compared
 
 
 def are_alike(images: PreparedImages, previous: PreparedImages, alike: float) -> bool:
@@ -29,17 +26,17 @@ def _edges(image: Image) -> float:
     return float(cv2.Laplacian(image, cv2.CV_32F).std())
 
 
-def are_one_image(left: Image, right: Image) -> bool:
+def are_one_image(left: Image, right: Image, rules: ImageRules) -> bool:
     """Return whether left and right, as the cameras delivered them, are the same image: no pair has no disparity."""
     if left.shape != right.shape:
         return False
-    rows, others = (image[_SAME_ROWS // 2 :: _SAME_ROWS].astype(np.int16) for image in (left, right))
-    steep = np.abs(rows[:, 2:] - rows[:, :-2]) >= _SLOPE_GREY
+    rows, others = (image[_EVERY // 2 :: _EVERY].astype(np.int16) for image in (left, right))
+    steep = np.abs(rows[:, 2:] - rows[:, :-2]) >= rules.slope_grey
     n = np.count_nonzero(steep)
-    if n < _FEWEST_SLOPES:
+    if n < rules.fewest_slopes:
         return False
-    same = np.abs(rows - others)[:, 1:-1] <= _SAME_GREY
-    return bool(np.count_nonzero(same & steep) > _SAME_SHARE * n)
+    same = np.abs(rows - others)[:, 1:-1] <= rules.same_grey
+    return bool(np.count_nonzero(same & steep) > rules.same_share * n)
 
 
 def image_note(

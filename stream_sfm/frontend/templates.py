@@ -17,7 +17,7 @@ from .prepared import GreyImage
 Grey = NDArray[np.float32]
 SPACING_PX = 2  # pixels between samples: smoothed neighbours share their noise, so every second one says as much
 _STORED = 1.7  # half width of a stored patch over that of an aligned one: room for warps up to this scale
-_RULES = TemplateRules()  # places are verified alike by all maps
+_RULES = TemplateRules()  # places of all maps are verified with the defaults
 _BEYOND = 2  # the window, for its derivatives and interpolation, px
 
 

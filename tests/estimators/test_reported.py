@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stream_sfm.config import Config
+from stream_sfm.config import Config, WindowConfig
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.cross_frame.halves import SpanFactors, _poses_by, _quarters, squares_of_halves
 from stream_sfm.estimators.cross_frame.inverse_depth import State, linearise
@@ -78,10 +78,10 @@ def test_tracks_of_half_a_scene_have_both_kinds_of_halves(current, kind):
 
 def test_one_step_leads_to_the_minimum(current):
     """Further steps move poses by less than a hundredth of their σ."""
-    once, _ = reported(current, SpanFactors.unknown(SPANS), False)
+    once, _ = reported(current, SpanFactors.unknown(WindowConfig(frames=SPANS)), False)
     again = once
     for _ in range(4):
-        again, _ = reported(again, SpanFactors.unknown(SPANS), False)
+        again, _ = reported(again, SpanFactors.unknown(WindowConfig(frames=SPANS)), False)
     moved = se3.log(once.cams_from_ref @ se3.inverse(again.cams_from_ref)).ravel()
     std = np.sqrt((once.system.root[: len(moved)] ** 2).sum(axis=1))
     assert (np.abs(moved) < 0.01 * std).all()
@@ -95,7 +95,7 @@ def test_nothing_is_fed_back(current):
         current.views,
         current.prior,
     )
-    read_off, _ = reported(current, SpanFactors.unknown(SPANS), True)
+    read_off, _ = reported(current, SpanFactors.unknown(WindowConfig(frames=SPANS)), True)
     assert read_off is not current
     for old, now in zip(before, (current.cams_from_ref, current.points.q, current.amplitudes), strict=False):
         assert (old == now).all()
@@ -125,7 +125,7 @@ def test_factors_are_1_with_white_noise_and_grow_where_errors_last():
 
 def test_factors_keep_their_bounds():
     """They are 1 at least and do not fall with the span; one frame counts ten times the mean at the most."""
-    factors = SpanFactors.unknown(4)
+    factors = SpanFactors.unknown(WindowConfig(frames=4))
     assert (factors.by_span == 1).all()
     found = np.array([[0.2, 3.0, 1.0], [0.2, 2.0, np.nan]])
     for _ in range(60):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.config.rules import ImageRules
 from stream_sfm.estimators.motion_model import Doubts, MotionModel
 from stream_sfm.frontend.image_checks import are_one_image
 from stream_sfm.frontend.step_check import StepCheck, displacement_px
@@ -84,9 +85,11 @@ def test_a_pose_is_as_uncertain_as_a_step_that_the_camera_may_not_have_made() ->
 @pytest.mark.parametrize("noise", [0, 2])
 def test_one_image_is_known_also_where_it_is_encoded_twice(noise: int) -> None:
     other = np.clip(TEXTURE.astype(int) + RNG.integers(-noise, noise + 1, TEXTURE.shape), 0, 255).astype(np.uint8)
-    assert are_one_image(TEXTURE, other)
-    assert not are_one_image(TEXTURE, np.roll(TEXTURE, 1, axis=1))
-    assert not are_one_image(np.full_like(TEXTURE, 90), np.full_like(TEXTURE, 90))  # bare: said elsewhere
+    assert are_one_image(TEXTURE, other, ImageRules())
+    assert not are_one_image(TEXTURE, np.roll(TEXTURE, 1, axis=1), ImageRules())
+    assert not are_one_image(
+        np.full_like(TEXTURE, 90), np.full_like(TEXTURE, 90), ImageRules()
+    )  # bare: said elsewhere
 
 
 def test_while_both_sides_are_one_image_no_frame_is_ok() -> None:

@@ -7,6 +7,7 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.frontend.ghost_check import GhostCheck
 from stream_sfm.frontend.patches import View
+from tests.helpers.blends import beside_blended
 from tests.helpers.places import ROOM
 from tests.helpers.wall import blotches
 
@@ -72,16 +73,8 @@ def test_a_suspicion_ends() -> None:
 
 def test_frames_with_a_ghost_are_not_ok() -> None:
     """Of a log with noise reduction of 0.3 no frame is ok; without it all are."""
-    log = sfm.open_log(ROOM)
-    blended, sound = sfm.Engine(log.rig), sfm.Engine(log.rig)
-    shown: list[np.ndarray] = []
-    for n, frame in enumerate(log.frames(sfm.Selection(max_frames=16))):
-        new = [image.astype(np.float32) for image in (frame.left, frame.right)]
-        shown = new if n == 0 else [0.3 * before + 0.7 * image for before, image in zip(shown, new, strict=True)]
-        estimate = blended.step(sfm.StereoFrame(frame.stamp_ns, *(np.rint(x).astype(np.uint8) for x in shown)))
+    for n, (sound, blended) in enumerate(beside_blended(ROOM, 0.3, 16)):
         if n > 1:  # the camera has hardly moved before
-            assert sound.step(frame).status is sfm.Status.OK
-            assert estimate.status is sfm.Status.DEGRADED
-            assert "earlier images show through" in estimate.reason
-        else:
-            sound.step(frame)
+            assert sound.status is sfm.Status.OK
+            assert blended.status is sfm.Status.DEGRADED
+            assert "earlier images show through" in blended.reason

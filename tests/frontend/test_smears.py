@@ -7,6 +7,7 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.frontend.patches import View
 from stream_sfm.frontend.smear_check import SmearCheck
+from tests.helpers.blends import beside_blended
 from tests.helpers.places import DEMO
 from tests.helpers.wall import blotches
 
@@ -94,15 +95,8 @@ def test_a_suspicion_ends() -> None:
 
 def test_slow_frames_with_an_average_are_not_ok() -> None:
     """Points of the sample log move by a third of a pixel per frame at its beginning."""
-    log = sfm.open_log(DEMO)
-    blended, sound = sfm.Engine(log.rig), sfm.Engine(log.rig)
-    shown: list[np.ndarray] = []
-    for n, frame in enumerate(log.frames(sfm.Selection(max_frames=10))):
-        new = [image.astype(np.float32) for image in (frame.left, frame.right)]
-        shown = new if n == 0 else [0.5 * before + 0.5 * image for before, image in zip(shown, new, strict=True)]
-        estimate = blended.step(sfm.StereoFrame(frame.stamp_ns, *(np.rint(x).astype(np.uint8) for x in shown)))
-        as_seen = sound.step(frame)
-        assert n == 0 or as_seen.status is sfm.Status.OK
+    for n, (sound, blended) in enumerate(beside_blended(DEMO, 0.5, 10)):
+        assert n == 0 or sound.status is sfm.Status.OK
         if n > 4:
-            assert estimate.status is sfm.Status.DEGRADED
-            assert "earlier images show through" in estimate.reason
+            assert blended.status is sfm.Status.DEGRADED
+            assert "earlier images show through" in blended.reason

@@ -44,9 +44,7 @@ class Swaying:
         return np.asarray(self._first[:3, :3] @ DOWN)
 
 
-def observed(
-    seed: int, frames: int, unit: Unit = BMI160, std_px: float = STD_PX
-) -> Iterator[tuple[Array, Observations]]:
+def observed(seed: int, frames: int, unit: Unit = BMI160) -> Iterator[tuple[Array, Observations]]:
     """Yield true poses and observations: each view with noise of STD_PX, samples up to one beyond the frame."""
     path, rng = swaying(seed), np.random.default_rng([seed, 2])
     cloud = rng.uniform([-6.0, -3.0, 1.0], [6.0, 3.0, 9.0], (POINTS, 3))

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
+from ...config import WindowConfig
 from ...geometry.linear import Cholesky, mahalanobis2
 from ...geometry.se3 import Array
 from ...record import record
@@ -21,13 +22,6 @@ from .normal_equations import System
 from .relative import apart_from_newest
 
 _KINDS = ((0, 1), (0, 2))  # halves that the quarters 0 … 3 begin with: even tracks, and those on the left
-_MEMORY = 25.0  # looks: errors that last are a property of cameras and scene, and change slowly
-# Once so many are known, one frame in so many is looked at: neighbouring windows have most of their views in common.
-_EVERY = 4
-_GUESS = 2.5  # weight in looks of the first guess, which is 1
-# Of one frame, in units of the mean so far: a body that moves in one half is not an error that lasts. Gaussian errors
-# are beyond it in one frame of 10¹⁰.
-_MOST = 10.0
 _LEAST = 0.125  # share of the tracks that makes a half
 
 
@@ -41,11 +35,12 @@ class SpanFactors:
 
     squares: Array
     frames: Array
+    rules: WindowConfig = WindowConfig()
 
     @classmethod
-    def unknown(cls, spans: int) -> "SpanFactors":
+    def unknown(cls, rules: WindowConfig) -> "SpanFactors":
         """Return the first guess: errors do not last."""
-        return cls(np.ones((2, spans)), np.full((2, spans), _GUESS))
+        return cls(np.ones((2, rules.frames)), np.full((2, rules.frames), rules.halves_guess), rules)
 
     @property
     def by_span(self) -> Array:
@@ -54,17 +49,17 @@ class SpanFactors:
 
     def asks_for(self, frame_index: int) -> bool:
         """Whether this frame is to be looked at."""
-        return frame_index % _EVERY == 0 or bool(self.frames.min() < _MEMORY)
+        return frame_index % self.rules.halves_every == 0 or bool(self.frames.min() < self.rules.halves_memory)
 
     def after(self, found: Array) -> "SpanFactors":
         """Return the knowledge after a frame with squares `found` (2, f) over its spans, NaN where there is none."""
         squares, frames = self.squares.copy(), self.frames.copy()
         known = np.zeros(squares.shape, bool)
         known[:, : found.shape[1]] = np.isfinite(found)
-        frames[known] = np.minimum(frames[known] + 1, _MEMORY)
-        limited = np.minimum(found[np.isfinite(found)], _MOST * squares[known])
+        frames[known] = np.minimum(frames[known] + 1, self.rules.halves_memory)
+        limited = np.minimum(found[np.isfinite(found)], self.rules.halves_most * squares[known])
         squares[known] += (limited - squares[known]) / frames[known]
-        return SpanFactors(squares, frames)
+        return SpanFactors(squares, frames, self.rules)
 
 
 def squares_of_halves(of: Map, system: System, at: State) -> Array:

@@ -60,7 +60,7 @@ class CrossFrame(TakesSamples):
         self.waiting = False  # for tracks of the map to return, since a frame without any view
         self._std_acceleration = np.array(config.motion.std_acceleration)
         self._has_field = False
-        self._factors = SpanFactors.unknown(config.window.frames)
+        self._factors = SpanFactors.unknown(config.window)
         self._said_by_rows = np.zeros(2)  # information about the delay and its weighted sum
         self._in_question = False  # the motion into the latest frame that was estimated
         self._impossible = ""  # why the calibration cannot be right, if it cannot
