@@ -350,12 +350,12 @@ class StillRules(Section, frozen=True, kw_only=True):
 class FieldRules(Section, frozen=True, kw_only=True):
     """Whether rows are of two moments in turn."""
 
-    # Sound logs, real and rendered, have at most 0.04 in both images; interlaced ones that move have 0.08 to 6.
+    # Sound logs, real and rendered, have at most 0.03 in both images; interlaced ones that move 0.04 to 6.
     combed: Annotated[float, expert("least excess of odd differences, share of that of two rows apart", 0, 100)] = (
         0.06
     )
     # Each costs a fifth of a millisecond.
-    every: Annotated[int, expert("frames from one that is looked at to the next", 1, 10_000)] = 2
+    every: Annotated[int, expert("frames from one that is looked at to the next", 1, 10_000)] = 4
     # What stands is not combed.
     lasting_frames: Annotated[int, expert("frames that a suspicion lasts", 1, 10_000)] = 30
 

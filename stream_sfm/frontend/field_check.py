@@ -13,7 +13,7 @@ from ..record import changed, record
 from .still_check import Line, Lines
 
 _STRIDE = 2  # of the columns that are there
-_FEWEST = 8  # rows
+_BANDS, _LEFT_OUT = 10, 2  # bands of rows, from top to bottom
 _LEAST = 1.0  # grey values squared: of images without texture
 
 
@@ -45,16 +45,19 @@ class FieldCheck:
 
 def combed(columns: Line) -> float:
     """By how much more than its neighbours suggest S(k) is for an odd k, share of S(2); of columns (m, h), −1 where
-    they do not show the scene."""
-    grey, hidden = columns.astype(np.float32), columns < 0
-    mean = np.mean
-    if hidden.any():
-        grey = grey[~hidden.all(axis=1)]
-        grey[grey < 0], mean = np.nan, np.nanmean
-    if grey.shape[1] < _FEWEST or not len(grey):
+    they do not show the scene. Two of ten bands do not count: those in which it is by most, as where a line is drawn
+    across the image."""
+    hidden = columns < 0
+    grey = np.where(hidden, np.nan, columns).astype(np.float32) if hidden.any() else columns.astype(np.float32)
+    size = (grey.shape[1] - 5) // _BANDS
+    if size < 1 or not np.isfinite(grey[:, ::2]).any() or not np.isfinite(grey[:, 1::2]).any():
         return 0.0
-    grey[:, ::2] -= mean(grey[:, ::2]) - mean(grey[:, 1::2])
+    grey[:, ::2] -= np.nanmean(grey[:, ::2]) - np.nanmean(grey[:, 1::2])
     last = grey[:, 5:]
-    s2, s3, s4, s5 = (float(mean((last - grey[:, 5 - k : -k]) ** 2)) for k in (2, 3, 4, 5))
+    squares = np.stack([(last - grey[:, 5 - k : -k]) ** 2 for k in (2, 3, 4, 5)])[..., : _BANDS * size]
+    known = np.isfinite(squares)
+    squares = np.where(known, squares, 0).reshape(4, len(grey), _BANDS, size).sum(axis=(1, 3))
+    s2, s3, s4, s5 = squares / np.maximum(known.reshape(4, len(grey), _BANDS, size).sum(axis=(1, 3)), 1)
     excess = (3 * s3 - s2 - 3 * s4 + s5) / 4
-    return excess / max(s2, _LEAST) if np.isfinite(excess) else 0.0
+    kept = np.argsort(excess)[:-_LEFT_OUT]
+    return float(excess[kept].sum() / max(s2[kept].sum(), _LEAST * len(kept)))

@@ -7,9 +7,11 @@ import pytest
 
 from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.geometry import se3
+from stream_sfm.geometry.point_views import PointViews
+from stream_sfm.geometry.resection import Resection, resect
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.places.keyframes import make_keyframe
-from stream_sfm.places.verifying import Seen, Verifier, matches
+from stream_sfm.places.verifying import Seen, Verifier, _halves_apart, matches
 from tests.helpers.wall import Wall, rig
 
 SECOND = se3.exp([0.25, -0.1, 0.2, 0.05, -0.06, 0.1])  # first from second camera
@@ -97,3 +99,29 @@ def test_matches_are_mutual() -> None:
     assert matches(a, a[::-1].copy()).tolist() == [[k, 49 - k] for k in range(50)]
     assert len(matches(a, np.repeat(a[:1], 5, axis=0))) == 0  # as near as the second: no match
     assert len(matches(a, a[:0])) == 0
+
+
+def resected(
+    lean_px: float, rng: np.random.Generator, projection: StereoProjection
+) -> tuple[PointViews, Resection]:
+    """A motion by views of exact points with noise of STD_PX, of which upper ones are displaced along the row."""
+    points = projection.triangulate(
+        np.column_stack(
+            [(u := rng.uniform(60, 300, 80)), (v := rng.uniform(20, 220, 80)), u - rng.uniform(5, 40, 80), v]
+        )
+    )
+    z_px = projection.project(se3.transform(se3.inverse(SECOND), points)) + STD_PX * rng.normal(size=(80, 4))
+    z_px[:, [0, 2]] += lean_px * (z_px[:, 1:2] < 120)
+    views = PointViews(projection, points, None, z_px, np.broadcast_to(STD_PX**2 * np.eye(4), (80, 4, 4)))
+    return views, resect(views, se3.inverse(SECOND))
+
+
+def test_halves_of_the_views_differ_as_their_covariances_say_or_tell_of_errors_that_they_share(
+    projection: StereoProjection,
+) -> None:
+    """One of three halves is the farthest, so a little more than one is expected; where parts err alike, much more."""
+    rng = np.random.default_rng(0)
+    sound = [_halves_apart(*resected(0.0, rng, projection)) for _ in range(60)]
+    leaning = [_halves_apart(*resected(0.15, rng, projection)) for _ in range(20)]
+    assert 1.0 < np.mean(sound) < 1.8
+    assert min(leaning) > 2 * np.mean(sound)
