@@ -4,7 +4,6 @@ The rectified axes are our own choice from `right_from_left` (x along the baseli
 whatever rectification a log proposes; poses are handed out in the physical left camera's axes again.
 """
 
-import hashlib
 from collections.abc import Sequence
 from functools import cached_property
 
@@ -71,7 +70,7 @@ class Rectifier:
         self._sides = list(zip(cameras, rotations, matrices, strict=True))
         lenses = [(c.width, c.height, c.K.tolist(), [float(d) for d in c.D], c.distortion_model) for c in cameras]
         numbers = lenses, [r.tolist() for r in rotations], [m.tolist() for m in matrices]
-        self.fingerprint = hashlib.sha256(repr(numbers).encode()).hexdigest()
+        self.fingerprint = repr(numbers)
 
     @cached_property
     def _maps(self) -> list[tuple[cv2.typing.MatLike, cv2.typing.MatLike] | None]:

@@ -5,6 +5,7 @@ Unknown keys and values out of range are ConfigErrors that name the setting.
 
 import json
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, get_origin, get_type_hints
 
@@ -81,7 +82,9 @@ def _apply(override: str, data: dict[str, Any]) -> None:
 
 def setting_names() -> list[str]:
     """Every setting with its section, such as `window.frames`."""
-    return [".".join(filter(None, (name, key))) for name, section in _sections(Config()) for key in _keys(section)]
+    return [
+        ".".join(filter(None, (name, key))) for name, section in _sections(Config()) for key in _keys(type(section))
+    ]
 
 
 def config_to_toml(config: Config, expert: bool = True) -> str:
@@ -93,8 +96,9 @@ def config_to_toml(config: Config, expert: bool = True) -> str:
     if not expert:
         lines.append("# settings that few runs need are left out; they have sections such as [expert.frontend]")
     for name, section in _sections(config):
-        plain = [key for key, meta in _keys(section).items() if not (meta.extra or {}).get("expert")]
-        rest = [key for key in _keys(section) if key not in plain]
+        metas = _keys(type(section))
+        plain = [key for key, meta in metas.items() if not (meta.extra or {}).get("expert")]
+        rest = [key for key in metas if key not in plain]
         if not expert:
             defaults = type(section)()
             rest = [key for key in rest if getattr(section, key) != getattr(defaults, key)]
@@ -111,16 +115,17 @@ def _sections(section: Section, name: str = "") -> Iterator[tuple[str, Section]]
             yield from _sections(value, f"{name}.{key}" if name else key)
 
 
-def _keys(section: Section) -> dict[str, Meta]:
-    """The settings of a section, without its own sections."""
-    hints = get_type_hints(type(section), include_extras=True)
+@cache
+def _keys(kind: type[Section]) -> dict[str, Meta]:
+    """The settings of a kind of section, without its own sections."""
+    hints = get_type_hints(kind, include_extras=True)
     return {key: hint.__metadata__[0] for key, hint in hints.items() if get_origin(hint) is Annotated}
 
 
 def _section_lines(name: str, section: Section, keys: list[str]) -> list[str]:
     if not keys:
         return []
-    metas = _keys(section)
+    metas = _keys(type(section))
     purpose = (type(section).__doc__ or "").partition("\n")[0]  # empty where Python has removed docstrings (-OO)
     lines = ["", f"[{name}]  # {purpose}"] if name else []
     for key in keys:

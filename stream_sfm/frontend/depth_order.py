@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config.rules import Rules, StartRules
+from ..geometry.medians import median
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine, resect
 from ..record import changed
 from .rough_motion import RoughMotion, find_rough_motion
@@ -83,7 +84,9 @@ def uncovered(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -
 
 def _is_deeper(setup: Setup, some: Tracks, others: Tracks) -> bool:
     """Whether points lie behind their neighbours among others, and hardly any of these is as far away."""
-    as_far = np.count_nonzero(others.points[:, 3] < setup.rules.start.deeper * np.median(some.points[:, 3]))
+    if len(some) < MIN_VIEWS:
+        return False
+    as_far = np.count_nonzero(others.points[:, 3] < setup.rules.start.deeper * median(some.points[:, 3]))
     return bool(as_far < MANY_VIEWS) and is_behind(setup, some, others)
 
 
@@ -100,7 +103,7 @@ def may_be_scene(rules: Rules, tracks: Tracks, accepted: NDArray[np.bool_], fill
     """
     rest, followed = ~accepted, tracks.keep(accepted)
     if fills_view and rest.any():
-        as_far = followed.points[:, 3] < rules.start.deeper * np.median(tracks.points[rest, 3])
+        as_far = followed.points[:, 3] < rules.start.deeper * median(tracks.points[rest, 3])
         if np.count_nonzero(as_far) >= rules.motion.calm_start * len(followed):
             return np.zeros(len(tracks), bool)
     return rest & (depth_order(tracks, followed, rules.start) >= 0)

@@ -18,35 +18,22 @@ is less evidence counts.
 
 from operator import itemgetter
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..config.rules import GhostRules
 from ..geometry.se3 import Array
 from ..record import changed, record
-from .prepared import Image
+from .patches import RADIUS_PX, View, changes_of, patches_of, share_of
 
-_RADIUS_PX = 5  # of a patch
-_LEAST_VARIANCE = 1e-6  # of what patches say, over its square
+SHOWS_THROUGH = (
+    "earlier images show through: is noise reduction over time on in the cameras, or were frames blended? "
+    "Positions lag behind"
+)
 _NOTHING = np.zeros((2, 5))
 _LEAST_SQUARE = 1e-3  # of a change of a patch, grey values squared
 # Changes may depend on each other, as where a patch is one straight edge; they have single precision.
 _RIDGE = 1e-6
-
-
-@record
-class _View:
-    """The left image (h, w) of a frame, and where its tracks `ids` (n,), ascending, are in it: `left_px` (n, 2)."""
-
-    image: Image
-    ids: NDArray[np.int64]
-    left_px: Array
-
-    def of(self, ids: NDArray[np.int64]) -> Array:
-        """Where the given tracks were (n, 2); NaN of those that were not."""
-        rows = np.searchsorted(self.ids, ids).clip(max=len(self.ids) - 1)
-        return np.where((self.ids[rows] == ids)[:, None], self.left_px[rows], np.nan)
 
 
 @record
@@ -55,7 +42,7 @@ class GhostCheck:
     patches, of p = r_I·(r_P − r_O), s = r_P², p², p s and s², and of the same with p = r_I·r_P − r_J·r_N. `lasts`: for
     how many frames a ghost is still suspected."""
 
-    views: tuple[_View, ...] = ()
+    views: tuple[View, ...] = ()
     sums: tuple[Array, ...] = ()
     lasts: int = 0
     rules: GhostRules = GhostRules()
@@ -64,22 +51,17 @@ class GhostCheck:
     def share(self) -> tuple[float, float]:
         """How much of each image is the one before it, and this in σ, of the control by which it is least; zero where
         nothing is known."""
-        return min(map(_share, np.sum(self.sums, axis=0) if self.sums else _NOTHING), key=itemgetter(1))
+        return min(map(share_of, np.sum(self.sums, axis=0) if self.sums else _NOTHING), key=itemgetter(1))
 
     @property
     def problem(self) -> str:
         """Say that earlier images show through; or nothing."""
-        if not self.lasts:
-            return ""
-        return (
-            "earlier images show through: is noise reduction over time on in the cameras, or were frames blended? "
-            "Positions lag behind"
-        )
+        return SHOWS_THROUGH if self.lasts else ""
 
-    def after(self, image: Image, ids: NDArray[np.int64], left_px: Array) -> "GhostCheck":
-        """Return the check after a frame, its smoothed left image (h, w) and where its tracks are in it."""
+    def after(self, view: View) -> "GhostCheck":
+        """Return the check after a frame: its smoothed left image, and where its tracks are in it."""
         rules = self.rules
-        views = (*self.views, _View(image, ids, left_px))[-rules.back_frames - 1 :]
+        views = (*self.views, view)[-rules.back_frames - 1 :]
         check = changed(self, views=views, sums=(*self.sums, _sums(views, rules))[-rules.remembered :])
         share, significance = check.share
         shown = share > rules.share and significance > rules.sigmas
@@ -90,34 +72,21 @@ class GhostCheck:
         return changed(self, views=())
 
 
-def _share(sums: Array) -> tuple[float, float]:
-    """A share and its significance in σ from the sums (5,) of a control."""
-    p, s, pp, ps, ss = sums
-    if s <= 0:
-        return 0.0, 0.0
-    share = p / s
-    variance = pp - 2 * share * ps + share**2 * ss  # of p by how patches differ
-    return float(share), float(p / np.sqrt(max(variance, _LEAST_VARIANCE * pp)))
-
-
-def _sums(views: tuple[_View, ...], rules: GhostRules) -> Array:
+def _sums(views: tuple[View, ...], rules: GhostRules) -> Array:
     """What a frame, the last of these, says: see `GhostCheck`."""
-    first, before, now = views[0], views[-2] if len(views) > 1 else views[-1], views[-1]
-    if not (len(first.ids) and len(before.ids) and len(now.ids)) or first.image.shape != now.image.shape:
-        return _NOTHING
-    then_px, last_px = first.of(now.ids), before.of(now.ids)
-    limit = np.array(now.image.shape[::-1]) - _RADIUS_PX - 3
+    before, now = views[-2] if len(views) > 1 else views[-1], views[-1]
+    last_px = before.of(now.ids)
     usable = np.linalg.norm(now.left_px - last_px, axis=1) > rules.least_px
-    for px in (then_px, now.left_px, 2 * last_px - now.left_px):
-        usable &= ((px > _RADIUS_PX + 2) & (px < limit)).all(axis=1)
+    usable &= now.inside(now.left_px) & now.inside(2 * last_px - now.left_px)
+    first, usable = _oldest(views[:-1], now, usable)
     rows = usable.nonzero()[0]
     if len(rows) < rules.fewest:
         return _NOTHING
     rows = rows[:: -(-len(rows) // rules.patches)]
     now_px, last_px, opposite_px = now.left_px[rows], last_px[rows], (2 * last_px - now.left_px)[rows]
-    newer = _patches(now.image, np.stack([now_px, last_px]), _RADIUS_PX)
-    older = _patches(before.image, np.stack([now_px, opposite_px, last_px]), _RADIUS_PX)
-    explained = _explained(_patches(first.image, then_px[rows], _RADIUS_PX + 1))
+    newer = patches_of(now.image, np.stack([now_px, last_px]), RADIUS_PX)
+    older = patches_of(before.image, np.stack([now_px, opposite_px, last_px]), RADIUS_PX)
+    explained = changes_of(patches_of(first.image, first.of(now.ids)[rows], RADIUS_PX + 1))
     left = _unexplained(np.concatenate([newer, older]).reshape(5, len(rows), -1), explained)
     seen, there_now, there, opposite, last = left
     weights = 1 / (_dot(seen, seen) / seen.shape[1] + rules.noise_grey**2)
@@ -126,39 +95,20 @@ def _sums(views: tuple[_View, ...], rules: GhostRules) -> Array:
     return np.array([[p.sum(), s.sum(), p @ p, p @ s, s @ s] for p in both])
 
 
+def _oldest(views: tuple[View, ...], now: View, usable: NDArray[np.bool_]) -> tuple[View, NDArray[np.bool_]]:
+    """The oldest of some views in which at least half as many of the usable tracks (n) are as in any later one, and
+    which these are."""
+    best, found = now, np.zeros_like(usable)
+    for view in views:
+        there = usable & now.inside(view.of(now.ids)) & (view.image.shape == now.image.shape)
+        if np.count_nonzero(there) > 2 * np.count_nonzero(found):
+            best, found = view, there
+    return best, found
+
+
 def _dot(some: Array, others: Array) -> Array:
     """Products (n,) of rows (n, k)."""
     return np.einsum("nk,nk->n", some, others)
-
-
-def _patches(image: Image, at_px: Array, radius_px: int) -> NDArray[np.float32]:
-    """Patches (..., d, d), d = 2 radius + 1, of an image around positions (..., 2)."""
-    d = 2 * radius_px + 1
-    offsets = np.arange(-radius_px, radius_px + 1, dtype=np.float32)
-    x, y = at_px.reshape(-1, 2).astype(np.float32).T[:, :, None, None]
-    across, down = np.empty((2, x.size, d, d), np.float32)
-    across[:], down[:] = x + offsets, y + offsets[:, None]
-    sampled = cv2.remap(image, across.reshape(-1, d), down.reshape(-1, d), cv2.INTER_LINEAR)
-    return sampled.astype(np.float32).reshape(*at_px.shape[:-1], d, d)
-
-
-def _explained(patches: NDArray[np.float32]) -> NDArray[np.float32]:
-    """What may change of patches (n, d, d) between two frames: (n, 11, k), k = (d − 2)²."""
-    patches = patches - patches.mean(axis=(1, 2), keepdims=True)
-    t, left, right = patches[:, 1:-1, 1:-1], patches[:, 1:-1, :-2], patches[:, 1:-1, 2:]
-    above, below = patches[:, :-2, 1:-1], patches[:, 2:, 1:-1]
-    x = np.arange(-_RADIUS_PX, _RADIUS_PX + 1, dtype=np.float32)
-    y = x[:, None]
-    changes = np.empty((len(t), 11, *t.shape[1:]), np.float32)
-    changes[:, 0], changes[:, 1] = 1, t
-    dx, dy = np.subtract(right, left, out=changes[:, 2]), np.subtract(below, above, out=changes[:, 3])
-    for n, (slope, along) in enumerate(((dx, x), (dx, y), (dy, x), (dy, y)), start=4):
-        np.multiply(slope, along, out=changes[:, n])
-    np.subtract(left + right, 2 * t, out=changes[:, 8])
-    np.subtract(above + below, 2 * t, out=changes[:, 9])
-    falling, rising = patches[:, 2:, 2:] + patches[:, :-2, :-2], patches[:, 2:, :-2] + patches[:, :-2, 2:]
-    np.subtract(falling, rising, out=changes[:, 10])
-    return changes.reshape(len(t), 11, -1)
 
 
 def _unexplained(views: NDArray[np.float32], explained: NDArray[np.float32]) -> Array:

@@ -10,6 +10,7 @@ frames count as before, and their poses may be off by the step.
 import numpy as np
 
 from ..config.rules import StepRules
+from ..geometry.medians import median
 from ..geometry.se3 import Array
 from ..record import record
 
@@ -45,7 +46,7 @@ class StepCheck:
             step = float(np.linalg.norm(self.suspected_px))
             if np.linalg.norm(change_px + self.suspected_px) < rules.back * step:
                 return StepCheck(self.sizes_px, confirmed_px=step, rules=rules)
-        usual = float(np.median(self.sizes_px)) if len(self.sizes_px) >= rules.fewest else np.inf
+        usual = median(np.array(self.sizes_px)) if len(self.sizes_px) >= rules.fewest else np.inf
         unusual = size > max(rules.least_px, rules.unusual * usual)
         return StepCheck((*self.sizes_px, size)[-rules.remembered :], change_px if unusual else None, rules=rules)
 

@@ -135,4 +135,4 @@ class Tracks:
         )
 
 
-_COLUMNS = attrgetter(*Tracks.__slots__)  # type: ignore[attr-defined]
+_COLUMNS = attrgetter(*Tracks.__match_args__)

@@ -4,6 +4,7 @@ import base64
 import json
 from array import array
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -32,6 +33,7 @@ _KINDS = {
     "TFMessage": "transform", "tfMessage": "transform", "Imu": "imu",
 }  # fmt: skip
 
+_MISSING = object()
 _QUATERNION_NORMS = (0.5, 2.0)  # beyond any rounding error; outside it the numbers are not a rotation
 
 
@@ -279,9 +281,10 @@ def _has(message: Any, name: str) -> bool:
 
 
 def _get(message: Any, *names: str, default: Any = None) -> Any:
+    value_of = message.get if isinstance(message, dict) else partial(getattr, message)
     for name in names:
-        if _has(message, name):
-            return message[name] if isinstance(message, dict) else getattr(message, name)
+        if (value := value_of(name, _MISSING)) is not _MISSING:
+            return value
     if default is None:
         raise ValueError(f"the message lacks the field {names[0]}")
     return default

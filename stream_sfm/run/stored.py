@@ -55,7 +55,7 @@ class StoredObservations:
         known = observed.errors
         errors = TemplateErrors(begun=ids, stds_px=stds_px, least_px=known.least_px, rules=known.rules)
         kept = changed(observed, observations=seen, errors=errors)
-        parts = [getattr(kept, name) for name in Observed.__slots__]  # type: ignore[attr-defined]
+        parts = [getattr(kept, name) for name in Observed.__match_args__]
         try:
             pickle.dump(parts, self._file, protocol=pickle.HIGHEST_PROTOCOL)
         except OSError as error:

@@ -19,7 +19,6 @@ from ...geometry.se3 import Array
 from ...inertial.buffer import SampleBuffer
 from ...inertial.samples import ImuCalibration
 from ...inertial.state import ACCEL_BIAS, AXES, CLOCK, FIXED, GRAVITY, GYRO_BIAS, SCALE, STATE, VELOCITY
-from ...record import changed
 from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction, Solution, Status
 from ..motion_model import MotionModel
 from .inertia_checks import Agreement, Densities, impossible, likely
@@ -41,7 +40,8 @@ class Inertia:
         self._calibration: ImuCalibration | None = None
         self._buffer = SampleBuffer(ImuCalibration())
         self.now: Known | None = None
-        self._agreement, self._densities = Agreement(self._rules), Densities.as_given(self._rules)
+        self._agreement, self._densities = Agreement(self._rules), Densities.begun(self._rules)
+        self._noise_known = False  # by the samples themselves
         self._distance2, self._note = 0.0, ""
         self._frames = config.window.frames
         self._carried = False  # the state is from before the present map
@@ -65,6 +65,10 @@ class Inertia:
             self._calibration = view.calibration
             self._buffer = SampleBuffer(view.calibration)
         self._buffer.add(view.samples)
+        if not self._noise_known and (noise := self._buffer.noise()) is not None:
+            of = view.calibration
+            self._densities = Densities.begun(self._rules, noise / [of.gyro_noise, of.accel_noise])
+            self._noise_known = True
         if self.problem and self.now is not None:
             logging.getLogger("stream_sfm").warning(self.problem)
             self.now = self._anew = None
@@ -146,6 +150,7 @@ class Inertia:
             current.end_inertia()
         if window is None or now is None:
             return
+        window.factors = self._densities.factors
         before = (current.frames[-1] if current.frames else current.reference).stamp_ns
         if current.frames and not window.intervals[-1].complete:  # by now its samples have come
             first = (current.frames[-2] if len(current.frames) > 1 else current.reference).stamp_ns
@@ -246,16 +251,15 @@ class Inertia:
             return None, None
         stamp_ns = (current.frames[-1] if current.frames else current.reference).stamp_ns
         seen = current.cams_from_ref, current.inertial_state
-        known = window.newest(current.system, stamp_ns, current.world_from_ref, *seen)
+        known, by_rig = window.newest(current.system, stamp_ns, current.world_from_ref, *seen)
+        cov = symmetric(known.cov + by_rig @ current.system.cov_rig @ by_rig.T)
         if read_off.inertia is not None and read_off is not current:
             seen_alike = read_off.cams_from_ref, read_off.inertial_state
-            mean = read_off.inertia.newest(read_off.system, stamp_ns, read_off.world_from_ref, *seen_alike)
-            known = changed(mean, cov=known.cov)
+            known, _ = read_off.inertia.newest(read_off.system, stamp_ns, read_off.world_from_ref, *seen_alike)
         if len(current.frames) == self._frames:
             window.learn(current.system, *seen)
             self._densities = self._densities.after(window.surprise)
-            window.factors = self._densities.factors
-        known = self._with_odds(known)
+        known = self._with_odds(known, cov)
         self.now = known
         is_wrong = impossible(known.state, known.cov_state, self._rules)
         if is_wrong or (
@@ -267,14 +271,17 @@ class Inertia:
         estimate = inertial_estimate(known, self._densities.factors, self._distance2, note)
         return known, estimate
 
-    def _with_odds(self, known: Known) -> Known:
-        """Return pose and state where scale, axes and clock are as probable, eq. (87)."""
-        state, cov = known.state, known.cov
-        apart = likely(state, known.cov_state, self._std_fixed, self._rig) - state[FIXED]
+    def _with_odds(self, known: Known, cov: Array) -> Known:
+        """Return pose and state where scale, axes and clock are as probable, eq. (87).
+
+        `known` is given the rig's errors, which are held; `cov` (23, 23) is not. What both scale and rig do to a pose
+        is the rig's as long as these are held, so the pose moves by the covariances given them.
+        """
+        apart = likely(known.state, cov[JOINT["state"], JOINT["state"]], self._std_fixed, self._rig)
+        apart -= known.state[FIXED]
         at = JOINT.within("state", FIXED)
-        gain = np.linalg.solve(cov[at, at], cov[at]).T
-        moved = gain @ apart
-        state = state + moved[JOINT["state"]]
+        moved = known.cov[:, at] @ np.linalg.solve(known.cov[at, at], apart)
+        state = known.state + moved[JOINT["state"]]
         pose = se3.orthonormalise(known.world_from_cam @ se3.exp(moved[JOINT["pose"]]))
         cov = symmetric(cov + np.outer(moved, moved))  # of the fixed ones about where they are put
         return Known(known.stamp_ns, pose, state, cov)

@@ -101,7 +101,7 @@ class WhitenedViews:
         return np.asarray(of_terms + of_timing + self.field @ parts.T @ FIELD_MOVES.T)
 
 
-_COLUMNS = attrgetter(*WhitenedViews.__slots__)  # type: ignore[attr-defined]
+_COLUMNS = attrgetter(*WhitenedViews.__match_args__)
 
 
 def expected(state: State, views: WhitenedViews, rig: RigModel) -> WhitenedViews:

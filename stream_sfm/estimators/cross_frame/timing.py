@@ -11,12 +11,12 @@ during the run; what that does to the views, by delay and readout as they are kn
 import numpy as np
 
 from ... import core
-from ...geometry.medians import MEMORY_FRAMES
+from ...geometry.medians import MEMORY_FRAMES, median
 from ...geometry.se3 import Array
 from ...record import record
 
-_LEAST = 5  # frames that a polynomial of fourth order and the ticks of a clock are told from
-_LATER = 3  # frames after which the velocity of a frame is known as well as it ever will be
+_LEAST = 5  # frames: enough for a polynomial of fourth order and for the period of a clock
+_LATER = 3  # frames after which the velocity of a frame does not become more certain
 
 
 class ExposureClock:
@@ -33,7 +33,7 @@ class ExposureClock:
         stamps = np.array([(s - stamps_ns[0]) / 1e9 for s in stamps_ns])
         if len(stamps) < _LEAST:
             return stamps
-        ticks = np.round(stamps / np.median(np.diff(stamps)))
+        ticks = np.round(stamps / median(np.diff(stamps)))
         if (np.diff(ticks) < 1).any():
             return stamps
         apart = ticks - ticks.mean()
@@ -72,7 +72,7 @@ class TwistError:
         are further apart than usual errs with the square of the time.
         """
         apart = np.diff(seconds)
-        further = (apart[-_LATER:].max() / np.median(apart)) ** 2
+        further = (apart[-_LATER:].max() / median(apart)) ** 2
         weight = min(self._frames / _LATER, 1.0)
         return weight * further**2 * self._cov + (1 - weight) * np.diag((std_acceleration * apart[-1]) ** 2)
 
