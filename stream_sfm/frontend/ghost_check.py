@@ -18,10 +18,10 @@ is less evidence counts.
 
 from operator import itemgetter
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..config.rules import GhostRules
 from ..geometry.se3 import Array
 from ..record import changed, record
@@ -30,9 +30,6 @@ from .prepared import Image
 _RADIUS_PX = 5  # of a patch
 _LEAST_VARIANCE = 1e-6  # of what patches say, over its square
 _NOTHING = np.zeros((2, 5))
-_LEAST_SQUARE = 1e-3  # of a change of a patch, grey values squared
-# Changes may depend on each other, as where a patch is one straight edge; they have single precision.
-_RIDGE = 1e-6
 
 
 @record
@@ -114,60 +111,5 @@ def _sums(views: tuple[_View, ...], rules: GhostRules) -> Array:
     if len(rows) < rules.fewest:
         return _NOTHING
     rows = rows[:: -(-len(rows) // rules.patches)]
-    now_px, last_px, opposite_px = now.left_px[rows], last_px[rows], (2 * last_px - now.left_px)[rows]
-    newer = _patches(now.image, np.stack([now_px, last_px]), _RADIUS_PX)
-    older = _patches(before.image, np.stack([now_px, opposite_px, last_px]), _RADIUS_PX)
-    explained = _explained(_patches(first.image, then_px[rows], _RADIUS_PX + 1))
-    left = _unexplained(np.concatenate([newer, older]).reshape(5, len(rows), -1), explained)
-    seen, there_now, there, opposite, last = left
-    weights = 1 / (_dot(seen, seen) / seen.shape[1] + rules.noise_grey**2)
-    s, seen_there = weights * _dot(there, there), _dot(seen, there)
-    both = weights * (seen_there - _dot(seen, opposite)), weights * (seen_there - _dot(last, there_now))
-    return np.array([[p.sum(), s.sum(), p @ p, p @ s, s @ s] for p in both])
-
-
-def _dot(some: Array, others: Array) -> Array:
-    """Products (n,) of rows (n, k)."""
-    return np.einsum("nk,nk->n", some, others)
-
-
-def _patches(image: Image, at_px: Array, radius_px: int) -> NDArray[np.float32]:
-    """Patches (..., d, d), d = 2 radius + 1, of an image around positions (..., 2)."""
-    d = 2 * radius_px + 1
-    offsets = np.arange(-radius_px, radius_px + 1, dtype=np.float32)
-    x, y = at_px.reshape(-1, 2).astype(np.float32).T[:, :, None, None]
-    across, down = np.empty((2, x.size, d, d), np.float32)
-    across[:], down[:] = x + offsets, y + offsets[:, None]
-    sampled = cv2.remap(image, across.reshape(-1, d), down.reshape(-1, d), cv2.INTER_LINEAR)
-    return sampled.astype(np.float32).reshape(*at_px.shape[:-1], d, d)
-
-
-def _explained(patches: NDArray[np.float32]) -> NDArray[np.float32]:
-    """What may change of patches (n, d, d) between two frames: (n, 11, k), k = (d − 2)²."""
-    patches = patches - patches.mean(axis=(1, 2), keepdims=True)
-    t, left, right = patches[:, 1:-1, 1:-1], patches[:, 1:-1, :-2], patches[:, 1:-1, 2:]
-    above, below = patches[:, :-2, 1:-1], patches[:, 2:, 1:-1]
-    x = np.arange(-_RADIUS_PX, _RADIUS_PX + 1, dtype=np.float32)
-    y = x[:, None]
-    changes = np.empty((len(t), 11, *t.shape[1:]), np.float32)
-    changes[:, 0], changes[:, 1] = 1, t
-    dx, dy = np.subtract(right, left, out=changes[:, 2]), np.subtract(below, above, out=changes[:, 3])
-    for n, (slope, along) in enumerate(((dx, x), (dx, y), (dy, x), (dy, y)), start=4):
-        np.multiply(slope, along, out=changes[:, n])
-    np.subtract(left + right, 2 * t, out=changes[:, 8])
-    np.subtract(above + below, 2 * t, out=changes[:, 9])
-    falling, rising = patches[:, 2:, 2:] + patches[:, :-2, :-2], patches[:, 2:, :-2] + patches[:, :-2, 2:]
-    np.subtract(falling, rising, out=changes[:, 10])
-    return changes.reshape(len(t), 11, -1)
-
-
-def _unexplained(views: NDArray[np.float32], explained: NDArray[np.float32]) -> Array:
-    """What the changes explained (n, m, k) leave of views (v, n, k) of patches."""
-    views = np.swapaxes(views - views.mean(axis=2, keepdims=True), 0, 1)
-    gram = (explained @ np.swapaxes(explained, 1, 2)).astype(float)
-    scale = 1 / np.sqrt(np.maximum(np.einsum("nii->ni", gram), _LEAST_SQUARE))
-    gram = gram * scale[:, None] * scale[:, :, None] + _RIDGE * np.eye(gram.shape[1])
-    products = scale[:, :, None] * (explained @ np.swapaxes(views, 1, 2))
-    parts = scale[:, :, None] * np.linalg.solve(gram, products)
-    left = views - np.swapaxes(parts, 1, 2).astype(np.float32) @ explained
-    return np.swapaxes(left, 0, 1).astype(float)
+    at_px = now.left_px[rows], last_px[rows], then_px[rows]
+    return core.ghost_sums(now.image, before.image, first.image, *at_px, rules.noise_grey)
