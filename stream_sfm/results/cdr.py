@@ -7,7 +7,8 @@ import re
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property, partial
-from operator import attrgetter
+from itertools import groupby
+from operator import attrgetter, itemgetter
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ _NUMBERS = "bool byte char int8 uint8 int16 uint16 int32 uint32 int64 uint64 flo
 _FORMATS = dict(zip(_NUMBERS.split(), "?BBbBhHiIqQfd", strict=True))
 _FIELD = re.compile(r"^([\w/]+)(\[\d*\])? (\w+)$", re.MULTILINE)  # constants have a value, comments begin with #
 _HEADER = b"\0\1\0\0"  # little-endian, no parameters; positions count from behind it
+_LENGTH = struct.Struct("<I")
 _PART = "=" * 80 + "\nMSG: "  # before the definition of each part
 
 Put = Callable[[bytearray, Any], None]
@@ -63,60 +65,60 @@ class MessageType:
 
     def put(self, out: bytearray, message: Any) -> None:
         """Append a message."""
-        for value_of, put in self._leaves:
+        for value_of, put in self._puts:
             put(out, value_of(message))
 
     @cached_property
-    def _leaves(self) -> list[tuple[Callable[[Any], Any], Put]]:
-        return [(attrgetter(path), put) for path, put in self._puts()]
-
-    def _puts(self) -> Iterator[tuple[str, Put]]:
-        """Yield the path to each field, through its parts, and what appends its value."""
-        for base, many, field in self._fields:
-            part = self._types.of_part(base)
-            if part is not None and not many:
-                yield from ((f"{field}.{path}", put) for path, put in part._puts())
-            elif many and field in self.arrays:
-                yield field, partial(_put_array, self.arrays[field], many == "[]")
+    def _puts(self) -> list[tuple[Callable[[Any], Any], Put]]:
+        """What each field is, numbers of one size that follow each other together, and what appends it."""
+        puts: list[tuple[Callable[[Any], Any], Put]] = []
+        for size, leaves in groupby(self._leaves(), key=itemgetter(1)):
+            paths, _, found = zip(*leaves, strict=True)
+            if size:
+                puts.append((_values_of(*paths), partial(_put_numbers, struct.Struct("<" + "".join(found)), size)))
             else:
-                one = part.put if part else _put_text if base == "string" else _number(_FORMATS[base])
-                yield field, partial(_put_list, one) if many else one
+                puts += zip(map(attrgetter, paths), found, strict=True)
+        return puts
+
+    def _leaves(self) -> Iterator[tuple[str, int, Any]]:
+        """Yield the path to each field, through its parts; of a number its size and code, or else 0 and a Put."""
+        for base, many, field in self._fields:
+            part, code = self._types.of_part(base), _FORMATS.get(base)
+            if part is not None and not many:
+                yield from ((f"{field}.{path}", size, found) for path, size, found in part._leaves())
+            elif code is not None and not many:
+                yield field, struct.calcsize("<" + code), code
+            elif code is not None:
+                yield field, 0, partial(_put_array, self.arrays[field], many == "[]")
+            else:
+                one = _put_text if part is None else part.put
+                yield field, 0, partial(_put_list, one) if many else one
 
 
-def _align(out: bytearray, size: int) -> None:
-    out += bytes(-len(out) % size)
+def _values_of(*paths: str) -> Callable[[Any], Any]:
+    values_of = attrgetter(*paths)
+    return values_of if len(paths) > 1 else lambda message: (values_of(message),)
 
 
-def _number(code: str) -> Put:
-    number = struct.Struct("<" + code)
-
-    def put(out: bytearray, value: Any) -> None:
-        _align(out, number.size)
-        out += number.pack(value)
-
-    return put
-
-
-_put_length = _number("I")
+def _put_numbers(numbers: struct.Struct, size: int, out: bytearray, values: Iterable[Any]) -> None:
+    out += bytes(-len(out) % size) + numbers.pack(*values)
 
 
 def _put_text(out: bytearray, text: str) -> None:
     data = text.encode() + b"\0"
-    _put_length(out, len(data))
-    out += data
+    out += bytes(-len(out) % 4) + _LENGTH.pack(len(data)) + data
 
 
 def _put_array(kind: DTypeLike, is_counted: bool, out: bytearray, values: Any) -> None:
     array = np.asarray(values, kind)
     if is_counted:
-        _put_length(out, array.size)
+        out += bytes(-len(out) % 4) + _LENGTH.pack(array.size)
     if array.size:
-        _align(out, array.itemsize)
-        out += array.tobytes()
+        out += bytes(-len(out) % array.itemsize) + array.tobytes()
 
 
 def _put_list(put: Put, out: bytearray, values: Iterable[Any]) -> None:
     found = list(values)
-    _put_length(out, len(found))
+    out += bytes(-len(out) % 4) + _LENGTH.pack(len(found))
     for value in found:
         put(out, value)
