@@ -5,6 +5,7 @@
 namespace core {
 namespace {
 
+constexpr std::int64_t WHITE = 256;  // more than any difference of grey values
 constexpr std::ptrdiff_t FAR_PX = 2;  // from a pixel to those whose difference to it is an edge
 
 int step(const std::int16_t* at, std::ptrdiff_t to) { return at[0] - at[to]; }
@@ -29,15 +30,23 @@ DrawnEdges drawn_edges(View<std::int16_t, 2> left, View<std::int16_t, 2> last, V
     };
     DrawnEdges found{0, 0, 0};
     std::ptrdiff_t width = static_cast<std::ptrdiff_t>(left.shape[1]);
-    for (std::size_t i = 0; i < left.shape[0]; i++)
-        for (std::ptrdiff_t j = FAR_PX; j + FAR_PX < width; j++) {
-            const std::int16_t* line = left[i] + j;
-            bool steep = std::abs(step(line, -FAR_PX)) >= edge_grey || std::abs(step(line, FAR_PX)) >= edge_grey;
-            if (!steep || line[0] < 0) continue;
-            found.edges++;
-            if (std::abs(line[0] - last[i][j]) >= edge_grey) found.moved++;
-            if (has(line, last[i] + j) && has(line, earlier[i] + j) && has(line, right[i] + j)) found.drawn++;
+    std::vector<std::int16_t> is_edge(left.shape[1]);
+    std::int16_t least = static_cast<std::int16_t>(std::min<std::int64_t>(edge_grey, WHITE));
+    auto is_steep = [=](std::int16_t step) { return (step >= least) | (step <= -least); };
+    for (std::size_t i = 0; i < left.shape[0]; i++) {
+        const std::int16_t* line = left[i];
+        for (std::ptrdiff_t j = FAR_PX; j + FAR_PX < width; j++) {  // eight at a time
+            std::int16_t before = line[j] - line[j - FAR_PX], after = line[j + FAR_PX] - line[j];
+            is_edge[j] = (line[j] >= 0) & (is_steep(before) | is_steep(after));
         }
+        for (std::ptrdiff_t j = FAR_PX; j + FAR_PX < width; j++) {
+            if (!is_edge[j]) continue;
+            found.edges++;
+            found.moved += std::abs(line[j] - last[i][j]) >= edge_grey;
+            // the rarest first
+            found.drawn += has(line + j, right[i] + j) && has(line + j, earlier[i] + j) && has(line + j, last[i] + j);
+        }
+    }
     return found;
 }
 
