@@ -17,7 +17,7 @@ from .mcap_file.log_writer import MessageWriter
 from .mcap_file.message import Damage
 from .outputs import refuse_existing, refuse_overwriting
 from .sources.data_sets import open_euroc, open_kitti
-from .sources.image_files import ImageFilesSource, size_of
+from .sources.image_files import ImageFile, ImageFilesSource
 from .sources.image_sets import first_image, open_images
 
 
@@ -85,7 +85,7 @@ def import_images(
     InputError, ConfigError, OutputError.
     """
     image = first_image(left)
-    rig = StereoRig.from_calibration(calibration, None if image is None else size_of(image))
+    rig = StereoRig.from_calibration(calibration, None if image is None else ImageFile(0, image).size())
     return _copy_to_log(open_images(left, right, rig, stamps, rate_hz), out, overwrite=overwrite)
 
 

@@ -193,7 +193,7 @@ class Observer:
         model = seen.rig.model
         z_px = seen.z_px - model.error_px(errors, seen.z_px)
         if observed.moving is not None:
-            mean_s, cov_s2 = model.timing(errors.mean, errors.cov)
+            mean_s, cov_s2 = model.timing(errors)
             timing = replace(self._frontend.start.timing, mean=mean_s, cov=cov_s2)
             z_px -= timing.taken_out(*observed.moving)
         return changed(observed, observations=replace(seen, z_px=z_px, rig=None))

@@ -1,13 +1,13 @@
 """Records: what stages hand to each other, and the states that they take and return.
 
 A field of a record may be described once: what kind of thing it is, which says what a change of frames does to it, and
-its shape in a file, where arrays are flat.
+its shape in a file, where arrays are flat; what says it in a file; and whether it is a column of a table.
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
 from enum import Enum, auto
-from typing import Any, TypeVar, dataclass_transform
+from typing import Any, NamedTuple, TypeVar, dataclass_transform
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +33,11 @@ def filled(cls: type[T], parts: Any, **others: Any) -> T:
 
 def changed(of: T, **fields: Any) -> T:
     """Return a record with other values in some fields; `dataclasses.replace` takes four times as long."""
+    values = of.__dict__ | fields
+    if len(values) > len(of.__dict__):
+        raise TypeError(f"{type(of).__name__} has no field {', '.join(sorted(fields.keys() - of.__dict__.keys()))}")
     result = object.__new__(type(of))
-    result.__dict__ = of.__dict__ | fields
+    result.__dict__ = values
     return result
 
 
@@ -50,13 +53,32 @@ class Kind(Enum):
     PARTS = auto()  # a record with such fields
 
 
-def about(kind: Kind | None = None, *, of: str = "", shape: tuple[int | str, ...] | None = None) -> dict[str, Any]:
-    """Return the description of a field, its metadata.
+class About(NamedTuple):
+    """The description of a field, in its annotation: `Annotated[Array, About(Kind.POSES, shape=(4, 4))]`.
 
-    `of`: of a covariance, the field that it belongs to. `shape`: how a flat array of a file becomes the value; -1 is as
-    many as there are, a text is a size that several fields share.
+    `shape`: how a flat array of a file becomes the value; -1 is as many as there are, a text is a size that several
+    fields share. `of`: of a covariance, the field that it belongs to. `says`: what explains the field in a file of
+    estimates; a field without it is not in one as it is. `column`: it is a column in tables of frames, too.
     """
-    return {"kind": kind, "of": of, "shape": shape}
+
+    kind: Kind | None = None
+    shape: tuple[int | str, ...] | None = None
+    of: str = ""
+    says: str = ""
+    column: bool = False
+
+    def __repr__(self) -> str:
+        return repr(self.says or (self.kind and self.kind.name.lower()) or self.shape)
+
+
+def about(described: Field[Any]) -> About:
+    """Return the description of a field, empty where there is none."""
+    return next((x for x in getattr(described.type, "__metadata__", ()) if isinstance(x, About)), About())
+
+
+def plain_type(described: Field[Any]) -> Any:
+    """Return the type of a field without its description."""
+    return getattr(described.type, "__origin__", described.type)
 
 
 Change = Callable[[Any, Any], Any]
@@ -69,11 +91,11 @@ def with_changes(of: T, changes: Mapping[Kind, Change]) -> T:
     """
     values = {}
     for each in fields(of):  # type: ignore[arg-type]
-        value, kind = getattr(of, each.name), each.metadata.get("kind")
-        if value is not None and kind is Kind.PARTS:
+        value, said = getattr(of, each.name), about(each)
+        if value is not None and said.kind is Kind.PARTS:
             values[each.name] = with_changes(value, changes)
-        elif value is not None and kind is not None and kind in changes:
-            values[each.name] = changes[kind](value, getattr(of, each.metadata["of"] or each.name))
+        elif value is not None and said.kind is not None and said.kind in changes:
+            values[each.name] = changes[said.kind](value, getattr(of, said.of or each.name))
     return replace(of, **values)  # type: ignore[type-var]
 
 

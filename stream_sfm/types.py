@@ -7,7 +7,7 @@ is one short line.
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from .geometry.se3 import Array
 from .inertial.samples import ImuCalibration, ImuSamples
 from .inertial.state import GRAVITY
 from .inertial.upright import BODY_FROM_CAMERA_AXES, Upright
-from .record import Kind, about
+from .record import About, Kind
 from .rig_model.estimate import RigEstimate
 from .rig_model.model import RigModel
 
@@ -330,7 +330,7 @@ class RigChange:
     `error_per_m`: by which share distances would be wrong from then on, per metre of distance.
     """
 
-    frame_index: int = field(metadata=about(Kind.FRAMES))
+    frame_index: Annotated[int, About(Kind.FRAMES)]
     turn_rad: Array
     shift_px: float
     disparity_px: float
@@ -362,10 +362,20 @@ class RelativeMotions:
     (r, 6, m): how much of that perturbation each of the `CommonErrors` of the frame makes; None as those.
     """
 
-    frame_indices: NDArray[np.int64] = field(metadata=about(Kind.FRAMES, shape=(-1,)))
-    frame_from_newest: Array = field(metadata=about(shape=(-1, 4, 4)))
-    cov: Array = field(metadata=about(shape=(-1, 6, 6)))
-    common_jacobian: Array | None = field(metadata=about(shape=(-1, 6, "m")), default=None)
+    frame_indices: Annotated[
+        NDArray[np.int64],
+        About(Kind.FRAMES, (-1,), says="earlier frames, to which the motion from this one is known"),
+    ]
+    frame_from_newest: Annotated[
+        Array, About(shape=(-1, 4, 4), says="carry points of this camera into theirs, each 4×4, metres")
+    ]
+    cov: Annotated[
+        Array, About(shape=(-1, 6, 6), says="6×6 covariances of ξ in truth = frame_from_newest·Exp(ξ), as cov_pose")
+    ]
+    common_jacobian: Annotated[
+        Array | None,
+        About(shape=(-1, 6, "m"), says="how common errors move these motions, each 6×m row by row"),
+    ] = None
 
     def __repr__(self) -> str:
         return f"<RelativeMotions to frames {self.frame_indices.tolist()}>"
@@ -383,10 +393,17 @@ class CommonErrors:
     or the log has another calibration, another c begins.
     """
 
-    mean: Array = field(metadata=about(shape=("m",)))
-    cov: Array = field(metadata=about(shape=("m", "m")))
-    jacobian: Array = field(metadata=about(shape=(6, "m")))
-    since: int = field(metadata=about(Kind.FRAMES), default=0)
+    mean: Annotated[
+        Array,
+        About(shape=("m",), says="errors c that all poses and motions share, of lengths, axes and rig; or empty"),
+    ]
+    cov: Annotated[Array, About(shape=("m", "m"), says="their covariance, m×m row by row")]
+    jacobian: Annotated[
+        Array, About(shape=(6, "m"), says="how they move the pose, 6×m row by row; c is in σ of what was assumed")
+    ]
+    since: Annotated[
+        int, About(Kind.FRAMES, says="the frame from which c is that of the rig; a knock begins another c")
+    ] = 0
 
     def weights(self, n: int) -> Array:
         """Return W (m, n), the regression of c on its first n: c is W c[:n] plus an independent remainder."""
@@ -419,29 +436,44 @@ class Solution:
     - `inertial`: velocity, gravity and biases; None without inertial samples.
     """
 
-    status: Status
-    reason: str
-    world_from_cam: Array = field(metadata=about(Kind.POSES, shape=(4, 4)))
-    cov_pose: Array = field(metadata=about(Kind.COV_POSE, of="world_from_cam", shape=(6, 6)))
-    track_ids: NDArray[np.int64] = field(metadata=about(Kind.TRACKS))
+    status: Annotated[Status, About(says="initialising, ok, degraded or lost", column=True)]
+    reason: Annotated[str, About(says="why the status is not ok; may be empty")]
+    world_from_cam: Annotated[
+        Array,
+        About(Kind.POSES, (4, 4), says="pose of the left camera in the world, 4×4 row by row, metres; z forward"),
+    ]
+    cov_pose: Annotated[
+        Array,
+        About(
+            *(Kind.COV_POSE, (6, 6), "world_from_cam"),
+            "6×6 covariance of ξ in truth = world_from_cam·Exp(ξ), ξ = (translation m, rotation rad) in camera axes",
+        ),
+    ]
+    track_ids: Annotated[NDArray[np.int64], About(Kind.TRACKS)]
     points_in_cam: Array
     cov_points: Array
-    points_in_world: Array = field(metadata=about(Kind.POINTS))
-    cov_points_in_world: Array = field(metadata=about(Kind.COV_POINTS, of="points_in_world"))
-    window_frame_indices: NDArray[np.int64] = field(metadata=about(Kind.FRAMES, shape=(-1,)))
-    window_world_from_cam: Array = field(metadata=about(Kind.POSES, shape=(-1, 4, 4)))
-    rejected_ids: NDArray[np.int64] = field(metadata=about(Kind.TRACKS), default_factory=_no_ids)
-    ended_ids: NDArray[np.int64] = field(metadata=about(Kind.TRACKS), default_factory=_no_ids)
-    ended_points_in_world: Array = field(metadata=about(Kind.POINTS), default_factory=lambda: np.empty((0, 3)))
-    ended_cov_points_in_world: Array = field(
-        metadata=about(Kind.COV_POINTS, of="ended_points_in_world"), default_factory=lambda: np.empty((0, 3, 3))
+    points_in_world: Annotated[Array, About(Kind.POINTS)]
+    cov_points_in_world: Annotated[Array, About(Kind.COV_POINTS, of="points_in_world")]
+    window_frame_indices: Annotated[
+        NDArray[np.int64], About(Kind.FRAMES, (-1,), says="frames in the estimator's window, oldest first")
+    ]
+    window_world_from_cam: Annotated[
+        Array, About(Kind.POSES, (-1, 4, 4), says="their poses as re-estimated now, each 4×4 row by row")
+    ]
+    rejected_ids: Annotated[NDArray[np.int64], About(Kind.TRACKS)] = field(default_factory=_no_ids)
+    ended_ids: Annotated[NDArray[np.int64], About(Kind.TRACKS)] = field(default_factory=_no_ids)
+    ended_points_in_world: Annotated[Array, About(Kind.POINTS)] = field(default_factory=lambda: np.empty((0, 3)))
+    ended_cov_points_in_world: Annotated[Array, About(Kind.COV_POINTS, of="ended_points_in_world")] = field(
+        default_factory=lambda: np.empty((0, 3, 3))
     )
     iterations: int = 0
-    nis: float = 0.0
-    nis_dof: int = 0
+    nis: Annotated[float, About(says="whitened squared innovation of the accepted views")] = 0.0
+    nis_dof: Annotated[
+        int, About(says="its degrees of freedom; nis/nis_dof is 1 where the noise is as assumed")
+    ] = 0
     rig: RigEstimate | None = None
-    relative: RelativeMotions | None = field(metadata=about(Kind.PARTS), default=None)
-    common: CommonErrors | None = field(metadata=about(Kind.PARTS), default=None)
+    relative: Annotated[RelativeMotions | None, About(Kind.PARTS)] = None
+    common: Annotated[CommonErrors | None, About(Kind.PARTS)] = None
     inertial: InertialEstimate | None = None
 
     def __repr__(self) -> str:
@@ -511,12 +543,16 @@ class FrameEstimate(Solution):
     - `rig_change`: set in the frame that detects a turn of the right camera, some frames after the turn.
     """
 
-    frame_index: int = field(metadata=about(Kind.FRAMES))
-    stamp_ns: int
+    frame_index: Annotated[
+        int, About(Kind.FRAMES, says="counts the frames given to the engine, from 0", column=True)
+    ]
+    stamp_ns: Annotated[int, About(says="stamp of the left image, nanoseconds", column=True)]
     counts: dict[str, int]
     timings_ms: dict[str, float]
-    unscaled: bool = False
-    rig_change: RigChange | None = field(metadata=about(Kind.PARTS), default=None)
+    unscaled: Annotated[
+        bool, About(says="with one camera: lengths are in units of the first baseline, not in metres")
+    ] = False
+    rig_change: Annotated[RigChange | None, About(Kind.PARTS)] = None
 
     def upright(self, fixed_from_world: Array = BODY_FROM_CAMERA_AXES) -> Upright | None:
         """Return where the world lies in one whose z axis is up, by the gravity of this frame; None without inertia.

@@ -117,14 +117,18 @@ def _columns(
 
 
 def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]]:
+    from ..report.records import OF_RUN
+
     frames, timing = summary["frames"], summary["timing_ms"]
     incomplete = "" if summary["complete"] else ", incomplete"
     yield "frames", f"{frames['estimated']} estimated of {frames['paired']} paired{incomplete}"
     yield "", f"{frames['degraded']} degraded, {frames['lost']} lost, {frames['dropped']} dropped"
-    unit = "units" if summary["unscaled"] else "m"
+    length = "units" if summary["unscaled"] else "m"
     if summary["unscaled"]:
         yield "unit of length", summary["unit_of_length"]
-    yield "path", f"{summary['path_length_m']:.3f} {unit} in {summary['duration_s']:.2f} s"
+    for figure, _, row, _ in OF_RUN:
+        if row and summary[figure.key] is not None:
+            yield figure.name, row.format(length=length, **summary)
     if timing["total"]["p50"] is not None:
         waited = ", the wait for the camera included" if summary.get("live") else ""
         yield "time per frame", _milliseconds(timing["total"]) + waited
@@ -147,7 +151,10 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
 
         yield from inertial_rows(imu)
     for name, spans in summary.get("self_test", {}).items():
-        yield f"halves of the {name}", f"differ by {factors_text(spans)}"
+        half, _, calibrated = name.partition("_")
+        if spans or not calibrated:
+            calibration = ", with one calibration" if calibrated else ""
+            yield f"halves of the {half}", f"differ by {factors_text(spans)}{calibration}"
     if back := summary.get("there_and_back"):
         share = f" ({back['apart_percent']:.2g} % of the path)" if back["apart_percent"] is not None else ""
         yield (

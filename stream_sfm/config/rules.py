@@ -309,6 +309,35 @@ class GhostRules(Section, frozen=True, kw_only=True):
     sigmas: Annotated[float, expert("by how many σ it is above zero", 0.1, 1e8)] = 6.0
 
 
+class SmearRules(Section, frozen=True, kw_only=True):
+    """Whether patches are smeared by more than a shutter can."""
+
+    # Below, tracks are hardly more accurate than that; above, the ghost is a second picture, which is looked for.
+    least_px: Annotated[
+        float, expert("motion between two frames of patches that are looked at, px", 0.01, 1000)
+    ] = 0.2
+    most_px: Annotated[float, expert("and at most, px", 0.1, 1000)] = 3.0
+    # By then the view of a point has changed.
+    oldest: Annotated[int, expert("frames back to the slow view, at most", 1, 1000)] = 20
+    patches: Annotated[int, expert("most patches of a frame", 1, 2000)] = 128
+    fewest: Annotated[int, expert("least patches of a frame that says anything", 1, 2000)] = 16
+    # What rounding leaves in smoothed images.
+    noise_grey: Annotated[float, expert("least σ of what is left of a patch", 0.1, 1000)] = 0.5
+    least_square: Annotated[float, expert("least square of a change of a patch", 1e-12, 1e6)] = 1e-3
+    # What patches differ by that are seen from elsewhere.
+    std_px2: Annotated[float, expert("σ of the smear of a patch beside its noise, px²", 1e-4, 1e6)] = 0.05
+    remembered: Annotated[int, expert("frames that are judged together", 1, 10_000)] = 20
+    # Each costs some 2 ms.
+    every: Annotated[
+        int, expert("frames from one that is looked at to the next, after the first ones", 1, 10_000)
+    ] = 16
+    lasting_frames: Annotated[int, expert("frames that a suspicion lasts", 1, 10_000)] = 100
+    # Sound logs, real and rendered, have at most 0.75 σ, most of them less than none.
+    variance: Annotated[float, expert("least smear beyond a shutter's, frames²", 0, 1e6)] = 0.03
+    # Of patches that differ; frames that are compared with the same slow one share its noise.
+    sigmas: Annotated[float, expert("by how many σ it is", 0.1, 1e8)] = 6.0
+
+
 class StillRules(Section, frozen=True, kw_only=True):
     """Whether something is drawn over both images."""
 
@@ -369,6 +398,7 @@ class Rules(Section, frozen=True, kw_only=True):
     ghosts: GhostRules = GhostRules()
     still: StillRules = StillRules()
     echo: EchoRules = EchoRules()
+    smears: SmearRules = SmearRules()
     images: ImageRules = ImageRules()
     mono: MonoRules = MonoRules()
     inertia: InertiaRules = InertiaRules()

@@ -45,6 +45,10 @@ void bind_images(nb::module_& m) {
 
 Raises ValueError for a filter that does not exist.)",
         "filtered"_a, "pixel"_a);
+    def<&patch_changes>(m, "patch_changes", R"(What may change of patches (n, 13, 13) between two frames, of all but their rims: (n, 11, 121).
+
+A constant, the patch, its slopes along x and y, these times x and times y, its second derivatives xx, yy and xy.)",
+        "patches"_a);
     def<&ghost_sums>(m, "ghost_sums", R"(Sums (2, 5) over patches of how much of the last image is in today's, and of their squares, by two controls.
 
 Of points (n, 2) in today's image, in the last one and in an earlier one; see frontend/ghost_check.py.)",

@@ -1,4 +1,5 @@
-// How much of the last image is in one, over patches of the same points: see frontend/ghost_check.py.
+// How much of the last image is in one, over patches of the same points: see frontend/ghost_check.py. And what may change
+// of a patch.
 
 #include "images.hpp"
 
@@ -19,25 +20,29 @@ void centre(float* samples, int n) {
     for (int i = 0; i < n; i++) samples[i] -= mean;
 }
 
-// What may change of a patch between two frames, and what that leaves of other views of it.
+// What may change of a patch between two frames, (CHANGES, K): light; the patch; its slopes, and these times x and y; its
+// second derivatives. From the samples of the patch and those around it, which are centred.
+void put_changes(float* wide, float* changes) {
+    centre(wide, WIDE * WIDE);
+    for (int i = 0, at = 0; i < SIDE; i++)
+        for (int j = 0; j < SIDE; j++, at++) {
+            const float *above = wide + i * WIDE + j + 1, *own = above + WIDE, *below = own + WIDE;
+            float x = static_cast<float>(j - RADIUS_PX), y = static_cast<float>(i - RADIUS_PX);
+            float dx = own[1] - own[-1], dy = below[0] - above[0];
+            float all[CHANGES] = {1.0f, own[0], dx, dy, dx * x, dx * y, dy * x, dy * y,
+                                  own[-1] + own[1] - 2 * own[0], above[0] + below[0] - 2 * own[0],
+                                  below[1] + above[-1] - below[-1] - above[1]};
+            for (int n = 0; n < CHANGES; n++) changes[n * K + at] = all[n];
+        }
+}
+
+// Takes out of views of a patch what its changes explain.
 struct Explained {
     float changes[CHANGES][K];
     double gram[CHANGES * CHANGES], scale[CHANGES];
 
-    // From the samples of the patch and those around it, which are centred: light; the patch; its slopes, and these
-    // times x and y; its second derivatives.
     explicit Explained(float* wide) {
-        centre(wide, WIDE * WIDE);
-        for (int i = 0, at = 0; i < SIDE; i++)
-            for (int j = 0; j < SIDE; j++, at++) {
-                const float *above = wide + i * WIDE + j + 1, *own = above + WIDE, *below = own + WIDE;
-                float x = static_cast<float>(j - RADIUS_PX), y = static_cast<float>(i - RADIUS_PX);
-                float dx = own[1] - own[-1], dy = below[0] - above[0];
-                float all[CHANGES] = {1.0f, own[0], dx, dy, dx * x, dx * y, dy * x, dy * y,
-                                      own[-1] + own[1] - 2 * own[0], above[0] + below[0] - 2 * own[0],
-                                      below[1] + above[-1] - below[-1] - above[1]};
-                for (int n = 0; n < CHANGES; n++) changes[n][at] = all[n];
-            }
+        put_changes(wide, changes[0]);
         for (int n = 0; n < CHANGES; n++)
             for (int m = 0; m <= n; m++) gram[n * CHANGES + m] = dot(changes[n], changes[m], K);
         for (int n = 0; n < CHANGES; n++) scale[n] = 1 / std::sqrt(std::max(gram[n * CHANGES + n], LEAST_SQUARE));
@@ -46,7 +51,6 @@ struct Explained {
         require(factor_positive(gram, CHANGES), "a patch is not finite");
     }
 
-    // Take out of a view what the changes explain of it.
     void take_out(float* view) const {
         double parts[CHANGES];
         for (int n = 0; n < CHANGES; n++) parts[n] = scale[n] * dot(changes[n], view, K);
@@ -59,6 +63,17 @@ struct Explained {
 };
 
 }  // namespace
+
+Array<float, 3> patch_changes(View<float, 3> patches) {
+    require_shape(patches, {patches.shape[0], WIDE, WIDE}, "patches");
+    Array<float, 3> changes(patches.shape[0], CHANGES, K);
+    float wide[WIDE * WIDE];
+    for (std::size_t i = 0; i < patches.shape[0]; i++) {
+        std::copy_n(patches[i], WIDE * WIDE, wide);
+        put_changes(wide, changes[i]);
+    }
+    return changes;
+}
 
 Array<double, 2> ghost_sums(const ImageOf<std::uint8_t>& now, const ImageOf<std::uint8_t>& last, const ImageOf<std::uint8_t>& earlier,
                             Matrix now_px, Matrix last_px, Matrix earlier_px, double noise_grey) {

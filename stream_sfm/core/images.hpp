@@ -51,6 +51,7 @@ Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& righ
 std::vector<std::size_t> slanted_rows(Matrix slopes);  // those that do not face the camera
 
 // ghosts.cpp
+Array<float, 3> patch_changes(View<float, 3> patches);
 Array<double, 2> ghost_sums(const ImageOf<std::uint8_t>& now, const ImageOf<std::uint8_t>& last, const ImageOf<std::uint8_t>& earlier,
                             Matrix now_px, Matrix last_px, Matrix earlier_px, double noise_grey);
 

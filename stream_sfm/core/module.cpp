@@ -3,6 +3,7 @@
 #include "binding.hpp"
 
 NB_MODULE(_core, m) {
+    m.attr("__sources__") = SOURCES;  // their checksum, which checkout.py looks for in the file
     nanobind::register_exception_translator([](const std::exception_ptr& pointer, void*) {
         try {
             std::rethrow_exception(pointer);

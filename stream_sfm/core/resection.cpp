@@ -2,6 +2,7 @@
 // one rigid scene where a body and the background agree with a motion between theirs.
 
 #include "resection.hpp"
+#include "poses.hpp"
 #include "tracks.hpp"
 
 namespace core {
@@ -33,6 +34,16 @@ class Resection {
         Array<double, 2> searched = search_motion(views, start, votes, 0);
         Fitted other = fit(searched, amplitudes, false);
         return other.ok && support(other) > support(found) ? std::move(other) : std::move(found);
+    }
+
+    // Of a motion and the one that views near the `predicted` motion lead to, the one that explains the views better.
+    //
+    // Far points agree with any translation that a rotation makes up for. So a few near points of a body lead all of them along,
+    // each within its gate, where flow was led by them. What the votes and the errors that all share say together tells.
+    Fitted better(Fitted found, Matrix predicted) const {
+        Fitted other = fit(predicted, Array<double, 1>(views.shared.shape[2]), false);
+        bool same = found.ok && other.ok && are_one(found.cam_from_ref, found.cov_pose, other.cam_from_ref, other.cov_pose);
+        return other.ok && !same && (!found.ok || support(other) > support(found)) ? std::move(other) : std::move(found);
     }
 
     // The motion that the views which clearly disagree have in common, or the two exchanged where that is clear.
@@ -85,6 +96,19 @@ class Resection {
     }
 
    private:
+    // Whether two motions are within their covariances, so that it does not matter which one is right.
+    bool are_one(Matrix motion, Matrix cov, Matrix other, Matrix cov_other) const {
+        Array<double, 3> back = pose_inverse({other.data, {1, 4, 4}}), apart(1, 4, 4);
+        multiply<4, 4, 4>(motion.data, back[0], apart[0]);
+        Array<double, 2> xi = pose_log(apart);
+        std::vector<double> both(36), x(xi[0], xi[0] + 6);
+        for (std::size_t i = 0; i < 36; i++) both[i] = cov.data[i] + cov_other.data[i];
+        solve_damped(both, x.data(), 6);
+        double distance = 0;
+        for (std::size_t i = 0; i < 6; i++) distance += xi[0][i] * x[i];
+        return distance < rules.halves_apart;
+    }
+
     Halves halves_of(const Fitted& motion) const {
         if (std::count(motion.accepted.data.get(), motion.accepted.data.get() + n, true) < static_cast<std::ptrdiff_t>(LEAST))
             return {0.0, Array<double, 3>(0, 4, 4)};
@@ -101,8 +125,12 @@ class Resection {
         return agree >= rules.calm_share * all;
     }
 
+    // What the views say of a motion, less what the errors that all share would have to be, in votes as a view's squared residual.
     double support(const Fitted& of) const {
-        return motion_support(views, of.cam_from_ref, of.amplitudes, votes);
+        double squares = 0, most = 0, gate = 0;
+        for (std::size_t k = 0; k < of.amplitudes.shape[0]; k++) squares += of.amplitudes.data[k] * of.amplitudes.data[k];
+        for (std::size_t i = 0; i < n; i++) most = std::max(most, votes.data[i]), gate = std::max(gate, views.gate.data[i]);
+        return motion_support(views, of.cam_from_ref, of.amplitudes, votes) - most * squares / gate;
     }
 
     bool is_beyond(const Fitted& of, std::size_t i) const { return of.squared_residuals.data[i] > rules.beyond_gates * views.gate.data[i]; }
@@ -135,9 +163,9 @@ class Resection {
 Resected resect(const PointViews& views, Matrix start, Vector votes, const ResectionRules& rules, const Wanted& wanted,
                 std::optional<Matrix> predicted) {
     Resection resection(views, votes, rules, wanted);
-    Resected found = resection.with_second(resection.first(start));
-    if (!predicted) return found;
+    if (!predicted) return resection.with_second(resection.first(start));
     require_shape(*predicted, {4, 4}, "predicted");
+    Resected found = resection.with_second(resection.better(resection.first(start), *predicted));
     return resection.rigid(std::move(found), *predicted);
 }
 

@@ -6,8 +6,12 @@ namespace core {
 namespace {
 
 constexpr double LEAST_PX2 = 1e-2;  // of a component of errors, summed over all views: the variance of one good view
-enum Term { DISPARITY = 0, LENS = 6, POINT = 8, TANGENTIAL = 10, DIFFERENCE = 12, FOCAL, DELAY, READOUT, TURNING, FOCUSING = 19 };
-static_assert(DELAY == AT_TIMING && FOCUSING + 1 == TERMS);
+enum Term : std::size_t {  // the order of rig_model/terms.py
+    DISPARITY, LENS = 6, POINT = 8, TANGENTIAL = 10, DIFFERENCE = 12,
+    FOCAL, DELAY, READOUT, TURNING, FOCUSING = TURNING + 3, END
+};
+constexpr std::size_t TERMS = END;
+static_assert(DELAY == AT_TIMING);
 
 // Both coordinates (2, TERMS) of a ray (2,), px per pixel of each error of a lens; `corner` is the slope of that ray.
 void lens_columns(const double* ray, const double* left_ray, double corner, double* out) {

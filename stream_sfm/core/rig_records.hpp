@@ -6,7 +6,7 @@
 
 namespace core {
 
-constexpr std::size_t TERMS = 20, AT_TIMING = 14;  // the order of rig_model/terms.py; delay and readout follow each other
+constexpr std::size_t AT_TIMING = 14;  // of the terms in rig_model/terms.py: delay and readout follow each other
 
 struct Field {
     Vector u_px, v_px;

@@ -18,9 +18,9 @@ _STEPS = 16  # that are kept: a stream that is displaced all the time is bounded
 class Doubts(NamedTuple):
     """Why a pose may be wrong.
 
-    `misfit`: it may as well be where the last pose that was not predicts it; with `of_start`, where the map's first one
-    does. `unconfirmed`: such a doubt of the start has ended with it, and nothing has settled it. `stepped`: both images
-    were displaced before it, and the camera has moved with them or not.
+    `misfit`: the pose may be the one that the last pose without a misfit predicts. `of_start`: it may be the one that
+    the first pose of the map predicts. `unconfirmed`: a doubt of the start has ended with the start, and nothing has
+    settled it. `stepped`: both images were displaced before it, and the camera may have moved with them or not.
     """
 
     misfit: bool = False

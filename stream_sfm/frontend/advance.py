@@ -44,7 +44,7 @@ def advance(
 ) -> tuple[FrontEndState, Followed]:
     """Move on to this frame with the tracks that agree with its motion, or with a second one.
 
-    The views returned are as they were seen: delay and readout are in them. `rival`: a motion that looks the same.
+    The views returned are not corrected for delay and readout. `rival`: a motion that looks the same.
     """
     cam_from_start = se3.orthonormalise(motion.cam_from_ref @ state.cam_from_start)
     kept = motion.accepted if motion.second is None else motion.accepted | motion.second.views

@@ -29,9 +29,11 @@ from .ghost_check import GhostCheck
 from .image_checks import are_alike, image_note
 from .new_points import begin_points, renews
 from .pair_check import PairCheck, PairFit, problem_of, resolution_problem
+from .patches import View
 from .prepared import PreparedImages
 from .right_turn import TurnWatch, rig_change, shift_of_turn, with_turn
 from .rows import Rows
+from .smear_check import SmearCheck
 from .start_check import StartCheck
 from .state import FrontEndState, Setup
 from .step_check import StepCheck, displacement_px
@@ -73,6 +75,7 @@ class StereoFrontEnd:
             ghosts=GhostCheck(rules=rules.ghosts),
             still=StillCheck(rules=rules.still),
             echo=EchoCheck(rules=rules.echo),
+            smears=SmearCheck(rules=rules.smears),
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
@@ -165,7 +168,8 @@ class StereoFrontEnd:
         z_px = np.concatenate([followed.z_px, z_new])
         cov_px = np.concatenate([followed.cov_px, cov_new])
         note, state = self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px)
-        note = note or state.ghosts.problem or state.still.problem or state.echo.problem
+        note = note or state.ghosts.problem or state.smears.problem
+        note = note or state.still.problem or state.echo.problem
         state, observed = self._observed(state, stamp_ns, z_px, cov_px, note)
         return state, replace(
             observed,
@@ -247,7 +251,7 @@ class StereoFrontEnd:
         """Take in what an estimator has found out about the rig with the latest frame, in units of σ."""
         step_px = self.setup.config.rig.disparity_step_px
         state = changed(state, disparity=DisparityError.of(self.rig, self.rig.in_units(estimate), step_px))
-        return learn_timing(self.setup.projection, state, *self.rig.timing(estimate.mean, estimate.cov))
+        return learn_timing(self.setup.projection, state, *self.rig.timing(estimate))
 
     def rig_in_px(self, turn_rad: Array, estimate: RigEstimate | None) -> RigEstimate | None:
         """Return errors of the calibration in units of their σ, in pixels; `turn_rad` (3,): of the right camera."""
@@ -258,9 +262,11 @@ class StereoFrontEnd:
 
 
 def _seen(state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Array) -> FrontEndState:
-    """The state from which the next frame is followed, with what views (n, 4) of all tracks show of ghosts."""
-    ghosts = state.ghosts.after(images.left, state.tracks.ids[: len(z_px)], z_px[:, :2])
-    return changed(state.followed_from(images, stamp_ns), ghosts=ghosts)
+    """The state from which the next frame is followed, with what views (n, 4) of all tracks show of earlier images."""
+    view = View(images.left, state.tracks.ids[: len(z_px)], z_px[:, :2])
+    return changed(
+        state.followed_from(images, stamp_ns), ghosts=state.ghosts.after(view), smears=state.smears.after(view)
+    )
 
 
 def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:

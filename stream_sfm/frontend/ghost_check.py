@@ -25,25 +25,13 @@ from .. import core
 from ..config.rules import GhostRules
 from ..geometry.se3 import Array
 from ..record import changed, record
-from .prepared import Image
+from .patches import View, share_of
 
-_RADIUS_PX = 5  # of a patch
-_LEAST_VARIANCE = 1e-6  # of what patches say, over its square
+SHOWS_THROUGH = (
+    "earlier images show through: is noise reduction over time on in the cameras, or were frames blended? "
+    "Positions lag behind"
+)
 _NOTHING = np.zeros((2, 5))
-
-
-@record
-class _View:
-    """The left image (h, w) of a frame, and where its tracks `ids` (n,), ascending, are in it: `left_px` (n, 2)."""
-
-    image: Image
-    ids: NDArray[np.int64]
-    left_px: Array
-
-    def of(self, ids: NDArray[np.int64]) -> Array:
-        """Where the given tracks were (n, 2); NaN of those that were not."""
-        rows = np.searchsorted(self.ids, ids).clip(max=len(self.ids) - 1)
-        return np.where((self.ids[rows] == ids)[:, None], self.left_px[rows], np.nan)
 
 
 @record
@@ -52,7 +40,7 @@ class GhostCheck:
     patches, of p = r_I·(r_P − r_O), s = r_P², p², p s and s², and of the same with p = r_I·r_P − r_J·r_N. `lasts`: for
     how many frames a ghost is still suspected."""
 
-    views: tuple[_View, ...] = ()
+    views: tuple[View, ...] = ()
     sums: tuple[Array, ...] = ()
     lasts: int = 0
     rules: GhostRules = GhostRules()
@@ -61,22 +49,17 @@ class GhostCheck:
     def share(self) -> tuple[float, float]:
         """How much of each image is the one before it, and this in σ, of the control by which it is least; zero where
         nothing is known."""
-        return min(map(_share, np.sum(self.sums, axis=0) if self.sums else _NOTHING), key=itemgetter(1))
+        return min(map(share_of, np.sum(self.sums, axis=0) if self.sums else _NOTHING), key=itemgetter(1))
 
     @property
     def problem(self) -> str:
         """Say that earlier images show through; or nothing."""
-        if not self.lasts:
-            return ""
-        return (
-            "earlier images show through: is noise reduction over time on in the cameras, or were frames blended? "
-            "Positions lag behind"
-        )
+        return SHOWS_THROUGH if self.lasts else ""
 
-    def after(self, image: Image, ids: NDArray[np.int64], left_px: Array) -> "GhostCheck":
-        """Return the check after a frame, its smoothed left image (h, w) and where its tracks are in it."""
+    def after(self, view: View) -> "GhostCheck":
+        """Return the check after a frame: its smoothed left image, and where its tracks are in it."""
         rules = self.rules
-        views = (*self.views, _View(image, ids, left_px))[-rules.back_frames - 1 :]
+        views = (*self.views, view)[-rules.back_frames - 1 :]
         check = changed(self, views=views, sums=(*self.sums, _sums(views, rules))[-rules.remembered :])
         share, significance = check.share
         shown = share > rules.share and significance > rules.sigmas
@@ -87,29 +70,27 @@ class GhostCheck:
         return changed(self, views=())
 
 
-def _share(sums: Array) -> tuple[float, float]:
-    """A share and its significance in σ from the sums (5,) of a control."""
-    p, s, pp, ps, ss = sums
-    if s <= 0:
-        return 0.0, 0.0
-    share = p / s
-    variance = pp - 2 * share * ps + share**2 * ss  # of p by how patches differ
-    return float(share), float(p / np.sqrt(max(variance, _LEAST_VARIANCE * pp)))
-
-
-def _sums(views: tuple[_View, ...], rules: GhostRules) -> Array:
+def _sums(views: tuple[View, ...], rules: GhostRules) -> Array:
     """What a frame, the last of these, says: see `GhostCheck`."""
-    first, before, now = views[0], views[-2] if len(views) > 1 else views[-1], views[-1]
-    if not (len(first.ids) and len(before.ids) and len(now.ids)) or first.image.shape != now.image.shape:
-        return _NOTHING
-    then_px, last_px = first.of(now.ids), before.of(now.ids)
-    limit = np.array(now.image.shape[::-1]) - _RADIUS_PX - 3
+    before, now = views[-2] if len(views) > 1 else views[-1], views[-1]
+    last_px = before.of(now.ids)
     usable = np.linalg.norm(now.left_px - last_px, axis=1) > rules.least_px
-    for px in (then_px, now.left_px, 2 * last_px - now.left_px):
-        usable &= ((px > _RADIUS_PX + 2) & (px < limit)).all(axis=1)
+    usable &= now.inside(now.left_px) & now.inside(2 * last_px - now.left_px)
+    first, usable = _oldest(views[:-1], now, usable)
     rows = usable.nonzero()[0]
     if len(rows) < rules.fewest:
         return _NOTHING
     rows = rows[:: -(-len(rows) // rules.patches)]
-    at_px = now.left_px[rows], last_px[rows], then_px[rows]
+    at_px = now.left_px[rows], last_px[rows], first.of(now.ids)[rows]
     return core.ghost_sums(now.image, before.image, first.image, *at_px, rules.noise_grey)
+
+
+def _oldest(views: tuple[View, ...], now: View, usable: NDArray[np.bool_]) -> tuple[View, NDArray[np.bool_]]:
+    """The oldest of some views in which at least half as many of the usable tracks (n) are as in any later one, and
+    which these are."""
+    best, found = now, np.zeros_like(usable)
+    for view in views:
+        there = usable & now.inside(view.of(now.ids)) & (view.image.shape == now.image.shape)
+        if np.count_nonzero(there) > 2 * np.count_nonzero(found):
+            best, found = view, there
+    return best, found

@@ -1,12 +1,11 @@
 """Whether the motion that a map has started with is the camera's, judged by the points that begin meanwhile.
 
-At a start nothing has a history: bodies that cover most of the view outvote the background. Points that begin later
-say so, because they begin where points are missing, and the background is there. As long as too many of them
-disagree, the motion may be that of a body; once they agree, the start is redone from there. Those that disagree do not
-count where they cannot be the scene (`depth_order.may_be_scene`): a body that comes into view later is found again and
-again at the same places, and would be taken for many witnesses. Once nothing that was
-there at the start is followed any more, what is followed has been found by points that began later, and there is
-nothing left to doubt of it; but nothing has confirmed the poses up to there.
+At a start no track has a history, so bodies that cover most of the view outvote the background. Points that begin
+later reveal this, because they begin where points are missing, which is on the background. As long as too many of them
+disagree, the motion may be that of a body. Once they agree, the start is redone from there. Points that cannot be the
+scene (`depth_order.may_be_scene`) do not count: a body that comes into view later is found again and again at the same
+places, and would pass for many witnesses. Once no track of the start is left, the motion rests on points that began
+later and is no longer in doubt, but nothing has confirmed the poses up to there.
 """
 
 import numpy as np

@@ -24,6 +24,7 @@ from .pair_check import PairCheck
 from .prepared import PreparedImages
 from .right_turn import TurnWatch
 from .rows import Rows
+from .smear_check import SmearCheck
 from .start_check import StartCheck
 from .step_check import StepCheck
 from .still_check import StillCheck
@@ -107,7 +108,7 @@ class FrontEndState:
     - `turn_watch`: of the right camera, None where it cannot turn; `pair`: whether left and right fit each other;
       `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions; `start`:
       whether the map has started with the motion of the camera; `steps`: whether both images have been displaced;
-      `ghosts`: whether earlier images show through; `still`: whether something is drawn over both;
+      `ghosts`, `smears`: whether earlier images show through; `still`: whether something is drawn over both;
       `echo`: whether both show everything twice.
     - `errors`: what is learnt of errors that views of a point share; `disparity`: of its error, as far as it is known.
     - `map`: with one camera, how far the map has come.
@@ -138,6 +139,7 @@ class FrontEndState:
     ghosts: GhostCheck = field(default_factory=GhostCheck)
     still: StillCheck = field(default_factory=StillCheck)
     echo: EchoCheck = field(default_factory=EchoCheck)
+    smears: SmearCheck = field(default_factory=SmearCheck)
     rows_waiting: Array | None = None
     pair: PairCheck = field(default_factory=PairCheck)
     map: MapState = field(default_factory=MapState)
@@ -183,6 +185,7 @@ class FrontEndState:
             start=StartCheck(rules=self.start.rules),
             steps=StepCheck(rules=self.steps.rules),  # how a new map moves is not known
             ghosts=self.ghosts.interrupted(),
+            smears=self.smears.interrupted(),
             background_hidden=False,
             turn_watch=None if self.turn_watch is None else self.turn_watch.calm(),
         )

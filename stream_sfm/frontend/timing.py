@@ -1,8 +1,8 @@
 """How a late right camera and a rolling shutter shift the views of a frame, as far as the front-end knows.
 
 Both move a view along its velocity, eq. (70a). Between frames only the change of that shift shows: its constant part is
-already in the points. So a resection has further unknowns: delay, readout and velocity. What an estimator finds out
-about delay and readout is taken out of the views before any motion is sought; it gets the views as they were seen.
+already in the points. So a resection has further unknowns: delay, readout and velocity. Views are corrected by the
+delay and readout that the estimator has found before any motion is sought. The estimator gets uncorrected views.
 """
 
 import numpy as np

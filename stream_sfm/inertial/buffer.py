@@ -1,6 +1,7 @@
 """The latest samples of an inertial unit: checked as they come, and handed out by intervals.
 
-What cannot be is dropped or widened, and counted: the estimate then relies less on it. Nothing waits for samples.
+Impossible samples are dropped or widened, and counted, so that the estimate relies less on them. Nothing waits for
+samples.
 """
 
 from copy import copy

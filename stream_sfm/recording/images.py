@@ -18,6 +18,7 @@ from ..camera.pixels import Grey
 from ..errors import LogError
 from ..inputs import LIMITS
 from ..sources import image_header
+from ..sources.image_header import COMPRESSED_FORMATS
 from .messages import ImageMessage, UndecodableMessage
 from .png import decode_plain_png
 
@@ -40,7 +41,6 @@ _LUMA_BYTE = {"yuv422": 1, "uyvy": 1, "yuv422_uyvy": 1, "yuyv": 0, "yuv422_yuy2"
 _LUMA_PLANE = ("nv12", "nv21", "nv24", "i420", "yuv420")  # luma first, one byte a pixel
 
 RAW_ENCODINGS = (*_PLAIN, *_LUMA_BYTE, *_LUMA_PLANE)
-COMPRESSED_FORMATS = ("png", "jpeg", "webp")  # of one image by itself; video is in `video_topics.py`
 _PNG_UNIT_M = 1e-4  # of a plain 16-bit PNG: the log profile's
 _ROS_UNIT_M = 1e-3  # of 16UC1 images: REP 118
 # compressed_depth_image_transport puts these before the PNG: format, and the two parameters of inverse depth
@@ -74,7 +74,7 @@ def check_encoding(message: ImageMessage, path: object) -> None:
                 f"{', '.join(RAW_ENCODINGS)}: record one of these"
             )
     elif image_header.image_format(message.data) is None and not re.search(
-        r"png|jpe?g|webp", message.encoding.lower()
+        "jpg|" + "|".join(COMPRESSED_FORMATS), message.encoding.lower()
     ):
         raise LogError(
             f"{where}: compressed images in format {message.encoding!r} are not supported, only "

@@ -1,4 +1,4 @@
-"""What the samples of an inertial unit have told by the end of a run: the figures, and sentences about its errors."""
+"""What a run has learnt about its inertial unit: figures, and sentences about its errors."""
 
 from collections.abc import Iterator
 from typing import Any

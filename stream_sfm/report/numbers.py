@@ -18,10 +18,9 @@ from ..evaluation.figures import (
 )
 from ..evaluation.relative import growth_exponents, mean_squares, paired_ratio, relative_errors, turning
 from ..evaluation.summary import FIGURES, end_pose, evaluate_run
-from ..evaluation.trajectory import path_length_m
 from ..methods import REFERENCE
 from .drift import Against, consistency_of, drift_of, in_words, truth_in_a_row, whole_runs
-from .records import Comparison, RunRecord, Truth, quantiles
+from .records import OF_RUN, Comparison, RunRecord, Truth, median, quantiles
 
 SCHEMA_VERSION = 1
 _AGAINST_TRUTH = (
@@ -67,7 +66,7 @@ def numbers(c: Comparison) -> dict[str, Any]:
         "self_test": c.self_test,
         "rig": c.calibration,
         "divergence_from_cross_frame_m": away,
-        "local_structure_cc_minus_wc_median_m": _median(c.front.local_difference_m),
+        "local_structure_cc_minus_wc_median_m": median(c.front.local_difference_m),
         "tracks": c.front.tracks(),
         "timing_ms": {stage: quantiles(values) for stage, values in c.front.times_ms.items()},
         "health": c.inspection,
@@ -87,27 +86,15 @@ def figures_of(content: dict[str, Any]) -> tuple[Figure, ...]:
 def _of_run(run: RunRecord) -> dict[str, Any]:
     """The figures of a method that need no ground truth."""
     end = end_pose(run.trajectory()) or {}
-    estimator, dof = run.column("estimator"), run.column("nis_dof").sum()
-    return {
-        "ms_per_frame_p50": _median(run.column("frontend") + estimator),
-        "estimator_ms": quantiles(estimator),
+    return {of.figure.key: of.value(run) for of in OF_RUN} | {
+        "estimator_ms": quantiles(run.column("estimator")),
         "frames": len(run),
         "failure": run.failure or None,
         "statuses": dict(Counter(map(str, run.statuses))),
-        "path_length_m": path_length_m(run.poses) if len(run) else None,
         "end_std_position_m": end.get("std_position_m"),
         "end_std_heading_deg": end.get("std_heading_deg"),
-        "nis_over_dof": float(run.column("nis").sum() / dof) if dof else None,
-        "reprojection_rms_px": _median(run.column("reprojection_px")),
-        "local_sigma_median_m": _median(run.column("sigma_local_m")),
         "there_and_back": None,
     }
-
-
-def _median(values: Any) -> float | None:
-    finite = np.asarray(values, float)
-    finite = finite[np.isfinite(finite)]
-    return float(np.median(finite)) if len(finite) else None
 
 
 def _against_truth(run: RunRecord, truth: Truth, against: Against | None) -> dict[str, Any]:

@@ -30,7 +30,7 @@ from . import charts, masks
 from .charts import Traces, traces_of
 from .inertia import inertial_rows
 from .numbers import figures_of
-from .records import Comparison, RunRecord
+from .records import OF_RUN, Comparison, RunRecord
 from .svg import Chart, Series, draw
 from .tables import Name, of_method, of_runs, render, table, text_of
 
@@ -88,7 +88,7 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
         reference=of_method(of_spans["reference"]).name,
         drift_charts=[charts.drift(of_spans, kind, _unit_of_spans(of_spans)) for kind in (0, 1)],
         main=table((*figures, *_RATIO, *TIME), names, methods, units),
-        further=table(OF_COMPARISON, names, methods, units),
+        further=table((*OF_COMPARISON, *(of.figure for of in OF_RUN if of.further)), names, methods, units),
         charts=_charts(c, content, traces, errors),
         more_charts=more,
         lives=charts.lives(c.front),

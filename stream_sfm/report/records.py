@@ -1,18 +1,19 @@
 """What a run keeps, frame by frame, of each method and of what all methods share: for its summary and its pages."""
 
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..camera.refinement import disparity_rms_px
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import FrameError
+from ..evaluation.figures import NIS, TIME, Figure
 from ..evaluation.relative_consistency import RelativeRecord
 from ..evaluation.structure import StructureComparison
 from ..evaluation.trajectory import path_length_m
@@ -27,7 +28,12 @@ from ..wording import counted
 from .inertia import describe_inertia
 
 STAGES = ("decode", "frontend", "estimator", "total")
-_NUMBERS = (*STAGES, "nis", "nis_dof", "sigma_local_m", "reprojection_px")
+# Numbers of each frame that its estimate has.
+_OF_ESTIMATE: dict[str, Callable[[FrameEstimate], float]] = {
+    "nis": lambda estimate: estimate.nis,
+    "nis_dof": lambda estimate: estimate.nis_dof,
+}
+_NUMBERS = (*STAGES, "sigma_local_m", "reprojection_px", *_OF_ESTIMATE)
 _POSE, _COV = slice(0, 16), slice(16, 52)  # places in the row of a frame; the numbers follow
 _WIDTH = _COV.stop + len(_NUMBERS)
 # Frames; real calibrations are corrected within the first two or three, with little effect on the poses.
@@ -81,7 +87,7 @@ class RunRecord:
         self.reasons.append(estimate.reason)
         t = estimate.timings_ms
         times_ms = (t.get("decode", 0.0), t.get("rectify", 0.0) + t.get("frontend", 0.0), t.get("estimator", 0.0))
-        numbers = (*times_ms, total_ms, estimate.nis, estimate.nis_dof, *of_points)
+        numbers = (*times_ms, total_ms, *of_points, *(of(estimate) for of in _OF_ESTIMATE.values()))
         row = np.concatenate((estimate.world_from_cam.ravel(), estimate.cov_pose.ravel(), numbers), dtype=float)
         self._rows.frombytes(row.tobytes())
         self.relative.add(estimate)
@@ -125,7 +131,7 @@ class RunRecord:
         return np.array(self._rows).reshape(-1, _WIDTH)
 
     def column(self, name: str) -> Array:
-        """One of the numbers of each frame (n,): a stage in ms, nis, nis_dof, sigma_local_m, reprojection_px."""
+        """One of the numbers of each frame (n,): a stage in ms, or another of `_NUMBERS`."""
         return self._table[:, _COV.stop + _NUMBERS.index(name)]
 
     @property
@@ -191,12 +197,53 @@ class RunRecord:
         return {
             "statuses": {status.value: self.count(status) for status in Status},
             "duration_s": (self._stamps_ns[-1] - self._stamps_ns[0]) / 1e9 if len(self) else 0.0,
-            "path_length_m": path_length_m(self.poses),
+            **{of.figure.key: of.value(self) for of in OF_RUN if of.row},
             "timing_ms": {
                 stage: quantiles(self.column(stage)) or dict.fromkeys(("p50", "p95", "max")) for stage in STAGES
             },
             "frames_per_s": len(self) / wall_s if wall_s else 0.0,
         }
+
+
+class RunFigure(NamedTuple):
+    """A figure of a run that needs no ground truth: its `value` is in report.json under the key of `figure`.
+
+    `row`: what `replay` prints of it, filled in from summary.json, which has it then, and with the `length` unit.
+    `further`: it is a column of the further figures on the page of `compare`.
+    """
+
+    figure: Figure
+    value: Callable[[RunRecord], float | None]
+    row: str = ""
+    further: bool = False
+
+
+OF_RUN = (
+    RunFigure(TIME[0], lambda run: median(run.column("frontend") + run.column("estimator"))),
+    RunFigure(
+        Figure("path_length_m", "path"),
+        lambda run: path_length_m(run.poses),
+        row="{path_length_m:.3f} {length} in {duration_s:.2f} s",
+    ),
+    RunFigure(NIS, lambda run: _ratio(run.column("nis").sum(), run.column("nis_dof").sum()), further=True),
+    RunFigure(
+        Figure("reprojection_rms_px", "reprojection", "px"),
+        lambda run: median(run.column("reprojection_px")),
+        further=True,
+    ),
+    RunFigure(Figure("local_sigma_median_m", "σ of points", "m"), lambda run: median(run.column("sigma_local_m"))),
+)
+
+
+def median(values: ArrayLike) -> float | None:
+    """The median of the finite values; None where there are none."""
+    finite = np.asarray(values, float)
+    finite = finite[np.isfinite(finite)]
+    return float(np.median(finite)) if len(finite) else None
+
+
+def _ratio(numerator: float, denominator: float) -> float | None:
+    return float(numerator / denominator) if denominator else None
 
 
 class AddedMotions:

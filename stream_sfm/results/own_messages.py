@@ -3,6 +3,7 @@
 Matrices are written row by row. A dict of numbers by name is two arrays, `<field>_names` and `<field>`.
 """
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import Field, fields
@@ -15,12 +16,37 @@ from ..camera.refinement import LENS_TERMS
 from ..config import RigConfig
 from ..geometry import se3
 from ..inertial.state import ACCEL_BIAS, AXES, CLOCK, GRAVITY, GYRO_BIAS, SCALE, VELOCITY
+from ..record import Kind, about, plain_type
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.terms import CAUSES, TERMS, at, prior_std
-from ..types import CommonErrors, FrameEstimate, InertialEstimate, RelativeMotions, Status
+from ..types import CommonErrors, FrameEstimate, InertialEstimate, RelativeMotions, Solution, Status
 
 SCHEMA_VERSION = 2
 ESTIMATE, SCALARS, TIMING = (f"stream_sfm_msgs/msg/{name}" for name in ("Estimate", "Scalars", "Timing"))
+_PARTS: dict[str, type] = {"relative": RelativeMotions, "common": CommonErrors}  # their fields have a prefix
+_FORMER = {"relative_frame_from_newest": "relative_frame_from_cam"}  # names of fields in older files
+_NUMBERS = {int: "int64", float: "float64", bool: "bool"}
+
+
+def _described(of: type) -> list[Field[Any]]:
+    """The fields of a record that are in a message as they are."""
+    return [f for f in fields(of) if about(f).says]
+
+
+def _line(of: Field[Any], prefix: str = "") -> str:
+    """A field and its explanation."""
+    said, kind = about(of), _NUMBERS.get(plain_type(of), "string")
+    if said.shape is not None:
+        size = math.prod(said.shape) if all(isinstance(n, int) and n > 0 for n in said.shape) else ""
+        kind = f"{'int64' if said.kind is Kind.FRAMES else 'float64'}[{size}]"
+    return f"{kind} {prefix}{of.name}  # {said.says}"
+
+
+_OF_FRAME = {f.name for f in fields(FrameEstimate)} - {f.name for f in fields(Solution)}
+_PLAIN = sorted(_described(FrameEstimate), key=lambda f: f.name not in _OF_FRAME)
+_DESCRIBED = "\n".join(
+    [*map(_line, _PLAIN), *(_line(f, f"{prefix}_") for prefix, part in _PARTS.items() for f in _described(part))]
+)
 _OF_CAUSES = "\n".join(f"float64[] rig_{c.key}  # {c.meaning}; then σ of each; or empty" for c in CAUSES)
 # A field and its explanation per line.
 _FIELDS = {
@@ -28,26 +54,10 @@ _FIELDS = {
 std_msgs/Header header  # One frame of /stream_sfm/estimate: everything except the points (/stream_sfm/points and \
 /stream_sfm/map).
 int64 schema_version  # raised when a field changes its meaning
-int64 frame_index  # counts the frames given to the engine, from 0
-int64 stamp_ns  # stamp of the left image, nanoseconds
-string status  # initialising, ok, degraded or lost
-string reason  # why the status is not ok; may be empty
-float64[16] world_from_cam  # pose of the left camera in the world, 4×4 row by row, metres; z is forward
-float64[36] cov_pose  # 6×6 covariance of ξ in truth = world_from_cam·Exp(ξ), ξ = (translation m, rotation rad) in \
-axes of the camera
-int64[] window_frame_indices  # frames in the estimator's window, oldest first
-float64[] window_world_from_cam  # their poses as re-estimated now, each 4×4 row by row
+{_DESCRIBED}
+float64[] relative_frame_from_cam  # relative_frame_from_newest under its former name, for programs that read it
 string[] counts_names  # points tracked, new, used, rejected
 int64[] counts
-int64[] relative_frame_indices  # earlier frames, to which the motion from this one is known with its covariance
-float64[] relative_frame_from_newest  # carry points of this camera into theirs, each 4×4, metres
-float64[] relative_frame_from_cam  # the same under its former name, for programs that read it
-float64[] relative_cov  # 6×6 covariances of ξ in truth = frame_from_newest·Exp(ξ), as cov_pose
-float64[] relative_common_jacobian  # how common errors move these motions, each 6×m row by row, one after the other
-float64[] common_mean  # errors c that all poses and motions share: of lengths, of the axes, of the rig; or empty
-float64[] common_cov  # their covariance, m×m row by row
-float64[] common_jacobian  # how they move the pose, 6×m row by row; c is in σ of what was assumed
-int64 common_since  # the frame from which c has been that of the rig: a knock or another calibration begins another c
 float64[] rig_error_px  # errors of the calibration as known now, px; empty where it is taken for exact
 float64[] rig_cov_px2  # their covariance, one matrix, or empty
 {_OF_CAUSES}
@@ -59,9 +69,6 @@ float64[] inertial_cov  # joint covariance 23×23 of ξ and that state
 float64[] inertial_densities  # factors on the noise densities of gyroscope and accelerometer, as learnt
 float64 inertial_distance2  # squared distance of the images' motion from that of the samples, 6 expected
 bool dead_reckoned  # the pose is by inertial samples alone
-bool unscaled  # with one camera: lengths are in units of the first baseline, not in metres
-float64 nis  # whitened squared innovation of the accepted views
-int64 nis_dof  # its degrees of freedom; nis/nis_dof is 1 where the noise is as assumed
 """,
     SCALARS: """\
 std_msgs/Header header  # One frame of /stream_sfm/scalars: numbers to plot, one field each.
@@ -94,10 +101,6 @@ float64[] timings_ms
 DEFINITIONS = {
     name: re.sub(r"^(.+)  # (.+)$", r"# \2\n\1", text, flags=re.MULTILINE) for name, text in _FIELDS.items()
 }
-_IN_ESTIMATE = re.findall(r"^\S+ (\w+)  #", _FIELDS[ESTIMATE], flags=re.MULTILINE)
-_PLAIN = [f for f in fields(FrameEstimate) if f.name in _IN_ESTIMATE and f.name not in ("status", "counts")]
-_PARTS: dict[str, type] = {"relative": RelativeMotions, "common": CommonErrors}  # their fields have a prefix
-_FORMER = {"relative_frame_from_newest": "relative_frame_from_cam"}  # names of fields in older files
 Part = TypeVar("Part")
 
 
@@ -110,10 +113,10 @@ def estimate_fields(estimate: FrameEstimate) -> dict[str, Any]:
     """Return the fields of an ESTIMATE, without its header; `estimate_of` is the inverse."""
     rig, n = estimate.rig, len(LENS_TERMS)
     values = {f.name: getattr(estimate, f.name) for f in _PLAIN}
-    values |= {"schema_version": SCHEMA_VERSION, "status": str(estimate.status), **named("counts", estimate.counts)}
+    values |= {"schema_version": SCHEMA_VERSION, **named("counts", estimate.counts)}
     for prefix, kind in _PARTS.items():
-        part = {f"{prefix}_{f.name}": getattr(getattr(estimate, prefix), f.name, None) for f in fields(kind)}
-        values |= {name: () if value is None else value for name, value in part.items() if name in _IN_ESTIMATE}
+        part = {f"{prefix}_{f.name}": getattr(getattr(estimate, prefix), f.name, None) for f in _described(kind)}
+        values |= {name: () if value is None else value for name, value in part.items()}
     values["common_since"] = 0 if estimate.common is None else estimate.common.since
     values |= {former: values[name] for name, former in _FORMER.items()}
     values["rig_applied"] = rig is not None and rig.applied
@@ -158,10 +161,10 @@ def estimate_of(m: Any, points: tuple[NDArray[Any], ...] | None = None) -> Frame
     track_ids, points_in_cam, cov_points = points or (np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3, 3)))
     in_cam = points_in_cam.astype(float)
     values = {f.name: _shaped(getattr(m, f.name), f) for f in _PLAIN if hasattr(m, f.name)}
+    values["status"] = Status(m.status)
     common = _part(m, "common", CommonErrors)
     return FrameEstimate(
         **values,
-        status=Status(m.status),
         track_ids=track_ids,
         points_in_cam=in_cam,
         cov_points=cov_points.astype(float),
@@ -178,7 +181,7 @@ def estimate_of(m: Any, points: tuple[NDArray[Any], ...] | None = None) -> Frame
 
 def _shaped(value: Any, of: Field[Any], m: int = -1) -> Any:
     """The value of a field from how a message has it, flat; `m` common errors."""
-    shape = of.metadata.get("shape")
+    shape = about(of).shape
     return value if shape is None else value.reshape([m if size == "m" else size for size in shape])
 
 
@@ -192,7 +195,7 @@ def _part(message: Any, prefix: str, kind: type[Part], m: int | None = None) -> 
             values |= {f.name: value} if values else {}
             continue
         m = len(value) if m is None else m  # the first field of common errors is their mean
-        if len(value) and (m or "m" not in f.metadata["shape"]):
+        if len(value) and (m or "m" not in (about(f).shape or ())):
             values[f.name] = _shaped(value, f, m)
     return kind(**values) if values else None
 

@@ -5,6 +5,7 @@ comment in the TUM file says. The columns of the CSV are those of the table of `
 """
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,11 @@ from numpy.typing import NDArray
 
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..record import about, plain_type
 from ..types import FrameEstimate
 
 Table = dict[str, NDArray[Any]]
+_NUMBERS: dict[Any, type] = {int: np.int64, float: np.float64}  # columns of these types; all others are texts
 NAMES = ("trajectory.tum", "trajectory.kitti", "trajectory.csv")
 
 
@@ -31,15 +34,19 @@ def frame_table(frames: Sequence[FrameEstimate]) -> Table:
     def numbers(names: Sequence[str], columns: Array) -> Table:
         return dict(zip(names, columns.T, strict=True))
 
+    described: Table = {
+        column.name: np.array([getattr(f, column.name) for f in frames], _NUMBERS.get(plain_type(column), str))
+        for column in fields(FrameEstimate)
+        if about(column).column
+    }
     return {
-        "frame_index": np.array([f.frame_index for f in frames], dtype=np.int64),
-        "stamp_ns": np.array([f.stamp_ns for f in frames], dtype=np.int64),
+        **{name: described.pop(name) for name in ("frame_index", "stamp_ns")},
         **numbers(("x_m", "y_m", "z_m"), pose[:, :3, 3]),
         **numbers(("qx", "qy", "qz", "qw"), quaternion),
         **numbers(("sigma_x_m", "sigma_y_m", "sigma_z_m"), std_m),
         **numbers(("sigma_rx_rad", "sigma_ry_rad", "sigma_rz_rad"), std_rad),
         "sigma_m": np.sqrt((std_m**2).sum(axis=1)),
-        "status": np.array([str(f.status) for f in frames], dtype=str),
+        **described,
         **{
             f"points_{name}": np.array([f.counts.get(name, 0) for f in frames], dtype=np.int64)
             for name in ("tracked", "new", "used", "rejected")

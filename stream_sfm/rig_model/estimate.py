@@ -1,5 +1,7 @@
 """What a run has found out about its rig's errors: numbers, and the sentences that they make."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..camera.refinement import LENS_TERMS, Refinement
@@ -20,6 +22,14 @@ def in_words(error: Array, cov: Array, per_unit: float, sentence: str, words: tu
     size = float(np.linalg.norm(error))
     std = float(np.sqrt(error @ cov @ error)) / size
     return sentence.format(per_unit * size, per_unit * std, words[0] if error[0] > 0 else words[1])
+
+
+class Amplitudes(NamedTuple):
+    """What is known of the errors: N(`mean` (m,), `cov` (m, m)) in σ of each, which have grown for `age_s`."""
+
+    mean: Array
+    cov: Array
+    age_s: float = 0.0
 
 
 @record

@@ -11,7 +11,7 @@ from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, places_over_image
 from ..record import changed, record
-from .estimate import CERTAIN, RigEstimate
+from .estimate import CERTAIN, Amplitudes, RigEstimate
 from .field import NO_FIELD, Field, field_over
 from .terms import AT_TIMING, DISPARITY, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
 
@@ -108,9 +108,13 @@ class RigModel:
         `motion` (2, 6) of the points; the result is exact to second order near a delay and readout `timing_s` (2,).
         """
         if self.row_of is None:
-            return np.zeros((len(z_px), 4, 2))
+            return self.without_timing(len(z_px))
         moved = core.timed_views(*self.cameras, points_in_cam, motion, timing_s, z_px)
         return moved * self.units_of_timing
+
+    def without_timing(self, n: int) -> Array:
+        """Return what delay and readout do to n views that do not move: zeros (n, 4, 2)."""
+        return np.zeros((n, 4, len(self.units_of_timing)))
 
     def by_disparity(self, points: Array, cam_from_previous: Array, z_px: Array) -> Array:
         """Return what amplitudes of 1 of the disparity's error do to views (n, 4) of points (n, 4) measured with it.
@@ -124,10 +128,10 @@ class RigModel:
         """Return what the errors of an estimate in amplitudes do to views (n, 4), which stand still, now; px."""
         return self.effects(z_px, age_s=estimate.age_s)[..., : len(estimate.mean)] @ estimate.mean
 
-    def timing(self, mean: Array, cov: Array) -> tuple[Array, Array]:
-        """Return mean (2,) and covariance (2, 2) of delay and readout, seconds, from those of all amplitudes."""
+    def timing(self, known: Amplitudes | RigEstimate) -> tuple[Array, Array]:
+        """Return mean (2,) and covariance (2, 2) of delay and readout, seconds, by what is known of all amplitudes."""
         at, unit = AT_TIMING, self.root[AT_TIMING, AT_TIMING]
-        return unit @ mean[at], unit @ (cov[at, at] + LEAST_VARIANCE * np.eye(2)) @ unit.T
+        return unit @ known.mean[at], unit @ (known.cov[at, at] + LEAST_VARIANCE * np.eye(2)) @ unit.T
 
     def before_views(self) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Return mean and σ of all amplitudes (m,) before any view, and of which (m,) the size is to be learnt."""

@@ -42,7 +42,7 @@ class Group(NamedTuple):
     words: tuple[str, str] = ("", "")
 
 
-# All terms in their order, which `core.RigTerm` repeats for the formulas.
+# All terms in their order, which the enum of `core/rig.cpp` repeats for the formulas.
 GROUPS = (
     Group(LENS_TERMS[:6], "std_disparity_px"),
     Group(LENS_TERMS[6:12], "std_lens_px"),

@@ -25,7 +25,7 @@ from ..types import Frame, FrameEstimate, Selection, Sink, Trajectory
 from .gravity import check_gravity, upright_trajectory
 from .lane import Lane
 from .loop import Course, run
-from .self_test import SelfTest
+from .self_test import SelfTestOfRun
 from .summary import peak_rss_mib, summarise
 from .there_and_back import drift_there_and_back
 
@@ -94,7 +94,8 @@ def replay(
 
     `left`, `right`, `calibration`: as in `open_log`. `ignore_ground_truth`: ranges [first, end) of frames of this
     run whose ground truth is not compared, because it is wrong. `self_test`: estimate from
-    disjoint halves of the tracks, too, and tell in the summary how large their difference is in σ. `there_and_back`:
+    disjoint halves of the tracks, too, and tell in the summary how large their difference is in σ, with the calibration
+    that each half finds and with the one that the run has found. `there_and_back`:
     estimate the frames once more, backwards, and tell how far from its beginning that ends. `loops`: find
     places again beside the engine, and write the poses that follow, trajectory_map.tum; so do `known_map`, a file in
     whose world the camera is looked for, and `save_map`, a file to write the map to at the end. `std_truth`: σ of the
@@ -153,7 +154,7 @@ class _Replay:
         with one_thread:
             observer = Observer(log.rig, config)
             self.lane = Lane(config, observer, self._depth, folder)
-        self.checks = [SelfTest(observer.projection, config)] if self_test else []
+        self.checks = [SelfTestOfRun(self.lane)] if self_test else []
         self._calibration = CalibrationSink(log)
         self._places: PlaceMap | None = None
         self._save_map: Path | None = None
@@ -179,40 +180,24 @@ class _Replay:
 
     def result(self, course: Course, truth: Truth, interruption: Interruption) -> ReplayResult:
         """Write the summary; a failure of this is the error of the course unless there is one already."""
-        lane, record, folder = self.lane, self.lane.record, self.lane.folder
-        if lane.error is not None:
-            course.end(lane.error)
+        record, folder = self.lane.record, self.lane.folder
+        if self.lane.error is not None:
+            course.end(self.lane.error)
         truth, problems = self._with_poses(truth, course)
         if not course.interrupted and (problem := record.problem(one_wanted=self._selection.max_frames == 1)):
             problems.insert(0, f"{self._log.path}: {problem}")
-        further: dict[str, Any] = {
-            "cpu_s": time.process_time() - self._began_cpu_s,
-            "peak_rss_mib": peak_rss_mib(),
-            "problems": self._calibration.problems or problems,
-        }
-        if self._latency.ages_ms:
-            further["live"] = self._latency.summary()
-        if record.rig is not None:
-            further["rig"] = describe(lane.observer.projection, record.rig)
-        for test in self.checks:
-            further["self_test"] = test.result()
-        if self._there_and_back and not course.interrupted and len(record):
-            further["there_and_back"] = self._back(course, interruption)
+        in_gravity = upright_trajectory(record, course) if self._config.ros.gravity else None
+        further = self._further(course, interruption) | {"problems": self._calibration.problems or problems}
         corrected = None
         if self._places is not None and len(record):
             corrected, further["map"] = self._corrected(self._places, course, truth)
-        in_gravity = upright_trajectory(record, course) if self._config.ros.gravity else None
-        depth = [self._depth.problem] if self._depth is not None and self._depth.problem else []
-        complete = course.complete and self._log.stats.complete
-        warnings = [*self._log.stats.warnings, *course.warnings, *depth]
-        summary = summarise(self._log, self._log.stats, lane, self._selection, truth, complete, warnings, further)
+        summary = self._summary(course, truth, further)
         try:
             if folder is not None:
                 folder.write_summary(summary)
-                if corrected is not None:
-                    folder.write_trajectory(MAP_TRAJECTORY, corrected)
-                if in_gravity is not None:
-                    folder.write_trajectory(GRAVITY_TRAJECTORY, in_gravity)
+                for name, trajectory in ((MAP_TRAJECTORY, corrected), (GRAVITY_TRAJECTORY, in_gravity)):
+                    if trajectory is not None:
+                        folder.write_trajectory(name, trajectory)
         except Exception as error:
             course.error = course.error or error
         if self._places is not None and self._save_map is not None and corrected is not None:
@@ -220,8 +205,32 @@ class _Replay:
                 self._places.save(self._save_map)
             except OutputError as error:  # the run's own files are complete
                 course.error = course.error or error
-        out_dir = None if folder is None else folder.path
-        return ReplayResult(summary, out_dir, record.trajectory(), in_gravity)
+        return ReplayResult(summary, None if folder is None else folder.path, record.trajectory(), in_gravity)
+
+    def _further(self, course: Course, interruption: Interruption) -> dict[str, Any]:
+        """Return what the summary says beside the estimates: cost, latency, the rig, and the checks of this run."""
+        record = self.lane.record
+        further: dict[str, Any] = {
+            "cpu_s": time.process_time() - self._began_cpu_s,
+            "peak_rss_mib": peak_rss_mib(),
+        }
+        if self._latency.ages_ms:
+            further["live"] = self._latency.summary()
+        if record.rig is not None:
+            further["rig"] = describe(self.lane.observer.projection, record.rig)
+        for test in self.checks:
+            further["self_test"] = test.result(interruption)
+            test.close()
+        if self._there_and_back and not course.interrupted and len(record):
+            further["there_and_back"] = self._back(course, interruption)
+        return further
+
+    def _summary(self, course: Course, truth: Truth, further: dict[str, Any]) -> dict[str, Any]:
+        stats = self._log.stats
+        depth = [self._depth.problem] if self._depth is not None and self._depth.problem else []
+        warnings = [*stats.warnings, *course.warnings, *depth]
+        complete = course.complete and stats.complete
+        return summarise(self._log, stats, self.lane, self._selection, truth, complete, warnings, further)
 
     def _back(self, course: Course, interruption: Interruption) -> dict[str, Any] | None:
         """Return what the way back shows; what is already estimated is not lost where it fails."""

@@ -4,24 +4,33 @@ Even against odd tracks; and tracks born in the left half of the image against t
 what neighbouring tracks share. The errors of the rig are one for both halves, so they are given alike to both, and what
 is left must agree; what both share altogether, above all the baseline, no such test can see. Each half is estimated by
 a window of its own, from the front-end's one set of observations.
+
+Halves that find the errors of the rig by themselves may contradict each other about these, above all the sides of the
+image. So the test is made a second time on the observations without the errors that the run has found in the end:
+what halves with one calibration differ by is the error of their tracks alone.
 """
 
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from ..blas import one_thread
 from ..config import Config
 from ..estimators import make_estimator
 from ..evaluation.relative_consistency import factors
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
+from ..interrupts import Interruption
 from ..motion import Motion
 from ..observer import Observed
 from ..types import FrameEstimate, LastingErrors, Observations, Solution, Status
+from .lane import Lane
+from .stored import StoredObservations
 
 SPANS = (1, 2, 5, 8)
 TESTS = ("tracks", "image")
@@ -82,6 +91,37 @@ class SelfTest:
             error, cov, poses = (np.stack(part) for part in zip(*self._apart[test, span], strict=True))
             found[test].append({"frames": span, **factors(error, cov, poses)})
         return found
+
+
+class SelfTestOfRun:
+    """The check of a run: both tests with halves that find the rig's errors, and with those that the run has found."""
+
+    def __init__(self, lane: Lane) -> None:
+        self._lane = lane
+        self._by_themselves = SelfTest(lane.observer.projection, lane.config)
+        self._stored = None if lane.config.rig.exact else StoredObservations(lane)
+
+    def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
+        """Estimate the next frame from each half. Raises OutputError where the disk is full."""
+        if self._stored is not None:
+            self._stored.add(observed, estimates)
+        self._by_themselves.add(observed, estimates)
+
+    def result(self, interruption: Interruption) -> dict[str, list[dict[str, Any]]]:
+        """As of a `SelfTest`, and `tracks_calibrated` and `image_calibrated`: empty if interrupted or the rig exact."""
+        exact = msgspec.structs.replace(self._lane.config.rig, exact=True)
+        calibrated = SelfTest(self._lane.observer.projection, msgspec.structs.replace(self._lane.config, rig=exact))
+        if self._stored is not None and not interruption.requested:
+            with one_thread:
+                for observed in interruption.until_requested(self._stored.calibrated(self._lane.observer)):
+                    calibrated.add(observed, {})
+        later = calibrated.result()
+        return self._by_themselves.result() | {f"{test}_calibrated": later[test] for test in TESTS}
+
+    def close(self) -> None:
+        """Remove what is stored."""
+        if self._stored is not None:
+            self._stored.close()
 
 
 def part_of(observations: Observations, rows: Mask) -> Observations:

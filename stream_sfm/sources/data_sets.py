@@ -26,9 +26,10 @@ from ..geometry.se3 import Array
 from ..inertial.samples import ImuCalibration
 from ..mcap_file.message import Source
 from .given import NOTHING, Given
-from .image_files import ImageFile, ImageFilesSource, size_of
+from .image_files import ImageFile, ImageFilesSource
 from .image_folders import ImageSides, image_sides
-from .image_sets import IMAGE_SUFFIXES, images_in, open_images
+from .image_header import IMAGE_SUFFIXES
+from .image_sets import images_in, open_images
 from .joined import JoinedSource
 from .pose_files import (
     check_ascending,
@@ -130,7 +131,7 @@ def _open_kitti(folder: Path, layout: Layout, given: Given, poses: str | Path | 
     rig: StereoRig | None = None
     cam0_from_left = np.eye(4)
     try:
-        rig, cam0_from_left = _kitti_rig(folder, layout, size_of(files[0][0]))
+        rig, cam0_from_left = _kitti_rig(folder, layout, images[0][0].size())
     except ConfigError:
         if not given.calibrated:
             raise
@@ -276,7 +277,7 @@ def _open_tartanair(folder: Path, layout: Layout, given: Given) -> ImageFilesSou
         return own  # the images of somebody else, who calls them so
     left, right = (str(folder / side) for side in layout.sides)
     source = open_images(left, right, None, rate_hz=given.rate_hz, path=folder)
-    width, height = size_of(source.images[0][0].path)
+    width, height = source.images[0][0].size()
     k = np.array([[_TARTANAIR_F_PX, 0, width / 2], [0, _TARTANAIR_F_PX, height / 2], [0, 0, 1]])
     camera = Camera(width, height, k, (), "none")
     rig = StereoRig(camera, camera, se3.exp([-_TARTANAIR_BASELINE_M, 0, 0, 0, 0, 0]))
@@ -306,7 +307,7 @@ def _open_images(folder: Path, given: Given) -> ImageFilesSource | None:
     source = open_images(sides.left, sides.right, None, stamps, given.rate_hz, path=folder)
     rig: StereoRig | None = None
     if not given.calibrated and _calibration_files(folder):
-        rig = StereoRig.from_calibration(folder, size_of(source.images[0][0].path))
+        rig = StereoRig.from_calibration(folder, source.images[0][0].size())
     others = [f"{other} hold images, too, which are not used" for other in sides.others]
     return ImageFilesSource(folder, source.format, rig, source.images, notes=[*source.notes, *others])
 

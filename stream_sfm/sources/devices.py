@@ -19,6 +19,7 @@ from ..geometry import se3
 Image = NDArray[np.uint8]
 Grab = Callable[[], tuple[int, Image, Image] | None]
 _OAK_SIZE = 640, 400  # half the resolution of its sensors, binned
+_OAK_VERSION = 3  # of depthai, from which on it has cameras that are built
 _OAK_ISO = 400  # with an exposure by hand, which depthai takes together with a gain
 # Sizes of ZED's pictures by the names of its SDK.
 _ZED_SIZES = {
@@ -179,8 +180,10 @@ def _realsense(options: CameraOptions) -> Device:
 
 
 def _oak(options: CameraOptions) -> Device:
-    """The two grey cameras of an OAK-D, as they are, by version 3 of depthai."""
+    """The two grey cameras of an OAK-D, as they are."""
     dai = _package("depthai", "oak")
+    if int(dai.__version__.split(".")[0]) < _OAK_VERSION:
+        raise ConfigError(f"oak needs depthai {_OAK_VERSION}, and {dai.__version__} is installed: update it")
     sockets = dai.CameraBoardSocket.CAM_B, dai.CameraBoardSocket.CAM_C
     width, height = options.size or _OAK_SIZE
     queues = []

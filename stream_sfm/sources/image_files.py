@@ -17,16 +17,51 @@ from ..inertial.samples import ImuCalibration
 from ..inputs import LIMITS, read_small, reading
 from ..mcap_file.message import Channel, Contents, Damage, Message, Source
 from ..record import record
-from .image_header import image_format, image_size, plain_size
+from .image_header import FORMATS, image_format, image_size, plain_size
 from .profile import ProfileEncoder
 
 
 @record
 class ImageFile:
-    """An image on disk and its stamp."""
+    """An image on disk and its stamp; that of an archive has its `content` from there."""
 
     stamp_ns: int
     path: Path
+
+    def content(self) -> bytes:
+        """Return the bytes of the file. Raises LogError."""
+        with reading(f"image {self.path}"):
+            return read_small(self.path, LIMITS.image_file_bytes)
+
+    @property
+    def size_bytes(self) -> int:
+        """How many bytes the file has; 0 for one that is missing, which its reading will report."""
+        return os.path.getsize(self.path) if os.path.isfile(self.path) else 0
+
+    def read(self, camera: Camera | None = None) -> tuple[bytes, str]:
+        """Return bytes and format, of the camera's size if given. Raises LogError naming file and remedy."""
+        path, data = self.path, self.content()
+        encoding = image_format(data)
+        if encoding is None and (plain := plain_size(data)) is not None:
+            data, encoding = _as_png(path, data, plain), "png"
+        if encoding is None:
+            *names, last = (of.name for of in FORMATS)
+            raise LogError(f"{path} is not a {', '.join(names)} or {last} image: convert the images to PNG first")
+        size = image_size(data)
+        if size is None:
+            raise LogError(f"{path}: the header of this image is damaged: fetch it again, or leave it out")
+        if camera is not None and size != (camera.width, camera.height):
+            raise LogError(
+                f"{path} is {size[0]}×{size[1]}, the calibration is for {camera.width}×{camera.height}: give images "
+                "of the calibrated size, or the calibration of these images"
+            )
+        return data, encoding
+
+    def size(self) -> tuple[int, int]:
+        """Return width and height, pixels. Raises LogError."""
+        size = image_size(self.read()[0])
+        assert size is not None  # `read` has looked
+        return size
 
 
 class ImageFilesSource(Source):
@@ -63,9 +98,7 @@ class ImageFilesSource(Source):
         if right and not left & right:
             raise LogError(f"{path}: no left and right image have the same stamp: are they of one recording?")
         self.without_partner = len(left ^ right) if right else 0  # images
-        # one that is missing will be reported by its reading
-        files = [image.path for side in images for image in side if os.path.isfile(image.path)]
-        self.size_bytes = sum(map(os.path.getsize, files))
+        self.size_bytes = sum(image.size_bytes for side in images for image in side)
 
     def contents(self) -> Contents | None:
         """Known from the lists of files."""
@@ -86,10 +119,10 @@ class ImageFilesSource(Source):
         damage.notes += self.notes
         encoder = ProfileEncoder(self.rig)
         cameras = (None, None) if self.rig is None else (self.rig.left, self.rig.right)
-        events: Iterator[tuple[int, int, Path | Array]] = heapq.merge(
+        events: Iterator[tuple[int, int, ImageFile | Array]] = heapq.merge(
             ((stamp, 0, pose) for stamp, pose in self.poses),
-            ((image.stamp_ns, 1, image.path) for image in self.images[0]),
-            ((image.stamp_ns, 2, image.path) for image in self.images[1]),
+            ((image.stamp_ns, 1, image) for image in self.images[0]),
+            ((image.stamp_ns, 2, image) for image in self.images[1]),
             ((stamp, 3, values) for stamp, values in self._samples),
             key=lambda event: event[:2],
         )
@@ -102,7 +135,7 @@ class ImageFilesSource(Source):
             if unmounted is not None:
                 yield from wanted([encoder.imu_mounting(stamp_ns, unmounted)])
                 unmounted = None
-            if not isinstance(item, Path):
+            if not isinstance(item, ImageFile):
                 yield from wanted(
                     [encoder.imu_sample(stamp_ns, item) if kind == 3 else encoder.pose(stamp_ns, item)]
                 )
@@ -111,32 +144,12 @@ class ImageFilesSource(Source):
             yield from wanted(encoder.due_calibration(side, stamp_ns))
             if topics is None or encoder.images[side].topic in topics:
                 try:
-                    data, encoding = read_image(item, cameras[side])
+                    data, encoding = item.read(cameras[side])
                 except LogError as error:
                     damage.add(str(error))
                     continue
                 damage.bytes_read += len(data)
                 yield encoder.image(side, stamp_ns, data, encoding)
-
-
-def read_image(path: Path, camera: Camera | None = None) -> tuple[bytes, str]:
-    """Bytes and format of an image file, of the camera's size if given. Raises LogError naming file and remedy."""
-    with reading(f"image {path}"):
-        data = read_small(path, LIMITS.image_file_bytes)
-    encoding = image_format(data)
-    if encoding is None and (plain := plain_size(data)) is not None:
-        data, encoding = _as_png(path, data, plain), "png"
-    if encoding is None:
-        raise LogError(f"{path} is not a PNG, JPEG, WebP, BMP or TIFF image: convert the images to PNG first")
-    size = image_size(data)
-    if size is None:
-        raise LogError(f"{path}: the header of this image is damaged: fetch it again, or leave it out")
-    if camera is not None and size != (camera.width, camera.height):
-        raise LogError(
-            f"{path} is {size[0]}×{size[1]}, the calibration is for {camera.width}×{camera.height}: give images "
-            "of the calibrated size, or the calibration of these images"
-        )
-    return data, encoding
 
 
 def _as_png(path: Path, data: bytes, size: tuple[int, int]) -> bytes:
@@ -152,11 +165,3 @@ def _as_png(path: Path, data: bytes, size: tuple[int, int]) -> bytes:
             f"{path}: this image of {size[0]}×{size[1]} pixels cannot be decoded: convert the images to PNG"
         )
     return cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
-
-
-def size_of(path: Path) -> tuple[int, int]:
-    """Width and height of an image file, pixels. Raises LogError."""
-    data, _ = read_image(path)
-    size = image_size(data)
-    assert size is not None  # read_image has looked
-    return size

@@ -1,14 +1,33 @@
 """Format and size of an image by its first bytes, without decoding."""
 
+import re
 import struct
+from typing import NamedTuple
 
 from ..inputs import LIMITS
 
+
+class ImageFormat(NamedTuple):
+    """A format of images: its name, how its bytes start, and what its files are called; logs have those `in_logs`."""
+
+    name: str
+    start: bytes  # a regular expression
+    suffixes: tuple[str, ...]
+    in_logs: bool = True
+
+
+FORMATS = (
+    ImageFormat("PNG", rb"\x89PNG\r\n\x1a\n", (".png",)),
+    ImageFormat("JPEG", rb"\xff\xd8\xff", (".jpg", ".jpeg")),
+    ImageFormat("WebP", rb"(?s)RIFF.{4}WEBP", (".webp",)),
+    ImageFormat("BMP", rb"BM", (".bmp",), in_logs=False),
+    ImageFormat("TIFF", rb"II\*\0|MM\0\*", (".tif", ".tiff"), in_logs=False),
+)
+IMAGE_SUFFIXES = tuple(suffix for of in FORMATS for suffix in of.suffixes)
+COMPRESSED_FORMATS = tuple(of.name.lower() for of in FORMATS if of.in_logs)  # of one image by itself
+_STARTS = {of.name.lower(): re.compile(of.start) for of in FORMATS if of.in_logs}
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_MAGIC = ((PNG_SIGNATURE, "png"), (b"\xff\xd8\xff", "jpeg"), (b"RIFF", "webp"))
 PNG_CHUNK = struct.Struct(">I4s")  # length of the content, kind; a checksum of 4 bytes follows the content
-
-
 _TIFF = ((b"II*\0", "<"), (b"MM\0*", ">"))  # with the order of bytes
 _TIFF_SIZE = {256: "width", 257: "height"}  # tags
 
@@ -36,7 +55,7 @@ def plain_size(data: bytes) -> tuple[int, int] | None:
 
 def image_format(data: bytes) -> str | None:
     """png, jpeg or webp by the first bytes of a compressed image; None for anything else."""
-    return next((name for magic, name in _MAGIC if data.startswith(magic)), None)
+    return next((name for name, start in _STARTS.items() if start.match(data)), None)
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:

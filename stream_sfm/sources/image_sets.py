@@ -9,10 +9,10 @@ from pathlib import Path
 from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError
 from .image_files import ImageFile, ImageFilesSource
+from .image_header import IMAGE_SUFFIXES
 from .joined import natural_order
 from .pose_files import check_ascending, read_times, stamp_ns
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff")
 # Names that are times since 1970: digits of a whole number (as now and for 200 years) -> nanoseconds of its unit.
 _UNITS_NS = {19: 1, 16: 1_000, 13: 1_000_000}
 _SECONDS = re.compile(r"\d{10}\.\d{1,9}")
@@ -40,7 +40,7 @@ def open_images(
         )
     path = path if path is not None else sides[0][0].parent
     notes: list[str] = []
-    named = [_named_stamps(side) for side in sides]
+    named = [named_stamps(side) for side in sides]
     if stamps is None and rate_hz is None and named[0] is not None and named[1] is not None:
         left_images, right_images = (_stamped(t or (), side) for t, side in zip(named, sides, strict=True))
         return ImageFilesSource(path, "image files", rig, (left_images, right_images))
@@ -100,7 +100,7 @@ def _matches(side: str, patterns: str | Sequence[str]) -> list[Path]:
     return sorted(found, key=lambda p: natural_order(str(p)))
 
 
-def _named_stamps(files: Sequence[Path]) -> list[int] | None:
+def named_stamps(files: Sequence[Path]) -> list[int] | None:
     """Return the stamps by which the files are named, ascending; None where the names are not stamps."""
     stamps = []
     for file in files:

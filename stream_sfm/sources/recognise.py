@@ -5,9 +5,11 @@ Of the sources, only MCAP's is imported before it is needed: most logs are MCAP,
 
 import os
 import re
+from collections.abc import Callable
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 from ..errors import ConfigError, LogError
 from ..inputs import open_regular, reading
@@ -17,9 +19,46 @@ from ..mcap_file.records import MAGIC as MCAP_MAGIC
 from ..mcap_file.records import ends_with_magic
 from ..wording import LISTED, some_of
 from .given import NOTHING, Given
+from .image_header import image_format
 
+
+class Container(NamedTuple):
+    """A kind of file that is a recording: how it is opened, how its bytes start, and what such files are called.
+
+    `start`: a regular expression. `suffix`: by which a file in a folder is one; `name`: in messages.
+    """
+
+    open: Callable[[Path], Source]
+    start: bytes
+    suffix: str = ""
+    name: str = ""
+
+
+def _ros1_bag(path: Path) -> Source:
+    from .ros1_bag import Ros1BagSource
+
+    return Ros1BagSource(path)
+
+
+def _sqlite_bag(path: Path) -> Source:
+    from .sqlite_bag import SqliteBagSource
+
+    return SqliteBagSource(path)
+
+
+def _video(path: Path) -> Source:
+    from .video import VideoSource
+
+    return VideoSource(path)
+
+
+CONTAINERS = (
+    Container(LogFile, re.escape(MCAP_MAGIC), ".mcap", "an MCAP file"),
+    Container(_ros1_bag, rb"#ROSBAG", ".bag", "a ROS 1 bag"),
+    Container(_sqlite_bag, rb"SQLite format 3\0", ".db3", "a ROS 2 bag"),
+    Container(_video, rb"(?s)\x1aE\xdf\xa3|.{4}ftyp|.{8}AVI "),  # Matroska, MP4, AVI
+)
 _OTHER_FILES = (
-    ((b"\x89PNG", b"\xff\xd8\xff"), "an image: give the folder of a recording, or import images into a log"),
     ((b"RRF",), "a Rerun recording: give the log that it was made from"),
     ((b"\x28\xb5\x2f\xfd",), "compressed with zstd: decompress it with `zstd -d`"),
     ((b"PK\x03\x04", b"\x1f\x8b", b"7z\xbc\xaf"), "an archive: unpack it and give the folder or the file in it"),
@@ -29,10 +68,10 @@ _WITHOUT_STAMPS = ("image files", "TartanAir")  # formats
 _RESULT = "estimates.mcap"  # of a run
 _LEVELS = 3  # of folders in which a recording is looked for: dataset/sequences/00
 _MOST_ENTRIES = 1000  # of one level that are looked at
-SUFFIXES = (".mcap", ".bag", ".db3")
+_LONGEST_START = 512  # bytes
 SUPPORTED = (
-    "an MCAP file, a ROS 1 or ROS 2 bag, a KITTI, EuRoC, TUM-VI or TartanAir recording, images or videos of left "
-    "and right in a folder"
+    f"{', '.join(kind.name for kind in CONTAINERS if kind.name)}, a KITTI, EuRoC, TUM-VI or TartanAir recording, "
+    "images or videos of left and right in a folder"
 )
 
 
@@ -62,7 +101,8 @@ def open_source(
 def is_recording(path: Path) -> bool:
     """Whether a file by its name, or a folder by what is in it, is a recording as a whole."""
     if not path.is_dir():
-        return path.name.removesuffix(".zstd").endswith(SUFFIXES)
+        suffixes = tuple(kind.suffix for kind in CONTAINERS if kind.suffix)
+        return path.name.removesuffix(".zstd").endswith(suffixes)
     if (path / _RESULT).is_file():  # a bag as well, but of estimates
         return False
     from .data_sets import is_data_set
@@ -76,29 +116,23 @@ def is_recording(path: Path) -> bool:
 
 def _open_file(path: Path) -> Source:
     with reading(path), open_regular(path) as stream:
-        start = stream.read(16)  # as many as the longest of these beginnings has
+        start = stream.read(_LONGEST_START)
         ends_as_mcap = ends_with_magic(stream)
-    if start.startswith(MCAP_MAGIC):
-        return LogFile(path)
-    if start.startswith(b"#ROSBAG"):
-        from .ros1_bag import Ros1BagSource
-
-        return Ros1BagSource(path)
-    if start.startswith(b"SQLite format 3\0"):
-        from .sqlite_bag import SqliteBagSource
-
-        return SqliteBagSource(path)
+    for kind in CONTAINERS:
+        if re.match(kind.start, start):
+            return kind.open(path)
     if path.name == _BAG_METADATA:
         return _open_folder(path.parent)
     if ends_as_mcap:  # whose start is damaged
         return LogFile(path)
-    for magics, kind in _OTHER_FILES:
+    if image_format(start):
+        raise LogError(
+            f"{path} is an image: give the folder of a recording, or import images into a log",
+            hint=("import_images",),
+        )
+    for magics, what in _OTHER_FILES:
         if start.startswith(magics):
-            raise LogError(f"{path} is {kind}", hint=("import_images",) if kind.startswith("an image") else ())
-    if start.startswith(b"\x1aE\xdf\xa3") or start[4:8] == b"ftyp" or start[8:12] == b"AVI ":  # Matroska, MP4, AVI
-        from .video import VideoSource
-
-        return VideoSource(path)
+            raise LogError(f"{path} is {what}")
     if not start:
         raise LogError(f"{path} is empty (0 bytes): nothing was recorded")
     raise LogError(f"{path} is not a recording ({SUPPORTED}); its first bytes are {start[:8]!r}")

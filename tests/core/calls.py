@@ -119,6 +119,7 @@ CALLS = {
     "store_patches": (STORED.copy(), IMAGE, PIXELS, SLOTS),
     "corner_strength": (IMAGE,),
     "new_corners": (IMAGE, IMAGE > 9, STARTS, 20, 4.0, 80.0),
+    "patch_changes": (STORED[:, :13, :13],),
     "ghost_sums": (BYTES, BYTES, BYTES, STARTS, STARTS + 2.0, STARTS + 5.0, 1.0),
     "drawn_edges": (LINES, LINES + np.int16(3), LINES, LINES, 16, 3, 4),
     "among": (SLOTS, SLOTS[2:]),

@@ -5,12 +5,14 @@ import contextlib
 import importlib.util
 import io
 import os
+import shutil
+import sys
 from pathlib import Path
 
 import pytest
 
-import stream_sfm.core
 from stream_sfm.core import _core
+from stream_sfm.core.checkout import is_current, module_name
 from tests.helpers.places import ROOT
 
 TOOL = """\
@@ -28,16 +30,24 @@ def checkout(folder: Path) -> Path:
     for name in ("CMakeLists.txt", "stage.cpp"):
         (core / name).touch()
     (tools / "in_place.py").write_text(TOOL)
-    (core / "__init__.py").write_bytes(Path(os.fspath(stream_sfm.core.__file__)).read_bytes())
+    for name in ("checkout.py", "__init__.py"):
+        (core / name).write_bytes((ROOT / "stream_sfm/core" / name).read_bytes())
     return core / "__init__.py"
 
 
-def test_what_is_compiled_is_told_where_python_writes_its_errors(tmp_path: Path) -> None:
+def test_what_is_compiled_is_told_where_python_writes_its_errors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As in a notebook, where that is not the standard error of the process."""
-    spec = importlib.util.spec_from_file_location("checkout_core", checkout(tmp_path))
+    file = checkout(tmp_path)
+    spec = importlib.util.spec_from_file_location(
+        "checkout_core", file, submodule_search_locations=[str(file.parent)]
+    )
     assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "checkout_core", module)
     with contextlib.redirect_stderr(io.StringIO()) as told, pytest.raises(ImportError) as refused:
-        spec.loader.exec_module(importlib.util.module_from_spec(spec))
+        spec.loader.exec_module(module)
     assert told.getvalue().splitlines() == [
         "stream-sfm: compiling up to 2 files",
         "stream-sfm: building needs cmake",
@@ -45,8 +55,21 @@ def test_what_is_compiled_is_told_where_python_writes_its_errors(tmp_path: Path)
     assert "python -m pip install" in str(refused.value)
 
 
+def test_a_module_of_other_sources_is_not_taken_for_theirs_however_new_it_is(tmp_path: Path) -> None:
+    sources = ROOT / "stream_sfm/core"
+    for path in (*sources.glob("*.?pp"), sources / "CMakeLists.txt", sources / module_name()):
+        shutil.copyfile(path, tmp_path / path.name)
+    assert is_current(str(tmp_path))
+    with open(tmp_path / "rig.cpp", "a", encoding="utf-8") as source:
+        source.write("// another branch\n")
+    os.utime(tmp_path / module_name())
+    assert not is_current(str(tmp_path))
+    (tmp_path / module_name()).unlink()
+    assert not is_current(str(tmp_path))
+
+
 def test_the_stub_is_what_the_module_says() -> None:
-    """`python tools/build/stub.py` and `ruff format` write it anew."""
+    """`python tools/build/stub.py` writes it anew."""
     spec = importlib.util.spec_from_file_location("stub", ROOT / "tools/build/stub.py")
     assert spec and spec.loader
     tool = importlib.util.module_from_spec(spec)

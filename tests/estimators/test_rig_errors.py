@@ -157,7 +157,7 @@ def test_delay_and_readout_are_read_off_a_moving_camera_and_poses_stay_consisten
         observations = flight.observations()
         solution = run("cross-frame", flight.P, observations)[-1]
         assert solution.rig is not None and observations[0].rig is not None
-        mean, cov = observations[0].rig.model.timing(solution.rig.mean, solution.rig.cov)
+        mean, cov = observations[0].rig.model.timing(solution.rig)
         std = np.sqrt(np.diag(cov))
         of_pose.append(nees_at(solution, flight.world_from_cam(np.array([23 * flight.PERIOD_S]))[0]))
         assert (np.abs(mean - (flight.delay_s, flight.readout_s)) < 4 * std).all()
@@ -208,7 +208,7 @@ def test_a_delay_that_is_known_beforehand_is_applied_and_kept() -> None:
         model = replace(o.rig.model, known_timing=known)
         solution = estimator.step(replace(o, rig=replace(o.rig, model=model)))
         if solution.rig is not None:
-            mean, cov = model.timing(solution.rig.mean, solution.rig.cov)
+            mean, cov = model.timing(solution.rig)
             assert (np.abs(mean - (0.008, 0.0)) < 3e-4).all()
             assert (np.sqrt(np.diag(cov)) < 1.1e-4).all()
     assert solution.rig is not None

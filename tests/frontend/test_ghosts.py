@@ -6,15 +6,11 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.frontend.ghost_check import GhostCheck
+from stream_sfm.frontend.patches import View
 from tests.helpers.places import ROOM
+from tests.helpers.wall import blotches
 
 FRAMES = 12
-
-
-def scene(seed: int) -> np.ndarray:
-    noise = np.random.default_rng(seed).integers(0, 256, (700, 900)).astype(np.float32)
-    texture = cv2.GaussianBlur(noise, (0, 0), 2)
-    return (128 + 60 * (texture - texture.mean()) / texture.std()).clip(0, 255)
 
 
 def checked(
@@ -26,7 +22,7 @@ def checked(
     speed: float = 1.0,
 ) -> GhostCheck:
     """After a camera that moves faster and faster past a wall, whose images are `share` the one before."""
-    rng, wall, check, shown = np.random.default_rng(seed), scene(seed), GhostCheck(), None
+    rng, wall, check, shown = np.random.default_rng(seed), blotches(seed), GhostCheck(), None
     corners, at = rng.uniform((60, 60), (840, 640), (150, 2)), np.zeros(2)
     pattern = pattern_grey * rng.normal(size=(300, 400))
     for n in range(FRAMES):
@@ -37,7 +33,7 @@ def checked(
         image = cv2.GaussianBlur(np.rint(shown).clip(0, 255).astype(np.uint8), (0, 0), 1)
         px = corners - at
         rows = ((px > 0) & (px < (400, 300))).all(axis=1).nonzero()[0]
-        check = check.after(image, rows, px[rows] + 0.05 * rng.normal(size=(len(rows), 2)))
+        check = check.after(View(image, rows, px[rows] + 0.05 * rng.normal(size=(len(rows), 2))))
     return check
 
 
@@ -70,7 +66,7 @@ def test_a_strong_pattern_of_the_sensor_is_no_ghost_where_the_view_moves_slowly(
 def test_a_suspicion_ends() -> None:
     check = checked(0.4)
     for _ in range(150):  # of a camera that stands
-        check = check.after(check.views[-1].image, check.views[-1].ids, check.views[-1].left_px)
+        check = check.after(check.views[-1])
     assert not check.problem
 
 

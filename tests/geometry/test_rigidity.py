@@ -1,5 +1,7 @@
 """A near body and a far background that agree with one motion between theirs are told apart by halves of the views."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from stream_sfm.geometry import se3
@@ -51,3 +53,30 @@ def test_the_motion_of_a_rigid_scene_is_that_of_all_views() -> None:
         views, _, found = seen(seed, 0.0)
         rigid = resect(views, np.eye(4), predicted=np.eye(4))
         assert np.array_equal(rigid.cam_from_ref, found.cam_from_ref) and rigid.second is None
+
+
+def test_far_points_are_not_led_along_by_a_few_near_points_of_a_body() -> None:
+    """Far points agree with any translation that a rotation makes up for, each within its gate."""
+    p = replace(P, f_px=400)
+    moves_m, n_body, led_along = 0.05, 6, 0
+    for seed in range(20):
+        rng, on_body = np.random.default_rng(seed), np.arange(76) >= 70
+        place = np.where(on_body[:, None], rng.uniform(0.4, 0.6, (76, 2)), rng.uniform(0.05, 0.95, (76, 2)))
+        depth_m = np.where(on_body, rng.uniform(1.9, 2.1, 76), rng.uniform(10, 13, 76))
+        rays = np.column_stack([p.rays(place * [320, 180]), np.ones(76)])
+        points = rays * depth_m[:, None]
+        now = np.where(on_body[:, None], points + np.array([moves_m, 0, 0]), points)
+        z_px = p.project(now) + rng.normal(size=(76, 4)) * STD_PX
+        before = np.column_stack([rays, 1 / depth_m])
+        cov_points = np.zeros((76, 4, 4))
+        cov_points[:, [0, 1], [0, 1]] = (STD_PX / p.f_px) ** 2
+        cov_points[:, 3, 3] = 2 * (STD_PX / (p.f_px * p.baseline_m)) ** 2
+        views = PointViews(p, before, cov_points, z_px, np.broadcast_to(STD_PX**2 * np.eye(4), (76, 4, 4)))
+        of_body = se3.exp([moves_m, 0, 0, 0, -moves_m / 11.5, 0])  # a wall at 11.5 m hardly contradicts it
+        votes = np.where(on_body, 1.0, 11.0)
+        led_along += int(resect(views, of_body, votes).accepted[on_body].sum() >= n_body - 1)
+        predicted = se3.exp([0.004, 0, -0.003, 0, 0, 0])
+        found = resect(views, of_body, votes, predicted)
+        assert not found.accepted[on_body].any() and found.accepted[~on_body].mean() > 0.9
+        assert nees(se3.inverse(found.cam_from_ref), found.cov_pose, np.eye(4)) < 40  # P < 1e-6
+    assert led_along > 5  # otherwise nothing is tested

@@ -84,3 +84,10 @@ def camera_path(n: int) -> np.ndarray:
     for _ in range(n - 1):
         poses.append(se3.orthonormalise(poses[-1] @ step))
     return np.stack(poses)
+
+
+def blotches(seed: int) -> np.ndarray:
+    """A texture (700, 900) of blotches of some pixels."""
+    noise = np.random.default_rng(seed).integers(0, 256, (700, 900)).astype(np.float32)
+    texture = cv2.GaussianBlur(noise, (0, 0), 2)
+    return (128 + 60 * (texture - texture.mean()) / texture.std()).clip(0, 255)

@@ -11,7 +11,7 @@ import stream_sfm as sfm
 from stream_sfm.geometry import se3
 from stream_sfm.importers import import_euroc, import_images, import_kitti
 from stream_sfm.recording.images import decode_grey
-from stream_sfm.sources.image_files import read_image
+from stream_sfm.sources.image_files import ImageFile
 from tests.helpers.data_sets import camera_pair, write_kitti, write_picture
 
 
@@ -87,7 +87,7 @@ def test_a_header_that_declares_gigabytes_is_refused(tmp_path):
     ):
         (tmp_path / name).write_bytes(data)
         with pytest.raises(sfm.LogError, match="this image of 60000×60000 pixels cannot be decoded"):
-            read_image(tmp_path / name)
+            ImageFile(0, tmp_path / name).read()
 
 
 def _folders(tmp_path, left, right):

@@ -154,6 +154,7 @@ def oak(pictures: Pictures) -> dict[str, Any]:
         "node": Is(Camera="camera"),
         "CameraBoardSocket": Is(CAM_B=0, CAM_C=1),
         "ImgFrame": Is(Type=Is(GRAY8="grey")),
+        "__version__": "3.1.0",
     }
     return {"depthai": Is(Pipeline=lambda: pipeline, log=log, **names)}
 
@@ -259,7 +260,7 @@ def test_a_camera_that_is_not_connected_is_no_defect(monkeypatch: pytest.MonkeyP
     def none(*_: object) -> None:
         raise RuntimeError("No available devices")
 
-    names = {"CameraBoardSocket": Is(CAM_B=0, CAM_C=1), "Device": none}
+    names = {"CameraBoardSocket": Is(CAM_B=0, CAM_C=1), "Device": none, "__version__": "3.0.0"}
     monkeypatch.setitem(sys.modules, "depthai", Is(Pipeline=none, **names))
     for words in ([], ["--serial", "12"]):
         assert "OAK: No available devices: is it plugged in" in cli("live", "oak", *words, code=3).err
@@ -360,10 +361,18 @@ def test_a_camera_that_is_not_plugged_in_is_told(
         "format": Is(y8=0),
         "CameraBoardSocket": Is(CAM_B=1, CAM_C=2),
         "Device": nothing,
+        "__version__": "3.1.0",
     }
     monkeypatch.setitem(sys.modules, package, Is(**vars(found), **streams))
     said = cli("live", name, "--out", tmp_path / "o", code=3).err
     assert "No available devices" in said and asked in said
+
+
+def test_an_older_depthai_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, cli) -> None:
+    monkeypatch.setitem(sys.modules, "depthai", Is(__version__="2.33.0.0"))
+    assert (
+        "oak needs depthai 3, and 2.33.0.0 is installed" in cli("live", "oak", "--out", tmp_path / "o", code=2).err
+    )
 
 
 def test_what_comes_too_fast_is_recorded_and_told(

@@ -11,7 +11,7 @@ from stream_sfm.estimators.cross_frame.timing import ExposureClock, TwistError
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.geometry.stereo import StereoProjection, velocities
-from stream_sfm.rig_model.estimate import RigEstimate
+from stream_sfm.rig_model.estimate import Amplitudes, RigEstimate
 from stream_sfm.rig_model.model import RigModel, disparity_over_image
 from stream_sfm.rig_model.terms import (
     DELAY,
@@ -196,7 +196,7 @@ def test_units_and_amplitudes_of_a_model_are_the_same_errors() -> None:
     of_disparity = MODEL.effects(grid)[:, 0] - MODEL.effects(grid)[:, 2]
     assert error_px.ravel() == pytest.approx(of_disparity @ mean, rel=1e-9)
     assert std_px.ravel() == pytest.approx(np.linalg.norm(of_disparity @ root, axis=1), rel=1e-9)
-    timing, cov_timing = MODEL.timing(mean, cov)
+    timing, cov_timing = MODEL.timing(Amplitudes(mean, cov))
     k = TERMS.index(DELAY)
     assert timing == pytest.approx(found.mean[k : k + 2])
     assert cov_timing == pytest.approx(found.cov[k : k + 2, k : k + 2], rel=1e-6)

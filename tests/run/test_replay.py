@@ -161,5 +161,6 @@ def test_depth_that_cannot_be_read_costs_its_figures_only(wall_log: Path, monkey
 def test_a_replay_says_where_it_ends_and_what_its_covariances_are_worth(wall_log) -> None:
     summary = replay(wall_log, self_test=True, std_truth=(1e-5, 1e-6)).summary
     assert summary["end"]["std_position_m"] > 0 and summary["end"]["std_heading_deg"] > 0
-    assert [s["frames"] for s in summary["self_test"]["tracks"]][:3] == [1, 2, 5]
+    assert set(summary["self_test"]) == {"tracks", "image", "tracks_calibrated", "image_calibrated"}
+    assert all([s["frames"] for s in spans][:3] == [1, 2, 5] for spans in summary["self_test"].values())
     assert summary["ground_truth"]["std_truth"] == [1e-5, 1e-6]

@@ -5,10 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stream_sfm.config import Config, RobustConfig
-from stream_sfm.observer import Observed
-from stream_sfm.run.self_test import SelfTest
+from stream_sfm.config import Config, RigConfig, RobustConfig
+from stream_sfm.interrupts import Interruption
+from stream_sfm.observer import Observed, Observer
+from stream_sfm.recording.stereo_log import open_log
+from stream_sfm.run.lane import Lane
+from stream_sfm.run.loop import run
+from stream_sfm.run.self_test import SelfTest, SelfTestOfRun
 from stream_sfm.simulation.scenes import Scene
+from stream_sfm.types import Selection
+from tests.helpers.places import DEMO
 
 SCENE = Scene(frames=24, track_length=8, visible=100, std_px=0.2, round_off=False)
 TRIALS = 4
@@ -31,3 +37,24 @@ def test_halves_are_apart_by_as_much_as_their_covariances_say(too_small: float) 
     standard_error = too_small / np.sqrt(2 * 6 * 2 * TRIALS)
     for (name, frames), factors in found.items():
         assert abs(np.sqrt(np.mean(np.square(factors))) - too_small) < 3 * standard_error, (name, frames)
+
+
+@pytest.mark.slow
+def test_halves_are_given_the_calibration_that_the_run_has_found() -> None:
+    """The demo's is off, so halves that find it differently, and later, are apart otherwise than halves given one."""
+    log, interruption = open_log(DEMO), Interruption()
+    lane = Lane(Config(), Observer(log.rig, Config()), None, None)
+    test, exact = (
+        SelfTestOfRun(lane),
+        SelfTestOfRun(Lane(Config(rig=RigConfig(exact=True)), lane.observer, None, None)),
+    )
+    run(log, lane, (), (test, exact), selection=Selection(max_frames=14), interruption=interruption)
+    found, told = test.result(interruption), exact.result(interruption)
+    for name in ("tracks", "image"):
+        by_themselves, calibrated = found[name], found[f"{name}_calibrated"]
+        assert [s["frames"] for s in calibrated] == [s["frames"] for s in by_themselves] == [1, 2, 5, 8]
+        assert all(a["factor"] != b["factor"] for a, b in zip(calibrated, by_themselves, strict=True))
+        assert told[name] and not told[f"{name}_calibrated"]
+    interruption.requested = True
+    assert not test.result(interruption)["image_calibrated"]
+    test.close()

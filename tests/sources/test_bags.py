@@ -170,7 +170,7 @@ def test_a_damaged_bag_is_read_on_at_the_next_chunk(tmp_path, logs):
 
 
 def test_a_folder_without_one_recording_says_what_is_wanted(tmp_path, logs):
-    with pytest.raises(LogError, match=r"without a recording \(an MCAP file, a ROS 1 or ROS 2 bag"):
+    with pytest.raises(LogError, match=r"without a recording \(an MCAP file, a ROS 1 bag, a ROS 2 bag"):
         open_log(tmp_path)
     for name in ("lab.mcap", "yard.mcap"):
         shutil.copy(logs["ros2"], tmp_path / name)

@@ -9,11 +9,12 @@ import os
 import shutil
 import subprocess
 import sys
-import sysconfig
 import time
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parents[2] / "stream_sfm" / "core"))
 sys.path.insert(0, str(Path(__file__).parent))
+import checkout
 import toolchain
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -22,7 +23,7 @@ _SECONDS_PER_FILE = 4.0  # measured: 79 s of CPU for 25 files, with some reserve
 
 
 def build() -> None:
-    """Build the module of this Python, if a source is newer than it; other processes wait for the first."""
+    """Build the module of this Python, if it is not that of its sources; other processes wait for the first."""
     toolchain.require_headers()
     folder = ROOT / "build" / f"core-{sys.implementation.cache_tag}"
     folder.mkdir(parents=True, exist_ok=True)
@@ -32,11 +33,11 @@ def build() -> None:
         except BlockingIOError:
             _say("another process builds the compiled core: waiting for it")
             fcntl.flock(lock, fcntl.LOCK_EX)
-        if is_fresh():
+        if checkout.is_current(str(SOURCES)):
             return
         began_s = time.monotonic()
         _say(
-            f"the compiled core is {'older than its sources' if module().exists() else 'not built yet'}: {_plan()}"
+            f"the compiled core is {'not that of its sources' if module().exists() else 'not built yet'}: {_plan()}"
         )
         configure_and_build(folder)
         built = folder / module().name
@@ -52,21 +53,15 @@ def configure_and_build(folder: Path, *options: str) -> None:
     cmake = _program("cmake")
     _run(
         cmake, "-S", str(SOURCES), "-B", str(folder), "-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={_program('ninja')}",
-        f"-DPython_EXECUTABLE={sys.executable}", *toolchain.cmake_arguments(folder / "compiler"), *options,
+        f"-DPython_EXECUTABLE={sys.executable}", f"-DSOURCES={checkout.mark_of(str(SOURCES))}",
+        *toolchain.cmake_arguments(folder / "compiler"), *options,
     )  # fmt: skip
     _run(cmake, "--build", str(folder))
 
 
 def module() -> Path:
     """The module's file for this Python."""
-    suffix = ".abi3.so" if sys.version_info >= (3, 12) else sysconfig.get_config_var("EXT_SUFFIX")
-    return SOURCES / f"_core{suffix}"
-
-
-def is_fresh() -> bool:
-    """Whether the module is there and no source is newer."""
-    sources = [path for path in SOURCES.iterdir() if path.suffix in (".cpp", ".hpp", ".txt")]
-    return module().exists() and module().stat().st_mtime >= max(path.stat().st_mtime for path in sources)
+    return SOURCES / checkout.module_name()
 
 
 def _plan() -> str:

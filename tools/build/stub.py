@@ -5,6 +5,9 @@ above them are the records that stages take and return, as the module describes 
 a record is taken for it, which the type checker verifies. A test compares the stub with the module.
 """
 
+import os
+import shutil
+import subprocess
 import sys
 import textwrap
 from pathlib import Path
@@ -69,3 +72,7 @@ if __name__ == "__main__":
     from stream_sfm.core import _core
 
     STUB.write_text(stub(_core), encoding="utf-8")
+    if (
+        ruff := shutil.which("ruff", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    ) is not None:
+        subprocess.run([ruff, "format", "--quiet", str(STUB)], check=True)

@@ -19,7 +19,6 @@ from ...geometry.se3 import Array
 from ...inertial.buffer import SampleBuffer
 from ...inertial.samples import ImuCalibration
 from ...inertial.state import ACCEL_BIAS, AXES, CLOCK, FIXED, GRAVITY, GYRO_BIAS, SCALE, STATE, VELOCITY
-from ...record import changed
 from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction, Solution, Status
 from ..motion_model import MotionModel
 from .inertia_checks import Agreement, Densities, impossible, likely
@@ -246,16 +245,16 @@ class Inertia:
             return None, None
         stamp_ns = (current.frames[-1] if current.frames else current.reference).stamp_ns
         seen = current.cams_from_ref, current.inertial_state
-        known = window.newest(current.system, stamp_ns, current.world_from_ref, *seen)
+        known, by_rig = window.newest(current.system, stamp_ns, current.world_from_ref, *seen)
+        cov = symmetric(known.cov + by_rig @ current.system.cov_rig @ by_rig.T)
         if read_off.inertia is not None and read_off is not current:
             seen_alike = read_off.cams_from_ref, read_off.inertial_state
-            mean = read_off.inertia.newest(read_off.system, stamp_ns, read_off.world_from_ref, *seen_alike)
-            known = changed(mean, cov=known.cov)
+            known, _ = read_off.inertia.newest(read_off.system, stamp_ns, read_off.world_from_ref, *seen_alike)
         if len(current.frames) == self._frames:
             window.learn(current.system, *seen)
             self._densities = self._densities.after(window.surprise)
             window.factors = self._densities.factors
-        known = self._with_odds(known)
+        known = self._with_odds(known, cov)
         self.now = known
         is_wrong = impossible(known.state, known.cov_state, self._rules)
         if is_wrong or (
@@ -267,14 +266,17 @@ class Inertia:
         estimate = inertial_estimate(known, self._densities.factors, self._distance2, note)
         return known, estimate
 
-    def _with_odds(self, known: Known) -> Known:
-        """Return pose and state where scale, axes and clock are as probable, eq. (87)."""
-        state, cov = known.state, known.cov
-        apart = likely(state, known.cov_state, self._std_fixed, self._rig) - state[FIXED]
+    def _with_odds(self, known: Known, cov: Array) -> Known:
+        """Return pose and state where scale, axes and clock are as probable, eq. (87).
+
+        `known` is given the rig's errors, which are held; `cov` (23, 23) is not. What both scale and rig do to a pose
+        is the rig's as long as these are held, so the pose moves by the covariances given them.
+        """
+        apart = likely(known.state, cov[JOINT["state"], JOINT["state"]], self._std_fixed, self._rig)
+        apart -= known.state[FIXED]
         at = JOINT.within("state", FIXED)
-        gain = np.linalg.solve(cov[at, at], cov[at]).T
-        moved = gain @ apart
-        state = state + moved[JOINT["state"]]
+        moved = known.cov[:, at] @ np.linalg.solve(known.cov[at, at], apart)
+        state = known.state + moved[JOINT["state"]]
         pose = se3.orthonormalise(known.world_from_cam @ se3.exp(moved[JOINT["pose"]]))
         cov = symmetric(cov + np.outer(moved, moved))  # of the fixed ones about where they are put
         return Known(known.stamp_ns, pose, state, cov)

@@ -136,10 +136,13 @@ class InertialWindow:
         left = self._lead @ scaled_cholesky(self._cov_local[slides, slides]) if f else np.zeros((0, 0))
         return np.concatenate([root, left], axis=1), by_rig
 
-    def newest(self, system: System, stamp_ns: int, world_from_ref: Array, cams: Array, state: Array) -> Known:
-        """Return pose and state of the newest camera with their joint covariance, eq. (84).
+    def newest(
+        self, system: System, stamp_ns: int, world_from_ref: Array, cams: Array, state: Array
+    ) -> tuple[Known, Array]:
+        """Return pose and state of the newest camera with their joint covariance given the rig's errors, eq. (84).
 
-        `cams` (F, 4, 4): as the images show them; none where the newest camera is the reference.
+        And how both move with these, (23, m). `cams` (F, 4, 4): as the images show them; none where the newest camera
+        is the reference.
         """
         f, of_modes, of = len(self.intervals), system.prior.world_modes, system.prior.of_modes
         at = Layout(poses=6 * f, world=6, state=STATE)
@@ -172,9 +175,9 @@ class InertialWindow:
         by_variables = _of_system(system, rows[:, at["poses"]], of_world @ of_modes[:, of["own"]])
         root = by_variables @ system.root
         by_rig = by_variables @ system.by_rig + of_world @ of_modes[:, of["rig"]]
-        cov = root @ root.T + by_rig @ system.cov_rig @ by_rig.T + rest @ self._cov_local @ rest.T
+        cov = root @ root.T + rest @ self._cov_local @ rest.T
         pose = se3.orthonormalise(world_from_ref @ se3.inverse(x))
-        return Known(stamp_ns, pose, now, 0.5 * (cov + cov.T))
+        return Known(stamp_ns, pose, now, 0.5 * (cov + cov.T)), by_rig
 
     def learn(self, system: System, cams_from_ref: Array, state: Array) -> None:
         """Compare the residuals of the oldest interval with what they should be, diag(I − J Σ Jᵀ) of its own rows.

@@ -16,7 +16,7 @@ from ...config import RigConfig
 from ...geometry.linear import Cholesky, symmetric
 from ...geometry.se3 import Array
 from ...record import changed, record
-from ...rig_model.estimate import RigEstimate
+from ...rig_model.estimate import Amplitudes, RigEstimate
 from ...rig_model.parts import Agreement, Parts
 from ...rig_model.sizes import Mixture, likely_sizes, mixture
 from ...rig_model.terms import FOCAL, TERMS
@@ -75,6 +75,10 @@ class RigKnowledge:
     def age_s(self, stamp_ns: int) -> float:
         """Return for how long errors may have grown."""
         return (stamp_ns - self.since_ns) / 1e9
+
+    def held_at(self, stamp_ns: int) -> Amplitudes:
+        """Return the errors that the window holds, as old as they are at a stamp."""
+        return Amplitudes(self.held, self.cov_held, self.age_s(stamp_ns))
 
     def tempered(self, mean: Array, cov: Array, information: Array) -> tuple[Array, Array]:
         """Return what all views say of c, N(`mean`, `cov`), with the window by its share, eq. (72h).

@@ -15,8 +15,8 @@ from ...geometry.medians import MEMORY_FRAMES, median
 from ...geometry.se3 import Array
 from ...record import record
 
-_LEAST = 5  # frames that a polynomial of fourth order and the ticks of a clock are told from
-_LATER = 3  # frames after which the velocity of a frame is known as well as it ever will be
+_LEAST = 5  # frames: enough for a polynomial of fourth order and for the period of a clock
+_LATER = 3  # frames after which the velocity of a frame does not become more certain
 
 
 class ExposureClock:

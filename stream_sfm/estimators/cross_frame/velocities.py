@@ -49,7 +49,7 @@ def expect(
     *_, before, now = motions
     moved = clamp_depth(points @ cam_from_previous.T)
     by_timing = np.zeros_like(views.timing)
-    timing = _timing(current, frame.rig)
+    timing = frame.rig.timing(current.prior.rig.held_at(frame.stamp_ns))
     by_timing[rows] = frame.rig.by_timing(moved, now, timing[0], views.expected_px[rows])
     views = changed(views, timing=by_timing)
     of_twist = std_acceleration * (seconds[-1] - seconds[-2])
@@ -150,8 +150,8 @@ def _renew_first(current: Map, views: WhitenedViews, rig: RigModel) -> None:
 
 
 def _timing(current: Map, rig: RigModel) -> tuple[Array, Array]:
-    """Return delay and readout (2,) as they are held, seconds, and their covariance (2, 2)."""
-    return rig.timing(current.prior.rig.held, current.prior.rig.cov_held)
+    """Return delay and readout (2,) as they are held for the newest frame, seconds, and their covariance (2, 2)."""
+    return rig.timing(current.prior.rig.held_at(current.frames[-1].stamp_ns))
 
 
 def _as_turning(motions: Array, frames: Sequence[WindowFrame]) -> Array:

@@ -18,11 +18,12 @@ from .inverse_depth import WhitenedViews
 class WindowFrame:
     """What is known of a frame beside its pose and its views.
 
-    `std_turn_rad`: σ of the turn since the frame before that patches feign which slide alike, about each axis.
-    `ambiguity` (6, k): by what else the motion from the frame before may be wrong, in axes of this camera; frames in
-    a row share the first six columns, the others are of each alone. `interval`: the inertial samples since the frame
-    before, with the `velocity` (3,) that they predict, and `turning` (2, 3), angular velocity and acceleration of
-    points by the gyroscope; None without. `misfit`: the images do not fit each other or the calibration.
+    `std_turn_rad`: σ about each axis of the apparent turn since the previous frame that patches cause by sliding alike.
+    `ambiguity` (6, k): a root of the further covariance of the motion from the previous frame, in axes of this camera;
+    consecutive frames share the first six columns, and the others belong to one frame. `interval`: the inertial
+    samples since the previous frame; they predict the `velocity` (3,), and the gyroscope gives `turning` (2, 3), the
+    angular velocity and acceleration of points. All three are None without
+    samples. `misfit`: the images do not fit each other or the calibration.
     """
 
     index: int
@@ -49,7 +50,7 @@ def views_of(observations: Observations, projection: StereoProjection, age_s: fl
     weight, n = _weights(observations), len(observations.track_ids)
     own, terms, timing, field = np.zeros((n, 4, 0)), np.zeros((n, 4, 0)), np.zeros((n, 4, 0)), np.zeros((n, 0))
     if observations.rig is not None:
-        timing = np.zeros((n, 4, 2))
+        timing = observations.rig.model.without_timing(n)
         own = by_turn(projection, observations.z_px, observations.rig.turn_root)
         terms, field = observations.rig.model.at_rest(observations.z_px, age_s)
     return WhitenedViews(

@@ -1,0 +1,54 @@
+"""The module of a checkout: whether it was built from the sources beside it, and how it is built where it was not.
+
+The sources are known by a checksum, which the module has inside: one that was copied, or that another branch has left,
+is not taken for theirs, however new it is. `tools/build/in_place.py` takes this file without the package around it.
+"""
+
+import os
+import sys
+import sysconfig
+import zlib
+
+
+def module_name() -> str:
+    """Return the file name of the module for this Python."""
+    return f"_core{'.abi3.so' if sys.version_info >= (3, 12) else sysconfig.get_config_var('EXT_SUFFIX')}"
+
+
+def mark_of(folder: str) -> str:
+    """Return what a module has inside that was built from the sources in a folder."""
+    checksum = 0
+    for name in sorted(os.listdir(folder)):
+        if name.endswith((".cpp", ".hpp", ".txt")):
+            with open(os.path.join(folder, name), "rb") as source:
+                checksum = zlib.crc32(source.read(), zlib.crc32(name.encode(), checksum))
+    return f"stream_sfm-sources-{checksum:08x}"
+
+
+def is_current(folder: str) -> bool:
+    """Whether the module in a folder was built from the sources there."""
+    try:
+        with open(os.path.join(folder, module_name()), "rb") as module:
+            return mark_of(folder).encode() in module.read()
+    except FileNotFoundError:
+        return False
+
+
+def build_if_other(folder: str) -> None:
+    """Build the module in place where it is not that of its sources; standard error says so, also in a notebook."""
+    if is_current(folder):
+        return
+    import subprocess
+
+    tool = os.path.join(folder, "..", "..", "tools", "build", "in_place.py")
+    with subprocess.Popen(
+        [sys.executable, tool], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, encoding="utf-8"
+    ) as building:
+        for line in building.stderr or ():
+            sys.stderr.write(line)
+            sys.stderr.flush()
+    if building.returncode:
+        raise ImportError(
+            f"{folder}: the compiled core is not that of its sources and could not be built, for the reason above: "
+            'python -m pip install -e ".[test]"; a package that is installed is found from any other folder'
+        )

@@ -1,0 +1,54 @@
+"""Patches around tracks in the images of two frames, and what all of them say together."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.se3 import Array
+from ..record import record
+from .prepared import Image
+
+RADIUS_PX = 5  # of a patch
+_LEAST_VARIANCE = 1e-6  # of what patches say, over its square
+
+
+@record
+class View:
+    """The left image (h, w) of a frame, and where its tracks `ids` (n,), ascending, are in it: `left_px` (n, 2)."""
+
+    image: Image
+    ids: NDArray[np.int64]
+    left_px: Array
+
+    def of(self, ids: NDArray[np.int64]) -> Array:
+        """Where the given tracks were (n, 2); NaN of those that were not."""
+        if not len(self.ids):
+            return np.full((len(ids), 2), np.nan)
+        rows = np.searchsorted(self.ids, ids).clip(max=len(self.ids) - 1)
+        return np.where((self.ids[rows] == ids)[:, None], self.left_px[rows], np.nan)
+
+    def inside(self, px: Array) -> NDArray[np.bool_]:
+        """Around which positions (n, 2) a patch with all that is sampled of it lies within the image."""
+        limit = np.array(self.image.shape[::-1]) - RADIUS_PX - 3
+        return np.asarray(((px > RADIUS_PX + 2) & (px < limit)).all(axis=1))
+
+
+def share_of(sums: Array) -> tuple[float, float]:
+    """A share and its significance in σ from the sums (5,) of a control."""
+    p, s, pp, ps, ss = sums
+    if s <= 0:
+        return 0.0, 0.0
+    share = p / s
+    variance = pp - 2 * share * ps + share**2 * ss  # of p by how patches differ
+    return float(share), float(p / np.sqrt(max(variance, _LEAST_VARIANCE * pp)))
+
+
+def patches_of(image: Image, at_px: Array, radius_px: int) -> NDArray[np.float32]:
+    """Patches (..., d, d), d = 2 radius + 1, of an image around positions (..., 2)."""
+    d = 2 * radius_px + 1
+    offsets = np.arange(-radius_px, radius_px + 1, dtype=np.float32)
+    x, y = at_px.reshape(-1, 2).astype(np.float32).T[:, :, None, None]
+    across, down = np.empty((2, x.size, d, d), np.float32)
+    across[:], down[:] = x + offsets, y + offsets[:, None]
+    sampled = cv2.remap(image, across.reshape(-1, d), down.reshape(-1, d), cv2.INTER_LINEAR)
+    return sampled.astype(np.float32).reshape(*at_px.shape[:-1], d, d)
