@@ -137,7 +137,7 @@ class Engine:
             found = self.lane.estimator.predict(stamp_ns, self.observer.view_of(self._samples.so_far()))
             if found is None:
                 return None
-            found = self.observer.prediction(found)
+            found = self.observer.physical.prediction(found)
             if self._world_from_first is None:
                 return found
             return replace(found, world_from_cam=se3.orthonormalise(self._world_from_first @ found.world_from_cam))

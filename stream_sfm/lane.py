@@ -28,4 +28,4 @@ class BareLane:
         took_s = time.thread_time() - began_s
         self.spent_s += took_s
         self.solution, self.rig = solution, solution.rig or self.rig
-        return self.observer.estimate(observed, solution, 1e3 * took_s)
+        return self.observer.physical.estimate(observed, solution, 1e3 * took_s)

@@ -9,8 +9,8 @@ kind, in one thread or in several.
 import os
 
 if os.path.exists(os.path.join(os.path.dirname(__file__), "CMakeLists.txt")):  # a wheel has no sources
-    from .checkout import build_if_other
+    from . import checkout
 
-    build_if_other(os.path.dirname(__file__))
+    checkout.build_if_other(os.path.dirname(__file__))
 
 from ._core import *  # noqa: F403 `help` describes each

@@ -77,6 +77,8 @@ def uncovered(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -
 
 def _is_deeper(setup: Setup, some: Tracks, others: Tracks) -> bool:
     """Whether points lie behind their neighbours among others, and hardly any of these is as far away."""
+    if len(some) < MIN_VIEWS:
+        return False
     as_far = np.count_nonzero(others.points[:, 3] < setup.rules.start.deeper * median(some.points[:, 3]))
     return bool(as_far < MANY_VIEWS) and is_behind(setup, some, others)
 

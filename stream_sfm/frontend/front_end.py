@@ -24,6 +24,7 @@ from .alignment import WIDE, TemplateAligner, valid_area
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
 from .echo_check import EchoCheck
+from .field_check import FieldCheck
 from .first_timing import learn_timing
 from .ghost_check import GhostCheck
 from .image_checks import are_alike, image_note
@@ -60,7 +61,9 @@ class StereoFrontEnd:
         radius_px, rules = config.frontend.window_radius_px, config.rules
         self.setup = Setup(projection, config, None if in_right is None else valid_area(in_right, radius_px))
         self.problem = resolution_problem(rig, rules.pair)  # what is wrong with the calibration in any frame
-        self.rig = RigModel.of(projection, config.rig, rig.refinement, rectifier.rows_of, rig.timing)
+        self.rig = RigModel.of(
+            projection, config.rig, rig.refinement, rectifier.rows_of, rig.timing, rectifier.by_focal
+        )
         self.start = FrontEndState(
             aligners={scale: TemplateAligner.empty(config, rectifier.valid, scale) for scale in (1, WIDE)},
             timing=Timing.unknown(projection, config.rig, rectifier.rows_of, rig.timing),
@@ -76,6 +79,7 @@ class StereoFrontEnd:
             still=StillCheck(rules=rules.still),
             echo=EchoCheck(rules=rules.echo),
             smears=SmearCheck(rules=rules.smears),
+            fields=FieldCheck(rules=rules.fields),
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
@@ -101,7 +105,8 @@ class StereoFrontEnd:
             expected = None  # it is of another frame than the one that is followed from
         state, change = self._take_out_turn(state)
         if images.lines is not None:
-            state = changed(state, still=state.still.after(*images.lines))
+            still, fields = state.still.after(*images.lines), state.fields.after(*images.lines)
+            state = changed(state, still=still, fields=fields)
         if images.middles is not None:
             state = changed(state, echo=state.echo.after(*images.middles))
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
@@ -169,7 +174,7 @@ class StereoFrontEnd:
         cov_px = np.concatenate([followed.cov_px, cov_new])
         note, state = self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px)
         note = note or state.ghosts.problem or state.smears.problem
-        note = note or state.still.problem or state.echo.problem
+        note = note or state.still.problem or state.echo.problem or state.fields.problem
         state, observed = self._observed(state, stamp_ns, z_px, cov_px, note)
         return state, replace(
             observed,

@@ -64,7 +64,8 @@ class SmearCheck:
         moved_px = now.left_px - self.last.of(now.ids)
         lengths_px = np.linalg.norm(moved_px, axis=1)
         typical_px = float(np.nanmedian(lengths_px)) if np.isfinite(lengths_px).any() else 0.0
-        if len(self.sums) < rules.remembered or check.waited >= rules.every:
+        moves = typical_px > rules.typical_px
+        if moves and (len(self.sums) < rules.remembered or check.waited >= rules.every):
             sums = _sums(self.slow, now, moved_px, rules)
             if sums is None:
                 return check._slow(now, typical_px)

@@ -19,6 +19,7 @@ from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
 from .echo_check import EchoCheck
+from .field_check import FieldCheck
 from .ghost_check import GhostCheck
 from .pair_check import PairCheck
 from .prepared import PreparedImages
@@ -109,7 +110,7 @@ class FrontEndState:
       `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions; `start`:
       whether the map has started with the motion of the camera; `steps`: whether both images have been displaced;
       `ghosts`, `smears`: whether earlier images show through; `still`: whether something is drawn over both;
-      `echo`: whether both show everything twice.
+      `echo`: whether both show everything twice; `fields`: whether rows are of two moments in turn.
     - `errors`: what is learnt of errors that views of a point share; `disparity`: of its error, as far as it is known.
     - `map`: with one camera, how far the map has come.
     """
@@ -140,6 +141,7 @@ class FrontEndState:
     still: StillCheck = field(default_factory=StillCheck)
     echo: EchoCheck = field(default_factory=EchoCheck)
     smears: SmearCheck = field(default_factory=SmearCheck)
+    fields: FieldCheck = field(default_factory=FieldCheck)
     rows_waiting: Array | None = None
     pair: PairCheck = field(default_factory=PairCheck)
     map: MapState = field(default_factory=MapState)

@@ -11,8 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..frontend.templates import TemplateAtlas
 from ..geometry import se3
+from ..geometry.linear import Cholesky
 from ..geometry.point_views import PointViews
 from ..geometry.resection import Resection, resect
 from ..geometry.se3 import Array
@@ -49,20 +51,21 @@ class Verifier:
         if start is None or not len(old.points):
             return None
         images, atlas = [smoothed(image) for image in new.images], templates(old)
-        found: Resection | None = None
         for _ in range(SETTINGS.passes):
-            found = self._refined(old, atlas, images, start)
-            if found is None:
+            refined = self._refined(old, atlas, images, start)
+            if refined is None:
                 return None
+            views, found = refined
             start = found.cam_from_ref
-        assert found is not None
         if found.accepted.sum() < SETTINGS.min_views or found.ambiguous is not None:
             return None
         motion = se3.inverse(found.cam_from_ref)
         far = np.linalg.norm(motion[:3, 3]) > SETTINGS.max_offset_depths * old.depth_m
         if far or np.linalg.norm(se3.log_so3(motion[:3, :3])) > SETTINGS.max_angle_rad:
             return None
-        return Motion(motion, found.cov_pose * max(1.0, found.chi2 / max(found.dof, 1)))
+        return Motion(
+            motion, found.cov_pose * max(1.0, found.chi2 / max(found.dof, 1), _halves_apart(views, found))
+        )
 
     def _rough(self, old: Keyframe, new: Keyframe) -> Array | None:
         """New camera from old one, by PnP of features that match."""
@@ -90,8 +93,8 @@ class Verifier:
 
     def _refined(
         self, old: Keyframe, atlas: TemplateAtlas, images: Sequence[NDArray[np.float32]], new_from_old: Array
-    ) -> Resection | None:
-        """The motion by patches that are warped as a rough motion has it."""
+    ) -> tuple[PointViews, Resection] | None:
+        """The views and the motion by patches that are warped as a rough motion has it."""
         p = self._projection
         points = old.points.astype(float)
         here = se3.transform(new_from_old, points)
@@ -116,7 +119,7 @@ class Verifier:
         cov_px = np.broadcast_to(SETTINGS.std_px**2 * np.eye(4), (len(rows), 4, 4))
         of_points = PointViews(p, points[rows], old.cov_points[rows].astype(float), views, cov_px)
         motion = resect(of_points, new_from_old)
-        return motion if motion.ok and self._is_spread(views[motion.accepted]) else None
+        return (of_points, motion) if motion.ok and self._is_spread(views[motion.accepted]) else None
 
     def _old_from_new(self, points: Array, new_from_old: Array) -> Array:
         """Warps (n, 3, 2) of pixel offsets of surfaces that face the old camera; none that fits where seen edge-on."""
@@ -133,6 +136,26 @@ class Verifier:
         """Whether views (n, 4) are over enough of the image."""
         cells = (4 * z_px[:, :2] / (self._projection.width, self._projection.height)).astype(int)
         return len(np.unique(cells[:, 0] + 4 * cells[:, 1])) >= SETTINGS.min_cells
+
+
+def _halves_apart(views: PointViews, found: Resection) -> float:
+    """By how much motions of two halves of the views differ: the squared distance over the six expected.
+
+    It is the largest of near and far, left and right, upper and lower ones: patches on slanted surfaces err alike in
+    one of these. With N and g the information and the right-hand side of a half, and M that of all, whose right-hand
+    side is zero, the distance is gᵀ (N − N M⁻¹ N)⁻¹ g.
+    """
+    used = views.select(found.accepted)
+    root, jacobian = used.linearise(found.cam_from_ref)
+    residuals = core.view_residuals(used, root, np.zeros(0), found.cam_from_ref[None])[0][0]
+    information = np.swapaxes(jacobian, 1, 2) @ jacobian
+    right = (residuals[:, None] @ jacobian)[:, 0]
+    rest, apart = Cholesky(information.sum(axis=0)), 0.0
+    for along in (used.points[:, 2] / used.points[:, 3], used.z_px[:, 0], used.z_px[:, 1]):
+        half = along > np.median(along)
+        n, g = information[half].sum(axis=0), right[half].sum(axis=0)
+        apart = max(apart, float(g @ Cholesky(n - n @ rest.solve(n)).solve(g)))
+    return apart / 6
 
 
 def matches(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.intp]:

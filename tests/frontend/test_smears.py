@@ -16,7 +16,12 @@ _REST = 3  # frames before the camera moves
 
 
 def checked(
-    share: float, speeds_px: np.ndarray, shutter: float = 0.0, std_grey: float = 1.0, seed: int = 0
+    share: float,
+    speeds_px: np.ndarray,
+    shutter: float = 0.0,
+    std_grey: float = 1.0,
+    seed: int = 0,
+    std_px: float = 0.03,
 ) -> SmearCheck:
     """After a camera that moves past a wall at these speeds (n,), whose images are `share` the one before; the shutter
     is open for that part of a frame."""
@@ -34,7 +39,7 @@ def checked(
         image = cv2.GaussianBlur(np.rint(shown).clip(0, 255).astype(np.uint8), (0, 0), 1)
         px = corners - at
         rows = ((px > 0) & (px < _SIZE)).all(axis=1).nonzero()[0]
-        check = check.after(View(image, rows, px[rows] + 0.03 * rng.normal(size=(len(rows), 2))))
+        check = check.after(View(image, rows, px[rows] + std_px * rng.normal(size=(len(rows), 2))))
     return check
 
 
@@ -70,6 +75,12 @@ def test_the_smear_of_a_shutter_is_known(shutter: float) -> None:
     """What is left of it after that of a whole frame has been taken out."""
     found, _ = checked(0, after_rest(1.5), shutter).share
     assert abs(found - (shutter**2 - 1) / 12) < 0.01
+
+
+def test_a_camera_that_stands_says_nothing() -> None:
+    """Where its tracks are uncertain, those that seem to move most have noise that looks like a smear."""
+    assert not checked(0.3, np.zeros(12), std_px=0.1).sums
+    assert checked(0.3, after_rest(0.4), std_px=0.1).sums
 
 
 def test_a_suspicion_ends() -> None:

@@ -1,5 +1,7 @@
 """Samples as they should not be: a statement, a wider covariance, or an error in words."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,8 @@ from stream_sfm.errors import ConfigError, FrameError
 from stream_sfm.inertial.buffer import SampleBuffer
 from stream_sfm.inertial.driver import DriverSamples
 from stream_sfm.inertial.samples import ImuCalibration, ImuSamples
+from tests.helpers.imu_views import swaying
+from tools.render.inertial import BMI160, CONSUMER, measured
 
 MS = 1_000_000
 REST = np.array([0.0, -9.81, 0.0])
@@ -106,3 +110,15 @@ def test_a_driver_gives_each_frame_its_own_and_one_beyond():
     assert driver.take_until(25 * MS).stamps_ns.tolist() == [20 * MS, 25 * MS, 30 * MS]
     with pytest.raises(FrameError, match="inertial sample"):
         driver.add(1.5, [0, 0, 0], REST)
+
+
+@pytest.mark.parametrize("unit", [BMI160, CONSUMER])
+def test_samples_of_a_moving_unit_tell_its_noise_by_themselves(unit):
+    path = swaying(3)
+    given = measured(path, (0.0, 1.0), path.down, unit, seed=3)
+    wrong = replace(unit.calibration, gyro_noise=1e-5, accel_noise=1.0)  # not asked
+    buffer = SampleBuffer(wrong)
+    buffer.add(given[:29])
+    assert buffer.noise() is None
+    buffer.add(given)
+    assert buffer.noise() == pytest.approx([unit.calibration.gyro_noise, unit.calibration.accel_noise], rel=0.3)

@@ -40,7 +40,8 @@ class Inertia:
         self._calibration: ImuCalibration | None = None
         self._buffer = SampleBuffer(ImuCalibration())
         self.now: Known | None = None
-        self._agreement, self._densities = Agreement(self._rules), Densities.as_given(self._rules)
+        self._agreement, self._densities = Agreement(self._rules), Densities.begun(self._rules)
+        self._noise_known = False  # by the samples themselves
         self._distance2, self._note = 0.0, ""
         self._frames = config.window.frames
         self._carried = False  # the state is from before the present map
@@ -64,6 +65,10 @@ class Inertia:
             self._calibration = view.calibration
             self._buffer = SampleBuffer(view.calibration)
         self._buffer.add(view.samples)
+        if not self._noise_known and (noise := self._buffer.noise()) is not None:
+            of = view.calibration
+            self._densities = Densities.begun(self._rules, noise / [of.gyro_noise, of.accel_noise])
+            self._noise_known = True
         if self.problem and self.now is not None:
             logging.getLogger("stream_sfm").warning(self.problem)
             self.now = self._anew = None
@@ -145,6 +150,7 @@ class Inertia:
             current.end_inertia()
         if window is None or now is None:
             return
+        window.factors = self._densities.factors
         before = (current.frames[-1] if current.frames else current.reference).stamp_ns
         if current.frames and not window.intervals[-1].complete:  # by now its samples have come
             first = (current.frames[-2] if len(current.frames) > 1 else current.reference).stamp_ns
@@ -253,7 +259,6 @@ class Inertia:
         if len(current.frames) == self._frames:
             window.learn(current.system, *seen)
             self._densities = self._densities.after(window.surprise)
-            window.factors = self._densities.factors
         known = self._with_odds(known, cov)
         self.now = known
         is_wrong = impossible(known.state, known.cov_state, self._rules)

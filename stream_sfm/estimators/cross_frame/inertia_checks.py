@@ -90,18 +90,26 @@ class Densities:
 
     `squares`, `shares` (3,): sums of weighted squared residuals in units of what the data sheet says, and of what they
     should be. `plain` (3, 2): the same without weights: samples whose noise is counted far too small leave the images
-    no say, so that all weights are small.
+    no say, so that all weights are small. `sheet` (3,): what `squares` are per share before any residual.
     """
 
     rules: InertiaRules
     squares: Array
     shares: Array
     plain: Array
+    sheet: Array
 
     @classmethod
-    def as_given(cls, rules: InertiaRules) -> "Densities":
-        """Return those of the data sheet."""
-        return cls(rules, np.full(3, rules.data_sheet), np.full(3, rules.data_sheet), np.full((3, 2), rules.little))
+    def begun(cls, rules: InertiaRules, noise: Array | None = None) -> "Densities":
+        """Return those of the data sheet, or as much larger as samples differ from their neighbours, `noise` (2,).
+
+        Not smaller: units that smooth their samples hide noise from this.
+        """
+        sheet = np.ones(3)
+        if noise is not None:
+            sheet[:2] = np.clip(noise, 1.0, rules.most_factor) ** 2
+        counts = np.full(3, rules.data_sheet)
+        return cls(rules, counts * sheet, counts, np.full((3, 2), rules.little), sheet)
 
     @property
     def factors(self) -> Array:
@@ -114,8 +122,9 @@ class Densities:
     def after(self, surprise: Array) -> "Densities":
         """Return them after an interval with a `surprise` (3, 4), as in `InertialWindow.learn`."""
         keep = 1 - 1 / self.rules.remembered
-        squares = keep * self.squares + (1 - keep) * self.rules.data_sheet + surprise[:, 0] * self.factors**2
-        shares = keep * self.shares + (1 - keep) * self.rules.data_sheet + surprise[:, 1]
+        counts = (1 - keep) * self.rules.data_sheet
+        squares = keep * self.squares + counts * self.sheet + surprise[:, 0] * self.factors**2
+        shares = keep * self.shares + counts + surprise[:, 1]
         plain = keep * self.plain + np.stack([surprise[:, 2] * self.factors**2, surprise[:, 3]], axis=1)
         return changed(self, squares=squares, shares=shares, plain=plain)
 

@@ -31,7 +31,7 @@ from ...inertial.state import BIASES, GRAVITY, STATE, VELOCITY
 from ...record import changed, filled, record
 from .interval import JOINT, OF_LEAVING, Leaving
 from .layout import Layout
-from .rig_knowledge import RigKnowledge
+from .rig_knowledge import NO_RIG, RigKnowledge
 
 # Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
 # micrometre and a microradian are far below any estimate.
@@ -264,7 +264,7 @@ class Prior:
             mean=self.mean + self.modes[..., own:] @ amplitudes,
             modes=np.ascontiguousarray(self.modes[..., :own]),
             world_modes=self.world_modes[:, :own],
-            rig=RigKnowledge.unknown(np.zeros(0)),
+            rig=NO_RIG,
         )
 
     def with_field(self, n: int) -> "Prior":
@@ -273,12 +273,12 @@ class Prior:
         world_modes = np.concatenate([self.world_modes, np.zeros((len(self.world_modes), n))], axis=1)
         return changed(self, modes=modes, world_modes=world_modes, rig=self.rig.with_field(n))
 
-    def with_rig_change(self, root: Array) -> "Prior":
-        """Return the prior after the errors of the rig have changed by N(0, `root` rootᵀ), root (m, j), eq. (72e).
+    def with_rig_change(self, change: tuple[RigKnowledge, Array, Array]) -> "Prior":
+        """Return the prior after the errors of the rig have changed, eq. (72e); `change` as in `RigKnowledge.changed`.
 
-        Points and world stay where they are, with j modes more: they have met the errors as they were.
+        Points and world stay where they are, with as many modes more: they have met the errors as they were.
         """
-        rig, kept, apart = self.rig.changed(root)
+        rig, kept, apart = change
         own = self.modes.shape[2] - len(rig)
 
         def moved(modes: Array) -> Array:

@@ -1,0 +1,50 @@
+"""Who takes observations, and who takes estimates."""
+
+from typing import Protocol, runtime_checkable
+
+from .estimates import FrameEstimate, Prediction, Solution
+from .frames import Frame
+from .observations import ExpectedMotion, InertialView, Observations
+
+
+class Estimator(Protocol):
+    """Takes the observations of each frame and returns a Solution; the contract of every method.
+
+    The world is the camera of the first frame. A frame with too few views is answered with status lost and a
+    predicted pose; the next frame with enough points starts a new map from there.
+    """
+
+    name: str
+
+    def step(self, observations: Observations) -> Solution:
+        """Return the solution of the next frame; frames come in order."""
+
+
+@runtime_checkable
+class InertialEstimator(Protocol):
+    """An estimator that uses inertial samples, and predicts the camera's motion by them."""
+
+    @property
+    def inertial_problem(self) -> str:
+        """Why samples that have come are not used; empty where they are."""
+
+    def expect(self, stamp_ns: int, view: InertialView | None) -> ExpectedMotion | None:
+        """Return the motion since the latest estimate up to a stamp, with the samples that come with that frame."""
+
+    def predict(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
+        """Return pose and state later on, with further samples, which are not kept; None where none lead there."""
+
+
+def expected_motion(estimator: object, stamp_ns: int, view: InertialView) -> ExpectedMotion | None:
+    """Return the motion that an estimator predicts for the next frame; None of one that takes no inertial samples."""
+    return estimator.expect(stamp_ns, view) if isinstance(estimator, InertialEstimator) else None
+
+
+class Sink(Protocol):
+    """Watches a run frame by frame: a file, a viewer, a progress bar, a queue."""
+
+    def write(self, estimate: FrameEstimate, frame: Frame) -> None:
+        """Take the estimate of the next frame, and the frame it was made from."""
+
+    def close(self) -> None:
+        """Finish: no more frames will come."""
