@@ -17,6 +17,7 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from .exposed_rows import ExposedRows
+from .focal_effect import FocalEffect
 from .lens import distortion, project_into_image, rays_of
 from .models import Camera
 from .rig import MonoRig, StereoRig
@@ -39,7 +40,10 @@ _BESIDE = 0.7
 _PARALLEL = 1e-3  # sine of the angle between baseline and view: below, both cameras look along one line
 _ROW_DEGREE = 7  # of the polynomial in each coordinate for rows of the camera's image, and how many places it fits
 _ROW_NODES = 21
+_FOCAL_STEP = 1e-3  # of the focal length, for differences
 _MIN_VALID = 0.02  # of the rectified image's area: with less image content there is nothing to track
+
+_Side = tuple[Camera, Array, Array]  # with its rectifying rotation, and the matrix of the rectified image
 
 
 class Rectifier:
@@ -111,23 +115,69 @@ class Rectifier:
     @cached_property
     def rows_of(self) -> ExposedRows:
         """In which rows of the cameras' own images views are: polynomials through the rows of places all over them."""
+        rows = [(raw_px[:, 1:] + 0.5) / side[0].height - 0.5 for side, _, raw_px in self._places]
+        return self._polynomials(rows)[0]  # a readout is that of `height` rows
+
+    @cached_property
+    def by_focal(self) -> FocalEffect:
+        """What a longer focal length of both cameras does to views."""
+        moved = []
+        for (camera, rotation, k_rectified), _, raw_px in self._places:
+            middle_px = camera.K[:2, 2]
+            longer, shorter = (
+                _rectified_px(
+                    rays_of(camera, middle_px + (1 + share) * (raw_px - middle_px)), rotation, k_rectified
+                )
+                for share in (_FOCAL_STEP, -_FOCAL_STEP)
+            )
+            moved.append((longer - shorter) / (2 * _FOCAL_STEP))
+        return FocalEffect(*self._polynomials(moved))
+
+    @cached_property
+    def _places(self) -> list[tuple[_Side, NDArray[np.intp], Array]]:
+        """Of each side: which of the `_nodes` show its image, and where, px."""
+        found = []
+        for camera, rotation, k_rectified in self._sides:
+            rays = np.column_stack([self._nodes, np.ones(len(self._nodes))])
+            rays = rays @ np.linalg.inv(k_rectified).T @ rotation
+            ahead = np.flatnonzero(rays[:, 2] > 0)
+            raw_px = project_into_image(camera, rays[ahead])
+            inside = (np.abs(raw_px / (camera.width, camera.height) - 0.5) < 0.5).all(
+                axis=1
+            )  # what else was not seen
+            found.append(((camera, rotation, k_rectified), ahead[inside], raw_px[inside]))
+        return found
+
+    @cached_property
+    def _nodes(self) -> Array:
+        """Places (n, 2) all over a rectified image, px."""
         p = self.projection
         u, v = np.meshgrid(np.linspace(0, p.width - 1, _ROW_NODES), np.linspace(0, p.height - 1, _ROW_NODES))
-        places_px = np.stack([u.ravel(), v.ravel()], axis=1)
-        x, y = (2 * places_px / (p.width, p.height) - 1).T
-        products, found = polyvander2d(x, y, (_ROW_DEGREE, _ROW_DEGREE)), []
-        for camera, rotation, k_rectified in self._sides:
-            rays = np.column_stack([places_px, np.ones(len(places_px))]) @ np.linalg.inv(k_rectified).T @ rotation
-            ahead = rays[:, 2] > 0
-            raw = project_into_image(camera, rays[ahead])
-            inside = (np.abs(raw / (camera.width, camera.height) - 0.5) < 0.5).all(axis=1)  # what else was not seen
-            row = (raw[inside, 1] + 0.5) / camera.height - 0.5  # a readout is that of `height` rows
-            found.append(np.linalg.lstsq(products[ahead][inside], row, rcond=None)[0].reshape(_ROW_DEGREE + 1, -1))
-        return ExposedRows((p.width, p.height), np.stack(found))
+        return np.stack([u.ravel(), v.ravel()], axis=1)
+
+    def _polynomials(self, values: Sequence[Array]) -> list[ExposedRows]:
+        """Return polynomials over both images through values (n, k) at the places of each side, for each of the k."""
+        size = self.projection.width, self.projection.height
+        x, y = (2 * self._nodes / size - 1).T
+        products = polyvander2d(x, y, (_ROW_DEGREE, _ROW_DEGREE))
+        fitted = [
+            np.linalg.lstsq(products[at], of_side, rcond=None)[0].T
+            for (_, at, _), of_side in zip(self._places, values, strict=True)
+        ]
+        return [
+            ExposedRows(size, np.stack(sides).reshape(-1, _ROW_DEGREE + 1, _ROW_DEGREE + 1))
+            for sides in zip(*fitted, strict=True)
+        ]
 
     def _rectified(self, image: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
         maps = self._maps[side]
         return image if maps is None else np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR), np.uint8)
+
+
+def _rectified_px(rays: Array, rotation: Array, k_rectified: Array) -> Array:
+    """Return where rays (n, 3) of a camera are in its rectified image, (n, 2) px."""
+    turned = rays @ rotation.T @ k_rectified.T
+    return np.asarray(turned[:, :2] / turned[:, 2:])
 
 
 def check_rectifiable(rig: StereoRig | MonoRig) -> None:

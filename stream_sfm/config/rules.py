@@ -9,6 +9,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from .inertia_rules import InertiaRules
+from .point_rules import PointRules, TemplateRules
 from .section import Section, expert
 
 
@@ -80,7 +81,7 @@ class RepetitionRules(Section, frozen=True, kw_only=True):
     half_px: Annotated[int, expert("half width of the correlated patch, px of the half-size image", 2, 50)] = 6
     # As far as flow reaches.
     reach: Annotated[int, expert("rivals are sought within the width of the image over this", 1, 100_000)] = 3
-    # As along the row (core/rows.cpp): what comes closer is a rival.
+    # As along the row (`points.match_lead`): what comes closer is a rival.
     lead: Annotated[float, expert("lead in correlation over what is no rival", 0, 1)] = 0.06
     # A whole pixel of the half-size image.
     std_px: Annotated[float, expert("σ of the position of a rival, px", 0.1, 100)] = 2.0
@@ -120,33 +121,6 @@ class FlowRules(Section, frozen=True, kw_only=True):
     # Chosen by hand: steps of automatic exposure are larger.
     same_gain: Annotated[float, expert("change of contrast below which exposure is the same", 0, 1e8)] = 0.05
     same_level_grey: Annotated[float, expert("change of the mean grey value below which it is", 0, 1e8)] = 4.0
-
-
-class PointRules(Section, frozen=True, kw_only=True):
-    """New points of a pair."""
-
-    # As accurate as in each frame (medians over three starts on four logs), CPU of a replay 3 % less.
-    period: Annotated[int, expert("frames from one search for new points to the next", 1, 100)] = 2
-    # In the others only where more than this is missing.
-    urgent_fraction: Annotated[float, expert("missing share of max_tracks that does not wait", 0, 1)] = 0.6
-    # On KITTI 1.2 ms of 16 less with the figures unchanged. Every second time, and on bare walls, it is the whole row.
-    search_factor: Annotated[float, expert("length of the search on a row, largest disparities", 1, 1000)] = 1.5
-    search_margin_px: Annotated[float, expert("and further, px", 0, 10_000)] = 16.0
-    # A whole-pixel match, and its neighbour.
-    match_tolerance_px: Annotated[float, expert("how far a match may be off, px of the coarse image", 0.5, 50)] = (
-        2.0
-    )
-    # Farther apart, a depth edge runs through the patch. With it the RMS of local structure error over σ went from 7.3
-    # to 2.7 on rendered images.
-    max_halves_apart_px: Annotated[
-        float, expert("most between the matches of a patch and of its inner half, px", 0.01, 1e8)
-    ] = 0.5
-    # Neighbours that share their noise counted in; a guess.
-    std_grey: Annotated[float, expert("σ of a grey difference of left and right patch", 0.1, 1e8)] = 4.0
-    # Up to twice as many are added. Drift of a corridor with bare corners 14 % without, 0.2 % with.
-    bare_fraction: Annotated[float, expert("share of max_tracks below which templates are wide", 0, 1)] = 0.25
-    # A slope of a quarter of a grey value per pixel, twice what noise and rounding leave in the reduced image.
-    min_wide_response: Annotated[float, expert("as min_corner_response, of wide templates", 1e-12, 1)] = 1e-6
 
 
 class PairRules(Section, frozen=True, kw_only=True):
@@ -205,6 +179,8 @@ class TurnRules(Section, frozen=True, kw_only=True):
     # Where a body covers them it explains fewer.
     agree: Annotated[float, expert("share of the right views that a turn must explain", 0, 1)] = 0.6
     gate: Annotated[float, expert("share of good views that its gate keeps", 0.5, 0.999999999999)] = 0.999
+    # After a knock, views are off by ten standard deviations and more.
+    steps: Annotated[int, expert("steps of reweighting that find a turn, at most", 1, 1000)] = 12
     # The measured turn is where the estimator starts; it is not used a second time.
     std_rad: Annotated[float, expert("prior σ of the turn by a knock, about each axis, rad", 1e-6, 0.5)] = 3e-3
 
@@ -220,6 +196,10 @@ class RowRules(Section, frozen=True, kw_only=True):
     std_match_px: Annotated[float, expert("σ of one match before any is seen, px", 1e-3, 100)] = 0.2
     # Cauchy weights hardly change after that.
     reweightings: Annotated[int, expert("reweightings of one frame's matches", 1, 100)] = 5
+    # One good match in 16 000 is lost.
+    gate_sigmas: Annotated[float, expert("σ that a match may be beside its row", 0.1, 1000)] = 4.0
+    # Three times the scatter of good matches; below, few matches that agree by chance set the gate.
+    least_gate_px: Annotated[float, expert("what it may be at least, px", 1e-3, 100)] = 0.3
     # All matches go by the same extrapolated velocities: 11 and 18 % on two rendered logs with a late camera.
     speed_error: Annotated[float, expert("share of itself by which a delay may be off", 0, 10)] = 0.2
 
@@ -243,6 +223,12 @@ class ErrorRules(Section, frozen=True, kw_only=True):
     guess_pairs: Annotated[float, expert("pairs of views that the first guess counts for", 1, 1e6)] = 200.0
     # A hundred frames: the errors are a property of cameras and scene and change slowly.
     memory_pairs: Annotated[float, expert("pairs of views that are remembered", 1, 1e8)] = 20_000.0
+    # Beyond, it may be a wrong match.
+    most_row_sigmas: Annotated[float, expert("largest row difference of a view that counts, σ", 0.1, 1000)] = 3.0
+    # By then information grows at a steady rate.
+    oldest_views: Annotated[
+        int, expert("views of a track beyond which their number no longer counts", 2, 10_000)
+    ] = 60
     # Images have noise.
     least_white: Annotated[float, expert("least share of white noise", 1e-3, 1)] = 0.05
     # What is less is white.
@@ -405,6 +391,7 @@ class Rules(Section, frozen=True, kw_only=True):
     repetition: RepetitionRules = RepetitionRules()
     flow: FlowRules = FlowRules()
     points: PointRules = PointRules()
+    templates: TemplateRules = TemplateRules()
     pair: PairRules = PairRules()
     step: StepRules = StepRules()
     turn: TurnRules = TurnRules()

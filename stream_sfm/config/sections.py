@@ -96,6 +96,47 @@ class RobustConfig(Section, frozen=True, kw_only=True):
     shared_noise: Annotated[float, expert("share of a view's variance that all views of a half share", 0, 1)] = 0.01
     # Bodies have 0.05 to 0.3, halves of a drone's last frames 1.
     max_odds: Annotated[float, expert("odds of what the motion of one rigid scene leaves out", 0, 1e6)] = 0.5
+    # A little wider than later, while the motion moves fast: fewer good views are let go of.
+    first_half_weight: Annotated[
+        float, expert("squared residual of half weight in the first steps, times the expected", 0.1, 1e6)
+    ] = 6.0
+    wide_steps: Annotated[int, expert("steps with that weight", 1, 100)] = 3
+    robust_steps: Annotated[int, expert("steps with robust weights, at most", 1, 100)] = 9
+    final_steps: Annotated[int, expert("steps of the final least squares, at most", 1, 100)] = 4
+    # Between them the pose moves too little to change the Jacobian much.
+    relinearised: Annotated[int, expert("steps from one linearisation to the next", 1, 100)] = 3
+    # Half a standard deviation; the final least squares does the rest.
+    robust_converged: Annotated[float, expert("squared step, σ², that ends the robust steps", 1e-12, 1e6)] = 0.3
+    # A tenth of a standard deviation.
+    final_converged: Annotated[float, expert("squared step, σ², that ends the final ones", 1e-12, 1e6)] = 1e-2
+    # With residuals so close to their expected size the first step may be the last.
+    settled_spread: Annotated[
+        float, expert("squared residuals that need few robust steps, times the expected", 1, 1e6)
+    ] = 2.0
+    # Views further off belong to something else and say nothing of the noise.
+    spread_gates: Annotated[float, expert("gates within which views tell the noise", 1, 1e6)] = 10.0
+    # Closed form: with 60 % outliers none is clean by (1 - 0.4³)²⁵⁶ < 1e-7, with one side by (1 - 0.4⁴)²⁵⁶ = 0.0013.
+    samples: Annotated[int, expert("random samples of a search for a motion, at most", 1, 10_000)] = 256
+    # Some of them noise makes useless.
+    clean_samples: Annotated[
+        int, expert("samples without outliers, on average, where it is known how many views agree", 1, 10_000)
+    ] = 20
+    # From a rough beginning; a fifth changes nothing that the ranking sees.
+    sample_steps: Annotated[int, expert("Gauss-Newton steps from a sample", 1, 100)] = 4
+    # Few noisy views fix a motion only roughly, and so is their order.
+    refined: Annotated[int, expert("best samples that are refined by all views", 1, 1000)] = 12
+    # First the neighbourhood of a rough motion, then its own views.
+    first_refining_gates: Annotated[float, expert("gates within which views refine a sample at first", 1, 1e6)] = (
+        16.0
+    )
+    refining_gates: Annotated[float, expert("gates within which they refine it then", 1, 1e6)] = 4.0
+    refining_steps: Annotated[int, expert("Gauss-Newton steps with either", 1, 100)] = 2
+    # The extent decides where history does not: it makes a factor of 0.56 at the least, as a background may be seen
+    # through a gap between bodies.
+    extent_power: Annotated[float, expert("power of the extent of the views in a motion's support", 0, 10)] = 0.25
+    min_extent: Annotated[float, expert("least extent, share of the image", 1e-6, 1)] = 0.1
+    # A hundred tracks tell apart as many.
+    places: Annotated[int, expert("places per side of the image that count once as evidence", 1, 100)] = 8
     min_inliers: Annotated[int, number("a frame with fewer accepted views is lost", 4, 2000)] = 8
     degraded_inliers: Annotated[int, number("a frame with fewer accepted views is degraded", 4, 2000)] = 25
     # Below it, what agrees may not be the background.
@@ -172,12 +213,21 @@ class RigConfig(Section, frozen=True, kw_only=True):
     # 1.3 (KITTI 06 has 3.2 in one term), where the focus moves 2 to 7.
     innovations: Annotated[int, expert("frames over which innovations are averaged", 1, 10_000)] = 40
     calm_frames: Annotated[int, expert("calm frames by which that average begins", 0, 10_000)] = 10
-    # At most 4 on rendered logs that are sound, 6 on real ones, 8 to 18 where the focus moves.
-    contradicts: Annotated[float, expert("σ by which a window contradicts a term", 0.1, 1e8)] = 5.0
-    contradictions: Annotated[int, expert("such frames in a row that change the rig", 1, 10_000)] = 3
+    # An autofocus moves by a percent or two.
+    std_refocused: Annotated[
+        float, expert("σ of the relative change of a focal length that changes between frames", 1e-6, 0.5)
+    ] = 0.02
+    # At most 4 on sound logs, rendered and real; a change by 0.1 % shows as 10 and more.
+    refocused: Annotated[float, expert("σ by which a frame shows that its focal length is another", 0.1, 1e8)] = 5.0
+    rested_frames: Annotated[
+        int, expert("frames in a row with one focal length, after which it rests", 3, 10_000)
+    ] = 8
     # At 0.2 the focus of an exact camera that looks down on a lawn seems to move, and the run fails: a rendered mower,
     # every frame or every other, ends up to 15 m off instead of 0.03. KITTI would be 3 to 12 % better.
     odds: Annotated[float, expert("odds that a cause of errors, or an error of inertia, is there", 1e-12, 1e6)] = (
+        0.05
+    )
+    share_alone: Annotated[float, expert("share of wrong calibrations that are wrong in one term only", 0, 1)] = (
         0.05
     )
     # Errors that last, and those of neighbours, make their σ half of what it should be (simulated 1.4, real 1.5 to 4.5

@@ -35,8 +35,8 @@ class Alignment {
     Sought visible(const TrackTable& tracks, Indices slots, const PredictedTracks& now) const {
         Array<double, 3> left_warps = in_template_pixels(now.left_warps), right_warps = in_template_pixels(now.right_warps);
         double half = (static_cast<double>(of.stored.shape[1]) - 1) / 2;
-        Array<bool, 1> left_fits = templates_fit(left_warps, kind.config.window_radius_px, half);
-        Array<bool, 1> right_fits = templates_fit(right_warps, kind.config.window_radius_px, half);
+        Array<bool, 1> left_fits = templates_fit(left_warps, kind.config.window_radius_px, half, kind.rules.least_area);
+        Array<bool, 1> right_fits = templates_fit(right_warps, kind.config.window_radius_px, half, kind.rules.least_area);
         Array<bool, 1> inside = inside_area(of.area, now.left);
         std::vector<std::size_t> rows = rows_where(slots.shape[0], [&](std::size_t i) {
             return tracks.scale.data[i] == kind.scale && left_fits.data[i] && right_fits.data[i] && inside.data[i];
@@ -46,7 +46,7 @@ class Alignment {
     }
 
     FoundViews find(const Sought& sought, const RightSides& right_sides) const {
-        Patches patches = warp_patches(of.stored, sought.slots, sought.left_warps, kind.config.window_radius_px, kind.spacing_px);
+        Patches patches = warp_patches(of.stored, sought.slots, sought.left_warps, kind.config.window_radius_px, kind.spacing_px, kind.rules);
         Array<double, 3> gradients = gradient_matrices(patches.information, kind.spacing_px);
         AlignedPatches left = find_left(patches, sought.left);
         if (of.right) return find_right(sought, patches, gradients, left, right_sides);
@@ -68,7 +68,7 @@ class Alignment {
         Array<double, 2> of_template(n, 2);
         for (std::size_t i = 0; i < 2 * n; i++) of_template.data[i] = starts.data[i] / kind.scale;
         AlignedPatches result = align_patches(image, of_template, patches.inverse, patches.information, patches.level,
-                                              kind.config.window_radius_px, kind.spacing_px);
+                                              kind.config.window_radius_px, kind.spacing_px, kind.rules);
         for (std::size_t i = 0; i < 2 * n; i++) result.at.data[i] *= kind.scale;
         return result;
     }
@@ -119,7 +119,7 @@ class Alignment {
     FoundViews views(AlignedPatches& left, const Array<double, 3>& gradients, Vector error_right) const {
         std::size_t n = left.found.shape[0];
         FoundViews result{std::move(left.found), {n, 4}, {n, 4},
-                          view_covariances(gradients, left.error, error_right, kind.noise.shared_pixels, kind.scale, kind.noise.factor)};
+                          view_covariances(gradients, left.error, error_right, kind.noise.shared_pixels, kind.scale, kind.noise.factor, kind.rules)};
         double missing = std::numeric_limits<double>::quiet_NaN();
         for (std::size_t i = 0; i < n; i++)
             for (Array<double, 2>* z : {&result.z, &result.any_row})
@@ -132,7 +132,7 @@ class Alignment {
         std::size_t samples = row_size(patches.inverse.shape);
         std::vector<std::size_t> slanted = slanted_rows(sought.slopes);
         Patches right = warp_patches(of.stored, rows_of(sought.slots, slanted), rows_of(sought.right_warps, slanted),
-                                     kind.config.window_radius_px, kind.spacing_px);
+                                     kind.config.window_radius_px, kind.spacing_px, kind.rules);
         for (std::size_t k = 0; k < slanted.size(); k++) {
             std::copy_n(right.inverse[k], samples, patches.inverse[slanted[k]]);
             std::copy_n(right.information[k], 9, patches.information[slanted[k]]);

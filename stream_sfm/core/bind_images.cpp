@@ -18,7 +18,7 @@ void bind_images_of(nb::module_& m) {
     def<&match_along_rows<T>>(m, "match_along_rows", R"(Whole-pixel disparities (n,) of pixels `points_px` (n, 2) of the left image, and where they are unique matches.
 
 Images of one pyramid level, of one size; disparities from `first` to `last`, pixels of that level.)",
-        pixels<T>("left"), pixels<T>("right"), "points_px"_a, "first"_a, "last"_a);
+        pixels<T>("left"), pixels<T>("right"), "points_px"_a, "first"_a, "last"_a, "rules"_a);
     def<&corner_strength<T>>(m, "corner_strength", R"(The smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994) at every pixel (h, w); 255 is white.)",
         pixels<T>("image"));
     def<&store<T>>(m, "store_patches", R"(Cut patches around whole pixels (n, 2) into `stored` (slots, side, side), at `slots` (n,).)",
@@ -28,17 +28,19 @@ Images of one pyramid level, of one size; disparities from `first` to `last`, pi
 Warps (n, 3, 2) of pixel offsets: W above h of δ = W u / (1 + h·u). Returns, of k × k samples `spacing_px` apart,
 the weighted pseudo-inverse (n, 3, k²) of their slopes along u and v and of their grey values, each of mean zero;
 the products (n, 3, 3) of these; and the mean grey value (n,).)",
-        pixels<T>("stored"), "slots"_a, "anchor_from_now"_a, "radius_px"_a, "spacing_px"_a);
+        pixels<T>("stored"), "slots"_a, "anchor_from_now"_a, "radius_px"_a, "spacing_px"_a, "rules"_a);
     def<&align_patches<T>>(m, "align_patches", R"(Find patches, as `warp_patches` returns them, in an image, from starts (n, 2).
 
 Returns positions (n, 2), whether each was found (n,), and the deviation (n,) of the grey differences that are left,
 in grey values of the template, inf where it was not found; eq. (15).)",
-        pixels<T>("image"), "starts_px"_a, "inverse"_a, "information"_a, "level"_a, "radius_px"_a, "spacing_px"_a);
+        pixels<T>("image"), "starts_px"_a, "inverse"_a, "information"_a, "level"_a, "radius_px"_a, "spacing_px"_a, "rules"_a);
 }
 
 }  // namespace
 
 void bind_images(nb::module_& m) {
+    describe_taken<PointRules>(m, R"(The settings of new points, as in `PointRules`.)");
+    describe_taken<TemplateRules>(m, R"(The settings of templates, as in `TemplateRules`.)");
     bind_images_of<std::uint8_t>(m);  // before bytes would be converted to floats
     bind_images_of<float>(m);
     def<&unfilter_png>(m, "unfilter_png", R"(Bytes (h, w) of a PNG image with one or two a `pixel`, from rows (h, 1 + w) that begin with their filter.
@@ -50,8 +52,8 @@ Raises ValueError for a filter that does not exist.)",
 The image is cut into cells of about one wanted point each; a cell's corners are ranked, and all first ranks come
 before all second ranks. `strength` (h, w) of each pixel as a corner, and its least value `min_strength`, which is
 less in images without contrast; `allowed` (h, w).)",
-        "strength"_a, "allowed"_a, "taken_px"_a, "wanted"_a, "distance_px"_a, "min_strength"_a);
-    def<&gradient_matrices>(m, "gradient_matrices", R"(Return gradient matrices (n, 2, 2), grey², eq. (14), of products (n, 3, 3) as `warp_patches` returns them.)",
+        "strength"_a, "allowed"_a, "taken_px"_a, "wanted"_a, "distance_px"_a, "min_strength"_a, "rules"_a);
+    def<&gradient_matrices>(m, "_gradient_matrices", R"(Return gradient matrices (n, 2, 2), grey², eq. (14), of products (n, 3, 3) as `warp_patches` returns them.)",
         "information"_a, "spacing_px"_a);
 }
 

@@ -12,13 +12,14 @@ squared residuals; whether enough views agree and determine the motion (`ok`); s
 votes, amplitudes (j,) of shared errors and their covariance (j, j).)");
     describe_returned<Second>(m, R"(A second motion (4, 4), its covariance (6, 6), the views (n,) that agree with it only, and their odds.)");
     describe_taken<ResectionRules>(m, R"(The settings of a resection, as in `RobustConfig`.)");
+    describe_taken<TurnRules>(m, R"(The σ of a knock about each axis, and the most steps of reweighting.)");
     describe_taken<Wanted>(m, R"(Whether a second motion is looked for; whether most views agree with the start already, and whether it has been
 decided that no other motion than that is looked for.)");
     def<&fit_motion>(m, "fit_motion", R"(Return the motion of the views that agree with one near it, eqs. (22) and (23).
 
 Start: motion (4, 4) and amplitudes (j,). `anneal`: with Cauchy weights first. `votes` (n,): how much each view
 counts in the share. Raises LinAlgError as `linearise_views`.)",
-        "views"_a, "cam_from_ref"_a, "amplitudes"_a, "votes"_a, "anneal"_a);
+        "views"_a, "cam_from_ref"_a, "amplitudes"_a, "votes"_a, "rules"_a, "anneal"_a);
     def<&resect>(m, "resect", R"(Return the motion of the views, whatever the start (4, 4), and what others agree on, eqs. (20) to (23).
 
 With `votes` (n,). Where too few agree with what a start led to, the whole space of motions is searched, for the one
@@ -36,10 +37,10 @@ the `votes` (n,) of what was found. Start (4, 4); `gate` of squared residuals.)"
         "pinholes"_a, "right_px"_a);
     def<&fit_turn>(m, "fit_turn", R"(Return the turn of the right camera (3,) rad that views show, and which (n,) agree, eq. (72d).
 
-By a few steps of reweighting, together with the motion (4, 4). And by how much likelier it is a knock of σ
-`std_knock_rad` than a `usual` one, of covariance (3, 3): a logarithm, eq. (72f); and χ² of the latter. The views
+By a few steps of reweighting, together with the motion (4, 4). And by how much likelier it is a knock of
+σ `std_rad` than a `usual` one, of covariance (3, 3): a logarithm, eq. (72f); and χ² of the latter. The views
 have no shared errors.)",
-        "views"_a, "cam_from_ref"_a, "usual"_a, "std_knock_rad"_a);
+        "views"_a, "cam_from_ref"_a, "usual"_a, "rules"_a);
 }
 
 }  // namespace binding

@@ -40,7 +40,7 @@ NaN for sides that were not seen, those on the right without `stereo`.)",
 Views of `ids` (v,) with variances (v, 3) of q by drift; `known` (n,) ids with q (n, 3) and covariances (n, 3, 3),
 both ascending. Returns rows (k,), homogeneous points (k, 4), and their covariances (k, 4, 4), drift included.)",
         "ids"_a, "usable"_a, "var_drift"_a, "known"_a, "q"_a, "cov_q"_a);
-    def<&drift_covariances>(m, "drift_covariances", R"(Return covariances (n, 3, 3) of q by a drift in the reference camera, eq. (33); 0 of points that are not seen.
+    def<&drift_covariances>(m, "_drift_covariances", R"(Return covariances (n, 3, 3) of q by a drift in the reference camera, eq. (33); 0 of points that are not seen.
 
 Points `ids` (n,) with q (n, 3) in anchors (n, 4, 4); variances (v, 3) of q in the camera of those `seen` (v,). Both
 sets of ids are ascending.)",

@@ -8,15 +8,8 @@
 namespace core {
 namespace {
 
-// Share of the strongest response in the image above which a pixel always counts as a corner, chosen by hand. An exposure
-// cut to a quarter leaves none above a fixed limit.
-constexpr double DIM_FRACTION = 0.02;
-constexpr int PEAK_FRACTION = 3;      // one of so many of the distance: a corner is the strongest within it
-constexpr double MIN_CELL = 2.0;      // distances: a cell has room for one corner at least
-constexpr std::size_t CANDIDATES = 12;  // candidates per corner wanted: further ones are weaker and cost time
-constexpr int BLOCK = 5;              // rows and columns that a gradient matrix is of, a usual small number
-constexpr int BESIDE = BLOCK / 2;
-constexpr double SOBEL_GAIN = 4.0, WHITE = 255.0;  // strength is that of slopes of shares of white
+enum : int { BLOCK = 5, BESIDE = BLOCK / 2 };  // rows and columns that a gradient matrix is of, a usual small number
+enum : int { SOBEL_GAIN = 4, WHITE = 255 };    // strength is that of slopes of shares of white
 
 // A row or column beyond the border is that as far inside of it.
 int reflected(int at, int extent) {
@@ -160,7 +153,7 @@ Array<float, 2> corner_strength(const ImageOf<T>& image) {
     for (std::size_t i = 0; i < 3; i++) of[i] = sums.data() + i * (width + 2 * BESIDE) + BESIDE;
     const float *xx = of[0], *xy = of[1], *yy = of[2];
     const float scale = static_cast<float>(1 / std::pow(SOBEL_GAIN * BLOCK * WHITE, 2));
-    for (int v = 0; v < std::min(BESIDE, image.height); v++) products.add(v);
+    for (int v = 0; v < std::min<int>(BESIDE, image.height); v++) products.add(v);
     for (int v = 0; v < image.height; v++) {
         if (v + BESIDE < image.height) products.add(v + BESIDE);
         for (int i = 0; i < 3; i++) products.sum(i, v, of[i]);
@@ -177,11 +170,12 @@ template decltype(corner_strength<float>) corner_strength<float>;
 template decltype(corner_strength<std::uint8_t>) corner_strength<std::uint8_t>;
 
 Array<std::int64_t, 2> new_corners(const Image& strength, View<bool, 2> allowed, Matrix taken, std::int64_t wanted,
-                                   double distance, double min_strength) {
+                                   double distance, double min_strength, const PointRules& rules) {
     std::size_t width = static_cast<std::size_t>(strength.width), pixels = width * static_cast<std::size_t>(strength.height);
     require(pixels > 0, "the image is empty");
     require_shape(allowed, {pixels / width, width}, "allowed");
     require_shape(taken, {taken.shape[0], 2}, "taken_px");
+    require(rules.peak_part >= 1, "peak_part is below 1");
     require(distance > 0 && distance < 1e6, "distance_px is not within 0 and 10⁶");
     std::size_t most = static_cast<std::size_t>(std::clamp<std::int64_t>(wanted, 0, static_cast<std::int64_t>(pixels)));
     if (most == 0) return Array<std::int64_t, 2>(0, 2);
@@ -194,14 +188,14 @@ Array<std::int64_t, 2> new_corners(const Image& strength, View<bool, 2> allowed,
     std::vector<float> strongest(strength.data, strength.data + width);  // of columns: four at a time
     for (const float* row = strength.data; row < strength.data + pixels; row += width)
         for (std::size_t u = 0; u < width; u++) strongest[u] = std::max(strongest[u], row[u]);
-    double limit = DIM_FRACTION * *std::max_element(strongest.begin(), strongest.end());
+    double limit = rules.dim_fraction * *std::max_element(strongest.begin(), strongest.end());
     float least = static_cast<float>(std::min(min_strength, limit));
-    std::vector<Corner> corners = peaks(strength, discs.free, radius / PEAK_FRACTION, std::max(least, 0.0f));
+    std::vector<Corner> corners = peaks(strength, discs.free, radius / rules.peak_part, std::max(least, 0.0f));
     double points = static_cast<double>(most + taken.shape[0]);
-    double cell = std::max({1.0, MIN_CELL * distance, std::sqrt(static_cast<double>(pixels) / points)});
+    double cell = std::max({1.0, rules.cell_distances * distance, std::sqrt(static_cast<double>(pixels) / points)});
     order(corners, taken, cell, static_cast<double>(width));
     std::vector<std::int64_t> chosen;
-    for (std::size_t i = 0; i < std::min(corners.size(), CANDIDATES * most) && chosen.size() < 2 * most; i++) {
+    for (std::size_t i = 0; i < std::min(corners.size(), rules.candidates * most) && chosen.size() < 2 * most; i++) {
         const Corner& corner = corners[i];
         if (!discs.free[static_cast<std::size_t>(corner.v) * width + static_cast<std::size_t>(corner.u)]) continue;
         chosen.insert(chosen.end(), {corner.u, corner.v});

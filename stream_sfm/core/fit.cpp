@@ -6,29 +6,19 @@
 namespace core {
 namespace {
 
-constexpr double FIRST_CAUCHY_WIDTH2 = 6.0;  // a little wider while the motion moves fast: fewer good views are let go of
-constexpr int WIDE_STEPS = 3, MAX_ROBUST_STEPS = 9, MAX_FINAL_STEPS = 4;
-constexpr int RELINEARISE_EVERY = 3;  // steps: between them the pose moves too little to change the Jacobian much
-// Squared length of a step in standard deviations of the motion, below which iterating stops.
-constexpr double ROBUST_CONVERGED = 0.3;  // half a standard deviation; the final least squares does the rest
-constexpr double FINAL_CONVERGED = 1e-2;  // a tenth of a standard deviation
-constexpr double SPREAD_SETTLED = 2.0;    // residuals this close to their expected size: the first step may be the last
-constexpr double LEAST_VOTES = 1e-12;     // of all views together
-constexpr double SPREAD_WITHIN = 10.0;    // gates: views further off belong to something else and say nothing of the noise
-
-// The median of squared residuals over its expected value, at least 1, of those below a limit.
-double spread_of(const double* squares, const double* gate, std::size_t n) {
+// The median of squared residuals over its expected value, at least 1, of those within so many gates, if there are any.
+double spread_of(const double* squares, const double* gate, double gates, std::size_t n) {
     std::vector<double> within;
     within.reserve(n);
     for (std::size_t i = 0; i < n; i++)
-        if (gate ? squares[i] < SPREAD_WITHIN * gate[i] : std::isfinite(squares[i])) within.push_back(squares[i]);
+        if (gate ? squares[i] < gates * gate[i] : std::isfinite(squares[i])) within.push_back(squares[i]);
     return within.empty() ? 1.0 : std::max(1.0, median(std::move(within)) / MEDIAN_CHI2_4);
 }
 
 class Fit {
    public:
-    Fit(const PointViews& views, Matrix start, Vector amplitudes)
-        : views(views), n(views.points.shape[0]), size(6 + amplitudes.shape[0]), motion(start.data, start.data + 16),
+    Fit(const PointViews& views, Matrix start, Vector amplitudes, const ResectionRules& rules)
+        : views(views), rules(rules), n(views.points.shape[0]), size(6 + amplitudes.shape[0]), motion(start.data, start.data + 16),
           shared(amplitudes.data, amplitudes.data + amplitudes.shape[0]), weights(n),
           linear{{0, 4, 4}, {0, 4, 6}}, seen{{0, 0, 4}, {0, 0}} {}
 
@@ -37,15 +27,15 @@ class Fit {
         linearise();
         look();
         int k = 0;
-        for (; k < MAX_ROBUST_STEPS; k++) {
-            double spread = spread_of(squares(), nullptr, n);
-            double width = spread * (k < WIDE_STEPS ? FIRST_CAUCHY_WIDTH2 : CAUCHY_WIDTH * CAUCHY_WIDTH);
+        for (; k < rules.robust_steps; k++) {
+            double spread = spread_of(squares(), nullptr, 0, n);
+            double width = spread * (k < rules.wide_steps ? rules.first_half_weight : CAUCHY_WIDTH * CAUCHY_WIDTH);
             for (std::size_t i = 0; i < n; i++) weights[i] = 1 / (1 + squares()[i] / width);
-            if (step() < ROBUST_CONVERGED && (k >= WIDE_STEPS - 1 || spread < SPREAD_SETTLED)) break;
-            if ((k + 1) % RELINEARISE_EVERY == 0) linearise();
+            if (step() < rules.robust_converged && (k >= rules.wide_steps - 1 || spread < rules.settled_spread)) break;
+            if ((k + 1) % rules.relinearised == 0) linearise();
             look();
         }
-        if (k >= RELINEARISE_EVERY) linearise();  // fewer steps come from a start good enough to be linearised at
+        if (k >= rules.relinearised) linearise();  // fewer steps come from a start good enough to be linearised at
     }
 
     // Gauss-Newton over the views that pass the gate, eq. (23), which is taken anew after each step.
@@ -63,18 +53,18 @@ class Fit {
             return same;
         };
         judge();
-        for (int k = 0; k < MAX_FINAL_STEPS; k++) {
+        for (int k = 0; k < rules.final_steps; k++) {
             for (std::size_t i = 0; i < n; i++) weights[i] = accepted[i] ? 1.0 : 0.0;
             double moved = step();
             look();
-            if (judge() && moved < FINAL_CONVERGED) break;
+            if (judge() && moved < rules.final_converged) break;
         }
         Array<double, 3> found = orthonormalise({motion.data(), {1, 4, 4}});
         std::copy_n(found[0], 16, result.cam_from_ref[0]);
         std::copy(shared.begin(), shared.end(), result.amplitudes.data.get());
         bool determined = give_covariance(result);
         std::copy(squares(), squares() + n, result.squared_residuals.data.get());
-        result.spread = spread_of(squares(), views.gate.data, n);
+        result.spread = spread_of(squares(), views.gate.data, rules.spread_gates, n);
         double all = 0;
         std::size_t agree = 0;
         for (std::size_t i = 0; i < n; i++) {
@@ -85,7 +75,7 @@ class Fit {
             agree++;
             for (int k = 0; k < 4; k++) result.dof += std::isfinite(views.z_px[i][k]);
         }
-        result.share /= std::max(all, LEAST_VOTES);
+        result.share /= std::max(all, std::numeric_limits<double>::min());
         result.ok = determined && agree >= MIN_VIEWS;
         return result;
     }
@@ -146,6 +136,7 @@ class Fit {
     }
 
     const PointViews& views;
+    const ResectionRules& rules;
     std::size_t n, size;
     std::vector<double> motion, shared, weights, information;
     LinearisedViews linear;
@@ -154,12 +145,12 @@ class Fit {
 
 }  // namespace
 
-Fitted fit_motion(const PointViews& views, Matrix start, Vector amplitudes, Vector votes, bool anneal) {
+Fitted fit_motion(const PointViews& views, Matrix start, Vector amplitudes, Vector votes, const ResectionRules& rules, bool anneal) {
     require_shape(start, {4, 4}, "cam_from_ref");
     require_shape(amplitudes, {views.shared.shape[2]}, "amplitudes");
     require_shape(votes, {views.points.shape[0]}, "votes");
     require(amplitudes.shape[0] <= 1000, "there are too many shared errors");
-    Fit fit(views, start, amplitudes);
+    Fit fit(views, start, amplitudes, rules);
     if (anneal) fit.anneal();
     else fit.linearise();
     return fit.finish(votes.data);

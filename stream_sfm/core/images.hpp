@@ -6,6 +6,24 @@
 
 namespace core {
 
+struct PointRules {  // of new points
+    double std_grey, max_halves_apart_px, match_correlation, match_lead;
+    double std_slope, max_slope, significant_slope, max_slant_shift_px, dim_fraction, cell_distances;
+    int match_radius_px, match_spacing_px, match_neighbours_px, slant_steps, peak_part;
+    std::size_t candidates;
+    RECORD(PointRules, std_grey, max_halves_apart_px, match_correlation, match_lead, std_slope, max_slope, significant_slope,
+           max_slant_shift_px, dim_fraction, cell_distances, match_radius_px, match_spacing_px, match_neighbours_px,
+           slant_steps, peak_part, candidates)
+};
+struct TemplateRules {
+    double weights_width, step_ratio, converged_px, max_gain, min_explained, same_exposure;
+    double std_floor_px, least_error_grey, unknown_error_grey, edge_damping, least_area;
+    int steps;
+    std::size_t exposure_views, exposures;
+    RECORD(TemplateRules, weights_width, step_ratio, converged_px, max_gain, min_explained, same_exposure, std_floor_px,
+           least_error_grey, unknown_error_grey, edge_damping, least_area, steps, exposure_views, exposures)
+};
+
 // rows.cpp
 struct RowMatches {
     Array<double, 1> disparity;
@@ -14,7 +32,7 @@ struct RowMatches {
 };
 template <class T>  // float or std::uint8_t
 RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& right, Pixels points, std::int64_t first,
-                            std::int64_t last);
+                            std::int64_t last, const PointRules& rules);
 
 // patches.cpp
 struct Patches {
@@ -32,22 +50,22 @@ struct AlignedPatches {
 template <class T>  // float or std::uint8_t
 void store_patches(T* stored, const std::array<std::size_t, 3>& shape, const ImageOf<T>& image, Pixels points, Indices slots);
 template <class T>
-Patches warp_patches(View<T, 3> stored, Indices slots, Matrices warps, int radius, int spacing);
+Patches warp_patches(View<T, 3> stored, Indices slots, Matrices warps, int radius, int spacing, const TemplateRules& rules);
 template <class T>
 AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse, Matrices information,
-                             View<float, 1> level, int radius, int spacing);
+                             View<float, 1> level, int radius, int spacing, const TemplateRules& rules);
 Array<double, 3> gradient_matrices(Matrices information, int spacing);
 
 // corners.cpp
 template <class T>
 Array<float, 2> corner_strength(const ImageOf<T>& image);
 Array<std::int64_t, 2> new_corners(const Image& strength, View<bool, 2> allowed, Matrix taken, std::int64_t wanted,
-                                   double distance, double min_strength);
+                                   double distance, double min_strength, const PointRules& rules);
 
 // slant.cpp
 template <class T>
 Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& right, Pixels points, Matrix right_px,
-                                  int radius, double std_grey);
+                                  int radius, int spacing, double std_grey, const PointRules& rules);
 std::vector<std::size_t> slanted_rows(Matrix slopes);  // those that do not face the camera
 
 // png.cpp

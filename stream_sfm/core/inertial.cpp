@@ -6,8 +6,8 @@
 namespace core {
 namespace {
 
-constexpr std::size_t STATE = 17;  // velocity, gravity, biases of gyroscope and accelerometer, scale, axes, clock
-constexpr std::size_t G = 3, B_G = 6, B_A = 9, SCALE = 12, AXES = 13, CLOCK = 16;
+// Where in the state, after the velocity, stand gravity, biases of gyroscope and accelerometer, scale, axes and clock.
+enum : std::size_t { G = 3, B_G = G + 3, B_A = B_G + 3, SCALE = B_A + 3, AXES, CLOCK = AXES + 3, STATE };
 
 struct Vec {
     double x[3];
@@ -27,11 +27,6 @@ Vec operator*(const Mat& m, const Vec& a) {
 Mat operator*(const Mat& a, const Mat& b) {
     Mat out;
     multiply<3, 3, 3>(a.x, b.x, out.x);
-    return out;
-}
-Mat operator*(double s, const Mat& a) {
-    Mat out;
-    for (int k = 0; k < 9; k++) out.x[k] = s * a.x[k];
     return out;
 }
 Mat transposed(const Mat& a) { return {{a.x[0], a.x[3], a.x[6], a.x[1], a.x[4], a.x[7], a.x[2], a.x[5], a.x[8]}}; }

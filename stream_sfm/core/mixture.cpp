@@ -9,7 +9,6 @@ using Numbers = std::vector<double>;
 using Which = std::vector<std::size_t>;
 
 constexpr double ROUNDING = 1e-15;  // of a variance: what is left of one that is known better than that
-constexpr double ALONE = 0.05;      // of wrong calibrations are wrong in one term only
 
 struct Gaussian {
     Numbers mean, cov;
@@ -121,7 +120,7 @@ Numbers at(const Numbers& values, const Which& which) {
 }
 
 // The log odds that lenses have errors rather than none: in all their terms, or in any one of them alone.
-double log_odds_lenses(const Gaussian& lenses, const Numbers& size) {
+double log_odds_lenses(const Gaussian& lenses, const Numbers& size, double share_alone) {
     std::size_t n = lenses.size();
     Gaussian information = information_of(lenses);
     Numbers alone;
@@ -130,7 +129,7 @@ double log_odds_lenses(const Gaussian& lenses, const Numbers& size) {
     double together = log_odds_wrong(information, size, 1.0), largest = together, sum = 0;
     for (double one : alone) largest = std::max(largest, one);
     for (double one : alone) sum += std::exp(one - largest);
-    return largest + std::log((1 - ALONE) * std::exp(together - largest) + ALONE * sum / static_cast<double>(n));
+    return largest + std::log((1 - share_alone) * std::exp(together - largest) + share_alone * sum / static_cast<double>(n));
 }
 
 struct Combinations {
@@ -185,7 +184,7 @@ Array<double, 2> log_evidence(Vector information, Vector weighted, Vector varian
 }
 
 Mixture rig_mixture(Vector mean, Matrix cov, Vector size, std::size_t lenses, View<bool, 2> is_zero, Vector log_prior,
-                    double counts, bool known_wrong) {
+                    double counts, double share_alone, bool known_wrong) {
     std::size_t m = mean.shape[0], terms = lenses + is_zero.shape[1];
     require_shape(cov, {m, m}, "cov");
     require_shape(size, {m}, "size");
@@ -201,7 +200,7 @@ Mixture rig_mixture(Vector mean, Matrix cov, Vector size, std::size_t lenses, Vi
     auto found = combinations(part(all, considered), of_considered, is_zero, log_prior.data, counts);
     consider(wrong, lenses, found.weighted);
     for (std::size_t& i : found.zero) i += lenses;  // free rates and times would do for lenses, too
-    double log_odds = log_odds_lenses(without(all, found.zero, of_lenses), at(sizes, of_lenses));
+    double log_odds = log_odds_lenses(without(all, found.zero, of_lenses), at(sizes, of_lenses), share_alone);
     require_definite(std::isfinite(log_odds), "the errors of the rig are not determined");
     double p = 1 / (1 + std::exp(-log_odds));
     Mixture result{{m}, {m, m}, known_wrong ? 1.0 : p};

@@ -48,7 +48,7 @@ Array<double, 2> starts_of(const RightSides& by, double scale, Pixels corners, V
 template <class T>
 NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, View<T, 3> stored,
                             const TemplateKind& kind, const RightSides& right_sides, Pixels corners, Indices slots,
-                            Vector disparity, double tolerance, double std_grey, double max_apart) {
+                            Vector disparity, double tolerance, const PointRules& rules) {
     std::size_t n = corners.shape[0];
     require_shape(corners, {n, 2}, "corners_px");
     require_shape(slots, {n}, "slots");
@@ -56,9 +56,9 @@ NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, Vie
     require_shape(right_sides.turn_rad, {3}, "turn");
     require(kind.config.window_radius_px >= 2, "the templates' radius is below 2 px");
     auto align = [&](Indices of, Matrix slopes, Matrix from, int radius, int spacing) {
-        Patches patches = warp_patches(stored, of, sheared(slopes), radius, spacing);
+        Patches patches = warp_patches(stored, of, sheared(slopes), radius, spacing, kind.rules);
         AlignedPatches found = align_patches(right, from, patches.inverse, patches.information, patches.level, radius,
-                                             spacing);
+                                             spacing, kind.rules);
         return std::make_pair(std::move(found), std::move(patches.information));
     };
     const Array<double, 2> flat(n, 2);
@@ -71,7 +71,9 @@ NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, Vie
     Array<double, 2> at = rows_of(facing.at, kept);
     Array<double, 1> error = rows_of(facing.error, kept);
     Array<std::int64_t, 1> of_kept = rows_of(slots, kept);
-    Array<double, 2> slopes = disparity_slopes(left, right, rows_of(corners, kept), at, kind.config.window_radius_px, std_grey);
+    double std_grey = rules.std_grey / kind.scale;  // a mean over pixels has so much less noise
+    Array<double, 2> slopes = disparity_slopes(left, right, rows_of(corners, kept), at, kind.config.window_radius_px, kind.spacing_px,
+                                               std_grey, rules);
     std::vector<bool> fits(kept.size(), true);
     std::vector<std::size_t> slanted = slanted_rows(slopes);
     AlignedPatches again = align(rows_of(of_kept, slanted), rows_of(slopes, slanted), rows_of(at, slanted), kind.config.window_radius_px,
@@ -84,14 +86,14 @@ NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, Vie
 
     AlignedPatches inner = align(of_kept, {flat.data.get(), {kept.size(), 2}}, at, kind.config.window_radius_px / 2, 1).first;
     for (std::size_t i = 0; i < kept.size(); i++) {
-        if (!(fits[i] && error.data[i] < kind.config.max_photometric_error && inner.found.data[i] && apart(inner.at[i], at[i]) < max_apart)) continue;
+        if (!(fits[i] && error.data[i] < kind.config.max_photometric_error && inner.found.data[i] && apart(inner.at[i], at[i]) < rules.max_halves_apart_px)) continue;
         good.push_back(i);
         of_corner.push_back(kept[i]);
     }
     Array<double, 1> of_good = rows_of(error, good);
     Array<double, 3> gradients = gradient_matrices(rows_of(information, of_corner), kind.spacing_px);
     NewMatches result{rows_of(slots, of_corner), {good.size(), 4},
-                      view_covariances(gradients, of_good, of_good, kind.noise.shared_pixels, kind.scale, kind.noise.factor),
+                      view_covariances(gradients, of_good, of_good, kind.noise.shared_pixels, kind.scale, kind.noise.factor, kind.rules),
                       rows_of(slopes, good), {good.size()}};
     Array<double, 2> right_px = rows_of(at, good);
     for (std::size_t i = 0; i < 2 * good.size(); i++) right_px.data[i] *= kind.scale;

@@ -9,18 +9,7 @@
 namespace core {
 namespace {
 
-// σ of the weights over the patch, in units of its radius. Measured on four logs over four starts: a rendered one has
-// pose NEES 16.4 -> 10.8 and aligned ATE 1.19 -> 0.74 mm, the others are unchanged; 0.6 to 1.0 do nearly as well.
-constexpr double WIDTH = 0.8;
-constexpr int MAX_STEPS = 20;                 // two or three do, more for an image that is more blurred than the template
-constexpr double MAX_STEP_RATIO = 0.7;        // of each step over the one before, chosen by hand: at more the steps lead nowhere
-constexpr double CONVERGED_PX = 0.05;         // a step leaves a tenth of itself, which is below the noise floor of a view
-constexpr double MIN_GAIN = 0.1, MAX_GAIN = 10.0;  // grey values now over then, chosen by hand: no exposure changes more
-                                                   // within a track
-constexpr double MIN_EXPLAINED = 0.5;         // fraction of the image's variance, chosen by hand: at less it shows something else
-constexpr double SAME_EXPOSURE = 0.18;  // of the logarithm of gains, a fifth: light on one patch alone changes by that much
-constexpr std::size_t FEWEST_OF_EXPOSURE = 12, MOST_EXPOSURES = 3;  // as many views as do not agree by chance; and per life of a track
-constexpr int PARAMETERS = 4;                 // that a patch's residual has been fitted with: position, gain, offset
+enum { PARAMETERS = 4 };  // that a patch's residual has been fitted with: position, gain, offset
 constexpr double RIDGE = 1e-6, MIN_INFORMATION = 1e-3;  // relative to the trace, and grey²: without texture stays invertible
 
 void require_size(int px, const char* otherwise) { require(px >= 1 && px <= 1000, otherwise); }
@@ -92,12 +81,12 @@ void warp(Sampler<T>& sampler, const ImageOf<T>& stored, const double* warp, int
 }
 
 // Weights (k²,) of the samples, of mean 1.
-Array<float, 1> sample_weights(int radius, int spacing) {
+Array<float, 1> sample_weights(int radius, int spacing, double width) {
     int k = samples_across(radius, spacing);
     std::vector<double> across(k);
     double mean = 0;
     for (int i = 0; i < k; i++) {
-        double offset = (i * spacing - radius) / (WIDTH * radius);
+        double offset = (i * spacing - radius) / (width * radius);
         mean += across[i] = std::exp(-0.5 * offset * offset);
     }
     mean /= k;
@@ -137,14 +126,14 @@ void store_patches(T* stored, const std::array<std::size_t, 3>& shape, const Ima
 }
 
 template <class T>
-Patches warp_patches(View<T, 3> stored, Indices slots, Matrices warps, int radius, int spacing) {
+Patches warp_patches(View<T, 3> stored, Indices slots, Matrices warps, int radius, int spacing, const TemplateRules& rules) {
     int k = samples_across(radius, spacing), k2 = k * k, reach = radius + 1, side = 2 * reach + 1;
     std::size_t n = slots.shape[0], samples = static_cast<std::size_t>(k2);
     require(stored.shape[1] == stored.shape[2] && stored.shape[1] % 2 == 1, "stored patches are not squares with a middle");
     require_shape(warps, {n, 3, 2}, "warps");
     for (std::size_t i = 0; i < n; i++)
         require(slots.data[i] >= 0 && static_cast<std::size_t>(slots.data[i]) < stored.shape[0], "a slot is not one of the stored patches");
-    Array<float, 1> weights = sample_weights(radius, spacing);
+    Array<float, 1> weights = sample_weights(radius, spacing, rules.weights_width);
     Patches result{{n, 3, samples}, {n, 3, 3}, {n}};
     Needed needed(reach, spacing);
     std::vector<float> grey(static_cast<std::size_t>(side) * side), room(3 * needed.at.size()), columns(3 * samples), weighted(3 * samples);
@@ -188,13 +177,13 @@ Array<double, 3> gradient_matrices(Matrices information, int spacing) {
 
 // The gains that patches have in common, most frequent ones first: templates that were cut before and after a step of the
 // exposure have two. With one of them for all, those of the minority would count as changed by light, and end.
-std::vector<double> gains_in_common(std::vector<double> gains) {
+std::vector<double> gains_in_common(std::vector<double> gains, const TemplateRules& rules) {
     std::vector<double> common;
     do {
         common.push_back(median(gains));
-        auto is_alike = [&](double gain) { return std::fabs(std::log(gain / common.back())) < SAME_EXPOSURE; };
+        auto is_alike = [&](double gain) { return std::fabs(std::log(gain / common.back())) < rules.same_exposure; };
         gains.erase(std::remove_if(gains.begin(), gains.end(), is_alike), gains.end());
-    } while (gains.size() >= FEWEST_OF_EXPOSURE && common.size() < MOST_EXPOSURES);
+    } while (!gains.empty() && gains.size() >= rules.exposure_views && common.size() < rules.exposures);
     return common;
 }
 
@@ -202,25 +191,27 @@ std::vector<double> gains_in_common(std::vector<double> gains) {
 // exposure have in common, eq. (15): light that changes on one patch alone is a reflection or a shadow.
 template <class T>
 AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse, Matrices information,
-                             View<float, 1> level, int radius, int spacing) {
+                             View<float, 1> level, int radius, int spacing, const TemplateRules& rules) {
     int k = samples_across(radius, spacing), k2 = k * k;
     std::size_t n = starts.shape[0];
+    const double min_gain = 1 / rules.max_gain;
     require(k2 > PARAMETERS, "patches have too few samples");
+    require(rules.max_gain >= 1, "max_gain is below 1");
     require_shape(starts, {n, 2}, "starts_px");
     require_shape(inverse, {n, 3, static_cast<std::size_t>(k2)}, "inverse");
     require_shape(information, {n, 3, 3}, "information");
     require_shape(level, {n}, "level");
     require(n == 0 || (image.height > 0 && image.width > 0), "the image is empty");
-    Array<float, 1> weights = sample_weights(radius, spacing);
+    Array<float, 1> weights = sample_weights(radius, spacing, rules.weights_width);
     AlignedPatches result{{n, 2}, {n}, {n}};
     std::vector<float> there(k2), weighted(k2);
     Sampler<T> sampler(k2);
     std::vector<double> rest(n), gain(n), offset(n), found_gains;
     for (std::size_t i = 0; i < n; i++) {
         float x = static_cast<float>(starts[i][0]), y = static_cast<float>(starts[i][1]);
-        double fit[3] = {0, 0, 0}, mean = 0, total = 0, before = radius / MAX_STEP_RATIO;
+        double fit[3] = {0, 0, 0}, mean = 0, total = 0, before = radius / rules.step_ratio;
         bool converged = false, going = std::isfinite(x) && std::isfinite(y);
-        for (int step = 0; going && step < MAX_STEPS; step++) {
+        for (int step = 0; going && step < rules.steps; step++) {
             sampler.square(image, x, y, radius, spacing, k, there.data());
             mean = dot(there.data(), weights.data.get(), k2) / k2;
             for (int j = 0; j < k2; j++) {
@@ -229,12 +220,12 @@ AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float,
             }
             total = dot(there.data(), weighted.data(), k2);
             for (int a = 0; a < 3; a++) fit[a] = dot(inverse[i] + a * k2, there.data(), k2);  // gain × step along u, v; gain
-            double divisor = std::clamp(fit[2], MIN_GAIN, MAX_GAIN), du = fit[0] / divisor, dv = fit[1] / divisor;
+            double divisor = std::clamp(fit[2], min_gain, rules.max_gain), du = fit[0] / divisor, dv = fit[1] / divisor;
             x = static_cast<float>(x - du);
             y = static_cast<float>(y - dv);
             double size = std::max(std::fabs(du), std::fabs(dv));
-            converged = size < CONVERGED_PX;
-            going = size >= CONVERGED_PX && size < MAX_STEP_RATIO * before;
+            converged = size < rules.converged_px;
+            going = size >= rules.converged_px && size < rules.step_ratio * before;
             before = size;
         }
         const double* of = information[i];
@@ -247,11 +238,12 @@ AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float,
         result.at[i][0] = x;
         result.at[i][1] = y;
         result.error.data[i] = std::numeric_limits<double>::infinity();
-        result.found.data[i] = converged && fit[2] > MIN_GAIN && fit[2] < MAX_GAIN && rest[i] < (1 - MIN_EXPLAINED) * total;
+        result.found.data[i] = converged && fit[2] > min_gain && fit[2] < rules.max_gain &&
+                               rest[i] < (1 - rules.min_explained) * total;
         if (result.found.data[i]) found_gains.push_back(fit[2]);
     }
     if (found_gains.empty()) return result;
-    const std::vector<double> common = gains_in_common(std::move(found_gains));
+    const std::vector<double> common = gains_in_common(std::move(found_gains), rules);
     std::vector<std::size_t> exposure(n);  // of each patch, among the common ones
     std::vector<std::vector<double>> offsets(common.size());
     for (std::size_t i = 0; i < n; i++) {

@@ -8,7 +8,7 @@ namespace {
 
 using Byte = std::uint8_t;
 constexpr Byte BY_LEFT = 1;  // the filter that OpenCV writes all rows with: they do not wait for each other
-constexpr std::size_t TOGETHER = 4;  // of them
+enum : std::size_t { TOGETHER = 4 };  // of them
 
 Byte paeth(int left, int up, int corner) {
     int by_left = std::abs(up - corner), by_up = std::abs(left - corner), by_corner = std::abs(left + up - 2 * corner);

@@ -6,8 +6,9 @@ namespace core {
 namespace {
 
 constexpr double LEAST_ANGLE = 1e-150;  // rad, in place of 0 where an angle divides: its square is still a normal double
-constexpr std::size_t REACH = 2;  // frames on either side that tell a velocity: a polynomial of fourth order, of third at the ends
-constexpr std::size_t NODES = 4;  // frames at least, as far as there are any
+// Frames on either side that tell a velocity: a polynomial of fourth order, of third at the ends; and at least, as far as
+// there are any.
+enum : std::size_t { REACH = 2, NODES = 4 };
 constexpr double SMALL = 1e-4;  // sine of half an angle; closed form: the next term of the series, n⁴/5, is below rounding
 
 // The rotation (3, 3) of a vector and the left Jacobian V with t = V ρ, eq. (3) (Barfoot, eq. 8.33). The last coefficient,
@@ -111,7 +112,7 @@ Array<double, 3> pose_adjoint(Matrices poses) {
 // By derivatives of Lagrange's polynomials through the poses around each; where the times are that of the pose, the value is 0.
 // The newest acceleration is that of the frame before: extrapolated, the noise of the newest pose would be in it seven times.
 Array<double, 3> point_motions(Matrices poses, Vector seconds) {
-    std::size_t n = poses.shape[0], nodes = std::min(NODES, n);
+    std::size_t n = poses.shape[0], nodes = std::min<std::size_t>(NODES, n);
     require_shape(seconds, {n}, "seconds");
     Array<double, 3> inverse = pose_inverse(poses), result(n, 2, 6);
     for (std::size_t i = 0; n > 1 && i < n; i++) {

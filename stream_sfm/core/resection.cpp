@@ -10,7 +10,7 @@ namespace {
 
 // A body nearby and a background far away may agree with one motion, each view within its noise, all together not at all. Halves
 // of the views tell: near and far, left and right, upper and lower ones give the same motion in a scene that stands still.
-constexpr std::size_t LEAST = 4 * MIN_VIEWS;  // views; fewer do not make two halves
+enum : std::size_t { LEAST = 4 * MIN_VIEWS };  // views; fewer do not make two halves
 
 class Resection {
    public:
@@ -18,7 +18,7 @@ class Resection {
         : views(views), votes(votes), rules(rules), wanted(wanted), n(views.points.shape[0]) {}
 
     Fitted fit(Matrix start, Vector amplitudes, bool anneal) const {
-        return fit_motion(views, start, amplitudes, votes, anneal);
+        return fit_motion(views, start, amplitudes, votes, rules, anneal);
     }
 
     // The motion that most views agree with, from a start, without annealing where that is close.
@@ -31,7 +31,7 @@ class Resection {
         Fitted found = fit(start, amplitudes, true);
         if (found.share >= rules.calm_share) return found;
         // no annealing: among many views that move together even small weights would lead away from what is found
-        Array<double, 2> searched = search_motion(views, start, votes, 0);
+        Array<double, 2> searched = search_motion(views, start, votes, rules, 0);
         Fitted other = fit(searched, amplitudes, false);
         return other.ok && support(other) > support(found) ? std::move(other) : std::move(found);
     }
@@ -130,7 +130,7 @@ class Resection {
         double squares = 0, most = 0, gate = 0;
         for (std::size_t k = 0; k < of.amplitudes.shape[0]; k++) squares += of.amplitudes.data[k] * of.amplitudes.data[k];
         for (std::size_t i = 0; i < n; i++) most = std::max(most, votes.data[i]), gate = std::max(gate, views.gate.data[i]);
-        return motion_support(views, of.cam_from_ref, of.amplitudes, votes) - most * squares / gate;
+        return motion_support(views, of.cam_from_ref, of.amplitudes, votes, rules) - most * squares / gate;
     }
 
     bool is_beyond(const Fitted& of, std::size_t i) const { return of.squared_residuals.data[i] > rules.beyond_gates * views.gate.data[i]; }
@@ -142,13 +142,13 @@ class Resection {
         for (std::size_t i = 0; i < 4 * rows.size(); i++)
             for (std::size_t k = 0; k < amplitudes; k++) seen.z.data[i] -= seen.shared.data[i * amplitudes + k] * found.amplitudes.data[k];
         seen.shared = Array<double, 3>(rows.size(), 4, 0);
-        return search_motion(seen.views(), found.cam_from_ref, rows_of(votes, rows), rules.second_views);
+        return search_motion(seen.views(), found.cam_from_ref, rows_of(votes, rows), rules, rules.second_views);
     }
 
     double evidence_of(const Array<bool, 1>& rows) const {
         Array<double, 1> weights(n);
         for (std::size_t i = 0; i < n; i++) weights.data[i] = rows.data[i] ? votes.data[i] : 0.0;
-        return evidence(views.projection, views.z_px, weights);
+        return evidence(views.projection, views.z_px, weights, rules);
     }
 
     const PointViews& views;

@@ -5,6 +5,18 @@
 
 namespace core {
 
+struct ResectionRules {  // as in RobustConfig
+    double calm_share, calm_spread, beyond_gates, ambiguous_share, halves_apart, shared_noise, max_odds;
+    double first_half_weight, robust_converged, final_converged, settled_spread, spread_gates;
+    double first_refining_gates, refining_gates, extent_power, min_extent;
+    int wide_steps, robust_steps, final_steps, relinearised, sample_steps, refining_steps;
+    std::size_t second_views, samples, clean_samples, refined, places;
+    RECORD(ResectionRules, calm_share, calm_spread, beyond_gates, ambiguous_share, halves_apart, shared_noise, max_odds,
+           first_half_weight, robust_converged, final_converged, settled_spread, spread_gates, first_refining_gates,
+           refining_gates, extent_power, min_extent, wide_steps, robust_steps, final_steps, relinearised, sample_steps,
+           refining_steps, second_views, samples, clean_samples, refined, places)
+};
+
 // fit.cpp
 struct Fitted {
     Array<double, 2> cam_from_ref, cov_pose, cov_amplitudes;
@@ -18,7 +30,8 @@ struct Fitted {
         : cam_from_ref(4, 4), cov_pose(6, 6), cov_amplitudes(j, j), squared_residuals(n), amplitudes(j), accepted(n) {}
     RECORD(Fitted, cam_from_ref, cov_pose, accepted, chi2, dof, spread, ok, squared_residuals, share, amplitudes, cov_amplitudes)
 };
-Fitted fit_motion(const PointViews& views, Matrix start, Vector amplitudes, Vector votes, bool anneal);
+Fitted fit_motion(const PointViews& views, Matrix start, Vector amplitudes, Vector votes, const ResectionRules& rules,
+                  bool anneal);
 struct Halves {
     double apart;
     Array<double, 3> motions;
@@ -27,16 +40,12 @@ Halves motions_of_halves(const PointViews& views, Matrix motion, Vector amplitud
                          double shared_noise);
 
 // search.cpp
-Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector weights, std::size_t agreeing);
-double motion_support(const PointViews& views, Matrix motion, Vector amplitudes, Vector weights);
-double evidence(const Pinholes& pinholes, Matrix z, Vector weights);
+Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector weights, const ResectionRules& rules,
+                               std::size_t agreeing);
+double motion_support(const PointViews& views, Matrix motion, Vector amplitudes, Vector weights, const ResectionRules& rules);
+double evidence(const Pinholes& pinholes, Matrix z, Vector weights, const ResectionRules& rules);
 
 // resection.cpp
-struct ResectionRules {
-    double calm_share, calm_spread, beyond_gates, ambiguous_share, halves_apart, shared_noise, max_odds;
-    std::size_t second_views;
-    RECORD(ResectionRules, calm_share, calm_spread, beyond_gates, ambiguous_share, halves_apart, shared_noise, max_odds, second_views)
-};
 struct Wanted {
     bool second, start_is_close, start_is_decided;
     RECORD(Wanted, second, start_is_close, start_is_decided)
@@ -68,6 +77,11 @@ Resected resect(const PointViews& views, Matrix start, Vector votes, const Resec
 // turn.cpp
 // Right positions (n, 2) with a turn (3,) of the right camera put in (sign 1) or taken out (-1).
 void turn_by(const Pinholes& pinholes, Vector rad, double sign, Array<double, 2>& right);
+struct TurnRules {
+    double std_rad;
+    int steps;
+    RECORD(TurnRules, std_rad, steps)
+};
 struct FittedTurn {
     Array<double, 1> rad;
     Array<double, 2> cov;
@@ -76,6 +90,6 @@ struct FittedTurn {
     FIELDS(rad, cov, agree, log_odds, squared)
 };
 Array<double, 3> effects_of_turn(const Pinholes& pinholes, Matrix right);
-FittedTurn fit_turn(const PointViews& views, Matrix motion, Matrix usual, double std_knock);
+FittedTurn fit_turn(const PointViews& views, Matrix motion, Matrix usual, const TurnRules& rules);
 
 }  // namespace core

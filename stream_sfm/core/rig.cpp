@@ -26,7 +26,7 @@ void lens_columns(const double* ray, const double* left_ray, double corner, doub
     }
 }
 
-constexpr int LATE = 2;  // the coordinate that delay and disparity move: u on the right
+enum { LATE = 2 };  // the coordinate that delay and disparity move: u on the right
 
 // ∂ż/∂ξ̇ (4, 6) of a homogeneous point, px/s per unit of the points' twist.
 void velocity_by_twist(const Pinholes& pinholes, const double* of, double* out) {

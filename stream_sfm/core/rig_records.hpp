@@ -14,13 +14,18 @@ struct Field {
     Matrix root;
     RECORD(Field, u_px, v_px, length_px, root)
 };
+struct RowGates {
+    double gate_sigmas, least_gate_px;
+    RECORD(RowGates, gate_sigmas, least_gate_px)
+};
 struct RowModel {
     Pinholes projection;
     Field field;
     Vector mean;
     Matrix cov;
     double scatter_px, max_px;
-    RECORD(Rows, projection, field, mean, cov, scatter_px, max_px)
+    RowGates rules;
+    RECORD(Rows, projection, field, mean, cov, scatter_px, max_px, rules)
 };
 struct RightSides {  // where they are sought, of points that move with a twist, with a turn of the right camera
     RowModel rows;

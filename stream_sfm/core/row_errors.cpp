@@ -5,10 +5,7 @@
 namespace core {
 namespace {
 
-constexpr std::size_t POLYNOMIAL = 6;  // coefficients; then the delay, then the field
-constexpr double GATE = 4.0;  // standard deviations that a match may be off: one good match in 16 000 is lost
-// Three times the scatter of good matches; below, few matches that agree by chance set the gate.
-constexpr double LEAST_GATE_PX = 0.3;
+enum : std::size_t { POLYNOMIAL = 6 };  // coefficients; then the delay, then the field
 constexpr double LEAST_SHARE = 1e-15;  // of the largest eigenvalue: of a turn that views do not show
 
 // The covariance (3, 3) of the turn of the right camera that errors (n, k) of right rows feign.
@@ -77,11 +74,11 @@ Array<bool, 1> on_one_row(const RowModel& rows, Matrix left, Matrix right, Vecto
     if (speed.shape[0] != 1) require_shape(speed, {n}, "row_speed_px_s");
     Array<bool, 1> result(n);
     require(rows.cov.shape[0] > POLYNOMIAL && rows.cov.shape[1] == rows.cov.shape[0], "there is no covariance of rows");
-    double std_delay = std::sqrt(rows.cov[POLYNOMIAL][POLYNOMIAL]);
+    double gate = rows.rules.gate_sigmas, std_delay = std::sqrt(rows.cov[POLYNOMIAL][POLYNOMIAL]);
     for (std::size_t i = 0; i < n; i++) {
         double late = std::abs(speed.data[speed.shape[0] == 1 ? 0 : i]) * std_delay;
-        double wide = std::max(GATE * std::hypot(rows.scatter_px, late), LEAST_GATE_PX);
-        result.data[i] = std::abs(right[i][1] - left[i][1]) < scale * std::min(wide, rows.max_px + GATE * late);
+        double wide = std::max(gate * std::hypot(rows.scatter_px, late), rows.rules.least_gate_px);
+        result.data[i] = std::abs(right[i][1] - left[i][1]) < scale * std::min(wide, rows.max_px + gate * late);
     }
     return result;
 }

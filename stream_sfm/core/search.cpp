@@ -12,21 +12,10 @@
 namespace core {
 namespace {
 
-// Closed form: with 60 % outliers, P(no clean sample) is (1 - 0.4**3)**256 < 1e-7 for stereo views and
-// (1 - 0.4**4)**256 = 0.0013 for views of one side.
-constexpr double MAX_SAMPLES = 256;
-constexpr double CLEAN_SAMPLES = 20;  // among them, on average, where it is known how many views agree: some noise makes useless
-constexpr std::size_t STEREO_SAMPLE = 3;     // two views determine a motion; a third keeps its noise from being levered up
-constexpr std::size_t ONE_SIDED_SAMPLE = 4;  // three have up to four solutions
-constexpr int SAMPLE_STEPS = 4;       // Gauss-Newton from a rough beginning: the fifth changes nothing that the ranking sees
-constexpr std::size_t REFINED = 12;   // of the best samples: their order is rough, because few noisy views fix a motion only roughly
-constexpr double REFINING_WIDTHS[] = {16.0, 4.0};  // gates: first the neighbourhood of a rough motion, then its own views
-constexpr int REFINING_STEPS = 2;
+// Views of a sample. Two stereo views determine a motion; a third keeps its noise from being levered up. Of three views of
+// one side there are up to four solutions.
+enum : std::size_t { STEREO_SAMPLE = 3, ONE_SIDED_SAMPLE = 4 };
 constexpr double LEAST_WEIGHT = 1e-9;
-// The extent decides where history does not: it makes a factor of 0.56 at the least, since a background may be seen
-// through a gap between bodies.
-constexpr double EXTENT_POWER = 0.25, MIN_EXTENT = 0.1;
-constexpr int PLACES = 8;  // per side of the image: as many places as can be told apart by a hundred tracks
 
 using Motion = std::array<double, 16>;
 struct Scored {
@@ -34,8 +23,8 @@ struct Scored {
     double support;
 };
 
-// The area over which agreement (n,) spreads, but not less than `MIN_EXTENT`: 1 where it is uniform over the image.
-double extent(const Pinholes& p, Matrix z, const std::vector<double>& agreement) {
+// The area over which agreement (n,) spreads, but not less than `least`: 1 where it is uniform over the image.
+double extent(const Pinholes& p, Matrix z, const std::vector<double>& agreement, double least) {
     double m = 0, mu = 0, mv = 0, uu = 0, uv = 0, vv = 0;
     for (std::size_t i = 0; i < z.shape[0]; i++) {
         double a = agreement[i], u = (z[i][0] - p.cx_left_px) / p.width, v = (z[i][1] - p.cy_px) / p.height;
@@ -44,18 +33,18 @@ double extent(const Pinholes& p, Matrix z, const std::vector<double>& agreement)
     m = std::max(m, 1e-12);
     mu /= m, mv /= m, uu /= m, uv /= m, vv /= m;
     double determinant = (uu - mu * mu) * (vv - mv * mv) - (uv - mu * mv) * (uv - mu * mv);
-    return std::max(12 * std::sqrt(std::max(determinant, 0.0)), MIN_EXTENT);  // a uniform square has variances of 1/12
+    return std::max(12 * std::sqrt(std::max(determinant, 0.0)), least);  // a uniform square has variances of 1/12
 }
 
 // The support of a motion by squared residuals (n,): each view gives its weight, less the share of the gate that its residual
 // uses up; the extent that the agreeing views have in the image adds a little. A background surrounds what moves in front of
 // it, and a body is compact.
-double support(const PointViews& views, const double* weights, const double* squares) {
+double support(const PointViews& views, const double* weights, const double* squares, const ResectionRules& rules) {
     std::size_t n = views.points.shape[0];
     std::vector<double> agreement(n);
     double total = 0;
     for (std::size_t i = 0; i < n; i++) total += agreement[i] = weights[i] * (1 - std::min(squares[i] / views.gate.data[i], 1.0));
-    return total * std::pow(extent(views.projection, views.z_px, agreement), EXTENT_POWER);
+    return total * std::pow(extent(views.projection, views.z_px, agreement, rules.min_extent), rules.extent_power);
 }
 
 // `samples` of `size` different rows of n each, drawn by weight (Efraimidis and Spirakis 2006). They depend on n only.
@@ -166,7 +155,8 @@ double choose(std::size_t n, std::size_t k) {
 
 }  // namespace
 
-Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector weights, std::size_t agreeing) {
+Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector weights, const ResectionRules& rules,
+                               std::size_t agreeing) {
     std::size_t n = views.points.shape[0], stereo = 0;
     require_shape(weights, {n}, "weights");
     require_shape(start, {4, 4}, "cam_from_ref");
@@ -174,13 +164,14 @@ Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector wei
     for (std::size_t i = 0; i < n; i++) stereo += std::isfinite(views.z_px[i][2]) && std::isfinite(views.z_px[i][3]);
     std::size_t size = 2 * stereo > n ? STEREO_SAMPLE : ONE_SIDED_SAMPLE;
     require(n > size && (agreeing == 0 || agreeing >= size), "there are too few views");
-    double samples = agreeing ? std::ceil(CLEAN_SAMPLES * choose(n, size) / choose(agreeing, size)) : MAX_SAMPLES;
-    std::vector<std::size_t> rows = drawn(weights.data, n, size, static_cast<std::size_t>(std::min(samples, MAX_SAMPLES))), all(n);
+    double samples = static_cast<double>(rules.samples), clean = static_cast<double>(rules.clean_samples);
+    if (agreeing) samples = std::min(samples, std::ceil(clean * choose(n, size) / choose(agreeing, size)));
+    std::vector<std::size_t> rows = drawn(weights.data, n, size, static_cast<std::size_t>(samples)), all(n);
     std::iota(all.begin(), all.end(), std::size_t{0});
     std::vector<double> ones(size, 1.0), near(n);
     std::vector<Scored> found;
     auto score = [&](Scored& of) {
-        double value = support(views, weights.data, search.squares(of.motion).data());
+        double value = support(views, weights.data, search.squares(of.motion).data(), rules);
         of.support = std::isfinite(value) ? value : -1.0;
     };
     Motion given;
@@ -188,19 +179,19 @@ Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector wei
     for (std::size_t s = 0; s < rows.size(); s += size)
         for (const Motion& beginning : {given, search.by_rays(&rows[s], size)}) {
             found.push_back({beginning, 0.0});
-            search.fit(found.back().motion, &rows[s], ones.data(), size, SAMPLE_STEPS);
+            search.fit(found.back().motion, &rows[s], ones.data(), size, rules.sample_steps);
             score(found.back());
         }
     auto better = [](const Scored& a, const Scored& b) { return a.support > b.support; };
     std::stable_sort(found.begin(), found.end(), better);
-    found.resize(std::min(found.size(), REFINED));
-    for (double refining : REFINING_WIDTHS)
+    found.resize(std::min(found.size(), rules.refined));
+    for (double refining : {rules.first_refining_gates, rules.refining_gates})
         for (Scored& of : found) {
             std::vector<double> squares = search.squares(of.motion);
             for (std::size_t i = 0; i < n; i++)
                 near[i] = squares[i] < refining * views.gate.data[i]
                               ? weights.data[i] / (1 + squares[i] / (CAUCHY_WIDTH * CAUCHY_WIDTH)) : 0.0;
-            search.fit(of.motion, all.data(), near.data(), n, REFINING_STEPS);
+            search.fit(of.motion, all.data(), near.data(), n, rules.refining_steps);
         }
     for (Scored& of : found) score(of);
     Array<double, 2> result(4, 4);
@@ -209,26 +200,27 @@ Array<double, 2> search_motion(const PointViews& views, Matrix start, Vector wei
     return result;
 }
 
-double motion_support(const PointViews& views, Matrix motion, Vector amplitudes, Vector weights) {
+double motion_support(const PointViews& views, Matrix motion, Vector amplitudes, Vector weights, const ResectionRules& rules) {
     std::size_t n = views.points.shape[0];
     require_shape(weights, {n}, "weights");
     LinearisedViews linear = linearise_views(views, motion);
     ViewResiduals seen = view_residuals(views, linear.root, amplitudes, {motion.data, {1, 4, 4}});
-    return support(views, weights.data, seen.squares[0]);
+    return support(views, weights.data, seen.squares[0], rules);
 }
 
-double evidence(const Pinholes& pinholes, Matrix z, Vector weights) {
+double evidence(const Pinholes& pinholes, Matrix z, Vector weights, const ResectionRules& rules) {
     std::size_t n = z.shape[0];
     require_shape(z, {n, 4}, "z_px");
     require_shape(weights, {n}, "weights");
-    double votes[PLACES * PLACES] = {}, sum = 0;
+    std::vector<double> votes(rules.places * rules.places);
+    double sum = 0, side = static_cast<double>(rules.places);
     for (std::size_t i = 0; i < n; i++) {
-        auto place = [](double share) { return static_cast<int>(std::min(std::max(0.0, share * PLACES), PLACES - 1.0)); };
-        double& vote = votes[PLACES * place(z[i][1] / pinholes.height) + place(z[i][0] / pinholes.width)];
+        auto place = [&](double share) { return static_cast<std::size_t>(std::min(std::max(0.0, share * side), side - 1)); };
+        double& vote = votes[rules.places * place(z[i][1] / pinholes.height) + place(z[i][0] / pinholes.width)];
         vote = std::max(vote, weights.data[i]);
     }
     for (double vote : votes) sum += vote;
-    return sum * extent(pinholes, z, {weights.data, weights.data + n});
+    return sum * extent(pinholes, z, {weights.data, weights.data + n}, rules.min_extent);
 }
 
 }  // namespace core

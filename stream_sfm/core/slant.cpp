@@ -10,22 +10,12 @@
 namespace core {
 namespace {
 
-// Slopes are in px of disparity per px of image.
-constexpr double PRIOR_SLOPE = 0.15;  // σ of the prior, chosen by hand: on most surfaces disparity changes more slowly
-constexpr double MAX_SLOPE = 0.5;     // chosen by hand: a patch of 21 px spans 10 px of disparity then, more than one surface does
-// χ² with two degrees of freedom at 0.999: a slope that the patches do not clearly show costs more in noise than it saves
-// in bias.
-constexpr double SIGNIFICANT = 13.8;
-constexpr int STEPS = 3;              // Gauss-Newton; more change no figure of the logs with ground truth
-constexpr double MAX_SHIFT_PX = 2.0;  // between the aligned position and the given one: farther it is another match
-constexpr int SPACING_PX = 2;         // between samples: smoothing leaves neighbours the same noise
 constexpr double FREE = 1e-6;         // prior information about disparity and row, 1/px²: none, but the matrix stays regular
-constexpr double RIDGE = 1e-9;        // relative to its trace, for the same
 constexpr double MIN_CONTRAST = 1.0;  // grey², keeps the gain of a patch of one grey finite
 
 // A left patch of k × k samples: grey values of mean zero, and their derivatives (4, k²) by disparity, slopes and row.
 template <class T>
-void cut(const ImageOf<T>& image, std::int64_t u, std::int64_t v, int radius, int k, float* grey, float* by_parameter) {
+void cut(const ImageOf<T>& image, std::int64_t u, std::int64_t v, int radius, int spacing, int k, float* grey, float* by_parameter) {
     int k2 = k * k;
     auto pixel = [&](std::int64_t column, std::int64_t row) {
         std::int64_t x = std::clamp<std::int64_t>(column, 0, image.width - 1), y = std::clamp<std::int64_t>(row, 0, image.height - 1);
@@ -34,7 +24,7 @@ void cut(const ImageOf<T>& image, std::int64_t u, std::int64_t v, int radius, in
     double mean = 0;
     for (int i = 0; i < k; i++)
         for (int j = 0; j < k; j++) {
-            int du = SPACING_PX * j - radius, dv = SPACING_PX * i - radius, at = i * k + j;
+            int du = spacing * j - radius, dv = spacing * i - radius, at = i * k + j;
             std::int64_t x = u + du, y = v + dv;
             mean += grey[at] = pixel(x, y);
             float by_u = 0.5f * (pixel(x + 1, y) - pixel(x - 1, y)), by_v = 0.5f * (pixel(x, y + 1) - pixel(x, y - 1));
@@ -55,37 +45,37 @@ std::vector<std::size_t> slanted_rows(Matrix slopes) {
 
 template <class T>
 Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& right, Pixels points, Matrix right_px,
-                                  int radius, double std_grey) {
+                                  int radius, int spacing, double std_grey, const PointRules& rules) {
     std::size_t n = points.shape[0];
     require(points.shape[1] == 2, "points_px is not (n, 2)");
     require_shape(right_px, {n, 2}, "right_px");
     require(radius >= 1 && radius <= 1000, "radius_px is not within 1 and 1000");
     require(n == 0 || (left.height > 0 && left.width > 0 && right.height > 0 && right.width > 0), "an image is empty");
     Array<double, 2> slopes(n, 2);
-    int k = 2 * radius / SPACING_PX + 1, k2 = k * k;
-    const double variance = std_grey * std_grey;
-    const double prior[4] = {variance * FREE, variance / (PRIOR_SLOPE * PRIOR_SLOPE), variance / (PRIOR_SLOPE * PRIOR_SLOPE), variance * FREE};
+    int k = 2 * radius / spacing + 1, k2 = k * k;
+    const double variance = std_grey * std_grey, of_slope = variance / (rules.std_slope * rules.std_slope);
+    const double prior[4] = {variance * FREE, of_slope, of_slope, variance * FREE};
     std::vector<float> grey(k2), by_parameter(4 * k2), there(k2), at_u(k2), at_v(k2);
     Sampler<T> sampler(k2);
     for (std::size_t i = 0; i < n; i++) {
         std::int64_t u = bounded(points[i][0]), v = bounded(points[i][1]);
-        cut(left, u, v, radius, k, grey.data(), by_parameter.data());
+        cut(left, u, v, radius, spacing, k, grey.data(), by_parameter.data());
         double h[16], cov[16];
         for (int a = 0; a < 4; a++)
             for (int b = a; b < 4; b++) {
                 double sum = dot(by_parameter.data() + a * k2, by_parameter.data() + b * k2, k2);
                 h[4 * a + b] = h[4 * b + a] = sum + (a == b ? prior[a] : 0.0);
             }
-        double ridge = RIDGE * (h[0] + h[5] + h[10] + h[15]);
+        double ridge = DAMPING * (h[0] + h[5] + h[10] + h[15]);
         for (int a = 0; a < 4; a++) h[5 * a] += ridge;
         invert_positive<4>(h, cov);
         double x = static_cast<double>(u), y = static_cast<double>(v);
         double p[4] = {x - right_px[i][0], 0, 0, right_px[i][1] - y};
-        for (int step = 0; step < STEPS; step++) {
+        for (int step = 0; step < rules.slant_steps; step++) {
             double mean = 0, g[4];
             bool inside = true;
             auto place = [&](int row, int column, int at) {
-                double du = SPACING_PX * column - radius, dv = SPACING_PX * row - radius;
+                double du = spacing * column - radius, dv = spacing * row - radius;
                 at_u[at] = static_cast<float>(x + du - (p[0] + p[1] * du + p[2] * dv));
                 at_v[at] = static_cast<float>(y + dv + p[3]);
                 return is_inside(right, at_u[at], at_v[at]);
@@ -109,8 +99,9 @@ Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& righ
         }
         double determinant = cov[5] * cov[10] - cov[6] * cov[9];
         double chi2 = (p[1] * p[1] * cov[10] - 2 * p[1] * p[2] * cov[6] + p[2] * p[2] * cov[5]) / (determinant * variance);
-        bool sane = std::max(std::fabs(p[1]), std::fabs(p[2])) < MAX_SLOPE && std::fabs(x - p[0] - right_px[i][0]) < MAX_SHIFT_PX;
-        if (sane && chi2 > SIGNIFICANT) {
+        bool sane = std::max(std::fabs(p[1]), std::fabs(p[2])) < rules.max_slope &&
+                    std::fabs(x - p[0] - right_px[i][0]) < rules.max_slant_shift_px;
+        if (sane && chi2 > rules.significant_slope) {
             slopes[i][0] = p[1];
             slopes[i][1] = p[2];
         }

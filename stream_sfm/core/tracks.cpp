@@ -9,16 +9,7 @@ namespace {
 
 constexpr double MIN_DETERMINANT = 1e-3;  // a surface seen edge-on gets a finite warp that no template fits
 constexpr double BEYOND_PX = 2;  // the window, for its derivatives and interpolation, as in templates.py
-// Of the template that a pixel of the image covers: below it the patch has grown by more than √5 and shows detail that the template
-// lacks.
-constexpr double LEAST_AREA = 0.2;
-// σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification tables leave even in a perfect match.
-constexpr double FLOOR_PX = 0.03;
-constexpr double MIN_ERROR_GREY = 0.5;  // rounding to whole grey values alone leaves 0.4 between two images
-constexpr double UNKNOWN_ERROR_GREY = 255.0;  // of a side that was not found: its covariance is large, and counts for nothing
-// Added to the gradient matrix, relative to its trace and absolutely (grey²): along an edge the σ of a position stays within 32
-// times the σ across it, and that of a patch without texture finite.
-constexpr double EDGE_DAMPING = 1e-3, MIN_GRADIENT = 1e-6;
+constexpr double MIN_GRADIENT = 1e-6;  // grey², added to the gradient matrix: the σ of a patch without texture stays finite
 
 // The warp (3, 2), W above h, of the maps A (2, 2) and n (2,): W = A⁻¹ and h = −Wᵀn; W is finite also where A is singular.
 void warp(const double* a, const double* by_depth, double* out) {
@@ -157,7 +148,7 @@ UpdatedTracks update_depths(const Pinholes& p, const TrackTable& tracks, Matrix 
     return result;
 }
 
-Array<bool, 1> templates_fit(Matrices warps, double radius, double half) {
+Array<bool, 1> templates_fit(Matrices warps, double radius, double half, double least_area) {
     std::size_t n = warps.shape[0];
     radius += BEYOND_PX;
     require_shape(warps, {n, 3, 2}, "warps");
@@ -166,7 +157,7 @@ Array<bool, 1> templates_fit(Matrices warps, double radius, double half) {
         const double* w = warps[i];
         double across = std::max(std::abs(w[0]) + std::abs(w[1]), std::abs(w[2]) + std::abs(w[3])) * radius;
         double by_depth = (std::abs(w[4]) + std::abs(w[5])) * radius, area = std::abs(w[0] * w[3] - w[1] * w[2]);
-        result.data[i] = across < half * (1 - by_depth) && area > LEAST_AREA;
+        result.data[i] = across < half * (1 - by_depth) && area > least_area;
     }
     return result;
 }
@@ -184,7 +175,7 @@ Array<bool, 1> inside_area(View<bool, 2> area, Matrix at) {
 }
 
 Array<double, 3> view_covariances(Matrices gradients, Vector error_left, Vector error_right, double shared_pixels,
-                                  double scale, double factor) {
+                                  double scale, double factor, const TemplateRules& rules) {
     std::size_t n = gradients.shape[0];
     require_shape(gradients, {n, 2, 2}, "gradients");
     require_shape(error_left, {n}, "error_left");
@@ -192,15 +183,15 @@ Array<double, 3> view_covariances(Matrices gradients, Vector error_left, Vector 
     Array<double, 3> result(n, 4, 4);
     for (std::size_t i = 0; i < n; i++) {
         const double* g = gradients[i];
-        double damping = EDGE_DAMPING * (g[0] + g[3]) + MIN_GRADIENT, a = g[0] + damping, b = g[3] + damping;
+        double damping = rules.edge_damping * (g[0] + g[3]) + MIN_GRADIENT, a = g[0] + damping, b = g[3] + damping;
         double det = a * b - g[1] * g[2], shape[4] = {b / det, -g[1] / det, -g[2] / det, a / det};
         for (int side = 0; side < 2; side++) {
             double grey = (side ? error_right : error_left).data[i];
-            grey = std::max(std::isfinite(grey) ? grey : UNKNOWN_ERROR_GREY, MIN_ERROR_GREY / scale);  // of a mean over pixels less
+            grey = std::max(std::isfinite(grey) ? grey : rules.unknown_error_grey, rules.least_error_grey / scale);  // of a mean over pixels less
             double variance = 0.5 * shared_pixels * grey * grey;  // half of the variance is the template's
             double* out = result[i] + 10 * side;
             for (int k = 0; k < 4; k++)
-                out[4 * (k / 2) + k % 2] = scale * scale * factor * (variance * shape[k] + (k % 3 ? 0.0 : FLOOR_PX * FLOOR_PX));
+                out[4 * (k / 2) + k % 2] = scale * scale * factor * (variance * shape[k] + (k % 3 ? 0.0 : rules.std_floor_px * rules.std_floor_px));
         }
     }
     return result;

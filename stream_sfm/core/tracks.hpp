@@ -2,7 +2,7 @@
 #pragma once
 
 #include "algebra.hpp"
-#include "image.hpp"
+#include "images.hpp"
 #include "pinholes.hpp"
 
 namespace core {
@@ -22,7 +22,8 @@ struct TemplateKind {
     int scale, spacing_px;
     TemplateConfig config;
     ViewNoise noise;
-    RECORD(TemplateKind, scale, spacing_px, config, noise)
+    TemplateRules rules;
+    RECORD(TemplateKind, scale, spacing_px, config, noise, rules)
 };
 struct TrackTable {
     Matrix points;  // at unit depth
@@ -50,10 +51,10 @@ struct UpdatedTracks {
 };
 UpdatedTracks update_depths(const Pinholes& pinholes, const TrackTable& tracks, Matrix cam_from_previous, Matrix z,
                             Matrices cov, double forgetting);
-Array<bool, 1> templates_fit(Matrices warps, double radius, double half);
+Array<bool, 1> templates_fit(Matrices warps, double radius, double half, double least_area);
 Array<bool, 1> inside_area(View<bool, 2> area, Matrix at);
 Array<double, 3> view_covariances(Matrices gradients, Vector error_left, Vector error_right, double shared_pixels,
-                                  double scale, double factor);
+                                  double scale, double factor, const TemplateRules& rules);
 Array<double, 3> track_covariances(Matrices cov_left, Vector var_rho, Vector drift, double focal, double baseline);
 Array<double, 1> template_drift(Matrix points, Matrix cam_from_previous, Indices scale, double slide);
 
@@ -91,7 +92,7 @@ struct NewMatches {
 template <class T>  // float or std::uint8_t
 NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, View<T, 3> stored,
                             const TemplateKind& kind, const RightSides& right_sides, Pixels corners, Indices slots,
-                            Vector disparity, double tolerance, double std_grey, double max_apart);
+                            Vector disparity, double tolerance, const PointRules& rules);
 struct PlacedPoints {  // rows of those that are kept, their views, and their points with the variances of 1/Z
     Array<std::int64_t, 1> rows;
     Array<double, 2> z, points;
@@ -108,7 +109,13 @@ struct RowErrors {
     Array<double, 1> sums;
     FIELDS(ages, rows, sums)
 };
-RowErrors row_errors_of_tracks(Indices known, Indices ages, Matrix rows, Indices ids, Matrix z, Matrices cov);
-Array<double, 2> view_inflation(Indices ages, double ratio_left, double ratio_right, double decay);
+struct LastingRules {
+    double most_row_sigmas;
+    std::int64_t oldest_views;
+    RECORD(LastingRules, most_row_sigmas, oldest_views)
+};
+RowErrors row_errors_of_tracks(Indices known, Indices ages, Matrix rows, Indices ids, Matrix z, Matrices cov,
+                               const LastingRules& rules);
+Array<double, 2> view_inflation(Indices ages, double ratio_left, double ratio_right, double decay, const LastingRules& rules);
 
 }  // namespace core

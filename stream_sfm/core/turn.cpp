@@ -5,9 +5,7 @@
 namespace core {
 namespace {
 
-constexpr std::size_t UNKNOWNS = 9, COLUMNS = 10;  // motion and turn; with the residual
-// IRLS iterations; one suffices to rule out a knock. After a knock, views are off by ten standard deviations and more.
-constexpr int FEW_STEPS = 1, STEPS = 12;
+enum : std::size_t { UNKNOWNS = 9, COLUMNS };  // motion and turn; with the residual
 
 // xᵀ A⁻¹ x of a covariance A (3, 3), and log |A|; NaN where A is not definite.
 double squared_length(const double* a, const double* x, double& log_det) {
@@ -106,7 +104,7 @@ Array<double, 3> effects_of_turn(const Pinholes& pinholes, Matrix right) {
                 [&](const double* at, double* out) { by_turn(pinholes, at[0], at[1], out); });
 }
 
-FittedTurn fit_turn(const PointViews& views, Matrix motion, Matrix usual, double std_knock) {
+FittedTurn fit_turn(const PointViews& views, Matrix motion, Matrix usual, const TurnRules& rules) {
     std::size_t n = views.points.shape[0];
     require_shape(motion, {4, 4}, "cam_from_ref");
     require_shape(usual, {3, 3}, "usual");
@@ -115,8 +113,8 @@ FittedTurn fit_turn(const PointViews& views, Matrix motion, Matrix usual, double
     std::vector<std::size_t> seen = rows_where(n, [&](std::size_t i) { return std::isfinite(views.z_px[i][2]); });
     require(!seen.empty(), "no right side was seen");
     SelectedViews of_right(views, seen);
-    FittedTurn found = fitted(of_right.views(), motion, FEW_STEPS, usual, std_knock);
-    if (found.log_odds > 0) found = fitted(of_right.views(), motion, STEPS, usual, std_knock);
+    FittedTurn found = fitted(of_right.views(), motion, 1, usual, rules.std_rad);  // one step suffices to rule out a knock
+    if (found.log_odds > 0) found = fitted(of_right.views(), motion, rules.steps, usual, rules.std_rad);
     Array<bool, 1> agree(n);
     for (std::size_t k = 0; k < seen.size(); k++) agree.data[seen[k]] = found.agree.data[k];
     found.agree = std::move(agree);

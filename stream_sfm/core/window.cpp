@@ -11,8 +11,10 @@
 namespace core {
 namespace {
 
-constexpr std::size_t CHUNK = 16;     // views whose products are summed at once
-constexpr std::size_t MAX_PARTS = 4;  // of the field: a view has no more coordinates
+enum : std::size_t {
+    CHUNK = 16,    // views whose products are summed at once
+    MAX_PARTS = 4  // of the field: a view has no more coordinates
+};
 constexpr std::size_t Q_COLUMNS[3] = {0, 1, 3};  // of a homogeneous point: what q moves
 
 // A view that counts: its row, and those of its frame and of its point.

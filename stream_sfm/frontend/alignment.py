@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import Config, FrontendConfig
+from ..config.point_rules import TemplateRules
 from ..geometry.resection import Resection
 from ..geometry.se3 import Array
 from ..record import changed, record
@@ -47,6 +48,7 @@ class TemplateAligner:
     area: NDArray[np.bool_]
     atlas: TemplateAtlas
     noise: ViewNoise
+    rules: TemplateRules
     spacing_px: ClassVar[int] = SPACING_PX
 
     @classmethod
@@ -59,6 +61,7 @@ class TemplateAligner:
             valid_area(valid, scale * radius_px),
             TemplateAtlas.empty(frontend.max_tracks, radius_px, of_bytes=scale == 1),
             ViewNoise.unknown(config.rules.errors, frontend.smoothing_px, scale),
+            config.rules.templates,
         )
 
     def in_images(self, images: PreparedImages, in_both: bool) -> Templates:

@@ -61,7 +61,9 @@ class StereoFrontEnd:
         radius_px, rules = config.frontend.window_radius_px, config.rules
         self.setup = Setup(projection, config, None if in_right is None else valid_area(in_right, radius_px))
         self.problem = resolution_problem(rig, rules.pair)  # what is wrong with the calibration in any frame
-        self.rig = RigModel.of(projection, config.rig, rig.refinement, rectifier.rows_of, rig.timing)
+        self.rig = RigModel.of(
+            projection, config.rig, rig.refinement, rectifier.rows_of, rig.timing, rectifier.by_focal
+        )
         self.start = FrontEndState(
             aligners={scale: TemplateAligner.empty(config, rectifier.valid, scale) for scale in (1, WIDE)},
             timing=Timing.unknown(projection, config.rig, rectifier.rows_of, rig.timing),

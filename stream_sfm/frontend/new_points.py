@@ -49,6 +49,7 @@ def detect_missing(setup: Setup, state: FrontEndState, images: PreparedImages) -
         state.tracks.missing(cfg.max_tracks),
         cfg.min_corner_distance_px * scale,
         cfg.min_corner_response,
+        setup.rules.points,
     )
 
 
@@ -104,10 +105,8 @@ def _begin(
     state = changed(state, aligners={**state.aligners, scale: aligner})
     twist = np.zeros(6) if state.timing.twist is None else state.timing.twist
     of_templates = *images.grey(scale), aligner.atlas.grey, aligner, state.right_sides(twist)
-    rules = setup.rules.points
-    std_grey = rules.std_grey / scale  # a mean over pixels has so much less noise
     slots, z_px, cov_px, slopes, apart_px = core.match_new_points(
-        *of_templates, corners, slots, disparity_px, tolerance_px, std_grey, rules.max_halves_apart_px
+        *of_templates, corners, slots, disparity_px, tolerance_px, setup.rules.points
     )
     state, right_sides = _learn_rows(state, z_px, twist) if scale == 1 else (state, state.right_sides(twist))
     # the position of a wide template that is less certain than half of its pixels is noise or a bare edge
@@ -138,7 +137,7 @@ def _match_along_row(setup: Setup, state: FrontEndState, images: PreparedImages)
     """Return new corners (k, 2) in whole pixels with a unique match on their row, and its rough disparity (k,)."""
     scale, corners = images.scale, detect_missing(setup, state, images)
     limits = _disparity_range(setup, state, scale)
-    disparity, unique = core.match_along_rows(*images.coarse, corners, *limits)
+    disparity, unique = core.match_along_rows(*images.coarse, corners, *limits, setup.rules.points)
     return corners[unique] * round(1 / scale), disparity[unique] / scale
 
 
@@ -154,8 +153,10 @@ def _match_wide(
         wanted,
         setup.config.frontend.min_corner_distance_px,
         setup.rules.points.min_wide_response,
+        setup.rules.points,
     )
-    disparity, unique = core.match_along_rows(left, right, corners, *_disparity_range(setup, state, 1 / WIDE))
+    limits = _disparity_range(setup, state, 1 / WIDE)
+    disparity, unique = core.match_along_rows(left, right, corners, *limits, setup.rules.points)
     return corners[unique], disparity[unique]
 
 

@@ -113,7 +113,7 @@ class TurnWatch:
             return self.calm(), None
         views = PointViews(self.projection, points, cov_points, z_px, cov_px, self.settings)
         usual = self.usual + cov_expected
-        rad, cov, agree, log_factor, chi2 = core.fit_turn(views, cam_from_previous, usual, rules.std_rad)
+        rad, cov, agree, log_factor, chi2 = core.fit_turn(views, cam_from_previous, usual, rules)
         possible = self.projection.f_px * math.hypot(*rad) < rules.max_turn_px
         possible = possible and bool(np.count_nonzero(agree) > rules.agree * n_seen)
         stands_out = possible and log_factor > -math.log(rules.knocks)

@@ -84,7 +84,7 @@ class TemplateErrors:
 
     def after(self, ids: NDArray[np.int64], z_px: Array, cov_px: Array) -> "TemplateErrors":
         """Return the knowledge after a frame's views (n, 4) of tracks `ids` (n,), ascending, with covariances."""
-        ages, rows, sums = core.row_errors_of_tracks(self.ids, self.ages, self.rows, ids, z_px, cov_px)
+        ages, rows, sums = core.row_errors_of_tracks(self.ids, self.ages, self.rows, ids, z_px, cov_px, self.rules)
         keep = max(0.0, 1 - sums[2] / self.rules.memory_pairs)
         return changed(self, sums=keep * self.sums + sums, ids=ids, ages=ages, rows=rows)
 
@@ -96,7 +96,9 @@ class TemplateErrors:
         """
         white, lasting = self.parts
         ratio = lasting / white
-        return white * core.view_inflation(self.ages, self.rules.left_fraction * ratio, ratio, self.decay)
+        return white * core.view_inflation(
+            self.ages, self.rules.left_fraction * ratio, ratio, self.decay, self.rules
+        )
 
     def with_new(self, ids: NDArray[np.int64], apart_px: Array) -> "TemplateErrors":
         """Return the same with new points (n,), whose whole patch and inner half were matched (n,) apart."""

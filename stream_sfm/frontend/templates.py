@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from ..config.point_rules import TemplateRules
 from ..geometry.se3 import Array
 from ..record import record
 from .prepared import GreyImage
@@ -16,6 +17,7 @@ from .prepared import GreyImage
 Grey = NDArray[np.float32]
 SPACING_PX = 2  # pixels between samples: smoothed neighbours share their noise, so every second one says as much
 _STORED = 1.7  # half width of a stored patch over that of an aligned one: room for warps up to this scale
+_RULES = TemplateRules()  # places are verified alike by all maps
 _BEYOND = 2  # the window, for its derivatives and interpolation, px
 
 
@@ -41,7 +43,7 @@ class Patches:
         left, in grey values of the template, inf where it was not found.
         """
         return core.align_patches(
-            image, starts_px, self.inverse, self.information, self.level, self.radius_px, self.spacing_px
+            image, starts_px, self.inverse, self.information, self.level, self.radius_px, self.spacing_px, _RULES
         )
 
 
@@ -70,11 +72,11 @@ class TemplateAtlas:
 
     def fits(self, anchor_from_now: Array) -> NDArray[np.bool_]:
         """Whether warps (n, 3, 2) stay inside the stored patches and do not blow them up beyond recognition."""
-        return core.templates_fit(anchor_from_now, self.radius_px, _half(self.radius_px))
+        return core.templates_fit(anchor_from_now, self.radius_px, _half(self.radius_px), _RULES.least_area)
 
     def warped(self, slots: NDArray[np.intp], anchor_from_now: Array) -> Patches:
         """Return the templates of `slots` (n,) as the image should show them now; warps (n, 3, 2) of pixel offsets."""
-        patches = core.warp_patches(self.grey, slots, anchor_from_now, self.radius_px, SPACING_PX)
+        patches = core.warp_patches(self.grey, slots, anchor_from_now, self.radius_px, SPACING_PX, _RULES)
         return Patches(*patches, self.radius_px, SPACING_PX)
 
 

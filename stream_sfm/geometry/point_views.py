@@ -53,6 +53,11 @@ class PointViews:
         seen = self.points[rows], cov_points, self.z_px[rows], self.cov_px[rows]
         return PointViews(self.projection, *seen, self.settings, self.shared[rows])
 
+    def with_shared(self, shared: Array) -> "PointViews":
+        """Return the same views with errors (n, 4, j) that they share, too, after those that they have."""
+        seen, of_all = (self.points, self.cov_points, self.z_px, self.cov_px), [self.shared, shared]
+        return PointViews(self.projection, *seen, self.settings, np.concatenate(of_all, axis=2))
+
     def by_left(self) -> "PointViews":
         """Return the same points with the left sides of their views alone."""
         left_px = np.where([True, True, False, False], self.z_px, np.nan)

@@ -109,5 +109,5 @@ def resect(
 
 def refine(views: PointViews, weights: Array, cam_from_ref: Array, amplitudes: Array) -> Resection:
     """Find the motion of the views that agree with one (4, 4), which is close to theirs, eq. (23)."""
-    found = core.fit_motion(views, cam_from_ref, amplitudes, weights, False)  # without annealing
+    found = core.fit_motion(views, cam_from_ref, amplitudes, weights, views.settings, False)  # without annealing
     return filled(Resection, found, ambiguous_share=views.settings.ambiguous_share)

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..camera.exposed_rows import ExposedRows
+from ..camera.focal_effect import FocalEffect
 from ..camera.known_timing import KnownTiming
 from ..camera.refinement import Refinement
 from ..config import RigConfig
@@ -15,7 +16,7 @@ from .estimate import CERTAIN, Amplitudes, RigEstimate
 from .field import NO_FIELD, Field, field_over
 from .terms import AT_TIMING, DISPARITY, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
 
-_REFOCUSING = 4.0  # of the σ assumed: how fast a focus moves that has begun to
+_FOCAL, _FOCUSING = TERMS.index(FOCAL), TERMS.index(FOCUSING)
 _FOCUSING_S = 1.0  # for about so long an autofocus moves
 LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
 # What the three parts of the field move of a view (u_left, v_left, u_right, v_right): the disparity, and u and v of
@@ -40,6 +41,8 @@ class RigModel:
     refined: bool
     row_of: ExposedRows | None = None
     known_timing: KnownTiming | None = None
+    by_focal: FocalEffect | None = None
+    zooms: bool = False
     has_field: bool = True
 
     @classmethod
@@ -50,6 +53,7 @@ class RigModel:
         refinement: Refinement | None = None,
         row_of: ExposedRows | None = None,
         known_timing: KnownTiming | None = None,
+        by_focal: FocalEffect | None = None,
     ) -> "RigModel":
         """Return the model of a rig with the σ of its settings, or of a refinement of its calibration."""
         std, known = prior_std(config), np.zeros(len(TERMS))
@@ -58,7 +62,7 @@ class RigModel:
             n = len(refinement.error_px)
             known[:n] = refinement.error_px
             root[:n, :n] = np.linalg.cholesky(refinement.cov_px2)
-        return cls(projection, root, known, refinement is not None, row_of, known_timing)
+        return cls(projection, root, known, refinement is not None, row_of, known_timing, by_focal)
 
     def __len__(self) -> int:
         return len(TERMS) + FIELD_MOVES.shape[1] * self._field.size
@@ -81,6 +85,14 @@ class RigModel:
         """Return the terms alone."""
         return changed(self, has_field=False)
 
+    def zooming(self) -> "RigModel":
+        """Return the model of cameras whose focal length changes by itself.
+
+        A calibration that has a wrong focal length has fitted the disparity of far points with it.
+        A zoom changes that disparity, too, where cameras look towards each other.
+        """
+        return changed(self, zooms=True)
+
     def field_at(self, z_px: Array) -> Array:
         """Return the field's basis (n, K) at views (n, 4); K is 0 without a field."""
         return self._field.at(z_px[:, :2])
@@ -100,7 +112,13 @@ class RigModel:
 
         What the field does to a missing side has no meaning.
         """
-        return core.rig_effects(self.projection, self.root, self._field, z_px, np.atleast_1d(age_s))
+        terms, field = core.rig_effects(self.projection, self.root, self._field, z_px, np.atleast_1d(age_s))
+        if self.zooms and self.by_focal is not None:
+            moved = np.where(np.isfinite(z_px), self.by_focal(z_px), 0.0)
+            unit = np.diag(self.root)
+            terms[..., _FOCAL] = moved * unit[_FOCAL]
+            terms[..., _FOCUSING] = moved * (np.reshape(age_s, (-1, 1)) * unit[_FOCUSING])
+        return terms, field
 
     def by_timing(self, points_in_cam: Array, motion: Array, timing_s: Array, z_px: Array) -> Array:
         """Return what amplitudes of 1 of delay and readout do to views (n, 4) of homogeneous points (n, 4): (n, 4, 2).
@@ -167,14 +185,6 @@ class RigModel:
             focal, unit = TERMS.index(FOCAL), np.diag(self.root)
             root[at] = mean[at] * np.sqrt(passed_s / _FOCUSING_S)
             root[focal] = -age_s * root[at] * unit[at] / unit[focal]
-        return root
-
-    def root_of_unknown_focus(self, m: int, age_s: float) -> Array:
-        """Return a root (m, 2) of the covariance of amplitudes by a focus that begins to move at `age_s`, eq. (72g)."""
-        root, focal, moving = np.zeros((m, 2)), TERMS.index(FOCAL), TERMS.index(FOCUSING)
-        unit = np.diag(self.root)
-        root[moving, 0], root[focal, 1] = _REFOCUSING, 1.0
-        root[focal, 0] = -age_s * _REFOCUSING * unit[moving] / unit[focal]
         return root
 
     def corrected(self, z_px: Array) -> Array:

@@ -60,5 +60,6 @@ def mixture(
     covariance in full. `spread`: how many σ parts of the run are apart about these terms.
     """
     counts = min(rules.counts, spread**-2.0)
-    found = core.rig_mixture(mean, cov, size, _FOCAL, _IS_ZERO, np.log(rules.odds) * _THERE, counts, known_wrong)
+    log_prior, alone = np.log(rules.odds) * _THERE, rules.share_alone
+    found = core.rig_mixture(mean, cov, size, _FOCAL, _IS_ZERO, log_prior, counts, alone, known_wrong)
     return filled(Mixture, found)

@@ -1,4 +1,4 @@
-"""Calibrations as this package and other tools write them give the rig that is in them; each mistake is named."""
+"""Calibrations as this package and other tools write them give the rig that is in them."""
 
 import json
 import zipfile
@@ -7,88 +7,29 @@ import cv2
 import numpy as np
 import pytest
 
-from stream_sfm import Camera, ConfigError, MonoRig, StereoRig, open_log
-from stream_sfm.camera.calibration.document import make_camera
+from stream_sfm import Camera, ConfigError, StereoRig, open_log
 from stream_sfm.camera.calibration.read import read_document
 from stream_sfm.camera.calibration.slam import body_from_left
 from stream_sfm.camera.lens import project_into_image
 from stream_sfm.geometry import se3
+from tests.helpers.calibrations import (
+    BODY_FROM_LEFT,
+    BOTH,
+    LEFT,
+    OF_ROS,
+    POSE,
+    RIG,
+    RIGHT,
+    RNG,
+    SIZE,
+    TOML,
+    camera_info,
+    check,
+    storage,
+    write,
+)
 from tests.helpers.data_sets import kalibr, kitti_projection, matrix_rows, sensor_yaml
-from tests.helpers.stereo_logs import HEIGHT, WIDTH, Spec, calibration_of, write_log
-
-RNG = np.random.default_rng(8)
-SIZE = (752, 480)
-LEFT = Camera(
-    *SIZE, np.array([[458.654, 0, 367.215], [0, 457.296, 248.375], [0, 0, 1]]), (-0.28, 0.07, 2e-4, 1.8e-5)
-)
-RIGHT = Camera(
-    *SIZE, np.array([[457.587, 0, 379.999], [0, 456.134, 255.238], [0, 0, 1]]), (-0.28, 0.08, 1e-4, -3e-5)
-)
-POSE = se3.from_rotation_translation(se3.exp_so3(np.array([0.002, 0.014, -0.0007])), np.array([-0.11, 4e-4, -8e-4]))
-RIG, BOTH = StereoRig(LEFT, RIGHT, POSE), (LEFT, RIGHT)
-KALIBR = kalibr(BOTH, POSE)
-BODY_FROM_LEFT = se3.exp(RNG.normal(size=6) * 0.3)
-
-
-OF_ROS = calibration_of(RIG, "plumb_bob")  # with R and P
-
-
-def camera_info(calib, p=None):
-    def matrix(key, m, shape):
-        return f"{key}:\n  rows: {shape[0]}\n  cols: {shape[1]}\n  data: {np.ravel(m).tolist()}\n"
-
-    return (
-        f"image_width: {calib.width}\nimage_height: {calib.height}\ncamera_name: stereo\n"
-        + matrix("camera_matrix", calib.K, (3, 3))
-        + f"distortion_model: {calib.model}\n"
-        + matrix("distortion_coefficients", [*calib.D, 0.0], (1, 5))
-        + matrix("rectification_matrix", calib.R, (3, 3))
-        + matrix("projection_matrix", calib.P if p is None else p, (3, 4))
-    )
-
-
-def storage(path, **values):
-    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-    for name, value in values.items():
-        file.write(name, value)
-    file.release()
-    return path
-
-
-def write(path, text):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text)
-    return path
-
-
-def check(where, rig=RIG, size=None, atol=1e-9):
-    found = StereoRig.from_calibration(where, size)
-    np.testing.assert_allclose(found.right_from_left, rig.right_from_left, atol=atol)
-    for one, other in ((found.left, rig.left), (found.right, rig.right)):
-        np.testing.assert_allclose(one.K, other.K, atol=1e-9)
-        assert (one.width, one.height, one.distortion_model) == (other.width, other.height, other.distortion_model)
-        np.testing.assert_allclose(one.D[:4], other.D[:4], atol=1e-12)
-    left = MonoRig.from_calibration(where, size)
-    np.testing.assert_allclose(left.left.K, rig.left.K, atol=1e-9)
-
-
-TOML = """
-[left]
-width = 640
-height = 480
-fx = 500.0
-fy = 501.0
-cx = 320
-cy = 240.5
-[right]
-width = 640
-height = 480
-K = [[500.0, 0, 321], [0, 500, 240], [0, 0, 1]]
-distortion_model = "plumb_bob"
-D = [-0.2, 0.03, 0.0, 0.001]
-[right_from_left]
-translation_m = [-0.12, 0.0, 0.0]
-"""
+from tests.helpers.stereo_logs import HEIGHT, WIDTH, Spec, write_log
 
 
 def test_both_forms_of_our_own_are_read(tmp_path):
@@ -387,66 +328,3 @@ def test_a_log_tells_the_size_that_a_calibration_does_not(tmp_path):
     assert log.rig.baseline_m == pytest.approx(0.25)
     assert (log.rig.left.width, log.rig.left.height) == (WIDTH, HEIGHT)
     assert len(list(log.frames())) == 12
-
-
-BROKEN = {
-    "no rotation": (KALIBR.replace(repr(float(POSE[0, 0])), "3.5"), "T_cn_cnm1 is not a rotation"),
-    "model": (KALIBR.replace("pinhole", "fov", 1), "cam0.camera_model 'fov' is not supported"),
-    "lens": (kalibr(BOTH, POSE, lens="fov"), "distortion model 'fov' is not supported; supported are .*radtan"),
-    "one camera": (KALIBR.split("cam1:")[0], "cam1 is missing"),
-    "no chain": (KALIBR.split("  T_cn_cnm1")[0], "cam1.T_cn_cnm1.* is missing"),
-    "no number": (KALIBR.replace("752", "wide", 1), "cam0.resolution must be 2 numbers"),
-    "YAML": ("cam0: [1, 2", "neither TOML nor YAML"),
-    "a list": ("- 1\n- 2\n", "has no keys"),
-    "other keys": ("fx: 1\nfy: 2\n", "of no known format; known are TOML.*Kalibr.*ROS.*EuRoC.*KITTI.*OpenCV"),
-    "empty": ("", "has no keys"),
-    "storage": ("%YAML:1.0\nM1: !!opencv-matrix\n  rows: [", "OpenCV's FileStorage"),
-}  # fmt: skip
-OF_TOML = [  # what is changed, to what, and what the error says
-    ("[left]", "[lefty]", "'lefty'"),
-    ("width = 640\nheight = 480\nfx", "height = 480\nfx", "left.width .*whole number"),
-    ("fx = 500.0", "fx = '500'", "left.fx .*a number"),
-    ("fx = 500.0", "", "left.fx"),
-    ("fx = 500.0", "fx = nan", "left.fx .*finite"),
-    ("fx = 500.0", "focal = 500.0", r"'focal' at \[left\]"),
-    ("fx = 500.0", "fx = 500.0\nK = [[1]]", "either K or fx"),
-    ("K = [[500.0, 0, 321], [0, 500, 240], [0, 0, 1]]", "K = [[500.0, 0], [0]]", "right.K .*3×3"),
-    ("D = [-0.2, 0.03, 0.0, 0.001]", "D = [1.0, 2.0]", "right: .*coefficients"),
-    ('"plumb_bob"', '"mei"', "right: .*'mei'"),
-    ("translation_m = [-0.12, 0.0, 0.0]", "translation = [-0.12, 0.0, 0.0]", "'translation'"),
-    ("translation_m = [-0.12, 0.0, 0.0]", "", "translation_m .*3 numbers"),
-    ("translation_m = [-0.12, 0.0, 0.0]", "translation_m = [0, 0, 0]", "baseline"),
-    ("[right_from_left]\ntranslation_m = [-0.12, 0.0, 0.0]", "", "right_from_left is missing"),
-    ("[left]", "[left", "not TOML"),
-]
-assert all(old in TOML for old, _, _ in OF_TOML)
-BROKEN |= {
-    f"TOML: {new}" if new else f"TOML without {old}": (TOML.replace(old, new), words) for old, new, words in OF_TOML
-}
-
-
-@pytest.mark.parametrize("name", BROKEN)
-def test_mistakes_are_named_with_the_file(tmp_path, name):
-    text, words = BROKEN[name]
-    path = write(tmp_path / "rig.yaml", text)
-    with pytest.raises(ConfigError, match=words) as caught:
-        StereoRig.from_calibration(path)
-    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
-
-
-def test_two_formats_are_no_pair_and_a_folder_has_one(tmp_path):
-    files = [write(tmp_path / "left.yaml", camera_info(OF_ROS[0])), write(tmp_path / "c.yaml", KALIBR)]
-    with pytest.raises(ConfigError, match=r"this is a Kalibr.*left\.yaml is a ROS"):
-        StereoRig.from_calibration(files)
-    with pytest.raises(ConfigError, match=r"several calibrations \(c\.yaml, left\.yaml\)"):
-        StereoRig.from_calibration(tmp_path)
-    with pytest.raises(ConfigError, match="holds no calibration"):
-        StereoRig.from_calibration(write(tmp_path / "empty" / "notes.txt", "nothing").parent)
-
-
-@pytest.mark.parametrize("model", ["none", "None"])
-def test_coefficients_of_no_model_are_not_dropped_in_silence(model):
-    k = np.array([[300.0, 0, 160], [0, 300, 120], [0, 0, 1]])
-    with pytest.raises(ConfigError, match=r"'[nN]one' comes with the coefficients \[-0\.1, 0\.0\]: name the model"):
-        make_camera((320, 240), k, model, (-0.1, 0.0))
-    assert make_camera((320, 240), k, model, (0.0, 0.0)).distortion_model == "none"

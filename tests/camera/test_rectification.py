@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stream_sfm.camera.lens import project_into_image
+from stream_sfm.camera.lens import project_into_image, rays_of
 from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rectification import VIRTUAL_BASELINE, Rectifier
 from stream_sfm.camera.rig import MonoRig, StereoRig
@@ -56,6 +56,41 @@ def test_rows_of_views_are_those_of_the_cameras_own_images(model: str) -> None:
     assert np.abs(rows - expected).max() < 0.51 / 240  # grey values are whole rows
     one_side = rectifier.rows_of(np.array([[80.0, 90.0, np.nan, np.nan]]))
     assert np.isnan(one_side[0]).tolist() == [False, False, True, True]
+
+
+@pytest.mark.parametrize("model", ["plumb_bob", "equidistant"])
+def test_a_longer_focal_length_moves_views_as_cameras_see_points_that_have_it(model: str) -> None:
+    """Of cameras that converge and bend, a thousandth longer: to a hundredth of that; the row is that of the left."""
+    stereo, longer = rig(vergence_rad=0.06), 1e-3
+    sides = [
+        [
+            Camera(320, 240, c.K * [[k], [k], [1]] + np.outer([1, 1, 0], [0, 0, 1]) * (1 - k) * c.K, d, model)
+            for k in ks
+        ]
+        for c, d, ks in (
+            (stereo.left, (-0.05, 0.01, 0.002, -0.001), (1, 1 + longer)),
+            (stereo.right, (-0.05, 0.01, 0.002, -0.001), (1, 1 + longer)),
+        )
+    ]
+    rectifier = Rectifier(StereoRig(sides[0][0], sides[1][0], stereo.right_from_left))
+    points = np.random.default_rng(0).uniform((-0.8, -0.5, 2), (0.8, 0.5, 4), (40, 3))
+    turns = rectifier.rect_from_cam, rectifier.rect_from_cam @ stereo.right_from_left[:3, :3].T
+    z_px = rectifier.projection.project(points @ rectifier.rect_from_cam.T)
+    moved = rectifier.by_focal(z_px) * longer
+    assert (moved[:, 3] == moved[:, 1]).all()
+    for side, in_camera in enumerate((points, se3.transform(stereo.right_from_left, points))):
+        calibrated, true = sides[side]
+        rays = rays_of(calibrated, project_into_image(true, in_camera)) @ turns[side].T
+        columns = rectifier.projection.f_px * rays[:, :2] / rays[:, 2:]
+        columns += [
+            (rectifier.projection.cx_left_px, rectifier.projection.cx_right_px)[side],
+            rectifier.projection.cy_px,
+        ]
+        expected = columns - z_px[:, 2 * side : 2 * side + 2]
+        assert np.abs(moved[:, 2 * side] - expected[:, 0]).max() < 0.01 * 320 * longer
+        if side == 0:
+            assert np.abs(moved[:, 1] - expected[:, 1]).max() < 0.01 * 320 * longer
+    assert np.abs(moved[:, 2] - moved[:, 0]).max() > 2 * longer  # far from zero: the middles are apart
 
 
 def test_exchanged_cameras_are_refused_with_a_cure() -> None:

@@ -6,8 +6,10 @@ from types import SimpleNamespace as Record
 
 import numpy as np
 
-from stream_sfm import core
 from stream_sfm.config import RobustConfig
+from stream_sfm.config.point_rules import PointRules, TemplateRules
+from stream_sfm.config.rules import ErrorRules, RowRules
+from stream_sfm.core import _core as core
 from stream_sfm.geometry.resection import Wanted
 
 RNG = np.random.default_rng(0)
@@ -29,7 +31,9 @@ OF_VIEWS = Record(
 MOTIONS = np.broadcast_to(np.eye(4), (N, 4, 4))
 FIELD, MOVES = RNG.normal(size=(N, 3)), RNG.normal(size=(4, 2))
 GRID = Record(u_px=np.arange(3.0), v_px=np.arange(2.0), length_px=8.0, root=np.eye(6))
-ROWS = Record(projection=PINHOLES, field=GRID, mean=np.ones(13), cov=np.eye(13), scatter_px=0.2, max_px=2.0)
+ROWS = Record(
+    projection=PINHOLES, field=GRID, mean=np.ones(13), cov=np.eye(13), scatter_px=0.2, max_px=2.0, rules=RowRules()
+)
 EXPOSED = Record(size_px=(80.0, 60.0), coefficients=RNG.normal(size=(2, 3, 3)))
 RIGHT_SIDES = Record(rows=ROWS, turn_rad=np.ones(3), twist=np.ones(6))
 TIMING = Record(row_of=EXPOSED, mean=np.ones(2), cov=np.eye(2), twist=np.ones(6))
@@ -38,7 +42,9 @@ TEMPLATES = Record(
     spacing_px=2,
     config=Record(window_radius_px=4, max_realignment_px=3.0, max_photometric_error=20.0),
     noise=Record(shared_pixels=4.0, factor=1.0),
+    rules=TemplateRules(),
 )
+POINT_RULES = PointRules(std_grey=4.0, max_halves_apart_px=2.0)
 RULES = RobustConfig(second_views=4)
 TRACKS = Record(
     points=POINTS,
@@ -113,40 +119,68 @@ CALLS = {
     ),
     "inertial_rows": (INTERVALS, np.tile(np.eye(4), (3, 1, 1)), np.zeros((3, 3)), np.ones(17), np.eye(4)),
     "inertial_motion": (ONE_INTERVAL, np.ones(17), np.eye(4)),
-    "match_along_rows": (IMAGE, IMAGE, PIXELS, -5, 40),
+    "match_along_rows": (IMAGE, IMAGE, PIXELS, -5, 40, POINT_RULES),
     "unfilter_png": (IMAGE.astype(np.uint8) % 5, 1),
     "store_patches": (STORED.copy(), IMAGE, PIXELS, SLOTS),
     "corner_strength": (IMAGE,),
-    "new_corners": (IMAGE, IMAGE > 9, STARTS, 20, 4.0, 80.0),
+    "new_corners": (IMAGE, IMAGE > 9, STARTS, 20, 4.0, 80.0, POINT_RULES),
     "among": (SLOTS, SLOTS[2:]),
     "union_of": (SLOTS % 3,),
-    "row_errors_of_tracks": (SLOTS, SLOTS, np.ones((N, 5)), SLOTS, VIEWS, COV),
-    "view_inflation": (SLOTS, 0.5, 1.0, 0.92),
-    "warp_patches": (STORED, SLOTS, WARPS, 4, 2),
-    "align_patches": (IMAGE, STARTS, *core.warp_patches(STORED, SLOTS, WARPS, 4, 2), 4, 2),
-    "predict_tracks": (PINHOLES, TIMING, np.ones(6), TRACKS, np.eye(4), np.eye(4), STARTS, np.ones(N, bool)),
+    "row_errors_of_tracks": (SLOTS, SLOTS, np.ones((N, 5)), SLOTS, VIEWS, COV, ErrorRules()),
+    "view_inflation": (SLOTS, 0.5, 1.0, 0.92, ErrorRules()),
+    "warp_patches": (STORED, SLOTS, WARPS, 4, 2, TemplateRules()),
+    "align_patches": (
+        IMAGE,
+        STARTS,
+        *core.warp_patches(STORED, SLOTS, WARPS, 4, 2, TemplateRules()),
+        4,
+        2,
+        TemplateRules(),
+    ),
+    "_predict_tracks": (PINHOLES, TIMING, np.ones(6), TRACKS, np.eye(4), np.eye(4), STARTS, np.ones(N, bool)),
     "update_depths": (PINHOLES, TRACKS, np.eye(4), VIEWS, COV, 1.1),
-    "templates_fit": (WARPS, 4.0, 10.0),
+    "templates_fit": (WARPS, 4.0, 10.0, 0.2),
     "inside_area": (IMAGE > 100, STARTS),
-    "view_covariances": (COV[:, :2, :2], np.ones(N), np.ones(N), 4.0, 1.0, 1.0),
+    "_view_covariances": (COV[:, :2, :2], np.ones(N), np.ones(N), 4.0, 1.0, 1.0, TemplateRules()),
     "template_drift": (POINTS, np.eye(4), np.ones(N, int), 10.0),
-    "match_new_points": (IMAGE, IMAGE, STORED, TEMPLATES, RIGHT_SIDES, PIXELS, SLOTS, STARTS[:, 0], 3.0, 4.0, 2.0),
+    "match_new_points": (
+        IMAGE,
+        IMAGE,
+        STORED,
+        TEMPLATES,
+        RIGHT_SIDES,
+        PIXELS,
+        SLOTS,
+        STARTS[:, 0],
+        3.0,
+        POINT_RULES,
+    ),
     "linearise_views": (OF_VIEWS, np.eye(4)),
     "view_residuals": (OF_VIEWS, COV, np.ones(2), np.eye(4)[None]),
-    "fit_motion": (OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N), True),
+    "fit_motion": (OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N), RULES, True),
     "project_points": (PINHOLES, POINTS),
     "seen_points": (PINHOLES, VIEWS),
     "resect": (OF_VIEWS, np.eye(4), np.ones(N), RULES, Wanted(True, False, False), np.eye(4)),
     "motion_of_flow": (PINHOLES, TRACKS, np.ones(N), STARTS, np.ones(N, bool), np.eye(4), 0.5, 9.0, RULES),
-    "fit_turn": (but(OF_VIEWS, shared=SHARED[..., :0]), np.eye(4), np.eye(3), 0.1),
+    "fit_turn": (but(OF_VIEWS, shared=SHARED[..., :0]), np.eye(4), np.eye(3), Record(std_rad=0.1, steps=12)),
     "rig_effects": (PINHOLES, np.eye(20), GRID, VIEWS, np.ones(N)),
     "expected_views": (PINHOLES, STATE, SEEN, SLOTS > 2, VIEWS),
     "timing_of_views": (PINHOLES, EXPOSED, STATE, SEEN, VIEWS, np.ones((2, 2, 6)), np.ones(2)),
     "field_basis": (GRID, STARTS),
-    "rig_mixture": (np.ones(9), np.eye(9), np.full(9, 2.0), 3, np.eye(2, 4) > 0, np.log([0.5, 0.5]), 0.5, False),
+    "rig_mixture": (
+        np.ones(9),
+        np.eye(9),
+        np.full(9, 2.0),
+        3,
+        np.eye(2, 4) > 0,
+        np.log([0.5, 0.5]),
+        0.5,
+        0.05,
+        False,
+    ),
     "row_terms": (PINHOLES, GRID, STARTS, np.ones(N)),
-    "on_one_row": (ROWS, STARTS, STARTS, np.ones(N), 1.0),
-    "gradient_matrices": (COV[:, :3, :3], 2),
+    "_on_one_row": (ROWS, STARTS, STARTS, np.ones(N), 1.0),
+    "_gradient_matrices": (COV[:, :3, :3], 2),
     "align_tracks": (
         *(
             RIGHT_SIDES,
@@ -193,7 +227,7 @@ CALLS = {
     "points_of_views": (STATE, SEEN),
     "views_within_gates": (PINHOLES, STATE, SEEN, 5.0, 9.0),
     "points_seen_again": (SLOTS, SLOTS > 0, np.ones((N, 3)), SLOTS, POINTS[:, :3], COV[:, :3, :3]),
-    "drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),
+    "_drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),
     "normal_blocks": (PINHOLES, STATE, SEEN, True),
     "poses_by_parts": (PINHOLES, STATE, SEEN, SLOTS % 3, 3),
     "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),

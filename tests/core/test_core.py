@@ -1,12 +1,14 @@
 """The compiled core as a whole: it takes any array without harm, and gives the same bytes in every thread."""
 
 import pickle
+import re
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
-from stream_sfm import core
+from stream_sfm.config.point_rules import TemplateRules
+from stream_sfm.core import _core as core
 from stream_sfm.geometry.stereo import information_of_views
 from tests.core.calls import (
     CALLS,
@@ -17,6 +19,7 @@ from tests.core.calls import (
     OF_VIEWS,
     PINHOLES,
     PIXELS,
+    POINT_RULES,
     POINTS,
     RIGHT_SIDES,
     RNG,
@@ -38,14 +41,20 @@ from tests.core.calls import (
     call,
     with_other,
 )
+from tests.helpers.places import ROOT
 
 
-def test_every_function_is_called() -> None:
+def test_every_function_is_called_here_and_the_public_ones_by_the_package() -> None:
+    """A name with an underscore is that of a part of a stage, for the tests of its law."""
     assert set(CALLS) == {
         name
         for name, function in vars(core).items()
-        if callable(function) and name[0] != "_" and not isinstance(function, type)
+        if callable(function) and name[:2] != "__" and not isinstance(function, type)
     }
+    package = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "stream_sfm").rglob("*.py"))
+    called = set(re.findall(r"\bcore\.(\w+)", package))
+    called |= {name for names in re.findall(r"from \.+core import (.+)", package) for name in names.split(", ")}
+    assert {name for name in CALLS if name[0] != "_"} <= called
 
 
 @pytest.mark.parametrize("name", CALLS)
@@ -71,23 +80,23 @@ def test_arrays_of_any_shape_and_content_are_taken_or_refused(name: str) -> None
 def test_arguments_that_do_not_fit_are_value_errors_that_say_which() -> None:
     with pytest.raises(ValueError, match=r"slots has shape \(3\) in place of \(7\)"):
         core.match_new_points(
-            *(IMAGE, IMAGE, STORED, TEMPLATES, RIGHT_SIDES, PIXELS, SLOTS[:3], STARTS[:, 0], 3.0, 4.0, 2.0)
+            *(IMAGE, IMAGE, STORED, TEMPLATES, RIGHT_SIDES, PIXELS, SLOTS[:3], STARTS[:, 0], 3.0, POINT_RULES)
         )
     with pytest.raises(ValueError, match="slot"):
-        core.warp_patches(STORED, SLOTS + 1, WARPS, 4, 2)
+        core.warp_patches(STORED, SLOTS + 1, WARPS, 4, 2, TemplateRules())
     with pytest.raises(np.linalg.LinAlgError, match="definite"):
         core.linearise_views(but(OF_VIEWS, cov_px=-COV), np.eye(4))
 
 
 def test_what_is_missing_or_too_large_is_refused() -> None:
     """Read beyond its end, or into nothing, they ended the process."""
-    of_tracks = list(CALLS["predict_tracks"])
+    of_tracks = list(CALLS["_predict_tracks"])
     of_tracks[1] = but(TIMING, mean=np.ones(1))
     with pytest.raises(ValueError, match=r"mean has shape \(1\) in place of \(2\)"):
-        core.predict_tracks(*of_tracks)
+        core._predict_tracks(*of_tracks)
     most = 2**31 - 1
     with pytest.raises(ValueError, match="spacing_px is not within 1 and 1000"):
-        core.warp_patches(STORED, SLOTS, WARPS, 4, most)
+        core.warp_patches(STORED, SLOTS, WARPS, 4, most, TemplateRules())
     with pytest.raises(ValueError, match="spacing_px is not within 1 and 1000"):
         core.match_new_points(*with_other(CALLS["match_new_points"], (3, "spacing_px"), most))
     wide = CALLS["align_tracks"][-1]
@@ -109,7 +118,7 @@ def test_a_field_that_is_missing_or_of_another_kind_is_named_with_its_record() -
             core.update_depths(arguments[0], tracks, *arguments[2:])
     rows = but(ROWS, field=but(GRID, length_px=None))
     with pytest.raises(TypeError, match=r"Field\.length_px is NoneType in place of float"):
-        core.on_one_row(rows, STARTS, STARTS, np.ones(N), 1.0)
+        core._on_one_row(rows, STARTS, STARTS, np.ones(N), 1.0)
 
 
 def test_only_the_sides_that_are_there_count() -> None:
@@ -135,12 +144,12 @@ def test_images_of_bytes_are_taken_as_images_of_floats_with_their_values() -> No
     for image in (grey, grey.astype(np.float32)):
         stored = np.zeros((N, SIDE, SIDE), image.dtype)
         core.store_patches(stored, image, PIXELS, SLOTS)
-        patches = core.warp_patches(stored, SLOTS, WARPS, 4, 2)
-        aligned = core.align_patches(image, STARTS, *patches, 4, 2)
+        patches = core.warp_patches(stored, SLOTS, WARPS, 4, 2, TemplateRules())
+        aligned = core.align_patches(image, STARTS, *patches, 4, 2, TemplateRules())
         core.store_patches(stored, image, INNER, SLOTS)
         right_sides = Record(rows=but(ROWS, mean=np.zeros(13)), turn_rad=np.zeros(3), twist=np.zeros(6))
         near = right_sides, INNER, SLOTS, np.full(N, 0.2)
-        matched = core.match_new_points(image, image, stored, TEMPLATES, *near, 3.0, 4.0, 2.0)
+        matched = core.match_new_points(image, image, stored, TEMPLATES, *near, 3.0, POINT_RULES)
         assert len(matched[0])
         found.append(b"".join(array.tobytes() for array in (*patches, *aligned, *matched)))
     assert found[0] == found[1]

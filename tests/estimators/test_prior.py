@@ -219,7 +219,7 @@ def test_a_change_of_the_rig_adds_to_its_errors_alone(prior, weighted) -> None:
     change = np.array([[0.5, 0.1, -0.3], [0.2, -0.7, 0.4]])
     expected = dense(prior)
     expected[-M:, -M:] += change @ change.T
-    after = prior.with_rig_change(change)
+    after = prior.with_rig_change(prior.rig.changed(change))
     lost = _estimated(prior) - _estimated(after)
     scale = np.sqrt(np.diag(expected))
     assert np.abs((dense(after) - expected - np.outer(lost, lost)) / np.outer(scale, scale)).max() < 1e-12

@@ -6,6 +6,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.config import Config, FrontendConfig
+from stream_sfm.config.point_rules import PointRules
 from stream_sfm.config.rules import FlowRules
 from stream_sfm.core import corner_strength, new_corners
 from stream_sfm.frontend.alignment import TemplateAligner
@@ -22,7 +23,9 @@ def reached(levels: int, shift_px: int) -> float:
     """Fraction of the corners that flow follows over a shift, started where they were."""
     image = Wall(4).image(rig().left, np.eye(4))
     valid = np.ones(image.shape, bool)
-    corners = new_corners(corner_strength(image), valid, np.empty((0, 2)), 60, 12.0, 1e-5).astype(float)
+    corners = new_corners(corner_strength(image), valid, np.empty((0, 2)), 60, 12.0, 1e-5, PointRules()).astype(
+        float
+    )
     corners = corners[(corners[:, 0] > 40) & (corners[:, 0] < 320 - 40 - shift_px)]
     aligner, moved = TemplateAligner.empty(Config(), valid), prepared(np.roll(image, shift_px, axis=1))
     at, found = track(aligner, FlowRules(), prepared(image).left_half, moved, corners, corners, levels)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config, FrontendConfig
+from stream_sfm.config.point_rules import PointRules
 from stream_sfm.core import corner_strength, match_along_rows, match_new_points, new_corners
 from stream_sfm.frontend.alignment import TemplateAligner
 from stream_sfm.frontend.rows import Rows
@@ -19,13 +20,16 @@ from tests.helpers.wall import Wall, camera_path, rig
 def test_detect_covers_evenly_and_keeps_its_distance() -> None:
     image = Wall(1).image(rig().left, np.eye(4))
     taken = np.array([[50.0, 60.0], [200.0, 100.0]])
-    corners = new_corners(corner_strength(image), np.ones(image.shape, bool), taken, 80, 10.0, 1e-5)
+    corners = new_corners(corner_strength(image), np.ones(image.shape, bool), taken, 80, 10.0, 1e-5, PointRules())
     every = np.concatenate([taken, corners])
     gap = np.linalg.norm(every[:, None] - every[None], axis=2) + 1e9 * np.eye(len(every))
     assert gap.min() > 9.0
     quarters = [((corners[:, 0] < 160) == a) & ((corners[:, 1] < 120) == b) for a in (0, 1) for b in (0, 1)]
     assert min(q.sum() for q in quarters) > 0.15 * len(corners)
-    assert len(new_corners(corner_strength(image), np.zeros(image.shape, bool), taken, 80, 10.0, 1e-5)) == 0
+    assert (
+        len(new_corners(corner_strength(image), np.zeros(image.shape, bool), taken, 80, 10.0, 1e-5, PointRules()))
+        == 0
+    )
 
 
 @pytest.mark.parametrize("shape", [(1, 7), (9, 1), (3, 2), (30, 41)])
@@ -39,10 +43,10 @@ def test_strength_of_corners_is_that_of_opencv(shape: tuple[int, int]) -> None:
 def test_row_search_finds_shifts_and_refuses_repetition() -> None:
     image = Wall(2).image(rig().left, np.eye(4))
     points = np.array([[150, 100], [200, 60], [120, 180]])
-    found, unique = match_along_rows(image, np.roll(image, -17, axis=1), points, 0, 60)
+    found, unique = match_along_rows(image, np.roll(image, -17, axis=1), points, 0, 60, PointRules())
     assert unique.all() and (found == 17).all()
     stripes = np.tile(np.array([0] * 8 + [200] * 8, np.uint8), (240, 20))
-    assert not match_along_rows(stripes, stripes, points, -5, 60)[1].any()
+    assert not match_along_rows(stripes, stripes, points, -5, 60, PointRules())[1].any()
 
 
 def waves(u: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -67,7 +71,7 @@ def test_new_points_are_matched_on_slanted_surfaces(slope: tuple[float, float]) 
     rows.mean[0] = 0.5  # px by which the rows are off, as far as one knows
     near = RightSides(rows, np.zeros(3), np.zeros(6)), corners, slots
     config = Config(frontend=FrontendConfig(window_radius_px=radius_px))
-    kind, tolerances = TemplateAligner.empty(config, np.ones((160, 240), bool)), (2.0, 4.0, 0.5)
+    kind, tolerances = TemplateAligner.empty(config, np.ones((160, 240), bool)), (2.0, PointRules())
     found, z_px, _, slopes, _ = match_new_points(left, right, stored, kind, *near, disparity_px, *tolerances)
     assert len(found) > 0.9 * len(corners)
     assert np.abs(z_px - np.concatenate([corners, expected_px], axis=1)[found]).max() < 0.03

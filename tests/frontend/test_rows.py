@@ -8,6 +8,7 @@ import pytest
 from stream_sfm import core
 from stream_sfm.config import Config, RigConfig
 from stream_sfm.config.rules import RowRules, Rules
+from stream_sfm.core import _core
 from stream_sfm.frontend import rows as rows_of
 from stream_sfm.frontend.rows import Rows, row_terms
 from stream_sfm.frontend.timing import Timing
@@ -46,7 +47,7 @@ def offsets_px(rows: Rows, left_px: np.ndarray, speed: np.ndarray = AT_REST) -> 
 
 def agree(rows: Rows, left_px: np.ndarray, right_px: np.ndarray, speed: np.ndarray = AT_REST) -> np.ndarray:
     """Which matches lie on one row, the right sides corrected by `offsets_px`."""
-    return core.on_one_row(rows, left_px, right_px, speed, 1.0)
+    return _core._on_one_row(rows, left_px, right_px, speed, 1.0)
 
 
 def variance(rows: Rows) -> np.ndarray:

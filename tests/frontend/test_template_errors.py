@@ -35,7 +35,7 @@ def test_information_adds_up_to_what_a_constant_can_be_known(ratio: float) -> No
     cov = np.eye(60) + ratio * DECAY ** np.abs(n[:, None] - n)
     total = [np.ones(k) @ np.linalg.solve(cov[:k, :k], np.ones(k)) for k in n + 1]
     for side, ratios in ((0, (ratio, 0.0)), (1, (0.0, ratio))):
-        found = view_inflation(n, *ratios, DECAY)[:, side]
+        found = view_inflation(n, *ratios, DECAY, ErrorRules())[:, side]
         assert np.cumsum(1 / found) == pytest.approx(total, rel=1e-9)
 
 

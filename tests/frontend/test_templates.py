@@ -4,14 +4,14 @@ import cv2
 import numpy as np
 import pytest
 
-from stream_sfm import core
+from stream_sfm.config.point_rules import TemplateRules
 from stream_sfm.config.rules import ErrorRules
+from stream_sfm.core import _core
 from stream_sfm.frontend.noise import ViewNoise
 from stream_sfm.frontend.templates import Grey, Patches, TemplateAtlas
 
 RADIUS_PX, STD_GREY = 10, 3.0
 CONVERGED_PX = 0.05  # of the alignment (core/patches.cpp)
-FLOOR_PX = 0.03  # σ₀ of eq. (15) (core/tracks.cpp)
 FREQUENCIES = np.stack(np.meshgrid(np.fft.fftfreq(320), np.fft.fftfreq(240)))
 
 
@@ -61,9 +61,13 @@ def test_a_shift_is_found_whatever_the_exposure_and_as_well_as_it_says(gain: flo
         assert found.mean() > 0.95
         away = (at - points - shift)[found]
         shared_pixels = ViewNoise.unknown(ErrorRules(), 1.0).shared_pixels
-        gradients = core.gradient_matrices(patches.information, patches.spacing_px)
-        cov = core.view_covariances(gradients, error, error, shared_pixels, 1.0, 1.0)[found, :2, :2]
-        cov = 2 * cov - FLOOR_PX**2 * np.eye(2)  # half of the grey difference is the template's noise
+        gradients = _core._gradient_matrices(patches.information, patches.spacing_px)
+        cov = _core._view_covariances(gradients, error, error, shared_pixels, 1.0, 1.0, TemplateRules())[
+            found, :2, :2
+        ]
+        cov = 2 * cov - TemplateRules().std_floor_px ** 2 * np.eye(
+            2
+        )  # half of the grey difference is the template's noise
         errors.append(away)
         squares.append(np.einsum("ni,nij,nj->n", away, np.linalg.inv(cov), away))
     away, squares = np.concatenate(errors), np.concatenate(squares)

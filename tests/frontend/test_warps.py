@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stream_sfm import core
 from stream_sfm.config import Config, RigConfig
+from stream_sfm.core import _core
 from stream_sfm.engine import Engine
 from stream_sfm.frontend.timing import Timing
 from stream_sfm.frontend.tracks import Tracks
@@ -47,7 +47,7 @@ def track(anchor_velocity_px_s: np.ndarray) -> Tracks:
 def warps(tracks: Tracks, timing: Timing, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Its warps in the left and in the right image."""
     of_motion = np.eye(4), CAM_FROM_ANCHOR, np.zeros((1, 2)), np.array([False])
-    *_, left, right = core.predict_tracks(P, timing, twist, tracks, *of_motion)
+    *_, left, right = _core._predict_tracks(P, timing, twist, tracks, *of_motion)
     return left[0], right[0]
 
 

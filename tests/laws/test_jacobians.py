@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stream_sfm import core
+from stream_sfm.core import _core
 from stream_sfm.estimators.cross_frame.inverse_depth import State, linearise
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
@@ -47,7 +47,7 @@ def test_drift_in_the_reference_camera_is_carried_into_anchors():
     drift, ids = RNG.uniform(1, 2, (10, 3)), np.arange(10)
     j = differences(in_anchor, here)
     expected = (j * drift[:, None]) @ np.swapaxes(j, 1, 2)
-    found = core.drift_covariances(ids, anchors, in_anchor(here), ids[1:], drift[1:])
+    found = _core._drift_covariances(ids, anchors, in_anchor(here), ids[1:], drift[1:])
     assert np.abs(found[1:] - expected[1:]).max() < 1e-6 * np.abs(expected).max()
     assert (found[0] == 0).all()
 

@@ -4,6 +4,8 @@ The reference camera p is the newest frame that has left the window; frames p+1 
 Points are q in the cameras that first saw them (`inverse_depth`); the world is one more pose, carried by the prior.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +22,7 @@ from ...rig_model.estimate import RigEstimate
 from ...rig_model.model import RigModel
 from ...types import Solution
 from .doubt import Doubt
+from .focus_watch import FocusWatch
 from .inertial_window import InertialWindow
 from .interval import JOINT, Known
 from .inverse_depth import State, WhitenedViews, at_rest, expected, held, linearise, q_of_views
@@ -67,6 +70,8 @@ class Map:
         self.rejections = RejectionCounts()
         self.begun_anew = self._dropped = np.empty(0, np.int64)
         self.doubt = Doubt()
+        self.focus = FocusWatch.begun(rig.rules)
+        self.has_focus = False
         ids = first.track_ids
         views = changed(views, used=core.among(views.ids, ids))
         self.first_views: WhitenedViews | None = views
@@ -122,6 +127,11 @@ class Map:
         return core.points_alone(blocks.v, blocks.w, blocks.g_point, blocks.rig_point, state.q, rig_step)
 
     @property
+    def rig_left(self) -> RigKnowledge:
+        """What the next map begins with: a focal length that has changed is whatever it is."""
+        return self.prior.rig.refocused()[0] if self.focus.moves else self.prior.rig
+
+    @property
     def newest(self) -> slice:
         """The rows of the newest frame's views."""
         return slice(int(np.searchsorted(self.views.frame, len(self.frames) - 1)), len(self.views))
@@ -175,12 +185,13 @@ class Map:
         corrected_px: Array,
         rejected: NDArray[np.int64],
         ambiguous: bool,
+        own: Array,
     ) -> None:
         """Add the newest frame to the window, without the views of `rejected` tracks.
 
         Points that the map does not hold yet start at their stereo view, which is `corrected_px` (V, 4) without the
         rig's errors. Where the motion is `ambiguous`, the tracks may be right another time, and nothing is held against
-        them.
+        them. `own` (1, e): amplitudes of what the views err by in common, to start from.
         """
         if not ambiguous:
             self._count_rejected(rejected)
@@ -194,7 +205,7 @@ class Map:
         views = changed(views, frame=np.full(len(views), len(self.frames)), used=(known | new) & wanted)
         self.frames.append(frame)
         self.cams_from_ref = np.concatenate([self.cams_from_ref, cam_from_ref[None]])
-        self.own = np.concatenate([self.own, np.zeros((1, self.own.shape[1]))])
+        self.own = np.concatenate([self.own, own])
         if self.inertia is not None and frame.interval is not None:  # where slides are unknowns
             self.inertia.enter(frame.interval, frame.velocity, frame.std_turn_rad)
             frame.std_turn_rad = 0.0
@@ -333,13 +344,15 @@ class Map:
         self.prior = self.prior.with_field(n)
         self.amplitudes = np.concatenate([self.amplitudes, np.zeros(n)])
 
-    def change_rig(self, root: Array) -> None:
-        """Record that the errors of the rig have changed since the newest frame by N(0, `root` rootᵀ), root (m, j).
+    def change_rig(self, change: Callable[[RigKnowledge], tuple[RigKnowledge, Array, Array]]) -> None:
+        """Record that the errors of the rig have changed since the newest frame, by what `change` makes of them.
 
-        The window is empty by then: its frames were seen with the errors as they were.
+        Earlier views were seen with the errors as they were, so the window is emptied.
         """
+        while self.frames:
+            self.absorb_oldest()
         self.first_views = None  # its views met the errors as they were
-        self.prior = self.prior.with_rig_change(root)
+        self.prior = self.prior.with_rig_change(change(self.prior.rig))
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
 
     def begin_inertia(self, window: InertialWindow, known: Known) -> None:

@@ -272,12 +272,12 @@ class Prior:
         world_modes = np.concatenate([self.world_modes, np.zeros((len(self.world_modes), n))], axis=1)
         return changed(self, modes=modes, world_modes=world_modes, rig=self.rig.with_field(n))
 
-    def with_rig_change(self, root: Array) -> "Prior":
-        """Return the prior after the errors of the rig have changed by N(0, `root` rootᵀ), root (m, j), eq. (72e).
+    def with_rig_change(self, change: tuple[RigKnowledge, Array, Array]) -> "Prior":
+        """Return the prior after the errors of the rig have changed, eq. (72e); `change` as in `RigKnowledge.changed`.
 
-        Points and world stay where they are, with j modes more: they have met the errors as they were.
+        Points and world stay where they are, with as many modes more: they have met the errors as they were.
         """
-        rig, kept, apart = self.rig.changed(root)
+        rig, kept, apart = change
         own = self.modes.shape[2] - len(rig)
 
         def moved(modes: Array) -> Array:

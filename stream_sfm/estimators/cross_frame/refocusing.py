@@ -1,11 +1,8 @@
 """A focus that moves: by what it changes the errors of the rig, eq. (72g)."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ...geometry.se3 import Array
-from .doubt import Doubt
 from .prior import Prior
 from .rig_knowledge import RigKnowledge
 from .window_frame import WindowFrame
@@ -23,18 +20,7 @@ def refocused(prior: Prior, frame: WindowFrame, next_ns: int) -> Prior:
     if not root.any():
         return prior
     # until now its motion was taken for other errors, which are as unknown as at first
-    return prior.with_rig_change(_with_others(root, prior.rig))
-
-
-def root_of_refocusing(rig: RigKnowledge, window: Sequence[WindowFrame], doubt: Doubt) -> Array | None:
-    """Return a root (m, j) of the covariance by which a rig has changed, if windows contradict what is known of it.
-
-    What moves all of a lens's errors at once and goes on moving is its focus; None where nothing does.
-    """
-    model = window[-1].rig if window else None
-    if model is None or not rig.is_contradicted or doubt.frames or doubt.cov.any():
-        return None
-    return _with_others(model.root_of_unknown_focus(len(rig), rig.age_s(window[-1].stamp_ns)), rig)
+    return prior.with_rig_change(prior.rig.changed(_with_others(root, prior.rig)))
 
 
 def _with_others(root: Array, rig: RigKnowledge) -> Array:

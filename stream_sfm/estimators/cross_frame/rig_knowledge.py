@@ -21,6 +21,7 @@ from ...rig_model.parts import Agreement, Parts
 from ...rig_model.sizes import Mixture, likely_sizes, mixture
 from ...rig_model.terms import FOCAL, TERMS
 
+_FOCAL = TERMS.index(FOCAL)
 _LEAST_GAIN = 1e-9  # of a variance: less is rounding
 _LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
 _RULES = RigConfig()
@@ -34,7 +35,8 @@ class RigKnowledge:
     window holds c, the mean of the mixture, and `cov_held` (m, m): its covariance. `size` (m,): σ of each error before
     any view, which is learnt where `sizes_unknown`.
     `steady`: the errors have not changed; once they have, no prior can be exchanged, and the calibration is wrong.
-    `since_ns`: from when on errors have grown, if they do. `parts`: what parts of the run say, since the last change.
+    `zooms`: a focal length has changed by itself. `since_ns`: from when on errors have grown, if they do. `parts`: what
+    parts of the run say, since the last change.
     `innovation2` (t,): mean square of what windows added about each term, in σ of that, over the last of `frames`.
     """
 
@@ -46,9 +48,9 @@ class RigKnowledge:
     cov_held: Array
     sizes_unknown: NDArray[np.bool_] | bool = True
     steady: bool = True
+    zooms: bool = False
     since_ns: int = 0
     parts: Parts = Parts()
-    contradictions: int = 0
     innovation2: Array = field(default_factory=lambda: np.ones(len(TERMS)))
     frames: int = 0
     rules: RigConfig = _RULES
@@ -107,14 +109,8 @@ class RigKnowledge:
         gain = (mean - self.mean - prior.solve(self.weighted))[:t]
         var = np.maximum(np.diag(prior.inverse() - cov)[:t], _LEAST_GAIN)
         frames = min(self.frames + 1, self.rules.innovations)
-        again = self.contradictions + 1 if (gain**2 > self.rules.contradicts**2 * var).any() else 0
         mean_square = self.innovation2 + (gain**2 / var - self.innovation2) / frames
-        return changed(self, innovation2=mean_square, frames=frames, contradictions=again)
-
-    @property
-    def is_contradicted(self) -> bool:
-        """Whether several windows in a row say that the errors are not what they were."""
-        return self.contradictions >= self.rules.contradictions
+        return changed(self, innovation2=mean_square, frames=frames)
 
     @property
     def growth(self) -> Array:
@@ -170,9 +166,27 @@ class RigKnowledge:
             weighted=kept.T @ self.weighted,
             steady=False,
             parts=Parts(),
-            contradictions=0,
         )
         return knowledge, kept, apart
+
+    def refocused(self, share: float = 0.0) -> tuple["RigKnowledge", Array, Array]:
+        """Return what `changed` does for a focal length that has changed by about such a `share`, eq. (72l).
+
+        The other errors are what they were, and their sizes go on being learnt.
+        """
+        root, by, std = (
+            np.zeros((len(self), 1)),
+            *np.array([share, self.rules.std_refocused]) / self.rules.std_focal,
+        )
+        root[_FOCAL] = std
+        after, kept, apart = self.changed(root)
+        mean, held, cov_held, size = after.mean.copy(), after.held.copy(), after.cov_held.copy(), after.size.copy()
+        mean[_FOCAL] += by
+        held[_FOCAL] += by
+        cov_held[_FOCAL, _FOCAL] += std**2
+        size[_FOCAL] = np.hypot(size[_FOCAL], std)
+        after = changed(after, mean=mean, held=held, cov_held=cov_held, size=size, steady=self.steady, zooms=True)
+        return after, kept, apart
 
     def with_field(self, n: int) -> "RigKnowledge":
         """Return the knowledge with n more errors, of a field of which nothing has been seen."""

@@ -5,7 +5,9 @@ structure through the uncertainty of the world itself. Source: Weng, Cui and Ahu
 docs/mathematics.md, sections 5 to 7.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 from ... import core
 from ...config import Config, RigConfig
 from ...geometry import se3
+from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
@@ -34,8 +37,7 @@ from .inertia import Inertia, InertialMotionModel, TakesSamples
 from .inverse_depth import WhitenedViews
 from .map import Map
 from .minimise import minimise
-from .outliers import RejectionCounts
-from .refocusing import root_of_refocusing
+from .own_focus import end_refocusing, judge_focus, own_at_first, place_focus
 from .relative import common_errors, relative_motions
 from .reported import reported
 from .rig_knowledge import NO_RIG, RigKnowledge, impossible
@@ -81,13 +83,10 @@ class CrossFrame(TakesSamples):
         frame = WindowFrame(observations.frame_index, stamp_ns, model, std_turn_rad, misfit=observations.misfit)
         views = views_of(observations, self.projection, age_s)
         if observations.rig is not None and observations.rig.change_root is not None:
-            self._change_rig(observations.rig.change_root)
+            self._change_rig(partial(RigKnowledge.changed, root=observations.rig.change_root))
         current = self.map
         if current is not None:
-            root = root_of_refocusing(current.prior.rig, current.frames, current.doubt)
-            if root is not None:
-                current.rejections = RejectionCounts()  # they were by the errors as they were
-                self._change_rig(root)
+            end_refocusing(current)
         if current is None:
             return self._start(observations, frame, views)
         try:
@@ -101,7 +100,7 @@ class CrossFrame(TakesSamples):
             if not self.waiting:
                 return self._lose(observations, str(lost))
             # its tracks did not return: another map begins with what has come instead
-            self.map, self.rig = None, current.prior.rig
+            self.map, self.rig = None, current.rig_left
             return with_ended(self._start(observations, frame, views), current.marginals.ended())
 
     def _start(self, observations: Observations, frame: WindowFrame, views: WhitenedViews) -> Solution:
@@ -128,7 +127,10 @@ class CrossFrame(TakesSamples):
             current.absorb_oldest()
         self.waiting = False
         cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
-        current.enter(frame, cam_from_ref, views, corrected_px, rejected, ambiguous=motion.ambiguous is not None)
+        own, ambiguous = own_at_first(current, motion), motion.ambiguous is not None
+        corrected_px = corrected_px - views.own @ own[0]
+        current.enter(frame, cam_from_ref, views, corrected_px, rejected, ambiguous, own)
+        place_focus(current)
         if observations.settled:
             current.settle()
         passed_s = (observations.stamp_ns - current.previous.stamp_ns) / 1e9
@@ -137,17 +139,15 @@ class CrossFrame(TakesSamples):
         iterations = minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
         return self._report(current, observations, motion, iterations)
 
-    def _change_rig(self, root: Array) -> None:
+    def _change_rig(self, change: Callable[[RigKnowledge], tuple[RigKnowledge, Array, Array]]) -> None:
         """Record that the rig's errors have changed since the last frame: earlier views have the old ones."""
-        if self.map is None:
-            self.rig = None if self.rig is None else self.rig.changed(root)[0]
-            return
-        while self.map.frames:
-            self.map.absorb_oldest()
-        self.map.change_rig(root)
+        if self.map is not None:
+            self.map.change_rig(change)
+        elif self.rig is not None:
+            self.rig = change(self.rig)[0]
 
     def _with_errors_in_use(self, observations: Observations) -> Observations:
-        """Return the observations of a rig without a field, until there is one."""
+        """Return the observations of a rig without a field until there is one, and that zooms once it has."""
         view = observations.rig
         if view is None:
             return observations
@@ -157,10 +157,13 @@ class CrossFrame(TakesSamples):
                 self.map.begin_field(view.model)
             elif self.rig is not None:
                 self.rig = self.rig.with_field(len(view.model) - len(self.rig))
-        if self._has_field:
-            return observations
-        root = None if view.change_root is None else view.change_root[: len(TERMS)]
-        return replace(observations, rig=replace(view, model=view.model.without_field(), change_root=root))
+        rig = self.rig if self.map is None else self.map.prior.rig
+        if rig is not None and rig.zooms:
+            view = replace(view, model=view.model.zooming())
+        if not self._has_field:
+            root = None if view.change_root is None else view.change_root[: len(TERMS)]
+            view = replace(view, model=view.model.without_field(), change_root=root)
+        return replace(observations, rig=view)
 
     def _since_by_rows(self, observations: Observations, m: int) -> tuple[Array, Array]:
         """Return what rows have said about the rig's m errors since they were last asked: information, weighted sums.
@@ -189,7 +192,7 @@ class CrossFrame(TakesSamples):
         if current is None or not current.frames or self._impossible:
             self.rig, self._said_by_rows, self._impossible = None, np.zeros(2), ""
         else:
-            self.rig = current.prior.rig
+            self.rig = current.rig_left
         ended = None if current is None else current.marginals.ended()
         return lost_solution(observations, reason, *predicted, ended)
 
@@ -213,6 +216,7 @@ class CrossFrame(TakesSamples):
             start = se3.inverse(predicted) @ previous.world_from_cam
         views, unknown_px = expect(current, frame, views, rows, points, start, self._std_acceleration)
         corrected = _corrected(observations, views, current.rig_error)
+        weights = self.config.window.no_history + current.frames_agreed(views.ids[rows]).astype(float)
         found = initial_motion(
             self.projection,
             robust,
@@ -221,11 +225,15 @@ class CrossFrame(TakesSamples):
             points,
             cov,
             start,
-            self.config.window.no_history + current.frames_agreed(views.ids[rows]).astype(float),
+            weights,
             unknown_px,
         )
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} or more of the {len(rows)} tracked points")
+        if unknown_px is not None:
+            seen = corrected.z_px[rows], corrected.cov_px[rows], robust, unknown_px
+            seen_again = PointViews(self.projection, points, cov, *seen)
+            found, views = judge_focus(current, views, rows, seen_again, weights, found)
         return found, views.ids[rows[~found.accepted]], views, corrected.z_px
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:

@@ -1,0 +1,103 @@
+"""Numbers by which points begin and are found again in new images, each with its reason and its ends."""
+
+from typing import Annotated
+
+from .section import Section, expert
+
+
+class PointRules(Section, frozen=True, kw_only=True):
+    """New points of a pair."""
+
+    # As accurate as in each frame (medians over three starts on four logs), CPU of a replay 3 % less.
+    period: Annotated[int, expert("frames from one search for new points to the next", 1, 100)] = 2
+    # In the others only where more than this is missing.
+    urgent_fraction: Annotated[float, expert("missing share of max_tracks that does not wait", 0, 1)] = 0.6
+    # On KITTI 1.2 ms of 16 less with the figures unchanged. Every second time, and on bare walls, it is the whole row.
+    search_factor: Annotated[float, expert("length of the search on a row, largest disparities", 1, 1000)] = 1.5
+    search_margin_px: Annotated[float, expert("and further, px", 0, 10_000)] = 16.0
+    # A whole-pixel match, and its neighbour.
+    match_tolerance_px: Annotated[float, expert("how far a match may be off, px of the coarse image", 0.5, 50)] = (
+        2.0
+    )
+    # Farther apart, a depth edge runs through the patch. With it the RMS of local structure error over σ went from 7.3
+    # to 2.7 on rendered images.
+    max_halves_apart_px: Annotated[
+        float, expert("most between the matches of a patch and of its inner half, px", 0.01, 1e8)
+    ] = 0.5
+    # Neighbours that share their noise counted in; a guess.
+    std_grey: Annotated[float, expert("σ of a grey difference of left and right patch", 0.1, 1e8)] = 4.0
+    # Up to twice as many are added. Drift of a corridor with bare corners 14 % without, 0.2 % with.
+    bare_fraction: Annotated[float, expert("share of max_tracks below which templates are wide", 0, 1)] = 0.25
+    # A slope of a quarter of a grey value per pixel, twice what noise and rounding leave in the reduced image.
+    min_wide_response: Annotated[float, expert("as min_corner_response, of wide templates", 1e-12, 1)] = 1e-6
+    # Half of the default patch, as large where the images are of half the size.
+    match_radius_px: Annotated[int, expert("half width of the window correlated along the row, px", 1, 100)] = 5
+    # Smoothing leaves neighbours the same noise. As many matches as with all samples, in a third of the time.
+    match_spacing_px: Annotated[int, expert("spacing of its samples, px", 1, 100)] = 2
+    # Chosen by hand: higher values refuse blurred or slanted patches, lower ones let wrong matches in, most of which
+    # alignment and the check of halves refuse.
+    match_correlation: Annotated[float, expert("least correlation of a match", -1, 1)] = 0.75
+    match_lead: Annotated[float, expert("lead in correlation over the best rival elsewhere on the row", 0, 2)] = (
+        0.06
+    )
+    match_neighbours_px: Annotated[int, expert("neighbours of a match that are not rivals, px", 0, 1000)] = 2
+    # Chosen by hand: on most surfaces disparity changes more slowly.
+    std_slope: Annotated[
+        float, expert("prior σ of the change of disparity across a patch, px per px", 1e-3, 10)
+    ] = 0.15
+    # Chosen by hand: a patch of 21 px spans 10 px of disparity then, more than one surface does.
+    max_slope: Annotated[float, expert("largest such change", 0, 0.99)] = 0.5
+    # χ² with two degrees of freedom at 0.999: a slope that the patches do not clearly show costs more in noise than it
+    # saves in bias.
+    significant_slope: Annotated[float, expert("χ² beyond which a slope counts", 0, 1e8)] = 13.8
+    # More change no figure of the logs with ground truth.
+    slant_steps: Annotated[int, expert("Gauss-Newton steps that find a slope", 1, 100)] = 3
+    # Farther it is another match.
+    max_slant_shift_px: Annotated[float, expert("largest shift of a match by its slope, px", 0, 100)] = 2.0
+    # Chosen by hand. An exposure cut to a quarter leaves no corner above a fixed limit.
+    dim_fraction: Annotated[float, expert("share of the strongest response that always makes a corner", 0, 1)] = (
+        0.02
+    )
+    peak_part: Annotated[int, expert("a corner is the strongest within the least distance over this", 1, 1000)] = 3
+    # A cell has room for one corner at least.
+    cell_distances: Annotated[float, expert("least edge of a cell, distances of corners", 0, 1000)] = 2.0
+    # Further ones are weaker and cost time.
+    candidates: Annotated[int, expert("candidates per corner wanted", 1, 10_000)] = 12
+
+
+class TemplateRules(Section, frozen=True, kw_only=True):
+    """How templates are found in new images, and what their positions are worth."""
+
+    # Measured on four logs over four starts: a rendered one has pose NEES 16.4 -> 10.8 and aligned ATE 1.19 -> 0.74 mm,
+    # the others are unchanged; 0.6 to 1.0 do nearly as well.
+    weights_width: Annotated[float, expert("σ of the weights over a patch, its radii", 0.05, 1e6)] = 0.8
+    # Two or three do, more for an image that is more blurred than the template.
+    steps: Annotated[int, expert("Gauss-Newton steps of an alignment, at most", 1, 1000)] = 20
+    # Chosen by hand: at more the steps lead nowhere.
+    step_ratio: Annotated[float, expert("most of each step over the one before", 0.01, 1)] = 0.7
+    # A step leaves a tenth of itself, which is below the noise floor of a view.
+    converged_px: Annotated[float, expert("step that ends an alignment, px", 1e-6, 10)] = 0.05
+    # Chosen by hand: no exposure changes more within a track.
+    max_gain: Annotated[float, expert("largest factor between grey values now and then, either way", 1, 1e6)] = 10.0
+    # Chosen by hand: at less the image shows something else.
+    min_explained: Annotated[
+        float, expert("least share of the image's variance that a template explains", 0, 1)
+    ] = 0.5
+    # A fifth: light on one patch alone changes by that much.
+    same_exposure: Annotated[float, expert("difference of the logarithms of gains of one exposure", 0, 100)] = 0.18
+    # As many do not agree by chance.
+    exposure_views: Annotated[int, expert("views of a further exposure, at least", 1, 10_000)] = 12
+    exposures: Annotated[int, expert("exposures within the life of a track, at most", 1, 100)] = 3
+    # σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification tables leave even in a perfect
+    # match.
+    std_floor_px: Annotated[float, expert("least σ of a position, px", 0, 10)] = 0.03
+    # Rounding to whole grey values alone leaves 0.4 between two images.
+    least_error_grey: Annotated[float, expert("least σ of a grey difference", 1e-3, 255)] = 0.5
+    # Its covariance is large, and counts for nothing.
+    unknown_error_grey: Annotated[
+        float, expert("σ of the grey differences of a side that is not found", 1, 1e6)
+    ] = 255.0
+    # Along an edge the σ of a position stays within 32 times the σ across it.
+    edge_damping: Annotated[float, expert("damping of a gradient matrix, share of its trace", 0, 1)] = 1e-3
+    # Below it the patch has grown by more than √5 and shows detail that the template lacks.
+    least_area: Annotated[float, expert("least area of a template that a pixel covers, pixels", 0, 1)] = 0.2
