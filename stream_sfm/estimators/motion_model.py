@@ -76,7 +76,10 @@ class MotionModel:
         """
         if doubts.stepped:
             step = se3.log(se3.inverse(self.predict(stamp_ns)[0]) @ world_from_cam)
-            self._leave(world_from_cam, np.outer(step, step))
+            expected = self._trusted or self
+            # images that do not fit each other do not tell the step, either
+            covering = expected._covering(stamp_ns, world_from_cam) if doubts.misfit else np.outer(step, step)
+            self._leave(world_from_cam, covering)
         if doubts.unconfirmed and self._covered is not None:
             self._leave(*self._covered)
         cov_pose = self._with_left(world_from_cam, cov_pose)

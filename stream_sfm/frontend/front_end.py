@@ -150,7 +150,9 @@ class StereoFrontEnd:
         `before`: the state before the frame was followed.
         """
         projection, config, change, fit = self.setup.projection, self.setup.config, None, None
-        if followed is not None and not before.pair.problem:  # after frozen images the view catches up at once
+        suspected = before.steps.suspected_px is not None
+        # after frozen images the view catches up at once, and nothing is wrong with the camera's motion
+        if followed is not None and (suspected or not before.pair.problem):
             change = before.change_to(followed.cam_from_previous, stamp_ns)
         if followed is not None and followed.found is not None:
             fit = PairFit.of(followed.found, projection, config)

@@ -6,6 +6,8 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.config.rules import ImageRules
 from stream_sfm.estimators.motion_model import Doubts, MotionModel
+from stream_sfm.evaluation.association import matched
+from stream_sfm.evaluation.trajectory import nees_pose
 from stream_sfm.frontend.image_checks import are_one_image
 from stream_sfm.frontend.step_check import StepCheck, displacement_px
 from stream_sfm.geometry import se3
@@ -80,6 +82,33 @@ def test_a_pose_is_as_uncertain_as_a_step_that_the_camera_may_not_have_made() ->
     assert model.predict(4 * 10**8)[1][0, 0] >= cov[0, 0]  # of a frame that is lost, too
     model.restart(4 * 10**8, later, cov)
     np.testing.assert_array_equal(model.record(5 * 10**8, later, cov), cov)  # of the new map it is a part, once
+
+
+def test_a_step_of_images_that_do_not_fit_each_other_is_as_unknown_as_a_vehicle_allows() -> None:
+    model = MotionModel(sfm.Config().motion)
+    for n in range(3):
+        model.record(n * 10**8, np.eye(4), np.zeros((6, 6)))
+    pose, later = se3.exp(np.array([0.1, 0, 0, 0, 0.02, 0])), se3.exp(np.array([0.1, 0.01, 0, 0, 0.02, 0]))
+    covering = model.predict(3 * 10**8)[1]
+    model.record(3 * 10**8, pose, np.zeros((6, 6)), Doubts(misfit=True, stepped=True))
+    cov = model.record(4 * 10**8, later, np.zeros((6, 6)))
+    assert np.linalg.eigvalsh(cov)[0] > 0.9 * np.linalg.eigvalsh(covering)[0] > 0
+
+
+@pytest.mark.parametrize("axis, by_px", [(0, 30), (1, 36)])
+def test_no_frame_is_ok_and_wrong_after_both_images_are_displaced(axis: int, by_px: int) -> None:
+    """By rows and by columns, at frame 15; the right one of a pair that is not rectified no longer fits, too."""
+    log = sfm.open_log(ROOM)
+    engine, truth = sfm.Engine(log.rig), log.ground_truth()
+    assert truth is not None
+    estimates = []
+    for n, frame in enumerate(log.frames(sfm.Selection(max_frames=24))):
+        left, right = (np.roll(image, by_px * (n >= 15), axis=axis) for image in (frame.left, frame.right))
+        estimates.append(engine.step(sfm.StereoFrame(frame.stamp_ns, left, right)))
+    poses, covs = np.array([e.world_from_cam for e in estimates]), np.array([e.cov_pose for e in estimates])
+    rows, true = matched(sfm.Trajectory(np.array([e.stamp_ns for e in estimates]), poses, covs), truth)
+    squares = nees_pose(poses[rows], covs[rows], true.world_from_cam)
+    assert not [e.frame_index for e, x in zip(estimates, squares, strict=True) if e.status == "ok" and x > 100]
 
 
 @pytest.mark.parametrize("noise", [0, 2])
