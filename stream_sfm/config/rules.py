@@ -282,7 +282,7 @@ class GhostRules(Section, frozen=True, kw_only=True):
     )
     # Motion has changed then, the view of the point hardly.
     back_frames: Annotated[int, expert("frames between the two views of a patch that are compared", 1, 100)] = 4
-    # Each costs some 20 µs.
+    # Each costs some 6 µs.
     patches: Annotated[int, expert("most patches of a frame", 1, 2000)] = 64
     fewest: Annotated[int, expert("least patches of a frame that says anything", 1, 2000)] = 5
     # What rounding leaves in smoothed images.

@@ -124,14 +124,19 @@ inline void substitute(const double* lower, double* b, std::size_t n) {
     }
 }
 
+// b becomes A⁻¹ b of a symmetric A = L Lᵀ (n, n), of which L is given.
+inline void solve_factored(const double* lower, double* b, std::size_t n) {
+    substitute(lower, b, n);
+    for (std::size_t i = n; i-- > 0;) {
+        for (std::size_t k = i + 1; k < n; k++) b[i] -= lower[k * n + i] * b[k];
+        b[i] /= lower[i * n + i];
+    }
+}
+
 // Solve A x = b for a symmetric positive definite A (n, n), which becomes its factor; b becomes x. False where it is not.
 inline bool solve_positive(double* a, double* b, std::size_t n) {
     if (!factor_positive(a, n)) return false;
-    substitute(a, b, n);
-    for (std::size_t i = n; i-- > 0;) {
-        for (std::size_t k = i + 1; k < n; k++) b[i] -= a[k * n + i] * b[k];
-        b[i] /= a[i * n + i];
-    }
+    solve_factored(a, b, n);
     return true;
 }
 

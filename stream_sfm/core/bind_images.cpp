@@ -47,6 +47,17 @@ void bind_images(nb::module_& m) {
 
 Raises ValueError for a filter that does not exist.)",
         "filtered"_a, "pixel"_a);
+    def<&patch_changes>(m, "patch_changes", R"(What may change of patches (n, 13, 13) between two frames, of all but their rims: (n, 11, 121).
+
+A constant, the patch, its slopes along x and y, these times x and times y, its second derivatives xx, yy and xy.)",
+        "patches"_a);
+    def<&ghost_sums>(m, "ghost_sums", R"(Sums (2, 5) over patches of how much of the last image is in today's, and of their squares, by two controls.
+
+Of points (n, 2) in today's image, in the last one and in an earlier one; see frontend/ghost_check.py.)",
+        pixels<std::uint8_t>("now"), pixels<std::uint8_t>("last"), pixels<std::uint8_t>("earlier"), "now_px"_a, "last_px"_a, "earlier_px"_a, "noise_grey"_a);
+    def<&drawn_edges>(m, "drawn_edges", R"(How many edges are in lines (k, n) of the left image, at how many it has changed since the last one, and how many
+are the same in that, in an earlier one and in the right image; −1 is a pixel that shows nothing.)",
+        "left"_a, "last"_a, "earlier"_a, "right"_a, "edge_grey"_a, "same_grey"_a, "same_step_grey"_a);
     def<&new_corners>(m, "new_corners", R"(Find up to `wanted` corners (k, 2) in whole pixels, `distance_px` from each other and from `taken_px` (m, 2).
 
 The image is cut into cells of about one wanted point each; a cell's corners are ranked, and all first ranks come

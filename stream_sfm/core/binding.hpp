@@ -55,6 +55,7 @@ constexpr auto array_of() {
     else if constexpr (std::is_same_v<T, bool>) return const_name("Mask");
     else if constexpr (std::is_same_v<T, std::int64_t>) return const_name("Ids");
     else if constexpr (std::is_same_v<T, float>) return const_name("Grey");
+    else if constexpr (std::is_same_v<T, std::int16_t>) return const_name("Lines");
     else return const_name("Bytes");
 }
 template <class T>

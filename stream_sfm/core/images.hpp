@@ -68,6 +68,19 @@ Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& righ
                                   int radius, int spacing, double std_grey, const PointRules& rules);
 std::vector<std::size_t> slanted_rows(Matrix slopes);  // those that do not face the camera
 
+// ghosts.cpp
+Array<float, 3> patch_changes(View<float, 3> patches);
+Array<double, 2> ghost_sums(const ImageOf<std::uint8_t>& now, const ImageOf<std::uint8_t>& last, const ImageOf<std::uint8_t>& earlier,
+                            Matrix now_px, Matrix last_px, Matrix earlier_px, double noise_grey);
+
+// still.cpp
+struct DrawnEdges {
+    std::int64_t edges, moved, drawn;
+    FIELDS(edges, moved, drawn)
+};
+DrawnEdges drawn_edges(View<std::int16_t, 2> left, View<std::int16_t, 2> last, View<std::int16_t, 2> earlier,
+                       View<std::int16_t, 2> right, std::int64_t edge_grey, std::int64_t same_grey, std::int64_t same_step_grey);
+
 // png.cpp
 Array<std::uint8_t, 2> unfilter_png(View<std::uint8_t, 2> filtered, std::size_t pixel);
 

@@ -42,12 +42,13 @@ def learn(state: FrontEndState, seen: Seen, motion: Resection, twist: Array) -> 
 def advance(
     step: Step, state: FrontEndState, seen: Seen, motion: Resection, rival: SecondMotion | None
 ) -> tuple[FrontEndState, Followed]:
-    """Move on to this frame with the tracks that agree with its motion, or with a second one.
+    """Move on to this frame with the tracks that agree with its motion, or with a second one that is no body in front.
 
     The views returned are not corrected for delay and readout. `rival`: a motion that looks the same.
     """
     cam_from_start = se3.orthonormalise(motion.cam_from_ref @ state.cam_from_start)
-    kept = motion.accepted if motion.second is None else motion.accepted | motion.second.views
+    second = motion.second
+    kept = motion.accepted if second is None or second.in_front else motion.accepted | second.views
     rows = kept.nonzero()[0]
     # where most views fit badly the frame itself is poor, blurred for instance, and not full of outliers
     z_px, cov_px = rows_of(seen.views.z_px, rows), motion.spread * rows_of(seen.views.cov_px, rows)

@@ -21,19 +21,17 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..config.rules import GhostRules
 from ..geometry.se3 import Array
 from ..record import changed, record
-from .patches import RADIUS_PX, View, changes_of, patches_of, share_of
+from .patches import View, share_of
 
 SHOWS_THROUGH = (
     "earlier images show through: is noise reduction over time on in the cameras, or were frames blended? "
     "Positions lag behind"
 )
 _NOTHING = np.zeros((2, 5))
-_LEAST_SQUARE = 1e-3  # of a change of a patch, grey values squared
-# Changes may depend on each other, as where a patch is one straight edge; they have single precision.
-_RIDGE = 1e-6
 
 
 @record
@@ -83,16 +81,8 @@ def _sums(views: tuple[View, ...], rules: GhostRules) -> Array:
     if len(rows) < rules.fewest:
         return _NOTHING
     rows = rows[:: -(-len(rows) // rules.patches)]
-    now_px, last_px, opposite_px = now.left_px[rows], last_px[rows], (2 * last_px - now.left_px)[rows]
-    newer = patches_of(now.image, np.stack([now_px, last_px]), RADIUS_PX)
-    older = patches_of(before.image, np.stack([now_px, opposite_px, last_px]), RADIUS_PX)
-    explained = changes_of(patches_of(first.image, first.of(now.ids)[rows], RADIUS_PX + 1))
-    left = _unexplained(np.concatenate([newer, older]).reshape(5, len(rows), -1), explained)
-    seen, there_now, there, opposite, last = left
-    weights = 1 / (_dot(seen, seen) / seen.shape[1] + rules.noise_grey**2)
-    s, seen_there = weights * _dot(there, there), _dot(seen, there)
-    both = weights * (seen_there - _dot(seen, opposite)), weights * (seen_there - _dot(last, there_now))
-    return np.array([[p.sum(), s.sum(), p @ p, p @ s, s @ s] for p in both])
+    at_px = now.left_px[rows], last_px[rows], first.of(now.ids)[rows]
+    return core.ghost_sums(now.image, before.image, first.image, *at_px, rules.noise_grey)
 
 
 def _oldest(views: tuple[View, ...], now: View, usable: NDArray[np.bool_]) -> tuple[View, NDArray[np.bool_]]:
@@ -104,20 +94,3 @@ def _oldest(views: tuple[View, ...], now: View, usable: NDArray[np.bool_]) -> tu
         if np.count_nonzero(there) > 2 * np.count_nonzero(found):
             best, found = view, there
     return best, found
-
-
-def _dot(some: Array, others: Array) -> Array:
-    """Products (n,) of rows (n, k)."""
-    return np.einsum("nk,nk->n", some, others)
-
-
-def _unexplained(views: NDArray[np.float32], explained: NDArray[np.float32]) -> Array:
-    """What the changes explained (n, m, k) leave of views (v, n, k) of patches."""
-    views = np.swapaxes(views - views.mean(axis=2, keepdims=True), 0, 1)
-    gram = (explained @ np.swapaxes(explained, 1, 2)).astype(float)
-    scale = 1 / np.sqrt(np.maximum(np.einsum("nii->ni", gram), _LEAST_SQUARE))
-    gram = gram * scale[:, None] * scale[:, :, None] + _RIDGE * np.eye(gram.shape[1])
-    products = scale[:, :, None] * (explained @ np.swapaxes(views, 1, 2))
-    parts = scale[:, :, None] * np.linalg.solve(gram, products)
-    left = views - np.swapaxes(parts, 1, 2).astype(np.float32) @ explained
-    return np.swapaxes(left, 0, 1).astype(float)

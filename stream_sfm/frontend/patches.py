@@ -1,4 +1,4 @@
-"""Patches around tracks in the images of two frames: what may change of them, and what all of them say together."""
+"""Patches around tracks in the images of two frames, and what all of them say together."""
 
 import cv2
 import numpy as np
@@ -52,22 +52,3 @@ def patches_of(image: Image, at_px: Array, radius_px: int) -> NDArray[np.float32
     across[:], down[:] = x + offsets, y + offsets[:, None]
     sampled = cv2.remap(image, across.reshape(-1, d), down.reshape(-1, d), cv2.INTER_LINEAR)
     return sampled.astype(np.float32).reshape(*at_px.shape[:-1], d, d)
-
-
-def changes_of(patches: NDArray[np.float32]) -> NDArray[np.float32]:
-    """What may change of patches (n, d, d) between two frames: (n, 11, k), k = (d − 2)²."""
-    patches = patches - patches.mean(axis=(1, 2), keepdims=True)
-    t, left, right = patches[:, 1:-1, 1:-1], patches[:, 1:-1, :-2], patches[:, 1:-1, 2:]
-    above, below = patches[:, :-2, 1:-1], patches[:, 2:, 1:-1]
-    x = np.arange(-RADIUS_PX, RADIUS_PX + 1, dtype=np.float32)
-    y = x[:, None]
-    changes = np.empty((len(t), 11, *t.shape[1:]), np.float32)
-    changes[:, 0], changes[:, 1] = 1, t
-    dx, dy = np.subtract(right, left, out=changes[:, 2]), np.subtract(below, above, out=changes[:, 3])
-    for n, (slope, along) in enumerate(((dx, x), (dx, y), (dy, x), (dy, y)), start=4):
-        np.multiply(slope, along, out=changes[:, n])
-    np.subtract(left + right, 2 * t, out=changes[:, 8])
-    np.subtract(above + below, 2 * t, out=changes[:, 9])
-    falling, rising = patches[:, 2:, 2:] + patches[:, :-2, :-2], patches[:, 2:, :-2] + patches[:, :-2, 2:]
-    np.subtract(falling, rising, out=changes[:, 10])
-    return changes.reshape(len(t), 11, -1)

@@ -18,11 +18,12 @@ hardly slower, and not above zero in any other images.
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..config.rules import SmearRules
 from ..geometry.se3 import Array
 from ..record import changed, record
 from .ghost_check import SHOWS_THROUGH
-from .patches import RADIUS_PX, View, changes_of, patches_of, share_of
+from .patches import RADIUS_PX, View, patches_of, share_of
 
 _SHUTTER = 1 / 12  # variance of a whole frame
 _SECOND = np.array([2.0, 2.0, 4.0])  # from coefficients of the last three changes to C: xx, yy, xy
@@ -118,7 +119,7 @@ def _smear(
 ) -> tuple[Array, Array]:
     """By how much variance (n) patches `after` are smeared beside those `before` (n, d, d), and the variance of this;
     `along` (n, 3): what the three coefficients of second derivatives count."""
-    changes = changes_of(before)
+    changes = core.patch_changes(before)
     seen = after[:, 1:-1, 1:-1].reshape(len(after), -1)
     seen = seen - seen.mean(axis=1, keepdims=True)
     gram = (changes @ np.swapaxes(changes, 1, 2)).astype(float)

@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..config.rules import StillRules
 from ..record import changed, record
 
 _EVERY = 8  # of rows and columns that are looked at
-_FAR_PX = 2  # from a pixel to those whose difference to it is an edge
 
 Line = NDArray[np.int16]
 
@@ -66,34 +66,8 @@ class StillCheck:
         lefts = (*lefts, left)[-rules.apart_frames - 1 :]
         if len(lefts) <= rules.apart_frames:
             return changed(self, lefts=lefts)
+        limits = rules.edge_grey, rules.same_grey, rules.same_step_grey
         lines = zip(left, lefts[-2], lefts[0], right, strict=True)
-        edges, moved, drawn = (int(n) for n in np.sum([_counts(*each, rules=rules) for each in lines], axis=0))
+        edges, moved, drawn = map(sum, zip(*(core.drawn_edges(*each, *limits) for each in lines), strict=True))
         seen = (0, 0) if moved < rules.moving * edges else (edges, drawn)
         return changed(self, lefts=lefts, counts=(*self.counts, seen)[-rules.remembered :])
-
-
-def _counts(left: Line, last: Line, earlier: Line, right: Line, rules: StillRules) -> tuple[int, int, int]:
-    """How many edges are in lines (k, n) of the left image, at how many of their pixels it has changed since the last
-    one, and how many are the same there, in an earlier one and in the right image."""
-    least, steep = rules.edge_grey, np.zeros(left.shape, bool)
-    steps = np.abs(left[:, _FAR_PX:] - left[:, :-_FAR_PX]) >= least
-    np.logical_or(steps[:, _FAR_PX:], steps[:, :-_FAR_PX], out=steep[:, _FAR_PX:-_FAR_PX])
-    edges = np.flatnonzero(steep & (left >= 0))
-    left, last, earlier, right = (lines.ravel() for lines in (left, last, earlier, right))
-    changed = np.abs(left[edges] - last[edges])
-    drawn = edges[changed <= rules.same_grey]
-    for other in (last, earlier, right):
-        drawn = drawn[_same(left, other, drawn, rules)]
-    return len(edges), int(np.count_nonzero(changed >= least)), len(drawn)
-
-
-def _same(line: Line, other: Line, at: NDArray[np.intp], rules: StillRules) -> NDArray[np.bool_]:
-    """Which edges of a line (n,), at some of its pixels, another has, too: there it is about as bright, and its step as
-    large or, on a thin line, of the same sign on both sides."""
-    around = at + np.array([[-_FAR_PX], [_FAR_PX]])
-    steps, others = line[at] - line[around], other[at] - other[around]
-    steep = np.abs(steps) >= rules.edge_grey
-    as_large = (steep & (np.abs(steps - others) <= rules.same_step_grey)).any(axis=0)
-    alike = (steep & (np.abs(others) >= rules.edge_grey) & (np.sign(steps) == np.sign(others))).all(axis=0)
-    thin = alike & (np.sign(steps[0]) == np.sign(steps[1]))
-    return np.asarray((np.abs(line[at] - other[at]) <= rules.same_grey) & (as_large | thin))

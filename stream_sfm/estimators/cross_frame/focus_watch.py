@@ -16,6 +16,7 @@ from ...geometry.se3 import Array
 from ...record import changed, record
 
 _LEAST_INFORMATION = 1e-9
+_MOST = 3.0  # σ assumed of a change from frame to frame
 _RESTS = 3.0  # σ of the slope, and of the scatter, of a focal length that rests
 
 
@@ -59,6 +60,9 @@ class FocusWatch:
         var = float(own.cov_amplitudes[-1, -1])
         information = max(1 / var - 1, _LEAST_INFORMATION)  # without that of σ = 1
         shown = unit * float(own.amplitudes[-1]) / (var * information), unit**2 / information
+        before = self.shown[-1][0] if self.moves else 0.0
+        if abs(shown[0] - before) > _MOST * unit:  # a body that moves, and no zoom
+            return self.calm(), changed(found, amplitudes=start)
         if self.moves:
             return changed(self, shown=(*self.shown[-self.rules.rested_frames :], shown)), own
         square = shown[0] ** 2 / shown[1]

@@ -118,7 +118,8 @@ class Prior:
 
     def rig_at(self, amplitudes: Array) -> Array:
         """Return the errors (m,) of the rig at the given amplitudes (k,) of the modes, of which theirs come last."""
-        return self.rig.at(amplitudes[len(amplitudes) - len(self.rig) :])
+        mean = self.rig.mean
+        return np.asarray(mean + amplitudes[len(amplitudes) - len(mean) :])
 
     @property
     def of_modes(self) -> Layout:

@@ -75,10 +75,6 @@ class RigKnowledge:
     def __len__(self) -> int:
         return len(self.mean)
 
-    def at(self, amplitudes: Array) -> Array:
-        """Return the error c (m,) that the window takes out at the given amplitudes (m,)."""
-        return self.mean + amplitudes
-
     def age_s(self, stamp_ns: int) -> float:
         """Return for how long errors may have grown."""
         return (stamp_ns - self.since_ns) / 1e9

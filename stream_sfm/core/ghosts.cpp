@@ -1,0 +1,112 @@
+// How much of the last image is in one, over patches of the same points: see frontend/ghost_check.py. And what may change
+// of a patch.
+
+#include "images.hpp"
+
+namespace core {
+namespace {
+
+constexpr int RADIUS_PX = 5;  // of a patch
+constexpr int SIDE = 2 * RADIUS_PX + 1, WIDE = SIDE + 2, K = SIDE * SIDE;
+constexpr int CHANGES = 11;          // of a patch between two frames
+constexpr int VIEWS = 5;             // of each point
+constexpr double LEAST_SQUARE = 1e-3;  // of a change of a patch, grey values squared
+constexpr double RIDGE = 1e-6;       // changes may depend on each other, as where a patch is one straight edge
+
+void centre(float* samples, int n) {
+    double sum = 0;
+    for (int i = 0; i < n; i++) sum += samples[i];
+    float mean = static_cast<float>(sum / n);
+    for (int i = 0; i < n; i++) samples[i] -= mean;
+}
+
+// What may change of a patch between two frames, (CHANGES, K): light; the patch; its slopes, and these times x and y; its
+// second derivatives. From the samples of the patch and those around it, which are centred.
+void put_changes(float* wide, float* changes) {
+    centre(wide, WIDE * WIDE);
+    for (int i = 0, at = 0; i < SIDE; i++)
+        for (int j = 0; j < SIDE; j++, at++) {
+            const float *above = wide + i * WIDE + j + 1, *own = above + WIDE, *below = own + WIDE;
+            float x = static_cast<float>(j - RADIUS_PX), y = static_cast<float>(i - RADIUS_PX);
+            float dx = own[1] - own[-1], dy = below[0] - above[0];
+            float all[CHANGES] = {1.0f, own[0], dx, dy, dx * x, dx * y, dy * x, dy * y,
+                                  own[-1] + own[1] - 2 * own[0], above[0] + below[0] - 2 * own[0],
+                                  below[1] + above[-1] - below[-1] - above[1]};
+            for (int n = 0; n < CHANGES; n++) changes[n * K + at] = all[n];
+        }
+}
+
+// Takes out of views of a patch what its changes explain.
+struct Explained {
+    float changes[CHANGES][K];
+    double gram[CHANGES * CHANGES], scale[CHANGES];
+
+    explicit Explained(float* wide) {
+        put_changes(wide, changes[0]);
+        for (int n = 0; n < CHANGES; n++)
+            for (int m = 0; m <= n; m++) gram[n * CHANGES + m] = dot(changes[n], changes[m], K);
+        for (int n = 0; n < CHANGES; n++) scale[n] = 1 / std::sqrt(std::max(gram[n * CHANGES + n], LEAST_SQUARE));
+        for (int n = 0; n < CHANGES; n++)
+            for (int m = 0; m <= n; m++) gram[n * CHANGES + m] = gram[n * CHANGES + m] * scale[n] * scale[m] + (n == m ? RIDGE : 0.0);
+        require(factor_positive(gram, CHANGES), "a patch is not finite");
+    }
+
+    void take_out(float* view) const {
+        double parts[CHANGES];
+        for (int n = 0; n < CHANGES; n++) parts[n] = scale[n] * dot(changes[n], view, K);
+        solve_factored(gram, parts, CHANGES);
+        for (int n = 0; n < CHANGES; n++) {
+            float part = static_cast<float>(scale[n] * parts[n]);
+            for (int i = 0; i < K; i++) view[i] -= part * changes[n][i];
+        }
+    }
+};
+
+}  // namespace
+
+Array<float, 3> patch_changes(View<float, 3> patches) {
+    require_shape(patches, {patches.shape[0], WIDE, WIDE}, "patches");
+    Array<float, 3> changes(patches.shape[0], CHANGES, K);
+    float wide[WIDE * WIDE];
+    for (std::size_t i = 0; i < patches.shape[0]; i++) {
+        std::copy_n(patches[i], WIDE * WIDE, wide);
+        put_changes(wide, changes[i]);
+    }
+    return changes;
+}
+
+Array<double, 2> ghost_sums(const ImageOf<std::uint8_t>& now, const ImageOf<std::uint8_t>& last, const ImageOf<std::uint8_t>& earlier,
+                            Matrix now_px, Matrix last_px, Matrix earlier_px, double noise_grey) {
+    std::size_t n = now_px.shape[0];
+    for (const Matrix& at : {now_px, last_px, earlier_px}) require_shape(at, {n, 2}, "positions");
+    Array<double, 2> sums(2, 5);
+    Sampler<std::uint8_t> sampler(WIDE * WIDE);
+    float wide[WIDE * WIDE], left[VIEWS][K];
+    for (std::size_t i = 0; i < n; i++) {
+        const double *here = now_px[i], *there = last_px[i];
+        const double opposite[2] = {2 * there[0] - here[0], 2 * there[1] - here[1]};
+        const std::pair<const ImageOf<std::uint8_t>*, const double*> views[VIEWS] = {
+            {&now, here}, {&now, there}, {&last, here}, {&last, opposite}, {&last, there}};
+        auto cut = [&](const ImageOf<std::uint8_t>& image, const double* at, int radius, float* out) {
+            sampler.square(image, static_cast<float>(at[0]), static_cast<float>(at[1]), radius, 1, 2 * radius + 1, out);
+        };
+        cut(earlier, earlier_px[i], RADIUS_PX + 1, wide);
+        Explained explained(wide);
+        for (int v = 0; v < VIEWS; v++) {
+            cut(*views[v].first, views[v].second, RADIUS_PX, left[v]);
+            centre(left[v], K);
+            explained.take_out(left[v]);
+        }
+        const float *seen = left[0], *later = left[1], *past = left[2];
+        double weight = 1 / (dot(seen, seen, K) / K + noise_grey * noise_grey), both = dot(seen, past, K);
+        double s = weight * dot(past, past, K);
+        double shares[2] = {weight * (both - dot(seen, left[3], K)), weight * (both - dot(left[4], later, K))};
+        for (int control = 0; control < 2; control++) {
+            double p = shares[control], of_patch[5] = {p, s, p * p, p * s, s * s};
+            for (int j = 0; j < 5; j++) sums[control][j] += of_patch[j];
+        }
+    }
+    return sums;
+}
+
+}  // namespace core
