@@ -72,6 +72,8 @@ class SampleBuffer:
         samples = ImuSamples(samples.stamps_ns - self._offset_ns, samples.gyro_rad_s, samples.accel_m_s2)
         if self.last_ns is not None:
             samples = samples[samples.stamps_ns > self.last_ns]
+        if not len(samples):
+            return
         finite = np.isfinite(samples.gyro_rad_s).all(axis=1) & np.isfinite(samples.accel_m_s2).all(axis=1)
         ahead = np.ones(len(samples), bool)
         if len(samples) > 1:

@@ -7,10 +7,10 @@ linear in what the samples say. The map has them beside its world (`inertial_win
 import logging
 from copy import copy
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from ... import core
 from ...config import Config
 from ...geometry import se3
 from ...geometry.linear import symmetric
@@ -23,7 +23,7 @@ from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction,
 from ..motion_model import MotionModel
 from .inertia_checks import Agreement, Densities, impossible, likely
 from .inertial_window import InertialWindow
-from .interval import JOINT, Interval, Intervals, Known, Transition, transition
+from .interval import JOINT, Interval, Known, Transition, transition
 from .map import Map
 from .window_frame import WindowFrame
 
@@ -44,6 +44,7 @@ class Inertia:
         self._noise_known = False  # by the samples themselves
         self._distance2, self._note = 0.0, ""
         self._frames = config.window.frames
+        self._led: tuple[tuple[Any, ...], Transition] | None = None  # the latest one, and what it is of
         self._carried = False  # the state is from before the present map
         self._anew: Known | None = None  # with which the state begins again in the next frame
 
@@ -121,8 +122,15 @@ class Inertia:
         ahead_ns = stamp_ns - now.stamp_ns
         if not 0 < ahead_ns <= self._rules.max_gap_s * 1e9 or not self._buffer.covers(now.stamp_ns, stamp_ns):
             return None
-        interval = self._interval(now.stamp_ns, stamp_ns, now.state)
-        return transition(now.state, interval, self._densities.factors, calibration.cam_from_imu)
+        return self._leading(now.stamp_ns, stamp_ns, now, calibration.cam_from_imu)
+
+    def _leading(self, first_ns: int, last_ns: int, now: Known, cam_from_imu: Array) -> Transition:
+        """Return what leads from a state over an interval, which a frame asks for several times."""
+        of = now, first_ns, last_ns, self._buffer.last_ns, self._densities
+        if self._led is None or self._led[0] != of:
+            interval = self._interval(first_ns, last_ns, now.state)
+            self._led = of, transition(now.state, interval, self._densities.factors, cam_from_imu)
+        return self._led[1]
 
     def prediction(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
         """Return pose and state later on, with further samples, which are not kept; None where none lead there."""
@@ -155,11 +163,9 @@ class Inertia:
         if current.frames and not window.intervals[-1].complete:  # by now its samples have come
             first = (current.frames[-2] if len(current.frames) > 1 else current.reference).stamp_ns
             window.intervals[-1] = self._interval(first, before, now.state)
-        frame.interval = self._interval(before, frame.stamp_ns, now.state)
-        _, then = core.inertial_motion(
-            Intervals.of([frame.interval], window.factors), now.state, window.cam_from_imu
-        )
-        frame.velocity = then[VELOCITY] if frame.interval.cov_gyro.any() else now.state[VELOCITY]
+        found = self._leading(before, frame.stamp_ns, now, window.cam_from_imu)
+        frame.interval = found.interval
+        frame.velocity = (found if frame.interval.cov_gyro.any() else now).state[VELOCITY]
         self._note = frame.interval.note
         frame.turning = self._turning(frame.stamp_ns, now.state) if self.is_trusted else None
 
@@ -213,17 +219,12 @@ class Inertia:
 
     def expected_motion(self, stamp_ns: int) -> ExpectedMotion | None:
         """Return the motion since the latest estimate that the samples up to a stamp predict."""
-        now, calibration = self.now, self._calibration
-        if now is None or calibration is None:
+        now, calibration, found = self.now, self._calibration, self.transition(stamp_ns)
+        if now is None or calibration is None or found is None:
             return None
         cov = now.cov.copy()
         cov[JOINT["pose"]], cov[:, JOINT["pose"]] = 0.0, 0.0
-        at_origin = Known(now.stamp_ns, np.eye(4), now.state, cov)
-        before, self.now = self.now, at_origin
-        then = self.predicted(stamp_ns)
-        self.now = before
-        if then is None or then is at_origin:
-            return None
+        then = Known(now.stamp_ns, np.eye(4), now.state, cov).carried(found, stamp_ns)
         rate = self._buffer.rate(stamp_ns, float(then.state[CLOCK][0])) - then.state[GYRO_BIAS]
         mounted = calibration.cam_from_imu[:3, :3] @ se3.exp_so3(then.state[AXES])
         twist = -np.concatenate([then.state[VELOCITY], mounted @ rate])

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...config import RigConfig
 from ...config.inertia_rules import InertiaRules
+from ...geometry.linear import mahalanobis2
 from ...geometry.se3 import Array
 from ...inertial.state import ACCEL_BIAS, FIXED, GRAVITY, GRAVITY_M_S2
 from ...record import changed, record
@@ -142,18 +143,16 @@ def likely(state: Array, cov: Array, std: Array, rig: RigConfig) -> Array:
     information = information - np.eye(5)
     values, axes = np.linalg.eigh(0.5 * (information + information.T))
     information = (axes * np.maximum(values, 0.0)) @ axes.T
-    log_odds, means = [], []
-    for there in product((False, True), repeat=len(_SIZES)):
-        rows = np.flatnonzero(np.repeat(there, _SIZES))
-        at = np.ix_(rows, rows)
-        counted = np.eye(len(rows)) + rig.counts * information[at]
-        log_odds.append(
-            np.log(rig.odds) * sum(there)
-            - 0.5 * np.linalg.slogdet(counted)[1]
-            + 0.5 * rig.counts**2 * weighted[rows] @ np.linalg.solve(counted, weighted[rows])
-        )
-        mean = np.zeros(5)
-        mean[rows] = np.linalg.solve(np.eye(len(rows)) + information[at], weighted[rows])
-        means.append(mean)
-    weights = np.exp(np.array(log_odds) - max(log_odds))
-    return np.asarray(weights @ np.array(means) / weights.sum() * std)
+    there = np.array(list(product((0.0, 1.0), repeat=len(_SIZES))))  # all at once, with zeros for what is not there
+    rows = np.repeat(there, _SIZES, axis=1)
+    weighted = rows * weighted
+    information = rows[:, :, None] * information * rows[:, None, :]
+    counted = np.eye(5) + rig.counts * information
+    log_odds = (
+        np.log(rig.odds) * there.sum(axis=1)
+        - 0.5 * np.linalg.slogdet(counted)[1]
+        + 0.5 * rig.counts**2 * mahalanobis2(weighted, counted)
+    )
+    means = np.linalg.solve(np.eye(5) + information, weighted[..., None])[..., 0]
+    weights = np.exp(log_odds - log_odds.max())
+    return np.asarray(weights @ means / weights.sum() * std)

@@ -31,6 +31,7 @@ class InertialWindow:
         self._rules = rules
         self.intervals: list[Interval] = []
         self.velocities, self.slides, self._std_slides = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+        self._led: tuple[Array | None, Array, tuple[Array, Array]] = None, self.slides, (self.slides, self.slides)
         self._clear()
         self.surprise = np.zeros((3, 4))  # of the oldest interval, see `learn`
 
@@ -59,16 +60,23 @@ class InertialWindow:
 
     def true_cams(self, cams_from_ref: Array) -> Array:
         """Return the cameras (F, 4, 4) where they are, without what slides feign."""
-        if not len(cams_from_ref):
-            return cams_from_ref
-        turns = (_lead(cams_from_ref) @ self.slides.ravel()).reshape(-1, 6)
-        return np.asarray(se3.orthonormalise(se3.exp(turns) @ cams_from_ref))
+        return self._leads(cams_from_ref)[1]
+
+    def _leads(self, cams_from_ref: Array) -> tuple[Array, Array]:
+        """Return `_lead` and the cameras where they are, which a frame asks for several times."""
+        if self._led[0] is not cams_from_ref or self._led[1] is not self.slides:
+            lead, true_cams = _lead(cams_from_ref), cams_from_ref
+            if len(cams_from_ref):
+                turns = (lead @ self.slides.ravel()).reshape(-1, 6)
+                true_cams = se3.orthonormalise(se3.exp(turns) @ cams_from_ref)
+            self._led = cams_from_ref, self.slides, (lead, true_cams)
+        return self._led[2]
 
     def linearise(self, cams_from_ref: Array, state: Array) -> tuple[Array, Array]:
         """Return information (6F + 17, …) about poses and state and the right-hand side, the rest eliminated, (82)."""
         f = len(self.intervals)
-        self._lead = _lead(cams_from_ref)
-        cams = np.concatenate([np.eye(4)[None], self.true_cams(cams_from_ref)])
+        self._lead, true_cams = self._leads(cams_from_ref)
+        cams = np.concatenate([np.eye(4)[None], true_cams])
         velocities = np.concatenate([state[None, VELOCITY], self.velocities])
         residual, j = core.inertial_rows(
             Intervals.of(self.intervals, self.factors), cams, velocities, state, self.cam_from_imu

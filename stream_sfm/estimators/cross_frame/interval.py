@@ -75,11 +75,6 @@ class Interval:
         """Return the interval with what it says counting for nearly nothing."""
         return changed(self, opened=_OPENED)
 
-    def cov(self, factors: Array) -> Array:
-        """Return the covariance (9, 9) with factors on the noise densities."""
-        by_both = factors[0] ** 2 * self.cov_gyro + factors[1] ** 2 * self.cov_accel
-        return np.asarray(np.diag(_LEAST) + self.opened * by_both)
-
 
 class Intervals(NamedTuple):
     """Intervals (n) in a row, as `core.inertial_rows` takes them: arrays of what each `Interval` has."""
@@ -96,14 +91,18 @@ class Intervals(NamedTuple):
     @classmethod
     def of(cls, intervals: Sequence[Interval], factors: Array) -> "Intervals":
         """Stack intervals, with factors on the noise densities."""
-        n = len(intervals)
+        n, (gyro2, accel2) = len(intervals), factors[:2] ** 2
+        opened = np.array([i.opened for i in intervals])[:, None, None]
+        by_both = gyro2 * np.array([i.cov_gyro for i in intervals]) + accel2 * np.array(
+            [i.cov_accel for i in intervals]
+        )
         return cls(
-            np.stack([i.rotation for i in intervals]),
-            np.stack([i.motion for i in intervals]).reshape(n, 6),
-            np.stack([i.by_bias for i in intervals]),
-            np.stack([i.by_clock for i in intervals]).reshape(n, 9),
-            np.stack([i.cov(factors) for i in intervals]),
-            np.stack([i.biases for i in intervals]),
+            np.array([i.rotation for i in intervals]),
+            np.array([i.motion for i in intervals]).reshape(n, 6),
+            np.array([i.by_bias for i in intervals]),
+            np.array([i.by_clock for i in intervals]).reshape(n, 9),
+            np.diag(_LEAST) + opened * by_both,
+            np.array([i.biases for i in intervals]),
             np.array([i.clock for i in intervals]),
             np.array([i.seconds for i in intervals]),
         )
@@ -149,13 +148,17 @@ class Known:
 
 @record
 class Transition:
-    """How an interval's samples lead from one pose and state to the next, eq. (81): the motion `previous_from_now`
-    (4, 4), the new `state` (17,), and of both together the linear `rows` (23, 23) and the noise `cov` (23, 23)."""
+    """How the samples of an `interval` lead from one pose and state to the next, eq. (81).
+
+    That is the motion `previous_from_now` (4, 4), the new `state` (17,), and of both together the linear `rows`
+    (23, 23) and the noise `cov` (23, 23).
+    """
 
     previous_from_now: Array
     state: Array
     rows: Array
     cov: Array
+    interval: Interval
 
 
 def transition(state: Array, interval: Interval, factors: Array, cam_from_imu: Array) -> Transition:
@@ -181,4 +184,4 @@ def transition(state: Array, interval: Interval, factors: Array, cam_from_imu: A
     cov = noise @ noise.T
     walk = range(*JOINT.within("state", BIASES).indices(JOINT.size))
     cov[walk, walk] += interval.std_walk**2
-    return Transition(previous_from_now, then, rows, cov)
+    return Transition(previous_from_now, then, rows, cov, interval)

@@ -382,13 +382,18 @@ class Map:
         self.marginals = changed(before, world_from_cam=pose, cov_pose=cov, points_in_world=in_world)
         return self.marginals
 
-    def true_poses(self) -> tuple[Array, Array, Array]:
-        """Return the cameras of the window (F, 4, 4) where they are, a root (6F, n) of their covariance given the rig's
-        errors, and how they move with these (6F, m): without the turns that patches feign, as far as inertia shows."""
+    @property
+    def true_cams(self) -> Array:
+        """The cameras of the window (F, 4, 4) without the turns that patches feign, as far as inertia shows."""
+        return self.cams_from_ref if self.inertia is None else self.inertia.true_cams(self.cams_from_ref)
+
+    def true_poses(self) -> tuple[Array, Array]:
+        """Return a root (6F, n) of the covariance of `true_cams` given the rig's errors, and how they move with these
+        (6F, m)."""
         if self.inertia is None:
             poses = self.system.at["poses"]
-            return self.cams_from_ref, self.system.root[poses], self.system.by_rig[poses]
-        return self.inertia.true_cams(self.cams_from_ref), *self.inertia.true_poses(self.system)
+            return self.system.root[poses], self.system.by_rig[poses]
+        return self.inertia.true_poses(self.system)
 
     @property
     def cov_pose(self) -> Array:

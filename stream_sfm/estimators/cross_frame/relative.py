@@ -29,7 +29,7 @@ def relative_motions(current: Map, cov_newest: Array, by_span: Array) -> Relativ
     which the views of the window have the last one, eq. (74d).
     """
     frames, system = current.frames, current.system
-    true_cams, of_poses, of_rig = current.true_poses()
+    true_cams, (of_poses, of_rig) = current.true_cams, current.true_poses()
     cams = np.array([np.eye(4), *true_cams[:-1]])  # the reference is exact by definition
     from_newest = cams @ se3.inverse(true_cams[-1])
     half = apart_from_newest(true_cams, of_poses)

@@ -267,7 +267,7 @@ class CrossFrame(TakesSamples):
             points_in_world=now.points_in_world[shown],
             cov_points_in_world=now.cov_points_in_world[shown],
             window_frame_indices=np.array([f.index for f in current.frames], np.int64),
-            window_world_from_cam=read_off.world_from_ref @ se3.inverse(read_off.true_poses()[0]),
+            window_world_from_cam=read_off.world_from_ref @ se3.inverse(read_off.true_cams),
             rejected_ids=ids[~used],
             iterations=iterations,
             nis=motion.chi2,
