@@ -66,7 +66,8 @@ class FocusWatch:
         if self.moves:
             return changed(self, shown=(*self.shown[-self.rules.rested_frames :], shown)), own
         square = shown[0] ** 2 / shown[1]
-        if square > self.rules.refocused**2 * max(self.spread, 1.0):
+        # the first frame after a start shows as well what the calibration has wrong
+        if self.waiting and square > self.rules.refocused**2 * max(self.spread, 1.0):
             return changed(self, moves=True, shown=(shown,), waiting=()), own
         return self._learnt(square), found
 
