@@ -142,9 +142,8 @@ class Rectifier:
             rays = rays @ np.linalg.inv(k_rectified).T @ rotation
             ahead = np.flatnonzero(rays[:, 2] > 0)
             raw_px = project_into_image(camera, rays[ahead])
-            inside = (np.abs(raw_px / (camera.width, camera.height) - 0.5) < 0.5).all(
-                axis=1
-            )  # what else was not seen
+            # what lies outside was not seen
+            inside = (np.abs(raw_px / (camera.width, camera.height) - 0.5) < 0.5).all(axis=1)
             found.append(((camera, rotation, k_rectified), ahead[inside], raw_px[inside]))
         return found
 

@@ -1,47 +1,30 @@
 """The motion since the previous frame from which every estimator starts a frame, and its outlier test."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..config import RobustConfig
 from ..geometry import se3
 from ..geometry.point_views import PointViews
 from ..geometry.resection import Resection, SecondMotion, resect
 from ..geometry.se3 import Array
-from ..geometry.stereo import StereoProjection
 from ..record import changed
 from ..types import Observations
 
 
 def initial_motion(
-    projection: StereoProjection,
-    config: RobustConfig,
+    views: PointViews,
     observations: Observations,
-    rows: NDArray[np.intp],
-    points_in_previous: Array,
-    cov_points: Array,
     cam_from_previous_predicted: Array,
     weights: Array | None = None,
-    shared: Array | None = None,
 ) -> Resection | None:
-    """Find cam_from_previous by robust resection of the views `rows` (n,); None where too few agree or determine it.
+    """Find cam_from_previous by robust resection of views (n); None where too few agree or determine it.
 
-    `points_in_previous` (n, 3) m or (n, 4) homogeneous with covariances: the local structure of the previous camera.
-    The start is the front-end's own motion, else the prediction of the motion model; where few views agree with what it
-    leads to, `resect` searches the whole space of motions, unless the front-end has decided between two. `weights`
-    (n,): as in `resect`; `shared` (n, 4, j): as in `PointViews`.
+    They are those among the `observations` of points of the local structure of the previous camera. The start is the
+    front-end's own motion, else the prediction of the motion model; where few views agree with what it leads to,
+    `resect` searches the whole space of motions, unless the front-end has decided between two. `weights` (n,): as in
+    `resect`.
     """
     start, ambiguity = observations.cam_from_previous, observations.ambiguity
     try:
-        views = PointViews(
-            projection,
-            points_in_previous,
-            cov_points,
-            observations.z_px[rows],
-            observations.cov_px[rows],
-            config,
-            shared,
-        )
         found = resect(
             views,
             cam_from_previous_predicted if start is None else start,
@@ -52,7 +35,7 @@ def initial_motion(
         )
     except np.linalg.LinAlgError:
         return None
-    if not found.ok or found.accepted.sum() < config.min_inliers:
+    if not found.ok or found.accepted.sum() < views.settings.min_inliers:
         return None
     return found if start is None else changed(found, second=_second_motion(found, observations))
 

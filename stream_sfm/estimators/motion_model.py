@@ -19,8 +19,8 @@ class Doubts(NamedTuple):
     """Why a pose may be wrong.
 
     `misfit`: the pose may be the one that the last pose without a misfit predicts. `of_start`: it may be the one that
-    the first pose of the map predicts. `unconfirmed`: a doubt of the start has ended with the start, and nothing has
-    settled it. `stepped`: both images were displaced before it, and the camera may have moved with them or not.
+    the first pose of the map predicts. `unconfirmed`: a doubt of the start has ended with the start and was never
+    settled. `stepped`: both images were displaced before it, and the camera may have moved with them or not.
     """
 
     misfit: bool = False
@@ -75,10 +75,11 @@ class MotionModel:
         that stepped is what the model does not explain; it stays in all later poses, also where the images step back.
         """
         if doubts.stepped:
-            step = se3.log(se3.inverse(self.predict(stamp_ns)[0]) @ world_from_cam)
-            expected = self._trusted or self
-            # images that do not fit each other do not tell the step, either
-            covering = expected._covering(stamp_ns, world_from_cam) if doubts.misfit else np.outer(step, step)
+            if doubts.misfit:  # images that do not fit each other do not tell the step, either
+                covering = (self._trusted or self)._covering(stamp_ns, world_from_cam)
+            else:
+                step = se3.log(se3.inverse(self.predict(stamp_ns)[0]) @ world_from_cam)
+                covering = np.outer(step, step)
             self._leave(world_from_cam, covering)
         if doubts.unconfirmed and self._covered is not None:
             self._leave(*self._covered)

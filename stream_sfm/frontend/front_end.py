@@ -175,8 +175,8 @@ class StereoFrontEnd:
         z_px = np.concatenate([followed.z_px, z_new])
         cov_px = np.concatenate([followed.cov_px, cov_new])
         note, state = self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px)
-        note = note or state.ghosts.problem or state.smears.problem
-        note = note or state.still.problem or state.echo.problem or state.fields.problem
+        checks = state.ghosts, state.smears, state.still, state.echo, state.fields
+        note = note or next(filter(None, (check.problem for check in checks)), "")
         state, observed = self._observed(state, stamp_ns, z_px, cov_px, note)
         return state, replace(
             observed,

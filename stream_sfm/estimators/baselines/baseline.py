@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ...config import Config
 from ...geometry import se3
+from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection
 from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
@@ -60,7 +61,8 @@ class Baseline(ABC):
         """Find the motion since the previous camera from points (n, 3) there; see `initial_motion`."""
         predicted, _ = self._motion.predict(obs.stamp_ns)
         start, robust = se3.inverse(predicted) @ world_from_previous, self._config.robust
-        found = initial_motion(self._projection, robust, obs, rows, points, cov, start)
+        views = PointViews(self._projection, points, cov, obs.z_px[rows], obs.cov_px[rows], robust)
+        found = initial_motion(views, obs, start)
         if found is None:
             raise LostError(too_few_inliers(0, len(rows), robust))
         return found

@@ -25,13 +25,12 @@ class FocusWatch:
     """What frames show of their focal lengths, as shares of it.
 
     `spread`: mean square of what calm frames show, in σ of that, over the last of `frames`, and `waiting`: those of the
-    latest. `moves`: whether it changes, and `shown`: what each frame since it began has shown of it, with its variance.
+    latest. `shown`: while it changes, what each of the latest frames has shown of it, with its variance.
     """
 
     rules: RigConfig
     spread: float = 1.0
     frames: int = 0
-    moves: bool = False
     shown: tuple[tuple[float, float], ...] = ()
     waiting: tuple[float, ...] = ()
 
@@ -41,9 +40,14 @@ class FocusWatch:
         return cls(rules, frames=rules.calm_frames)
 
     @property
+    def moves(self) -> bool:
+        """Whether the focal length changes."""
+        return bool(self.shown)
+
+    @property
     def has_begun(self) -> bool:
         """Whether the latest frame is the first that shows it."""
-        return self.moves and len(self.shown) == 1
+        return len(self.shown) == 1
 
     def judge(self, views: PointViews, weights: Array, found: Resection) -> tuple["FocusWatch", Resection]:
         """Return the watch after a frame, and its motion, with a focal length of its own where that changes.
@@ -68,7 +72,7 @@ class FocusWatch:
         square = shown[0] ** 2 / shown[1]
         # the first frame after a start shows as well what the calibration has wrong
         if self.waiting and square > self.rules.refocused**2 * max(self.spread, 1.0):
-            return changed(self, moves=True, shown=(shown,), waiting=()), own
+            return changed(self, shown=(shown,), waiting=()), own
         return self._learnt(square), found
 
     def _learnt(self, square: float) -> "FocusWatch":
@@ -99,4 +103,4 @@ class FocusWatch:
 
     def calm(self) -> "FocusWatch":
         """Return the watch of a focal length that rests."""
-        return changed(self, moves=False, shown=())
+        return changed(self, shown=())

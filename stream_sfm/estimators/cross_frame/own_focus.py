@@ -10,7 +10,6 @@ from ...record import changed
 from ...rig_model.terms import FOCAL, TERMS
 from .inverse_depth import WhitenedViews
 from .map import Map
-from .rig_knowledge import RigKnowledge
 
 _AT = TERMS.index(FOCAL)
 
@@ -46,9 +45,7 @@ def place_focus(current: Map) -> None:
     moves, which hardly anything else tells then, by several σ.
     """
     if current.focus.moves:
-        own = current.views.own.copy()
-        own[current.newest, :, :1] = _columns(current, current.views[current.newest])
-        current.views = changed(current.views, own=own)
+        _place(current, current.newest)
 
 
 def end_refocusing(current: Map) -> None:
@@ -56,7 +53,7 @@ def end_refocusing(current: Map) -> None:
     rests_at = current.focus.rests_at
     if rests_at is not None:
         current.focus = current.focus.calm()
-        current.change_rig(lambda rig: RigKnowledge.refocused(rig, rests_at))
+        current.change_rig(lambda rig: rig.refocused(rests_at))
 
 
 def _columns(current: Map, views: WhitenedViews) -> Array:
@@ -76,6 +73,11 @@ def _begin(current: Map) -> None:
             current.first_views = changed(first, own=np.insert(first.own, 0, 0.0, axis=2))
             current.prior = current.prior.with_own_of_first(6, 1)
             current.amplitudes = np.insert(current.amplitudes, 6, 0.0)
+    _place(current, slice(None))
+
+
+def _place(current: Map, rows: slice) -> None:
+    """Take what the focal length does to some of the window's views as their terms have it."""
     own = current.views.own.copy()
-    own[..., :1] = _columns(current, current.views)
+    own[rows, :, :1] = _columns(current, current.views[rows])
     current.views = changed(current.views, own=own)

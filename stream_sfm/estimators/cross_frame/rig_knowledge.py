@@ -120,7 +120,7 @@ class RigKnowledge:
 
         `agreement`: of the run's parts.
         """
-        spread = 1.0 if agreement is None else float(agreement.spread[TERMS.index(FOCAL) :].max())
+        spread = 1.0 if agreement is None else float(agreement.spread[_FOCAL:].max())
         found = mixture(mean, cov, self.size, self.rules, not self.steady, spread)
         knowledge = changed(self, held=found.mean, cov_held=found.cov)
         return knowledge, Mixture(found.mean, found.cov * np.outer(self.growth, self.growth), found.p_wrong)
@@ -170,18 +170,18 @@ class RigKnowledge:
 
         The other errors are what they were, and their sizes go on being learnt.
         """
-        root, by, std = (
-            np.zeros((len(self), 1)),
-            *np.array([share, self.rules.std_refocused]) / self.rules.std_focal,
-        )
-        root[_FOCAL] = std
+        focal, unit = np.eye(len(self))[_FOCAL], self.rules.std_focal
+        by, root = share / unit * focal, self.rules.std_refocused / unit * focal[:, None]
         after, kept, apart = self.changed(root)
-        mean, held, cov_held, size = after.mean.copy(), after.held.copy(), after.cov_held.copy(), after.size.copy()
-        mean[_FOCAL] += by
-        held[_FOCAL] += by
-        cov_held[_FOCAL, _FOCAL] += std**2
-        size[_FOCAL] = np.hypot(size[_FOCAL], std)
-        after = changed(after, mean=mean, held=held, cov_held=cov_held, size=size, steady=self.steady, zooms=True)
+        after = changed(
+            after,
+            mean=after.mean + by,
+            held=after.held + by,
+            cov_held=after.cov_held + root @ root.T,
+            size=np.hypot(after.size, root[:, 0]),
+            steady=self.steady,
+            zooms=True,
+        )
         return after, kept, apart
 
     def with_field(self, n: int) -> "RigKnowledge":

@@ -217,23 +217,13 @@ class CrossFrame(TakesSamples):
         views, unknown_px = expect(current, frame, views, rows, points, start, self._std_acceleration)
         corrected = _corrected(observations, views, current.rig_error)
         weights = self.config.window.no_history + current.frames_agreed(views.ids[rows]).astype(float)
-        found = initial_motion(
-            self.projection,
-            robust,
-            corrected,
-            rows,
-            points,
-            cov,
-            start,
-            weights,
-            unknown_px,
-        )
+        z_px, cov_px = corrected.z_px[rows], corrected.cov_px[rows]
+        seen = PointViews(self.projection, points, cov, z_px, cov_px, robust, unknown_px)
+        found = initial_motion(seen, observations, start, weights)
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} or more of the {len(rows)} tracked points")
         if unknown_px is not None:
-            seen = corrected.z_px[rows], corrected.cov_px[rows], robust, unknown_px
-            seen_again = PointViews(self.projection, points, cov, *seen)
-            found, views = judge_focus(current, views, rows, seen_again, weights, found)
+            found, views = judge_focus(current, views, rows, seen, weights, found)
         return found, views.ids[rows[~found.accepted]], views, corrected.z_px
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
