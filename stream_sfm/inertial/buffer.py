@@ -1,4 +1,4 @@
-"""The latest samples of an inertial unit: checked as they come, and handed out by intervals.
+"""The latest samples of an inertial unit, which are checked on arrival and returned by intervals.
 
 Impossible samples are dropped or widened, and counted, so that the estimate relies less on them. Nothing waits for
 samples.

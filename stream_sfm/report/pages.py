@@ -99,7 +99,7 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
 
 
 class SpanCell(NamedTuple):
-    """The error of a method over a span, and what is said below it: ratio, and factor of σ."""
+    """The error of a method over a span; `below` it are the ratio and the factor of σ."""
 
     error: str
     below: list[str]

@@ -102,7 +102,7 @@ class RunRecord:
             self._corrected_from = (estimate.frame_index, estimate.rig)
 
     def inertial(self) -> dict[str, Any] | None:
-        """What the inertial samples have told by the end of the run; None without any."""
+        """Return what the run has learnt about its inertial unit; None without samples."""
         if self._inertial is None or self.upright is None:
             return None
         counts = {"frames": self._inertial_frames, "dead_reckoned": self._dead_reckoned}

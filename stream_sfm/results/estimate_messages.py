@@ -37,7 +37,7 @@ class RosMessages:
     """Makes the messages of a run's estimates, given in order: for `estimates.mcap`, or for a node that publishes them.
 
     `topics`: the types of the messages by topic. Messages have the fields that ROS 2 gives them. `map_from_world`:
-    where a map of places has the world of the estimates by now (4, 4); what is said in the world frame follows it, or,
+    where a map of places has the world of the estimates by now (4, 4); messages in the world frame follow it, or,
     with `ros.gravity`, the direction upwards as it is known by now.
     """
 

@@ -46,7 +46,7 @@ class Agreement(NamedTuple):
 
 @record
 class Parts:
-    """Ends of parts of a run, `every` so many frames, which grows with the run; and of the latest frame.
+    """The ends of parts of a run, one each `every` frames, and of the latest frame. Parts grow with the run.
 
     `whole`: of all frames so far, in the parts or not.
     """

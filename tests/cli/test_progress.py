@@ -1,4 +1,4 @@
-"""What is left is told by the pace of the second half, whatever the beginning was like."""
+"""The time left is predicted from the pace of the second half, whatever the beginning was like."""
 
 import pytest
 

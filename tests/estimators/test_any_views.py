@@ -1,4 +1,4 @@
-"""Whatever the views and what is said about them: the window answers each frame with finite numbers, or it is lost."""
+"""The window answers each frame with finite numbers, or is lost, whatever the views and their covariances are."""
 
 from dataclasses import replace
 

@@ -62,7 +62,7 @@ MAX_MIB = 768  # of a process, which takes 80 with OpenCV; a message of 100 MiB 
 
 
 def read(path: Path) -> tuple[int, str]:
-    """The number of pairs of a recording of which something was lost, and what is said of it."""
+    """The number of pairs that a damaged recording still has, and the notes about the damage."""
     log = sfm.open_log(path)
     count = len(list(log.pairs()))
     assert not log.stats.complete

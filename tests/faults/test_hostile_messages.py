@@ -43,7 +43,7 @@ def raw(**changed: Any) -> dict[str, Any]:
     return {"format": None} | fields | {"data": base64.b64encode(fields["data"]).decode()}
 
 
-# what one left image is replaced by: the fields that differ, or the whole text; and what is said of it
+# what replaces one left image: the fields that differ, or the whole text; and the note about it
 IMAGES: dict[str, tuple[dict[str, Any] | str, str]] = {
     "infinite stamp": (stamp(INFINITY), "cannot convert float infinity"),
     "stamp that is no number": (stamp(float("nan")), "cannot convert float NaN"),

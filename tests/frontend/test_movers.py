@@ -1,4 +1,4 @@
-"""A textured body passes close by before a wall: whose motion is followed, and what is said when the wall is hidden."""
+"""A textured body passes close by before a wall: whose motion is followed, and the status while the wall is hidden."""
 
 import numpy as np
 import pytest
