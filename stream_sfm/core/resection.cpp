@@ -10,7 +10,7 @@ namespace {
 
 // A body nearby and a background far away may agree with one motion, each view within its noise, all together not at all. Halves
 // of the views tell: near and far, left and right, upper and lower ones give the same motion in a scene that stands still.
-enum : std::size_t { LEAST = 4 * MIN_VIEWS };  // views; fewer do not make two halves
+enum : std::size_t { LEAST = 16 };  // views; fewer do not make two halves
 
 class Resection {
    public:

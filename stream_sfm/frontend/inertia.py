@@ -21,6 +21,8 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
     """
     if not motion.ok or not step.jumps(motion.cam_from_ref, step.usual_change(state.unsteadiness)):
         return motion
+    if motion.second is not None and motion.second.in_front:  # what was followed is a body then
+        return motion
     views, old = seen.point_views, seen.before.agreed > 0
     fewest = views.settings.second_views
     near = refine(views, seen.weights, step.predicted, np.zeros(views.shared.shape[2]))
