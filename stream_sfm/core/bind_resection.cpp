@@ -14,7 +14,7 @@ votes, amplitudes (j,) of shared errors and their covariance (j, j).)");
     describe_taken<ResectionRules>(m, R"(The settings of a resection, as in `RobustConfig`.)");
     describe_taken<TurnRules>(m, R"(The σ of a knock about each axis, and the most steps of reweighting.)");
     describe_taken<Wanted>(m, R"(Whether a second motion is looked for; whether most views agree with the start already, and whether it has been
-decided that no other motion than that is looked for.)");
+decided that no other motion than that is looked for; whether all motions are searched in any case.)");
     def<&fit_motion>(m, "fit_motion", R"(Return the motion of the views that agree with one near it, eqs. (22) and (23).
 
 Start: motion (4, 4) and amplitudes (j,). `anneal`: with Cauchy weights first. `votes` (n,): how much each view

@@ -29,7 +29,7 @@ class Resection {
             if (found.ok && (wanted.start_is_decided || nearly_all_agree(found))) return found;
         }
         Fitted found = fit(start, amplitudes, true);
-        if (found.share >= rules.calm_share) return found;
+        if (found.share >= rules.calm_share && !wanted.search) return found;
         // no annealing: among many views that move together even small weights would lead away from what is found
         Array<double, 2> searched = search_motion(views, start, votes, rules, 0);
         Fitted other = fit(searched, amplitudes, false);
@@ -195,7 +195,7 @@ FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, Ve
     std::vector<std::size_t> rows = rows_where(n, [&](std::size_t i) { return found.data[i]; });
     if (rows.size() < MIN_VIEWS) return result;
     SelectedViews seen({pinholes, tracks.points, cov_points, z, cov, none, gates}, rows);
-    Fitted motion = resect(seen.views(), start, rows_of(votes, rows), rules, {false, false, false}, std::nullopt).found;
+    Fitted motion = resect(seen.views(), start, rows_of(votes, rows), rules, {false, false, false, false}, std::nullopt).found;
     for (std::size_t k = 0; k < rows.size(); k++) result.agree.data[rows[k]] = motion.accepted.data[k];
     result.ok = motion.ok;
     result.cam_from_previous = std::move(motion.cam_from_ref);

@@ -47,8 +47,8 @@ double evidence(const Pinholes& pinholes, Matrix z, Vector weights, const Resect
 
 // resection.cpp
 struct Wanted {
-    bool second, start_is_close, start_is_decided;
-    RECORD(Wanted, second, start_is_close, start_is_decided)
+    bool second, start_is_close, start_is_decided, search;
+    RECORD(Wanted, second, start_is_close, start_is_decided, search)
 };
 struct Second {
     Array<double, 2> cam_from_ref, cov_pose;

@@ -109,15 +109,16 @@ def may_be_scene(rules: Rules, tracks: Tracks, accepted: NDArray[np.bool_], fill
     return rest & (depth_order(tracks, followed, rules.start) >= 0)
 
 
-def is_behind(setup: Setup, some: Tracks, others: Tracks) -> bool:
-    """Whether others lie before their neighbours among some points, where depths differ.
+def is_behind(setup: Setup, some: Tracks, others: Tracks, fewest: int | None = None) -> bool:
+    """Whether others lie before their neighbours among some points, where depths differ; so many of them at least.
 
     What moves by itself is asked, because all around it is the scene. (A floor before the camera lies before the
     nearest points of a body, too, which are far from it in the image.)
     """
     rules, order = setup.rules.start, depth_order(others, some, setup.rules.start)
     before, behind = ((order == k).sum() for k in (-1, 1))
-    return bool(before >= setup.config.robust.second_views and before > rules.behind * (before + behind))
+    fewest = setup.config.robust.second_views if fewest is None else fewest
+    return bool(before >= fewest and before > rules.behind * (before + behind))
 
 
 def depth_order(some: Tracks, others: Tracks, rules: StartRules) -> NDArray[np.int64]:

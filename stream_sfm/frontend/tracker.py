@@ -16,6 +16,7 @@ from .first_timing import first_timed
 from .hidden_background import is_background_hidden
 from .inertia import steadier, without_newcomer
 from .inertial_choice import nearer
+from .nearest_apart import of_rest
 from .prepared import PreparedImages
 from .repetition import smaller_of_alike
 from .rough_motion import RoughMotion, find_rough_motion
@@ -32,6 +33,7 @@ OF_FLOW: tuple[Callable[[Step, FrontEndState, RoughMotion], RoughMotion], ...] =
 )
 OF_MOTION: tuple[Callable[[Step, FrontEndState, Seen, Resection], Resection], ...] = (
     decided,  # at the start of a map, again by all views
+    of_rest,  # at the start of a map, not the motion of the nearest points that far ones agree with
     steadier,  # the motion that goes on as before, not one that jumps
     without_newcomer,  # a body that comes into view is not in question
     uncovered,  # a scene that comes into view behind all that was followed is in question, however small it is

@@ -22,11 +22,12 @@ MANY_VIEWS = 2 * MIN_VIEWS  # fewer agree by chance
 
 
 class Wanted(NamedTuple):
-    """Whether a `second` motion is looked for, and what is known of the start."""
+    """Whether a `second` motion is looked for, what is known of the start, and whether to `search` in any case."""
 
     second: bool
     start_is_close: bool
     start_is_decided: bool
+    search: bool
 
 
 @record
@@ -87,6 +88,7 @@ def resect(
     find_second: bool = True,
     start_is_close: bool = False,
     start_is_decided: bool = False,
+    search: bool = False,
 ) -> Resection:
     """Find the motion `cam_from_ref` that brings points onto their views (n), eqs. (20)–(23), from a start (4, 4).
 
@@ -96,14 +98,15 @@ def resect(
     theirs, each view within its noise, halves of the views disagree, and the motion is sought again. `find_second`:
     whether a second motion is looked for. `start_is_close`: the start is already a motion that most of the views agree
     on, the best of any; where nearly all of them do, neither another start nor annealing is needed.
-    `start_is_decided`: no motion of other views is looked for.
+    `start_is_decided`: no motion of other views is looked for. `search`: the whole space of motions is searched, however
+    many views agree with what the start leads to.
     """
     n, settings = len(views), views.settings
     if n < MIN_VIEWS:
         unknown = np.full((6, 6), np.inf)
         return Resection(cam_from_ref_start, unknown, np.zeros(n, bool), 0.0, 0, 1.0, False, np.full(n, np.inf))
     weights = np.ones(n) if weights is None else weights
-    wanted = Wanted(find_second, start_is_close, start_is_decided)
+    wanted = Wanted(find_second, start_is_close, start_is_decided, search)
     found, second = core.resect(views, cam_from_ref_start, weights, settings, wanted, predicted)
     other = None if second is None else filled(SecondMotion, second)
     return filled(Resection, found, second=other, ambiguous_share=settings.ambiguous_share)

@@ -164,7 +164,7 @@ CALLS = {
     "fit_motion": (OF_VIEWS, np.eye(4), np.zeros(2), np.ones(N), RULES, True),
     "project_points": (PINHOLES, POINTS),
     "seen_points": (PINHOLES, VIEWS),
-    "resect": (OF_VIEWS, np.eye(4), np.ones(N), RULES, Wanted(True, False, False), np.eye(4)),
+    "resect": (OF_VIEWS, np.eye(4), np.ones(N), RULES, Wanted(True, False, False, False), np.eye(4)),
     "motion_of_flow": (PINHOLES, TRACKS, np.ones(N), STARTS, np.ones(N, bool), np.eye(4), 0.5, 9.0, RULES),
     "fit_turn": (but(OF_VIEWS, shared=SHARED[..., :0]), np.eye(4), np.eye(3), Record(std_rad=0.1, steps=12)),
     "rig_effects": (PINHOLES, np.eye(20), GRID, VIEWS, np.ones(N)),

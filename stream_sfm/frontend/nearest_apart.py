@@ -1,0 +1,49 @@
+"""At the start of a map, whether the nearest points that agree with a motion move by themselves.
+
+Far points agree with any translation that a rotation makes up for. So a body before the camera leads all that is far
+away along while nothing has a history, and only the few points in between contradict, too few to be a second motion.
+"""
+
+import numpy as np
+
+from ..geometry.medians import median
+from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine, resect
+from ..record import changed
+from .depth_order import is_behind
+from .seen import Seen
+from .state import FrontEndState
+from .step import Step
+
+
+def of_rest(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
+    """Return the motion of all but the nearest points, where it explains them clearly better and lies behind these.
+
+    It is sought by the far half of what agrees and by what does not, and may not cost more than errors that the views
+    share would make up for.
+    """
+    if state.start.is_over or not motion.ok or (motion.second is not None and motion.second.in_front):
+        return motion
+    views, rho = seen.point_views, seen.before.points[:, 3]
+    rest = ~(motion.accepted & (rho >= median(rho[motion.accepted])))
+    if np.count_nonzero(rest) < MANY_VIEWS:
+        return motion
+    alone = resect(views.select(rest), motion.cam_from_ref, seen.weights[rest], find_second=False, search=True)
+    other = refine(views, seen.weights, alone.cam_from_ref, alone.amplitudes)
+    if not alone.ok or not other.ok:
+        return motion
+    limit = views.settings.beyond_gates * views.gate
+    only_first = motion.accepted & (other.squared_residuals > limit)
+    only_other = other.accepted & (motion.squared_residuals > limit)
+    tracks, clear = seen.before, step.setup.rules.start.clear_views * float(limit.max())
+    if _gain(motion, other, limit) < clear:
+        return motion
+    if not is_behind(step.setup, tracks.keep(only_other), tracks.keep(only_first), fewest=MIN_VIEWS):
+        return motion
+    return changed(other, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_first, 0.0, in_front=True))
+
+
+def _gain(motion: Resection, other: Resection, limit: np.ndarray) -> float:
+    """By how much another motion explains its views and the errors of all better, by squared residuals up to a limit."""
+    views = np.minimum(motion.squared_residuals, limit) - other.squared_residuals
+    shared = motion.amplitudes @ motion.amplitudes - other.amplitudes @ other.amplitudes
+    return float(views[other.accepted].sum() + shared)
