@@ -8,6 +8,7 @@ from ..geometry.se3 import Array
 from ..record import changed, record, rows_of
 from .alignment import learn_noise
 from .depth_order import may_be_scene
+from .nearest_apart import contradict_far
 from .inertial_choice import is_camera
 from .mono.parallax import update_by_parallax
 from .pair_check import Found
@@ -64,7 +65,7 @@ def advance(
         cam_from_start=cam_from_start,
         velocity=se3.log(motion.cam_from_ref) / step.dt_s if step.dt_s > 0 else np.zeros(6),
         ambiguity=ambiguity,
-        start=_start(step, state, seen.before, motion, in_question),
+        start=_start(step, state, seen, motion, in_question),
     )
     found = Found(seen.before, seen.found_px, seen.views.cov_px, motion)
     return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, other, settled)
@@ -88,7 +89,7 @@ def _placed(
     return tracks.updated(projection, cam_from_previous, z_px, state.with_turn(z_px, cov_px), forgetting)
 
 
-def _start(step: Step, state: FrontEndState, before: Tracks, motion: Resection, in_question: bool) -> StartCheck:
+def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, in_question: bool) -> StartCheck:
     """The check of the start after a frame; where two motions are `in_question` that is said already."""
     start = state.start.settled() if is_camera(step, motion) else state.start
     if in_question or start.is_over:
@@ -96,8 +97,9 @@ def _start(step: Step, state: FrontEndState, before: Tracks, motion: Resection, 
     start = start.begun_with(float(motion.accepted.mean()))
     counts = motion.accepted
     if motion.second is None or not motion.second.in_front:
-        counts = counts | may_be_scene(step.setup.rules, before, motion.accepted, start.fills_view)
-    return start.after(before.ids[counts], motion.accepted[counts])
+        others = may_be_scene(step.setup.rules, seen.before, motion.accepted, start.fills_view)
+        counts = counts | (others & ~contradict_far(step.setup.rules.start, seen, motion, others))
+    return start.after(seen.before.ids[counts], motion.accepted[counts])
 
 
 def _unsteadiness(step: Step, state: FrontEndState, cam_from_previous: Array) -> Unsteadiness | None:

@@ -5,9 +5,12 @@ away along while nothing has a history, and only the few points in between contr
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
+from .. import core
 from ..geometry.medians import median
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine, resect
+from ..config.rules import StartRules
 from ..record import changed
 from .depth_order import is_behind
 from .seen import Seen
@@ -47,3 +50,29 @@ def _gain(motion: Resection, other: Resection, limit: np.ndarray) -> float:
     views = np.minimum(motion.squared_residuals, limit) - other.squared_residuals
     shared = motion.amplitudes @ motion.amplitudes - other.amplitudes @ other.amplitudes
     return float(views[other.accepted].sum() + shared)
+
+
+def contradict_far(rules: StartRules, seen: Seen, motion: Resection, others: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which of `others` (n,), that may be of a scene, contradict what lies behind them and agrees with a motion.
+
+    Were the motion that of a body before the scene, what agrees with it farther away than these others would be of the
+    scene as well, and leave open the scene's motion. By what they leave open, the others are judged.
+    """
+    views, rho, none = seen.point_views, seen.before.points[:, 3], np.zeros(len(others), bool)
+    if not others.any():
+        return none
+    far = motion.accepted & (rules.deeper * rho < median(rho[others]))
+    if np.count_nonzero(far) < MANY_VIEWS:
+        return none
+    by_far = refine(views.select(far), seen.weights[far], motion.cam_from_ref, motion.amplitudes)
+    if not by_far.ok:
+        return none
+    rows = views.select(others)
+    root, jacobian = rows.linearise(by_far.cam_from_ref)
+    residuals = core.view_residuals(rows, root, by_far.amplitudes, by_far.cam_from_ref[None])[0][0]
+    cov = np.zeros((jacobian.shape[2],) * 2)
+    cov[:6, :6], cov[6:, 6:] = by_far.cov_pose, by_far.cov_amplitudes
+    cov_residuals = np.eye(4) + jacobian @ cov @ np.swapaxes(jacobian, 1, 2)
+    squared = np.einsum("ni,ni->n", residuals, np.linalg.solve(cov_residuals, residuals[:, :, None])[:, :, 0])
+    none[others] = squared > views.settings.beyond_gates * rows.gate
+    return none
