@@ -357,6 +357,14 @@ class DenseConfig(Section, frozen=True, kw_only=True):
     smoothing_px: Annotated[float, expert("σ of the Gaussian before the sub-pixel step, pixels", 0, 5)] = 1.0
     # Chosen by hand: a larger window averages more noise, but rounds off the edges of objects.
     window_radius_px: Annotated[int, expert("half width of the window of the sub-pixel step, pixels", 2, 30)] = 6
+    # Enough for the range of disparities, at a fraction of the cost.
+    search_width_px: Annotated[
+        int, expert("width of the small copy in which the range is sought, about, px", 32, 10_000)
+    ] = 320
+    # Rounding, which smoothing hides.
+    least_noise_grey: Annotated[float, expert("least σ of a grey value", 1e-3, 255)] = 1.0
+    # A pixel beside a depth edge must have texture of its own.
+    own_px: Annotated[int, expert("edge of the window in which it must, pixels", 1, 31)] = 5
     # A uniform error of half a pixel has a σ of 0.29.
     std_start_px: Annotated[float, expert("σ of the disparity that the sub-pixel step starts from", 1e-3, 1000)] = (
         0.3
@@ -376,6 +384,16 @@ class DenseConfig(Section, frozen=True, kw_only=True):
     max_voxels: Annotated[
         int, expert("most voxels; beyond that number they are made larger", 10_000, 100_000_000)
     ] = 4_000_000
+    # The truncation distance of a fused surface.
+    reach_voxels: Annotated[
+        int, expert("voxels on either side of a surface in which its distance is kept", 1, 16)
+    ] = 2
+    # Finer ones would not all be hit.
+    voxel_footprints: Annotated[
+        float, expert("edge of an automatic voxel, pixels at the median depth", 0.1, 1000)
+    ] = 2.0
+    # Distances with a larger σ would be truncated by the reach, and so be biased.
+    max_std_voxels: Annotated[float, expert("largest σ of a distance, voxels", 0.01, 1000)] = 3.0
     # Mismatches rarely agree in three frames.
     min_frames: Annotated[int, expert("least number of frames that see a point of a fused surface", 1, 10_000)] = 3
 
