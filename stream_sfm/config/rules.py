@@ -291,6 +291,7 @@ class GhostRules(Section, frozen=True, kw_only=True):
     fewest: Annotated[int, expert("least patches of a frame that says anything", 1, 2000)] = 5
     # What rounding leaves in smoothed images.
     noise_grey: Annotated[float, expert("least σ of what is left of a patch", 0.1, 1000)] = 1.0
+    least_square: Annotated[float, expert("least square of a change of a patch", 1e-12, 1e6)] = 1e-3
     remembered: Annotated[int, expert("frames that are judged together", 1, 10_000)] = 40
     # Without new evidence, which there is none of while the camera stands or moves steadily.
     lasting_frames: Annotated[int, expert("frames that a suspicion lasts", 1, 10_000)] = 100
