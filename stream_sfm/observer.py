@@ -52,8 +52,11 @@ class Observer:
         else:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self.state: FrontEndState = self._frontend.start
-        self._smoothing_px, self._image_rules = config.frontend.smoothing_px, config.rules.images
-        self._made_by = f"{self.rectifier.fingerprint} {self._smoothing_px} {self._image_rules}"
+        self._smoothing_px, self._rules = config.frontend.smoothing_px, config.rules
+        rules = self._rules
+        self._made_by = (
+            f"{self.rectifier.fingerprint} {self._smoothing_px} {rules.images} {rules.still} {rules.echo}"
+        )
         self.physical = PhysicalEstimates(self.rectifier, self._frontend, config.rig, self.rig.unscaled)
         imu = self.rig.imu if isinstance(self.rig, StereoRig) and config.imu.enabled else None
         self._imu = None if imu is None else imu.mounted_in(self.rectifier.rect_from_cam[:3, :3])
@@ -75,11 +78,14 @@ class Observer:
         done = self._smoothing_px, frame.stamp_ns, bits, self._made_by
         prepared = PreparedImages.of(rectified[0], rectified[-1], *done)
         if len(sides) > 1:
-            left, right = map(Lines.of, sides, (camera.mask for camera in self.rig.cameras.values()))
+            rules, masks = self._rules, [camera.mask for camera in self.rig.cameras.values()]
+            left, right = (Lines.of(side, rules.still, mask) for side, mask in zip(sides, masks, strict=True))
             prepared = replace(
-                prepared, one_image=are_one_image(sides[0], sides[1], self._image_rules), lines=(left, right)
+                prepared,
+                one_image=are_one_image(sides[0], sides[1], rules.images),
+                lines=(left, right),
+                middles=(middle(sides[0], rules.echo), middle(sides[1], rules.echo)),
             )
-            prepared = replace(prepared, middles=(middle(sides[0]), middle(sides[1])))
         if frame_index is not None:
             self._frontend.prepare(prepared, frame_index)
         return prepared

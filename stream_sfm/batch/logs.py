@@ -8,7 +8,7 @@ from itertools import dropwhile
 from pathlib import Path
 
 from ..errors import ConfigError, LogError
-from ..sources.recognise import SUPPORTED, is_recording
+from ..sources.recognise import is_recording, supported
 
 _TRUTHS = (".txt", ".tum", ".csv")
 _RESULT = "estimates.mcap"  # written by a replay: a log, but not a stereo log
@@ -33,7 +33,7 @@ def find_logs(arguments: Sequence[str], skipped: list[str] | None = None) -> dic
                 continue
             below = list(_logs_below(path, skipped))
             if not below:
-                raise LogError(f"the folder {path} holds no log ({SUPPORTED})")
+                raise LogError(f"the folder {path} holds no log ({supported()})")
             for log in below:
                 found.setdefault(log, len(log.relative_to(path).parts))
     return found

@@ -265,6 +265,10 @@ class MonoRules(Section, frozen=True, kw_only=True):
     min_followed: Annotated[float, expert("and least share of those of the opening frame", 0, 1)] = 0.5
     # One good ray in 2 000 is lost.
     gate_sigmas: Annotated[float, expert("σ that a ray may be off its epipolar line", 0.1, 1000)] = 3.5
+    # OpenCV's default is 0.999.
+    ransac_confidence: Annotated[
+        float, expert("probability that one draw of RANSAC has no outliers", 0.5, 0.999999)
+    ] = 0.9999
     # The usual width is 1.3, but RANSAC has taken the outliers out already.
     huber_sigmas: Annotated[float, expert("width of Huber's loss, σ", 0.1, 1000)] = 2.0
     # A map begins when these hold; with stricter limits it begins later, with looser ones its first depths are worse.
@@ -289,6 +293,7 @@ class GhostRules(Section, frozen=True, kw_only=True):
     fewest: Annotated[int, expert("least patches of a frame that says anything", 1, 2000)] = 5
     # What rounding leaves in smoothed images.
     noise_grey: Annotated[float, expert("least σ of what is left of a patch", 0.1, 1000)] = 1.0
+    least_square: Annotated[float, expert("least square of a change of a patch", 1e-12, 1e6)] = 1e-3
     remembered: Annotated[int, expert("frames that are judged together", 1, 10_000)] = 40
     # Without new evidence, which there is none of while the camera stands or moves steadily.
     lasting_frames: Annotated[int, expert("frames that a suspicion lasts", 1, 10_000)] = 100
@@ -331,6 +336,8 @@ class SmearRules(Section, frozen=True, kw_only=True):
 class StillRules(Section, frozen=True, kw_only=True):
     """Whether something is drawn over both images."""
 
+    # Of every row and column it would take eight times as long, and edges are longer than that.
+    spacing_px: Annotated[int, expert("spacing of the rows and columns that are looked at, px", 1, 1000)] = 8
     # Well above noise.
     edge_grey: Annotated[int, expert("difference of grey values two pixels apart at an edge", 1, 255)] = 16
     # Of another encoding of the same pixels.
@@ -356,6 +363,14 @@ class FieldRules(Section, frozen=True, kw_only=True):
     combed: Annotated[float, expert("least excess of odd differences, share of that of two rows apart", 0, 100)] = (
         0.06
     )
+    stride: Annotated[int, expert("lines from one that is looked at to the next", 1, 1000)] = 2
+    bands: Annotated[int, expert("bands of rows that are judged apart", 3, 1000)] = 10
+    # A line that is drawn across the image is in one or two.
+    bands_left_out: Annotated[int, expert("bands with the largest excess, which do not count", 1, 2)] = 2
+    # Images without texture have less.
+    least_grey2: Annotated[
+        float, expert("least difference of two rows that counts, grey values squared", 1e-3, 1e6)
+    ] = 1.0
     # Each costs a fifth of a millisecond.
     every: Annotated[int, expert("frames from one that is looked at to the next", 1, 10_000)] = 4
     # What stands is not combed.
@@ -365,6 +380,8 @@ class FieldRules(Section, frozen=True, kw_only=True):
 class EchoRules(Section, frozen=True, kw_only=True):
     """Whether both images show everything twice."""
 
+    # More of the image costs more, and shows no more.
+    middle_px: Annotated[int, expert("side of the middle that is looked at, at most, px", 8, 4096)] = 256
     # Nearer copies cannot be told from blur and from how texture is sampled.
     least_px: Annotated[float, expert("least displacement of the copy, px", 0.1, 1000)] = 5.5
     largest_px: Annotated[int, expert("largest displacement across and down, px", 4, 64)] = 48
@@ -389,6 +406,7 @@ class ImageRules(Section, frozen=True, kw_only=True):
     # Left and right are one image where nearly all pixels with a slope differ by no more than another encoding of the
     # same pixel does. In a pair they do so only where nothing is nearer than a quarter of a pixel of disparity shows.
     slope_grey: Annotated[int, expert("difference of grey values two pixels apart that is a slope", 1, 255)] = 16
+    spacing_px: Annotated[int, expert("spacing of the rows that are compared, px", 1, 1000)] = 8
     same_grey: Annotated[int, expert("grey values that one pixel of both images may differ by", 0, 255)] = 2
     same_share: Annotated[float, expert("share of slopes that are the same in one image", 0, 1)] = 0.95
     fewest_slopes: Annotated[int, expert("slopes that it takes to say so", 1, 10**9)] = 100

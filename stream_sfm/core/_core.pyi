@@ -16,6 +16,11 @@ Pixels = NDArray[np.integer]
 Ids = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+CAUCHY_WIDTH: float
+MIN_DEPTH: float
+MIN_VIEWS: int
+PATCH_RADIUS_PX: int
+
 class PointRules(Protocol):
     # The settings of new points, as in `PointRules`.
     @property
@@ -575,7 +580,14 @@ def fit_turn(
 ) -> tuple[Array, Array, Mask, float, float]: ...
 def gates_of_views(z_px: Array, of_one_side: float, of_both: float) -> Array: ...
 def ghost_sums(
-    now: Image, last: Image, earlier: Image, now_px: Array, last_px: Array, earlier_px: Array, noise_grey: float
+    now: Image,
+    last: Image,
+    earlier: Image,
+    now_px: Array,
+    last_px: Array,
+    earlier_px: Array,
+    noise_grey: float,
+    least_square: float,
 ) -> Array: ...
 def inertial_motion(interval: Intervals, state: Array, cam_from_imu: Array) -> tuple[Array, Array]: ...
 def inertial_rows(
@@ -632,7 +644,7 @@ def new_corners(
 ) -> Ids: ...
 def normal_blocks(pinholes: Pinholes, state: WindowState, views: WindowViews, with_rig: bool) -> NormalBlocks: ...
 def orthonormalise(poses: Array) -> Array: ...
-def patch_changes(patches: Image) -> Grey: ...
+def patch_smears(before: Image, after: Image, along: Array, noise_grey: float, least_square: float) -> Array: ...
 def place_new_points(
     right_sides: RightSides,
     timing: Timing,

@@ -39,6 +39,7 @@ in grey values of the template, inf where it was not found; eq. (15).)",
 }  // namespace
 
 void bind_images(nb::module_& m) {
+    m.attr("PATCH_RADIUS_PX") = PATCH_RADIUS_PX;
     describe_taken<PointRules>(m, R"(The settings of new points, as in `PointRules`.)");
     describe_taken<TemplateRules>(m, R"(The settings of templates, as in `TemplateRules`.)");
     bind_images_of<std::uint8_t>(m);  // before bytes would be converted to floats
@@ -47,14 +48,14 @@ void bind_images(nb::module_& m) {
 
 Raises ValueError for a filter that does not exist.)",
         "filtered"_a, "pixel"_a);
-    def<&patch_changes>(m, "patch_changes", R"(What may change of patches (n, 13, 13) between two frames, of all but their rims: (n, 11, 121).
+    def<&patch_smears>(m, "patch_smears", R"(By how much variance patches are smeared beside earlier ones (n, 13, 13), px², and the variance of this: (n, 2).
 
-A constant, the patch, its slopes along x and y, these times x and times y, its second derivatives xx, yy and xy.)",
-        "patches"_a);
+`along` (n, 3): what the coefficients of the second derivatives xx, yy and xy count; see frontend/smear_check.py.)",
+        "before"_a, "after"_a, "along"_a, "noise_grey"_a, "least_square"_a);
     def<&ghost_sums>(m, "ghost_sums", R"(Sums (2, 5) over patches of how much of the last image is in today's, and of their squares, by two controls.
 
 Of points (n, 2) in today's image, in the last one and in an earlier one; see frontend/ghost_check.py.)",
-        pixels<std::uint8_t>("now"), pixels<std::uint8_t>("last"), pixels<std::uint8_t>("earlier"), "now_px"_a, "last_px"_a, "earlier_px"_a, "noise_grey"_a);
+        pixels<std::uint8_t>("now"), pixels<std::uint8_t>("last"), pixels<std::uint8_t>("earlier"), "now_px"_a, "last_px"_a, "earlier_px"_a, "noise_grey"_a, "least_square"_a);
     def<&drawn_edges>(m, "drawn_edges", R"(How many edges are in lines (k, n) of the left image, at how many it has changed since the last one, and how many
 are the same in that, in an earlier one and in the right image; −1 is a pixel that shows nothing.)",
         "left"_a, "last"_a, "earlier"_a, "right"_a, "edge_grey"_a, "same_grey"_a, "same_step_grey"_a);

@@ -1,16 +1,15 @@
-// How much of the last image is in one, over patches of the same points: see frontend/ghost_check.py. And what may change
-// of a patch.
+// How much of the last image is in one, over patches of the same points: see frontend/ghost_check.py; and by how much patches
+// are smeared: see frontend/smear_check.py.
 
 #include "images.hpp"
 
 namespace core {
 namespace {
 
-constexpr int RADIUS_PX = 5;  // of a patch
+constexpr int RADIUS_PX = PATCH_RADIUS_PX;
 constexpr int SIDE = 2 * RADIUS_PX + 1, WIDE = SIDE + 2, K = SIDE * SIDE;
-constexpr int CHANGES = 11;          // of a patch between two frames
+constexpr int CHANGES = 11, SECOND = 3;  // of a patch between two frames; the last of them are second derivatives
 constexpr int VIEWS = 5;             // of each point
-constexpr double LEAST_SQUARE = 1e-3;  // of a change of a patch, grey values squared
 constexpr double RIDGE = 1e-6;       // changes may depend on each other, as where a patch is one straight edge
 
 void centre(float* samples, int n) {
@@ -41,19 +40,24 @@ struct Explained {
     float changes[CHANGES][K];
     double gram[CHANGES * CHANGES], scale[CHANGES];
 
-    explicit Explained(float* wide) {
+    Explained(float* wide, double least_square) {
         put_changes(wide, changes[0]);
         for (int n = 0; n < CHANGES; n++)
             for (int m = 0; m <= n; m++) gram[n * CHANGES + m] = dot(changes[n], changes[m], K);
-        for (int n = 0; n < CHANGES; n++) scale[n] = 1 / std::sqrt(std::max(gram[n * CHANGES + n], LEAST_SQUARE));
+        for (int n = 0; n < CHANGES; n++) scale[n] = 1 / std::sqrt(std::max(gram[n * CHANGES + n], least_square));
         for (int n = 0; n < CHANGES; n++)
             for (int m = 0; m <= n; m++) gram[n * CHANGES + m] = gram[n * CHANGES + m] * scale[n] * scale[m] + (n == m ? RIDGE : 0.0);
         require(factor_positive(gram, CHANGES), "a patch is not finite");
     }
 
+    // What each change has in common with a view.
+    void put_parts(const float* view, double* parts) const {
+        for (int n = 0; n < CHANGES; n++) parts[n] = scale[n] * dot(changes[n], view, K);
+    }
+
     void take_out(float* view) const {
         double parts[CHANGES];
-        for (int n = 0; n < CHANGES; n++) parts[n] = scale[n] * dot(changes[n], view, K);
+        put_parts(view, parts);
         solve_factored(gram, parts, CHANGES);
         for (int n = 0; n < CHANGES; n++) {
             float part = static_cast<float>(scale[n] * parts[n]);
@@ -64,19 +68,37 @@ struct Explained {
 
 }  // namespace
 
-Array<float, 3> patch_changes(View<float, 3> patches) {
-    require_shape(patches, {patches.shape[0], WIDE, WIDE}, "patches");
-    Array<float, 3> changes(patches.shape[0], CHANGES, K);
-    float wide[WIDE * WIDE];
-    for (std::size_t i = 0; i < patches.shape[0]; i++) {
-        std::copy_n(patches[i], WIDE * WIDE, wide);
-        put_changes(wide, changes[i]);
+Array<double, 2> patch_smears(View<float, 3> before, View<float, 3> after, Matrix along, double noise_grey, double least_square) {
+    std::size_t n = before.shape[0];
+    for (const View<float, 3>& patches : {before, after}) require_shape(patches, {n, WIDE, WIDE}, "patches");
+    require_shape(along, {n, SECOND}, "along");
+    Array<double, 2> smears(n, 2);
+    float wide[WIDE * WIDE], seen[K];
+    for (std::size_t i = 0; i < n; i++) {
+        std::copy_n(before[i], WIDE * WIDE, wide);
+        Explained explained(wide, least_square);
+        for (int row = 0; row < SIDE; row++) std::copy_n(after[i] + (row + 1) * WIDE + 1, SIDE, seen + row * SIDE);
+        centre(seen, K);
+        double parts[CHANGES], counts[CHANGES] = {}, found[CHANGES], of_counts[CHANGES];
+        explained.put_parts(seen, parts);
+        for (int k = 0, first = CHANGES - SECOND; k < SECOND; k++) counts[first + k] = along[i][k] * explained.scale[first + k];
+        std::copy_n(parts, CHANGES, found);
+        std::copy_n(counts, CHANGES, of_counts);
+        solve_factored(explained.gram, found, CHANGES);
+        solve_factored(explained.gram, of_counts, CHANGES);
+        double left = dot(seen, seen, K), variance = 0;
+        for (int k = 0; k < CHANGES; k++) {
+            left -= parts[k] * found[k];
+            smears[i][0] += counts[k] * found[k];
+            variance += counts[k] * of_counts[k];
+        }
+        smears[i][1] = (left / (K - CHANGES) + noise_grey * noise_grey) * variance;
     }
-    return changes;
+    return smears;
 }
 
 Array<double, 2> ghost_sums(const ImageOf<std::uint8_t>& now, const ImageOf<std::uint8_t>& last, const ImageOf<std::uint8_t>& earlier,
-                            Matrix now_px, Matrix last_px, Matrix earlier_px, double noise_grey) {
+                            Matrix now_px, Matrix last_px, Matrix earlier_px, double noise_grey, double least_square) {
     std::size_t n = now_px.shape[0];
     for (const Matrix& at : {now_px, last_px, earlier_px}) require_shape(at, {n, 2}, "positions");
     Array<double, 2> sums(2, 5);
@@ -91,7 +113,7 @@ Array<double, 2> ghost_sums(const ImageOf<std::uint8_t>& now, const ImageOf<std:
             sampler.square(image, static_cast<float>(at[0]), static_cast<float>(at[1]), radius, 1, 2 * radius + 1, out);
         };
         cut(earlier, earlier_px[i], RADIUS_PX + 1, wide);
-        Explained explained(wide);
+        Explained explained(wide, least_square);
         for (int v = 0; v < VIEWS; v++) {
             cut(*views[v].first, views[v].second, RADIUS_PX, left[v]);
             centre(left[v], K);

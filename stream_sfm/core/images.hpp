@@ -69,9 +69,10 @@ Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& righ
 std::vector<std::size_t> slanted_rows(Matrix slopes);  // those that do not face the camera
 
 // ghosts.cpp
-Array<float, 3> patch_changes(View<float, 3> patches);
+constexpr int PATCH_RADIUS_PX = 5;
+Array<double, 2> patch_smears(View<float, 3> before, View<float, 3> after, Matrix along, double noise_grey, double least_square);
 Array<double, 2> ghost_sums(const ImageOf<std::uint8_t>& now, const ImageOf<std::uint8_t>& last, const ImageOf<std::uint8_t>& earlier,
-                            Matrix now_px, Matrix last_px, Matrix earlier_px, double noise_grey);
+                            Matrix now_px, Matrix last_px, Matrix earlier_px, double noise_grey, double least_square);
 
 // still.cpp
 struct DrawnEdges {

@@ -1,8 +1,13 @@
 // The module that Python imports: all families of stages, and the errors that they raise.
 
+#include "algebra.hpp"
 #include "binding.hpp"
+#include "pinholes.hpp"
 
 NB_MODULE(_core, m) {
+    m.attr("CAUCHY_WIDTH") = core::CAUCHY_WIDTH;
+    m.attr("MIN_DEPTH") = core::MIN_DEPTH;
+    m.attr("MIN_VIEWS") = core::MIN_VIEWS;
     m.attr("__sources__") = SOURCES;  // their checksum, which checkout.py looks for in the file
     nanobind::register_exception_translator([](const std::exception_ptr& pointer, void*) {
         try {

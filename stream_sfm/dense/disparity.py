@@ -27,10 +27,7 @@ from ..record import record
 
 Grey = NDArray[np.uint8]
 Image = NDArray[np.float32]
-_SEARCH_WIDTH_PX = 320  # about the width of the small copy: enough for the range, at a fraction of the cost
 _SLOPE_RADIUS_PX = 3  # half width of the patch in which the slope of the disparity is fitted
-_MIN_NOISE_GREY = 1.0  # grey levels: rounding, which smoothing hides
-_OWN_PX = 5  # edge of the window in which a pixel beside a depth edge must have texture
 _MIN_GRADIENT = 1e-3  # grey²/px², keeps the σ of a window without texture finite
 
 
@@ -78,7 +75,7 @@ class DenseStereo:
         first = self._infinity_px - 1
         last = self._infinity_px + self.config.max_disparity_fraction * self.projection.width
         scale = 1
-        while left.shape[1] > _SEARCH_WIDTH_PX * 1.5:
+        while left.shape[1] > self.config.search_width_px * 1.5:
             left, right, scale = cv2.pyrDown(left), cv2.pyrDown(right), 2 * scale  # type: ignore[assignment]
         if scale > 1:
             found = self._matched(left, right, int(np.floor(first / scale)) - 1, int(np.ceil(last / scale)))
@@ -120,7 +117,7 @@ def refine(left: Grey, right: Grey, start_px: Image, config: DenseConfig) -> tup
     known = np.isfinite(start_px)
     if not known.any():
         return start_px, np.full_like(start_px, np.nan)
-    size = 2 * config.window_radius_px + 1
+    size, own_px = 2 * config.window_radius_px + 1, config.own_px
     smoothing = config.smoothing_px
     shared_pixels = max(1.0, 4 * np.pi * smoothing**2)  # over which smoothing correlates the noise
     soft_left, soft_right = (_smoothed(image, smoothing) for image in (left, right))
@@ -148,10 +145,10 @@ def refine(left: Grey, right: Grey, start_px: Image, config: DenseConfig) -> tup
         gg = np.maximum(total(g * g) - n * mean_g**2, _MIN_GRADIENT)
         gr = total(g * r) - n * mean_g * mean_r
         rr = total(r * r) - n * mean_r**2
-        noise = shared_pixels * np.maximum((rr - gr**2 / gg) / np.maximum(n - 2, 1), _MIN_NOISE_GREY**2)
+        noise = shared_pixels * np.maximum((rr - gr**2 / gg) / np.maximum(n - 2, 1), config.least_noise_grey**2)
         disparity = disparity - gr / (gg + noise / config.std_start_px**2)
     own = np.maximum(
-        total(g * g, _OWN_PX) - total(g, _OWN_PX) ** 2 / np.maximum(total(known, _OWN_PX), 1), _MIN_GRADIENT
+        total(g * g, own_px) - total(g, own_px) ** 2 / np.maximum(total(known, own_px), 1), _MIN_GRADIENT
     )
     step_down = disparity - cv2.erode(disparity, np.ones((3, 3), np.uint8)) > config.max_disparity_step_px
     near_step = cv2.dilate(step_down.astype(np.uint8), np.ones((size, size), np.uint8)) > 0

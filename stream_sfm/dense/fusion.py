@@ -17,9 +17,6 @@ from . import voxels
 from .disparity import DisparityMap, cosine_of_incidence, rays, std_along_ray
 from .mesh import Mesh
 
-_REACH = 2  # voxels on either side of a surface in which its distance is kept (the truncation distance)
-_VOXEL_FOOTPRINTS = 2.0  # edge of a voxel in pixels at the median depth: finer ones would not all be hit
-_MAX_STD_VOXELS = 3.0  # in voxels; distances with a larger σ would be truncated by the reach and so be biased
 _WEIGHT, _DISTANCE, _SHARED, _FRAMES, _COLOUR = 0, 1, 2, 3, slice(4, 7)
 
 
@@ -53,7 +50,9 @@ class Fusion:
         if not self.voxel_m:
             self.voxel_m = self._fitting_voxel(depth)
         with np.errstate(invalid="ignore"):
-            certain = (std_noise < _MAX_STD_VOXELS * self.voxel_m) & (depth < _REACH * p.f_px * self.voxel_m)
+            certain = (std_noise < self.config.max_std_voxels * self.voxel_m) & (
+                depth < self.config.reach_voxels * p.f_px * self.voxel_m
+            )
         if not certain.any():
             return
         self.frames += 1
@@ -63,7 +62,7 @@ class Fusion:
         # grazing angle, the next voxel below is metres away along the ray.
         distance = (depth[v, u] - points[:, 2]) * np.linalg.norm(points, axis=1) / points[:, 2]
         distance *= cosine_of_incidence(p, self._rays, found.disparity_px)[v, u]
-        near = certain[v, u] & (np.abs(distance) < _REACH * self.voxel_m)
+        near = certain[v, u] & (np.abs(distance) < self.config.reach_voxels * self.voxel_m)
         keys, points, u, v, distance = keys[near], points[near], u[near], v[near], distance[near]
 
         weight = 1 / np.square(std_noise[v, u])
@@ -101,7 +100,7 @@ class Fusion:
         """Return the edge of a voxel that fits the pixels at the median depth; 0 where nothing is seen."""
         if not np.isfinite(depth).any():
             return 0.0
-        return float(_VOXEL_FOOTPRINTS * np.nanmedian(depth) / self.projection.f_px)
+        return float(self.config.voxel_footprints * np.nanmedian(depth) / self.projection.f_px)
 
     def _voxels_in_view(
         self, surface: Array, world_from_rect: Array
@@ -109,7 +108,7 @@ class Fusion:
         """Return voxels around points (n, 3) of a frame: keys (m,), centres (m, 3) in rectified axes, pixels (2, m)."""
         p = self.projection
         seen = voxels.keys_of(se3.transform(world_from_rect, surface), self.voxel_m)
-        keys = voxels.grown(voxels.distinct(seen), _REACH)
+        keys = voxels.grown(voxels.distinct(seen), self.config.reach_voxels)
         centres = se3.transform(se3.inverse(world_from_rect), (voxels.cells_of(keys) + 0.5) * self.voxel_m)
         front = centres[:, 2] > self.voxel_m
         keys, centres = keys[front], centres[front]

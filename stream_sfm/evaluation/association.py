@@ -9,9 +9,7 @@ from ..errors import ConfigError, LogError
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..types import Trajectory
-
-MAX_GAP_NS = 150_000_000  # between two truths that are interpolated: 10 Hz with half a period of jitter
-SAME_STAMP_NS = 1_000_000  # in wider gaps, and of depth images: at 30 m/s a camera travels 3 cm in this time
+from .settings import SETTINGS
 
 
 def check_rigid(truth: Trajectory) -> None:
@@ -47,9 +45,9 @@ def matched(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64],
     nearest = np.where(abs(stamps[after] - wanted) <= abs(wanted - stamps[before]), after, before)
     offset = abs(stamps[nearest] - wanted)
     gap = stamps[after] - stamps[before]
-    inside = (stamps[before] <= wanted) & (wanted <= stamps[after]) & (gap > 0) & (gap <= MAX_GAP_NS)
+    inside = (stamps[before] <= wanted) & (wanted <= stamps[after]) & (gap > 0) & (gap <= SETTINGS.max_gap_ns)
     between = inside & (offset > 0)
-    found = between | (offset <= SAME_STAMP_NS)
+    found = between | (offset <= SETTINGS.same_stamp_ns)
 
     result = poses[nearest].copy()
     if between.any():

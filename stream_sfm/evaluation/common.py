@@ -13,13 +13,9 @@ from numpy.typing import NDArray
 
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..rig_model.estimate import CERTAIN
 from .relative import known_frames
-
-_CERTAIN = 5.0  # standard deviations, as for errors of the rig
-_LESS = 0.9  # of the mean square must be left at most, of every method
-_BLOCKS = 10
-_ITERATIONS = 5
-_FAR = 0.1  # of the largest distance from the start: nearer frames hardly tell how its pose is turned
+from .settings import SETTINGS
 
 
 class Common(NamedTuple):
@@ -70,10 +66,10 @@ def common_errors(methods: Sequence[Array], truth: Array) -> Common:
 
     Only what reduces the errors of every method, those of motions or those of positions.
     """
-    span = max(1, int(known_frames(truth).sum()) // (2 * _BLOCKS))
+    span = max(1, int(known_frames(truth).sum()) // (2 * SETTINGS.blocks))
     known = np.logical_and.reduce([known_frames(poses) for poses in (truth, *methods)])
     rows = np.flatnonzero(known[:-span] & known[span:])
-    if len(rows) < 2 * _BLOCKS or not methods:
+    if len(rows) < 2 * SETTINGS.blocks or not methods:
         return NONE
     common = _of_motions(methods, truth, rows, span)
     return _with_start(common, methods, truth, np.flatnonzero(known))
@@ -83,7 +79,7 @@ def _of_motions(methods: Sequence[Array], truth: Array, rows: NDArray[np.intp], 
     """Return turn of the axes and scale, by the motions from `rows` over a span: Gauss-Newton from nothing."""
     estimated = [se3.inverse(poses[rows]) @ poses[rows + span] for poses in methods]
     x, var = np.zeros(4), np.zeros((4, 4))
-    for _ in range(_ITERATIONS):
+    for _ in range(SETTINGS.fits):
         moved = Common(x[:3], x[3], np.zeros(3)).applied(truth)
         true = se3.inverse(moved[rows]) @ moved[rows + span]
         t, w = true[:, :3, 3], se3.log_so3(true[:, :3, :3])
@@ -96,13 +92,13 @@ def _of_motions(methods: Sequence[Array], truth: Array, rows: NDArray[np.intp], 
             np.concatenate([by_t, by_w], axis=1), np.concatenate([apart_t / size_t, apart_w / size_w], axis=1)
         )
         x = x + step
-    scale = float(x[3]) if x[3] ** 2 > _CERTAIN**2 * var[3, 3] else 0.0
+    scale = float(x[3]) if x[3] ** 2 > CERTAIN**2 * var[3, 3] else 0.0
     common = Common(x[:3] * _certain(x[:3], var[:3, :3]), scale, np.zeros(3))
     squares = [
         _mean_squares(estimated, se3.inverse(poses[rows]) @ poses[rows + span])
         for poses in (truth, common.applied(truth))
     ]
-    return common if (squares[1] <= _LESS * squares[0]).all() else NONE
+    return common if (squares[1] <= SETTINGS.most_left * squares[0]).all() else NONE
 
 
 def _with_start(common: Common, methods: Sequence[Array], truth: Array, rows: NDArray[np.intp]) -> Common:
@@ -114,8 +110,8 @@ def _with_start(common: Common, methods: Sequence[Array], truth: Array, rows: ND
     true, *estimated = (se3.inverse(poses[rows[0]]) @ poses[rows] for poses in (moved, *methods))
     positions = true[:, :3, 3]
     away = np.linalg.norm(positions, axis=1)
-    far = away > _FAR * away.max()
-    if far.sum() < 2 * _BLOCKS:
+    far = away > SETTINGS.far_from_start * away.max()
+    if far.sum() < 2 * SETTINGS.blocks:
         return common
     apart = np.mean([e[:, :3, 3] for e in estimated], axis=0) - positions
     length = away[far, None]
@@ -124,14 +120,18 @@ def _with_start(common: Common, methods: Sequence[Array], truth: Array, rows: ND
     by_turn = true, _rotation(x) @ true
     squares = [_mean_squares(estimated, poses) for poses in by_turn]
     rotations = [_mean_squares_of_rotations(estimated, poses) for poses in by_turn]
-    real = _certain(x, var) and (squares[1] <= _LESS * squares[0]).all() and (rotations[1] <= rotations[0]).all()
+    real = (
+        _certain(x, var)
+        and (squares[1] <= SETTINGS.most_left * squares[0]).all()
+        and (rotations[1] <= rotations[0]).all()
+    )
     return turned if real else common
 
 
 def _certain(x: Array, var: Array) -> bool:
     """Whether x (3,) is not zero, by its covariance."""
     size = float(np.linalg.norm(x))
-    return size > 0 and size**2 > _CERTAIN**2 * float(x @ var @ x) / size**2
+    return size > 0 and size**2 > CERTAIN**2 * float(x @ var @ x) / size**2
 
 
 def _fitted(by_error: Array, apart: Array) -> tuple[Array, Array]:
@@ -140,13 +140,13 @@ def _fitted(by_error: Array, apart: Array) -> tuple[Array, Array]:
     The covariance is that of leaving out one block each. What nothing is known of, as a turn about the only direction
     of motion, is 0.
     """
-    blocks = np.array_split(np.arange(len(apart)), _BLOCKS)
+    blocks = np.array_split(np.arange(len(apart)), SETTINGS.blocks)
     normals = np.stack([np.einsum("nij,nik->jk", by_error[b], by_error[b]) for b in blocks])
     sums = np.stack([np.einsum("nij,ni->j", by_error[b], apart[b]) for b in blocks])
     normal, total = normals.sum(axis=0), sums.sum(axis=0)
     off = np.stack([_solved(normal - n, total - s) for n, s in zip(normals, sums, strict=True)])
     off -= off.mean(axis=0)
-    return _solved(normal, total), (_BLOCKS - 1) / _BLOCKS * off.T @ off
+    return _solved(normal, total), (SETTINGS.blocks - 1) / SETTINGS.blocks * off.T @ off
 
 
 def _solved(normal: Array, total: Array) -> Array:

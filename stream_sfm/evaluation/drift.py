@@ -12,11 +12,9 @@ import numpy as np
 from ..geometry.se3 import Array
 from ..record import record
 from .relative import Interval, band, relative_errors, span_ratio, spans_for
+from .settings import SETTINGS
 
 SPANS = (1, 2, 5, 10, 20, 50)  # frames, of the table
-_TELLS = 1 / 3  # of their errors two methods must be apart at least, so that these errors are not the truth's
-_KNOWS = 0.5  # of the motions that any method knows: one that knows fewer is left out where all are compared
-_OF_HALVES = 0.5  # of the difference of halves: variances add up to four times that of the whole
 KINDS = ("position", "rotation")
 
 
@@ -34,7 +32,7 @@ class Compared:
     @classmethod
     def of_halves(cls, halves: Array) -> "Compared":
         """The poses (2, n, 4, 4) of two halves."""
-        return cls(halves[0], halves[1], _OF_HALVES)
+        return cls(halves[0], halves[1], SETTINGS.of_halves)
 
     def until(self, frames: int) -> "Compared":
         """The same of more frames, of the last of which nothing is known."""
@@ -58,7 +56,7 @@ def errors_over(span: int, methods: Mapping[str, Compared]) -> dict[str, Array]:
     errors = {name: np.stack(compared.until(frames).errors(span)) for name, compared in methods.items()}
     known = np.array([np.isfinite(x[0]) for x in errors.values()])
     counts = known.sum(axis=1)
-    all_know = known[counts > _KNOWS * counts.max()].all(axis=0)
+    all_know = known[counts > SETTINGS.least_common * counts.max()].all(axis=0)
     return {name: np.where(all_know, x, np.nan) for name, x in errors.items()}
 
 
@@ -118,7 +116,9 @@ def tells(method: Compared, reference: Compared, span: int) -> tuple[bool, bool]
         return True, True
     apart = relative_errors(method.poses, reference.poses, span)
     pairs = zip(method.errors(span), reference.errors(span), strict=True)
-    first, second = (_rms(d) >= _TELLS * min(_rms(a), _rms(b)) for d, (a, b) in zip(apart, pairs, strict=True))
+    first, second = (
+        _rms(d) >= SETTINGS.least_apart * min(_rms(a), _rms(b)) for d, (a, b) in zip(apart, pairs, strict=True)
+    )
     return first, second
 
 

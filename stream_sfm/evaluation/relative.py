@@ -15,14 +15,7 @@ from numpy.typing import NDArray
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..record import record
-
-_BLOCKS = 10  # long blocks keep the correlation of the errors, many give a stable interval
-_SPANS = 12  # at most, evenly spaced in the logarithm
-_LEAST_KNOWN = 0.8  # of the frames: leaves at least a third of the starts of the longest span, a quarter of them
-_CONFIDENCE, _OF_BOTH = 0.95, 0.975  # of each of two intervals, so that position and rotation hold together
-_FEWEST_BLOCKS = 6  # of fewer no exchange is as rare as one in twenty
-_SHORTEST, _LONGEST = 1e-4, 20.0  # half an interval of a ratio's logarithm
-_TURNING_RAD_S = np.radians(5.0)  # faster counts as turning; a convention of the report
+from .settings import SETTINGS
 
 
 @record
@@ -36,7 +29,7 @@ class Interval:
 
 def enough_known(truth: Array) -> bool:
     """Whether enough frames (n, 4, 4) have a truth for spans of every length."""
-    return len(truth) > 1 and bool(known_frames(truth).mean() >= _LEAST_KNOWN)
+    return len(truth) > 1 and bool(known_frames(truth).mean() >= SETTINGS.least_known)
 
 
 def known_frames(truth: Array) -> NDArray[np.bool_]:
@@ -67,11 +60,11 @@ def tested_spans(frames: int) -> list[int]:
 
     The longest one fits twice into a block, so that few spans reach from one block into the next.
     """
-    return _spans(frames // (2 * _BLOCKS))
+    return _spans(frames // (2 * SETTINGS.blocks))
 
 
 def _spans(longest: int) -> list[int]:
-    return sorted({round(s) for s in np.geomspace(1, longest, _SPANS)}) if longest else []
+    return sorted({round(s) for s in np.geomspace(1, longest, SETTINGS.most_spans)}) if longest else []
 
 
 def mean_squares(estimate: Array, truth: Array, spans: list[int]) -> tuple[Array, Array]:
@@ -89,10 +82,10 @@ def band(errors: Array) -> Interval:
     if not squares.any():
         return Interval(0.0 if len(squares) else float("nan"), float("nan"), float("nan"))
     value = float(np.sqrt(squares.mean()))
-    if len(squares) < 2 * _BLOCKS:
+    if len(squares) < 2 * SETTINGS.blocks:
         return Interval(value, float("nan"), float("nan"))
     means, _ = _jackknife(errors**2)
-    found = _interval(0.5 * np.log(means), np.full(_BLOCKS, 1 / _BLOCKS))
+    found = _interval(0.5 * np.log(means), np.full(SETTINGS.blocks, 1 / SETTINGS.blocks))
     return Interval(value, float(np.exp(found.low)), float(np.exp(found.high)))
 
 
@@ -107,13 +100,13 @@ def span_ratio(mine: Array, theirs: Array, span: int) -> Interval | None:
     if not a.any() or not b.any():
         return None
     value = float(np.sqrt(a.sum() / b.sum()))
-    blocks = min(_BLOCKS, (len(known) + span) // (span + 1))
+    blocks = min(SETTINGS.blocks, (len(known) + span) // (span + 1))
     edges = np.linspace(0, len(known) + span - 1, blocks + 1).round().astype(int)
     of_blocks = [_in_blocks(x, span, edges) for x in (a, b)]
     used = of_blocks[0].astype(bool) & of_blocks[1].astype(bool)
-    if used.sum() < _FEWEST_BLOCKS:
+    if used.sum() < SETTINGS.fewest_blocks:
         return Interval(value, float("nan"), float("nan"))
-    found = _exchange_ratio(of_blocks[0][None, used], of_blocks[1][None, used], _CONFIDENCE)
+    found = _exchange_ratio(of_blocks[0][None, used], of_blocks[1][None, used], SETTINGS.confidence)
     shift = value / found.value
     return Interval(value, shift * found.low, shift * found.high)
 
@@ -149,7 +142,7 @@ def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Interva
     spans = [s for s in tested_spans(len(known)) if s > 1]
     if not spans:
         return None
-    edges = known[np.linspace(0, len(known) - 1, _BLOCKS + 1).round().astype(int)]
+    edges = known[np.linspace(0, len(known) - 1, SETTINGS.blocks + 1).round().astype(int)]
     result = []
     pairs = [(relative_errors(method, truth, s), relative_errors(reference, truth, s)) for s in spans]
     for k in range(2):
@@ -159,7 +152,7 @@ def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Interva
         )
         if not mine.any(axis=1).all() or not theirs.any(axis=1).all():
             return None
-        result.append(_exchange_ratio(mine, theirs, _OF_BOTH))
+        result.append(_exchange_ratio(mine, theirs, SETTINGS.confidence_of_both))
     return result[0], result[1]
 
 
@@ -197,8 +190,8 @@ def _exchange_ratio(mine: Array, theirs: Array, confidence: float) -> Interval:
 
 def _end(plausible: Callable[[float], bool], value: float, sign: int) -> float:
     """Return the end of the plausible values from `value` in the direction of `sign`, to 0.1 % of the distance."""
-    inside, outside = 0.0, _SHORTEST
-    while plausible(value + sign * outside) and outside < _LONGEST:
+    inside, (outside, longest) = 0.0, SETTINGS.half_intervals
+    while plausible(value + sign * outside) and outside < longest:
         inside, outside = outside, 2 * outside
     for _ in range(10):  # 2⁻¹⁰ is 0.1 %
         middle = 0.5 * (inside + outside)
@@ -208,7 +201,7 @@ def _end(plausible: Callable[[float], bool], value: float, sign: int) -> float:
 
 def _jackknife(squares: Array) -> tuple[Array, Array]:
     """Return the mean of squared errors in blocks, then those without one block each, and each block's share."""
-    blocks = np.array_split(squares[np.isfinite(squares)], _BLOCKS)
+    blocks = np.array_split(squares[np.isfinite(squares)], SETTINGS.blocks)
     sums, counts = np.array([b.sum() for b in blocks]), np.array([len(b) for b in blocks])
     rest = np.maximum(sums.sum() - sums, 1e-300) / (counts.sum() - counts)
     return np.concatenate([[sums.sum() / counts.sum()], rest]), sums / sums.sum()
@@ -225,9 +218,9 @@ def _interval(estimates: Array, shares: Array) -> Interval:
 
     value, off = estimates[0], estimates[1:] - estimates[1:].mean()
     neighbours = max(float(off[1:] @ off[:-1]), 0.0)
-    std = np.sqrt((_BLOCKS - 1) / _BLOCKS * (float(off @ off) + 2 * neighbours))
+    std = np.sqrt((SETTINGS.blocks - 1) / SETTINGS.blocks * (float(off @ off) + 2 * neighbours))
     freedom = max(1 / float(shares @ shares) - 1, 1.0)
-    half = stdtrit(freedom, 0.5 + _CONFIDENCE / 2) * std
+    half = stdtrit(freedom, 0.5 + SETTINGS.confidence / 2) * std
     return Interval(float(value), float(value - half), float(value + half))
 
 
@@ -236,4 +229,4 @@ def turning(stamps_ns: NDArray[np.int64], world_from_cam: Array, span: int) -> N
     motion = se3.inverse(world_from_cam[:-span]) @ world_from_cam[span:]
     seconds = (stamps_ns[span:] - stamps_ns[:-span]) / 1e9
     turned = np.linalg.norm(se3.log_so3(motion[:, :3, :3]), axis=1)
-    return np.asarray(turned > _TURNING_RAD_S * seconds)
+    return np.asarray(turned > SETTINGS.turning_rad_s * seconds)

@@ -19,7 +19,7 @@ from ..types import FrameEstimate, Trajectory
 from .association import matched
 
 SPANS = (1, 2, 5, 8, 10, 20, 50, 100)
-_OF_WINDOW = SPANS[:4]  # frames that the window's own covariance reaches
+OF_WINDOW = SPANS[:4]  # frames that the window's own covariance reaches
 _CHAINED = 20, 40  # composed of these once, of which longer spans are
 _UPPER = np.triu_indices(6)
 _NUMBERS = 6 + len(_UPPER[0])  # of a motion and its covariance
@@ -51,7 +51,7 @@ class RelativeRecord:
         self.stamps_ns.append(estimate.stamp_ns)
         self.frame_indices.append(end)
         self._recent.pop(end - _LONGEST, None)
-        self._recent[end] = {span: Motion.of(estimate, span) for span in _OF_WINDOW}
+        self._recent[end] = {span: Motion.of(estimate, span) for span in OF_WINDOW}
         for span in _CHAINED:
             self._recent[end][span] = self._over(span, end)
         found = {k: motion for k, span in enumerate(SPANS) if (motion := self._over(span, end)) is not None}
@@ -64,7 +64,7 @@ class RelativeRecord:
     def _over(self, span: int, end: int) -> Motion | None:
         """Return the motion over a span, of as few motions of the window as possible; None where one is missing."""
         motion = None
-        for piece in reversed((*_OF_WINDOW, *_CHAINED)):
+        for piece in reversed((*OF_WINDOW, *_CHAINED)):
             while span >= piece and piece in self._recent.get(end, {}):
                 before = self._recent[end][piece]
                 if before is None:

@@ -18,9 +18,9 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH
 from ..record import record
 from ..types import FrameEstimate
+from .settings import SETTINGS
 
 _HALF = 2  # the patch is 5×5
-_MAX_MISFIT = 0.01  # of the inverse depth, relative: a larger one marks a depth edge
 _OFFSETS = np.arange(-_HALF, _HALF + 1)
 _DESIGN = np.stack(
     [np.ones(25), np.tile(_OFFSETS, 5).astype(float), np.repeat(_OFFSETS, 5).astype(float)], axis=1
@@ -65,7 +65,7 @@ def structure_errors(
     plane = inverse @ _FIT.T  # (m, 3): inverse depth at the centre, and its slopes per pixel
     misfit = abs(inverse - plane @ _DESIGN.T).max(axis=1)
     with np.errstate(invalid="ignore"):
-        smooth = np.isfinite(plane).all(axis=1) & (misfit < _MAX_MISFIT * plane[:, 0])
+        smooth = np.isfinite(plane).all(axis=1) & (misfit < SETTINGS.max_misfit * plane[:, 0])
     points, cov, plane = points[smooth], cov[smooth], plane[smooth]
     offset = (uv - centre)[smooth]
     true = 1 / (plane[:, 0] + (plane[:, 1:] * offset).sum(axis=1))

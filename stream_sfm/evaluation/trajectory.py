@@ -10,8 +10,7 @@ import numpy as np
 from ..geometry import se3
 from ..geometry.linear import scaled_cholesky
 from ..geometry.se3 import Array
-
-_STANDING_M = 1e-3  # a shorter path or extent counts as standing still: a percentage of it would be noise
+from .settings import SETTINGS
 
 
 def from_first_camera(world_from_cam: Array) -> Array:
@@ -95,7 +94,7 @@ def path_length_m(world_from_cam: Array) -> float:
 def final_drift_percent(estimate: Array, truth: Array) -> float:
     """Return the end-point error in per cent of the true path, first poses aligned, eq. (54); NaN without motion."""
     length = path_length_m(truth)
-    if length < _STANDING_M:
+    if length < SETTINGS.standing_m:
         return float("nan")
     end_error = from_first_camera(estimate)[-1, :3, 3] - from_first_camera(truth)[-1, :3, 3]
     return 100 * float(np.linalg.norm(end_error)) / length
@@ -108,7 +107,7 @@ def scale_error_percent(estimate: Array, truth: Array) -> float:
     The ratio of path lengths would be biased by the noise of each pose.
     """
     e, t = estimate[:, :3, 3], truth[:, :3, 3]
-    if len(t) < 2 or np.ptp(t, axis=0).max() < _STANDING_M or np.ptp(e, axis=0).max() == 0:
+    if len(t) < 2 or np.ptp(t, axis=0).max() < SETTINGS.standing_m or np.ptp(e, axis=0).max() == 0:
         return float("nan")
     return 100 * (1 / umeyama(t, e, with_scale=True)[0] - 1)
 

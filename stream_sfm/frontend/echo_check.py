@@ -15,7 +15,6 @@ from ..config.rules import EchoRules
 from ..record import changed, record
 from .prepared import Image
 
-_SIZE_PX = 256  # of the middle that is looked at, most
 _AROUND = 5  # the width, px, of what a value is compared with
 
 Cepstrum = NDArray[np.float32]
@@ -54,9 +53,9 @@ class EchoCheck:
         return changed(self, cepstra=cepstra, waited=0, at_px=_echo(np.mean(cepstra, axis=0), rules))
 
 
-def middle(image: Image) -> Image:
-    """Return a copy of the middle of an image (h, w), square where it is as large, its sides even."""
-    h, w = (min(n, _SIZE_PX) // 2 * 2 for n in image.shape)
+def middle(image: Image, rules: EchoRules) -> Image:
+    """Return a copy of the middle of an image (h, w), at most so large, its sides even."""
+    h, w = (min(n, rules.middle_px) // 2 * 2 for n in image.shape)
     y, x = (image.shape[0] - h) // 2, (image.shape[1] - w) // 2
     return image[y : y + h, x : x + w].copy()
 

@@ -12,10 +12,6 @@ from ..config.rules import FieldRules
 from ..record import changed, record
 from .still_check import Line, Lines
 
-_STRIDE = 2  # of the columns that are there
-_BANDS, _LEFT_OUT = 10, 2  # bands of rows, from top to bottom
-_LEAST = 1.0  # grey values squared: of images without texture
-
 
 @record
 class FieldCheck:
@@ -38,26 +34,30 @@ class FieldCheck:
         lasts = max(0, self.lasts - 1)
         if self.waiting:
             return changed(self, waiting=self.waiting - 1, lasts=lasts)
-        if min(combed(lines.columns[::_STRIDE]) for lines in (left, right)) > self.rules.combed:
+        if (
+            min(combed(lines.columns[:: self.rules.stride], self.rules) for lines in (left, right))
+            > self.rules.combed
+        ):
             lasts = self.rules.lasting_frames
         return changed(self, waiting=self.rules.every - 1, lasts=lasts)
 
 
-def combed(columns: Line) -> float:
+def combed(columns: Line, rules: FieldRules) -> float:
     """By how much more than its neighbours suggest S(k) is for an odd k, share of S(2); of columns (m, h), −1 where
-    they do not show the scene. Two of ten bands do not count: those in which it is by most, as where a line is drawn
-    across the image."""
+    they do not show the scene. Some bands do not count: those in which it is by most, as where a line is drawn across
+    the image."""
+    bands = rules.bands
     hidden = columns < 0
     grey = np.where(hidden, np.nan, columns).astype(np.float32) if hidden.any() else columns.astype(np.float32)
-    size = (grey.shape[1] - 5) // _BANDS
+    size = (grey.shape[1] - 5) // bands
     if size < 1 or not np.isfinite(grey[:, ::2]).any() or not np.isfinite(grey[:, 1::2]).any():
         return 0.0
     grey[:, ::2] -= np.nanmean(grey[:, ::2]) - np.nanmean(grey[:, 1::2])
     last = grey[:, 5:]
-    squares = np.stack([(last - grey[:, 5 - k : -k]) ** 2 for k in (2, 3, 4, 5)])[..., : _BANDS * size]
+    squares = np.stack([(last - grey[:, 5 - k : -k]) ** 2 for k in (2, 3, 4, 5)])[..., : bands * size]
     known = np.isfinite(squares)
-    squares = np.where(known, squares, 0).reshape(4, len(grey), _BANDS, size).sum(axis=(1, 3))
-    s2, s3, s4, s5 = squares / np.maximum(known.reshape(4, len(grey), _BANDS, size).sum(axis=(1, 3)), 1)
+    squares = np.where(known, squares, 0).reshape(4, len(grey), bands, size).sum(axis=(1, 3))
+    s2, s3, s4, s5 = squares / np.maximum(known.reshape(4, len(grey), bands, size).sum(axis=(1, 3)), 1)
     excess = (3 * s3 - s2 - 3 * s4 + s5) / 4
-    kept = np.argsort(excess)[:-_LEFT_OUT]
-    return float(excess[kept].sum() / max(s2[kept].sum(), _LEAST * len(kept)))
+    kept = np.argsort(excess)[: -rules.bands_left_out]
+    return float(excess[kept].sum() / max(s2[kept].sum(), rules.least_grey2 * len(kept)))

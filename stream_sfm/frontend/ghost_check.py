@@ -82,7 +82,7 @@ def _sums(views: tuple[View, ...], rules: GhostRules) -> Array:
         return _NOTHING
     rows = rows[:: -(-len(rows) // rules.patches)]
     at_px = now.left_px[rows], last_px[rows], first.of(now.ids)[rows]
-    return core.ghost_sums(now.image, before.image, first.image, *at_px, rules.noise_grey)
+    return core.ghost_sums(now.image, before.image, first.image, *at_px, rules.noise_grey, rules.least_square)
 
 
 def _oldest(views: tuple[View, ...], now: View, usable: NDArray[np.bool_]) -> tuple[View, NDArray[np.bool_]]:

@@ -6,8 +6,6 @@ import numpy as np
 from ..config.rules import ImageRules
 from .prepared import Image, PreparedImages
 
-_EVERY = 8  # of the rows in which left and right are compared
-
 
 def are_alike(images: PreparedImages, previous: PreparedImages, alike: float) -> bool:
     """Return whether the left image is about as sharp and as rich in contrast as the previous one.
@@ -30,7 +28,8 @@ def are_one_image(left: Image, right: Image, rules: ImageRules) -> bool:
     """Return whether left and right, as the cameras delivered them, are the same image: no pair has no disparity."""
     if left.shape != right.shape:
         return False
-    rows, others = (image[_EVERY // 2 :: _EVERY].astype(np.int16) for image in (left, right))
+    every = rules.spacing_px
+    rows, others = (image[every // 2 :: every].astype(np.int16) for image in (left, right))
     steep = np.abs(rows[:, 2:] - rows[:, :-2]) >= rules.slope_grey
     n = np.count_nonzero(steep)
     if n < rules.fewest_slopes:

@@ -4,11 +4,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..geometry.se3 import Array
 from ..record import record
 from .prepared import Image
 
-RADIUS_PX = 5  # of a patch
+RADIUS_PX = core.PATCH_RADIUS_PX
 _LEAST_VARIANCE = 1e-6  # of what patches say, over its square
 
 

@@ -17,13 +17,12 @@ from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, velocities
 from ..record import changed, record
-from ..rig_model.field import Field, field_over
+from ..rig_model.field import LEAST_PX, Field, field_over
 
 _POLYNOMIAL = 6  # coefficients
 # σ of the field that are considered, px: from the noise of a good match to what no real rig has; beside them σ = 0, as
 # probable as all others together.
 _FIELD_STD_PX = np.geomspace(0.01, 0.5, 18)
-_LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
 
 
 @record
@@ -43,7 +42,7 @@ class Rows:
     rules: RowRules
     scatter_px: float
     frames: int = 0
-    field_std_px: float = _LEAST_FIELD_PX
+    field_std_px: float = LEAST_PX
     largest_px: float = 0.0
 
     @classmethod
@@ -52,7 +51,7 @@ class Rows:
         rules = config.rules.rows
         std_delay_s = 1e-9 if config.rig.exact else config.rig.std_delay_s
         n_field = field_over(projection.width, projection.height).size
-        std = np.r_[np.full(_POLYNOMIAL, rules.std_px), std_delay_s, np.full(n_field, _LEAST_FIELD_PX)]
+        std = np.r_[np.full(_POLYNOMIAL, rules.std_px), std_delay_s, np.full(n_field, LEAST_PX)]
         max_px = config.frontend.max_vertical_disparity_px
         prior = np.zeros(len(std)), np.diag(std**2), std_delay_s
         return cls(projection, max_px, *prior, rules, rules.std_match_px)
@@ -131,7 +130,7 @@ class Rows:
         largest = max(0.0, float(evidence.max()))
         weight = np.exp(evidence - largest) / len(_FIELD_STD_PX)
         std_px = np.sqrt(weight @ _FIELD_STD_PX**2 / (weight.sum() + np.exp(-largest)))
-        return max(float(std_px), _LEAST_FIELD_PX)
+        return max(float(std_px), LEAST_PX)
 
 
 def row_terms(projection: StereoProjection, left_px: Array, row_speed_px_s: Array) -> Array:

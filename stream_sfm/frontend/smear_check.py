@@ -16,7 +16,6 @@ hardly slower, and not above zero in any other images.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import core
 from ..config.rules import SmearRules
@@ -27,7 +26,6 @@ from .patches import RADIUS_PX, View, patches_of, share_of
 
 _SHUTTER = 1 / 12  # variance of a whole frame
 _SECOND = np.array([2.0, 2.0, 4.0])  # from coefficients of the last three changes to C: xx, yy, xy
-_RIDGE = 1e-6  # changes may depend on each other
 
 
 @record
@@ -99,8 +97,10 @@ def _sums(slow: View, now: View, moved_px: Array, rules: SmearRules) -> Array | 
     before = patches_of(slow.image, then_px, RADIUS_PX + 1)
     after = patches_of(now.image, now_px, RADIUS_PX + 1)
     along = _SECOND * np.stack([turned, -turned, 2 * mixed], axis=1)
-    forth, var_forth = _smear(before, after, along, rules)
-    back, var_back = _smear(after, before, along, rules)
+    (forth, var_forth), (back, var_back) = (
+        core.patch_smears(*patches, along, rules.noise_grey, rules.least_square).T
+        for patches in ((before, after), (after, before))
+    )
     sampled = _blur_of_sampling(now_px) - _blur_of_sampling(then_px)
     y = (forth - back) / 2 - turned * (sampled[:, 0] - sampled[:, 1])
     weights = 1 / ((var_forth + var_back) / 4 + rules.std_px2**2)
@@ -112,24 +112,3 @@ def _blur_of_sampling(px: Array) -> Array:
     """By how much variance (n, 2) interpolation blurs at positions (n, 2)."""
     fraction = px - np.floor(px)
     return np.asarray(fraction * (1 - fraction))
-
-
-def _smear(
-    before: NDArray[np.float32], after: NDArray[np.float32], along: Array, rules: SmearRules
-) -> tuple[Array, Array]:
-    """By how much variance (n) patches `after` are smeared beside those `before` (n, d, d), and the variance of this;
-    `along` (n, 3): what the three coefficients of second derivatives count."""
-    changes = core.patch_changes(before)
-    seen = after[:, 1:-1, 1:-1].reshape(len(after), -1)
-    seen = seen - seen.mean(axis=1, keepdims=True)
-    gram = (changes @ np.swapaxes(changes, 1, 2)).astype(float)
-    scale = 1 / np.sqrt(np.maximum(np.einsum("nii->ni", gram), rules.least_square))
-    gram = gram * scale[:, None] * scale[:, :, None] + _RIDGE * np.eye(gram.shape[1])
-    product = scale * np.einsum("nik,nk->ni", changes, seen)
-    wanted = np.zeros_like(scale)
-    wanted[:, -3:] = along
-    wanted *= scale
-    both = np.linalg.solve(gram, np.stack([product, wanted], axis=2))
-    left = np.einsum("nk,nk->n", seen, seen) - np.einsum("ni,ni->n", product, both[..., 0])
-    noise = left / (seen.shape[1] - scale.shape[1]) + rules.noise_grey**2
-    return np.einsum("ni,ni->n", wanted, both[..., 0]), noise * np.einsum("ni,ni->n", wanted, both[..., 1])

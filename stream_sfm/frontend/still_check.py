@@ -16,24 +16,23 @@ from .. import core
 from ..config.rules import StillRules
 from ..record import changed, record
 
-_EVERY = 8  # of rows and columns that are looked at
-
 Line = NDArray[np.int16]
 
 
 class Lines(NamedTuple):
-    """Every eighth row (k, w) and column (m, h) of an image as it came, −1 where a mask leaves it out."""
+    """Some rows (k, w) and columns (m, h) of an image as it came, −1 where a mask leaves it out."""
 
     rows: Line
     columns: Line
 
     @classmethod
-    def of(cls, image: NDArray[np.uint8], mask: NDArray[np.bool_] | None = None) -> "Lines":
+    def of(cls, image: NDArray[np.uint8], rules: StillRules, mask: NDArray[np.bool_] | None = None) -> "Lines":
         """The lines of an image (h, w), of which a mask (h, w) is false where it does not show the scene."""
-        rows, columns = image[::_EVERY].astype(np.int16), image.T[::_EVERY].astype(np.int16, order="C")
+        every = rules.spacing_px
+        rows, columns = image[::every].astype(np.int16), image.T[::every].astype(np.int16, order="C")
         if mask is not None:
-            rows[~mask[::_EVERY]] = -1
-            columns[~mask.T[::_EVERY]] = -1
+            rows[~mask[::every]] = -1
+            columns[~mask.T[::every]] = -1
         return cls(rows, columns)
 
 

@@ -17,7 +17,9 @@ from ..record import filled, record
 from .point_views import ROBUST, PointViews
 from .se3 import Array
 
-MIN_VIEWS = 6  # twelve coordinates at least, twice the unknowns, even where every view lacks its right side
+MIN_VIEWS = (
+    core.MIN_VIEWS
+)  # twelve coordinates at least, twice the unknowns, even where every view lacks its right side
 MANY_VIEWS = 2 * MIN_VIEWS  # fewer agree by chance
 
 

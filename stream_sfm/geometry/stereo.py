@@ -14,7 +14,7 @@ from .se3 import Array
 # Points are kept at least this far in front of the camera plane before they are projected: metres for a Euclidean
 # point, the depth relative to the anchor's for a homogeneous one. Smaller than any depth a lens can image; only wild
 # steps and points behind the camera meet it.
-MIN_DEPTH = 1e-3
+MIN_DEPTH = core.MIN_DEPTH
 # Standard deviations of an inverse depth: known less well it gives no Gaussian in metres; and points at infinity pass
 # down to this, wrong matches beyond it do not.
 KNOWN_DEPTH_SIGMAS, MIN_INVERSE_DEPTH_SIGMAS = 3.0, -2.0

@@ -58,10 +58,11 @@ class FrameDecoder:
                 if self._fits(pair):
                     images = pair.images[: len(self._cameras)]
                     pending.append((pair, [pool.submit(decode_grey, image) for image in images]))
-                    if len(pending) > ahead:
-                        yield from self._frame(*pending.popleft())
+                    if len(pending) > ahead and (frame := self._frame(*pending.popleft())) is not None:
+                        yield frame
             while pending:
-                yield from self._frame(*pending.popleft())
+                if (frame := self._frame(*pending.popleft())) is not None:
+                    yield frame
 
     def _fits(self, pair: StereoPair) -> bool:
         """Whether both sizes are the calibrated ones; before decoding, so that a header cannot ask for gigabytes."""
@@ -84,14 +85,13 @@ class FrameDecoder:
         self._sizes_fit = True
         return True
 
-    def _frame(self, pair: StereoPair, images: list[Future[Grey]]) -> Iterator[RecordedFrame]:
-        """Yield the frame, unless an image cannot be decoded."""
+    def _frame(self, pair: StereoPair, images: list[Future[Grey]]) -> RecordedFrame | None:
+        """Return the frame; None if an image cannot be decoded."""
         try:
-            decoded = self._scaler.to_uint8(*[image.result() for image in images])
+            return recorded_frame(pair, self._scaler.to_uint8(*[image.result() for image in images]))
         except UndecodableImage as error:
             self._skip(str(error))
-        else:
-            yield recorded_frame(pair, decoded)
+            return None
 
     def _skip(self, problem: str) -> None:
         self.skipped += 1

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, LogError
-from ..evaluation.association import SAME_STAMP_NS
+from ..evaluation.settings import SETTINGS
 from ..mcap_file.message import Message, Source
 from ..types import Trajectory
 from ..wording import LISTED
@@ -97,12 +97,14 @@ class DepthImages:
     def at(self, stamp_ns: int) -> Depth | None:
         """The depth image of this moment (within 1 ms, to which stamps may be rounded), or None."""
         with self._lock:
-            while not self._exhausted and (self._current is None or self._current[0] < stamp_ns - SAME_STAMP_NS):
+            while not self._exhausted and (
+                self._current is None or self._current[0] < stamp_ns - SETTINGS.same_stamp_ns
+            ):
                 try:
                     self._current = next(self._images, None)
                 except InputError as error:
                     self._current, self.problem = None, f"ground-truth depth is not compared: {error}"
                 self._exhausted = self._current is None
-            if self._current is None or abs(self._current[0] - stamp_ns) > SAME_STAMP_NS:
+            if self._current is None or abs(self._current[0] - stamp_ns) > SETTINGS.same_stamp_ns:
                 return None
             return self._current[1]

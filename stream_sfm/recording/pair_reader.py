@@ -76,6 +76,7 @@ class PairReader:
         self._damage = Damage()
         self._pairer: Pairer[ImageMessage] = Pairer(source.in_order)
         self._began_ns: int | None = None  # the time at which the first left image was recorded
+        self._last_ns: int | None = None  # the stamp of the latest pair
         self._problem = ""  # of the first message that could not be decoded
         self.stats = ReadStats(bytes_total=source.size_bytes)
 
@@ -86,16 +87,11 @@ class PairReader:
         log that is cut off or damaged gives what can be read; `stats` says in the end what was lost. Raises LogError
         where the images are of a kind that is not supported, or where nothing could be paired.
         """
-        last_ns: int | None = None
         try:
-            for left, right in self._paired():
-                if last_ns is not None and left.stamp_ns <= last_ns:
-                    back_s = (last_ns - left.stamp_ns) / 1e9
-                    self._damage.note(
-                        f"{self._source.path}: the clock of both cameras was set back by {back_s:.3f} s"
-                    )
-                last_ns = left.stamp_ns
-                yield StereoPair(left, right)
+            for image in self._stamped(self._images()):
+                for side in (side for side in (0, 1) if self._topics[side] == image.topic):
+                    yield from map(self._pair, self._pairer.push(side, image.stamp_ns, image, len(image.data)))
+            yield from map(self._pair, self._pairer.finish())
         finally:
             self._finish()
         if self.stats.paired == 0:
@@ -117,11 +113,13 @@ class PairReader:
         topics = f"{left} ({stats.left_read} images) and {right} ({stats.right_read})"
         return f"{self._source.path}: no stereo pair in {topics}: {remedy}"
 
-    def _paired(self) -> Iterator[tuple[ImageMessage, ImageMessage]]:
-        for image in self._stamped(self._images()):
-            for side in (side for side in (0, 1) if self._topics[side] == image.topic):
-                yield from self._pairer.push(side, image.stamp_ns, image, len(image.data))
-        yield from self._pairer.finish()
+    def _pair(self, images: tuple[ImageMessage, ImageMessage]) -> StereoPair:
+        pair = StereoPair(*images)
+        if self._last_ns is not None and pair.stamp_ns <= self._last_ns:
+            back_s = (self._last_ns - pair.stamp_ns) / 1e9
+            self._damage.note(f"{self._source.path}: the clock of both cameras was set back by {back_s:.3f} s")
+        self._last_ns = pair.stamp_ns
+        return pair
 
     def _images(self) -> Iterator[tuple[ImageMessage, int]]:
         """The images of both topics, each with the time at which it was recorded."""

@@ -18,6 +18,7 @@ _LENGTH = 0.1  # ℓ over the image's width; the evidence of three real logs is 
 # kitti00_mid is 8 % better, kitti06 worse by a half, and an estimate takes half as long again.
 _SPACING = 1.6
 _LEAST_ROWS = 3  # of the grid
+LEAST_PX = 1e-3  # σ: a field of σ 0 would have no amplitudes
 _JITTER = 1e-4  # relative: the grid's own covariance stays invertible
 
 

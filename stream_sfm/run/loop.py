@@ -5,11 +5,12 @@ where they occur. In each case the estimates so far are written, and the `Course
 """
 
 import time
+from collections import deque
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field
-from itertools import groupby
+from itertools import count, groupby
 from typing import Protocol
 
 from ..blas import one_thread
@@ -27,8 +28,7 @@ from ..types import FrameEstimate, Selection, Sink
 from ..wording import counted
 from .lane import Lane
 
-Frames = Generator[RecordedFrame, None, None]
-PreparedFrames = Generator[tuple[RecordedFrame, PreparedImages | None], None, None]
+PreparedFrames = Generator[tuple[RecordedFrame, PreparedImages | None, float], None, None]
 
 
 class Check(Protocol):
@@ -86,7 +86,7 @@ def run(
     try:
         recorded = log.frames(selection, all_calibrations=all_calibrations)
         with closing(recorded), closing(_by_rig(lane, log.rig, recorded)) as frames:
-            for frame, prepared, waited_ms in interruption.until_requested(_timed(frames)):
+            for frame, prepared, waited_ms in interruption.until_requested(frames):
                 try:
                     estimate = _step(frame, prepared, waited_ms, lane, checks)
                 except FrameError as error:
@@ -113,14 +113,14 @@ def run(
     return course
 
 
-def _by_rig(lane: Lane, rig: StereoRig | MonoRig, frames: Frames) -> PreparedFrames:
+def _by_rig(lane: Lane, rig: StereoRig | MonoRig, frames: Iterator[RecordedFrame]) -> PreparedFrames:
     """Yield the frames as `prepared_ahead` does; where their rig changes, the lane has begun anew with it."""
     for now, group in groupby(frames, key=lambda frame: frame.recorded.rig):
         if now is not None and now is not rig:
             rig = now
             with one_thread:
                 lane.begin_anew(Observer(rig, lane.config))
-        with closing(prepared_ahead(lane.observer, (frame for frame in group))) as prepared:
+        with closing(prepared_ahead(lane.observer, group)) as prepared:
             yield from prepared
 
 
@@ -142,41 +142,38 @@ def _step(
         return estimate
 
 
-def prepared_ahead(observer: Observer, frames: Frames) -> PreparedFrames:
+def prepared_ahead(observer: Observer, frames: Iterator[RecordedFrame]) -> PreparedFrames:
     """Yield each frame with what `Observer.prepare` returned for it, or None if that failed: `observe` says why.
 
     OpenCV works on the next images while NumPy works on the current ones. Very large images are not prepared ahead. If
-    the log ends in an InputError, all frames that were read before it are yielded first.
+    the log ends in an InputError, all frames that were read before it are yielded first. The third value is how long
+    the run waited for the frame, milliseconds.
     """
-    if any(camera.width * camera.height > MANY_PIXELS for camera in observer.rig.cameras.values()):
-        with closing(frames):
-            yield from ((frame, None) for frame in frames)
-        return
-    coming: list[tuple[RecordedFrame, Future[PreparedImages]]] = []
-    with ThreadPoolExecutor(1, thread_name_prefix="prepare") as pool, closing(frames):
-        try:
-            for index, frame in enumerate(frames):
-                coming.append((frame, pool.submit(_prepare, observer, frame, index)))
-                if len(coming) > 1:
-                    yield _finished(*coming.pop(0))
-        except InputError:
-            yield from (_finished(*ahead) for ahead in coming)
-            raise
-        yield from (_finished(*ahead) for ahead in coming)
+    large = any(camera.width * camera.height > MANY_PIXELS for camera in observer.rig.cameras.values())
+    coming: deque[tuple[RecordedFrame, Future[PreparedImages] | None]] = deque()
+    more, broken = True, None
+    asked_s = time.perf_counter()
+    with ThreadPoolExecutor(1, thread_name_prefix="prepare") as pool:
+        for index in count():
+            try:
+                frame = next(frames, None) if more else None
+            except InputError as error:
+                frame, broken = None, error
+            more = frame is not None
+            if frame is not None:
+                coming.append((frame, None if large else pool.submit(_prepare, observer, frame, index)))
+            if more and len(coming) == 1 and not large:
+                continue
+            if not coming:
+                break
+            frame, future = coming.popleft()
+            prepared = None if future is None or future.exception() else future.result()
+            yield frame, prepared, 1e3 * (time.perf_counter() - asked_s)
+            asked_s = time.perf_counter()
+    if broken is not None:
+        raise broken
 
 
 def _prepare(observer: Observer, frame: RecordedFrame, index: int) -> PreparedImages:
     with one_thread:
         return observer.prepare(frame, index)
-
-
-def _finished(frame: RecordedFrame, future: Future[PreparedImages]) -> tuple[RecordedFrame, PreparedImages | None]:
-    return frame, None if future.exception() else future.result()
-
-
-def _timed(frames: PreparedFrames) -> Iterator[tuple[RecordedFrame, PreparedImages | None, float]]:
-    """Yield each frame with the milliseconds that the run waited for it."""
-    asked_s = time.perf_counter()
-    for frame, prepared in frames:
-        yield frame, prepared, 1e3 * (time.perf_counter() - asked_s)
-        asked_s = time.perf_counter()

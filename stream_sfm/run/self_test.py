@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ..blas import one_thread
 from ..config import Config
 from ..estimators import make_estimator
-from ..evaluation.relative_consistency import factors
+from ..evaluation.relative_consistency import OF_WINDOW, factors
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
@@ -32,7 +32,6 @@ from ..types import FrameEstimate, LastingErrors, Observations, Solution, Status
 from .lane import Lane
 from .stored import StoredObservations
 
-SPANS = (1, 2, 5, 8)
 TESTS = ("tracks", "image")
 Mask = NDArray[np.bool_]
 
@@ -70,7 +69,7 @@ class SelfTest:
 
         Given c their errors are independent; what of c is not known counts as far as it moves them apart.
         """
-        for span in SPANS:
+        for span in OF_WINDOW:
             one, other = (Motion.to_frame(frame_index - span, half.relative, half.common) for half in (a, b))
             if one is None or other is None or one.mean.shape != other.mean.shape:
                 continue

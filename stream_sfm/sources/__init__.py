@@ -1,4 +1,4 @@
-"""Where the messages of a recording come from: one file for each kind of container but MCAP, which `mcap_file/` reads.
+"""Where the messages of a recording come from: files of one kind in `containers/`, MCAP by `mcap_file/`, and folders.
 
 Their one protocol is in `mcap_file/message.py`; `recognise.py` finds out what a path is. Nothing here knows which
 messages make a stereo pair.

@@ -25,6 +25,7 @@ from ..geometry import se3
 from ..geometry.se3 import Array
 from ..inertial.samples import ImuCalibration
 from ..mcap_file.message import Source
+from .containers.video import VideoSource
 from .given import NOTHING, Given
 from .image_files import ImageFile, ImageFilesSource
 from .image_folders import ImageSides, image_sides
@@ -42,7 +43,6 @@ from .pose_files import (
     read_times,
 )
 from .sides import possible_pairs
-from .video import VideoSource
 
 _STAMPS = ("times.txt", "stamps.txt", "timestamps.txt")
 _EUROC_FILES = ("cam0/sensor.yaml", "cam1/sensor.yaml", "cam0/data.csv", "cam1/data.csv")
@@ -56,12 +56,16 @@ _BODY_FROM_CAM = se3.from_rotation_translation([[0, 0, 1], [1, 0, 0], [0, 1, 0]]
 
 
 class Layout(NamedTuple):
-    """One way in which a recording lies in a folder: folders of left and right, and files of which one is there."""
+    """One way in which a recording lies in a folder: folders of left and right, and files of which one is there.
+
+    `also`: a further data set that is laid out so.
+    """
 
     name: str
     open: Callable[[Path, "Layout", Given], ImageFilesSource]
     sides: tuple[str, str]
     files: Sequence[str]
+    also: str = ""
 
     def has_sides(self, folder: Path) -> bool:
         """Return whether a folder has those of left and right."""
@@ -77,6 +81,11 @@ def open_folder(folder: Path, given: Given = NOTHING) -> Source | None:
     if (layout := next((layout for layout in LAYOUTS if layout.fits(folder)), None)) is not None:
         return layout.open(folder, layout, given)
     return _open_videos(folder, given) or _open_images(folder, given)
+
+
+def known_data_sets() -> list[str]:
+    """Return the data sets by name."""
+    return list(dict.fromkeys(name for layout in LAYOUTS for name in (layout.name.split()[0], layout.also) if name))
 
 
 def is_data_set(folder: Path) -> bool:
@@ -340,7 +349,7 @@ LAYOUTS = (
     Layout("KITTI odometry", _open_kitti, ("image_2", "image_3"), ("calib.txt",)),
     Layout("KITTI raw", _open_kitti, ("image_00/data", "image_01/data"), _KITTI_RAW),
     Layout("KITTI raw", _open_kitti, ("image_02/data", "image_03/data"), _KITTI_RAW),
-    Layout("EuRoC", _open_euroc, ("mav0/cam0", "mav0/cam1"), [f"mav0/{name}" for name in _EUROC_FILES]),
+    Layout("EuRoC", _open_euroc, ("mav0/cam0", "mav0/cam1"), [f"mav0/{name}" for name in _EUROC_FILES], "TUM-VI"),
     Layout("EuRoC", _open_euroc, ("cam0", "cam1"), _EUROC_FILES),
     Layout("TartanAir", _open_tartanair, ("image_left", "image_right"),
            ("pose_left.txt", "image_left/000000_left.png")),

@@ -5,11 +5,9 @@ Of the sources, only MCAP's is imported before it is needed: most logs are MCAP,
 
 import os
 import re
-from collections.abc import Callable
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
 
 from ..errors import ConfigError, LogError
 from ..inputs import open_regular, reading
@@ -18,46 +16,10 @@ from ..mcap_file.message import Source
 from ..mcap_file.records import MAGIC as MCAP_MAGIC
 from ..mcap_file.records import ends_with_magic
 from ..wording import LISTED, some_of
+from .containers import containers
 from .given import NOTHING, Given
 from .image_header import image_format
 
-
-class Container(NamedTuple):
-    """A kind of file that is a recording: how it is opened, how its bytes start, and what such files are called.
-
-    `start`: a regular expression. `suffix`: by which a file in a folder is one; `name`: in messages.
-    """
-
-    open: Callable[[Path], Source]
-    start: bytes
-    suffix: str = ""
-    name: str = ""
-
-
-def _ros1_bag(path: Path) -> Source:
-    from .ros1_bag import Ros1BagSource
-
-    return Ros1BagSource(path)
-
-
-def _sqlite_bag(path: Path) -> Source:
-    from .sqlite_bag import SqliteBagSource
-
-    return SqliteBagSource(path)
-
-
-def _video(path: Path) -> Source:
-    from .video import VideoSource
-
-    return VideoSource(path)
-
-
-CONTAINERS = (
-    Container(LogFile, re.escape(MCAP_MAGIC), ".mcap", "an MCAP file"),
-    Container(_ros1_bag, rb"#ROSBAG", ".bag", "a ROS 1 bag"),
-    Container(_sqlite_bag, rb"SQLite format 3\0", ".db3", "a ROS 2 bag"),
-    Container(_video, rb"(?s)\x1aE\xdf\xa3|.{4}ftyp|.{8}AVI "),  # Matroska, MP4, AVI
-)
 _OTHER_FILES = (
     ((b"RRF",), "a Rerun recording: give the log that it was made from"),
     ((b"\x28\xb5\x2f\xfd",), "compressed with zstd: decompress it with `zstd -d`"),
@@ -69,10 +31,17 @@ _RESULT = "estimates.mcap"  # of a run
 _LEVELS = 3  # of folders in which a recording is looked for: dataset/sequences/00
 _MOST_ENTRIES = 1000  # of one level that are looked at
 _LONGEST_START = 512  # bytes
-SUPPORTED = (
-    f"{', '.join(kind.name for kind in CONTAINERS if kind.name)}, a KITTI, EuRoC, TUM-VI or TartanAir recording, "
-    "images or videos of left and right in a folder"
-)
+
+
+def supported() -> str:
+    """Return what can be a recording, for messages."""
+    from .data_sets import known_data_sets
+
+    kinds, (*names, last) = [kind.name for kind in containers() if kind.name], known_data_sets()
+    return (
+        f"an MCAP file, {', '.join(kinds)}, a {', '.join(names)} or {last} recording, images or videos of left and "
+        "right in a folder"
+    )
 
 
 def open_source(
@@ -101,7 +70,7 @@ def open_source(
 def is_recording(path: Path) -> bool:
     """Whether a file by its name, or a folder by what is in it, is a recording as a whole."""
     if not path.is_dir():
-        suffixes = tuple(kind.suffix for kind in CONTAINERS if kind.suffix)
+        suffixes = (".mcap", *(kind.suffix for kind in containers() if kind.suffix))
         return path.name.removesuffix(".zstd").endswith(suffixes)
     if (path / _RESULT).is_file():  # a bag as well, but of estimates
         return False
@@ -118,7 +87,9 @@ def _open_file(path: Path) -> Source:
     with reading(path), open_regular(path) as stream:
         start = stream.read(_LONGEST_START)
         ends_as_mcap = ends_with_magic(stream)
-    for kind in CONTAINERS:
+    if start.startswith(MCAP_MAGIC):
+        return LogFile(path)
+    for kind in containers():
         if re.match(kind.start, start):
             return kind.open(path)
     if path.name == _BAG_METADATA:
@@ -135,7 +106,7 @@ def _open_file(path: Path) -> Source:
             raise LogError(f"{path} is {what}")
     if not start:
         raise LogError(f"{path} is empty (0 bytes): nothing was recorded")
-    raise LogError(f"{path} is not a recording ({SUPPORTED}); its first bytes are {start[:8]!r}")
+    raise LogError(f"{path} is not a recording ({supported()}); its first bytes are {start[:8]!r}")
 
 
 def _recordings_in(folder: Path) -> list[Path]:
@@ -180,4 +151,4 @@ def _open_folder(path: Path, given: Given = NOTHING) -> Source:
     which = "give the one of a single camera" if given.mono else "of which no names tell left from right"
     images = f"; there are images in {some_of(listed)}, {which}" if listed else ""
     hint = () if given.mono else ("import_images",)
-    raise LogError(f"{path} is a folder without a recording ({SUPPORTED}){images}", hint=hint)
+    raise LogError(f"{path} is a folder without a recording ({supported()}){images}", hint=hint)

@@ -18,8 +18,8 @@ from ..inputs import LIMITS, open_regular, read_small
 from ..mcap_file.log_file import LogFile
 from ..mcap_file.message import Source
 from ..wording import some_of
+from .containers.sqlite_bag import SqliteBagSource, connect
 from .joined import JoinedSource, natural_order
-from .sqlite_bag import SqliteBagSource, connect
 
 _SUFFIXES = (".mcap", ".db3")
 # What the compressed files of a bag may hold in all: images hardly shrink, numbers to a tenth.

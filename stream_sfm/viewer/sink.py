@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..camera.lens import project_into_image
 from ..camera.rig import MonoRig, StereoRig
-from ..evaluation.association import MAX_GAP_NS
+from ..evaluation.settings import SETTINGS
 from ..geometry import se3
 from ..geometry.se3 import Array
 from ..sources.image_header import image_format
@@ -173,7 +173,7 @@ class RerunSink:
         """Distance to the ground truth at this stamp, NaN where there is none; the first one is aligned and drawn."""
         off_ns = np.abs(truth.stamps_ns - estimate.stamp_ns)
         nearest = int(off_ns.argmin())
-        if off_ns[nearest] > MAX_GAP_NS / 2:
+        if off_ns[nearest] > SETTINGS.max_gap_ns / 2:
             return float("nan")
         pose = truth.world_from_cam[nearest]
         if self._world_from_truth is None:

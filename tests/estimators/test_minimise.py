@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.config import Config
+from stream_sfm.config import Config, WindowConfig
 from stream_sfm.estimators.cross_frame import minimise as minimising
 from stream_sfm.estimators.cross_frame import window
 from stream_sfm.estimators.cross_frame.map import Map
@@ -55,7 +55,7 @@ def of_steps(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_steps_end_where_they_promise_little(decreases: list[float], is_timed: bool, done: str, of_steps) -> None:
     steps: Any = Steps(decreases, is_timed)
-    assert minimise(steps, 10, 0.99) == len(decreases)
+    assert minimise(steps, WindowConfig(max_iterations=10), 0.99) == len(decreases)
     assert steps.done == done
 
 
@@ -66,14 +66,14 @@ def test_steps_end_where_they_promise_little(decreases: list[float], is_timed: b
 def test_steps_that_lead_away_end_the_map(decreases: list[float], is_timed: bool, of_steps) -> None:
     steps: Any = Steps(decreases, is_timed)
     with pytest.raises(np.linalg.LinAlgError, match="diverges"):
-        minimise(steps, 10, 0.99)
+        minimise(steps, WindowConfig(max_iterations=10), 0.99)
 
 
 def test_a_frame_is_degraded_where_the_joint_minimum_refuses_its_views(arc, monkeypatch) -> None:
     """The motion since the frame before agrees with nearly all; points that begin there say nothing about the pose."""
     config, last = Config(), arc.observations[-1].frame_index
 
-    def refuse(current: Map, *settings: float) -> int:
+    def refuse(current: Map, *settings: Any) -> int:
         steps = minimise(current, *settings)
         if current.frames[-1].index == last:
             known = core.among(current.views.ids, current.marginals.ids) & (

@@ -41,7 +41,7 @@ def current() -> Map:
 def test_halves_add_up_to_all_tracks(current):
     """Their information and right-hand sides are those of all tracks, of the dense equations without the points."""
     at, system = system_at(current)
-    quarters = _quarters(current, at)
+    quarters = _quarters(current, at, WindowConfig())
     assert np.bincount(quarters, minlength=4).min() > 0.15 * len(quarters)
     parts = _poses_by(current, system, at, quarters)
     every = _poses_by(current, system, at, np.zeros_like(quarters))[0]
@@ -73,7 +73,7 @@ def test_tracks_of_half_a_scene_have_both_kinds_of_halves(current, kind):
     ids, x = current.points.ids, current.points.q[:, 0]
     kept = ids % 2 == 0 if kind == "even numbers" else x < np.median(x)
     at = current.state()._replace(ids=ids[kept], q=current.points.q[kept])
-    assert np.bincount(_quarters(current, at), minlength=4).min() > 0.15 * kept.sum()
+    assert np.bincount(_quarters(current, at, WindowConfig()), minlength=4).min() > 0.15 * kept.sum()
 
 
 def test_one_step_leads_to_the_minimum(current):
@@ -111,7 +111,7 @@ def mean_squares(autocorrelation: float, trials: int) -> tuple[np.ndarray, np.nd
         )
         current = map_after(scene.sequence(np.random.SeedSequence([7, seed])))
         at, system = system_at(current)
-        found.append(squares_of_halves(current, system, at)[0])
+        found.append(squares_of_halves(current, system, at, WindowConfig())[0])
     return np.mean(found, axis=0), np.std(found, axis=0) / np.sqrt(trials)
 
 

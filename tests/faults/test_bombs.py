@@ -156,7 +156,7 @@ def bag1(path):
 )
 def test_a_chunk_of_a_bag_costs_little_work(bag1, path, monkeypatch, content, says):
     monkeypatch.setattr("stream_sfm.mcap_file.chunks._FREE_RECORDS", 10_000)
-    monkeypatch.setattr("stream_sfm.sources.ros1_bag._FREE_BYTES", 100 * MIB)
+    monkeypatch.setattr("stream_sfm.sources.containers.ros1_bag._FREE_BYTES", 100 * MIB)
     path.write_bytes(bag1 + bag_chunk(content))
     count, said = read(path)
     assert count == FRAMES and "a damaged record was skipped: " in said and says in said

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.config.rules import EchoRules
 from stream_sfm.frontend.echo_check import EchoCheck, middle
 from tests.helpers.places import ROOM
 
@@ -25,7 +26,7 @@ def textured(seed: int, size: tuple[int, int] = (256, 320)) -> np.ndarray:
 
 
 def checked(left: np.ndarray, right: np.ndarray) -> EchoCheck:
-    return EchoCheck().after(middle(left), middle(right))
+    return EchoCheck().after(*(middle(image, EchoRules()) for image in (left, right)))
 
 
 @pytest.mark.parametrize("at_px", [(8, 0), (0, 11), (17, 5), (-9, 20)])

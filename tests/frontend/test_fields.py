@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.config.rules import FieldRules, StillRules
 from stream_sfm.frontend.field_check import FieldCheck, combed
 from stream_sfm.frontend.still_check import Lines
 from tests.helpers.places import ROOM
@@ -16,7 +17,7 @@ def lines(at_px: int, before_px: int, seed: int = 0, std_grey: float = 2.0, odd_
     image = wall[100:400, 100 + at_px : 500 + at_px].copy()
     image[1::2] = wall[101:400:2, 100 + before_px : 500 + before_px] + odd_grey
     image += std_grey * np.random.default_rng(seed).normal(size=image.shape)
-    return Lines.of(np.rint(image).clip(0, 255).astype(np.uint8))
+    return Lines.of(np.rint(image).clip(0, 255).astype(np.uint8), StillRules())
 
 
 @pytest.mark.parametrize("step_px", [1, 2, 5, 20])
@@ -31,22 +32,24 @@ def test_rows_of_a_moving_camera_are_combed(step_px: int) -> None:
 @pytest.mark.parametrize("std_grey", [0.0, 2.0, 10.0])
 def test_whole_frames_are_not(std_grey: float, odd_grey: float) -> None:
     """Noise adds the same to all differences, and rows of another brightness are known by their means."""
-    assert all(-0.06 < combed(lines(0, 0, seed, std_grey, odd_grey).columns) < 0.02 for seed in range(6))
+    assert all(
+        -0.06 < combed(lines(0, 0, seed, std_grey, odd_grey).columns, FieldRules()) < 0.02 for seed in range(6)
+    )
 
 
 def test_lines_across_the_image_are_not() -> None:
     """As of a frame that is drawn over it."""
     columns = lines(0, 0).columns
     columns[:, [3, 4, 5, -6, -5, -4]] = 255
-    assert combed(columns) < 0.02
+    assert combed(columns, FieldRules()) < 0.02
 
 
 def test_what_a_mask_leaves_out_does_not_count() -> None:
     whole, part = lines(3, 0).columns, lines(3, 0).columns.copy()
     part[:, 200:] = -1
     part[:5] = -1
-    assert combed(part) == pytest.approx(combed(whole), rel=0.3)
-    assert combed(np.full_like(part, -1)) == 0
+    assert combed(part, FieldRules()) == pytest.approx(combed(whole, FieldRules()), rel=0.3)
+    assert combed(np.full_like(part, -1), FieldRules()) == 0
 
 
 def test_a_suspicion_ends() -> None:

@@ -37,7 +37,7 @@ def checked(
             drawn((scene(speed * n, d) + rng.normal(0, 2, (300, 400))).clip(0, 255).astype(np.uint8))
             for d in (0, disparity)
         )
-        check = check.after(Lines.of(left, mask), Lines.of(right, mask))
+        check = check.after(Lines.of(left, check.rules, mask), Lines.of(right, check.rules, mask))
     return check
 
 
@@ -58,7 +58,7 @@ def test_what_is_far_is_not_where_the_camera_hardly_turns() -> None:
         turned = cv2.warpAffine(TEXTURE, np.float32([[1, 0, -100 - 0.5 * n], [0, 1, 0]]), (400, 300))
         left, right = turned.copy(), turned.copy()
         left[100:], right[100:] = scene(5 * n, 0)[100:], scene(5 * n, 12)[100:]
-        lines = Lines.of(left), Lines.of(right)
+        lines = Lines.of(left, now.rules), Lines.of(right, now.rules)
         now, before = now.after(*lines), before.after(*lines)
     assert before.problem and not now.problem
 

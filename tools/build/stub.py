@@ -54,7 +54,12 @@ def stub(module: ModuleType) -> str:
     records = [_record(name, *described) for name, described in module.RECORDS.items()]
     functions = generator.output.replace("\n\n\n", "\n\n")
     said = "RECORDS: dict[str, tuple[bool, str, list[tuple[str, str]]]]  # is returned; help; fields, types"
-    return "\n".join([_HEAD, *records, said, "", functions.strip(), ""])
+    numbers = [
+        f"{name}: {type(value).__name__}"
+        for name, value in sorted(vars(module).items())
+        if isinstance(value, int | float)
+    ]
+    return "\n".join([_HEAD, *numbers, "", *records, said, "", functions.strip(), ""])
 
 
 def _record(name: str, is_returned: bool, meaning: str, fields: list[tuple[str, str]]) -> str:

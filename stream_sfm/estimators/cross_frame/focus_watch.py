@@ -15,9 +15,7 @@ from ...geometry.resection import Resection, refine
 from ...geometry.se3 import Array
 from ...record import changed, record
 
-_LEAST_INFORMATION = 1e-9
-_MOST = 3.0  # σ assumed of a change from frame to frame
-_RESTS = 3.0  # σ of the slope, and of the scatter, of a focal length that rests
+_LEAST_INFORMATION = 1e-9  # of a frame, 1/σ²
 
 
 @record
@@ -65,7 +63,7 @@ class FocusWatch:
         information = max(1 / var - 1, _LEAST_INFORMATION)  # without that of σ = 1
         shown = unit * float(own.amplitudes[-1]) / (var * information), unit**2 / information
         before = self.shown[-1][0] if self.moves else 0.0
-        if abs(shown[0] - before) > _MOST * unit:  # a body that moves, and no zoom
+        if abs(shown[0] - before) > self.rules.most_refocused * unit:  # a body that moves, and no zoom
             return self.calm(), changed(found, amplitudes=start)
         if self.moves:
             return changed(self, shown=(*self.shown[-self.rules.rested_frames :], shown)), own
@@ -90,7 +88,7 @@ class FocusWatch:
     @property
     def rests_at(self) -> float | None:
         """The change of the focal length that the latest frames have in common, once there are enough."""
-        n = self.rules.rested_frames
+        n, rests = self.rules.rested_frames, self.rules.rests
         if len(self.shown) < n:
             return None
         shares, var = np.array(self.shown[-n:]).T
@@ -98,8 +96,8 @@ class FocusWatch:
         mean = float(weight @ shares / weight.sum())
         since = np.arange(n) - weight @ np.arange(n) / weight.sum()
         slope, scatter = float(weight * since @ shares), float(weight @ (shares - mean) ** 2)
-        even = slope**2 < _RESTS**2 * float(weight @ since**2)
-        return mean if even and scatter < n + _RESTS * np.sqrt(2 * n) else None
+        even = slope**2 < rests**2 * float(weight @ since**2)
+        return mean if even and scatter < n + rests * np.sqrt(2 * n) else None
 
     def calm(self) -> "FocusWatch":
         """Return the watch of a focal length that rests."""

@@ -22,7 +22,6 @@ from .normal_equations import System
 from .relative import apart_from_newest
 
 _KINDS = ((0, 1), (0, 2))  # halves that the quarters 0 … 3 begin with: even tracks, and those on the left
-_LEAST = 0.125  # share of the tracks that makes a half
 
 
 @record
@@ -62,12 +61,12 @@ class SpanFactors:
         return SpanFactors(squares, frames, self.rules)
 
 
-def squares_of_halves(of: Map, system: System, at: State) -> Array:
+def squares_of_halves(of: Map, system: System, at: State, rules: WindowConfig) -> Array:
     """Return δᵀC⁻¹δ/6 (2, f) over spans of 1 … f frames, of both kinds of halves; NaN where one knows too little.
 
     `system`: of a map, with the rig as it is, linearised at its state `at`.
     """
-    parts = _poses_by(of, system, at, _quarters(of, at))
+    parts = _poses_by(of, system, at, _quarters(of, at, rules))
     found = np.full((2, len(of.frames)), np.nan)
     for kind, (first, second) in enumerate(_KINDS):
         third, fourth = (k for k in range(4) if k not in (first, second))
@@ -83,17 +82,17 @@ def _together(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Arr
     return one[0] + other[0], one[1] + other[1]
 
 
-def _quarters(of: Map, at: State) -> NDArray[np.int64]:
+def _quarters(of: Map, at: State, rules: WindowConfig) -> NDArray[np.int64]:
     """Return of which quarter points (P,) are: even on the left, even on the right, odd on the left, odd on the right.
 
     A point is where its anchor, the camera that first saw it, has it. Where tracks have even numbers only, or come from
     one side of the image, their order and their median make the halves.
     """
-    p, x = of.projection, at.q[:, 0]
+    p, x, least = of.projection, at.q[:, 0], rules.halves_least
     odd, right = at.ids % 2 == 1, p.f_px * x + p.cx_left_px > p.width / 2
-    if not _LEAST < odd.mean() < 1 - _LEAST:
+    if not least < odd.mean() < 1 - least:
         odd = np.arange(len(x)) % 2 == 1
-    if not _LEAST < right.mean() < 1 - _LEAST:
+    if not least < right.mean() < 1 - least:
         right = x > np.median(x)
     return 2 * odd.astype(np.int64) + right
 

@@ -2,17 +2,12 @@
 
 import numpy as np
 
+from ...config import WindowConfig
 from .map import Map
 from .velocities import is_timed, renew_timing
 
-# Decrease of the sum of squares that a step promises, in squared standard deviations. Measured on simulated and real
-# views: a step leaves less than a ten-thousandth of the decrease it promised. After one that promised this much, a
-# standard deviation at most is left, all variables together; the next frame goes on from there. A tenth of it changes
-# the figures of eight logs in the third digit, and takes 8 % more time.
-_CONVERGED = 1e4
 
-
-def minimise(current: Map, max_iterations: int, gate_probability: float) -> int:
+def minimise(current: Map, rules: WindowConfig, gate_probability: float) -> int:
     """Go to the joint minimum of the window and return the number of steps.
 
     Views that contradict it have no part in the next step, of this frame or of the next one. Where the timing is wrong,
@@ -20,14 +15,14 @@ def minimise(current: Map, max_iterations: int, gate_probability: float) -> int:
     covariances. Raises LinAlgError where the iteration diverges or no points are left.
     """
     before, steps, timed = np.inf, 0, is_timed(current)
-    while steps < max_iterations and not (before < _CONVERGED and steps >= 1 + timed):
+    while steps < rules.max_iterations and not (before < rules.converged and steps >= 1 + timed):
         current.drop_undetermined()
         if not len(current.points):
             raise np.linalg.LinAlgError("no points are left")
         decrease = current.gauss_newton_step()
         # A step that promises more than the one before it leads away from the minimum. After convergence the only step
         # is that for new velocities, which may have moved the minimum a little.
-        if not decrease < max(before, _CONVERGED):
+        if not decrease < max(before, rules.converged):
             raise np.linalg.LinAlgError("Gauss-Newton diverges")
         current.gate(gate_probability)  # by the velocities that this minimum is of
         if timed:

@@ -51,7 +51,7 @@ def _reported(current: Map, factors: SpanFactors, learns: bool) -> tuple[Map, Sp
         beside=current.system,
     )
     if learns and factors.asks_for(result.frames[-1].index):
-        factors = factors.after(factor**2 * squares_of_halves(result, system, at))
+        factors = factors.after(factor**2 * squares_of_halves(result, system, at, factors.rules))
     result.follow(system)
     system.with_rig_of(current.system, np.searchsorted(current.points.ids, result.points.ids))
     return result, factors

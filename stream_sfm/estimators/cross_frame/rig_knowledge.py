@@ -17,13 +17,13 @@ from ...geometry.linear import Cholesky, symmetric
 from ...geometry.se3 import Array
 from ...record import changed, record
 from ...rig_model.estimate import Amplitudes, RigEstimate
+from ...rig_model.field import LEAST_PX
 from ...rig_model.parts import Agreement, Parts
 from ...rig_model.sizes import Mixture, likely_sizes, mixture
 from ...rig_model.terms import FOCAL, TERMS
 
 _FOCAL = TERMS.index(FOCAL)
 _LEAST_GAIN = 1e-9  # of a variance: less is rounding
-_LEAST_FIELD_PX = 1e-3  # a field of σ 0 would have no amplitudes
 _RULES = RigConfig()
 
 
@@ -67,7 +67,7 @@ class RigKnowledge:
         """Return the prior: m errors of σ `size` (m,) about a mean."""
         m, rules = len(size), rules or _RULES
         size, mean = size.copy(), np.zeros(m) + mean
-        size[len(TERMS) :] = _LEAST_FIELD_PX
+        size[len(TERMS) :] = LEAST_PX
         cov = np.diag(size**2)
         knowledge = cls(mean, np.diag(size**-2.0), np.zeros(m), size, mean, cov, sizes_unknown, since_ns=since_ns)
         return changed(knowledge, frames=rules.calm_frames, rules=rules)
@@ -128,7 +128,7 @@ class RigKnowledge:
     def likely_size(self, mean: Array, cov: Array, field_std_px: float) -> Array:
         """Return the sizes (m,) of the errors that N(`mean`, `cov`) from all views makes likely, eq. (72a)."""
         size = np.where(self.sizes_unknown, likely_sizes(mean, cov, self.size), self.size)
-        size[len(TERMS) :] = max(field_std_px, _LEAST_FIELD_PX)
+        size[len(TERMS) :] = max(field_std_px, LEAST_PX)
         return size
 
     def with_part(self, counts: bool) -> "RigKnowledge":
@@ -186,7 +186,7 @@ class RigKnowledge:
 
     def with_field(self, n: int) -> "RigKnowledge":
         """Return the knowledge with n more errors, of a field of which nothing has been seen."""
-        m, none, least = len(self), np.zeros(n), np.full(n, _LEAST_FIELD_PX)
+        m, none, least = len(self), np.zeros(n), np.full(n, LEAST_PX)
         apart = np.zeros((m, n))
         return changed(
             self,

@@ -18,9 +18,6 @@ from .map import Map
 from .twist_unknown import TWIST, left_in_rows, twist_columns, with_room
 from .window_frame import WindowFrame
 
-# Of what accelerations are assumed to do to a twist: few frames have not shown all of its errors.
-_LEAST_TWIST = 0.1
-_PROBABLE = 2.0  # standard deviations from which on a delay is reckoned with
 _FAR = 0.0, 0.0, 1.0, 0.0  # a point at infinity, straight ahead
 
 
@@ -53,14 +50,14 @@ def expect(
     by_timing[rows] = frame.rig.by_timing(moved, now, timing[0], views.expected_px[rows])
     views = changed(views, timing=by_timing)
     of_twist = std_acceleration * (seconds[-1] - seconds[-2])
-    delay_s, std_s = timing[0][0], np.sqrt(timing[1][0, 0])
-    if current.exposures.has_twist or abs(delay_s) > _PROBABLE * std_s:
+    delay_s, std_s, rules = timing[0][0], np.sqrt(timing[1][0, 0]), current.prior.rig.rules
+    if current.exposures.has_twist or abs(delay_s) > rules.probable_delay * std_s:
         _begin_twist(current)
         in_cam = core.seen_points(current.projection, views.z_px)
         in_cam[rows] = moved
         in_cam[~np.isfinite(in_cam).all(axis=1)] = _FAR  # the left side alone, which is not late
         cov_twist = current.exposures.twist_error.cov(std_acceleration, seconds)
-        cov_twist = cov_twist + np.diag((_LEAST_TWIST * of_twist) ** 2)
+        cov_twist = cov_twist + np.diag((rules.least_twist * of_twist) ** 2)
         size_s = np.copysign(np.hypot(delay_s, std_s), delay_s)
         own = twist_columns(current.projection, views, in_cam, size_s, cov_twist)
         views = changed(views, own=np.concatenate([views.own, own], axis=2))

@@ -136,7 +136,7 @@ class CrossFrame(TakesSamples):
         passed_s = (observations.stamp_ns - current.previous.stamp_ns) / 1e9
         current.consider_other(motion, self.motion.std_speed * passed_s)
         renew_timing(current)
-        iterations = minimise(current, self.config.window.max_iterations, self.config.robust.gate_probability)
+        iterations = minimise(current, self.config.window, self.config.robust.gate_probability)
         return self._report(current, observations, motion, iterations)
 
     def _change_rig(self, change: Callable[[RigKnowledge], tuple[RigKnowledge, Array, Array]]) -> None:

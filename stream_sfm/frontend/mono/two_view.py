@@ -17,7 +17,6 @@ from ...record import record
 from .parallax import depths_from_motion, directions
 
 _MIN_RAYS = 8  # the five of the minimal solver, and some to tell its solutions apart
-_RANSAC_CONFIDENCE = 0.9999  # of one draw without outliers; OpenCV's default is 0.999
 _ANY_DEPTH = 1e6  # baselines; OpenCV leaves out what is farther than 50 otherwise
 
 
@@ -66,7 +65,7 @@ def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float, rules: M
         rays_now,
         np.eye(3),
         method=cv2.RANSAC,
-        prob=_RANSAC_CONFIDENCE,
+        prob=rules.ransac_confidence,
         threshold=rules.gate_sigmas * std_ray,
     )
     if essential is None or essential.shape != (3, 3):

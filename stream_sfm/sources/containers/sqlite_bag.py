@@ -15,9 +15,10 @@ from urllib.parse import quote
 
 from mcap.well_known import MessageEncoding
 
-from ..errors import LogError
-from ..inputs import LIMITS, open_regular, reading
-from ..mcap_file.message import Channel, Contents, Damage, Message, Source
+from ...errors import LogError
+from ...inputs import LIMITS, open_regular, reading
+from ...mcap_file.message import Channel, Contents, Damage, Message, Source
+from . import Container
 
 _TABLES = ("topics", "messages", "message_definitions")  # the last one since ROS 2 Iron
 _JOURNALS = ("-journal", "-wal")  # files beside the database, with changes that are not in it
@@ -182,3 +183,6 @@ def _standard_definition(schema_name: str) -> bytes:
         return b""
     text, _ = store.generate_msgdef(schema_name, ros_version=2)
     return text.encode()
+
+
+CONTAINER = Container(SqliteBagSource, rb"SQLite format 3\0", ".db3", "a ROS 2 bag")

@@ -17,11 +17,12 @@ from typing import IO, NamedTuple
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
-from ..errors import LogError
-from ..inputs import LIMITS, open_regular, reading
-from ..mcap_file.chunks import Allowance, decompress
-from ..mcap_file.message import Channel, Contents, Damage, Message, Source
-from ..mcap_file.records import BrokenRecord
+from ...errors import LogError
+from ...inputs import LIMITS, open_regular, reading
+from ...mcap_file.chunks import Allowance, decompress
+from ...mcap_file.message import Channel, Contents, Damage, Message, Source
+from ...mcap_file.records import BrokenRecord
+from . import Container
 
 MAGIC = b"#ROSBAG V2.0\n"
 _Kind = IntEnum("_Kind", {"MESSAGE": 2, "BAG_HEADER": 3, "CHUNK": 5, "CHUNK_INFO": 6, "CONNECTION": 7})
@@ -267,3 +268,6 @@ def _fields(header: bytes) -> dict[str, bytes]:
             raise BrokenRecord("a field of a record has no value")
         fields[name.decode("utf-8", "replace")] = value
     return fields
+
+
+CONTAINER = Container(Ros1BagSource, rb"#ROSBAG", ".bag", "a ROS 1 bag")

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import cv2
 
-from ..camera.pixels import to_grey
-from ..camera.rig import StereoRig
-from ..errors import LogError
-from ..mcap_file.message import Channel, Contents, Damage, Message, Source
-from .profile import ProfileEncoder
-from .video_stream import quiet_ffmpeg
+from ...camera.pixels import to_grey
+from ...camera.rig import StereoRig
+from ...errors import LogError
+from ...mcap_file.message import Channel, Contents, Damage, Message, Source
+from ..profile import ProfileEncoder
+from ..video_stream import quiet_ffmpeg
+from . import Container
 
 
 class VideoSource(Source):
@@ -78,3 +79,6 @@ class VideoSource(Source):
             capture.release()
         if read < max(self._expected - 1, 1):  # some containers count one too many
             damage.add(f"{self.path}: {read} of {self._expected} frames could be decoded")
+
+
+CONTAINER = Container(VideoSource, rb"(?s)\x1aE\xdf\xa3|.{4}ftyp|.{8}AVI ")  # Matroska, MP4, AVI
