@@ -18,14 +18,21 @@ Samples (n, 3), rad/s and m/s², at ascending times (n,), of which the first and
 `widened` (n − 1,): factors on the variance of each step; biases (6,) of gyroscope and accelerometer, and their
 noise densities (2,).)",
         "seconds"_a, "gyro"_a, "accel"_a, "widened"_a, "biases"_a, "densities"_a);
-    def<&inertial_rows>(m, "inertial_rows", R"(Return whitened residuals (9n,) of intervals in a row and their Jacobian (9n, 9n + 17), eq. (80).
+    def<&slide_leads>(m, "slide_leads", R"(Return how slides move the poses that a camera is really at, (6n, 3n), and these poses (n, 4, 4).
 
-Cameras (n + 1, 4, 4), the first of which is the reference, with velocities (n + 1, 3) in their own axes; the state
-(17,) of the reference. Columns: poses 6n, perturbed on the left, the state, velocities 3n. The reference is fixed,
-and its velocity is that of the state. Raises LinAlgError where a covariance is not definite.)",
-        "intervals"_a, "cams"_a, "velocities"_a, "state"_a, "cam_from_imu"_a);
-    def<&inertial_motion>(m, "inertial_motion", R"(Return previous_from_now (4, 4) and the state (17,) at the end of one interval, by samples alone, eq. (81).)",
-        "interval"_a, "state"_a, "cam_from_imu"_a);
+Cameras (n, 4, 4) as images show them, each turned by a slide (n, 3) from its own frame on, about where it is.)",
+        "cams"_a, "slides"_a);
+    def<&inertial_rows>(m, "inertial_rows", R"(Return whitened residuals (9n,) of intervals in a row and their Jacobians, eq. (80).
+
+By poses 6n, perturbed on the left, and the state (9n, 6n + 17), and by slides and velocities (9n, 6n). Cameras (n, 4,
+4) with velocities (n, 3) in their own axes, in the reference camera's, with the state (17,) of that, which is fixed;
+`lead` (6n, 3n): of poses by slides. Raises LinAlgError where a covariance is not definite.)",
+        "intervals"_a, "cams"_a, "lead"_a, "velocities"_a, "state"_a, "cam_from_imu"_a);
+    def<&inertial_motion>(m, "inertial_motion", R"(Return where one interval leads by samples alone, eq. (81): previous_from_now (4, 4) and the state (17,) at its end.
+
+And how both move with those at its beginning, (23, 23), and the covariance (23, 23) that is added; `std_walk` (6,): of
+the biases meanwhile.)",
+        "interval"_a, "state"_a, "cam_from_imu"_a, "std_walk"_a);
 }
 
 }  // namespace binding

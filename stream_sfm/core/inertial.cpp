@@ -8,6 +8,7 @@ namespace {
 
 // Where in the state, after the velocity, stand gravity, biases of gyroscope and accelerometer, scale, axes and clock.
 enum : std::size_t { G = 3, B_G = G + 3, B_A = B_G + 3, SCALE = B_A + 3, AXES, CLOCK = AXES + 3, STATE };
+constexpr std::size_t SIZE = 6 + STATE;  // of a pose and a state
 
 struct Vec {
     double x[3];
@@ -19,6 +20,11 @@ struct Mat {
 Vec operator+(const Vec& a, const Vec& b) { return {{a.x[0] + b.x[0], a.x[1] + b.x[1], a.x[2] + b.x[2]}}; }
 Vec operator-(const Vec& a, const Vec& b) { return {{a.x[0] - b.x[0], a.x[1] - b.x[1], a.x[2] - b.x[2]}}; }
 Vec operator*(double s, const Vec& a) { return {{s * a.x[0], s * a.x[1], s * a.x[2]}}; }
+Mat operator*(double s, const Mat& m) {
+    Mat out;
+    for (int i = 0; i < 9; i++) out.x[i] = s * m.x[i];
+    return out;
+}
 Vec operator*(const Mat& m, const Vec& a) {
     Vec out;
     multiply<3, 3, 1>(m.x, a.x, out.x);
@@ -116,52 +122,118 @@ struct Corrected {
     }
 };
 
-// The residual (9,) of interval n and its Jacobian (9, columns): poses from column 6n − 6 on, the state at 6F, velocities.
-void residual_of(const IntervalViews& of, std::size_t n, Matrices cams, Matrix velocities, const double* s,
-                 const Mat& axes, const Vec& lever, double* e, double* j, std::size_t columns) {
-    std::size_t frames = of.seconds.shape[0], at_s = 6 * frames, at_v = at_s + STATE;
-    const double *cam_i = cams[n], *cam_j = cams[n + 1];
-    Mat ri = transposed(rotation_in(cam_i)), rj = transposed(rotation_in(cam_j));
-    Vec pi = -1 * (ri * Vec{{cam_i[3], cam_i[7], cam_i[11]}}), pj = -1 * (rj * Vec{{cam_j[3], cam_j[7], cam_j[11]}});
-    Mat mounted = axes * exp_so3(vec(s + AXES)), to_cam = transposed(mounted);
-    Vec vi = vec(velocities[n]), vj = vec(velocities[n + 1]), gravity = vec(s + G);
-    double scale = 1 + s[SCALE], t = of.seconds.data[n];
-    Corrected d(of, n, s);
-    Mat bi = transposed(ri * mounted), m = bi * (rj * mounted), mt = transposed(m);
-    Vec dv = rj * vj - ri * vi - t * gravity;
-    Vec dp = scale * (pj - pi) + rj * lever - ri * lever - t * (ri * vi) - (0.5 * t * t) * gravity;
-    Vec own_v = bi * dv, own_p = bi * dp, er = log_so3(transposed(d.r) * m), ev = own_v - d.v, ep = own_p - d.p;
-    for (int k = 0; k < 3; k++) e[k] = er.x[k], e[3 + k] = ev.x[k], e[6 + k] = ep.x[k];
-    auto at = [&](std::size_t row, std::size_t column, const Mat& block, double by = 1) { put(j, columns, row, column, block, by); };
-    std::size_t xi = 6 * n - 6, xj = 6 * n;  // xi: of none where n is 0
-    Mat bi_ri = bi * ri, bi_rj = bi * rj;
-    at(0, xj + 3, to_cam, -1);
-    Mat sv = skew(own_v), sp = skew(own_p), of_axes = right_jacobian(vec(s + AXES));
-    at(0, at_s + AXES, of_axes);
-    at(0, at_s + AXES, mt * of_axes, -1);
-    at(3, at_s + AXES, sv * of_axes);
-    at(6, at_s + AXES, sp * of_axes);
-    at(3, xj + 3, bi_rj * skew(vj));
-    at(6, xj, bi_rj, -scale);
-    at(6, xj + 3, bi_rj * skew(lever));
-    if (n > 0) {
-        at(0, xi + 3, mt * to_cam);
-        at(3, xi + 3, sv * to_cam, -1);
-        at(6, xi + 3, sp * to_cam, -1);
-        at(3, xi + 3, bi_ri * skew(vi), -1);
-        at(6, xi, bi_ri, scale);
-        at(6, xi + 3, bi_ri * skew(t * vi + lever), -1);
+// What one interval says, whitened: residual (9,) and its Jacobian (9, 35) by both poses, perturbed on the left, the state
+// of the reference, and both velocities.
+struct Rows9 {
+    enum : std::size_t { POSE_I, POSE_J = 6, OF_STATE = 12, VELOCITY_I = OF_STATE + STATE, VELOCITY_J = VELOCITY_I + 3, COLUMNS = VELOCITY_J + 3 };
+    double e[9] = {}, j[9 * COLUMNS] = {};
+
+    void at(std::size_t row, std::size_t column, const Mat& block, double by = 1) { put(j, COLUMNS, row, column, block, by); }
+
+    Rows9(const IntervalViews& of, std::size_t n, const double* cam_i, const double* cam_j, const Vec& vi, const Vec& vj,
+          const double* s, const Mat& axes, const Vec& lever) {
+        Mat ri = transposed(rotation_in(cam_i)), rj = transposed(rotation_in(cam_j));
+        Vec pi = -1 * (ri * Vec{{cam_i[3], cam_i[7], cam_i[11]}}), pj = -1 * (rj * Vec{{cam_j[3], cam_j[7], cam_j[11]}});
+        Mat mounted = axes * exp_so3(vec(s + AXES)), to_cam = transposed(mounted);
+        Vec gravity = vec(s + G);
+        double scale = 1 + s[SCALE], t = of.seconds.data[n];
+        Corrected d(of, n, s);
+        Mat bi = transposed(ri * mounted), m = bi * (rj * mounted), mt = transposed(m);
+        Vec dv = rj * vj - ri * vi - t * gravity;
+        Vec dp = scale * (pj - pi) + rj * lever - ri * lever - t * (ri * vi) - (0.5 * t * t) * gravity;
+        Vec own_v = bi * dv, own_p = bi * dp, er = log_so3(transposed(d.r) * m), ev = own_v - d.v, ep = own_p - d.p;
+        for (int k = 0; k < 3; k++) e[k] = er.x[k], e[3 + k] = ev.x[k], e[6 + k] = ep.x[k];
+        Mat bi_ri = bi * ri, bi_rj = bi * rj;
+        Mat sv = skew(own_v), sp = skew(own_p), of_axes = right_jacobian(vec(s + AXES));
+        at(0, POSE_J + 3, to_cam, -1);
+        at(3, POSE_J + 3, bi_rj * skew(vj));
+        at(6, POSE_J, bi_rj, -scale);
+        at(6, POSE_J + 3, bi_rj * skew(lever));
+        at(0, POSE_I + 3, mt * to_cam);
+        at(3, POSE_I + 3, sv * to_cam, -1);
+        at(6, POSE_I + 3, sp * to_cam, -1);
+        at(3, POSE_I + 3, bi_ri * skew(vi), -1);
+        at(6, POSE_I, bi_ri, scale);
+        at(6, POSE_I + 3, bi_ri * skew(t * vi + lever), -1);
+        at(0, OF_STATE + AXES, of_axes);
+        at(0, OF_STATE + AXES, mt * of_axes, -1);
+        at(3, OF_STATE + AXES, sv * of_axes);
+        at(6, OF_STATE + AXES, sp * of_axes);
+        at(3, VELOCITY_I, bi_ri, -1);
+        at(6, VELOCITY_I, bi_ri, -t);
+        at(3, VELOCITY_J, bi_rj);
+        put(j, COLUMNS, 6, OF_STATE + SCALE, bi * (pj - pi));
+        at(3, OF_STATE + G, bi, -t);
+        at(6, OF_STATE + G, bi, -0.5 * t * t);
+        for (std::size_t row = 0; row < 9; row++)
+            for (std::size_t k = 0; k < 6; k++) j[row * COLUMNS + OF_STATE + B_G + k] -= of.by_bias[n][6 * row + k];
+        for (int k = 0; k < 3; k++) put(j, COLUMNS, 3 * k, OF_STATE + CLOCK, -1 * d.clock[k]);
+        whiten(of.cov[n]);
     }
-    std::size_t of_vi = n > 0 ? at_v + 3 * n - 3 : at_s;
-    at(3, of_vi, bi_ri, -1);
-    at(6, of_vi, bi_ri, -t);
-    at(3, at_v + 3 * n, bi_rj);
-    put(j, columns, 6, at_s + SCALE, bi * (pj - pi));
-    at(3, at_s + G, bi, -t);
-    at(6, at_s + G, bi, -0.5 * t * t);
-    for (std::size_t row = 0; row < 9; row++)
-        for (std::size_t k = 0; k < 6; k++) j[row * columns + at_s + B_G + k] -= of.by_bias[n][6 * row + k];
-    for (int k = 0; k < 3; k++) put(j, columns, 3 * k, at_s + CLOCK, -1 * d.clock[k]);
+
+    void whiten(const double* cov) {
+        double scale[9], scaled[81], lower[81];
+        for (int i = 0; i < 9; i++) scale[i] = 1 / std::sqrt(cov[10 * i]);
+        for (int i = 0; i < 81; i++) scaled[i] = cov[i] * scale[i / 9] * scale[i % 9];
+        require_definite(cholesky<9>(scaled, lower), "the covariance of an interval is not definite");
+        for (std::size_t row = 0; row < 9; row++) {  // L⁻¹ from the left, row by row
+            double* own = j + row * COLUMNS;
+            e[row] *= scale[row];
+            for (std::size_t c = 0; c < COLUMNS; c++) own[c] *= scale[row];
+            for (std::size_t i = 0; i < row; i++) {
+                e[row] -= lower[9 * row + i] * e[i];
+                add(-lower[9 * row + i], j + i * COLUMNS, COLUMNS, own);
+            }
+            e[row] /= lower[10 * row];
+            for (std::size_t c = 0; c < COLUMNS; c++) own[c] /= lower[10 * row];
+        }
+    }
+
+    // A block of n columns from one on, into rows of a larger matrix.
+    void copy(std::size_t column, std::size_t n, double* rows, std::size_t stride) const {
+        for (std::size_t row = 0; row < 9; row++)
+            for (std::size_t k = 0; k < n; k++) rows[row * stride + k] += j[row * COLUMNS + column + k];
+    }
+
+    // A block of six columns times (6, 3) rows of `lead`, into rows of a larger matrix.
+    void copy_led(std::size_t column, const double* lead, std::size_t of_lead, double* rows, std::size_t stride) const {
+        for (std::size_t row = 0; row < 9; row++)
+            for (std::size_t i = 0; i < 6; i++) add(j[row * COLUMNS + column + i], lead + i * of_lead, 3, rows + row * stride);
+    }
+};
+
+void require_intervals(const IntervalViews& of, std::size_t n, Vector state, Matrix cam_from_imu) {
+    require_shape(of.seconds, {n}, "seconds");
+    require_shape(of.rotation, {n, 3, 3}, "rotation");
+    require_shape(of.motion, {n, 6}, "motion");
+    require_shape(of.by_bias, {n, 9, 6}, "by_bias");
+    require_shape(of.by_clock, {n, 9}, "by_clock");
+    require_shape(of.cov, {n, 9, 9}, "cov");
+    require_shape(of.biases, {n, 6}, "biases");
+    require_shape(of.clock, {n}, "clock");
+    require_shape(state, {STATE}, "state");
+    require_shape(cam_from_imu, {4, 4}, "cam_from_imu");
+}
+
+// The inverse of a matrix (9, 9), by elimination with the largest pivot of each column.
+void invert9(double* a, double* out) {
+    for (int i = 0; i < 81; i++) out[i] = i % 10 == 0 ? 1.0 : 0.0;
+    for (int c = 0; c < 9; c++) {
+        int best = c;
+        for (int r = c + 1; r < 9; r++)
+            if (std::abs(a[9 * r + c]) > std::abs(a[9 * best + c])) best = r;
+        require_definite(std::abs(a[9 * best + c]) > 0, "samples do not lead to the end of an interval");
+        std::swap_ranges(a + 9 * c, a + 9 * c + 9, a + 9 * best);
+        std::swap_ranges(out + 9 * c, out + 9 * c + 9, out + 9 * best);
+        double pivot = a[10 * c];
+        for (int k = 0; k < 9; k++) a[9 * c + k] /= pivot, out[9 * c + k] /= pivot;
+        for (int r = 0; r < 9; r++) {
+            double by = a[9 * r + c];
+            if (r == c || by == 0) continue;
+            add(-by, a + 9 * c, 9, a + 9 * r);
+            add(-by, out + 9 * c, 9, out + 9 * r);
+        }
+    }
 }
 
 }  // namespace
@@ -207,70 +279,119 @@ Preintegrated preintegrate(Vector seconds, Matrix gyro, Matrix accel, Vector wid
     return out;
 }
 
-InertialRows inertial_rows(const IntervalViews& of, Matrices cams, Matrix velocities, Vector state, Matrix cam_from_imu) {
-    std::size_t n = of.seconds.shape[0], columns = 9 * n + STATE;
-    require_shape(of.rotation, {n, 3, 3}, "rotation");
-    require_shape(of.motion, {n, 6}, "motion");
-    require_shape(of.by_bias, {n, 9, 6}, "by_bias");
-    require_shape(of.by_clock, {n, 9}, "by_clock");
-    require_shape(of.cov, {n, 9, 9}, "cov");
-    require_shape(of.biases, {n, 6}, "biases");
-    require_shape(of.clock, {n}, "clock");
-    require_shape(cams, {n + 1, 4, 4}, "cams");
-    require_shape(velocities, {n + 1, 3}, "velocities");
-    require_shape(state, {STATE}, "state");
-    require_shape(cam_from_imu, {4, 4}, "cam_from_imu");
-    InertialRows rows{{9 * n}, {9 * n, columns}};
+Leads slide_leads(Matrices cams, Matrix slides) {
+    std::size_t n = cams.shape[0];
+    require_shape(cams, {n, 4, 4}, "cams");
+    require_shape(slides, {n, 3}, "slides");
+    Leads out{{6 * n, 3 * n}, {n, 4, 4}};
+    Array<double, 2> turns{n, 6};
+    for (std::size_t k = 0; k < n; k++)
+        for (std::size_t i = 0; i <= k; i++) {
+            Mat turned = rotation_in(cams[k]) * transposed(rotation_in(cams[i]));
+            Vec ti{{cams[i][3], cams[i][7], cams[i][11]}}, tk{{cams[k][3], cams[k][7], cams[k][11]}};
+            double* block = out.lead[6 * k] + 3 * i;
+            put(block, 3 * n, 0, 0, skew(tk - turned * ti) * turned);
+            put(block, 3 * n, 3, 0, turned);
+            for (std::size_t row = 0; row < 6; row++)
+                for (std::size_t c = 0; c < 3; c++) turns[k][row] += block[3 * n * row + c] * slides[i][c];
+        }
+    Array<double, 3> moved = pose_exp(turns);
+    for (std::size_t k = 0; k < n; k++) multiply<4, 4, 4>(moved[k], cams[k], out.true_cams[k]);
+    out.true_cams = orthonormalise(out.true_cams);
+    return out;
+}
+
+InertialRows inertial_rows(const IntervalViews& of, Matrices cams, Matrix lead, Matrix velocities, Vector state,
+                           Matrix cam_from_imu) {
+    std::size_t n = of.seconds.shape[0];
+    require_intervals(of, n, state, cam_from_imu);
+    require_shape(cams, {n, 4, 4}, "cams");
+    require_shape(lead, {6 * n, 3 * n}, "lead");
+    require_shape(velocities, {n, 3}, "velocities");
+    InertialRows rows{{9 * n}, {9 * n, 6 * n + STATE}, {9 * n, 6 * n}};
     Mat axes = rotation_in(cam_from_imu.data);
     Vec lever{{cam_from_imu.data[3], cam_from_imu.data[7], cam_from_imu.data[11]}};
+    constexpr double here[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+    std::size_t of_shared = 6 * n + STATE, of_local = 6 * n, of_lead = 3 * n;
     for (std::size_t k = 0; k < n; k++) {
-        double *e = rows.residual.data.get() + 9 * k, *j = rows.jacobian[9 * k], scale[9], scaled[81], lower[81];
-        residual_of(of, k, cams, velocities, state.data, axes, lever, e, j, columns);
-        for (int i = 0; i < 9; i++) scale[i] = 1 / std::sqrt(of.cov[k][10 * i]);
-        for (int i = 0; i < 81; i++) scaled[i] = of.cov[k][i] * scale[i / 9] * scale[i % 9];
-        require_definite(cholesky<9>(scaled, lower), "the covariance of an interval is not definite");
-        for (std::size_t row = 0; row < 9; row++) {  // L⁻¹ from the left, row by row
-            e[row] *= scale[row];
-            for (std::size_t c = 0; c < columns; c++) j[row * columns + c] *= scale[row];
-            for (std::size_t i = 0; i < row; i++) {
-                e[row] -= lower[9 * row + i] * e[i];
-                add(-lower[9 * row + i], j + i * columns, columns, j + row * columns);
-            }
-            e[row] /= lower[10 * row];
-            for (std::size_t c = 0; c < columns; c++) j[row * columns + c] /= lower[10 * row];
-        }
+        const double *before = k ? cams[k - 1] : here, *velocity = k ? velocities[k - 1] : state.data;
+        Rows9 own(of, k, before, cams[k], vec(velocity), vec(velocities[k]), state.data, axes, lever);
+        double *shared = rows.shared[9 * k], *local = rows.local[9 * k];
+        std::copy_n(own.e, 9, rows.residual.data.get() + 9 * k);
+        own.copy(Rows9::OF_STATE, STATE, shared + 6 * n, of_shared);
+        own.copy(Rows9::POSE_J, 6, shared + 6 * k, of_shared);
+        own.copy(Rows9::VELOCITY_J, 3, local + of_lead + 3 * k, of_local);
+        for (std::size_t i = 0; i <= k; i++) own.copy_led(Rows9::POSE_J, lead[6 * k] + 3 * i, of_lead, local + 3 * i, of_local);
+        if (!k) own.copy(Rows9::VELOCITY_I, 3, shared + 6 * n, of_shared);
+        if (!k) continue;
+        own.copy(Rows9::POSE_I, 6, shared + 6 * k - 6, of_shared);
+        own.copy(Rows9::VELOCITY_I, 3, local + of_lead + 3 * k - 3, of_local);
+        for (std::size_t i = 0; i < k; i++)
+            own.copy_led(Rows9::POSE_I, lead[6 * k - 6] + 3 * i, of_lead, local + 3 * i, of_local);
     }
     return rows;
 }
 
-InertialMotion inertial_motion(const IntervalViews& of, Vector state, Matrix cam_from_imu) {
-    require(of.seconds.shape[0] == 1, "one interval");
-    require_shape(of.rotation, {1, 3, 3}, "rotation");
-    require_shape(of.motion, {1, 6}, "motion");
-    require_shape(of.by_bias, {1, 9, 6}, "by_bias");
-    require_shape(of.by_clock, {1, 9}, "by_clock");
-    require_shape(of.cov, {1, 9, 9}, "cov");
-    require_shape(of.biases, {1, 6}, "biases");
-    require_shape(of.clock, {1}, "clock");
-    require_shape(state, {STATE}, "state");
-    require_shape(cam_from_imu, {4, 4}, "cam_from_imu");
+InertialMotion inertial_motion(const IntervalViews& of, Vector state, Matrix cam_from_imu, Vector std_walk) {
+    require_intervals(of, 1, state, cam_from_imu);
+    require_shape(std_walk, {6}, "std_walk");
     InertialMotion out;
     const double* s = state.data;
     Corrected d(of, 0, s);
-    Mat mounted = rotation_in(cam_from_imu.data) * exp_so3(vec(s + AXES)), turned = mounted * d.r * transposed(mounted);
+    Mat axes = rotation_in(cam_from_imu.data), mounted = axes * exp_so3(vec(s + AXES));
+    Mat turned = mounted * d.r * transposed(mounted), back = transposed(turned);
     Vec lever{{cam_from_imu.data[3], cam_from_imu.data[7], cam_from_imu.data[11]}};
     double t = of.seconds.data[0];
-    Mat back = transposed(turned);
     Vec moved = (1 / (1 + s[SCALE])) * (lever + t * vec(s) + (0.5 * t * t) * vec(s + G) + mounted * d.p - turned * lever);
-    Vec velocity = back * (vec(s) + t * vec(s + G) + mounted * d.v), gravity = back * vec(s + G);
+    Vec velocity = back * (vec(s) + t * vec(s + G) + mounted * d.v), gravity = back * vec(s + G), there = -1 * (back * moved);
+    double cam[16] = {0};
+    constexpr double here[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
     for (int i = 0; i < 3; i++) {
-        for (int k = 0; k < 3; k++) out.previous_from_now[0][4 * i + k] = turned.x[3 * i + k];
+        for (int k = 0; k < 3; k++) {
+            out.previous_from_now[0][4 * i + k] = turned.x[3 * i + k];
+            cam[4 * i + k] = back.x[3 * i + k];
+        }
         out.previous_from_now[0][4 * i + 3] = moved.x[i];
+        cam[4 * i + 3] = there.x[i];
     }
-    out.previous_from_now[0][15] = 1;
+    out.previous_from_now[0][15] = cam[15] = 1;
     std::copy_n(s, STATE, out.state.data.get());
     std::copy_n(velocity.x, 3, out.state.data.get());
     std::copy_n(gravity.x, 3, out.state.data.get() + G);
+    // whitened residuals are zero at the end and N(0, I): J_end (ξ, δv) + J_s δs + n = 0
+    Rows9 own(of, 0, here, cam, vec(s), velocity, s, axes, lever);
+    own.copy(Rows9::VELOCITY_I, 3, own.j + Rows9::OF_STATE, Rows9::COLUMNS);
+    double end[81] = {}, at_end[81], by_state[9 * STATE] = {}, of_state[9 * STATE] = {}, noise[SIZE * 9] = {};
+    own.copy(Rows9::POSE_J, 6, end, 9);
+    own.copy(Rows9::VELOCITY_J, 3, end + 6, 9);
+    own.copy(Rows9::OF_STATE, STATE, of_state, STATE);
+    invert9(end, at_end);
+    multiply<9, 9, STATE>(at_end, of_state, by_state);  // less: the end moves against it
+    Mat turn = -1 * skew(gravity);
+    double* rows = out.rows[0];
+    auto at = [&](std::size_t row, std::size_t column, const Mat& block) { put(rows, SIZE, row, column, block); };
+    at(0, 0, back);
+    at(0, 3, skew(there) * back);
+    at(3, 3, back);
+    for (std::size_t k = 0; k < STATE; k++) rows[(6 + k) * SIZE + 6 + k] = 1;
+    for (std::size_t row = 0; row < 6; row++)
+        for (std::size_t k = 0; k < STATE; k++) rows[row * SIZE + 6 + k] = by_state[row * STATE + k];
+    for (std::size_t row = 0; row < 3; row++)
+        for (std::size_t k = 0; k < STATE; k++) {
+            rows[(6 + row) * SIZE + 6 + k] = -by_state[(6 + row) * STATE + k];
+            double sum = k < G || k >= G + 3 ? 0.0 : back.x[3 * row + k - G];
+            for (std::size_t i = 0; i < 3; i++) sum -= turn.x[3 * row + i] * by_state[(3 + i) * STATE + k];
+            rows[(6 + G + row) * SIZE + 6 + k] = sum;
+        }
+    for (std::size_t k = 0; k < 9; k++)
+        for (std::size_t row = 0; row < 3; row++) {
+            noise[row * 9 + k] = at_end[row * 9 + k];
+            noise[(3 + row) * 9 + k] = at_end[(3 + row) * 9 + k];
+            noise[(6 + row) * 9 + k] = -at_end[(6 + row) * 9 + k];
+            for (std::size_t i = 0; i < 3; i++) noise[(6 + G + row) * 9 + k] -= turn.x[3 * row + i] * at_end[(3 + i) * 9 + k];
+        }
+    multiply_transposed<SIZE, 9, SIZE>(noise, noise, out.cov[0]);
+    for (std::size_t k = 0; k < 6; k++) out.cov[6 + B_G + k][6 + B_G + k] += std_walk.data[k] * std_walk.data[k];
     return out;
 }
 

@@ -21,16 +21,24 @@ struct IntervalViews {  // intervals in a row, at the biases and the clock offse
 };
 struct InertialRows {
     Array<double, 1> residual;
-    Array<double, 2> jacobian;
-    FIELDS(residual, jacobian)
+    Array<double, 2> shared, local;
+    FIELDS(residual, shared, local)
+};
+struct Leads {
+    Array<double, 2> lead;
+    Array<double, 3> true_cams;
+    FIELDS(lead, true_cams)
 };
 struct InertialMotion {
     Array<double, 2> previous_from_now{4, 4};
     Array<double, 1> state{17};
-    FIELDS(previous_from_now, state)
+    Array<double, 2> rows{23, 23}, cov{23, 23};
+    FIELDS(previous_from_now, state, rows, cov)
 };
 Preintegrated preintegrate(Vector seconds, Matrix gyro, Matrix accel, Vector widened, Vector biases, Vector densities);
-InertialRows inertial_rows(const IntervalViews& of, Matrices cams, Matrix velocities, Vector state, Matrix cam_from_imu);
-InertialMotion inertial_motion(const IntervalViews& of, Vector state, Matrix cam_from_imu);
+Leads slide_leads(Matrices cams, Matrix slides);
+InertialRows inertial_rows(const IntervalViews& of, Matrices cams, Matrix lead, Matrix velocities, Vector state,
+                           Matrix cam_from_imu);
+InertialMotion inertial_motion(const IntervalViews& of, Vector state, Matrix cam_from_imu, Vector std_walk);
 
 }  // namespace core

@@ -23,7 +23,7 @@ _TURNING_S, _LEAST_TURNING = 0.02, 3  # before a time, and half of it after: sam
 # A motion at 5 Hz, sampled at 100 Hz, is 300 times smaller in fifth differences; white noise is √252 times larger.
 _DIFFERENCES, _GROWN, _NOISE_SAMPLES = 5, 252.0, 30
 _OF_MEDIAN = 0.6745  # of absolute values of N(0, 1)
-_UNIT_SAMPLES = 100  # after which units are asked for
+_UNIT_SAMPLES = 100  # after which units are asked for, again and again
 _IN_G = (0.5, 2.0)  # median of the accelerations' norm that is g, not m/s²
 
 
@@ -53,6 +53,7 @@ class SampleBuffer:
         self._samples = ImuSamples.joined([])
         self._saturated = np.zeros(0, bool)
         self._period_ns = 0.0
+        self._unasked = 0  # samples whose units have not been asked for
         self.problem = ""
         self.counts = {"samples": 0, "not finite": 0, "backwards": 0, "saturated": 0}
 
@@ -85,23 +86,26 @@ class SampleBuffer:
         if not len(kept):
             return
         everything = ImuSamples.joined([self._samples, kept])
-        recent = everything.stamps_ns > everything.stamps_ns[-1] - round(_KEPT_S * 1e9)
+        old = int(np.searchsorted(everything.stamps_ns, everything.stamps_ns[-1] - round(_KEPT_S * 1e9), "right"))
         found = self._find_saturated(everything[-len(kept) - _EQUAL :])
         saturated = np.concatenate([self._saturated, np.zeros(len(kept), bool)])
         saturated[-len(found) :] |= found
         self.counts["saturated"] += int(saturated.sum() - self._saturated.sum())
-        self._samples, self._saturated = everything[recent], saturated[recent]
+        self._samples, self._saturated = everything[old:], saturated[old:]
         if len(self._samples) > 1:
             self._period_ns = float(np.median(np.diff(self._samples.stamps_ns[-200:])))
-        if not self.problem and len(self._samples) >= _UNIT_SAMPLES:
-            self.problem = self._unit_problem()
+        self._unasked += len(kept)
+        if not self.problem and self._unasked >= _UNIT_SAMPLES:
+            self._unasked, self.problem = 0, self._unit_problem()
 
     def _find_saturated(self, samples: ImuSamples) -> NDArray[np.bool_]:
         """Return which samples (n,) are at the end of the sensor's range: beyond it, or large and stuck."""
         found = np.zeros(len(samples), bool)
         for values, most in zip((samples.gyro_rad_s, samples.accel_m_s2), self._ranges, strict=True):
             found |= (np.abs(values) >= most).any(axis=1)
-            if len(samples) < _EQUAL:
+            same = np.zeros(len(samples), bool)
+            same[1:] = ((values[1:] == values[:-1]) & (np.abs(values[1:]) > _LEAST_RANGE * most)).any(axis=1)
+            if np.count_nonzero(same) < _EQUAL - 1:  # hardly ever are there any
                 continue
             runs = np.lib.stride_tricks.sliding_window_view(values, _EQUAL, axis=0)  # (n − 4, 3, 5)
             stuck = (runs == runs[..., :1]).all(axis=2) & (np.abs(runs[..., 0]) > _LEAST_RANGE * most)
@@ -159,8 +163,7 @@ class SampleBuffer:
 
     def rate(self, stamp_ns: int, late_s: float) -> Array:
         """Return the angular rate (3,) at a time, by the samples around it."""
-        at = (self._samples.stamps_ns - stamp_ns) / 1e9
-        return np.array([np.interp(late_s, at, self._samples.gyro_rad_s[:, k]) for k in range(3)])
+        return _at_time(late_s, (self._samples.stamps_ns - stamp_ns) / 1e9, self._samples.gyro_rad_s)[0]
 
     def turning(self, stamp_ns: int, late_s: float) -> tuple[Array, Array] | None:
         """Return angular rate and acceleration (3,) at a time, by a straight line through the samples around it."""
@@ -168,9 +171,10 @@ class SampleBuffer:
         rows = np.flatnonzero((at > -_TURNING_S) & (at < _TURNING_S / 2))
         if len(rows) < _LEAST_TURNING or at[rows[-1]] < -_TURNING_S / 2:
             return None
-        line = np.stack([np.ones(len(rows)), at[rows]], axis=1)
-        rate, acceleration = np.linalg.lstsq(line, self._samples.gyro_rad_s[rows], rcond=None)[0]
-        return rate, acceleration
+        seconds, rates = at[rows], self._samples.gyro_rad_s[rows]
+        mean_s = float(seconds.mean())
+        acceleration = (seconds - mean_s) @ rates / np.square(seconds - mean_s).sum()
+        return rates.mean(axis=0) - mean_s * acceleration, acceleration
 
     def between(self, first_ns: int, last_ns: int, late_s: float) -> Samples:
         """Return the samples from one stamp of the camera to another, whose clock is early by `late_s`.
@@ -179,10 +183,10 @@ class SampleBuffer:
         """
         at = (self._samples.stamps_ns - first_ns) / 1e9
         first, last = late_s, late_s + (last_ns - first_ns) / 1e9
-        inside = np.flatnonzero((at > first) & (at < last))
+        inside = slice(int(np.searchsorted(at, first, "right")), int(np.searchsorted(at, last)))
         seconds = np.concatenate([[first], at[inside], [last]])
         gyro, accel = (
-            np.stack([np.interp(seconds, at, values[:, k]) for k in range(3)], axis=1)
+            np.concatenate([_at_time(first, at, values), values[inside], _at_time(last, at, values)])
             for values in (self._samples.gyro_rad_s, self._samples.accel_m_s2)
         )
         steps = np.diff(seconds)
@@ -200,3 +204,12 @@ class SampleBuffer:
         notes += ["the IMU is saturated"] * bool(saturated.any())
         complete = bool(at[0] <= first and at[-1] >= last)
         return Samples(seconds, gyro, accel, widened, complete, "; ".join(notes))
+
+
+def _at_time(time_s: float, at: Array, values: Array) -> Array:
+    """Return values (1, 3) at a time, by the straight line between samples (n, 3) before and after it."""
+    k = int(np.searchsorted(at, time_s))
+    if k in (0, len(at)):
+        return np.asarray(values[:1] if k == 0 else values[-1:])
+    share = (time_s - at[k - 1]) / (at[k] - at[k - 1])
+    return np.asarray(values[k - 1 : k] + share * (values[k : k + 1] - values[k - 1 : k]))

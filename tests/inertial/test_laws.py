@@ -120,20 +120,23 @@ def test_jacobian_of_the_factor_equals_differences(intervals):
         np.full(n, 0.1),
     )
     state = np.r_[0.4, -0.3, 0.8, 0.5, 9.7, 1.0, BIASES + 1e-4, 0.01, 0.02, -0.01, 0.03, 1.1e-3]
-    cams, velocities, then = [np.eye(4)], [state[:3]], state
+    cams, velocities, then = [np.eye(4)], [], state
     for k in range(n):  # near where the samples lead: there the Jacobian of the rotation is exact
-        from_now, then = core.inertial_motion(Intervals(*(row[k : k + 1] for row in rows)), then, CAM_FROM_IMU)
+        from_now, then, *_ = core.inertial_motion(
+            Intervals(*(row[k : k + 1] for row in rows)), then, CAM_FROM_IMU, np.zeros(6)
+        )
         cams.append(se3.exp(RNG.normal(0, 1e-4, 6)) @ se3.inverse(from_now) @ cams[-1])
         velocities.append(then[:3] + RNG.normal(0, 0.1, 3))
-    cams, velocities = np.array(cams), np.array(velocities)
+    cams, velocities = np.array(cams[1:]), np.array(velocities)
+    lead, _ = core.slide_leads(cams, np.zeros((n, 3)))
 
     def residual(x):
-        moved = np.concatenate([cams[:1], se3.exp(x[: 6 * n].reshape(-1, 6)) @ cams[1:]])
-        s = state + x[6 * n : 6 * n + 17]
-        v = np.concatenate([s[None, :3], velocities[1:] + x[6 * n + 17 :].reshape(-1, 3)])
-        return core.inertial_rows(rows, moved, v, s, CAM_FROM_IMU)[0]
+        poses, s, slides, v = np.split(x, [6 * n, 6 * n + 17, 9 * n + 17])
+        _, moved = core.slide_leads(se3.exp(poses.reshape(n, 6)) @ cams, slides.reshape(n, 3))
+        return core.inertial_rows(rows, moved, lead, velocities + v.reshape(n, 3), state + s, CAM_FROM_IMU)[0]
 
-    _, jacobian = core.inertial_rows(rows, cams, velocities, state, CAM_FROM_IMU)
+    _, *both = core.inertial_rows(rows, cams, lead, velocities, state, CAM_FROM_IMU)
+    jacobian = np.concatenate(both, axis=1)
     numerical = np.empty_like(jacobian)
     for k in range(jacobian.shape[1]):
         d = np.zeros(jacobian.shape[1])
@@ -149,7 +152,32 @@ def test_the_motion_by_samples_alone_leaves_no_residual():
         BIASES[None], np.zeros(1), np.array([SECONDS[-1]]),
     )  # fmt: skip
     state = np.r_[0.3, -0.2, 1.0, 0.5, 9.7, 1.0, BIASES + 1e-4, 0.01, 0.02, -0.01, 0.03, 1e-4]
-    previous_from_now, then = core.inertial_motion(rows, state, CAM_FROM_IMU)
-    cams = np.stack([np.eye(4), se3.inverse(previous_from_now)])
-    residual, _ = core.inertial_rows(rows, cams, np.stack([state[:3], then[:3]]), state, CAM_FROM_IMU)
+    previous_from_now, then, *_ = core.inertial_motion(rows, state, CAM_FROM_IMU, np.zeros(6))
+    lead, cam = np.eye(6)[:, 3:], se3.inverse(previous_from_now)[None]
+    residual, *_ = core.inertial_rows(rows, cam, lead, then[None, :3], state, CAM_FROM_IMU)
     assert np.abs(residual).max() < 1e-6
+
+
+def test_how_the_end_of_an_interval_moves_with_its_beginning_equals_differences():
+    part = integrated()
+    rows = Intervals(
+        part[0][None], part[1].reshape(1, 6), part[2][None], part[3].reshape(1, 9), (part[4] + part[5])[None],
+        BIASES[None], np.zeros(1), np.array([SECONDS[-1]]),
+    )  # fmt: skip
+    state, walk = np.r_[0.3, -0.2, 1.0, 0.5, 9.7, 1.0, BIASES, 0.01, 0.02, -0.01, 0.03, 0.0], np.full(6, 1e-3)
+
+    def end(x):
+        from_now, then, *_ = core.inertial_motion(rows, state + x[6:], CAM_FROM_IMU, walk)
+        return se3.exp(x[:6]) @ from_now, then
+
+    pose, then = end(np.zeros(23))
+    _, _, jacobian, cov = core.inertial_motion(rows, state, CAM_FROM_IMU, walk)
+
+    def change(x):
+        moved, state_then = end(x)
+        return np.concatenate([se3.log(se3.inverse(pose) @ moved), state_then - then])
+
+    numerical = np.stack([(change(d) - change(-d)) / 2e-6 for d in 1e-6 * np.eye(23)], axis=1)
+    assert np.abs(jacobian - numerical).max() < 2e-3 * np.abs(numerical).max()
+    added = np.linalg.eigvalsh(cov)
+    assert added[0] > -1e-12 and np.allclose(np.diag(cov)[12:18], walk**2)

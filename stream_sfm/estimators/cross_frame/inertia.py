@@ -45,6 +45,7 @@ class Inertia:
         self._distance2, self._note = 0.0, ""
         self._frames = config.window.frames
         self._led: tuple[tuple[Any, ...], Transition] | None = None  # the latest one, and what it is of
+        self._expected: tuple[Transition, ExpectedMotion] | None = None  # the latest one, by that transition
         self._carried = False  # the state is from before the present map
         self._anew: Known | None = None  # with which the state begins again in the next frame
 
@@ -222,13 +223,17 @@ class Inertia:
         now, calibration, found = self.now, self._calibration, self.transition(stamp_ns)
         if now is None or calibration is None or found is None:
             return None
+        if self._expected is not None and self._expected[0] is found:  # a frame asks twice
+            return self._expected[1]
         cov = now.cov.copy()
         cov[JOINT["pose"]], cov[:, JOINT["pose"]] = 0.0, 0.0
         then = Known(now.stamp_ns, np.eye(4), now.state, cov).carried(found, stamp_ns)
         rate = self._buffer.rate(stamp_ns, float(then.state[CLOCK][0])) - then.state[GYRO_BIAS]
         mounted = calibration.cam_from_imu[:3, :3] @ se3.exp_so3(then.state[AXES])
         twist = -np.concatenate([then.state[VELOCITY], mounted @ rate])
-        return ExpectedMotion(now.stamp_ns, then.world_from_cam, then.cov_pose, twist, self._carried)
+        expected = ExpectedMotion(now.stamp_ns, then.world_from_cam, then.cov_pose, twist, self._carried)
+        self._expected = found, expected
+        return expected
 
     def dead_reckoned(self, stamp_ns: int) -> InertialEstimate | None:
         """Return the state at a time at which no image tells the pose; None where σ does not allow to report one."""

@@ -13,11 +13,12 @@ from ...geometry import se3
 from ...geometry.linear import Cholesky, scaled_cholesky
 from ...geometry.se3 import Array
 from ...inertial.state import GRAVITY, GRAVITY_M_S2, STATE, VELOCITY
-from .interval import JOINT, OF_INTERVAL, OF_LEAVING, Interval, Intervals, Known, Leaving
-from .layout import Layout
+from .interval import JOINT, OF_LEAVING, Interval, Intervals, Known, Leaving
+from .layout import Layout, layout
 from .normal_equations import System
 
 _LEAST_SLIDE_RAD = 1e-7
+_OWN_SLIDE = np.eye(6)[:, 3:]  # how the pose of a frame moves with a slide that begins in it
 
 
 class InertialWindow:
@@ -32,13 +33,14 @@ class InertialWindow:
         self.intervals: list[Interval] = []
         self.velocities, self.slides, self._std_slides = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
         self._led: tuple[Array | None, Array, tuple[Array, Array]] = None, self.slides, (self.slides, self.slides)
+        self._stacked: tuple[list[Interval], Array, Intervals] | None = None
         self._clear()
         self.surprise = np.zeros((3, 4))  # of the oldest interval, see `learn`
 
     @property
     def _local(self) -> Layout:
         """Where the unknowns of the window that no view sees are."""
-        return Layout(slides=3 * len(self.intervals), velocities=3 * len(self.intervals))
+        return layout(slides=3 * len(self.intervals), velocities=3 * len(self.intervals))
 
     def _clear(self) -> None:
         f = len(self.intervals)
@@ -65,25 +67,28 @@ class InertialWindow:
     def _leads(self, cams_from_ref: Array) -> tuple[Array, Array]:
         """Return `_lead` and the cameras where they are, which a frame asks for several times."""
         if self._led[0] is not cams_from_ref or self._led[1] is not self.slides:
-            lead, true_cams = _lead(cams_from_ref), cams_from_ref
-            if len(cams_from_ref):
-                turns = (lead @ self.slides.ravel()).reshape(-1, 6)
-                true_cams = se3.orthonormalise(se3.exp(turns) @ cams_from_ref)
-            self._led = cams_from_ref, self.slides, (lead, true_cams)
+            self._led = cams_from_ref, self.slides, core.slide_leads(cams_from_ref, self.slides)
         return self._led[2]
+
+    def _all_intervals(self) -> Intervals:
+        """Return the intervals as arrays, which a frame asks for several times."""
+        stacked = self._stacked
+        if stacked is None or stacked[0] != self.intervals or stacked[1] is not self.factors:
+            stacked = self._stacked = (
+                self.intervals.copy(),
+                self.factors,
+                Intervals.of(self.intervals, self.factors),
+            )
+        return stacked[2]
 
     def linearise(self, cams_from_ref: Array, state: Array) -> tuple[Array, Array]:
         """Return information (6F + 17, …) about poses and state and the right-hand side, the rest eliminated, (82)."""
         f = len(self.intervals)
         self._lead, true_cams = self._leads(cams_from_ref)
-        cams = np.concatenate([np.eye(4)[None], true_cams])
-        velocities = np.concatenate([state[None, VELOCITY], self.velocities])
-        residual, j = core.inertial_rows(
-            Intervals.of(self.intervals, self.factors), cams, velocities, state, self.cam_from_imu
+        residual, shared, local = core.inertial_rows(
+            self._all_intervals(), true_cams, self._lead, self.velocities, state, self.cam_from_imu
         )
-        of, slides = Layout(poses=6 * f, state=STATE, velocities=3 * f), self._local["slides"]
-        shared = j[:, of.span("poses", "state")]
-        local = np.concatenate([j[:, of["poses"]] @ self._lead, j[:, of["velocities"]]], axis=1)
+        slides = self._local["slides"]
         about_slides = np.repeat(self._std_slides**-2.0, 3)
         h_local = local.T @ local
         h_local[range(3 * f), range(3 * f)] += about_slides
@@ -109,13 +114,9 @@ class InertialWindow:
     def leaving(self, cam_from_ref: Array, state: Array, cov_gravity: Array) -> Leaving:
         """Return what the oldest interval says, with the slide of its frame, for the prior to absorb."""
         slide, velocity = self.slides[0], self.velocities[0]
-        cams = np.stack([np.eye(4), se3.exp(np.concatenate([np.zeros(3), slide])) @ cam_from_ref])
-        residual, j = core.inertial_rows(
-            Intervals.of(self.intervals[:1], self.factors), cams, np.stack([state[VELOCITY], velocity]), state,
-            self.cam_from_imu,
-        )  # fmt: skip
-        of = OF_INTERVAL  # a slide turns as a pose does
-        j = np.concatenate([j[:, of.span("pose", "state")], j[:, 3:6], j[:, of["velocity"]]], axis=1)
+        cam = se3.exp(np.concatenate([np.zeros(3), slide])) @ cam_from_ref
+        residual, *both = self._oldest_rows(cam, Intervals.of(self.intervals[:1], self.factors), state)
+        j = np.concatenate(both, axis=1)
         h, g = j.T @ j, -j.T @ residual
         rows = range(OF_LEAVING["slide"].start, OF_LEAVING["slide"].stop)
         h[rows, rows] += self._std_slides[0] ** -2
@@ -129,13 +130,17 @@ class InertialWindow:
             g[at] += down * (GRAVITY_M_S2 - np.linalg.norm(gravity)) / variance
         return Leaving(h, g, slide, velocity, self.intervals[0].std_walk)
 
+    def _oldest_rows(self, true_cam: Array, oldest: Intervals, state: Array) -> tuple[Array, Array, Array]:
+        """Return residual (9,) and Jacobians of the oldest interval, as `core.inertial_rows` does."""
+        return core.inertial_rows(oldest, true_cam[None], _OWN_SLIDE, self.velocities[:1], state, self.cam_from_imu)
+
     def true_poses(self, system: System) -> tuple[Array, Array]:
         """Return a root (6F, n + 3F) of the covariance of the true poses given the rig's errors, and how they move with
         these (6F, m)."""
         f, modes, of = len(self.intervals), system.prior.world_modes[JOINT["state"]], system.prior.of_modes
         of_own, of_rig = modes[:, of["own"]], modes[:, of["rig"]]
         poses, at = system.at["poses"], system.at["modes"]
-        slides, shared = self._local["slides"], Layout(poses=6 * f, state=STATE)
+        slides, shared = self._local["slides"], layout(poses=6 * f, state=STATE)
         turn = self._lead @ self._gain[slides]
         by_poses, by_state = turn[:, shared["poses"]] + np.eye(6 * f), turn[:, shared["state"]]
         root = by_poses @ system.root[poses] + by_state @ (of_own @ system.root[at])
@@ -153,7 +158,7 @@ class InertialWindow:
         is the reference.
         """
         f, of_modes, of = len(self.intervals), system.prior.world_modes, system.prior.of_modes
-        at = Layout(poses=6 * f, world=6, state=STATE)
+        at = layout(poses=6 * f, world=6, state=STATE)
         x = self.true_cams(cams)[-1] if f else np.eye(4)
         now = state.copy()
         now[GRAVITY] = x[:3, :3] @ state[GRAVITY]
@@ -162,7 +167,7 @@ class InertialWindow:
         rows[JOINT["pose"], at["world"]] = se3.adjoint(x)
         rows[JOINT["state"], at["state"]] = np.eye(STATE)
         if f:
-            last, shared, slides = self._lead[-6:], Layout(poses=6 * f, state=STATE), self._local["slides"]
+            last, shared, slides = self._lead[-6:], layout(poses=6 * f, state=STATE), self._local["slides"]
             moved = np.zeros((6, at.size))
             moved[:, at["poses"]][:, -6:] = np.eye(6)  # the newest one
             by_gain = last @ self._gain[slides]
@@ -197,19 +202,16 @@ class InertialWindow:
         if self.intervals[0].opened > 1 or not self.intervals[0].complete:
             self.surprise = np.zeros((3, 4))
             return
-        velocities = np.concatenate([state[None, VELOCITY], self.velocities])
-        cams = np.concatenate([np.eye(4)[None], self.true_cams(cams_from_ref)])
-        residual, j = core.inertial_rows(
-            Intervals.of(self.intervals[:1], self.factors), cams[:2], velocities[:2], state, self.cam_from_imu
-        )
+        oldest = self._all_intervals().oldest
+        residual, of_oldest, of_own_local = self._oldest_rows(self.true_cams(cams_from_ref)[0], oldest, state)
         modes, of = system.prior.world_modes[JOINT["state"]], system.prior.of_modes
         of_own, of_rig = modes[:, of["own"]], modes[:, of["rig"]]
-        of_one, at = OF_INTERVAL, Layout(poses=6 * f, state=STATE)
+        at = layout(poses=6 * f, state=STATE)
         local, shared = np.zeros((9, self._local.size)), np.zeros((9, at.size))
         first = slice(0, 3)
-        local[:, self._local.within("slides", first)] = j[:, 3:6]
-        local[:, self._local.within("velocities", first)] = j[:, of_one["velocity"]]
-        shared[:, of_one["pose"]], shared[:, at["state"]] = j[:, of_one["pose"]], j[:, of_one["state"]]
+        local[:, self._local.within("slides", first)] = of_own_local[:, :3]
+        local[:, self._local.within("velocities", first)] = of_own_local[:, 3:]
+        shared[:, :6], shared[:, at["state"]] = of_oldest[:, :6], of_oldest[:, 6:]
         total = shared + local @ self._gain
         by_variables = _of_system(system, total[:, at["poses"]], total[:, at["state"]] @ of_own)
         root = by_variables @ system.root
@@ -234,11 +236,3 @@ def _of_system(system: System, by_poses: Array, by_modes: Array) -> Array:
     own = system.at["own"]
     between = np.zeros((len(by_poses), own.stop - own.start))
     return np.concatenate([by_poses, between, by_modes], axis=1)
-
-
-def _lead(cams_from_ref: Array) -> Array:
-    """Return how slides (3F,) of all frames move their poses (6F,): each those from its own frame on."""
-    f = len(cams_from_ref)
-    of_earlier = se3.adjoint(cams_from_ref[:, None] @ se3.inverse(cams_from_ref)[None])[..., 3:]
-    of_earlier[np.triu_indices(f, 1)] = 0.0
-    return np.asarray(of_earlier.transpose(0, 2, 1, 3).reshape(6 * f, 3 * f))

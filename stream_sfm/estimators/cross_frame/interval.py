@@ -11,14 +11,12 @@ from ...geometry.linear import symmetric
 from ...geometry.se3 import Array
 from ...inertial.buffer import Samples
 from ...inertial.samples import ImuCalibration
-from ...inertial.state import BIASES, CLOCK, GRAVITY, STATE, VELOCITY
+from ...inertial.state import BIASES, CLOCK, STATE
 from ...record import changed, filled, record
 from .layout import Layout
 
 # A pose, perturbed as (translation, rotation), with the state: of the world in the prior, of a camera in `Known`.
 JOINT = Layout(pose=6, state=STATE)
-# The columns of `core.inertial_rows` for one interval.
-OF_INTERVAL = Layout(pose=6, state=STATE, velocity=3)
 # What `Leaving` has information about.
 OF_LEAVING = Layout(pose=6, state=STATE, slide=3, velocity=3)
 # Variances where nothing is measured: of a turn, a velocity, and a displacement within an interval.
@@ -87,6 +85,11 @@ class Intervals(NamedTuple):
     biases: Array
     clock: Array
     seconds: Array
+
+    @property
+    def oldest(self) -> "Intervals":
+        """The first one alone."""
+        return Intervals(*(of_all[:1] for of_all in self))
 
     @classmethod
     def of(cls, intervals: Sequence[Interval], factors: Array) -> "Intervals":
@@ -163,25 +166,5 @@ class Transition:
 
 def transition(state: Array, interval: Interval, factors: Array, cam_from_imu: Array) -> Transition:
     """Return what the samples of an interval say of the pose and the state at its end."""
-    intervals = Intervals.of([interval], factors)
-    previous_from_now, then = core.inertial_motion(intervals, state, cam_from_imu)
-    cam = se3.inverse(previous_from_now)
-    velocities = np.stack([state[VELOCITY], then[VELOCITY]])
-    _, j = core.inertial_rows(intervals, np.stack([np.eye(4), cam]), velocities, state, cam_from_imu)
-    # whitened residuals are zero at the end and N(0, I): J_end (ξ, δv) + J_s δs + n = 0
-    of, at_pose, at_state = OF_INTERVAL, JOINT["pose"], JOINT["state"]
-    at_end = np.linalg.inv(np.concatenate([j[:, of["pose"]], j[:, of["velocity"]]], axis=1))
-    by_state = -at_end @ j[:, of["state"]]
-    rows, noise = np.zeros((JOINT.size, JOINT.size)), np.zeros((JOINT.size, 9))
-    rows[at_pose, at_pose] = se3.adjoint(cam)
-    rows[at_pose, at_state], noise[at_pose] = -by_state[:6], at_end[:6]
-    rows[at_state, at_state] = np.eye(STATE)
-    at_v, at_g = JOINT.within("state", VELOCITY), JOINT.within("state", GRAVITY)
-    rows[at_v, at_state], noise[at_v] = by_state[6:], -at_end[6:]
-    turned = -se3.skew(then[GRAVITY])
-    rows[at_g, at_state] = cam[:3, :3] @ rows[at_g, at_state] + turned @ by_state[3:6]
-    noise[at_g] = -turned @ at_end[3:6]
-    cov = noise @ noise.T
-    walk = range(*JOINT.within("state", BIASES).indices(JOINT.size))
-    cov[walk, walk] += interval.std_walk**2
-    return Transition(previous_from_now, then, rows, cov, interval)
+    moved = core.inertial_motion(Intervals.of([interval], factors), state, cam_from_imu, interval.std_walk)
+    return Transition(*moved, interval)

@@ -1,5 +1,6 @@
 """Where named blocks of a vector begin and end: the one place where their sizes are added up."""
 
+from functools import lru_cache
 from itertools import accumulate
 
 
@@ -22,3 +23,9 @@ class Layout:
         """Return where a part of a block is."""
         start: int = self[block].start
         return slice(start + part.start, start + part.stop)
+
+
+@lru_cache(maxsize=1024)
+def layout(**sizes: int) -> Layout:
+    """Return the layout of these sizes, which is made once."""
+    return Layout(**sizes)

@@ -15,7 +15,7 @@ from ...geometry.linear import Cholesky, Elimination, matvec, product
 from ...geometry.se3 import Array
 from ...record import rows_of
 from .interval import JOINT
-from .layout import Layout
+from .layout import layout
 from .prior import Prior
 
 
@@ -61,7 +61,7 @@ class System:
         m = len(prior.rig)
         self.prior, self._own = prior, (frames, of_frame - 6)
         modes = prior.modes.shape[2] - m
-        self.at = Layout(poses=6 * frames, own=frames * (of_frame - 6), modes=modes, rig=m)
+        self.at = layout(poses=6 * frames, own=frames * (of_frame - 6), modes=modes, rig=m)
         # `std_given` (P, 3, 3): root of the covariance of a point once poses and modes are given; `_reach` (P, 3, n +
         # m): of the others, in units of it; `_given` (P, 3): its step for itself
         h, half, self.std_given, self._reach, self._given, self._g = core.window_system(
@@ -74,12 +74,15 @@ class System:
         h[of_modes, of_modes] += self._of_modes
         h -= _flat(self._reach).T @ _flat(self._reach)
         if inertial is not None:
-            j = np.zeros((len(inertial[1]), len(h)))
-            of_poses = self.at["poses"]
+            of_poses, state = self.at["poses"], prior.world_modes[JOINT["state"]]
+            moving = np.flatnonzero(state.any(axis=0))  # most modes do not touch the state
+            touched = np.concatenate([np.arange(of_poses.stop), of_modes.start + moving])
+            j = np.zeros((len(inertial[1]), len(touched)))
             j[of_poses, of_poses] = np.eye(of_poses.stop)
-            j[of_poses.stop :, of_modes] = prior.world_modes[JOINT["state"]]
-            h += j.T @ inertial[0] @ j
-            self._g = self._g + j.T @ inertial[1]
+            j[of_poses.stop :, of_poses.stop :] = state[:, moving]
+            h[np.ix_(touched, touched)] += j.T @ inertial[0] @ j
+            self._g = self._g.copy()
+            self._g[touched] += j.T @ inertial[1]
         self._others = Elimination(h, self.at["rig"].start)
         self.root, self.by_rig = self._others.root, self._others.by_others
         self.cov_rig = Cholesky(self._others.left).inverse()

@@ -30,7 +30,7 @@ from ...geometry.se3 import Array
 from ...inertial.state import BIASES, GRAVITY, STATE, VELOCITY
 from ...record import changed, filled, record
 from .interval import JOINT, OF_LEAVING, Leaving
-from .layout import Layout
+from .layout import Layout, layout
 from .rig_knowledge import NO_RIG, RigKnowledge
 
 # Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
@@ -96,7 +96,7 @@ class Prior:
         `from_first_frame`.
         """
         modes = self.modes.copy()
-        modes[..., Layout(pose=6, own=by_own.shape[2])["own"]] = by_own
+        modes[..., layout(pose=6, own=by_own.shape[2])["own"]] = by_own
         modes[..., self.of_modes["rig"]] = by_rig
         return changed(self, mean=mean, cov=cov, modes=modes)
 
@@ -124,7 +124,7 @@ class Prior:
     @property
     def of_modes(self) -> Layout:
         """Where modes are: the prior's own, and those of the rig's errors."""
-        return Layout(own=self.modes.shape[2] - len(self.rig), rig=len(self.rig))
+        return layout(own=self.modes.shape[2] - len(self.rig), rig=len(self.rig))
 
     def with_state(self, state: Array, joint: Array) -> "Prior":
         """Return the prior with an inertial state (17,), whose covariance with the world is in `joint` (23, 23).
@@ -137,7 +137,7 @@ class Prior:
         by_world = np.linalg.solve(joint[pose, pose] + _ORIGIN_VARIANCE * np.eye(6), joint[pose, at]).T
         left = joint[at, at] - by_world @ joint[pose, at]
         root = scaled_cholesky(0.5 * (left + left.T) + np.diag(_LEAST_STATE * np.diag(joint[at, at])))
-        now = Layout(own=of_own.shape[1], state=STATE, rig=of_rig.shape[1])
+        now = layout(own=of_own.shape[1], state=STATE, rig=of_rig.shape[1])
         rows = np.zeros((JOINT.size, now.size))
         rows[pose, now["own"]], rows[pose, now["rig"]] = of_own, of_rig
         rows[at, now["own"]], rows[at, now["state"]] = by_world @ of_own, root
@@ -190,7 +190,7 @@ class Prior:
         if leaving is not None:
             s, right = self._with_leaving(leaving, s, right, at)
             new_here = [at["slide"].start] * _INERTIAL
-            half, world_modes = (np.insert(a, new_here, 0.0, axis=-1) for a in (half, world_modes))
+            world_modes = np.insert(world_modes, new_here, 0.0, axis=-1)
             world_modes[3:, at["slide"]] = -np.eye(3)  # a slide turns the camera as its pose does
             world_modes = np.concatenate([world_modes, state_rows])
         others = Elimination(s, own)
@@ -198,19 +198,19 @@ class Prior:
         # the others by the new modes, by the rig's errors, and their step; these are held, and moved by the window
         by_new = np.column_stack([others.root, others.by_others, step])
 
-        def carried(modes: Array) -> Array:
-            moved = product(modes[..., :own], by_new)
-            moved[..., own:-1] += modes[..., own:]
+        def carried(modes: Array, n: int) -> Array:
+            moved = product(modes[..., :n], by_new[:n])
+            moved[..., own:-1] += modes[..., n:]
             return moved
 
-        world_modes = carried(world_modes)
+        world_modes, half = carried(world_modes, own), carried(half, half.shape[2] - len(self.rig))
         modes_new = product(by_own, by_new[:e])
         modes_new[..., own:-1] += by_rig
         mean_new = mean_new + modes_new[..., -1]
         return filled(
             Prior,
             core.absorbed_points(
-                self.ids, std, carried(half), given, q, stays, ids_new, mean_new, cov_new, modes_new[..., :-1]
+                self.ids, std, half, given, q, stays, ids_new, mean_new, cov_new, modes_new[..., :-1]
             ),
             world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[JOINT["pose"], -1])),
             world_modes=world_modes[:, :-1],
@@ -223,22 +223,31 @@ class Prior:
         inertial = {"slide": 3, "velocity": 3, "walk": 6} if has_inertia else {}
         of = self.of_modes
         before, rig = (of[name].stop - of[name].start for name in ("own", "rig"))
-        return Layout(frame=e, before=before, translation=3, rotation=3, **inertial, rig=rig)
+        return layout(frame=e, before=before, translation=3, rotation=3, **inertial, rig=rig)
 
     def _with_leaving(self, leaving: Leaving, s: Array, right: Array, at: Layout) -> tuple[Array, Array]:
-        """Add what inertia says of a leaving frame to the information about modes; its own modes are new here."""
-        new_here = [at["slide"].start] * _INERTIAL
-        s, right = np.insert(s, new_here, 0.0, axis=0), np.insert(right, new_here, 0.0)
-        s = np.insert(s, new_here, 0.0, axis=1)
-        j, rows, state, of = np.zeros((OF_LEAVING.size, at.size)), OF_LEAVING, JOINT["state"], self.of_modes
-        j[rows["pose"], at.span("translation", "rotation")] = np.eye(6)
-        j[rows["state"], at["before"]] = self.world_modes[state, of["own"]]
-        j[rows["state"], at["rig"]] = self.world_modes[state, of["rig"]]
-        j[rows.span("slide", "velocity"), at.span("slide", "velocity")] = np.eye(6)
-        s += j.T @ leaving.h @ j
+        """Add what inertia says of a leaving frame to the information about modes; its own modes are new here.
+
+        Only the lower triangle is whole.
+        """
+        wide = np.zeros((at.size, at.size))
+        first, rig, last = slice(0, at["slide"].start), at["rig"], slice(at["slide"].start, None)
+        wide[first, first], wide[rig, first], wide[rig, rig] = s[first, first], s[last, first], s[last, last]
+        right = np.concatenate([right[first], np.zeros(_INERTIAL), right[last]])
+        state, of, rows = self.world_modes[JOINT["state"]], self.of_modes, OF_LEAVING
+        moving = np.flatnonzero(state.any(axis=0))  # most modes do not touch the state
+        beside = np.where(moving < of["rig"].start, at["before"].start, rig.start - of["rig"].start)
+        touched = np.arange(at.size)
+        here = touched[at.span("translation", "rotation")], touched[at.span("slide", "velocity")]
+        touched = np.concatenate([*here, moving + beside])
+        j = np.zeros((rows.size, len(touched)))
+        j[rows["pose"], :6] = j[rows.span("slide", "velocity"), 6:12] = np.eye(6)
+        j[rows["state"], 12:] = state[:, moving]
+        wide[np.ix_(touched, touched)] += j.T @ leaving.h @ j
+        right[touched] += j.T @ leaving.g
         walk = range(at["walk"].start, at["walk"].stop)
-        s[walk, walk] += 1.0
-        return s, right + j.T @ leaving.g
+        wide[walk, walk] += 1.0
+        return wide, right
 
     def _state_in(self, x: Array, leaving: Leaving, now: Array, at: Layout) -> tuple[Array, Array]:
         """Return the inertial state (17,) in the leaving camera x (4, 4), and its modes, those of `_with_leaving`."""
