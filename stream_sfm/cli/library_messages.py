@@ -1,7 +1,8 @@
-"""What libraries print by themselves, past Python, to the file descriptor of standard error.
+"""What libraries print by themselves, past Python, to the file descriptors of standard output and standard error.
 
-OpenCV, FFmpeg and libpng quote what they read: a hostile file would speak to the terminal. A process of its own, so
-that it outlives a crash and nothing ever waits for it, makes every line printable and passes on the first ones.
+OpenCV, FFmpeg and libpng quote what they read, and a hostile file would speak to the terminal; a camera's driver would
+speak between the lines of our JSON. A process of its own, so that it outlives a crash and nothing ever waits for it,
+makes every line printable and passes on the first ones, all to standard error.
 """
 
 import os
@@ -22,13 +23,13 @@ _END_S = 1.0  # for the last lines to be passed on; a viewer that is left runnin
 def filtered(quiet: bool) -> Iterator[None]:
     """Within the context nothing of libraries reaches standard error but readable lines, and none if `quiet`.
 
-    `sys.stderr` is not affected. Python's warnings are not shown unless they were asked for. To be entered while there
-    is one thread.
+    Nothing of them reaches standard output; `sys.stdout` and `sys.stderr` are not affected. Python's warnings are not
+    shown unless they were asked for. To be entered while there is one thread.
     """
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
     try:
-        real, (reader, writer) = os.dup(2), os.pipe()
+        real_out, real, (reader, writer) = os.dup(1), os.dup(2), os.pipe()
         filtering = os.fork()
     except OSError:  # no more processes are allowed, or no more files
         yield
@@ -37,21 +38,31 @@ def filtered(quiet: bool) -> Iterator[None]:
         try:
             os.closerange(0, 2)  # whoever reads our output does not wait for this process
             os.dup2(real, 2)
+            os.close(real_out)
             os.close(writer)
             _pass_on(reader, quiet)
         finally:
             os._exit(0)
     os.close(reader)
+    sys.stdout.flush()
+    shown = sys.stdout, sys.stderr, sys.__stdout__
+    by_line = 1 if sys.stdout.isatty() else -1
+    sys.stdout = open(real_out, "w", buffering=by_line, encoding=sys.stdout.encoding)  # noqa: SIM115
+    sys.stderr = open(real, "w", buffering=1, encoding=sys.stderr.encoding)  # noqa: SIM115
+    sys.__stdout__ = sys.stdout  # type: ignore[misc]  # Rich asks it for the width of the terminal
+    os.dup2(writer, 1)
     os.dup2(writer, 2)
     os.close(writer)
-    shown, sys.stderr = sys.stderr, open(real, "w", buffering=1, encoding=sys.stderr.encoding)  # noqa: SIM115
     try:
         yield
     finally:
         with suppress(OSError):
+            sys.stdout.flush()
+        with suppress(OSError):
             sys.stderr.flush()
+        os.dup2(real_out, 1)
         os.dup2(real, 2)
-        sys.stderr = shown
+        sys.stdout, sys.stderr, sys.__stdout__ = shown  # type: ignore[misc]
         _wait_for(filtering)
 
 

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from ..config import RobustConfig
 from ..geometry import se3
+from ..geometry.medians import median
 from ..geometry.resection import Resection
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..types import Observations, Solution, Status
-from .motion_model import Doubts, MotionModel
+from .motion_model import Displaced, Doubts, MotionModel
 from .triangulation import points_to_world, triangulate, usable_births
 
 
@@ -101,15 +102,18 @@ def recorded(motion: MotionModel, observations: Observations, solution: Solution
 
     A pose from images that do not fit each other is followed, and it may as well be where earlier frames predict
     it: the covariances of the pose and of the points in the world cover that; relative motions are not reported. After
-    a step of both images they cover that the camera has not moved with it, and after a doubt that nothing has settled,
-    what they covered last.
+    a step of both images they cover that the camera has not moved with it, and that later motions are shown turned by
+    as much; after a doubt that nothing has settled, what they covered last.
     Raises LinAlgError for a pose that is not finite: nothing learns from it.
     """
     if not (np.isfinite(solution.world_from_cam).all() and np.isfinite(solution.cov_pose).all()):
         raise np.linalg.LinAlgError("the pose is not finite")
     solution = with_ended(solution, ended)
     of_start = observations.ambiguity is not None and observations.ambiguity.of_start
-    doubts = Doubts(observations.misfit, of_start, observations.unconfirmed, observations.stepped)
+    stepped, depths_m = None, solution.points_in_cam[:, 2]
+    if observations.stepped_rad:
+        stepped = Displaced(observations.stepped_rad, median(depths_m) if len(depths_m) else 0.0)
+    doubts = Doubts(observations.misfit, of_start, observations.unconfirmed, stepped, observations.may_step)
     cov = motion.record(observations.stamp_ns, solution.world_from_cam, solution.cov_pose, doubts)
     if observations.misfit:
         solution = replace(solution, relative=None)

@@ -15,18 +15,38 @@ from ..geometry.se3 import Array
 _STEPS = 16  # that are kept: a stream that is displaced all the time is bounded, too
 
 
+class Displaced(NamedTuple):
+    """Images that are displaced as by a turn by `turn_rad`, of a scene at `depth_m`."""
+
+    turn_rad: float = 0.0
+    depth_m: float = 0.0
+
+    def cov_of(self, motion: Array) -> Array:
+        """Return the covariance (6, 6) of a motion (4, 4) that such images show: its axes are turned by that angle, and
+        from afar a turn that they show wrongly looks like a step aside."""
+        xi = se3.log(motion)
+        moved_m, turned_rad = np.linalg.norm(xi[:3]), np.linalg.norm(xi[3:])
+        std = self.turn_rad * np.repeat([moved_m + self.depth_m * turned_rad, turned_rad], 3)
+        return np.diag(std**2)
+
+
+_NOT_DISPLACED = Displaced()
+
+
 class Doubts(NamedTuple):
     """Why a pose may be wrong.
 
     `misfit`: the pose may be the one that the last pose without a misfit predicts. `of_start`: it may be the one that
     the first pose of the map predicts. `unconfirmed`: a doubt of the start has ended with the start and was never
     settled. `stepped`: both images were displaced before it, and the camera may have moved with them or not.
+    `may_step`: they may have been displaced since the last pose; the next one tells.
     """
 
     misfit: bool = False
     of_start: bool = False
     unconfirmed: bool = False
-    stepped: bool = False
+    stepped: Displaced | None = None
+    may_step: bool = False
 
 
 NO_DOUBTS = Doubts()
@@ -42,8 +62,9 @@ class MotionModel:
         self._stamp_ns: int | None = None
         self._velocity = np.zeros(6)  # ξ per second, in the camera's own axes
         self._velocity_known = False
-        # Of steps of both images, and of doubts that nothing has settled: the pose after each, and the covariance left.
-        self._left: list[tuple[Array, Array]] = []
+        # Of steps of both images, and of doubts that nothing has settled: the pose after each, the covariance left, and
+        # what images show since.
+        self._left: list[tuple[Array, Array, Displaced]] = []
         self._known_at_ns: int | None = None  # when the velocity was measured last; until it was, the first pose
         self._trusted: MotionModel | None = None  # as it was before the doubtful frames up to the latest one
         self._at_start: MotionModel | None = None  # as it was when the map began
@@ -74,16 +95,17 @@ class MotionModel:
         of the start stays in all later poses where that ends unconfirmed. By how much a camera has moved with images
         that stepped is what the model does not explain; it stays in all later poses, also where the images step back.
         """
-        if doubts.stepped:
+        if doubts.stepped is not None:
             if doubts.misfit:  # images that do not fit each other do not tell the step, either
                 covering = (self._trusted or self)._covering(stamp_ns, world_from_cam)
             else:
-                step = se3.log(se3.inverse(self.predict(stamp_ns)[0]) @ world_from_cam)
-                covering = np.outer(step, step)
-            self._leave(world_from_cam, covering)
+                covering = self._step_into(stamp_ns, world_from_cam)
+            self._leave(world_from_cam, covering, doubts.stepped)
         if doubts.unconfirmed and self._covered is not None:
             self._leave(*self._covered)
         cov_pose = self._with_left(world_from_cam, cov_pose)
+        if doubts.may_step:
+            cov_pose = cov_pose + self._step_into(stamp_ns, world_from_cam)
         if not doubts.misfit:
             self._trusted = self._covered = None
         else:
@@ -121,15 +143,21 @@ class MotionModel:
         reach_s2 = self._config.speeds_up_s * (0.5 * self._config.speeds_up_s + self._config.build_up_s)
         self._cov = self._cov + np.diag((reach_s2 * self._std_acceleration) ** 2)
 
-    def _leave(self, world_from_cam: Array, cov: Array) -> None:
-        """Keep a covariance (6, 6) of a pose in all later ones."""
-        self._left = [*self._left, (world_from_cam, cov)][-_STEPS:]
+    def _step_into(self, stamp_ns: int, world_from_cam: Array) -> Array:
+        """Return the covariance (6, 6) of a pose that may be off by what the model does not explain of it."""
+        step = se3.log(se3.inverse(self.predict(stamp_ns)[0]) @ world_from_cam)
+        return np.outer(step, step)
+
+    def _leave(self, world_from_cam: Array, cov: Array, displaced: Displaced = _NOT_DISPLACED) -> None:
+        """Keep a covariance (6, 6) of a pose in all later ones, and what `displaced` images show since."""
+        self._left = [*self._left, (world_from_cam, cov, displaced)][-_STEPS:]
 
     def _with_left(self, world_from_cam: Array, cov_pose: Array) -> Array:
         """Return the covariance (6, 6) of a pose that goes on from where steps and doubts have left theirs."""
-        for pose, cov in self._left:
-            ad = se3.adjoint(se3.inverse(world_from_cam) @ pose)
-            cov_pose = cov_pose + ad @ cov @ ad.T
+        for pose, cov, displaced in self._left:
+            cam_from_pose = se3.inverse(world_from_cam) @ pose
+            ad = se3.adjoint(cam_from_pose)
+            cov_pose = cov_pose + ad @ cov @ ad.T + displaced.cov_of(cam_from_pose)
         return cov_pose
 
     def _covering(self, stamp_ns: int, world_from_cam: Array) -> Array:
@@ -142,14 +170,15 @@ class MotionModel:
     def predict(self, stamp_ns: int) -> tuple[Array, Array]:
         """Predict pose (4, 4) and covariance (6, 6) at a later time, eqs. (42) and (43).
 
-        Before the first frame this is the world's origin, exactly.
+        Before the first frame this is the world's origin, exactly. Where the last pose is doubtful, so is the velocity.
         """
         dt = self._seconds_since(stamp_ns)
         step = se3.exp(self._velocity * dt)
         ad = se3.adjoint(se3.inverse(step))
         time = np.sqrt(max(self._reach_s2(stamp_ns) ** 2 - self._reach_s2(self._stamp_ns) ** 2, 0.0))
         std = self._std_acceleration * time
-        return se3.orthonormalise(self._pose @ step), ad @ self._cov @ ad.T + np.diag(std**2)
+        predicted, cov = se3.orthonormalise(self._pose @ step), ad @ self._cov @ ad.T + np.diag(std**2)
+        return predicted, cov if self._trusted is None else cov + self._trusted._covering(stamp_ns, predicted)
 
     def _reach_s2(self, stamp_ns: int | None) -> float:
         """Displacement that an acceleration of one has built up at a time since the velocity was last measured, s²."""

@@ -184,7 +184,8 @@ class StereoFrontEnd:
             n_new=len(z_new),
             ambiguity=_ambiguity(followed.other, state),
             settled=followed.settled,
-            stepped=bool(state.steps.problem),
+            may_step=state.steps.suspected_px is not None,
+            stepped_rad=state.steps.confirmed_px / self.setup.projection.f_px,
             lasting=replace(
                 observed.lasting,
                 std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))]),

@@ -165,7 +165,8 @@ class Observations:
     - `jumped`: all of the view has changed at once, and no velocity says where the camera is.
     - `settled`: of the two motions of the frames before, the one that was followed was the camera's.
     - `unconfirmed`: a misfit since the map began has ended, and nothing has shown that the motion was the camera's.
-    - `stepped`: both images may have been displaced at once in the frame before, which looks like a turn of the camera.
+    - `may_step`: both images may be displaced at once in this frame; the next one tells.
+    - `stepped_rad`: they may have been in the frame before, which looks like a turn of the camera by this; or 0.
     - `lasting`: errors that the views share with those of earlier frames.
     - `rig`: what errors of the rig do to the views; None where the calibration is exact.
     - `start`: with one camera, what a map can start from, as soon as depths are known.
@@ -184,7 +185,8 @@ class Observations:
     jumped: bool = False
     settled: bool = False
     unconfirmed: bool = False
-    stepped: bool = False
+    may_step: bool = False
+    stepped_rad: float = 0.0
     lasting: LastingErrors = field(default_factory=LastingErrors)
     rig: RigView | None = None
     start: MapStart | None = None

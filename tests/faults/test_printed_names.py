@@ -44,18 +44,23 @@ from stream_sfm.cli.library_messages import filtered
 with filtered(quiet=sys.argv[1] == "quiet"):
     os.write(2, b"\\x1b[2J\\x9b31m\\n" + b"x" * 3000 + b"\\n" + b"again\\n" * 100_000)  # more than a pipe holds
     warnings.warn("of a library", RuntimeWarning)
+    os.write(1, b"of a driver\\x1b\\n")
+    print("{}", flush=True)
     print("ours", file=sys.stderr)
     if sys.argv[1] == "killed":
         os.kill(os.getpid(), 9)
 os.write(2, b"at the end")
+os.write(1, b" and the end")
 """
 
 
 @pytest.mark.parametrize(("how", "code", "shown"), [("quiet", 0, 0), ("normal", 0, 18), ("killed", -9, 18)])
 def test_what_libraries_print_is_filtered(how: str, code: int, shown: int) -> None:
     """Past Python, and where the process is killed."""
-    with subprocess.Popen([sys.executable, "-c", PRINTING, how], stderr=subprocess.PIPE) as running:
-        said = running.communicate(timeout=1800)[1].decode()
+    piped = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", PRINTING, how], **piped) as running:
+        out, said = (text.decode() for text in running.communicate(timeout=1800))
+    assert out == "{}\n" + " and the end" * (code == 0)  # nothing of libraries
     assert running.returncode == code
     assert not obeyed(said) and "ours\n" in said and "RuntimeWarning" not in said and len(said) < 2000
     assert said.count("library: again\n") == shown

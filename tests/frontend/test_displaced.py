@@ -5,7 +5,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.config.rules import ImageRules
-from stream_sfm.estimators.motion_model import Doubts, MotionModel
+from stream_sfm.estimators.motion_model import Displaced, Doubts, MotionModel
 from stream_sfm.evaluation.association import matched
 from stream_sfm.evaluation.trajectory import nees_pose
 from stream_sfm.frontend.image_checks import are_one_image
@@ -74,7 +74,7 @@ def test_a_pose_is_as_uncertain_as_a_step_that_the_camera_may_not_have_made() ->
     pose = se3.exp(step)
     nothing = np.zeros((6, 6))
     np.testing.assert_allclose(
-        model.record(3 * 10**8, pose, nothing, Doubts(stepped=True)), np.outer(step, step), atol=1e-12
+        model.record(3 * 10**8, pose, nothing, Doubts(stepped=Displaced())), np.outer(step, step), atol=1e-12
     )
     later = pose @ se3.exp([0, 0, 1, 0, 0, 0])
     cov = model.record(4 * 10**8, later, nothing)
@@ -90,12 +90,45 @@ def test_a_step_of_images_that_do_not_fit_each_other_is_as_unknown_as_a_vehicle_
         model.record(n * 10**8, np.eye(4), np.zeros((6, 6)))
     pose, later = se3.exp(np.array([0.1, 0, 0, 0, 0.02, 0])), se3.exp(np.array([0.1, 0.01, 0, 0, 0.02, 0]))
     covering = model.predict(3 * 10**8)[1]
-    model.record(3 * 10**8, pose, np.zeros((6, 6)), Doubts(misfit=True, stepped=True))
+    model.record(3 * 10**8, pose, np.zeros((6, 6)), Doubts(misfit=True, stepped=Displaced()))
     cov = model.record(4 * 10**8, later, np.zeros((6, 6)))
     assert np.linalg.eigvalsh(cov)[0] > 0.9 * np.linalg.eigvalsh(covering)[0] > 0
 
 
-@pytest.mark.parametrize("axis, by_px", [(0, 30), (1, 36)])
+def test_displaced_images_show_later_motions_turned() -> None:
+    """By the motion that a camera turned by as much would show, and by that of points that are far away."""
+    displaced, turn = Displaced(turn_rad=0.1, depth_m=5.0), se3.exp(np.array([0, 0, 0, 0, 0.1, 0]))
+    for xi in np.random.default_rng(1).normal(0, 0.2, (50, 6)):
+        motion = se3.exp(xi)
+        error = se3.log(se3.inverse(motion) @ turn @ motion @ se3.inverse(turn))
+        assert error @ np.linalg.solve(displaced.cov_of(motion), error) < 3
+    assert not displaced.cov_of(np.eye(4)).any()
+
+
+def test_a_frame_that_may_be_displaced_covers_it_until_the_next_one_tells() -> None:
+    model, nothing = MotionModel(sfm.Config().motion), np.zeros((6, 6))
+    for n in range(3):
+        model.record(n * 10**8, np.eye(4), nothing)
+    step = np.array([0.1, 0, 0, 0, 0.02, 0])
+    cov = model.record(3 * 10**8, se3.exp(step), nothing, Doubts(may_step=True))
+    np.testing.assert_allclose(cov, np.outer(step, step), atol=1e-12)
+    assert model.predict(4 * 10**8)[1][0, 0] >= 0.9 * cov[0, 0]  # where nothing tells
+    np.testing.assert_array_equal(model.record(4 * 10**8, se3.exp(2 * step), nothing), nothing)
+
+
+def test_after_a_doubtful_pose_its_velocity_is_in_doubt() -> None:
+    model, nothing = MotionModel(sfm.Config().motion), np.zeros((6, 6))
+    for n in range(3):
+        model.record(n * 10**8, np.eye(4), nothing)
+    step = np.array([0.1, 0, 0, 0, 0, 0])
+    model.record(3 * 10**8, se3.exp(step), nothing, Doubts(misfit=True))
+    for frames in (1, 2, 5):  # lost since
+        pose, cov = model.predict((3 + frames) * 10**8)
+        np.testing.assert_allclose(pose[0, 3], 0.1 * (1 + frames))
+        assert np.sqrt(cov[0, 0]) > pose[0, 3]
+
+
+@pytest.mark.parametrize("axis, by_px", [(0, 7), (0, 30), (1, 36)])
 def test_no_frame_is_ok_and_wrong_after_both_images_are_displaced(axis: int, by_px: int) -> None:
     """By rows and by columns, at frame 15; the right one of a pair that is not rectified no longer fits, too."""
     log = sfm.open_log(ROOM)
