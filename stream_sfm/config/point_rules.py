@@ -83,11 +83,6 @@ class TemplateRules(Section, frozen=True, kw_only=True):
     min_explained: Annotated[
         float, expert("least share of the image's variance that a template explains", 0, 1)
     ] = 0.5
-    # Light on one patch alone changes by a fifth.
-    same_exposure: Annotated[float, expert("difference of the logarithms of gains of one exposure", 0, 100)] = 0.18
-    # So many do not agree by chance.
-    exposure_views: Annotated[int, expert("views of a further exposure, at least", 1, 10_000)] = 12
-    exposures: Annotated[int, expert("exposures within the life of a track, at most", 1, 100)] = 3
     # σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification tables leave even in a perfect
     # match.
     std_floor_px: Annotated[float, expert("least σ of a position, px", 0, 10)] = 0.03

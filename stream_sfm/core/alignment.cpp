@@ -12,7 +12,7 @@ namespace {
 struct Sought {
     std::vector<std::size_t> rows;
     Array<std::int64_t, 1> slots;
-    Array<double, 2> points, slopes, left;
+    Array<double, 2> points, slopes, exposures, left;
     Array<double, 1> right_u;
     Array<double, 3> left_warps, right_warps;
 };
@@ -22,6 +22,7 @@ struct FoundViews {
     Array<bool, 1> found;
     Array<double, 2> z, any_row;
     Array<double, 3> cov;
+    Array<double, 1> exposure;  // of the left image over the last one
 };
 
 template <class T>
@@ -41,14 +42,15 @@ class Alignment {
         std::vector<std::size_t> rows = rows_where(slots.shape[0], [&](std::size_t i) {
             return tracks.scale.data[i] == kind.scale && left_fits.data[i] && right_fits.data[i] && inside.data[i];
         });
-        return {rows, rows_of(slots, rows), rows_of(now.points, rows), rows_of(tracks.slopes, rows), rows_of(now.left, rows),
-                rows_of(now.right_u, rows), rows_of(left_warps, rows), rows_of(right_warps, rows)};
+        return {rows, rows_of(slots, rows), rows_of(now.points, rows), rows_of(tracks.slopes, rows),
+                rows_of(tracks.exposures, rows), rows_of(now.left, rows), rows_of(now.right_u, rows), rows_of(left_warps, rows),
+                rows_of(right_warps, rows)};
     }
 
     FoundViews find(const Sought& sought, const RightSides& right_sides) const {
         Patches patches = warp_patches(of.stored, sought.slots, sought.left_warps, kind.config.window_radius_px, kind.spacing_px, kind.rules);
         Array<double, 3> gradients = gradient_matrices(patches.information, kind.spacing_px);
-        AlignedPatches left = find_left(patches, sought.left);
+        AlignedPatches left = find_left(patches, sought);
         if (of.right) return find_right(sought, patches, gradients, left, right_sides);
         std::vector<double> missing(sought.rows.size(), std::numeric_limits<double>::quiet_NaN());
         return views(left, gradients, {missing.data(), {missing.size()}});
@@ -63,19 +65,20 @@ class Alignment {
     }
 
     // Positions in image pixels of patches, from such starts (n, 2), in an image of templates' pixels.
-    AlignedPatches aligned(const ImageOf<T>& image, const Patches& patches, Matrix starts) const {
+    AlignedPatches aligned(const ImageOf<T>& image, const Patches& patches, Matrix starts, Matrix exposures) const {
         std::size_t n = starts.shape[0];
         Array<double, 2> of_template(n, 2);
         for (std::size_t i = 0; i < 2 * n; i++) of_template.data[i] = starts.data[i] / kind.scale;
-        AlignedPatches result = align_patches(image, of_template, patches.inverse, patches.information, patches.level,
+        AlignedPatches result = align_patches(image, of_template, patches.inverse, patches.information, patches.level, exposures,
                                               kind.config.window_radius_px, kind.spacing_px, kind.rules);
         for (std::size_t i = 0; i < 2 * n; i++) result.at.data[i] *= kind.scale;
         return result;
     }
 
     // What stays near its start, fits, and lies where a whole patch shows the scene.
-    AlignedPatches find_left(const Patches& patches, Matrix starts) const {
-        AlignedPatches left = aligned(of.left, patches, starts);
+    AlignedPatches find_left(const Patches& patches, const Sought& sought) const {
+        Matrix starts = sought.left;
+        AlignedPatches left = aligned(of.left, patches, starts, sought.exposures);
         Array<bool, 1> inside = inside_area(of.area, left.at);
         for (std::size_t i = 0; i < starts.shape[0]; i++) {
             double du = left.at[i][0] - starts[i][0], dv = left.at[i][1] - starts[i][1];
@@ -98,7 +101,7 @@ class Alignment {
         }
         turn_by(by.rows.projection, by.turn_rad, 1, start);
         turn_right(patches, sought);
-        AlignedPatches right = aligned(*of.right, patches, start);
+        AlignedPatches right = aligned(*of.right, patches, start, sought.exposures);
         double margin = kind.scale * kind.config.window_radius_px, last = by.rows.projection.width - 1 - margin;
         for (std::size_t i = 0; i < n; i++)
             right.found.data[i] =
@@ -119,7 +122,8 @@ class Alignment {
     FoundViews views(AlignedPatches& left, const Array<double, 3>& gradients, Vector error_right) const {
         std::size_t n = left.found.shape[0];
         FoundViews result{std::move(left.found), {n, 4}, {n, 4},
-                          view_covariances(gradients, left.error, error_right, kind.noise.shared_pixels, kind.scale, kind.noise.factor, kind.rules)};
+                          view_covariances(gradients, left.error, error_right, kind.noise.shared_pixels, kind.scale, kind.noise.factor, kind.rules),
+                          std::move(left.exposure)};
         double missing = std::numeric_limits<double>::quiet_NaN();
         for (std::size_t i = 0; i < n; i++)
             for (Array<double, 2>* z : {&result.z, &result.any_row})
@@ -155,11 +159,16 @@ AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, 
     PredictedTracks now = predict_tracks(right_sides.rows.projection, timing, right_sides.twist, tracks, cam_from_previous,
                                          cam_from_start, left, agree);
     Array<bool, 1> expected(n);
-    FoundViews all{{n}, {n, 4}, {n, 4}, {n, 4, 4}};
+    FoundViews all{{n}, {n, 4}, {n, 4}, {n, 4, 4}, {2}};
+    std::size_t most = 0;  // found of one size of templates, which says how the frame is exposed
+    all.exposure.data[0] = 1;
     auto align = [&](const auto& templates) {
         Alignment alignment(templates);
         Sought sought = alignment.visible(tracks, slots, now);
         FoundViews views = alignment.find(sought, right_sides);
+        std::size_t found = rows_where(sought.rows.size(), [&](std::size_t k) { return views.found.data[k]; }).size();
+        if (found > most) all.exposure = std::move(views.exposure);
+        most = std::max(most, found);
         for (std::size_t k = 0; k < sought.rows.size(); k++) {
             std::size_t i = sought.rows[k];
             expected.data[i] = true;
@@ -175,7 +184,7 @@ AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, 
     Array<double, 2> points = rows_of(now.points, kept);
     Array<double, 2> taken = shifts_by_timing(right_sides.rows.projection, timing.row_of, points, right_sides.twist, timing.mean);
     AlignedTracks result{std::move(expected), numbers(kept), std::move(points), rows_of(all.z, kept),
-                         rows_of(all.cov, kept), rows_of(all.any_row, kept), std::move(taken)};
+                         rows_of(all.cov, kept), rows_of(all.any_row, kept), std::move(taken), std::move(all.exposure)};
     for (Array<double, 2>* z : {&result.z, &result.any_row})
         for (std::size_t i = 0; i < 4 * kept.size(); i++) z->data[i] -= result.taken.data[i];
     return result;

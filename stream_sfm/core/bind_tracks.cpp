@@ -32,8 +32,8 @@ differences.)");
     describe_taken<LastingRules>(m, R"(The largest row difference that counts, in σ, and the number of views beyond which a track counts as one of these.)");
     describe_taken<TemplateKind>(m, R"(A kind of templates: image pixels per pixel, and pixels between samples.)");
     describe_taken<TrackTable>(m, R"(Homogeneous points (n, 4) of tracks at unit depth, variances (n,) of 1/Z, covariances (n, 2, 2) px² of left
-positions, anchor cameras (n, 4, 4), velocities (n, 2) px/s on the left and slopes (n, 2) of 1/Z there, and image
-pixels (n,) per pixel of the template.)");
+positions, anchor cameras (n, 4, 4), velocities (n, 2) px/s on the left and slopes (n, 2) of 1/Z there, gains and
+offsets (n, 2) of the last left image over the template, and image pixels (n,) per pixel of the template.)");
     describe_taken<Templates<std::uint8_t>>(m, R"(Templates of one kind: left and right image of their pixels (None: without right sides), stored patches as in
 `warp_patches`, and where in the left image (h, w) a whole patch shows the scene.)");
     bind_images_of<std::uint8_t>(m);  // before bytes would be converted to floats
@@ -49,7 +49,8 @@ the timing, their points (k, 4) and the variances (k,) of 1/Z.)",
 In the left image, and what is found there in the right one, in the row where it should be. Returns which should be
 in view (n,), and of those found at least on the left: their rows (k,), points (k, 4), views (k, 4), NaN where the
 right side was not found in its row, their covariances (k, 4, 4), eq. (15), views (k, 4) with right sides that miss
-their row, and what has been taken out of all these (k, 4) px, for the timing.)",
+their row, and what has been taken out of all these (k, 4) px, for the timing. Last gain and offset (2,) of the left
+image over the last one.)",
         "right_sides"_a, "timing"_a, "tracks"_a, "slots"_a, "cam_from_previous"_a, "cam_from_start"_a, "left_px"_a, "agree"_a, "ordinary"_a, "wide"_a.none());
     def<&predict_tracks>(m, "_predict_tracks", R"(Return where a motion (4, 4) puts tracks (n), and how their patches look in the camera `cam_from_start` (4, 4).
 

@@ -16,12 +16,11 @@ struct PointRules {  // of new points
            slant_steps, peak_part, candidates)
 };
 struct TemplateRules {
-    double weights_width, step_ratio, converged_px, max_gain, min_explained, same_exposure;
+    double weights_width, step_ratio, converged_px, max_gain, min_explained;
     double std_floor_px, least_error_grey, unknown_error_grey, edge_damping, least_area;
     int steps;
-    std::size_t exposure_views, exposures;
-    RECORD(TemplateRules, weights_width, step_ratio, converged_px, max_gain, min_explained, same_exposure, std_floor_px,
-           least_error_grey, unknown_error_grey, edge_damping, least_area, steps, exposure_views, exposures)
+    RECORD(TemplateRules, weights_width, step_ratio, converged_px, max_gain, min_explained, std_floor_px, least_error_grey,
+           unknown_error_grey, edge_damping, least_area, steps)
 };
 
 // rows.cpp
@@ -44,8 +43,8 @@ struct Patches {
 struct AlignedPatches {
     Array<double, 2> at;
     Array<bool, 1> found;
-    Array<double, 1> error;
-    FIELDS(at, found, error)
+    Array<double, 1> error, exposure;
+    FIELDS(at, found, error, exposure)
 };
 template <class T>  // float or std::uint8_t
 void store_patches(T* stored, const std::array<std::size_t, 3>& shape, const ImageOf<T>& image, Pixels points, Indices slots);
@@ -53,7 +52,7 @@ template <class T>
 Patches warp_patches(View<T, 3> stored, Indices slots, Matrices warps, int radius, int spacing, const TemplateRules& rules);
 template <class T>
 AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse, Matrices information,
-                             View<float, 1> level, int radius, int spacing, const TemplateRules& rules);
+                             View<float, 1> level, Matrix exposures, int radius, int spacing, const TemplateRules& rules);
 Array<double, 3> gradient_matrices(Matrices information, int spacing);
 
 // corners.cpp

@@ -43,6 +43,13 @@ Array<double, 2> starts_of(const RightSides& by, double scale, Pixels corners, V
     return start;
 }
 
+// Gains and offsets (n, 2) of templates that have just been cut.
+Array<double, 2> one_exposure(std::size_t n) {
+    Array<double, 2> exposures(n, 2);
+    for (std::size_t i = 0; i < n; i++) exposures[i][0] = 1;
+    return exposures;
+}
+
 }  // namespace
 
 template <class T>
@@ -57,8 +64,8 @@ NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, Vie
     require(kind.config.window_radius_px >= 2, "the templates' radius is below 2 px");
     auto align = [&](Indices of, Matrix slopes, Matrix from, int radius, int spacing) {
         Patches patches = warp_patches(stored, of, sheared(slopes), radius, spacing, kind.rules);
-        AlignedPatches found = align_patches(right, from, patches.inverse, patches.information, patches.level, radius,
-                                             spacing, kind.rules);
+        AlignedPatches found = align_patches(right, from, patches.inverse, patches.information, patches.level,
+                                             one_exposure(of.shape[0]), radius, spacing, kind.rules);
         return std::make_pair(std::move(found), std::move(patches.information));
     };
     const Array<double, 2> flat(n, 2);

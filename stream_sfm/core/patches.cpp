@@ -175,23 +175,25 @@ Array<double, 3> gradient_matrices(Matrices information, int spacing) {
     return result;
 }
 
-// The gains that patches have in common, most frequent ones first: templates that were cut before and after a step of the
-// exposure have two. With one of them for all, those of the minority would count as changed by light, and end.
-std::vector<double> gains_in_common(std::vector<double> gains, const TemplateRules& rules) {
-    std::vector<double> common;
-    do {
-        common.push_back(median(gains));
-        auto is_alike = [&](double gain) { return std::fabs(std::log(gain / common.back())) < rules.same_exposure; };
-        gains.erase(std::remove_if(gains.begin(), gains.end(), is_alike), gains.end());
-    } while (!gains.empty() && gains.size() >= rules.exposure_views && common.size() < rules.exposures);
+// Gain and offset (2,) of an image over another one in which patches have a gain and an offset each, and those `found` now.
+Array<double, 1> common_exposure(const std::vector<double>& gains, const std::vector<double>& means, View<float, 1> level,
+                                 Matrix exposures, const Array<bool, 1>& found) {
+    Array<double, 1> common(2);
+    std::vector<double> ratios, offsets;
+    for (std::size_t i = 0; i < gains.size(); i++)
+        if (found.data[i]) ratios.push_back(gains[i] / exposures[i][0]);
+    common.data[0] = ratios.empty() ? 1.0 : median(std::move(ratios));
+    for (std::size_t i = 0; i < gains.size(); i++)
+        if (found.data[i]) offsets.push_back(means[i] - common.data[0] * (exposures[i][0] * level.data[i] + exposures[i][1]));
+    if (!offsets.empty()) common.data[1] = median(std::move(offsets));
     return common;
 }
 
-// A position is found with the patch's own gain and offset. What it is worth is judged with those that patches of one
-// exposure have in common, eq. (15): light that changes on one patch alone is a reflection or a shadow.
+// A position is found with the patch's own gain and offset. What it is worth is judged with those that all have in common
+// since the frames in which they were cut, eq. (15): light that changes on one patch alone is a reflection or a shadow.
 template <class T>
 AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse, Matrices information,
-                             View<float, 1> level, int radius, int spacing, const TemplateRules& rules) {
+                             View<float, 1> level, Matrix exposures, int radius, int spacing, const TemplateRules& rules) {
     int k = samples_across(radius, spacing), k2 = k * k;
     std::size_t n = starts.shape[0];
     const double min_gain = 1 / rules.max_gain;
@@ -201,12 +203,13 @@ AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float,
     require_shape(inverse, {n, 3, static_cast<std::size_t>(k2)}, "inverse");
     require_shape(information, {n, 3, 3}, "information");
     require_shape(level, {n}, "level");
+    require_shape(exposures, {n, 2}, "exposures");
     require(n == 0 || (image.height > 0 && image.width > 0), "the image is empty");
     Array<float, 1> weights = sample_weights(radius, spacing, rules.weights_width);
-    AlignedPatches result{{n, 2}, {n}, {n}};
+    AlignedPatches result{{n, 2}, {n}, {n}, {2}};
     std::vector<float> there(k2), weighted(k2);
     Sampler<T> sampler(k2);
-    std::vector<double> rest(n), gain(n), offset(n), found_gains;
+    std::vector<double> rest(n), gain(n), mean_grey(n);
     for (std::size_t i = 0; i < n; i++) {
         float x = static_cast<float>(starts[i][0]), y = static_cast<float>(starts[i][1]);
         double fit[3] = {0, 0, 0}, mean = 0, total = 0, before = radius / rules.step_ratio;
@@ -234,33 +237,21 @@ AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float,
             for (int b = 0; b < 3; b++) explained += fit[a] * of[3 * a + b] * fit[b];
         rest[i] = std::max(total - explained, 0.0);
         gain[i] = fit[2];
-        offset[i] = mean;
+        mean_grey[i] = mean;
         result.at[i][0] = x;
         result.at[i][1] = y;
         result.error.data[i] = std::numeric_limits<double>::infinity();
         result.found.data[i] = converged && fit[2] > min_gain && fit[2] < rules.max_gain &&
                                rest[i] < (1 - rules.min_explained) * total;
-        if (result.found.data[i]) found_gains.push_back(fit[2]);
     }
-    if (found_gains.empty()) return result;
-    const std::vector<double> common = gains_in_common(std::move(found_gains), rules);
-    std::vector<std::size_t> exposure(n);  // of each patch, among the common ones
-    std::vector<std::vector<double>> offsets(common.size());
+    result.exposure = common_exposure(gain, mean_grey, level, exposures, result.found);
+    const double* now = result.exposure.data.get();
     for (std::size_t i = 0; i < n; i++) {
         if (!result.found.data[i]) continue;
-        auto apart = [&](std::size_t k) { return std::fabs(std::log(gain[i] / common[k])); };
-        for (std::size_t k = 1; k < common.size(); k++)
-            if (apart(k) < apart(exposure[i])) exposure[i] = k;
-        offsets[exposure[i]].push_back(offset[i] -= common[exposure[i]] * level.data[i]);
-    }
-    std::vector<double> common_offset(common.size());
-    for (std::size_t k = 0; k < common.size(); k++)
-        if (!offsets[k].empty()) common_offset[k] = median(offsets[k]);
-    for (std::size_t i = 0; i < n; i++) {
-        if (!result.found.data[i]) continue;
-        double own_gain = gain[i] - common[exposure[i]], own_offset = offset[i] - common_offset[exposure[i]];
+        double expected = now[0] * exposures[i][0], own_gain = gain[i] - expected;
+        double own_offset = mean_grey[i] - expected * level.data[i] - now[0] * exposures[i][1] - now[1];
         double squares = rest[i] + own_gain * own_gain * information[i][8] + k2 * own_offset * own_offset;
-        result.error.data[i] = std::sqrt(squares / (k2 - PARAMETERS)) / common[exposure[i]];
+        result.error.data[i] = std::sqrt(squares / (k2 - PARAMETERS)) / expected;
     }
     return result;
 }

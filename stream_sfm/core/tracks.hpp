@@ -29,9 +29,9 @@ struct TrackTable {
     Matrix points;  // at unit depth
     Vector var_rho;
     Matrices cov_left_px, anchor_from_start;
-    Matrix anchor_velocity_px_s, slopes;
+    Matrix anchor_velocity_px_s, slopes, exposures;
     Indices scale;
-    RECORD(Tracks, points, var_rho, cov_left_px, anchor_from_start, anchor_velocity_px_s, slopes, scale)
+    RECORD(Tracks, points, var_rho, cov_left_px, anchor_from_start, anchor_velocity_px_s, slopes, exposures, scale)
 };
 
 // tracks.cpp
@@ -74,7 +74,8 @@ struct AlignedTracks {  // of tracks (n) which were expected in view, and of tho
     Array<double, 2> points, z;
     Array<double, 3> cov;
     Array<double, 2> any_row, taken;
-    FIELDS(expected, rows, points, z, cov, any_row, taken)
+    Array<double, 1> exposure;  // gain and offset of the left image over the last one
+    FIELDS(expected, rows, points, z, cov, any_row, taken, exposure)
 };
 AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, const TrackTable& tracks, Indices slots,
                            Matrix cam_from_previous, Matrix cam_from_start, Matrix left, Flags agree,

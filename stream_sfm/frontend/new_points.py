@@ -14,6 +14,7 @@ from ..record import changed
 from .alignment import WIDE
 from .prepared import PreparedImages
 from .state import FrontEndState, RightSides, Setup
+from .templates import JUST_CUT
 from .tracks import Tracks
 
 
@@ -77,6 +78,7 @@ def begin_tracks(
         anchor_rays=points[:, :2],
         anchor_velocity_px_s=np.zeros((n, 2)),
         slopes=slopes,
+        exposures=np.tile(JUST_CUT, (n, 1)),
         scale=np.full(n, scale, np.int64),
         agreed=np.zeros(n, np.int64),
     )

@@ -15,6 +15,7 @@ from ..record import record
 from .prepared import GreyImage
 
 Grey = NDArray[np.float32]
+JUST_CUT = np.array([1.0, 0.0])  # gain and offset of an image over a template that has been cut from it
 SPACING_PX = 2  # pixels between samples: smoothed neighbours share their noise, so every second one says as much
 _STORED = 1.7  # half width of a stored patch over that of an aligned one: room for warps up to this scale
 _RULES = TemplateRules()  # places of all maps are verified with the defaults
@@ -42,9 +43,9 @@ class Patches:
         Returns positions (n, 2), whether each was found (n,), and the deviation (n,) of the grey differences that are
         left, in grey values of the template, inf where it was not found.
         """
-        return core.align_patches(
-            image, starts_px, self.inverse, self.information, self.level, self.radius_px, self.spacing_px, _RULES
-        )
+        just_cut = np.tile(JUST_CUT, (len(starts_px), 1))
+        patches = self.inverse, self.information, self.level, just_cut, self.radius_px, self.spacing_px
+        return core.align_patches(image, starts_px, *patches, _RULES)[:3]
 
 
 @record

@@ -22,7 +22,8 @@ class Tracks:
     Of the frame where the template was cut, the anchor: `anchor_from_start` (n, 4, 4), its pose in the front-end's own
     chain of motions; `anchor_rays` (n, 2): (X/Z, Y/Z) of the template's middle, exact by definition;
     `anchor_velocity_px_s` (n, 2): how that moved in the left image; `slopes` (n, 2): ∂(1/Z)/∂(X/Z, Y/Z) of the surface,
-    1/m; `scale` (n,): image pixels per pixel of the template, 1 or `WIDE`.
+    1/m; `scale` (n,): image pixels per pixel of the template, 1 or `WIDE`; `exposures` (n, 2): gain and offset of grey
+    values in the last left image over those of the template.
     `agreed` (n,): in how many frames the track agreed with the motion, halved each time it did not.
     """
 
@@ -36,6 +37,7 @@ class Tracks:
     anchor_rays: Array
     anchor_velocity_px_s: Array
     slopes: Array
+    exposures: Array
     scale: NDArray[np.int64]
     agreed: NDArray[np.int64]
 
@@ -53,6 +55,7 @@ class Tracks:
             anchor_rays=np.empty((0, 2)),
             anchor_velocity_px_s=np.empty((0, 2)),
             slopes=np.empty((0, 2)),
+            exposures=np.empty((0, 2)),
             scale=np.empty(0, np.int64),
             agreed=np.empty(0, np.int64),
         )
@@ -74,6 +77,11 @@ class Tracks:
         the half width of templates, in their pixels.
         """
         return core.template_drift(self.points, cam_from_previous, self.scale, slide_px)
+
+    def exposed(self, exposure: Array) -> "Tracks":
+        """Tracks after a left image with this gain and offset (2,) over the one before."""
+        gain, offset = exposure
+        return changed(self, exposures=gain * self.exposures + [0.0, offset])
 
     def missing(self, wanted: int) -> int:
         """How many tracks of ordinary templates more there should be."""

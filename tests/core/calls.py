@@ -53,6 +53,7 @@ TRACKS = Record(
     anchor_from_start=MOTIONS,
     anchor_velocity_px_s=STARTS,
     slopes=STARTS,
+    exposures=1 + STARTS,
     scale=np.ones(N, int),
 )
 AXES = Record(rotation=np.eye(3), std_scale=0.1, std_axes_rad=0.1)
@@ -147,6 +148,7 @@ CALLS = {
         IMAGE,
         STARTS,
         *core.warp_patches(STORED, SLOTS, WARPS, 4, 2, TemplateRules()),
+        np.tile([1.0, 0.0], (N, 1)),
         4,
         2,
         TemplateRules(),

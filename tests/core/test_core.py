@@ -145,7 +145,7 @@ def test_images_of_bytes_are_taken_as_images_of_floats_with_their_values() -> No
         stored = np.zeros((N, SIDE, SIDE), image.dtype)
         core.store_patches(stored, image, PIXELS, SLOTS)
         patches = core.warp_patches(stored, SLOTS, WARPS, 4, 2, TemplateRules())
-        aligned = core.align_patches(image, STARTS, *patches, 4, 2, TemplateRules())
+        aligned = core.align_patches(image, STARTS, *patches, np.tile([1.0, 0.0], (N, 1)), 4, 2, TemplateRules())
         core.store_patches(stored, image, INNER, SLOTS)
         right_sides = Record(rows=but(ROWS, mean=np.zeros(13)), turn_rad=np.zeros(3), twist=np.zeros(6))
         near = right_sides, INNER, SLOTS, np.full(N, 0.2)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from stream_sfm.frontend.templates import JUST_CUT
 from stream_sfm.frontend.tracks import Tracks
 
 
@@ -20,6 +21,7 @@ def tracks_at(depth_m: np.ndarray, agreed: np.ndarray | None = None, left_px: np
         anchor_rays=rays,
         anchor_velocity_px_s=np.zeros((n, 2)),
         slopes=np.zeros((n, 2)),
+        exposures=np.tile(JUST_CUT, (n, 1)),
         scale=np.ones(n, np.int64),
         agreed=np.zeros(n, np.int64) if agreed is None else agreed,
     )
