@@ -85,7 +85,7 @@ class TemplateRules(Section, frozen=True, kw_only=True):
     ] = 0.5
     # So many do not agree by chance.
     exposure_views: Annotated[
-        int, expert("views of templates of one frame that have a gain, at least", 1, 10_000)
+        int, expert("views of templates of one frame that have their own gain", 1, 10_000)
     ] = 12
     # σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification tables leave even in a perfect
     # match.

@@ -18,8 +18,7 @@ struct PointRules {  // of new points
 struct TemplateRules {
     double weights_width, step_ratio, converged_px, max_gain, min_explained;
     double std_floor_px, least_error_grey, unknown_error_grey, edge_damping, least_area;
-    int steps;
-    std::size_t exposure_views;
+    int steps, exposure_views;
     RECORD(TemplateRules, weights_width, step_ratio, converged_px, max_gain, min_explained, std_floor_px, least_error_grey,
            unknown_error_grey, edge_damping, least_area, steps, exposure_views)
 };

@@ -189,7 +189,7 @@ std::array<double, 2> common_change(const std::vector<std::size_t>& rows, const 
 
 // Gains and offsets (n, 2) of this image over patches that had those in the image before, by the patches `found`. Those
 // of one frame have the same ones, and change by their own: the noise of a patch makes gains small from the first image
-// on that is not its own. Few of one frame change as all do.
+// on that is not its own. The fewer they are, the more they change as all do.
 Array<double, 2> exposures_now(const std::vector<double>& gains, const std::vector<double>& means, View<float, 1> level,
                                Matrix before, const Array<bool, 1>& found, const TemplateRules& rules) {
     std::size_t n = gains.size();
@@ -204,8 +204,9 @@ Array<double, 2> exposures_now(const std::vector<double>& gains, const std::vect
         now[i][1] = of_all[0] * before[i][1] + of_all[1];
     }
     for (const auto& [then, rows] : frames) {
-        if (rows.size() < rules.exposure_views) continue;
-        const std::array<double, 2> change = common_change(rows, gains, means, level, before);
+        std::array<double, 2> change = common_change(rows, gains, means, level, before);
+        double own = std::min(static_cast<double>(rows.size()) / rules.exposure_views, 1.0);
+        for (int k = 0; k < 2; k++) change[k] = own * change[k] + (1 - own) * of_all[k];
         for (std::size_t i : rows) {
             now[i][0] = change[0] * then[0];
             now[i][1] = change[0] * then[1] + change[1];
@@ -229,6 +230,8 @@ AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float,
     require_shape(information, {n, 3, 3}, "information");
     require_shape(level, {n}, "level");
     require_shape(before, {n, 2}, "exposures");
+    for (std::size_t i = 0; i < n; i++)
+        require(before[i][0] > 0 && std::isfinite(before[i][0]) && std::isfinite(before[i][1]), "exposures are not gains above 0 and offsets");
     require(n == 0 || (image.height > 0 && image.width > 0), "the image is empty");
     Array<float, 1> weights = sample_weights(radius, spacing, rules.weights_width);
     AlignedPatches result{{n, 2}, {n}, {n}, {n, 2}};
