@@ -83,6 +83,10 @@ class TemplateRules(Section, frozen=True, kw_only=True):
     min_explained: Annotated[
         float, expert("least share of the image's variance that a template explains", 0, 1)
     ] = 0.5
+    # So many do not agree by chance.
+    exposure_views: Annotated[
+        int, expert("views of templates of one frame that have their own gain", 1, 10_000)
+    ] = 12
     # σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification tables leave even in a perfect
     # match.
     std_floor_px: Annotated[float, expert("least σ of a position, px", 0, 10)] = 0.03

@@ -31,9 +31,9 @@ the products (n, 3, 3) of these; and the mean grey value (n,).)",
         pixels<T>("stored"), "slots"_a, "anchor_from_now"_a, "radius_px"_a, "spacing_px"_a, "rules"_a);
     def<&align_patches<T>>(m, "align_patches", R"(Find patches, as `warp_patches` returns them, in an image, from starts (n, 2).
 
-Of which another image has gains and offsets `exposures` (n, 2) over the patches. Returns positions (n, 2), whether each
-was found (n,), and the deviation (n,) of the grey differences that are left, in grey values of the template, inf where
-it was not found; eq. (15); and gain and offset (2,) of the image over the other one.)",
+The image before has gains and offsets `exposures` (n, 2) over the patches. Returns positions (n, 2), whether each was
+found (n,), and the deviation (n,) of the grey differences that are left, in grey values of the template, inf where it
+was not found; eq. (15); and the gains and offsets (n, 2) of this image.)",
         pixels<T>("image"), "starts_px"_a, "inverse"_a, "information"_a, "level"_a, "exposures"_a, "radius_px"_a, "spacing_px"_a, "rules"_a);
 }
 

@@ -49,8 +49,8 @@ the timing, their points (k, 4) and the variances (k,) of 1/Z.)",
 In the left image, and what is found there in the right one, in the row where it should be. Returns which should be
 in view (n,), and of those found at least on the left: their rows (k,), points (k, 4), views (k, 4), NaN where the
 right side was not found in its row, their covariances (k, 4, 4), eq. (15), views (k, 4) with right sides that miss
-their row, and what has been taken out of all these (k, 4) px, for the timing. Last gain and offset (2,) of the left
-image over the last one.)",
+their row, and what has been taken out of all these (k, 4) px, for the timing; and gains and offsets (k, 2) of the
+left image over their templates.)",
         "right_sides"_a, "timing"_a, "tracks"_a, "slots"_a, "cam_from_previous"_a, "cam_from_start"_a, "left_px"_a, "agree"_a, "ordinary"_a, "wide"_a.none());
     def<&predict_tracks>(m, "_predict_tracks", R"(Return where a motion (4, 4) puts tracks (n), and how their patches look in the camera `cam_from_start` (4, 4).
 

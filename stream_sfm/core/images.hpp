@@ -18,9 +18,9 @@ struct PointRules {  // of new points
 struct TemplateRules {
     double weights_width, step_ratio, converged_px, max_gain, min_explained;
     double std_floor_px, least_error_grey, unknown_error_grey, edge_damping, least_area;
-    int steps;
+    int steps, exposure_views;
     RECORD(TemplateRules, weights_width, step_ratio, converged_px, max_gain, min_explained, std_floor_px, least_error_grey,
-           unknown_error_grey, edge_damping, least_area, steps)
+           unknown_error_grey, edge_damping, least_area, steps, exposure_views)
 };
 
 // rows.cpp
@@ -43,8 +43,9 @@ struct Patches {
 struct AlignedPatches {
     Array<double, 2> at;
     Array<bool, 1> found;
-    Array<double, 1> error, exposure;
-    FIELDS(at, found, error, exposure)
+    Array<double, 1> error;
+    Array<double, 2> exposures;
+    FIELDS(at, found, error, exposures)
 };
 template <class T>  // float or std::uint8_t
 void store_patches(T* stored, const std::array<std::size_t, 3>& shape, const ImageOf<T>& image, Pixels points, Indices slots);
@@ -52,7 +53,7 @@ template <class T>
 Patches warp_patches(View<T, 3> stored, Indices slots, Matrices warps, int radius, int spacing, const TemplateRules& rules);
 template <class T>
 AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse, Matrices information,
-                             View<float, 1> level, Matrix exposures, int radius, int spacing, const TemplateRules& rules);
+                             View<float, 1> level, Matrix before, int radius, int spacing, const TemplateRules& rules);
 Array<double, 3> gradient_matrices(Matrices information, int spacing);
 
 // corners.cpp

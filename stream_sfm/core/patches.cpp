@@ -6,6 +6,8 @@
 
 #include "images.hpp"
 
+#include <map>
+
 namespace core {
 namespace {
 
@@ -175,25 +177,49 @@ Array<double, 3> gradient_matrices(Matrices information, int spacing) {
     return result;
 }
 
-// Gain and offset (2,) of an image over another one in which patches have a gain and an offset each, and those `found` now.
-Array<double, 1> common_exposure(const std::vector<double>& gains, const std::vector<double>& means, View<float, 1> level,
-                                 Matrix exposures, const Array<bool, 1>& found) {
-    Array<double, 1> common(2);
+// Gain and offset that the patches of some `rows` have in common, over those that they had in the image before.
+std::array<double, 2> common_change(const std::vector<std::size_t>& rows, const std::vector<double>& gains,
+                                    const std::vector<double>& means, View<float, 1> level, Matrix before) {
     std::vector<double> ratios, offsets;
-    for (std::size_t i = 0; i < gains.size(); i++)
-        if (found.data[i]) ratios.push_back(gains[i] / exposures[i][0]);
-    common.data[0] = ratios.empty() ? 1.0 : median(std::move(ratios));
-    for (std::size_t i = 0; i < gains.size(); i++)
-        if (found.data[i]) offsets.push_back(means[i] - common.data[0] * (exposures[i][0] * level.data[i] + exposures[i][1]));
-    if (!offsets.empty()) common.data[1] = median(std::move(offsets));
-    return common;
+    for (std::size_t i : rows) ratios.push_back(gains[i] / before[i][0]);
+    double gain = median(std::move(ratios));
+    for (std::size_t i : rows) offsets.push_back(means[i] - gain * (before[i][0] * level.data[i] + before[i][1]));
+    return {gain, median(std::move(offsets))};
 }
 
-// A position is found with the patch's own gain and offset. What it is worth is judged with those that all have in common
-// since the frames in which they were cut, eq. (15): light that changes on one patch alone is a reflection or a shadow.
+// Gains and offsets (n, 2) of this image over patches that had those in the image before, by the patches `found`. Those
+// of one frame have the same ones, and change by their own: the noise of a patch makes gains small from the first image
+// on that is not its own. The fewer they are, the more they change as all do.
+Array<double, 2> exposures_now(const std::vector<double>& gains, const std::vector<double>& means, View<float, 1> level,
+                               Matrix before, const Array<bool, 1>& found, const TemplateRules& rules) {
+    std::size_t n = gains.size();
+    Array<double, 2> now(n, 2);
+    std::vector<std::size_t> all = rows_where(n, [&](std::size_t i) { return found.data[i]; });
+    if (all.empty()) return std::copy_n(before.data, 2 * n, now.data.get()), std::move(now);
+    const std::array<double, 2> of_all = common_change(all, gains, means, level, before);
+    std::map<std::array<double, 2>, std::vector<std::size_t>> frames;
+    for (std::size_t i : all) frames[{before[i][0], before[i][1]}].push_back(i);
+    for (std::size_t i = 0; i < n; i++) {
+        now[i][0] = of_all[0] * before[i][0];
+        now[i][1] = of_all[0] * before[i][1] + of_all[1];
+    }
+    for (const auto& [then, rows] : frames) {
+        std::array<double, 2> change = common_change(rows, gains, means, level, before);
+        double own = std::min(static_cast<double>(rows.size()) / rules.exposure_views, 1.0);
+        for (int k = 0; k < 2; k++) change[k] = own * change[k] + (1 - own) * of_all[k];
+        for (std::size_t i : rows) {
+            now[i][0] = change[0] * then[0];
+            now[i][1] = change[0] * then[1] + change[1];
+        }
+    }
+    return now;
+}
+
+// A position is found with the patch's own gain and offset. What it is worth is judged with those that patches cut in
+// one frame have in common, eq. (15): light that changes on one patch alone is a reflection or a shadow.
 template <class T>
 AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse, Matrices information,
-                             View<float, 1> level, Matrix exposures, int radius, int spacing, const TemplateRules& rules) {
+                             View<float, 1> level, Matrix before, int radius, int spacing, const TemplateRules& rules) {
     int k = samples_across(radius, spacing), k2 = k * k;
     std::size_t n = starts.shape[0];
     const double min_gain = 1 / rules.max_gain;
@@ -203,10 +229,12 @@ AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float,
     require_shape(inverse, {n, 3, static_cast<std::size_t>(k2)}, "inverse");
     require_shape(information, {n, 3, 3}, "information");
     require_shape(level, {n}, "level");
-    require_shape(exposures, {n, 2}, "exposures");
+    require_shape(before, {n, 2}, "exposures");
+    for (std::size_t i = 0; i < n; i++)
+        require(before[i][0] > 0 && std::isfinite(before[i][0]) && std::isfinite(before[i][1]), "exposures are not gains above 0 and offsets");
     require(n == 0 || (image.height > 0 && image.width > 0), "the image is empty");
     Array<float, 1> weights = sample_weights(radius, spacing, rules.weights_width);
-    AlignedPatches result{{n, 2}, {n}, {n}, {2}};
+    AlignedPatches result{{n, 2}, {n}, {n}, {n, 2}};
     std::vector<float> there(k2), weighted(k2);
     Sampler<T> sampler(k2);
     std::vector<double> rest(n), gain(n), mean_grey(n);
@@ -244,14 +272,13 @@ AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float,
         result.found.data[i] = converged && fit[2] > min_gain && fit[2] < rules.max_gain &&
                                rest[i] < (1 - rules.min_explained) * total;
     }
-    result.exposure = common_exposure(gain, mean_grey, level, exposures, result.found);
-    const double* now = result.exposure.data.get();
+    result.exposures = exposures_now(gain, mean_grey, level, before, result.found, rules);
     for (std::size_t i = 0; i < n; i++) {
         if (!result.found.data[i]) continue;
-        double expected = now[0] * exposures[i][0], own_gain = gain[i] - expected;
-        double own_offset = mean_grey[i] - expected * level.data[i] - now[0] * exposures[i][1] - now[1];
+        const double* now = result.exposures[i];
+        double own_gain = gain[i] - now[0], own_offset = mean_grey[i] - now[0] * level.data[i] - now[1];
         double squares = rest[i] + own_gain * own_gain * information[i][8] + k2 * own_offset * own_offset;
-        result.error.data[i] = std::sqrt(squares / (k2 - PARAMETERS)) / expected;
+        result.error.data[i] = std::sqrt(squares / (k2 - PARAMETERS)) / now[0];
     }
     return result;
 }

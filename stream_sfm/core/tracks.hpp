@@ -73,9 +73,8 @@ struct AlignedTracks {  // of tracks (n) which were expected in view, and of tho
     Array<std::int64_t, 1> rows;
     Array<double, 2> points, z;
     Array<double, 3> cov;
-    Array<double, 2> any_row, taken;
-    Array<double, 1> exposure;  // gain and offset of the left image over the last one
-    FIELDS(expected, rows, points, z, cov, any_row, taken, exposure)
+    Array<double, 2> any_row, taken, exposures;
+    FIELDS(expected, rows, points, z, cov, any_row, taken, exposures)
 };
 AlignedTracks align_tracks(const RightSides& right_sides, const Timing& timing, const TrackTable& tracks, Indices slots,
                            Matrix cam_from_previous, Matrix cam_from_start, Matrix left, Flags agree,

@@ -55,7 +55,7 @@ def advance(
     z_px, cov_px = rows_of(seen.views.z_px, rows), motion.spread * rows_of(seen.views.cov_px, rows)
     seen_px = z_px + rows_of(seen.views.taken_px, rows)
     now = _placed(step, state, seen.before.keep(rows), motion.cam_from_ref, z_px, cov_px, cam_from_start)
-    now = changed(now, left_px=seen_px[:, :2].copy()).exposed(seen.views.exposure)
+    now = changed(now, left_px=seen_px[:, :2].copy(), exposures=rows_of(seen.views.exposures, rows))
     ambiguity, other, settled = state.ambiguity.after(motion, seen.before, rival)
     in_question = other is not None or ambiguity.frames_left > 0  # this frame's motion, or which set stands still
     state = changed(

@@ -21,7 +21,7 @@ class AlignedViews:
     Their `rows` in the table (n) of tracks, of which some should be `in_view` (n,); their `points` (k, 4) where the
     rough motion puts them; `z_px` (k, 4), NaN where the right side was not found; `cov_px` (k, 4, 4). `any_row_px`
     (k, 4): the same, including right sides that miss their row. `taken_px` (k, 4): what has been taken out of all these
-    for the timing. `exposure` (2,): gain and offset of the left image over the last one.
+    for the timing. `exposures` (k, 2): gains and offsets of the left image over the templates.
     """
 
     rows: NDArray[np.int64]
@@ -31,7 +31,7 @@ class AlignedViews:
     cov_px: Array
     any_row_px: Array
     taken_px: Array
-    exposure: Array
+    exposures: Array
 
 
 def align(
@@ -43,7 +43,7 @@ def align(
     """
     tracks, aligners, in_both = state.tracks, state.aligners, not setup.projection.virtual_right
     has_wide = WIDE in aligners and (tracks.scale == WIDE).any()
-    in_view, rows, points, z_px, cov_px, any_row_px, taken_px, exposure = core.align_tracks(
+    in_view, rows, points, z_px, cov_px, any_row_px, taken_px, exposures = core.align_tracks(
         state.right_sides(twist),
         state.timing,
         tracks,
@@ -59,4 +59,4 @@ def align(
         z_px, any_row_px = (
             np.where(_RIGHT & setup.unseen_in_right(px)[:, None], np.nan, px) for px in (z_px, any_row_px)
         )
-    return AlignedViews(rows, in_view, points, z_px, cov_px, any_row_px, taken_px, exposure)
+    return AlignedViews(rows, in_view, points, z_px, cov_px, any_row_px, taken_px, exposures)

@@ -78,11 +78,6 @@ class Tracks:
         """
         return core.template_drift(self.points, cam_from_previous, self.scale, slide_px)
 
-    def exposed(self, exposure: Array) -> "Tracks":
-        """Tracks after a left image with this gain and offset (2,) over the one before."""
-        gain, offset = exposure
-        return changed(self, exposures=gain * self.exposures + [0.0, offset])
-
     def missing(self, wanted: int) -> int:
         """How many tracks of ordinary templates more there should be."""
         return wanted - int(np.count_nonzero(self.scale == 1))
