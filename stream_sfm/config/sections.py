@@ -80,6 +80,13 @@ class WindowConfig(Section, frozen=True, kw_only=True):
     halves_least: Annotated[float, expert("least share of the tracks that makes a half", 0, 0.5)] = 0.125
     # A body that moves in one half is not an error that lasts. Gaussian errors are beyond it in one frame of 10¹⁰.
     halves_most: Annotated[float, expert("most that one frame counts, means so far", 1, 1e8)] = 10.0
+    # The tracks of some hundred frames: how much tracks differ is a property of cameras and scene, too.
+    tracks_memory: Annotated[float, expert("tracks from which is known how much their noise differs", 1, 1e9)] = (
+        20_000.0
+    )
+    tracks_guess: Annotated[float, expert("tracks that the first guess counts for: all are alike", 1, 1e9)] = 300.0
+    # What is left of things that move is not noise.
+    tracks_most: Annotated[float, expert("most that one track counts, means so far", 1, 1e8)] = 4.0
 
 
 class RobustConfig(Section, frozen=True, kw_only=True):

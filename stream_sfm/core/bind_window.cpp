@@ -49,6 +49,8 @@ sets of ids are ascending.)",
 
 Gates of squared residuals of views from one side, and from both.)",
         "pinholes"_a, "state"_a, "views"_a, "gate_of_one"_a, "gate_of_both"_a);
+    def<&squares_of_tracks>(m, "squares_of_tracks", R"(Return of points (P,) the sum of their views' squared residuals, each by its own covariance, and of how many values.)",
+        "pinholes"_a, "state"_a, "views"_a);
     def<&normal_blocks>(m, "normal_blocks", R"(Return the Gauss-Newton normal equations of views, eqs. (25), (26) and (71).
 
 With the rig's errors among the unknowns, or as they are.)",

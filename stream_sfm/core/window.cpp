@@ -97,6 +97,21 @@ void residual(const Pinholes& pinholes, const WindowState& state, const WindowVi
     }
 }
 
+bool sees_both(const WindowViews& views, const Seen& seen) {
+    return views.root[seen.view][10] != 0;  // of u_right
+}
+
+// The squared residual of a view by its own covariance.
+double own_square(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, const Seen& seen) {
+    double in_cam[4], r[4], sum = 0;
+    residual(pinholes, state, views, seen, in_cam, r);
+    for (int c = 0; c < 4; c++) {
+        double own = r[c] / views.weight[seen.view][c];
+        sum += own * own;
+    }
+    return sum;
+}
+
 }  // namespace
 
 Array<double, 2> points_of_views(const WindowState& state, const WindowViews& views) {
@@ -205,15 +220,16 @@ Array<double, 3> drift_covariances(Indices ids, Matrices ref_from_anchor, Matrix
 Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
                                   double of_one, double of_both) {
     Array<bool, 1> result(views.frame.shape[0]);
+    for (const Seen& seen : seen_by(state, views))
+        result.data[seen.view] = !(own_square(pinholes, state, views, seen) > (sees_both(views, seen) ? of_both : of_one));
+    return result;
+}
+
+TrackSquares squares_of_tracks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views) {
+    TrackSquares result{{state.q.shape[0]}, {state.q.shape[0]}};
     for (const Seen& seen : seen_by(state, views)) {
-        double in_cam[4], r[4], sum = 0;
-        residual(pinholes, state, views, seen, in_cam, r);
-        for (int c = 0; c < 4; c++) {
-            double own = r[c] / views.weight[seen.view][c];
-            sum += own * own;
-        }
-        bool both = views.root[seen.view][10] != 0;  // of u_right
-        result.data[seen.view] = !(sum > (both ? of_both : of_one));
+        result.squares.data[seen.point] += own_square(pinholes, state, views, seen);
+        result.values.data[seen.point] += sees_both(views, seen) ? 4 : 2;
     }
     return result;
 }

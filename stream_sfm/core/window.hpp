@@ -50,6 +50,11 @@ SeenAgain points_seen_again(Indices ids, Flags usable, Matrix var_drift, Indices
 Array<double, 3> drift_covariances(Indices ids, Matrices ref_from_anchor, Matrix q, Indices seen, Matrix var_drift);
 Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
                                   double of_one, double of_both);
+struct TrackSquares {
+    Array<double, 1> squares, values;
+    FIELDS(squares, values)
+};
+TrackSquares squares_of_tracks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
 NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, bool with_rig);
 struct PosesByParts {
     Array<double, 3> u;

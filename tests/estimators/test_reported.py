@@ -10,11 +10,13 @@ from stream_sfm.estimators.cross_frame.inverse_depth import State, linearise
 from stream_sfm.estimators.cross_frame.map import Map
 from stream_sfm.estimators.cross_frame.normal_equations import System
 from stream_sfm.estimators.cross_frame.reported import reported
+from stream_sfm.estimators.cross_frame.track_noise import TrackNoise
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene, Sequence
 
 SCENE = Scene(frames=20, track_length=8, visible=80, std_px=0.1, round_off=False)
 SPANS = 8
+UNKNOWN = SpanFactors.unknown(WindowConfig(frames=SPANS)), TrackNoise.unknown(WindowConfig())
 
 
 def map_after(sequence: Sequence) -> Map:
@@ -78,10 +80,10 @@ def test_tracks_of_half_a_scene_have_both_kinds_of_halves(current, kind):
 
 def test_one_step_leads_to_the_minimum(current):
     """Further steps move poses by less than a hundredth of their σ."""
-    once, _ = reported(current, SpanFactors.unknown(WindowConfig(frames=SPANS)), False)
+    once, *_ = reported(current, *UNKNOWN, False)
     again = once
     for _ in range(4):
-        again, _ = reported(again, SpanFactors.unknown(WindowConfig(frames=SPANS)), False)
+        again, *_ = reported(again, *UNKNOWN, False)
     moved = se3.log(once.cams_from_ref @ se3.inverse(again.cams_from_ref)).ravel()
     std = np.sqrt((once.system.root[: len(moved)] ** 2).sum(axis=1))
     assert (np.abs(moved) < 0.01 * std).all()
@@ -95,7 +97,7 @@ def test_nothing_is_fed_back(current):
         current.views,
         current.prior,
     )
-    read_off, _ = reported(current, SpanFactors.unknown(WindowConfig(frames=SPANS)), True)
+    read_off, *_ = reported(current, *UNKNOWN, True)
     assert read_off is not current
     for old, now in zip(before, (current.cams_from_ref, current.points.q, current.amplitudes), strict=False):
         assert (old == now).all()

@@ -3,36 +3,46 @@
 Errors that last are shared by neighbouring views of a track, and cancel between two frames, as long as these views have
 one weight. With those of eq. (69), which an unknown rig needs, they do not: the motion over one frame then errs by a
 quarter to a half more. So for the report the views of the window have their own covariances, times one factor, eq.
-(69a). That minimum is one Newton step away, with the prior and the rig's errors as they are. Nothing of it is fed back
-into them.
+(69a), and one of each track, eq. (69c). That minimum is one Newton step away, with the prior and the rig's errors as
+they are. Nothing of it is fed back into them.
 """
 
 import copy
 
 import numpy as np
 
+from ... import core
 from ...record import changed
 from .halves import SpanFactors, squares_of_halves
 from .inverse_depth import linearise
 from .map import Map
 from .normal_equations import System
+from .track_noise import TrackNoise
 
 
-def reported(current: Map, factors: SpanFactors, learns: bool) -> tuple[Map, SpanFactors]:
-    """Return the map that estimates are read off, and the factors after this frame.
+def reported(
+    current: Map, factors: SpanFactors, noise: TrackNoise, learns: bool
+) -> tuple[Map, SpanFactors, TrackNoise]:
+    """Return the map that estimates are read off, and the factors and the noise of tracks after this frame.
 
     `learns`: whether errors may last, and this frame tells. Where a view less leaves a point open, it is the same map.
     """
     try:
-        return _reported(current, factors, learns)
+        return _reported(current, factors, noise, learns)
     except np.linalg.LinAlgError:
-        return current, factors
+        return current, factors, noise
 
 
-def _reported(current: Map, factors: SpanFactors, learns: bool) -> tuple[Map, SpanFactors]:
+def _reported(
+    current: Map, factors: SpanFactors, noise: TrackNoise, learns: bool
+) -> tuple[Map, SpanFactors, TrackNoise]:
     """Return the map of `reported`. Raises LinAlgError where its views do not determine it."""
     result, views, factor = copy.copy(current), current.views, factors.by_span[-1]
-    own = np.full_like(views.weight, 1 / factor)
+    ids, tracks = current.points.ids, core.squares_of_tracks(current.projection, current.state(), views)
+    residuals = *tracks, core.among(ids, current.prior.ids)
+    row = np.minimum(np.searchsorted(ids, views.ids), len(ids) - 1)
+    share = np.where(ids[row] == views.ids, noise.information(*residuals)[row], 1.0)
+    own = np.full_like(views.weight, 1 / factor) * np.sqrt(share)[:, None]
     result.views = changed(views, root=views.root * (own / views.weight)[:, None, :], weight=own)
     result.drop_undetermined()
     m, k = len(result.prior.rig), len(result.amplitudes)
@@ -50,8 +60,10 @@ def _reported(current: Map, factors: SpanFactors, learns: bool) -> tuple[Map, Sp
         inertial,
         beside=current.system,
     )
+    if learns:
+        noise = noise.after(*residuals)
     if learns and factors.asks_for(result.frames[-1].index):
         factors = factors.after(factor**2 * squares_of_halves(result, system, at, factors.rules))
     result.follow(system)
     system.with_rig_of(current.system, np.searchsorted(current.points.ids, result.points.ids))
-    return result, factors
+    return result, factors, noise

@@ -41,6 +41,7 @@ from .own_focus import end_refocusing, judge_focus, own_at_first, place_focus
 from .relative import common_errors, relative_motions
 from .reported import reported
 from .rig_knowledge import NO_RIG, RigKnowledge, impossible
+from .track_noise import TrackNoise
 from .velocities import cov_of_timing, expect, renew_timing
 from .window_frame import WindowFrame, views_of
 
@@ -61,6 +62,7 @@ class CrossFrame(TakesSamples):
         self._std_acceleration = np.array(config.motion.std_acceleration)
         self._has_field = False
         self._factors = SpanFactors.unknown(config.window)
+        self._noise = TrackNoise.unknown(config.window)
         self._said_by_rows = np.zeros(2)  # information about the delay and its weighted sum
         self._in_question = False  # the motion into the latest frame that was estimated
         self._impossible = ""  # why the calibration cannot be right, if it cannot
@@ -231,7 +233,7 @@ class CrossFrame(TakesSamples):
         rig, self._in_question = current.judge_rig(), motion.ambiguous is not None
         before, factors = current.marginals, self._factors
         tells = observations.lasting.inflation is not None and motion.ambiguous is None and not observations.misfit
-        read_off, self._factors = reported(current, factors, tells)
+        read_off, self._factors, self._noise = reported(current, factors, self._noise, tells)
         # the world has moved with all errors that last, which only the weights of eq. (69) allow for
         now = current.marginals = changed(read_off.update_marginals(), cov_pose=current.cov_pose)
         known, inertial = self.inertia.report(current, read_off)
