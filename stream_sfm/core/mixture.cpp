@@ -119,8 +119,8 @@ Numbers at(const Numbers& values, const Which& which) {
     return result;
 }
 
-// The log odds that lenses have errors rather than none: in all their terms, or in any one of them alone.
-double log_odds_lenses(const Gaussian& lenses, const Numbers& size, double share_alone) {
+// The log odds that lenses have errors rather than none, given the others: in all terms, or in any one of them alone.
+double log_odds_given(const Gaussian& lenses, const Numbers& size, double share_alone) {
     std::size_t n = lenses.size();
     Gaussian information = information_of(lenses);
     Numbers alone;
@@ -132,30 +132,51 @@ double log_odds_lenses(const Gaussian& lenses, const Numbers& size, double share
     return largest + std::log((1 - share_alone) * std::exp(together - largest) + share_alone * sum / static_cast<double>(n));
 }
 
-struct Combinations {
-    Numbers weighted;  // C⁻¹ m of the considered terms, averaged over what is 0 by its probability
-    Which zero;        // of the most probable combination, among the considered terms
-};
+// Which of the considered terms are 0 in each combination.
+std::vector<Which> zeros_of(View<bool, 2> is_zero) {
+    std::vector<Which> result(is_zero.shape[0]);
+    for (std::size_t i = 0; i < result.size(); i++)
+        for (std::size_t k = 0; k < is_zero.shape[1]; k++)
+            if (is_zero[i][k]) result[i].push_back(k);
+    return result;
+}
 
-// By the density where terms of each combination are 0, of the `considered` terms alone.
-Combinations combinations(const Gaussian& considered, const Numbers& size, View<bool, 2> is_zero,
-                          const double* log_prior, double counts) {
-    std::size_t n = considered.size(), number = is_zero.shape[0];
-    Numbers log_p(number), weighted(number * n);
-    std::vector<Which> zeros(number);
+// log Σ exp of some numbers.
+double log_sum(const Numbers& of) {
+    double largest = *std::max_element(of.begin(), of.end()), sum = 0;
+    for (double one : of) sum += std::exp(one - largest);
+    return largest + std::log(sum);
+}
+
+// The log odds that lenses have errors rather than none, eq. (72m): those given each combination of what is 0, by how
+// probable that is of lenses without errors, `own`.
+double log_odds_lenses(const Gaussian& all, const Gaussian& own, const Numbers& sizes, const Which& of_lenses,
+                       const std::vector<Which>& zeros, const double* log_prior, double share_alone) {
+    std::size_t lenses = of_lenses.size();
+    Numbers size_of_lenses = at(sizes, of_lenses), size(sizes.begin() + static_cast<std::ptrdiff_t>(lenses), sizes.end());
+    Numbers none, wrong;
+    for (std::size_t i = 0; i < zeros.size(); i++) {
+        none.push_back(log_prior[i] - log_odds_wrong(information_of(part(own, zeros[i])), at(size, zeros[i]), 1.0));
+        Which zero = zeros[i];
+        for (std::size_t& k : zero) k += lenses;
+        wrong.push_back(none[i] + log_odds_given(without(all, zero, of_lenses), size_of_lenses, share_alone));
+    }
+    return log_sum(wrong) - log_sum(none);
+}
+
+// C⁻¹ m of the `considered` terms, averaged over what is 0 by its probability: the density where these terms are 0.
+Numbers averaged(const Gaussian& considered, const Numbers& size, const std::vector<Which>& zeros,
+                 const double* log_prior, double counts) {
+    std::size_t n = considered.size(), number = zeros.size();
+    Numbers log_p(number), weighted(number * n), result(n);
     for (std::size_t i = 0; i < number; i++) {
-        for (std::size_t k = 0; k < n; k++)
-            if (is_zero[i][k]) zeros[i].push_back(k);
         Gaussian information = information_of(part(considered, zeros[i]));
         for (std::size_t k = 0; k < zeros[i].size(); k++) weighted[i * n + zeros[i][k]] = information.mean[k];
         log_p[i] = log_prior[i] - log_odds_wrong(std::move(information), at(size, zeros[i]), counts);
     }
-    auto largest = std::max_element(log_p.begin(), log_p.end());
-    Combinations result{Numbers(n), zeros[static_cast<std::size_t>(largest - log_p.begin())]};
-    double sum = 0, most = *largest;
-    for (double& p : log_p) sum += p = std::exp(p - most);
+    double all = log_sum(log_p);
     for (std::size_t i = 0; i < number; i++)
-        for (std::size_t k = 0; k < n; k++) result.weighted[k] += log_p[i] / sum * weighted[i * n + k];
+        for (std::size_t k = 0; k < n; k++) result[k] += std::exp(log_p[i] - all) * weighted[i * n + k];
     return result;
 }
 
@@ -196,23 +217,20 @@ Mixture rig_mixture(Vector mean, Matrix cov, Vector size, std::size_t lenses, Vi
     std::iota(lens_and_field.begin(), lens_and_field.end(), 0);
     for (std::size_t& i : lens_and_field) i += i < lenses ? 0 : considered.size();
     Numbers sizes(size.data, size.data + m), of_considered = at(sizes, considered);
-    Gaussian wrong{Numbers(mean.data, mean.data + m), Numbers(cov.data, cov.data + m * m)}, all = wrong;
-    auto found = combinations(part(all, considered), of_considered, is_zero, log_prior.data, counts);
-    consider(wrong, lenses, found.weighted);
-    for (std::size_t& i : found.zero) i += lenses;  // free rates and times would do for lenses, too
-    double log_odds = log_odds_lenses(without(all, found.zero, of_lenses), at(sizes, of_lenses), share_alone);
+    auto zeros = zeros_of(is_zero);
+    Gaussian all{Numbers(mean.data, mean.data + m), Numbers(cov.data, cov.data + m * m)}, wrong = all;
+    Gaussian own = without(all, lens_and_field, considered);
+    double log_odds = log_odds_lenses(all, own, sizes, of_lenses, zeros, log_prior.data, share_alone);
     require_definite(std::isfinite(log_odds), "the errors of the rig are not determined");
     double p = 1 / (1 + std::exp(-log_odds));
     Mixture result{{m}, {m, m}, known_wrong ? 1.0 : p};
+    consider(wrong, lenses, averaged(part(all, considered), of_considered, zeros, log_prior.data, counts));
+    consider(own, 0, averaged(own, of_considered, zeros, log_prior.data, counts));
     Gaussian right{Numbers(m), Numbers(m * m)};
-    if (result.p_wrong < 1) {  // rounded: of a calibration that is certainly wrong nothing else counts
-        Gaussian own = without(all, lens_and_field, considered);
-        consider(own, 0, combinations(own, of_considered, is_zero, log_prior.data, counts).weighted);
-        for (std::size_t i = 0; i < considered.size(); i++) {
-            right.mean[considered[i]] = own.mean[i];
-            for (std::size_t j = 0; j < considered.size(); j++)
-                right.cov[considered[i] * m + considered[j]] = own.cov[i * considered.size() + j];
-        }
+    for (std::size_t i = 0; i < considered.size(); i++) {
+        right.mean[considered[i]] = own.mean[i];
+        for (std::size_t j = 0; j < considered.size(); j++)
+            right.cov[considered[i] * m + considered[j]] = own.cov[i * considered.size() + j];
     }
     p = result.p_wrong;
     for (std::size_t i = 0; i < m; i++) {

@@ -4,6 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from stream_sfm.config import RigConfig
@@ -65,6 +66,14 @@ def combinations(views: "Views", size: Array) -> tuple[list[float], list[Array]]
     return weights, sizes
 
 
+def lens_odds(views: "Views", others: Array) -> float:
+    """The log odds that lenses err rather than not, with the others of these sizes."""
+    of_lens, none = np.eye(M)[:AT_FOCAL], views.log_evidence(others)
+    together = views.log_evidence(others + of_lens.sum(axis=0)) - none
+    alone = [views.log_evidence(others + one) - none for one in of_lens]
+    return float(np.logaddexp(np.log(0.95) + together, np.log(0.05) + logsumexp(alone, b=1 / AT_FOCAL)))
+
+
 def with_size(k: int, size: float) -> Array:
     changed = SIZE.copy()
     changed[k] = size
@@ -98,20 +107,17 @@ def test_a_likely_size_does_not_depend_on_the_size_so_far() -> None:
 def test_a_mixture_has_the_moments_of_its_two_halves(std: float, errors: float) -> None:
     """A calibration that is wrong with the probability of its likelihood, and otherwise has no errors but timing.
 
-    Wrong lenses err in all terms, or, one in twenty, in one alone; judged with the other terms as is most probable.
+    Wrong lenses err in all terms, or, one in twenty, in one alone; judged over all combinations of the other terms.
     """
     rules = RigConfig(counts=1.0)  # views whose σ is right
     true = errors * SIZE * np.random.default_rng(6).normal(size=M)
     views = Views(7, true, std)
     found = mixture(views.mean, views.cov, SIZE, rules)
-    weights, sizes = combinations(views, SIZE)
-    others = np.where(np.arange(M) < AT_FOCAL, 0.0, sizes[int(np.argmax(weights))])  # as is most probable
-    of_lens = np.eye(M)[:AT_FOCAL]
-    none = views.log_evidence(others)
-    together = views.log_evidence(others + of_lens.sum(axis=0)) - none
-    alone = [views.log_evidence(others + one) - none for one in of_lens]
-    odds = np.logaddexp(np.log(0.95) + together, np.log(0.05) + np.logaddexp.reduce(alone) - np.log(AT_FOCAL))
-    assert found.p_wrong == pytest.approx(1 / (1 + np.exp(-odds)), rel=1e-5)
+    k = np.arange(M)
+    weights, sizes = combinations(views, np.where((k >= AT_FOCAL) & (k < T), SIZE, 0.0))
+    odds = [lens_odds(views, np.where(k < T, size, SIZE)) for size in sizes]
+    average = logsumexp(odds, b=np.array(weights) / np.sum(weights))
+    assert found.p_wrong == pytest.approx(1 / (1 + np.exp(-average)), rel=1e-5)
     halves = []
     for lenses, p in ((1.0, found.p_wrong), (0.0, 1 - found.p_wrong)):
         size = SIZE * np.where(np.arange(M) < AT_FOCAL, lenses, 1.0) * np.where(np.arange(M) < T, 1.0, lenses)
