@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .settings import SETTINGS
+
 Grey: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
 
-_BRIGHT_SHARE = 1e-3  # of an image's pixels that may be brighter than white: hot ones, a lamp
 FEWEST_BITS = 10  # of a 16-bit image: sensors of more than 8 bits have 10, 12, 14 or 16
 _TO_GREY = {3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY}
 
@@ -18,7 +19,7 @@ def bits_used(*images: Grey) -> int:
     bits = FEWEST_BITS
     for image in images:
         if image.dtype == np.uint16:
-            while np.count_nonzero(image >> bits) > _BRIGHT_SHARE * image.size:
+            while np.count_nonzero(image >> bits) > SETTINGS.bright_share * image.size:
                 bits += 1
     return bits
 

@@ -21,28 +21,12 @@ from .focal_effect import FocalEffect
 from .lens import distortion, project_into_image, rays_of
 from .models import Camera
 from .rig import MonoRig, StereoRig
+from .settings import SETTINGS
 
 # Baseline of the virtual right camera beside a single one, in units of the first motion. Its views hardly count;
 # as a length it says what a drift of patches means for depths, eq. (33), and is about the distance of a first
 # scene.
 VIRTUAL_BASELINE = 10.0
-# The focal length is that at which the whole image fits, so that a lens that bends keeps its corners; but at
-# least this fraction of the lens's own, chosen by hand: a wider view is bought with resolution in the middle.
-_MIN_FOCAL_FRACTION = 0.9
-_SAME_FOCAL_FRACTION = 0.999  # of the lens's own, which is kept then: rectified images stay as they are
-_MAX_SHIFT_PX = 1e-2  # of any pixel by rectification: smaller ones, a third of the views' noise floor, are left out
-# Depth after the rotation of a ray that had depth 1: at less an edge of the image lies beside or behind the
-# rectified camera, as with a lens of 180°.
-_MIN_RAY_DEPTH = 0.2
-# x of the direction from left to right camera: below, the right camera is above, below, in front or behind rather than
-# beside; within as much of the other direction they are exchanged.
-_BESIDE = 0.7
-_PARALLEL = 1e-3  # sine of the angle between baseline and view: below, both cameras look along one line
-_ROW_DEGREE = 7  # of the polynomial in each coordinate for rows of the camera's image, and how many places it fits
-_ROW_NODES = 21
-_FOCAL_STEP = 1e-3  # of the focal length, for differences
-_MIN_VALID = 0.02  # of the rectified image's area: with less image content there is nothing to track
-
 _Side = tuple[Camera, Array, Array]  # with its rectifying rotation, and the matrix of the rectified image
 
 
@@ -62,7 +46,11 @@ class Rectifier:
         extents, spans = _extents(rig, cameras, rotations)
         f_lens = float(np.mean([c.K[[0, 1], [0, 1]] for c in cameras]))
         f_fit = float(min((width - 1) / spans[0], (height - 1) / spans[1]))
-        f = f_lens if f_fit > _SAME_FOCAL_FRACTION * f_lens else max(f_fit, _MIN_FOCAL_FRACTION * f_lens)
+        f = (
+            f_lens
+            if f_fit > SETTINGS.same_focal_fraction * f_lens
+            else max(f_fit, SETTINGS.min_focal_fraction * f_lens)
+        )
         middle = [(e[0] + e[1]) / 2 for e in extents]
         cx = [(width - 1) / 2 - f * m[0] for m in middle]
         cy = (height - 1) / 2 - f * float(np.mean([m[1] for m in middle]))
@@ -96,12 +84,12 @@ class Rectifier:
     def _shows_scene(self, side: int) -> NDArray[np.bool_]:
         camera = self._sides[side][0]
         white = np.full((self.projection.height, self.projection.width), 255, np.uint8)
-        if (valid := self._rectified(white, side) == 255).mean() < _MIN_VALID:
+        if (valid := self._rectified(white, side) == 255).mean() < SETTINGS.min_valid:
             raise _no_image([camera for camera, *_ in self._sides])
         if camera.mask is None:
             return np.asarray(valid)
         valid = self._rectified(np.where(camera.mask, white, 0).astype(np.uint8), side) == 255
-        if valid.mean() < _MIN_VALID:
+        if valid.mean() < SETTINGS.min_valid:
             raise RigError(
                 f"the mask of the {('left', 'right')[side]} camera leaves hardly any of its image: it is black where "
                 "pixels are left out, and white elsewhere"
@@ -128,9 +116,9 @@ class Rectifier:
                 _rectified_px(
                     rays_of(camera, middle_px + (1 + share) * (raw_px - middle_px)), rotation, k_rectified
                 )
-                for share in (_FOCAL_STEP, -_FOCAL_STEP)
+                for share in (SETTINGS.focal_step, -SETTINGS.focal_step)
             )
-            moved.append((longer - shorter) / (2 * _FOCAL_STEP))
+            moved.append((longer - shorter) / (2 * SETTINGS.focal_step))
         return FocalEffect(*self._polynomials(moved))
 
     @cached_property
@@ -151,20 +139,22 @@ class Rectifier:
     def _nodes(self) -> Array:
         """Places (n, 2) all over a rectified image, px."""
         p = self.projection
-        u, v = np.meshgrid(np.linspace(0, p.width - 1, _ROW_NODES), np.linspace(0, p.height - 1, _ROW_NODES))
+        u, v = np.meshgrid(
+            np.linspace(0, p.width - 1, SETTINGS.nodes), np.linspace(0, p.height - 1, SETTINGS.nodes)
+        )
         return np.stack([u.ravel(), v.ravel()], axis=1)
 
     def _polynomials(self, values: Sequence[Array]) -> list[ExposedRows]:
         """Return polynomials over both images through values (n, k) at the places of each side, for each of the k."""
         size = self.projection.width, self.projection.height
         x, y = (2 * self._nodes / size - 1).T
-        products = polyvander2d(x, y, (_ROW_DEGREE, _ROW_DEGREE))
+        products = polyvander2d(x, y, (SETTINGS.degree, SETTINGS.degree))
         fitted = [
             np.linalg.lstsq(products[at], of_side, rcond=None)[0].T
             for (_, at, _), of_side in zip(self._places, values, strict=True)
         ]
         return [
-            ExposedRows(size, np.stack(sides).reshape(-1, _ROW_DEGREE + 1, _ROW_DEGREE + 1))
+            ExposedRows(size, np.stack(sides).reshape(-1, SETTINGS.degree + 1, SETTINGS.degree + 1))
             for sides in zip(*fitted, strict=True)
         ]
 
@@ -191,7 +181,7 @@ def _rectifying_rotations(rig: StereoRig | MonoRig) -> tuple[Array, ...]:
     rotation, translation = rig.right_from_left[:3, :3], rig.right_from_left[:3, 3]
     right_in_left = -rotation.T @ translation
     x = right_in_left / np.linalg.norm(right_in_left)
-    if x[0] < -_BESIDE:
+    if x[0] < -SETTINGS.beside:
         raise RigError(
             f"the right camera stands {-right_in_left[0]:.3f} m to the left of the left one: "
             "exchange left and right, or the sign of the baseline in the calibration",
@@ -199,7 +189,7 @@ def _rectifying_rotations(rig: StereoRig | MonoRig) -> tuple[Array, ...]:
         )
     z = rotation[2] + (0, 0, 1)
     z = z - (z @ x) * x
-    if np.linalg.norm(z) < _PARALLEL:  # |z| is 2 for cameras that look the same way
+    if np.linalg.norm(z) < SETTINGS.parallel:  # |z| is 2 for cameras that look the same way
         raise _not_beside(right_in_left)
     z /= np.linalg.norm(z)
     rect_from_left = np.stack([x, np.cross(z, x), z])
@@ -232,7 +222,7 @@ def _extents(
     spans: Array = np.mean([e[1] - e[0] for e in extents], axis=0)
     if not (spans > 0).all():  # false for NaN too
         right_in_left = se3.inverse(rig.right_from_left)[:3, 3] if isinstance(rig, StereoRig) else np.eye(3)[0]
-        if right_in_left[0] < _BESIDE * np.linalg.norm(right_in_left):
+        if right_in_left[0] < SETTINGS.beside * np.linalg.norm(right_in_left):
             raise _not_beside(right_in_left)
         raise _no_image(cameras)
     return extents, spans
@@ -245,7 +235,7 @@ def _extent(camera: Camera, rotation: Array) -> Array:
     with np.errstate(invalid="ignore"):  # where the lens model has no solution, the caller says so
         rays = rays_of(camera, pixels) @ rotation.T
     # a lens of 180° and more reaches behind the rectified plane; the focal length bounds what is kept of it
-    rays = rays[:, :2] / np.maximum(rays[:, 2:], _MIN_RAY_DEPTH)
+    rays = rays[:, :2] / np.maximum(rays[:, 2:], SETTINGS.min_ray_depth)
     return np.array([[rays[0, 0], rays[2, 1]], [rays[1, 0], rays[3, 1]]])
 
 
@@ -256,12 +246,12 @@ def _maps(
     fisheye, d = distortion(camera)
     if not (fisheye or np.any(d) or (rotation != np.eye(3)).any()):  # rectified images: corners move furthest
         corners = np.array([[0, 0, 1], [size[0] - 1, size[1] - 1, 1]])
-        if np.abs(corners @ (camera.K @ np.linalg.inv(k_rectified)).T - corners).max() < _MAX_SHIFT_PX:
+        if np.abs(corners @ (camera.K @ np.linalg.inv(k_rectified)).T - corners).max() < SETTINGS.max_shift_px:
             return None
     module = cv2.fisheye if fisheye else cv2
     u, v = module.initUndistortRectifyMap(camera.K, d, rotation, k_rectified, size, cv2.CV_32FC1)
     # float32 without a grid of indices: a fifth of the memory, which counts for images of many megapixels
     grid_u, grid_v = (np.arange(n, dtype=np.float32) for n in size)
-    if max(np.abs(u - grid_u).max(), np.abs(v - grid_v[:, None]).max()) < _MAX_SHIFT_PX:
+    if max(np.abs(u - grid_u).max(), np.abs(v - grid_v[:, None]).max()) < SETTINGS.max_shift_px:
         return None
     return u, v  # OpenCV 5 takes 0.6 of the time with them that it takes with fixed-point maps, and is exact

@@ -16,9 +16,9 @@ from .known_timing import KnownTiming
 from .masks import Mask, read_mask
 from .models import Camera
 from .refinement import Refinement
+from .settings import SETTINGS
 
 MaskOrFile = Mask | str | Path
-_USUAL_BASELINE_M = (0.005, 5.0)  # from endoscopes to aircraft; outside, a unit was probably mistaken
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -158,7 +158,7 @@ def _masked(camera: Camera, mask: MaskOrFile | None) -> Camera:
 
 def baseline_warnings(rig: StereoRig | MonoRig) -> list[str]:
     """Return questions about a baseline that is probably not in metres: one, or none."""
-    low_m, high_m = _USUAL_BASELINE_M
+    low_m, high_m = SETTINGS.usual_baseline_m
     if isinstance(rig, MonoRig) or low_m <= rig.baseline_m <= high_m:
         return []
     unit = "millimetres" if rig.baseline_m > high_m else "another unit"

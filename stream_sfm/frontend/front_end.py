@@ -23,10 +23,7 @@ from .advance import Followed
 from .alignment import WIDE, TemplateAligner, valid_area
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
-from .echo_check import EchoCheck
-from .field_check import FieldCheck
 from .first_timing import learn_timing
-from .ghost_check import GhostCheck
 from .image_checks import are_alike, image_note
 from .new_points import begin_points, renews
 from .pair_check import PairCheck, PairFit, problem_of, resolution_problem
@@ -34,11 +31,10 @@ from .patches import View
 from .prepared import PreparedImages
 from .right_turn import TurnWatch, rig_change, shift_of_turn, with_turn
 from .rows import Rows
-from .smear_check import SmearCheck
 from .start_check import StartCheck
 from .state import FrontEndState, Setup
 from .step_check import StepCheck, displacement_px
-from .still_check import StillCheck
+from .suspicions import Suspicions
 from .template_errors import TemplateErrors, turn_of_slides
 from .timing import Timing
 from .tracker import follow
@@ -75,11 +71,7 @@ class StereoFrontEnd:
             start=StartCheck(rules=rules.motion),
             steps=StepCheck(rules=rules.step),
             pair=PairCheck(rules=rules.pair),
-            ghosts=GhostCheck(rules=rules.ghosts),
-            still=StillCheck(rules=rules.still),
-            echo=EchoCheck(rules=rules.echo),
-            smears=SmearCheck(rules=rules.smears),
-            fields=FieldCheck(rules=rules.fields),
+            suspicions=Suspicions.begun_by(rules),
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
@@ -104,11 +96,7 @@ class StereoFrontEnd:
         if expected is not None and expected.since_ns != state.previous_ns:
             expected = None  # it is of another frame than the one that is followed from
         state, change = self._take_out_turn(state)
-        if images.lines is not None:
-            still, fields = state.still.after(*images.lines), state.fields.after(*images.lines)
-            state = changed(state, still=still, fields=fields)
-        if images.middles is not None:
-            state = changed(state, echo=state.echo.after(*images.middles))
+        state = changed(state, suspicions=state.suspicions.after_images(images))
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
         unconfirmed = bool(before.start.problem) and state.start.is_over and state.start.doubted
         state, start_anew = self._check(before, state, images, stamp_ns, followed)
@@ -175,9 +163,7 @@ class StereoFrontEnd:
         z_px = np.concatenate([followed.z_px, z_new])
         cov_px = np.concatenate([followed.cov_px, cov_new])
         note, state = self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px)
-        checks = state.ghosts, state.smears, state.still, state.echo, state.fields
-        note = note or next(filter(None, (check.problem for check in checks)), "")
-        state, observed = self._observed(state, stamp_ns, z_px, cov_px, note)
+        state, observed = self._observed(state, stamp_ns, z_px, cov_px, note or state.suspicions.problem)
         return state, replace(
             observed,
             cam_from_previous=followed.cam_from_previous,
@@ -272,9 +258,7 @@ class StereoFrontEnd:
 def _seen(state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Array) -> FrontEndState:
     """The state from which the next frame is followed, with what views (n, 4) of all tracks show of earlier images."""
     view = View(images.left, state.tracks.ids[: len(z_px)], z_px[:, :2])
-    return changed(
-        state.followed_from(images, stamp_ns), ghosts=state.ghosts.after(view), smears=state.smears.after(view)
-    )
+    return changed(state.followed_from(images, stamp_ns), suspicions=state.suspicions.after_views(view))
 
 
 def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:

@@ -18,17 +18,13 @@ from ..rig_model.terms import by_turn
 from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
-from .echo_check import EchoCheck
-from .field_check import FieldCheck
-from .ghost_check import GhostCheck
 from .pair_check import PairCheck
 from .prepared import PreparedImages
 from .right_turn import TurnWatch
 from .rows import Rows
-from .smear_check import SmearCheck
 from .start_check import StartCheck
 from .step_check import StepCheck
-from .still_check import StillCheck
+from .suspicions import Suspicions
 from .template_errors import TemplateErrors
 from .timing import Timing
 from .tracks import Tracks
@@ -109,8 +105,7 @@ class FrontEndState:
     - `turn_watch`: of the right camera, None where it cannot turn; `pair`: whether left and right fit each other;
       `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions; `start`:
       whether the map has started with the motion of the camera; `steps`: whether both images have been displaced;
-      `ghosts`, `smears`: whether earlier images show through; `still`: whether something is drawn over both;
-      `echo`: whether both show everything twice; `fields`: whether rows are of two moments in turn.
+      `suspicions`: what several frames together say against their images.
     - `errors`: what is learnt of errors that views of a point share; `disparity`: of its error, as far as it is known.
     - `map`: with one camera, how far the map has come.
     """
@@ -137,11 +132,7 @@ class FrontEndState:
     ambiguity: AmbiguityMemory = field(default_factory=AmbiguityMemory)
     start: StartCheck = field(default_factory=StartCheck)
     steps: StepCheck = field(default_factory=StepCheck)
-    ghosts: GhostCheck = field(default_factory=GhostCheck)
-    still: StillCheck = field(default_factory=StillCheck)
-    echo: EchoCheck = field(default_factory=EchoCheck)
-    smears: SmearCheck = field(default_factory=SmearCheck)
-    fields: FieldCheck = field(default_factory=FieldCheck)
+    suspicions: Suspicions = field(default_factory=Suspicions)
     rows_waiting: Array | None = None
     pair: PairCheck = field(default_factory=PairCheck)
     map: MapState = field(default_factory=MapState)
@@ -186,8 +177,7 @@ class FrontEndState:
             ambiguity=AmbiguityMemory(rules=self.ambiguity.rules),
             start=StartCheck(rules=self.start.rules),
             steps=StepCheck(rules=self.steps.rules),  # how a new map moves is not known
-            ghosts=self.ghosts.interrupted(),
-            smears=self.smears.interrupted(),
+            suspicions=self.suspicions.interrupted(),
             background_hidden=False,
             turn_watch=None if self.turn_watch is None else self.turn_watch.calm(),
         )

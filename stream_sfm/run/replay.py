@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -219,8 +220,8 @@ class _Replay:
         if record.rig is not None:
             further["rig"] = describe(self.lane.observer.projection, record.rig)
         for test in self.checks:
-            further["self_test"] = test.result(interruption)
-            test.close()
+            with closing(test):
+                further["self_test"] = test.result(interruption)
         if self._there_and_back and not course.interrupted and len(record):
             further["there_and_back"] = self._back(course, interruption)
         return further

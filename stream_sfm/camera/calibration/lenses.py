@@ -12,12 +12,8 @@ import numpy as np
 
 from ...geometry.se3 import Array
 from ..models import Camera
+from ..settings import SETTINGS
 from .document import Document, Size
-
-_WIDEST_RAD = np.radians(100)  # from the axis
-_RINGS, _SPOKES, _POWERS = 60, 48, 5
-_MOST_APART_PX = 0.5  # anywhere in the image; with 0.0004, as of KITTI-360, it is 0.33
-_FEWEST = 200  # of the rays that must be in the image
 
 
 def _double_sphere(x: Array, y: Array, z: Array, p: Mapping[str, float]) -> Array:
@@ -46,8 +42,8 @@ def nearest_fisheye(
 
     Raises ConfigError where no fisheye is the same over the image.
     """
-    theta = np.repeat(np.linspace(0.01, _WIDEST_RAD, _RINGS), _SPOKES)
-    phi = np.tile(np.linspace(0, 2 * np.pi, _SPOKES, endpoint=False), _RINGS)
+    theta = np.repeat(np.linspace(0.01, SETTINGS.widest_rad, SETTINGS.rings), SETTINGS.spokes)
+    phi = np.tile(np.linspace(0, 2 * np.pi, SETTINGS.spokes, endpoint=False), SETTINGS.rings)
     x, y, z = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)
     divisor = MODELS[model][1](x, y, z, values)
     seen = divisor > 0
@@ -58,12 +54,12 @@ def nearest_fisheye(
     u = k[0, 0] * (mx * radial + 2 * p1 * mx * my + p2 * (r2 + 2 * mx * mx)) + k[0, 2]
     v = k[1, 1] * (my * radial + p1 * (r2 + 2 * my * my) + 2 * p2 * mx * my) + k[1, 2]
     inside = (u >= 0) & (u < size[0]) & (v >= 0) & (v < size[1])
-    if inside.sum() < _FEWEST:
+    if inside.sum() < SETTINGS.fewest:
         raise document.error(
             f"{where}{model} with {dict(values)} puts hardly any ray into the image of {size[0]}×{size[1]}"
         )
     u, v, theta, phi = u[inside], v[inside], theta[seen][inside], phi[seen][inside]
-    bends = theta[:, None] ** (2 * np.arange(_POWERS) + 1)
+    bends = theta[:, None] ** (2 * np.arange(SETTINGS.powers) + 1)
     ratio, n = k[1, 1] / k[0, 0], len(u)
     one, zero = np.ones((n, 1)), np.zeros((n, 1))
     design = np.block(
@@ -71,11 +67,11 @@ def nearest_fisheye(
     )
     found = np.linalg.lstsq(design, np.r_[u, v], rcond=None)[0]
     apart = np.linalg.norm((design @ found - np.r_[u, v]).reshape(2, n), axis=0).max()
-    if apart > _MOST_APART_PX:
+    if apart > SETTINGS.most_apart_px:
         raise document.error(
             f"{where}{model}: this lens is up to {apart:.2f} px from every one that is supported: calibrate with "
             "pinhole-equi"
         )
-    f, cx, cy = found[[0, _POWERS, _POWERS + 1]]
+    f, cx, cy = found[[0, SETTINGS.powers, SETTINGS.powers + 1]]
     fitted = np.array([[f, 0, cx], [0, ratio * f, cy], [0, 0, 1]])
-    return document.camera(size, fitted, "equidistant", (found[1:_POWERS] / f).tolist())
+    return document.camera(size, fitted, "equidistant", (found[1 : SETTINGS.powers] / f).tolist())
