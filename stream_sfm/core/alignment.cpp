@@ -102,7 +102,7 @@ class Alignment {
         turn_by(by.rows.projection, by.turn_rad, 1, start);
         turn_right(patches, sought);
         AlignedPatches right = aligned(*of.right, patches, start, sought.exposures);
-        double margin = kind.scale * kind.config.window_radius_px, last = by.rows.projection.width - 1 - margin;
+        double margin = kind.scale * kind.config.window_radius_px, last = by.rows.projection.width - 1.0 - margin;
         for (std::size_t i = 0; i < n; i++)
             right.found.data[i] =
                 right.found.data[i] && right.at[i][0] > margin && right.at[i][0] < last && right.error.data[i] < kind.config.max_photometric_error;

@@ -101,6 +101,7 @@ Array<double, 2> ghost_sums(const ImageOf<std::uint8_t>& now, const ImageOf<std:
                             Matrix now_px, Matrix last_px, Matrix earlier_px, double noise_grey, double least_square) {
     std::size_t n = now_px.shape[0];
     for (const Matrix& at : {now_px, last_px, earlier_px}) require_shape(at, {n, 2}, "positions");
+    for (const auto* image : {&now, &last, &earlier}) require(n == 0 || (image->height > 0 && image->width > 0), "an image is empty");
     Array<double, 2> sums(2, 5);
     Sampler<std::uint8_t> sampler(WIDE * WIDE);
     float wide[WIDE * WIDE], left[VIEWS][K];

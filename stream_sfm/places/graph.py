@@ -33,6 +33,7 @@ _ORDER = np.r_[3:6, 0:3]  # GTSAM has rotation before translation
 # Loops at ten times their σ first: GTSAM's annealing starts no flatter than residuals of 1000 σ, and true loops are
 # further off where the odometry is bad; of eight such graphs three lost every loop.
 _SPREADS = (10.0, 1.0)
+_NO_WAY = Motion(np.eye(4), np.zeros((6, 6)))
 _OUTDATED = 0.5  # σ of a common error, as it was known, by which it has changed
 
 
@@ -343,18 +344,20 @@ class PoseGraph:
         return np.moveaxis(np.array(solutions[1:]).reshape(-1, len(self.numbers), 6) - np.array(solutions[0]), 0, 2)
 
     def remove(self, numbers: Iterable[int]) -> None:
-        """Remove nodes; motions to and from each pass to its best-linked neighbour by odometry."""
+        """Remove nodes; motions to and from each pass to its best-linked neighbour: by odometry, else by a loop."""
         for number in numbers:
-            ends = [pair for pair in self.links if number in pair]
-            if not ends:
-                continue
-            pair = min(ends, key=lambda p: float(np.trace(self.links[p].cov_own)))
-            link = self.links.pop(pair)
-            neighbour, onward = (pair[1], link) if pair[0] == number else (pair[0], link.back())
-            for first, second in [p for p in ends if p != pair]:
-                way = _moved(Loop(first, second, self.links.pop((first, second))), number, neighbour, onward)
-                if way is not None:
-                    self.links[way.old, way.new] = way.motion
+            links = [Loop(*pair, link) for pair, link in self.links.items() if number in pair]
+            ways = links or [loop for loop in self.loops if number in (loop.old, loop.new)]
+            if ways:
+                way = min(ways, key=lambda way: float(np.trace(way.motion.cov_own)))
+                at_first = way.old == number
+                neighbour, onward = (way.new, way.motion) if at_first else (way.old, way.motion.back())
+            else:
+                neighbour, onward = number, _NO_WAY  # nothing passes on
+            for link in links:
+                del self.links[link.old, link.new]
+                if (moved := _moved(link, number, neighbour, onward)) is not None:
+                    self.links[moved.old, moved.new] = moved.motion
             self.loops, self._bridges = (
                 [m for loop in loops if (m := _moved(loop, number, neighbour, onward)) is not None]
                 for loops in (self.loops, self._bridges)

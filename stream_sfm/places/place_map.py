@@ -355,7 +355,8 @@ class PlaceMap:
         )  # depths and rad
         distance, neighbour = (column[:, 1] for column in KDTree(where).query(where, 2))
         distance[neighbour >= np.arange(len(numbers))] = np.inf  # of two that are close the newer one goes
-        count = max(1, int(SETTINGS.thinned * self._max_keyframes))
+        too_many = len(self._nodes) - self._max_keyframes  # as in a map of a run that kept more
+        count = max(1, int(SETTINGS.thinned * self._max_keyframes), too_many)
         gone = [numbers[row] for row in np.argsort(distance, kind="stable")[:count].tolist()]
         self._graph.remove(gone)
         self._pending = [loop for loop in self._pending if loop.old not in gone and loop.new not in gone]

@@ -103,6 +103,9 @@ def test_what_is_missing_or_too_large_is_refused() -> None:
     for field in ("left", "stored", "area"):
         with pytest.raises(TypeError, match=rf"Templates\.{field} is NoneType in place of"):
             core.align_tracks(*CALLS["align_tracks"][:-1], but(wide, **{field: None}))
+    for at in range(3):
+        with pytest.raises(ValueError, match="an image is empty"):
+            core.ghost_sums(*with_other(CALLS["ghost_sums"], (at,), np.zeros((0, 80), np.uint8)))
 
 
 def test_a_field_that_is_missing_or_of_another_kind_is_named_with_its_record() -> None:

@@ -156,3 +156,17 @@ def test_nodes_that_go_leave_their_motions_to_their_neighbours() -> None:
     assert graph.in_world_of(NODES).all()
     assert np.isfinite(graph.covariances()).all()
     assert np.abs(se3.log(se3.inverse(truth[kept]) @ graph.poses[:-1])[:, :3]).max() < 0.05
+
+
+def test_a_node_that_nothing_links_goes_and_one_with_loops_leaves_these_to_a_neighbour() -> None:
+    truth, graph = circle(), PoseGraph()
+    for k in range(5):
+        graph.add(k, truth[k], None)
+    loop = Motion(se3.inverse(truth[0]) @ truth[1], np.diag(LOOP_STD**2))
+    onward = Motion(se3.inverse(truth[1]) @ truth[2], np.diag(LOOP_STD**2))
+    graph.close([Loop(0, 1, loop), Loop(1, 2, onward)], doubtful=False)
+    graph.remove([1, 4])
+    assert graph.numbers == [0, 2, 3] and [(each.old, each.new) for each in graph.loops] == [(0, 2)]
+    assert graph.home(2) == graph.home(0) != graph.home(3)
+    assert np.allclose(graph.poses, truth[[0, 2, 3]], atol=1e-6)
+    assert np.isfinite(graph.covariances()).all()

@@ -177,6 +177,29 @@ def test_memory_is_bounded(room: Room) -> None:
     assert np.isfinite(places.poses().world_from_cam).all()
 
 
+def test_a_map_of_many_keyframes_that_nothing_links_is_bounded_as_any_other(room: Room, tmp_path: Path) -> None:
+    """Each in a world of its own, and many more than are kept."""
+    mapped(room, room.run[:12]).save(tmp_path / "room.mcap")
+    rectifier = PlaceMap(room.rig)._rectifier
+    keyframes, state = load_map(tmp_path / "room.mcap", rectifier.projection, rectifier.rect_from_cam)
+    numbers, rows = list(range(300)), np.arange(300) % len(keyframes)
+    alone = replace(
+        state,
+        numbers=numbers,
+        segments=numbers,
+        homes=numbers,
+        poses=state.poses[rows],
+        covs=state.covs[rows],
+        links={},
+        loops=[],
+    )
+    copies = [keyframes[row] for row in rows]
+    save_map(tmp_path / "alone.mcap", rectifier.projection, rectifier.rect_from_cam, copies, alone)
+    places = mapped(room, room.run[:30], known=tmp_path / "alone.mcap", max_keyframes=100)
+    assert len(places) <= 100 and len(places.poses()) > 2
+    assert np.isfinite(places.poses().world_from_cam).all()
+
+
 def test_a_second_run_goes_on_in_a_saved_map(room: Room, tmp_path: Path) -> None:
     first = mapped(room)
     first.save(tmp_path / "room.mcap")
@@ -261,9 +284,9 @@ def test_a_map_whose_content_does_not_fit_is_refused(room: Room, tmp_path: Path)
     cases = [
         (keyframes, replace(state, poses=np.full_like(state.poses, np.nan)), "not finite"),
         (keyframes, replace(state, poses=2 * state.poses), "not a rigid motion"),
-        (keyframes, replace(state, covs=-np.ones_like(state.covs)), "a covariance that is none"),
-        (keyframes, replace(state, numbers=numbers[::-1]), "not in order"),
-        (keyframes, replace(state, homes=[9] * len(numbers)), "no segment"),
+        (keyframes, replace(state, covs=-np.ones_like(state.covs)), "not positive definite"),
+        (keyframes, replace(state, numbers=numbers[::-1]), "not numbered in order"),
+        (keyframes, replace(state, homes=[9] * len(numbers)), "keyframe without a segment"),
         (keyframes, replace(state, links=fewer, loops=[]), "no motion connects its keyframe"),
         (keyframes, replace(state, links={(0, 99): Motion(np.eye(4), np.eye(6))}), "which are not two keyframes"),
         ([replace(keyframes[0], patches=b"x"), *keyframes[1:]], state, "keyframe 0 does not fit together"),
