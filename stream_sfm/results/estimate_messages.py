@@ -14,7 +14,6 @@ from ..types import FrameEstimate, Status
 from . import ros_messages as ros
 from .frames import RosFrames, fixed_axis_covariance
 from .own_messages import ESTIMATE, SCALARS, TIMING, estimate_fields, named
-from .ros_messages import type_store
 
 TOPICS = {
     "/stream_sfm/odometry": ros.ODOMETRY,
@@ -42,7 +41,6 @@ class RosMessages:
     """
 
     def __init__(self, ros: RosConfig, map_from_world: Callable[[], Array] | None = None) -> None:
-        type_store()
         self._frames = RosFrames(ros)
         self._gravity = ros.gravity and map_from_world is None
         self._level, self._cov_level = np.eye(4), np.zeros((6, 6))  # of the world, by gravity, as known by now

@@ -3,21 +3,16 @@
 The standard messages used here are the same in every ROS 2.
 """
 
-from collections.abc import Mapping
-from dataclasses import fields
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.interfaces import Msgdef, Nodetype
-from rosbags.serde.cdr import generate_getsize_cdr, generate_serialize_cdr
-from rosbags.typesys import get_types_from_msg
-from rosbags.typesys.store import Typestore
 
 from ..geometry import se3
 from ..geometry.se3 import Array
+from .cdr import NUMBERS, Encoder, full_name
 from .own_messages import DEFINITIONS
 
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -33,7 +28,6 @@ _KINDS = {"<f4": 7, "<u4": 6}  # numbers of PointField
 # −1 as ROS says that a quantity is not estimated; the rest for filters that do not ask, and take its amount.
 _UNKNOWN_TWIST = np.diag([-1.0, *5 * [1e6]])
 
-# Only what is used: rosbags has all types of ROS 2, but takes 60 ms and 5 MiB for them.
 _STANDARD = """\
 builtin_interfaces/Time: int32 sec, uint32 nanosec
 std_msgs/Header: builtin_interfaces/Time stamp, string frame_id
@@ -61,70 +55,54 @@ diagnostic_msgs/DiagnosticStatus: byte OK=0, byte WARN=1, byte ERROR=2, byte STA
 string message, string hardware_id, diagnostic_msgs/KeyValue[] values
 diagnostic_msgs/DiagnosticArray: std_msgs/Header header, diagnostic_msgs/DiagnosticStatus[] status
 """
-_PART = "=" * 80  # between a definition and those of its parts
+_PART = "=" * 80 + "\n"  # between a definition and those of its parts
 
 
-def _parsed(name: str, fields: str) -> Any:
-    return get_types_from_msg(fields.replace(", ", "\n"), name.replace("/", "/msg/"))
-
-
-class _Encoders(Typestore):
-    """Types whose messages can only be encoded in little-endian CDR.
-
-    For each type rosbags writes and compiles all its functions, those of ROS 1 and those that decode, too: that takes
-    60 ms, these two 10 ms.
-    """
-
-    def get_msgdef(self, typename: str) -> Msgdef[object]:
-        """Return what encodes a type; everything else of it is None."""
-        if typename not in self.cache:
-            entries = self.fielddefs[typename][1]
-            getsize, size = generate_getsize_cdr(entries, self)
-            made: dict[str, Any] = dict.fromkeys(each.name for each in fields(Msgdef))
-            made |= {"name": typename, "fields": entries, "cls": self.types[typename]}
-            made |= {"size_cdr": size, "getsize_cdr": getsize}
-            made["serialize_cdr_le"] = generate_serialize_cdr(entries, self, "le")
-            self.cache[typename] = Msgdef(**made)
-        return self.cache[typename]
+_DEFINITIONS = DEFINITIONS | {
+    full_name(kind): fields.replace(", ", "\n") + "\n"
+    for kind, fields in (line.split(": ", 1) for line in _STANDARD.splitlines())
+}
+_ENCODER = Encoder(_DEFINITIONS)
 
 
 @cache
-def type_store() -> Any:
-    """The types of ROS 2 and our own. The first call takes 30 ms: it had better not be in a frame."""
-    store, standard = _Encoders(), (line.split(": ", 1) for line in _STANDARD.splitlines())
-    store.register({name: of for kind, fields in standard for name, of in _parsed(kind, fields).items()})
-    for name, text in DEFINITIONS.items():
-        store.register(get_types_from_msg(text, name))
-    for name in (*DEFINITIONS, ODOMETRY, POSE, TRANSFORMS, CLOUD, PATH):
-        store.get_msgdef(name)  # makes what encodes it
-    return store
-
-
-@cache
-def _arrays(name: str) -> Mapping[str, str]:
+def _arrays(name: str) -> dict[str, str]:
     """The fields of a type that are arrays of numbers, and of which."""
-    lists = (Nodetype.ARRAY, Nodetype.SEQUENCE)
-    elements = {field: of[0] for field, (kind, of) in type_store().fielddefs[name][1] if kind in lists}
-    numbers = {field: base[0] for field, (kind, base) in elements.items() if kind == Nodetype.BASE}
-    return {field: number for field, number in numbers.items() if number != "string"}
+    return {
+        key: field.kind
+        for key, field in _ENCODER.fields(name).items()
+        if field.length is not None and field.kind in NUMBERS
+    }
 
 
 def make(name: str, /, **fields: Any) -> Any:
     """Make a message (package/msg/Name) of fields and parts, which are objects with fields, too; arrays become flat."""
+    if fields.keys() != _ENCODER.fields(name).keys():
+        raise TypeError(f"{name} has the fields {', '.join(_ENCODER.fields(name))}; not {', '.join(fields)}")
     for field, number in _arrays(name).items():
         fields[field] = np.asarray(fields[field], number).ravel()
-    return type_store().types[name](**fields)
+    return SimpleNamespace(__msgtype__=name, **fields)
 
 
 def encode(message: Any) -> bytes:
     """Return the bytes of a message: little-endian CDR."""
-    return bytes(type_store().serialize_cdr(message, message.__msgtype__, little_endian=True))
+    return _ENCODER.encode(message.__msgtype__, message)
 
 
 def schema_text(name: str) -> str:
     """Return the definition of a message with those of all its parts; our own with an explanation of each field."""
-    own, *parts = type_store().generate_msgdef(name, ros_version=2)[0].split(_PART)
-    return _PART.join([DEFINITIONS.get(name, own), *parts])
+    return _PART.join(
+        [_DEFINITIONS[name], *(f"MSG: {part}\n{_DEFINITIONS[full_name(part)]}" for part in _parts(name))]
+    )
+
+
+def _parts(name: str) -> dict[str, None]:
+    """The types within a message, each once, the outer ones first."""
+    parts: dict[str, None] = {}
+    for field in _ENCODER.fields(name).values():
+        if "/" in field.kind:
+            parts |= {field.kind: None} | _parts(full_name(field.kind))
+    return parts
 
 
 def header(stamp_ns: int, frame_id: str) -> Any:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ... import core
 from ...config import WindowConfig
 from ...geometry.linear import Cholesky, mahalanobis2
+from ...geometry.medians import median
 from ...geometry.se3 import Array
 from ...record import record
 from .inverse_depth import State
@@ -94,7 +95,7 @@ def _quarters(of: Map, at: State) -> NDArray[np.int64]:
     if not _LEAST < odd.mean() < 1 - _LEAST:
         odd = np.arange(len(x)) % 2 == 1
     if not _LEAST < right.mean() < 1 - _LEAST:
-        right = x > np.median(x)
+        right = x > median(x)
     return 2 * odd.astype(np.int64) + right
 
 
