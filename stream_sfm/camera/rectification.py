@@ -9,7 +9,6 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.polynomial.polynomial import polyvander2d
 from numpy.typing import NDArray
 
 from ..errors import RigError
@@ -158,7 +157,8 @@ class Rectifier:
         """Return polynomials over both images through values (n, k) at the places of each side, for each of the k."""
         size = self.projection.width, self.projection.height
         x, y = (2 * self._nodes / size - 1).T
-        products = polyvander2d(x, y, (_ROW_DEGREE, _ROW_DEGREE))
+        powers_x, powers_y = (np.vander(of, _ROW_DEGREE + 1, increasing=True) for of in (x, y))
+        products = (powers_x[:, :, None] * powers_y[:, None]).reshape(len(x), -1)
         fitted = [
             np.linalg.lstsq(products[at], of_side, rcond=None)[0].T
             for (_, at, _), of_side in zip(self._places, values, strict=True)

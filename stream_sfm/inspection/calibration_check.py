@@ -122,10 +122,12 @@ def matched_corners(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Corner
     orb = cv2.ORB.create(_RULES.features)
     left_keys, left_words = orb.detectAndCompute(left, None)
     right_keys, right_words = orb.detectAndCompute(right, None)
-    found = []
+    matcher, found = cv2.BFMatcher(cv2.NORM_HAMMING), []
     if left_words is not None and right_words is not None:
-        found = list(cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(left_words, right_words))
-    found = [m for m in found if m.distance < _RULES.max_hamming]
+        found = [m for m in matcher.match(left_words, right_words) if m.distance < _RULES.max_hamming]
+    if found:  # only those that match back: OpenCV would look back from all corners, which takes half as long again
+        back = matcher.match(right_words[[m.trainIdx for m in found]], left_words)
+        found = [m for m, again in zip(found, back, strict=True) if again.trainIdx == m.queryIdx]
     if not found:
         return np.empty((0, 2)), np.empty((0, 2))
     left_px = np.array([left_keys[m.queryIdx].pt for m in found], np.float32)
