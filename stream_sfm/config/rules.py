@@ -391,7 +391,7 @@ class EchoRules(Section, frozen=True, kw_only=True):
     # Of 134 sound logs and renders the largest is 0.10, of single frames 0.13. A copy of a fifth has some 0.2.
     strength: Annotated[float, expert("least strength of the copy, share of the image itself", 0, 1)] = 0.16
     remembered: Annotated[int, expert("frames that are judged together", 1, 1000)] = 4
-    # Each costs some 5 ms.
+    # Each costs some 2 ms.
     every: Annotated[int, expert("frames from one that is looked at to the next", 1, 10_000)] = 20
 
 

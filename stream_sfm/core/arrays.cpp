@@ -21,7 +21,7 @@ Array<double, 3> whiten_blocks(Matrices cov, Matrices b) {
     return result;
 }
 
-Array<double, 2> invert_triangle(Matrix lower, Vector scale) {
+WIDER Array<double, 2> invert_triangle(Matrix lower, Vector scale) {
     std::size_t n = lower.shape[0];
     require_shape(lower, {n, n}, "lower");
     require_shape(scale, {n}, "scale");

@@ -19,6 +19,15 @@
 #include <utility>
 #include <vector>
 
+// A stage that is compiled twice, once more for processors with AVX2: it does the same operations in the same order,
+// without fused products, so the bytes are the same. GCC does so, and the linker of glibc chooses when the module is
+// loaded, which is too early for the address sanitizer.
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__)
+#define WIDER __attribute__((target_clones("avx2", "default"), flatten))
+#else
+#define WIDER
+#endif
+
 namespace core {
 
 template <std::size_t N>

@@ -143,7 +143,7 @@ void order(std::vector<Corner>& corners, Matrix taken, double cell, double width
 
 // The smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994).
 template <class T>
-Array<float, 2> corner_strength(const ImageOf<T>& image) {
+WIDER Array<float, 2> corner_strength(const ImageOf<T>& image) {
     require(image.height > 0 && image.width > 0, "the image is empty");
     std::size_t width = static_cast<std::size_t>(image.width);
     Array<float, 2> result({static_cast<std::size_t>(image.height), width}, Unset{});

@@ -69,7 +69,7 @@ WindowSystem window_system(const BlockViews& blocks, const PriorViews& prior, In
     return system_of(blocks, prior, known, q, amplitudes, 6);
 }
 
-WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, Indices known, Matrix q, Vector amplitudes,
+WIDER WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, Indices known, Matrix q, Vector amplitudes,
                        std::size_t of_pose) {
     check(blocks, prior, known, q, amplitudes, of_pose);
     std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], m = blocks.rig.shape[0], n = known.shape[0];

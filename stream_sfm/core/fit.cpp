@@ -145,7 +145,7 @@ class Fit {
 
 }  // namespace
 
-Fitted fit_motion(const PointViews& views, Matrix start, Vector amplitudes, Vector votes, const ResectionRules& rules, bool anneal) {
+WIDER Fitted fit_motion(const PointViews& views, Matrix start, Vector amplitudes, Vector votes, const ResectionRules& rules, bool anneal) {
     require_shape(start, {4, 4}, "cam_from_ref");
     require_shape(amplitudes, {views.shared.shape[2]}, "amplitudes");
     require_shape(votes, {views.points.shape[0]}, "votes");

@@ -97,7 +97,7 @@ Array<double, 2> patch_smears(View<float, 3> before, View<float, 3> after, Matri
     return smears;
 }
 
-Array<double, 2> ghost_sums(const ImageOf<std::uint8_t>& now, const ImageOf<std::uint8_t>& last, const ImageOf<std::uint8_t>& earlier,
+WIDER Array<double, 2> ghost_sums(const ImageOf<std::uint8_t>& now, const ImageOf<std::uint8_t>& last, const ImageOf<std::uint8_t>& earlier,
                             Matrix now_px, Matrix last_px, Matrix earlier_px, double noise_grey, double least_square) {
     std::size_t n = now_px.shape[0];
     for (const Matrix& at : {now_px, last_px, earlier_px}) require_shape(at, {n, 2}, "positions");

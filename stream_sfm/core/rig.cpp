@@ -349,7 +349,7 @@ Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& 
     return result;
 }
 
-Array<double, 2> principal_components(Matrix errors) {
+WIDER Array<double, 2> principal_components(Matrix errors) {
     std::size_t n = errors.shape[0], k = errors.shape[1];
     require(k <= 1000, "there are too many errors");
     std::vector<double> products(k * k), axes(k * k);

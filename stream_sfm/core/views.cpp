@@ -71,7 +71,7 @@ SelectedViews::SelectedViews(const PointViews& of, const std::vector<std::size_t
       cov_points(of.cov_points.shape[0] ? rows_of(of.cov_points, rows) : Array<double, 3>(0, 4, 4)), cov(rows_of(of.cov_px, rows)),
       shared(rows_of(of.shared, rows)), gate(rows_of(of.gate, rows)) {}
 
-LinearisedViews linearise_views(const PointViews& views, Matrix cam_from_ref) {
+WIDER LinearisedViews linearise_views(const PointViews& views, Matrix cam_from_ref) {
     const auto& [pinholes, points, cov_points, z, cov, shared, gate] = views;
     check(points, z);
     std::size_t n = points.shape[0], amplitudes = shared.shape[2], columns = 6 + amplitudes;
@@ -113,7 +113,7 @@ LinearisedViews linearise_views(const PointViews& views, Matrix cam_from_ref) {
     return result;
 }
 
-ViewResiduals view_residuals(const PointViews& views, Matrices root, Vector amplitudes, Matrices cams_from_ref) {
+WIDER ViewResiduals view_residuals(const PointViews& views, Matrices root, Vector amplitudes, Matrices cams_from_ref) {
     const auto& [pinholes, points, cov_points, z, cov, shared, gate] = views;
     check(points, z);
     std::size_t n = points.shape[0], motions = cams_from_ref.shape[0], j = amplitudes.shape[0];

@@ -234,7 +234,7 @@ TrackSquares squares_of_tracks(const Pinholes& pinholes, const WindowState& stat
     return result;
 }
 
-NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, bool with_rig) {
+WIDER NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, bool with_rig) {
     const std::vector<Seen> seen = seen_by(state, views);
     std::size_t frames = state.cams_from_ref.shape[0], points = state.q.shape[0], m = with_rig ? state.rig_error.shape[0] : 0;
     std::size_t terms = with_rig ? views.terms.shape[2] : 0, timed = with_rig ? views.timing.shape[2] : 0;

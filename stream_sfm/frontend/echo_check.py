@@ -66,7 +66,7 @@ def _cepstrum(image: Image, rules: EchoRules) -> Cepstrum:
     grey -= cv2.GaussianBlur(grey, (0, 0), rules.blur_px)
     grey *= cv2.createHanningWindow(image.shape[::-1], cv2.CV_32F)
     spectrum = cv2.dft(grey, flags=cv2.DFT_COMPLEX_OUTPUT)
-    power = np.square(spectrum).sum(axis=2)
+    power = spectrum[..., 0] ** 2 + spectrum[..., 1] ** 2  # a sum over the last axis takes thirty times as long
     log_power = np.log(power + max(rules.floor * float(power.mean()), 1e-6))
     # it is even, so that the transform is its own inverse, and real
     whole = cv2.dft(log_power, flags=cv2.DFT_SCALE | cv2.DFT_COMPLEX_OUTPUT)[..., 0]

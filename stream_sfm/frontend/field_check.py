@@ -34,9 +34,8 @@ class FieldCheck:
         lasts = max(0, self.lasts - 1)
         if self.waiting:
             return changed(self, waiting=self.waiting - 1, lasts=lasts)
-        if (
-            min(combed(lines.columns[:: self.rules.stride], self.rules) for lines in (left, right))
-            > self.rules.combed
+        if all(
+            combed(lines.columns[:: self.rules.stride], self.rules) > self.rules.combed for lines in (left, right)
         ):
             lasts = self.rules.lasting_frames
         return changed(self, waiting=self.rules.every - 1, lasts=lasts)

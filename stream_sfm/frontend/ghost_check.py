@@ -88,8 +88,10 @@ def _sums(views: tuple[View, ...], rules: GhostRules) -> Array:
 def _oldest(views: tuple[View, ...], now: View, usable: NDArray[np.bool_]) -> tuple[View, NDArray[np.bool_]]:
     """The oldest of some views in which at least half as many of the usable tracks (n) are as in any later one, and
     which these are."""
-    best, found = now, np.zeros_like(usable)
+    best, found, most = now, np.zeros_like(usable), np.count_nonzero(usable)
     for view in views:
+        if 2 * np.count_nonzero(found) >= most:  # as is usual; no later one can have more than twice as many
+            break
         there = usable & now.inside(view.of(now.ids)) & (view.image.shape == now.image.shape)
         if np.count_nonzero(there) > 2 * np.count_nonzero(found):
             best, found = view, there

@@ -25,13 +25,15 @@ class View:
         """Where the given tracks were (n, 2); NaN of those that were not."""
         if not len(self.ids):
             return np.full((len(ids), 2), np.nan)
-        rows = np.searchsorted(self.ids, ids).clip(max=len(self.ids) - 1)
-        return np.where((self.ids[rows] == ids)[:, None], self.left_px[rows], np.nan)
+        rows = np.minimum(self.ids.searchsorted(ids), len(self.ids) - 1)
+        px = self.left_px.take(rows, axis=0)
+        px[self.ids.take(rows) != ids] = np.nan
+        return px
 
     def inside(self, px: Array) -> NDArray[np.bool_]:
         """Around which positions (n, 2) a patch with all that is sampled of it lies within the image."""
-        limit = np.array(self.image.shape[::-1]) - RADIUS_PX - 3
-        return np.asarray(((px > RADIUS_PX + 2) & (px < limit)).all(axis=1))
+        (x, y), (height, width), margin = px.T, self.image.shape, RADIUS_PX + 3
+        return np.asarray((x > margin - 1) & (x < width - margin) & (y > margin - 1) & (y < height - margin))
 
 
 def share_of(sums: Array) -> tuple[float, float]:

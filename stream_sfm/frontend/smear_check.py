@@ -19,6 +19,7 @@ import numpy as np
 
 from .. import core
 from ..config.rules import SmearRules
+from ..geometry.medians import median
 from ..geometry.se3 import Array
 from ..record import changed, record
 from .ghost_check import SHOWS_THROUGH
@@ -61,7 +62,8 @@ class SmearCheck:
             return check._slow(now, 0.0)
         moved_px = now.left_px - self.last.of(now.ids)
         lengths_px = np.linalg.norm(moved_px, axis=1)
-        typical_px = float(np.nanmedian(lengths_px)) if np.isfinite(lengths_px).any() else 0.0
+        known_px = lengths_px[np.isfinite(lengths_px)]
+        typical_px = median(known_px) if len(known_px) else 0.0
         moves = typical_px > rules.typical_px
         if moves and (len(self.sums) < rules.remembered or check.waited >= rules.every):
             sums = _sums(self.slow, now, moved_px, rules)

@@ -17,6 +17,7 @@ from ..evaluation.figures import NIS, TIME, Figure
 from ..evaluation.relative_consistency import RelativeRecord
 from ..evaluation.structure import StructureComparison
 from ..evaluation.trajectory import path_length_m
+from ..geometry.medians import median as median_of_finite
 from ..geometry.se3 import Array
 from ..inertial.upright import Upright
 from ..motion import Odometry
@@ -239,7 +240,7 @@ def median(values: ArrayLike) -> float | None:
     """The median of the finite values; None where there are none."""
     finite = np.asarray(values, float)
     finite = finite[np.isfinite(finite)]
-    return float(np.median(finite)) if len(finite) else None
+    return median_of_finite(finite) if len(finite) else None
 
 
 def _ratio(numerator: float, denominator: float) -> float | None:

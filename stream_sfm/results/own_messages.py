@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import Field, fields
+from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -28,6 +29,7 @@ _FORMER = {"relative_frame_from_newest": "relative_frame_from_cam"}  # names of 
 _NUMBERS = {int: "int64", float: "float64", bool: "bool"}
 
 
+@cache
 def _described(of: type) -> list[Field[Any]]:
     """The fields of a record that are in a message as they are."""
     return [f for f in fields(of) if about(f).says]

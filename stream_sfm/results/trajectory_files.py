@@ -19,6 +19,8 @@ from ..types import FrameEstimate
 Table = dict[str, NDArray[Any]]
 _NUMBERS: dict[Any, type] = {int: np.int64, float: np.float64}  # columns of these types; all others are texts
 NAMES = ("trajectory.tum", "trajectory.kitti", "trajectory.csv")
+# Fields of an estimate that are columns as they are, and of which kind.
+_DESCRIBED = {f.name: _NUMBERS.get(plain_type(f), str) for f in fields(FrameEstimate) if about(f).column}
 
 
 def frame_table(frames: Sequence[FrameEstimate]) -> Table:
@@ -35,9 +37,7 @@ def frame_table(frames: Sequence[FrameEstimate]) -> Table:
         return dict(zip(names, columns.T, strict=True))
 
     described: Table = {
-        column.name: np.array([getattr(f, column.name) for f in frames], _NUMBERS.get(plain_type(column), str))
-        for column in fields(FrameEstimate)
-        if about(column).column
+        name: np.array([getattr(f, name) for f in frames], kind) for name, kind in _DESCRIBED.items()
     }
     return {
         **{name: described.pop(name) for name in ("frame_index", "stamp_ns")},

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ... import core
 from ...config import WindowConfig
 from ...geometry.linear import Cholesky, mahalanobis2
+from ...geometry.medians import median
 from ...geometry.se3 import Array
 from ...record import record
 from .inverse_depth import State
@@ -93,7 +94,7 @@ def _quarters(of: Map, at: State, rules: WindowConfig) -> NDArray[np.int64]:
     if not least < odd.mean() < 1 - least:
         odd = np.arange(len(x)) % 2 == 1
     if not least < right.mean() < 1 - least:
-        right = x > np.median(x)
+        right = x > median(x)
     return 2 * odd.astype(np.int64) + right
 
 
