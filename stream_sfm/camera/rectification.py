@@ -9,6 +9,7 @@ from functools import cached_property
 
 import cv2
 import numpy as np
+from numpy.polynomial.polynomial import polyvander2d
 from numpy.typing import NDArray
 
 from ..errors import RigError
