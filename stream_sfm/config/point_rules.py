@@ -83,10 +83,10 @@ class TemplateRules(Section, frozen=True, kw_only=True):
     min_explained: Annotated[
         float, expert("least share of the image's variance that a template explains", 0, 1)
     ] = 0.5
+    # Steps of automatic exposure are larger.
+    same_exposure: Annotated[float, expert("change of grey levels below which exposure is the same", 0, 1e8)] = 0.05
     # So many do not agree by chance.
-    exposure_views: Annotated[
-        int, expert("views of templates of one frame that have their own gain", 1, 10_000)
-    ] = 12
+    exposure_pairs: Annotated[int, expert("pairs of patches that tell a change of the exposure", 1, 10_000)] = 12
     # σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification tables leave even in a perfect
     # match.
     std_floor_px: Annotated[float, expert("least σ of a position, px", 0, 10)] = 0.03
