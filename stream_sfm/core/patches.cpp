@@ -183,7 +183,7 @@ Array<double, 3> gradient_matrices(Matrices information, int spacing) {
 std::array<double, 2> change_of_exposure(const std::vector<double>& before, const std::vector<double>& now, const TemplateRules& rules) {
     const std::array<double, 2> none{1, 0};
     std::size_t half = before.size() / 2;
-    if (half < rules.exposure_pairs) return none;
+    if (half < rules.exposure_views) return none;
     std::vector<std::size_t> order(before.size());
     std::iota(order.begin(), order.end(), 0);
     std::stable_sort(order.begin(), order.end(), [&](std::size_t i, std::size_t j) { return before[i] < before[j]; });
@@ -192,16 +192,28 @@ std::array<double, 2> change_of_exposure(const std::vector<double>& before, cons
         double apart = before[order[k + half]] - before[order[k]];
         if (apart > 0) gains.push_back((now[order[k + half]] - now[order[k]]) / apart);
     }
-    if (gains.size() < rules.exposure_pairs) return none;
+    if (gains.size() < rules.exposure_views) return none;
     double gain = median(std::move(gains));
     if (!(gain > 1 / rules.max_gain && gain < rules.max_gain)) return none;
     for (std::size_t i = 0; i < before.size(); i++) offsets.push_back(now[i] - gain * before[i]);
     double offset = median(std::move(offsets));
     for (std::size_t quarter : {half / 2, half + half / 2}) {
         double level = before[order[quarter]];
-        if (std::fabs(gain * level + offset - level) >= rules.same_exposure * std::fabs(level)) return {gain, offset};
+        if (std::fabs(gain * level + offset - level) >= rules.same_level * std::fabs(level)) return {gain, offset};
     }
     return none;
+}
+
+// The gains that patches have in common beside the exposures, most frequent ones first: light on a part of the scene, and
+// templates that have aged, have their own. With one of them for all, those of the minority would end.
+std::vector<double> gains_in_common(std::vector<double> gains, const TemplateRules& rules) {
+    std::vector<double> common;
+    do {
+        common.push_back(median(gains));
+        auto is_alike = [&](double gain) { return std::fabs(std::log(gain / common.back())) < rules.same_exposure; };
+        gains.erase(std::remove_if(gains.begin(), gains.end(), is_alike), gains.end());
+    } while (!gains.empty() && gains.size() >= rules.exposure_views && common.size() < rules.exposures);
+    return common;
 }
 
 // What is left of each patch where it was found, its own gain, and the mean grey value there.
@@ -213,7 +225,7 @@ struct Fits {
 void judge(AlignedPatches& result, const Fits& fits, Matrices information, View<float, 1> level, Matrix before, int samples,
            const TemplateRules& rules) {
     const std::vector<std::size_t> found = rows_where(fits.gain.size(), [&](std::size_t i) { return result.found.data[i]; });
-    std::vector<double> levels_before, levels_now, gains, offsets;
+    std::vector<double> levels_before, levels_now, gains;
     for (std::size_t i : found) {
         levels_before.push_back(before[i][0] * level.data[i] + before[i][1]);
         levels_now.push_back(fits.mean[i]);
@@ -225,12 +237,25 @@ void judge(AlignedPatches& result, const Fits& fits, Matrices information, View<
     }
     if (found.empty()) return;
     for (std::size_t i : found) gains.push_back(fits.gain[i] / result.exposures[i][0]);
-    const double gain = median(std::move(gains));
-    auto offset = [&](std::size_t i) { return fits.mean[i] - gain * result.exposures[i][0] * level.data[i] - result.exposures[i][1]; };
-    for (std::size_t i : found) offsets.push_back(offset(i));
-    const double common_offset = median(std::move(offsets));
-    for (std::size_t i : found) {
-        double expected = gain * result.exposures[i][0], own_gain = fits.gain[i] - expected, own_offset = offset(i) - common_offset;
+    const std::vector<double> common = gains_in_common(gains, rules);
+    std::vector<std::vector<double>> offsets(common.size());
+    std::vector<std::size_t> nearest(found.size());
+    std::vector<double> offset(found.size());
+    for (std::size_t k = 0; k < found.size(); k++) {
+        std::size_t i = found[k];
+        auto apart = [&](std::size_t of) { return std::fabs(std::log(gains[k] / common[of])); };
+        for (std::size_t of = 1; of < common.size(); of++)
+            if (apart(of) < apart(nearest[k])) nearest[k] = of;
+        offset[k] = fits.mean[i] - common[nearest[k]] * result.exposures[i][0] * level.data[i] - result.exposures[i][1];
+        offsets[nearest[k]].push_back(offset[k]);
+    }
+    std::vector<double> common_offset(common.size());
+    for (std::size_t of = 0; of < common.size(); of++)
+        if (!offsets[of].empty()) common_offset[of] = median(std::move(offsets[of]));
+    for (std::size_t k = 0; k < found.size(); k++) {
+        std::size_t i = found[k];
+        double expected = common[nearest[k]] * result.exposures[i][0], own_gain = fits.gain[i] - expected;
+        double own_offset = offset[k] - common_offset[nearest[k]];
         double squares = fits.rest[i] + own_gain * own_gain * information[i][8] + samples * own_offset * own_offset;
         result.error.data[i] = std::sqrt(squares / (samples - PARAMETERS)) / expected;
     }
