@@ -83,10 +83,15 @@ class TemplateRules(Section, frozen=True, kw_only=True):
     min_explained: Annotated[
         float, expert("least share of the image's variance that a template explains", 0, 1)
     ] = 0.5
+    # Steps of automatic exposure are larger.
+    same_level: Annotated[float, expert("change of grey levels below which exposure is the same", 0, 1e8)] = 0.05
+    # Light on one patch alone changes by a fifth.
+    same_exposure: Annotated[float, expert("difference of the logarithms of gains of one light", 0, 100)] = 0.18
     # So many do not agree by chance.
     exposure_views: Annotated[
-        int, expert("views of templates of one frame that have their own gain", 1, 10_000)
+        int, expert("views that tell an exposure or a further light, at least", 1, 10_000)
     ] = 12
+    exposures: Annotated[int, expert("lights on the templates of a frame, at most", 1, 100)] = 3
     # σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification tables leave even in a perfect
     # match.
     std_floor_px: Annotated[float, expert("least σ of a position, px", 0, 10)] = 0.03

@@ -16,11 +16,12 @@ struct PointRules {  // of new points
            slant_steps, peak_part, candidates)
 };
 struct TemplateRules {
-    double weights_width, step_ratio, converged_px, max_gain, min_explained;
+    double weights_width, step_ratio, converged_px, max_gain, min_explained, same_level, same_exposure;
     double std_floor_px, least_error_grey, unknown_error_grey, edge_damping, least_area;
-    int steps, exposure_views;
-    RECORD(TemplateRules, weights_width, step_ratio, converged_px, max_gain, min_explained, std_floor_px, least_error_grey,
-           unknown_error_grey, edge_damping, least_area, steps, exposure_views)
+    int steps;
+    std::size_t exposure_views, exposures;
+    RECORD(TemplateRules, weights_width, step_ratio, converged_px, max_gain, min_explained, same_level, same_exposure, std_floor_px,
+           least_error_grey, unknown_error_grey, edge_damping, least_area, steps, exposure_views, exposures)
 };
 
 // rows.cpp

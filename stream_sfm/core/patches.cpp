@@ -6,7 +6,7 @@
 
 #include "images.hpp"
 
-#include <map>
+#include <numeric>
 
 namespace core {
 namespace {
@@ -177,46 +177,93 @@ Array<double, 3> gradient_matrices(Matrices information, int spacing) {
     return result;
 }
 
-// Gain and offset that the patches of some `rows` have in common, over those that they had in the image before.
-std::array<double, 2> common_change(const std::vector<std::size_t>& rows, const std::vector<double>& gains,
-                                    const std::vector<double>& means, View<float, 1> level, Matrix before) {
-    std::vector<double> ratios, offsets;
-    for (std::size_t i : rows) ratios.push_back(gains[i] / before[i][0]);
-    double gain = median(std::move(ratios));
-    for (std::size_t i : rows) offsets.push_back(means[i] - gain * (before[i][0] * level.data[i] + before[i][1]));
-    return {gain, median(std::move(offsets))};
+// Gain and offset of an image over the one before, in which patches, by their exposures, had other mean levels than `now`:
+// the line through pairs of patches that are half of all apart, eq. (15a). Levels tell them, as contrast changes with the
+// distance, too. Exactly 1 and 0 where they differ by less than a change of the exposure.
+std::array<double, 2> change_of_exposure(const std::vector<double>& before, const std::vector<double>& now, const TemplateRules& rules) {
+    const std::array<double, 2> none{1, 0};
+    std::size_t half = before.size() / 2;
+    if (half < rules.exposure_views) return none;
+    std::vector<std::size_t> order(before.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(order.begin(), order.end(), [&](std::size_t i, std::size_t j) { return before[i] < before[j]; });
+    std::vector<double> gains, offsets;
+    for (std::size_t k = 0; k + half < order.size(); k++) {
+        double apart = before[order[k + half]] - before[order[k]];
+        if (apart > 0) gains.push_back((now[order[k + half]] - now[order[k]]) / apart);
+    }
+    if (gains.size() < rules.exposure_views) return none;
+    double gain = median(std::move(gains));
+    if (!(gain > 1 / rules.max_gain && gain < rules.max_gain)) return none;
+    for (std::size_t i = 0; i < before.size(); i++) offsets.push_back(now[i] - gain * before[i]);
+    double offset = median(std::move(offsets));
+    for (std::size_t quarter : {half / 2, half + half / 2}) {
+        double level = before[order[quarter]];
+        if (std::fabs(gain * level + offset - level) >= rules.same_level * std::fabs(level)) return {gain, offset};
+    }
+    return none;
 }
 
-// Gains and offsets (n, 2) of this image over patches that had those in the image before, by the patches `found`. Those
-// of one frame have the same ones, and change by their own: the noise of a patch makes gains small from the first image
-// on that is not its own. The fewer they are, the more they change as all do.
-Array<double, 2> exposures_now(const std::vector<double>& gains, const std::vector<double>& means, View<float, 1> level,
-                               Matrix before, const Array<bool, 1>& found, const TemplateRules& rules) {
-    std::size_t n = gains.size();
-    Array<double, 2> now(n, 2);
-    std::vector<std::size_t> all = rows_where(n, [&](std::size_t i) { return found.data[i]; });
-    if (all.empty()) return std::copy_n(before.data, 2 * n, now.data.get()), std::move(now);
-    const std::array<double, 2> of_all = common_change(all, gains, means, level, before);
-    std::map<std::array<double, 2>, std::vector<std::size_t>> frames;
-    for (std::size_t i : all) frames[{before[i][0], before[i][1]}].push_back(i);
-    for (std::size_t i = 0; i < n; i++) {
-        now[i][0] = of_all[0] * before[i][0];
-        now[i][1] = of_all[0] * before[i][1] + of_all[1];
-    }
-    for (const auto& [then, rows] : frames) {
-        std::array<double, 2> change = common_change(rows, gains, means, level, before);
-        double own = std::min(static_cast<double>(rows.size()) / rules.exposure_views, 1.0);
-        for (int k = 0; k < 2; k++) change[k] = own * change[k] + (1 - own) * of_all[k];
-        for (std::size_t i : rows) {
-            now[i][0] = change[0] * then[0];
-            now[i][1] = change[0] * then[1] + change[1];
-        }
-    }
-    return now;
+// The gains that patches have in common beside the exposures, most frequent ones first: light on a part of the scene, and
+// templates that have aged, have their own. With one of them for all, those of the minority would end.
+std::vector<double> gains_in_common(std::vector<double> gains, const TemplateRules& rules) {
+    std::vector<double> common;
+    do {
+        common.push_back(median(gains));
+        auto is_alike = [&](double gain) { return std::fabs(std::log(gain / common.back())) < rules.same_exposure; };
+        gains.erase(std::remove_if(gains.begin(), gains.end(), is_alike), gains.end());
+    } while (!gains.empty() && gains.size() >= rules.exposure_views && common.size() < rules.exposures);
+    return common;
 }
 
-// A position is found with the patch's own gain and offset. What it is worth is judged with those that patches cut in
-// one frame have in common, eq. (15): light that changes on one patch alone is a reflection or a shadow.
+// What is left of each patch where it was found, its own gain, and the mean grey value there.
+struct Fits {
+    std::vector<double> rest, gain, mean;
+};
+
+// Deviations of what was found, with the gain and offset that all have in common beside the exposures: eq. (15).
+void judge(AlignedPatches& result, const Fits& fits, Matrices information, View<float, 1> level, Matrix before, int samples,
+           const TemplateRules& rules) {
+    const std::vector<std::size_t> found = rows_where(fits.gain.size(), [&](std::size_t i) { return result.found.data[i]; });
+    std::vector<double> levels_before, levels_now, gains;
+    for (std::size_t i : found) {
+        levels_before.push_back(before[i][0] * level.data[i] + before[i][1]);
+        levels_now.push_back(fits.mean[i]);
+    }
+    const auto [change, shift] = change_of_exposure(levels_before, levels_now, rules);
+    for (std::size_t i = 0; i < fits.gain.size(); i++) {
+        result.exposures[i][0] = change * before[i][0];
+        result.exposures[i][1] = change * before[i][1] + shift;
+    }
+    if (found.empty()) return;
+    for (std::size_t i : found) gains.push_back(fits.gain[i] / result.exposures[i][0]);
+    const std::vector<double> common = gains_in_common(gains, rules);
+    std::vector<std::vector<double>> offsets(common.size());
+    std::vector<std::size_t> nearest(found.size());
+    std::vector<double> offset(found.size());
+    for (std::size_t k = 0; k < found.size(); k++) {
+        std::size_t i = found[k];
+        auto apart = [&](std::size_t of) { return std::fabs(std::log(gains[k] / common[of])); };
+        for (std::size_t of = 1; of < common.size(); of++)
+            if (apart(of) < apart(nearest[k])) nearest[k] = of;
+        offset[k] = fits.mean[i] - common[nearest[k]] * result.exposures[i][0] * level.data[i] - result.exposures[i][1];
+        offsets[nearest[k]].push_back(offset[k]);
+    }
+    std::vector<double> common_offset(common.size());
+    for (std::size_t of = 0; of < common.size(); of++)
+        if (!offsets[of].empty()) common_offset[of] = median(std::move(offsets[of]));
+    for (std::size_t k = 0; k < found.size(); k++) {
+        std::size_t i = found[k];
+        double expected = common[nearest[k]] * result.exposures[i][0], own_gain = fits.gain[i] - expected;
+        double own_offset = offset[k] - common_offset[nearest[k]];
+        double squares = fits.rest[i] + own_gain * own_gain * information[i][8] + samples * own_offset * own_offset;
+        result.error.data[i] = std::sqrt(squares / (samples - PARAMETERS)) / expected;
+    }
+}
+
+// A position is found with the patch's own gain and offset. What it is worth is judged with those that all have in common
+// beside the exposures of the images that they were cut from: light that changes on one patch alone is a reflection or a
+// shadow.
 template <class T>
 AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse, Matrices information,
                              View<float, 1> level, Matrix before, int radius, int spacing, const TemplateRules& rules) {
@@ -237,7 +284,7 @@ AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float,
     AlignedPatches result{{n, 2}, {n}, {n}, {n, 2}};
     std::vector<float> there(k2), weighted(k2);
     Sampler<T> sampler(k2);
-    std::vector<double> rest(n), gain(n), mean_grey(n);
+    Fits fits{std::vector<double>(n), std::vector<double>(n), std::vector<double>(n)};
     for (std::size_t i = 0; i < n; i++) {
         float x = static_cast<float>(starts[i][0]), y = static_cast<float>(starts[i][1]);
         double fit[3] = {0, 0, 0}, mean = 0, total = 0, before = radius / rules.step_ratio;
@@ -263,23 +310,16 @@ AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float,
         double explained = 0;
         for (int a = 0; a < 3; a++)
             for (int b = 0; b < 3; b++) explained += fit[a] * of[3 * a + b] * fit[b];
-        rest[i] = std::max(total - explained, 0.0);
-        gain[i] = fit[2];
-        mean_grey[i] = mean;
+        fits.rest[i] = std::max(total - explained, 0.0);
+        fits.gain[i] = fit[2];
+        fits.mean[i] = mean;
         result.at[i][0] = x;
         result.at[i][1] = y;
         result.error.data[i] = std::numeric_limits<double>::infinity();
         result.found.data[i] = converged && fit[2] > min_gain && fit[2] < rules.max_gain &&
-                               rest[i] < (1 - rules.min_explained) * total;
+                               fits.rest[i] < (1 - rules.min_explained) * total;
     }
-    result.exposures = exposures_now(gain, mean_grey, level, before, result.found, rules);
-    for (std::size_t i = 0; i < n; i++) {
-        if (!result.found.data[i]) continue;
-        const double* now = result.exposures[i];
-        double own_gain = gain[i] - now[0], own_offset = mean_grey[i] - now[0] * level.data[i] - now[1];
-        double squares = rest[i] + own_gain * own_gain * information[i][8] + k2 * own_offset * own_offset;
-        result.error.data[i] = std::sqrt(squares / (k2 - PARAMETERS)) / now[0];
-    }
+    judge(result, fits, information, level, before, k2, rules);
     return result;
 }
 

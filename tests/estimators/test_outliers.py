@@ -7,6 +7,8 @@ import pytest
 
 from stream_sfm.config import Config
 from stream_sfm.estimators import make_estimator
+from stream_sfm.estimators.cross_frame.inverse_depth import WhitenedViews
+from stream_sfm.estimators.cross_frame.outliers import RejectionCounts
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene
 from stream_sfm.types import Observations, Status
@@ -65,3 +67,40 @@ def test_good_views_are_kept_beside_wrong_ones(share: float, lost: float) -> Non
                 errors.append(np.einsum("ni,nij,nj->n", e, np.linalg.inv(solution.cov_points[rows]), e).mean())
     assert unused / good < lost
     assert np.mean(errors) < 3.5  # 3 is expected of consistent points
+
+
+def right_columns(n: int, std_px: float) -> WhitenedViews:
+    """Views (n) with that σ, of which the only error of the rig moves the right sides by 1 px along their rows."""
+    terms = np.zeros((n, 4, 1))
+    terms[:, 2] = 1.0
+    return WhitenedViews(
+        frame=np.zeros(n, np.intp),
+        ids=np.arange(n),
+        z_px=np.zeros((n, 4)),
+        root=np.tile(np.eye(4) / std_px, (n, 1, 1)),
+        weight=np.ones((n, 4)),
+        used=np.ones(n, bool),
+        stereo=np.ones(n, bool),
+        expected_px=np.zeros((n, 4)),
+        var_drift=np.zeros((n, 3)),
+        own=np.zeros((n, 4, 0)),
+        terms=terms,
+        timing=np.zeros((n, 4, 0)),
+        field=np.zeros((n, 0)),
+    )
+
+
+def test_what_was_rejected_under_another_rig_is_asked_again() -> None:
+    """Once what is learnt of the rig moves views by as much as made them wrong, in one frame or in many."""
+    views, bad = right_columns(20, std_px=0.1), np.arange(5)
+    rejections = RejectionCounts(np.zeros(1))
+    for step in range(1, 10):
+        rejections.add(bad)
+        rejections.ask_again(views, np.array([0.02 * step]))
+    assert rejections.excluded(views.ids).sum() == len(bad)  # 0.18 px are no other rig
+    rejections.ask_again(views, np.array([0.21]))
+    assert not rejections.excluded(views.ids).any()
+    for _ in range(6):  # what still contradicts the motion is excluded again
+        rejections.add(bad[:2])
+        rejections.ask_again(views, np.array([0.25]))
+    assert rejections.excluded(views.ids).nonzero()[0].tolist() == [0, 1]

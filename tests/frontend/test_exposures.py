@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -46,6 +47,23 @@ def test_templates_of_many_exposures_are_worth_the_same() -> None:
         expected = STD_GREY * np.hypot(1, gain / NOW[0])  # noise of both images
         assert there.mean() > 0.9
         assert np.median(errors[first:end][there]) == pytest.approx(expected, rel=0.2)
+
+
+def test_what_changes_less_than_an_exposure_leaves_templates_as_they_are() -> None:
+    """Patches that show more contrast than their templates, and images that are brighter by a little."""
+    rng = np.random.default_rng(4)
+    scene = cv2.GaussianBlur(Wall(1).image(rig().left, np.eye(4)).astype(np.float32), (0, 0), 1.5)
+    slots, stored = np.arange(len(CORNERS)), np.zeros((len(CORNERS), 41, 41), np.float32)
+    core.store_patches(stored, scene, CORNERS, slots)
+    facing, before = np.tile(np.eye(3, 2), (len(CORNERS), 1, 1)), np.tile([0.7, 3.0], (len(CORNERS), 1))
+    patches = core.warp_patches(stored, slots, facing, RADIUS_PX, SPACING_PX, TemplateRules())
+    coarse = cv2.GaussianBlur(scene, (0, 0), 12)
+    sharper = 1.02 * (0.7 * (coarse + 1.3 * (scene - coarse)) + 3.0) + rng.normal(size=scene.shape)
+    given = CORNERS.astype(float), *patches, before
+    image = sharper.astype(np.float32)
+    _, found, _, exposures = core.align_patches(image, *given, RADIUS_PX, SPACING_PX, TemplateRules())
+    assert found.mean() > 0.9
+    assert (exposures == before).all()
 
 
 def test_a_track_knows_its_exposure_since_it_began() -> None:

@@ -67,7 +67,7 @@ class Map:
         self.frames: list[WindowFrame] = []
         self.views, self.cams_from_ref, self.own = views[:0], np.empty((0, 4, 4)), np.empty((0, views.own.shape[2]))
         self.reference, self.exposures = frame, Exposures.of_reference()
-        self.rejections = RejectionCounts()
+        self.rejections = RejectionCounts(rig.held)
         self.begun_anew = self._dropped = np.empty(0, np.int64)
         self.doubt = Doubt()
         self.focus = FocusWatch.begun(rig.rules)
@@ -316,6 +316,7 @@ class Map:
         rig, found = rig.contradicted(mean, cov).judged(*counted, agreement)
         self._move(*self.system.follow_rig(rig.held - self.rig_error))
         self.prior = changed(self.prior, rig=rig)
+        self.rejections.ask_again(self.views[self.newest], rig.held)
         self.system.cov_rig = found.cov
         age = self.prior.rig.age_s(self.frames[-1].stamp_ns)
         evidence = None if agreement is None else agreement.evidence

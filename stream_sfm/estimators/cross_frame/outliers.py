@@ -1,4 +1,8 @@
-"""Which tracks contradicted the motion, and how often: those that did so too often are excluded for good."""
+"""Which tracks contradicted the motion, and how often: those that did so too often are excluded.
+
+What was rejected under another rig is asked again: while a delay or a readout is not known, it is the views of good
+tracks that contradict the motion.
+"""
 
 from collections import Counter
 
@@ -6,17 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
+from ...geometry.se3 import Array
+from .inverse_depth import WhitenedViews
 
-# Rejections, in any frame, after which a track is never used again. Trades the views of a good track that was unlucky
+# Rejections, in any frame, after which a track is not used again. Trades the views of a good track that was unlucky
 # (a gate of 99.9 % makes six of them unlikely) against those of one on a slowly moving thing.
 _MAX_REJECTIONS = 6
+# How far half of the views have to be moved by what has been learnt of the rig, in their σ: a gate is twice as wide.
+_ANOTHER_RIG = 2.0
 
 
 class RejectionCounts:
-    """The number of rejections of every live track that has any."""
+    """The number of rejections of every live track that has any, since the rig's errors were `held` (m,) there."""
 
-    def __init__(self) -> None:
+    def __init__(self, held: Array) -> None:
         self._counts: Counter[int] = Counter()
+        self._held = held
 
     def add(self, ids: NDArray[np.int64]) -> None:
         """Count one rejection of each track."""
@@ -26,6 +35,16 @@ class RejectionCounts:
         """Return which of `ids` (n,) are excluded."""
         often = sorted([i for i, n in self._counts.items() if n >= _MAX_REJECTIONS])
         return core.among(ids, np.array(often, np.int64))
+
+    def ask_again(self, newest: WhitenedViews, held: Array) -> None:
+        """Forget all counts if what the errors (m,) of the rig are held at now moves the newest views elsewhere."""
+        change = held.copy()
+        change[: len(self._held)] -= self._held  # a field may have begun since
+        if not (len(newest) and change.any()):
+            return
+        moved = (newest.root @ newest.shift_px(change)[:, :, None])[:, :, 0]
+        if np.median(np.linalg.norm(moved, axis=1)) > _ANOTHER_RIG:
+            self._counts, self._held = Counter(), held
 
     def forget_all_but(self, ids: NDArray[np.int64]) -> None:
         """Drop the counts of tracks that have ended; `ids` are alive."""
