@@ -59,7 +59,8 @@ def mixture(
     What turns show of the focal length or of a delay, noise shows, too: until one is probable, it counts in the
     covariance in full. `spread`: how many σ parts of the run are apart about these terms.
     """
-    counts = min(rules.counts, spread**-2.0)
+    trusted = spread**-2.0
+    counts = min(rules.counts, trusted)
     log_prior, alone = np.log(rules.odds) * _THERE, rules.share_alone
-    found = core.rig_mixture(mean, cov, size, _FOCAL, _IS_ZERO, log_prior, counts, alone, known_wrong)
+    found = core.rig_mixture(mean, cov, size, _FOCAL, _IS_ZERO, log_prior, counts, trusted, alone, known_wrong)
     return filled(Mixture, found)

@@ -252,3 +252,21 @@ def test_a_field_that_is_noticed_late_does_what_one_does_that_was_there_from_the
     apart = np.abs(se3.log(se3.inverse(late.world_from_cam) @ early.world_from_cam))
     assert (apart < 1e-3 * std).all()
     assert np.sqrt(np.diag(late.cov_pose)) == pytest.approx(std, rel=1e-3)
+
+
+def test_rows_that_know_less_after_a_change_of_the_rig_take_nothing_back() -> None:
+    """What they said of a delay is not known any more once all errors may have changed; without it no information is
+    left that could be taken."""
+    sequence = Scene(frames=14, track_length=10, visible=40, std_px=STD_PX, round_off=False).sequence(
+        np.random.SeedSequence(3)
+    )
+    observations = seen(sequence, np.zeros(M))
+    informed, changed = 5, 9  # frames
+    for k, o in enumerate(observations):
+        assert o.rig is not None
+        seconds = 1e-5 if informed <= k < changed else 1e-2
+        root = np.eye(len(TERMS)) * 10 if k == changed else None
+        rig = replace(o.rig, delay_by_rows=(seconds**-2.0, 0.0), change_root=root)
+        observations[k] = replace(o, rig=rig)
+    solutions = run("cross-frame", sequence.projection, observations)
+    assert [s.status for s in solutions[1:]] == ["ok"] * (len(solutions) - 1)

@@ -170,16 +170,15 @@ class CrossFrame(TakesSamples):
     def _since_by_rows(self, observations: Observations, m: int) -> tuple[Array, Array]:
         """Return what rows have said about the rig's m errors since they were last asked: information, weighted sums.
 
-        They tell of the delay, whatever depth and motion are, and serve nothing else.
+        They tell of the delay, whatever depth and motion are, and serve nothing else. Where they know less than before,
+        they take nothing back: since then the rig may have changed, and what they said may not be known any more.
         """
         more, weighted = np.zeros((2, m))
         if (view := observations.rig) is not None:
             at, said = TERMS.index(DELAY), view.model.amplitudes(DELAY, *view.delay_by_rows)
-            # rows that know less by a shaken camera's twist would take a part of a run back
-            if self.inertia.now is not None and said[0] < self._said_by_rows[0]:
-                return more, weighted
-            more[at], weighted[at] = said - self._said_by_rows
-            self._said_by_rows = said
+            if said[0] > self._said_by_rows[0]:
+                more[at], weighted[at] = said - self._said_by_rows
+                self._said_by_rows = said
         return more, weighted
 
     def _lose(self, observations: Observations, reason: str) -> Solution:
