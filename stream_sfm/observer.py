@@ -53,10 +53,8 @@ class Observer:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self.state: FrontEndState = self._frontend.start
         self._smoothing_px, self._rules = config.frontend.smoothing_px, config.rules
-        rules = self._rules
-        self._made_by = (
-            f"{self.rectifier.fingerprint} {self._smoothing_px} {rules.images} {rules.still} {rules.echo}"
-        )
+        used = config.rules.images, config.rules.still, config.rules.echo, config.rules.flow
+        self._made_by = f"{self.rectifier.fingerprint} {self._smoothing_px} {used}"
         self.physical = PhysicalEstimates(self.rectifier, self._frontend, config.rig, self.rig.unscaled)
         imu = self.rig.imu if isinstance(self.rig, StereoRig) and config.imu.enabled else None
         self._imu = None if imu is None else imu.mounted_in(self.rectifier.rect_from_cam[:3, :3])
@@ -76,7 +74,7 @@ class Observer:
         sides = [to_uint8(image, bits or FEWEST_BITS) for image in images]
         rectified = self.rectifier.rectify(*sides)
         done = self._smoothing_px, frame.stamp_ns, bits, self._made_by
-        prepared = PreparedImages.of(rectified[0], rectified[-1], *done)
+        prepared = PreparedImages.of(rectified[0], rectified[-1], *done, self._rules.flow)
         if len(sides) > 1:
             rules, masks = self._rules, [camera.mask for camera in self.rig.cameras.values()]
             left, right = (Lines.of(side, rules.still, mask) for side, mask in zip(sides, masks, strict=True))

@@ -8,17 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from ..config.rules import FlowRules
 from .still_check import Lines
 
 Image = NDArray[np.uint8]
 GreyImage = NDArray[np.uint8] | NDArray[np.float32]
-# Columns of the coarse images at most: corners of a patch's size are found there, and a search along the row is
-# short. Front-end on images of 1241 columns 27 -> 19 ms, together with other savings.
-_COARSE_COLUMNS = 800
-# For flow at a quarter of the size: what is larger than this is light and shade; and grey values per grey value, so
-# that a blotch of one grey value is as strong as texture usually is.
-_LOCAL_PX = 10.0
-_CONTRAST = 12.0
+_RULES = FlowRules()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -39,6 +34,7 @@ class PreparedImages:
     one_image: bool = False
     lines: tuple[Lines, Lines] | None = None
     middles: tuple[Image, Image] | None = None
+    rules: FlowRules = _RULES
 
     @classmethod
     def of(
@@ -49,16 +45,17 @@ class PreparedImages:
         stamp_ns: int | None = None,
         grey_bits: int | None = None,
         made_by: str = "",
+        rules: FlowRules = _RULES,
     ) -> "PreparedImages":
         """Prepare rectified images: smooth them by a Gaussian of `sigma_px` and derive the other forms."""
         same, rectified = left is right, (left, right)
         left = _smoothed(left, sigma_px)
         right = left if same else _smoothed(right, sigma_px)
-        return cls(left, right, _halved(left), rectified, stamp_ns, grey_bits, made_by)
+        return cls(left, right, _halved(left), rectified, stamp_ns, grey_bits, made_by, rules=rules)
 
     @cached_property
     def coarse(self) -> tuple[Image, Image]:
-        """Left and right image at no more than 800 columns."""
+        """Left and right image at no more than `rules.coarse_columns`."""
         left = self.left if self.scale == 1 else _coarse(self.left_half, 2 * self.scale)
         return left, _coarse(self.right, self.scale)
 
@@ -80,8 +77,8 @@ class PreparedImages:
     def quarter_flow(self) -> Image:
         """The left image at a quarter of the size with its local contrast raised, for flow, which takes bytes."""
         left = self.quarter_grey[0]
-        local = left - cv2.GaussianBlur(left, (0, 0), _LOCAL_PX)
-        return np.asarray(np.rint(_CONTRAST * local + 128).clip(0, 255), np.uint8)
+        local = left - cv2.GaussianBlur(left, (0, 0), self.rules.local_px)
+        return np.asarray(np.rint(self.rules.contrast * local + 128).clip(0, 255), np.uint8)
 
     @cached_property
     def exposure(self) -> tuple[float, float]:
@@ -103,7 +100,7 @@ class PreparedImages:
     @property
     def scale(self) -> float:
         """Size of the coarse images over that of the whole ones: 1, ½, ¼, …"""
-        return 0.5 ** max(0, int(np.ceil(np.log2(self.left.shape[1] / _COARSE_COLUMNS))))
+        return 0.5 ** max(0, int(np.ceil(np.log2(self.left.shape[1] / self.rules.coarse_columns))))
 
 
 def _smoothed(image: Image, sigma_px: float) -> Image:
