@@ -362,13 +362,15 @@ class TurnRules(Protocol):
 
 class Wanted(Protocol):
     # Whether a second motion is looked for; whether most views agree with the start already, and whether it has
-    # been decided that no other motion than that is looked for.
+    # been decided that no other motion than that is looked for; whether all motions are searched in any case.
     @property
     def second(self) -> bool: ...
     @property
     def start_is_close(self) -> bool: ...
     @property
     def start_is_decided(self) -> bool: ...
+    @property
+    def search(self) -> bool: ...
 
 class WindowState(Protocol):
     # The state of a window: poses (F, 4, 4); of the points ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the

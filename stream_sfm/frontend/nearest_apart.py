@@ -24,7 +24,7 @@ def of_rest(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
     It is sought by the far half of what agrees and by what does not, and may not cost more than errors that the views
     share would make up for.
     """
-    if state.start.is_over or not motion.ok or (motion.second is not None and motion.second.in_front):
+    if state.start.is_over or not motion.ok or motion.second is not None:
         return motion
     views, rho = seen.point_views, seen.before.points[:, 3]
     rest = ~(motion.accepted & (rho >= median(rho[motion.accepted])))
@@ -52,7 +52,9 @@ def _gain(motion: Resection, other: Resection, limit: np.ndarray) -> float:
     return float(views[other.accepted].sum() + shared)
 
 
-def contradict_far(rules: StartRules, seen: Seen, motion: Resection, others: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def contradict_far(
+    rules: StartRules, seen: Seen, motion: Resection, others: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
     """Return which of `others` (n,), that may be of a scene, contradict what lies behind them and agrees with a motion.
 
     Were the motion that of a body before the scene, what agrees with it farther away than these others would be of the
