@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from ..config.rules import StartRules
 from ..geometry.medians import median
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine, resect
-from ..config.rules import StartRules
+from ..geometry.se3 import Array
 from ..record import changed
 from .depth_order import is_behind
 from .seen import Seen
@@ -45,8 +46,8 @@ def of_rest(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
     return changed(other, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_first, 0.0, in_front=True))
 
 
-def _gain(motion: Resection, other: Resection, limit: np.ndarray) -> float:
-    """By how much another motion explains its views and the errors of all better, by squared residuals up to a limit."""
+def _gain(motion: Resection, other: Resection, limit: Array) -> float:
+    """How much better another motion explains its views and errors of all, by squared residuals up to a `limit`."""
     views = np.minimum(motion.squared_residuals, limit) - other.squared_residuals
     shared = motion.amplitudes @ motion.amplitudes - other.amplitudes @ other.amplitudes
     return float(views[other.accepted].sum() + shared)
