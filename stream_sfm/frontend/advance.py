@@ -8,9 +8,9 @@ from ..geometry.se3 import Array
 from ..record import changed, record, rows_of
 from .alignment import learn_noise
 from .depth_order import may_be_scene
-from .nearest_apart import contradict_far
 from .inertial_choice import is_camera
 from .mono.parallax import update_by_parallax
+from .nearest_apart import contradict_far
 from .pair_check import Found
 from .seen import Seen
 from .start_check import StartCheck

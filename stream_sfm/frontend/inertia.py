@@ -7,11 +7,18 @@ tracks go on as before, such a motion is that of a body.
 
 import numpy as np
 
+from .. import core
+from ..geometry import se3
+from ..geometry.medians import median
+from ..geometry.point_views import PointViews
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine
+from ..geometry.se3 import Array
 from ..record import changed
 from .seen import Seen
 from .state import FrontEndState
 from .step import Step
+
+_STEPS = 5  # of Gauss-Newton, each with robust weights
 
 
 def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
@@ -25,7 +32,8 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
         return motion
     views, old = seen.point_views, seen.before.agreed > 0
     fewest = views.settings.second_views
-    near = refine(views, seen.weights, step.predicted, np.zeros(views.shared.shape[2]))
+    start = _turned(views.select(old), step.predicted) if np.count_nonzero(old) >= MIN_VIEWS else step.predicted
+    near = refine(views, seen.weights, start, np.zeros(views.shared.shape[2]))
     agree, agreed = (int(np.count_nonzero(m.accepted & old)) for m in (near, motion))
     if not near.ok or agree < max(fewest, step.setup.rules.motion.as_many * agreed):
         return motion
@@ -33,6 +41,30 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
     if np.count_nonzero(only_other) < fewest:  # few views tell the two apart
         return changed(near, second=motion.second) if near.share >= motion.share else motion
     return changed(near, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_other, odds=1.0))
+
+
+def _turned(views: PointViews, cam_from_ref: Array) -> Array:
+    """Return a motion (4, 4) with the rotation that suits most of the views (n) at its translation.
+
+    A camera that is carried turns by more between two frames than a prediction tells to a pixel.
+    """
+    found, none = cam_from_ref, np.zeros(views.shared.shape[2])
+    for _ in range(_STEPS):
+        root, jacobian = views.linearise(found)
+        residuals, squared = (of_motion[0] for of_motion in core.view_residuals(views, root, none, found[None]))
+        finite = np.isfinite(squared)
+        if np.count_nonzero(finite) < MIN_VIEWS:
+            return cam_from_ref
+        weights = np.where(finite, 1 / (1 + squared / max(median(squared[finite]), 1.0)), 0.0)
+        by_turn = jacobian[finite, :, 3:6]
+        weighted = weights[finite, None, None] * by_turn
+        turn = np.linalg.solve(
+            np.einsum("nki,nkj->ij", weighted, by_turn) + np.eye(3),
+            np.einsum("nki,nk->i", weighted, residuals[finite]),
+        )
+        found = se3.exp(np.concatenate([np.zeros(3), turn])) @ found
+        found[:3, 3] = cam_from_ref[:3, 3]
+    return found
 
 
 def without_newcomer(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:

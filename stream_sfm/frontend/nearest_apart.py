@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from ..config.rules import StartRules
 from ..geometry.medians import median
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine, resect
-from ..config.rules import StartRules
+from ..geometry.se3 import Array
 from ..record import changed
 from .depth_order import is_behind
 from .seen import Seen
@@ -24,7 +25,7 @@ def of_rest(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
     It is sought by the far half of what agrees and by what does not, and may not cost more than errors that the views
     share would make up for.
     """
-    if state.start.is_over or not motion.ok or (motion.second is not None and motion.second.in_front):
+    if state.start.is_over or not motion.ok or motion.second is not None:
         return motion
     views, rho = seen.point_views, seen.before.points[:, 3]
     rest = ~(motion.accepted & (rho >= median(rho[motion.accepted])))
@@ -45,14 +46,16 @@ def of_rest(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
     return changed(other, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_first, 0.0, in_front=True))
 
 
-def _gain(motion: Resection, other: Resection, limit: np.ndarray) -> float:
-    """By how much another motion explains its views and the errors of all better, by squared residuals up to a limit."""
+def _gain(motion: Resection, other: Resection, limit: Array) -> float:
+    """How much better another motion explains its views and errors of all, by squared residuals up to a `limit`."""
     views = np.minimum(motion.squared_residuals, limit) - other.squared_residuals
     shared = motion.amplitudes @ motion.amplitudes - other.amplitudes @ other.amplitudes
     return float(views[other.accepted].sum() + shared)
 
 
-def contradict_far(rules: StartRules, seen: Seen, motion: Resection, others: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def contradict_far(
+    rules: StartRules, seen: Seen, motion: Resection, others: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
     """Return which of `others` (n,), that may be of a scene, contradict what lies behind them and agrees with a motion.
 
     Were the motion that of a body before the scene, what agrees with it farther away than these others would be of the

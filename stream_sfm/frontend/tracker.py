@@ -32,9 +32,9 @@ OF_FLOW: tuple[Callable[[Step, FrontEndState, RoughMotion], RoughMotion], ...] =
     smaller_of_alike,  # where the scene repeats itself, the smaller motion of two
 )
 OF_MOTION: tuple[Callable[[Step, FrontEndState, Seen, Resection], Resection], ...] = (
+    steadier,  # the motion that goes on as before, not one that jumps
     decided,  # at the start of a map, again by all views
     of_rest,  # at the start of a map, not the motion of the nearest points that far ones agree with
-    steadier,  # the motion that goes on as before, not one that jumps
     without_newcomer,  # a body that comes into view is not in question
     uncovered,  # a scene that comes into view behind all that was followed is in question, however small it is
     nearer,  # the motion that inertial samples allow

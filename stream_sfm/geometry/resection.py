@@ -100,8 +100,8 @@ def resect(
     theirs, each view within its noise, halves of the views disagree, and the motion is sought again. `find_second`:
     whether a second motion is looked for. `start_is_close`: the start is already a motion that most of the views agree
     on, the best of any; where nearly all of them do, neither another start nor annealing is needed.
-    `start_is_decided`: no motion of other views is looked for. `search`: the whole space of motions is searched, however
-    many views agree with what the start leads to.
+    `start_is_decided`: no motion of other views is looked for. `search`: the whole space of motions is
+    searched, however many views agree with what the start leads to.
     """
     n, settings = len(views), views.settings
     if n < MIN_VIEWS:

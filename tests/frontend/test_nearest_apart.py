@@ -1,0 +1,101 @@
+"""A body before the camera leads all far points along, but not the few points in between."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stream_sfm.config import Config
+from stream_sfm.frontend.nearest_apart import contradict_far, of_rest
+from stream_sfm.frontend.seen import Seen
+from stream_sfm.frontend.start_check import StartCheck
+from stream_sfm.frontend.state import Setup
+from stream_sfm.geometry import se3
+from stream_sfm.geometry.point_views import PointViews
+from stream_sfm.geometry.resection import Resection, resect
+from stream_sfm.geometry.stereo import StereoProjection
+from stream_sfm.record import changed
+from tests.helpers.tracks import tracks_at
+
+P = StereoProjection(f_px=400, cx_left_px=240, cx_right_px=240, cy_px=180, baseline_m=0.25, width=480, height=360)
+STD_PX = 0.15
+TURNS = se3.exp([0, 0, 0, 0, 0.03, 0])  # the camera turns and stands
+FAR, BETWEEN, BODY = 22, 5, 20
+
+
+def seen(seed: int, body_moves_m: float) -> tuple[Seen, np.ndarray]:
+    """What is found of far points, of a few in between, and of a compact set of near ones; and which these are."""
+    rng = np.random.default_rng(seed)
+    of = np.repeat([0, 1, 2], [FAR, BETWEEN, BODY])
+    least, most = (
+        np.array([[0.5, 0.1], [0.05, 0.75], [0.3, 0.35]]),
+        np.array([[0.95, 0.5], [0.2, 0.9], [0.45, 0.7]]),
+    )
+    place = rng.uniform(least[of], most[of]) * [P.width, P.height]
+    depth_m = rng.uniform(np.array([10, 3.5, 2.2])[of], np.array([14, 5, 2.4])[of])
+    points = np.column_stack([P.rays(place), np.ones(len(of))]) * depth_m[:, None]
+    now = points + np.where(of[:, None] == 2, np.array([body_moves_m, 0, 0]), 0)
+    first_px = P.project(points) + rng.normal(size=(len(of), 4)) * STD_PX
+    z_px = P.project(se3.transform(TURNS, now)) + rng.normal(size=(len(of), 4)) * STD_PX
+    before = np.column_stack([P.rays(first_px), np.ones(len(of)), P.inverse_depth(first_px)])
+    cov_points = np.zeros((len(of), 4, 4))
+    cov_points[:, [0, 1], [0, 1]] = (STD_PX / P.f_px) ** 2
+    cov_points[:, 3, 3] = 2 * (STD_PX / (P.f_px * P.baseline_m)) ** 2
+    views = PointViews(P, before, cov_points, z_px, np.broadcast_to(STD_PX**2 * np.eye(4), (len(of), 4, 4)))
+    tracks = changed(tracks_at(depth_m, left_px=first_px[:, :2]), points=before)
+    nothing: Any = None
+    return Seen(tracks, nothing, views, np.ones(len(of)), float(len(of))), of
+
+
+def chosen(found: Seen, motion: Resection, start: StartCheck) -> Resection:
+    step: Any = SimpleNamespace(setup=Setup(P, Config()))
+    state: Any = SimpleNamespace(start=start)
+    return of_rest(step, state, found, motion)
+
+
+def test_at_the_start_a_body_does_not_lead_far_points_along() -> None:
+    led_along = 0
+    for seed in range(12):
+        found, of = seen(seed, 0.08)
+        motion = resect(found.point_views, TURNS)
+        led_along += bool(motion.accepted[of == 2].all() and motion.second is None)
+        if motion.second is None:
+            motion = chosen(found, motion, StartCheck())
+            assert motion.accepted[of == 1].mean() > 0.5 and not motion.accepted[of == 2].any()
+            assert motion.second is not None and motion.second.in_front and motion.second.views[of == 2].all()
+            error = se3.log(motion.cam_from_ref @ se3.inverse(TURNS))
+            assert np.linalg.norm(error[:3]) < 0.04  # of 0.08 m, which is the error of who follows the body
+    assert led_along > 6  # otherwise nothing is tested
+
+
+def test_in_a_scene_that_stands_still_the_motion_is_that_of_all() -> None:
+    for seed in range(12):
+        found, _ = seen(seed, 0.0)
+        motion = resect(found.point_views, TURNS)
+        assert chosen(found, motion, StartCheck()) is motion
+
+
+def test_after_the_start_history_decides() -> None:
+    found, _ = seen(0, 0.08)
+    motion = resect(found.point_views, TURNS, find_second=False)
+    assert chosen(found, motion, StartCheck(gone=True)) is motion
+
+
+@pytest.mark.parametrize(("follows_body", "contradict"), [(False, True), (True, False)])
+def test_others_that_contradict_what_lies_behind_them_are_not_the_scene(
+    follows_body: bool, contradict: bool
+) -> None:
+    """Of a scene that is followed, all that is far contradicts a body; of a body, what is far leaves the scene open."""
+    rules = Config().rules.start
+    for seed in range(12):
+        found, of = seen(seed, 0.08)
+        followed = (of == 2) if follows_body else (of == 1)
+        some = found.point_views.select(followed | (of == 0))
+        own = resect(some, TURNS, find_second=False)
+        accepted = np.zeros(len(of), bool)
+        accepted[followed | (of == 0)] = own.accepted
+        others = (of == 1) if follows_body else (of == 2)
+        found_out = contradict_far(rules, found, changed(own, accepted=accepted), others)
+        assert not found_out[~others].any()
+        assert found_out[others].all() if contradict else not found_out[others].any()
