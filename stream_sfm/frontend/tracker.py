@@ -15,7 +15,7 @@ from .depth_order import decided, of_background, uncovered
 from .first_timing import first_timed
 from .hidden_background import is_background_hidden
 from .inertia import steadier, without_newcomer
-from .inertial_choice import nearer
+from .inertial_choice import is_sampled, nearer
 from .prepared import PreparedImages
 from .repetition import smaller_of_alike
 from .rough_motion import RoughMotion, find_rough_motion
@@ -85,7 +85,8 @@ def _agreed_motion(
         motion = changed(motion, spread=1.0)
     for policy in OF_MOTION:
         motion = policy(step, state, seen, motion)
-    agree = motion.ok and seen.weights[motion.accepted].sum() >= rules.min_agreement * seen.weight
+    share = seen.weights[motion.accepted].sum() / seen.weight
+    agree = motion.ok and (share >= rules.min_agreement or is_sampled(step, motion))
     hidden = is_background_hidden(step, state, seen, motion)
     state = changed(state, background_hidden=hidden or (state.background_hidden and not agree))
     return state, motion if agree and not hidden else None
