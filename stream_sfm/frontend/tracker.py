@@ -58,7 +58,7 @@ def follow(
     for flow_policy in OF_FLOW:
         rough = flow_policy(step, state, rough)
     twist = step.twist(state.velocity, rough.cam_from_previous)
-    state = first_timed(setup.projection, state, twist)
+    state = first_timed(setup.projection, state, step.first_twist(twist, rough.cam_from_previous))
     views = align(setup, state, images, rough, twist)
     seen = Seen.of(step, state, rough, twist, views)
     state, motion = _agreed_motion(step, state, seen, rough.cam_from_previous)
