@@ -49,7 +49,7 @@ class Interval:
 
     @classmethod
     def of(
-        cls, samples: Samples, calibration: ImuCalibration, state: Array, factors: Array, var_time: float
+        cls, samples: Samples, calibration: ImuCalibration, state: Array, factors: Array, var_time: float = 0.0
     ) -> "Interval":
         """Preintegrate samples at the biases and the clock of a state (17,); `factors` (3,): on the densities."""
         of = calibration
