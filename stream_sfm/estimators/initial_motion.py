@@ -15,13 +15,14 @@ def initial_motion(
     observations: Observations,
     cam_from_previous_predicted: Array,
     weights: Array | None = None,
+    searches: bool = False,
 ) -> Resection | None:
     """Find cam_from_previous by robust resection of views (n); None where too few agree or determine it.
 
     They are those among the `observations` of points of the local structure of the previous camera. The start is the
     front-end's own motion, else the prediction of the motion model; where few views agree with what it leads to,
-    `resect` searches the whole space of motions, unless the front-end has decided between two. `weights` (n,): as in
-    `resect`.
+    `resect` searches the whole space of motions, unless the front-end has decided between two. With `searches`
+    it does so anyway. `weights` (n,): as in `resect`.
     """
     start, ambiguity = observations.cam_from_previous, observations.ambiguity
     try:
@@ -31,7 +32,7 @@ def initial_motion(
             weights,
             find_second=start is None,
             start_is_close=start is not None,
-            start_is_decided=ambiguity is not None and ambiguity.other_from_previous is not None,
+            start_is_decided=not searches and ambiguity is not None and ambiguity.other_from_previous is not None,
         )
     except np.linalg.LinAlgError:
         return None

@@ -14,11 +14,18 @@ from .step import Step
 def nearer(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
     """Return the nearer one of the motion found and the second one, by both covariances, eq. (85).
 
-    A body in uniform motion looks to an accelerometer like one at rest, until it or the camera turns, or the velocity
+    A motion that they do not allow gives way to the one that they predict, if enough views agree with that. A body in
+    uniform motion looks to an accelerometer like one at rest, until it or the camera turns, or the velocity
     is known. It is not known where it may be that of a body which has been followed until now.
     """
     expected, second = step.by_inertia, motion.second
-    if expected is None or not motion.ok or second is None or second.lasted:
+    if expected is None or not motion.ok:
+        return motion
+    if not _may_be(step, expected, motion):
+        near = refine(seen.point_views, seen.weights, step.predicted, motion.amplitudes)
+        if near.ok and is_sampled(step, near):
+            return changed(near, second=None)
+    if second is None or second.lasted:
         return motion
     other = refine(seen.point_views, seen.weights, second.cam_from_ref, motion.amplitudes)
     if not other.ok:
@@ -36,6 +43,20 @@ def is_camera(step: Step, motion: Resection) -> bool:
     if expected is None or not expected.carried:
         return False
     return _distance2(expected, motion) < step.setup.rules.motion.inertial_near
+
+
+def is_sampled(step: Step, motion: Resection) -> bool:
+    """Whether a motion is that of samples which have agreed with the images for a while, however few views show it."""
+    expected = step.by_inertia
+    if expected is None or not expected.agreed:
+        return False
+    return _distance2(expected, motion) < step.setup.rules.motion.inertial_near
+
+
+def _may_be(step: Step, expected: ExpectedMotion, motion: Resection) -> bool:
+    """Whether a motion is not impossible by samples that have agreed with the images for a while."""
+    rules = step.setup.rules.motion
+    return not expected.agreed or _distance2(expected, motion) < rules.inertial_near + rules.inertial_apart
 
 
 def _distance2(expected: ExpectedMotion, motion: Resection) -> float:

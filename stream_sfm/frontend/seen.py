@@ -54,6 +54,10 @@ class Seen:
             of_rig = state.timing, state.rows_with_delay
             seen, std_twist = (before.points, views.points, views.z_px), setup.std_acceleration * step.dt_s
             of_timing, cov_turn = core.unknown_errors(*of_rig, *seen, twist, std_twist)
+            if step.by_inertia is not None and state.timing.twist is not None:
+                # points have met the turns of earlier frames, which two frames smooth and a gyroscope does not
+                earlier = state.timing.twist[3:]
+                cov_turn = cov_turn + state.timing.cov[0, 0] * np.outer(earlier, earlier)
             of_turn = by_turn(setup.projection, views.z_px, state.turn_root)
             unknown_px = np.concatenate([of_timing, of_disparity, of_turn], axis=2)
         point_views = PointViews(

@@ -70,3 +70,12 @@ class Step:
             return twist
         # a shaken camera turns by now as no two frames tell
         return np.concatenate([twist[:3], self.by_inertia.twist[3:]])
+
+    def first_twist(self, twist: Array, cam_from_previous: Array) -> Array:
+        """How the points moved (6,) at the beginning of the interval, where it is the first one; `twist`: at its end.
+
+        Two frames alone tell one for both.
+        """
+        if self.by_inertia is None or self.dt_s <= 0:
+            return twist
+        return 2 * se3.log(cam_from_previous) / self.dt_s - twist

@@ -15,7 +15,7 @@ from .depth_order import decided, of_background, uncovered
 from .first_timing import first_timed
 from .hidden_background import is_background_hidden
 from .inertia import steadier, without_newcomer
-from .inertial_choice import nearer
+from .inertial_choice import is_sampled, nearer
 from .nearest_apart import of_rest
 from .prepared import PreparedImages
 from .repetition import smaller_of_alike
@@ -60,7 +60,7 @@ def follow(
     for flow_policy in OF_FLOW:
         rough = flow_policy(step, state, rough)
     twist = step.twist(state.velocity, rough.cam_from_previous)
-    state = first_timed(setup.projection, state, twist)
+    state = first_timed(setup.projection, state, step.first_twist(twist, rough.cam_from_previous))
     views = align(setup, state, images, rough, twist)
     seen = Seen.of(step, state, rough, twist, views)
     state, motion = _agreed_motion(step, state, seen, rough.cam_from_previous)
@@ -87,7 +87,8 @@ def _agreed_motion(
         motion = changed(motion, spread=1.0)
     for policy in OF_MOTION:
         motion = policy(step, state, seen, motion)
-    agree = motion.ok and seen.weights[motion.accepted].sum() >= rules.min_agreement * seen.weight
+    share = seen.weights[motion.accepted].sum() / seen.weight
+    agree = motion.ok and (share >= rules.min_agreement or is_sampled(step, motion))
     hidden = is_background_hidden(step, state, seen, motion)
     state = changed(state, background_hidden=hidden or (state.background_hidden and not agree))
     return state, motion if agree and not hidden else None

@@ -137,7 +137,7 @@ class ExpectedMotion:
 
     `previous_from_cam` (4, 4) with its covariance `cov` (6, 6), right perturbation; `twist` (6,): how points of the
     scene move in the camera at the end, m/s and rad/s. `carried`: it is from before the present map, whose start it can
-    judge.
+    judge. `agreed`: samples and images have agreed for so long that what contradicts the samples is not the camera's.
     """
 
     since_ns: int
@@ -145,6 +145,7 @@ class ExpectedMotion:
     cov: Array
     twist: Array
     carried: bool = False
+    agreed: bool = False
 
     def __repr__(self) -> str:
         return f"<ExpectedMotion since {self.since_ns} ns>"

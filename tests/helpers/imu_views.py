@@ -15,6 +15,7 @@ PROJECTION = StereoProjection(
 )
 FRAME_NS, STD_PX, POINTS = 50_000_000, 0.4, 200
 DOWN = np.array([0.0, 1.0, 0.0])
+BODY_M_S = np.array([0.8, 0.0, 0.0])
 
 
 def swaying(seed: int) -> "Swaying":
@@ -44,16 +45,26 @@ class Swaying:
         return np.asarray(self._first[:3, :3] @ DOWN)
 
 
-def observed(seed: int, frames: int, unit: Unit = BMI160) -> Iterator[tuple[Array, Observations]]:
-    """Yield true poses and observations: each view with noise of STD_PX, samples up to one beyond the frame."""
-    path, rng = swaying(seed), np.random.default_rng([seed, 2])
+def observed(
+    seed: int, frames: int, unit: Unit = BMI160, std_stamp_s: float = 0.0, body_from: int | None = None
+) -> Iterator[tuple[Array, Observations]]:
+    """Yield true poses and observations: each view with noise of STD_PX, samples up to one beyond the frame.
+
+    Stamps err by `std_stamp_s`. From frame `body_from` on nothing is seen but other points, of a body at BODY_M_S.
+    """
+    path, rng, late_s = swaying(seed), np.random.default_rng([seed, 2]), np.random.default_rng([seed, 3])
     cloud = rng.uniform([-6.0, -3.0, 1.0], [6.0, 3.0, 9.0], (POINTS, 3))
     samples = measured(path, (-0.1, FRAME_NS * frames / 1e9), path.down, unit, seed)
     cov = STD_PX**2 * np.eye(4)
     ids, next_id, last_ns = np.full(POINTS, -1), 0, -(10**18)
     for n in range(frames):
-        pose, stamp_ns = path(n * FRAME_NS / 1e9), n * FRAME_NS
-        in_cam = se3.transform(se3.inverse(pose), cloud)
+        stamp_ns = n * FRAME_NS
+        pose = path(stamp_ns / 1e9 + (late_s.normal() * std_stamp_s if n else 0.0))
+        by_body = np.zeros(3)
+        if body_from is not None and n >= body_from:
+            by_body = BODY_M_S * (n - body_from) * FRAME_NS / 1e9
+            ids[:] = -1 if n == body_from else ids
+        in_cam = se3.transform(se3.inverse(pose), cloud + by_body)
         z = PROJECTION.project(np.maximum(in_cam, [-np.inf, -np.inf, 0.1]))
         inside = (z[:, [0, 2]] > 0).all(axis=1) & (z[:, [0, 2]] < 320).all(axis=1) & (z[:, 1] > 0) & (z[:, 1] < 240)
         seen = inside & (in_cam[:, 2] > 0.8)

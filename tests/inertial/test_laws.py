@@ -5,8 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stream_sfm import core
-from stream_sfm.estimators.cross_frame.interval import Intervals
+from stream_sfm.estimators.cross_frame.interval import Interval, Intervals
 from stream_sfm.geometry import se3
+from stream_sfm.inertial.buffer import SampleBuffer
+from stream_sfm.inertial.samples import ImuCalibration, ImuSamples
+from stream_sfm.record import changed
 
 RNG = np.random.default_rng(5)
 SECONDS = np.arange(21) / 200
@@ -181,3 +184,26 @@ def test_how_the_end_of_an_interval_moves_with_its_beginning_equals_differences(
     assert np.abs(jacobian - numerical).max() < 2e-3 * np.abs(numerical).max()
     added = np.linalg.eigvalsh(cov)
     assert added[0] > -1e-12 and np.allclose(np.diag(cov)[12:18], walk**2)
+
+
+def test_what_an_error_of_its_length_does_to_an_interval_equals_differences():
+    calibration = ImuCalibration(CAM_FROM_IMU)
+    state = np.r_[0.3, -0.2, 1.0, 0.5, 9.7, 1.0, BIASES, 0.0, 0.02, -0.01, 0.03, 0.0]
+    stamps_ns = np.round(SECONDS * 1e9).astype(np.int64)
+
+    def interval(end_ns):
+        buffer = SampleBuffer(calibration)
+        buffer.add(ImuSamples(stamps_ns, GYRO, ACCEL))
+        return Interval.of(buffer.between(0, end_ns, 0.0), calibration, state, np.ones(3), 0.0)
+
+    middle, step_ns = interval(80_000_000), 100_000
+    motion, then, *_ = core.inertial_motion(Intervals.of([middle], np.ones(3)), state, CAM_FROM_IMU, np.zeros(6))
+    fixed = se3.inverse(motion)[None], np.eye(6)[:, 3:], then[None, :3], state, CAM_FROM_IMU
+
+    def whitened(end_ns):
+        other = changed(interval(end_ns), cov_gyro=middle.cov_gyro, cov_accel=middle.cov_accel)
+        return core.inertial_rows(Intervals.of([other], np.ones(3)), *fixed)[0]
+
+    numerical = (whitened(80_000_000 + step_ns) - whitened(80_000_000 - step_ns)) / (2e-9 * step_ns)
+    root = np.linalg.cholesky(Intervals.of([middle], np.ones(3)).cov[0])
+    assert root @ numerical == pytest.approx(-middle.by_time, rel=1e-2, abs=1e-2)

@@ -7,8 +7,9 @@ import pytest
 
 from stream_sfm.config import Config
 from stream_sfm.config.inertia_rules import InertiaRules
+from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.cross_frame.inertia import Inertia
-from stream_sfm.estimators.cross_frame.inertia_checks import Densities
+from stream_sfm.estimators.cross_frame.inertia_checks import Densities, Jitter
 from stream_sfm.estimators.cross_frame.interval import JOINT, Known
 from stream_sfm.inertial.state import GRAVITY, SCALE, STATE
 from stream_sfm.methods import REFERENCE, WITHOUT_IMU
@@ -53,6 +54,45 @@ def test_noise_that_a_unit_hides_makes_its_data_sheet_no_better() -> None:
     rules = InertiaRules()
     assert Densities.begun(rules, np.array([0.1, 3.0])).factors == pytest.approx([1.0, 3.0, 1.0])
     assert Densities.begun(rules).factors == pytest.approx(np.ones(3))
+
+
+@pytest.mark.parametrize("seed", [22, 36])
+def test_stamps_that_err_are_no_contradiction(seed: int) -> None:
+    std_s = 4e-3
+    poses, observations = zip(*observed(seed, FRAMES, std_stamp_s=std_s), strict=True)
+    error = {}
+    for method in (REFERENCE, WITHOUT_IMU):
+        estimator = make_estimator(method, PROJECTION, Config())
+        found = [estimator.step(o) for o in observations]
+        assert all(e.status is Status.OK for e in found[1:])
+        apart = [e.world_from_cam[:3, 3] - p[:3, 3] for e, p in zip(found, poses, strict=True)]
+        error[method] = np.sqrt(np.mean(np.square(apart)))
+        if method == REFERENCE:
+            # noise of the images counts for as much as it may be
+            assert 0.3 < np.sqrt(estimator.inertia._jitter.var_interval / 2) / std_s < 1.5
+    assert error[REFERENCE] <= 1.05 * error[WITHOUT_IMU]
+
+
+def test_stamps_that_do_not_err_are_known_not_to() -> None:
+    rng, exact, err = np.random.default_rng(7), Jitter(InertiaRules()), Jitter(InertiaRules())
+    images, stamps = rng.normal(0, 1e-3, 400), rng.normal(0, 2e-3, 400)
+    for k in range(1, 400):  # images err alike: what one motion has too much the next one lacks
+        by_images = images[k] - images[k - 1]
+        exact = exact.after(by_images + 4e-3, 2 * 1e-3**2)  # and by the same in all frames, as with a wrong scale
+        err = err.after(by_images + stamps[k] - stamps[k - 1], 2 * 1e-3**2)
+    assert np.sqrt(exact.var_interval / 2) < 5e-4
+    assert np.sqrt(err.var_interval / 2) == pytest.approx(2e-3, rel=0.25)
+
+
+@pytest.mark.parametrize("seed", [24, 30])
+def test_a_map_that_begins_on_a_body_is_no_map(seed: int) -> None:
+    poses, observations = zip(*observed(seed, FRAMES, body_from=28), strict=True)
+    found = run(REFERENCE, PROJECTION, observations)
+    for estimate, pose in list(zip(found, poses, strict=True))[28:]:
+        assert estimate.status is not Status.OK
+        assert nees(estimate.world_from_cam, estimate.cov_pose, pose) < 36
+    without = run(WITHOUT_IMU, PROJECTION, observations)
+    assert without[-1].status is Status.OK  # nothing but samples can tell
 
 
 def test_a_pose_moves_with_the_scale_only_as_far_as_the_rig_does_not_explain_both() -> None:

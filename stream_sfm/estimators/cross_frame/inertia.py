@@ -19,15 +19,21 @@ from ...geometry.se3 import Array
 from ...inertial.buffer import SampleBuffer
 from ...inertial.samples import ImuCalibration
 from ...inertial.state import ACCEL_BIAS, AXES, CLOCK, FIXED, GRAVITY, GYRO_BIAS, SCALE, STATE, VELOCITY
+from ...record import changed
 from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction, Solution, Status
+from ..lifecycle import LostError
 from ..motion_model import MotionModel
-from .inertia_checks import Agreement, Densities, impossible, likely
+from .inertia_checks import Agreement, Densities, Jitter, impossible, likely
 from .inertial_window import InertialWindow
 from .interval import JOINT, Interval, Known, Transition, transition
 from .map import Map
 from .window_frame import WindowFrame
 
 _LEAST_STD_SCALE = 1e-6  # keeps its variance above rounding
+
+
+class NotTheCameraError(LostError):
+    """The images of a new map move as the samples do not: they show a body."""
 
 
 class Inertia:
@@ -41,12 +47,14 @@ class Inertia:
         self._buffer = SampleBuffer(ImuCalibration())
         self.now: Known | None = None
         self._agreement, self._densities = Agreement(self._rules), Densities.begun(self._rules)
+        self._jitter = Jitter(self._rules)
         self._noise_known = False  # by the samples themselves
         self._distance2, self._note = 0.0, ""
         self._frames = config.window.frames
         self._led: tuple[tuple[Any, ...], Transition] | None = None  # the latest one, and what it is of
         self._expected: tuple[Transition, ExpectedMotion] | None = None  # the latest one, by that transition
         self._carried = False  # the state is from before the present map
+        self._unproven = False  # which no motion of the images has agreed with yet
         self._anew: Known | None = None  # with which the state begins again in the next frame
 
     @property
@@ -94,7 +102,7 @@ class Inertia:
     def begin(self, current: Map, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
         """Give a map that has begun its inertial state: the one carried on, or one of which nothing is known."""
         known = self.predicted(stamp_ns)
-        self._carried = known is not None and not self._agreement.is_young
+        self._carried = self._unproven = known is not None and not self._agreement.is_young
         if known is None:
             known = self.begun(stamp_ns, world_from_cam, cov_pose)
         if known is None or self._calibration is None:
@@ -127,7 +135,7 @@ class Inertia:
 
     def _leading(self, first_ns: int, last_ns: int, now: Known, cam_from_imu: Array) -> Transition:
         """Return what leads from a state over an interval, which a frame asks for several times."""
-        of = now, first_ns, last_ns, self._buffer.last_ns, self._densities
+        of = now, first_ns, last_ns, self._buffer.last_ns, self._densities, self._jitter
         if self._led is None or self._led[0] != of:
             interval = self._interval(first_ns, last_ns, now.state)
             self._led = of, transition(now.state, interval, self._densities.factors, cam_from_imu)
@@ -149,7 +157,7 @@ class Inertia:
         if calibration is None or not self._buffer.covers(first_ns, last_ns):
             return Interval.unknown((last_ns - first_ns) / 1e9, state)
         samples = self._buffer.between(first_ns, last_ns, float(state[CLOCK][0]))
-        return Interval.of(samples, calibration, state, self._densities.factors)
+        return Interval.of(samples, calibration, state, self._densities.factors, self._jitter.var_interval)
 
     def enter(self, frame: WindowFrame, current: Map) -> None:
         """Give a frame that is about to enter a map what the samples since the one before it say."""
@@ -193,7 +201,10 @@ class Inertia:
 
     def judge(self, motion: Resection, frame: WindowFrame) -> Resection:
         """Compare the motion of the images with that of the samples, eq. (85); where they do not agree, either of them
-        may be the camera's."""
+        may be the camera's.
+
+        Raises NotTheCameraError where the map is new and the samples are not.
+        """
         now = self.now
         if frame.interval is None or now is None:
             return motion
@@ -201,11 +212,19 @@ class Inertia:
         if expected is None or not frame.interval.cov_gyro.any():
             return motion
         cov = self._rules.farther**2 * (motion.spread * motion.cov_pose)
-        distance2 = _distance2(expected, motion.cam_from_ref, cov, frame.std_turn_rad)
+        distance2, late_s, var_s2 = _distance2(expected, motion.cam_from_ref, cov, frame.std_turn_rad)
+        self._jitter = self._jitter.after(late_s, max(var_s2 - frame.interval.var_time, 0.0))
+        more_s2 = self._jitter.var_interval - frame.interval.var_time
+        if more_s2 > 0:  # than the prediction was made with
+            frame.interval = changed(frame.interval, var_time=self._jitter.var_interval)
+            distance2 -= more_s2 / (var_s2 + more_s2) * late_s**2 / var_s2
         turns = (
             float(np.linalg.norm(se3.log_so3(frame.interval.rotation))),
             float(np.linalg.norm(se3.log_so3(motion.cam_from_ref[:3, :3]))),
         )
+        self._unproven = self._unproven and distance2 > self._rules.impossible
+        if self._unproven and self.dead_reckoned(frame.stamp_ns) is not None:
+            raise NotTheCameraError("the images of a new map contradict the samples: they may show a moving body")
         self._distance2 = distance2
         self._agreement = self._agreement.after(distance2, frame.interval.seconds, turns)
         # this one may be wrong, whatever the others say
@@ -231,7 +250,8 @@ class Inertia:
         rate = self._buffer.rate(stamp_ns, float(then.state[CLOCK][0])) - then.state[GYRO_BIAS]
         mounted = calibration.cam_from_imu[:3, :3] @ se3.exp_so3(then.state[AXES])
         twist = -np.concatenate([then.state[VELOCITY], mounted @ rate])
-        expected = ExpectedMotion(now.stamp_ns, then.world_from_cam, then.cov_pose, twist, self._carried)
+        flags = {"carried": self._carried, "agreed": not self._agreement.is_young}
+        expected = ExpectedMotion(now.stamp_ns, then.world_from_cam, then.cov_pose, twist, **flags)
         self._expected = found, expected
         return expected
 
@@ -293,12 +313,20 @@ class Inertia:
         return Known(known.stamp_ns, pose, state, cov)
 
 
-def _distance2(expected: ExpectedMotion, cam_from_previous: Array, cov: Array, std_slide_rad: float) -> float:
-    """Squared distance of a motion (4, 4) with the covariance (6, 6) of its inverse from the expected one."""
+def _distance2(
+    expected: ExpectedMotion, cam_from_previous: Array, cov: Array, std_slide_rad: float
+) -> tuple[float, float, float]:
+    """Squared distance of a motion (4, 4) with the covariance (6, 6) of its inverse from the expected one.
+
+    And the time, with its variance, by which the camera has moved on at its end, seconds.
+    """
     apart = se3.log(se3.inverse(expected.previous_from_cam) @ se3.inverse(cam_from_previous))
     both = expected.cov + cov
     both[range(3, 6), range(3, 6)] += std_slide_rad**2
-    return float(apart @ np.linalg.solve(both, apart))
+    per_second = -expected.twist + 1e-9  # not zero
+    of_apart, of_time = np.linalg.solve(both, np.stack([apart, per_second], axis=1)).T
+    var_s2 = 1 / float(per_second @ of_time)
+    return float(apart @ of_apart), var_s2 * float(per_second @ of_apart), var_s2
 
 
 def inertial_estimate(known: Known, factors: Array, distance2: float = 0.0, note: str = "") -> InertialEstimate:

@@ -130,6 +130,39 @@ class Densities:
         return changed(self, squares=squares, shares=shares, plain=plain)
 
 
+@record
+class Jitter:
+    """By how much the stamps of images err, each by itself, eq. (86a).
+
+    Images and samples are then apart by a time in each frame, and in the next one by as much the other way. `products`
+    and `count`: the sum of minus the products of such times in neighbouring frames, less what the noise of images
+    makes, s², and of how many. `late_s`: of the latest frame, with its variance `var_s2` by that noise; None where the
+    camera moves too little to tell.
+    """
+
+    rules: InertiaRules
+    products: float = 0.0
+    count: float = 0.0
+    late_s: float | None = None
+    var_s2: float = 0.0
+
+    def after(self, late_s: float, var_s2: float) -> "Jitter":
+        """Return it after a frame."""
+        if not var_s2 < self.rules.tells_jitter_s**2:
+            return changed(self, late_s=None)
+        if self.late_s is None:
+            return changed(self, late_s=late_s, var_s2=var_s2)
+        keep = 1 - 1 / self.rules.jitter_frames
+        least = self.rules.tells_jitter_s**2
+        product = min(max(-late_s * self.late_s, -least), least) - 0.5 * min(var_s2, self.var_s2)
+        return Jitter(self.rules, keep * self.products + product, keep * self.count + 1, late_s, var_s2)
+
+    @property
+    def var_interval(self) -> float:
+        """The variance of the time between two stamps, s²."""
+        return max(2 * self.products / (self.count + self.rules.data_sheet), 0.0)
+
+
 def likely(state: Array, cov: Array, std: Array, rig: RigConfig) -> Array:
     """Return the mean (5,) of scale, axes and clock, each of which may be exactly zero, eq. (87).
 

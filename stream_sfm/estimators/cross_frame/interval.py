@@ -11,7 +11,7 @@ from ...geometry.linear import symmetric
 from ...geometry.se3 import Array
 from ...inertial.buffer import Samples
 from ...inertial.samples import ImuCalibration
-from ...inertial.state import BIASES, CLOCK, STATE
+from ...inertial.state import ACCEL_BIAS, AXES, BIASES, CLOCK, GRAVITY, GYRO_BIAS, STATE, VELOCITY
 from ...record import changed, filled, record
 from .layout import Layout
 
@@ -28,7 +28,8 @@ _OPENED = 1e4  # factor on the variance of an interval that the images contradic
 @record
 class Interval:
     """What `core.preintegrate` gives, between stamps of which the later one is `end_ns`, at `biases` (6,) and a time
-    offset `clock`; `std_walk` (6,): of the biases meanwhile; `complete`: whether all samples were there."""
+    offset `clock`; `std_walk` (6,): of the biases meanwhile; `complete`: whether all samples were there; `by_time`
+    (9,): what an error of its length does to it, and `var_time`, s², the variance of that."""
 
     rotation: Array
     motion: Array
@@ -40,12 +41,16 @@ class Interval:
     clock: float
     seconds: float
     std_walk: Array
+    by_time: Array
+    var_time: float = 0.0
     opened: float = 1.0
     complete: bool = True
     note: str = ""
 
     @classmethod
-    def of(cls, samples: Samples, calibration: ImuCalibration, state: Array, factors: Array) -> "Interval":
+    def of(
+        cls, samples: Samples, calibration: ImuCalibration, state: Array, factors: Array, var_time: float = 0.0
+    ) -> "Interval":
         """Preintegrate samples at the biases and the clock of a state (17,); `factors` (3,): on the densities."""
         of = calibration
         parts = core.preintegrate(
@@ -56,6 +61,8 @@ class Interval:
         std_walk = np.repeat(factors[:2] * np.array([of.gyro_walk, of.accel_walk]) * np.sqrt(seconds), 3)
         clock = float(state[CLOCK][0])
         of_samples = {"complete": samples.complete, "note": samples.note, "std_walk": std_walk}
+        by_time = _by_time(samples, calibration.cam_from_imu[:3, :3], state, parts)
+        of_samples |= {"by_time": by_time, "var_time": var_time}
         return filled(cls, parts, biases=state[BIASES].copy(), clock=clock, seconds=seconds, **of_samples)
 
     @classmethod
@@ -66,7 +73,7 @@ class Interval:
         biases, clock = state[BIASES].copy(), float(state[CLOCK][0])
         return cls(
             np.eye(3), np.zeros((2, 3)), np.zeros((9, 6)), np.zeros((3, 3)), nothing, unknown,
-            biases, clock, seconds, std_walk, note="there are no inertial samples",
+            biases, clock, seconds, std_walk, np.zeros(9), note="there are no inertial samples",
         )  # fmt: skip
 
     def open(self) -> "Interval":
@@ -104,7 +111,7 @@ class Intervals(NamedTuple):
             np.array([i.motion for i in intervals]).reshape(n, 6),
             np.array([i.by_bias for i in intervals]),
             np.array([i.by_clock for i in intervals]).reshape(n, 9),
-            np.diag(_LEAST) + opened * by_both,
+            np.diag(_LEAST) + opened * by_both + _of_time(intervals),
             np.array([i.biases for i in intervals]),
             np.array([i.clock for i in intervals]),
             np.array([i.seconds for i in intervals]),
@@ -162,6 +169,21 @@ class Transition:
     rows: Array
     cov: Array
     interval: Interval
+
+
+def _by_time(samples: Samples, cam_from_imu: Array, state: Array, parts: core.Preintegrated) -> Array:
+    """Return what an error of the length of an interval does to (rotation, velocity, position), per second, (80)."""
+    to_imu = (cam_from_imu @ se3.exp_so3(state[AXES])).T
+    seconds, (dv, _) = float(samples.seconds[-1] - samples.seconds[0]), parts.motion
+    force = parts.rotation @ (samples.accel[-1] - state[ACCEL_BIAS])
+    at_end = to_imu @ (state[VELOCITY] + seconds * state[GRAVITY]) + dv
+    return np.concatenate([samples.gyro[-1] - state[GYRO_BIAS], to_imu @ state[GRAVITY] + force, at_end])
+
+
+def _of_time(intervals: Sequence[Interval]) -> Array:
+    """Return the covariances (n, 9, 9) of intervals by errors of their lengths."""
+    roots = np.array([np.sqrt(i.var_time) * i.by_time for i in intervals])
+    return np.asarray(roots[:, :, None] * roots[:, None, :])
 
 
 def transition(state: Array, interval: Interval, factors: Array, cam_from_imu: Array) -> Transition:

@@ -33,7 +33,7 @@ from ..lifecycle import (
     with_ended,
 )
 from .halves import SpanFactors
-from .inertia import Inertia, InertialMotionModel, TakesSamples
+from .inertia import Inertia, InertialMotionModel, NotTheCameraError, TakesSamples
 from .inverse_depth import WhitenedViews
 from .map import Map
 from .minimise import minimise
@@ -100,7 +100,7 @@ class CrossFrame(TakesSamples):
                 self.waiting = True
                 return lost_solution(observations, str(lost), *self.motion.predict(observations.stamp_ns))
             if not self.waiting:
-                return self._lose(observations, str(lost))
+                return self._lose(observations, str(lost), blames_rig=not isinstance(lost, NotTheCameraError))
             # its tracks did not return: another map begins with what has come instead
             self.map, self.rig = None, current.rig_left
             return with_ended(self._start(observations, frame, views), current.marginals.ended())
@@ -181,7 +181,7 @@ class CrossFrame(TakesSamples):
                 self._said_by_rows = said
         return more, weighted
 
-    def _lose(self, observations: Observations, reason: str) -> Solution:
+    def _lose(self, observations: Observations, reason: str, blames_rig: bool = True) -> Solution:
         """End the map, and predict the pose.
 
         The rig is unknown again where a map could not begin or not go on once, and where its errors are impossible.
@@ -190,7 +190,7 @@ class CrossFrame(TakesSamples):
         if observations.jumped:
             self.motion.jump()
         predicted = self.motion.predict(observations.stamp_ns)
-        if current is None or not current.frames or self._impossible:
+        if current is None or (blames_rig and not current.frames) or self._impossible:
             self.rig, self._said_by_rows, self._impossible = None, np.zeros(2), ""
         else:
             self.rig = current.rig_left
@@ -221,6 +221,8 @@ class CrossFrame(TakesSamples):
         z_px, cov_px = corrected.z_px[rows], corrected.cov_px[rows]
         seen = PointViews(self.projection, points, cov, z_px, cov_px, robust, unknown_px)
         found = initial_motion(seen, observations, start, weights)
+        if found is None and self.inertia.now is not None:  # samples tell whether it is the camera's
+            found = initial_motion(seen, observations, start, weights, searches=True)
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} or more of the {len(rows)} tracked points")
         if unknown_px is not None:
