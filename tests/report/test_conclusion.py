@@ -1,8 +1,8 @@
-"""The first line of a comparison: whose covariances hold, in few words however many methods there are."""
+"""The first line of a comparison: who is ahead, and whose covariances hold, in few words whatever the methods."""
 
 import pytest
 
-from stream_sfm.report.drift import _which_hold
+from stream_sfm.report.drift import _truth_tells, _which_hold, _who_is_ahead
 
 
 def methods(**factors: float) -> dict[str, dict[str, object]]:
@@ -37,3 +37,31 @@ def test_it_says_that_nothing_is_left_for_the_calibration():
     assert _which_hold(methods(cross_frame=2.0), as_is=False) == (
         "Covariances, with the calibration taken for exact, do not hold for cross-frame (σ 2 times too small)"
     )
+
+
+def line(frames: int, told: bool, **others_told: bool) -> dict[str, object]:
+    """A line of the table by span: the window errs 1.25 times as much as frame-to-frame, by truth or halves."""
+    of = {"position_over_frame_to_frame": {"value": 1.25, "ci95": [1.0, 1.5]}, "position_from_halves": not told}
+    others = {key: {"position_from_halves": not tells} for key, tells in others_told.items()}
+    reference = {"frame_to_frame": {"position_from_halves": False}}
+    return {"frames": frames, "methods": {"cross_frame": of, **reference, **others}}
+
+
+def test_halves_are_not_called_alike_where_the_truth_cannot_tell():
+    """Also where it tells a third method from the reference."""
+    content = {
+        "reference": "frame_to_frame",
+        "against": "truth",
+        "table": [line(1, False, ekf=True), line(10, False, ekf=False)],
+    }
+    assert _who_is_ahead(content) == (
+        "The truth cannot tell cross-frame from frame-to-frame; by halves of the tracks frame-to-frame errs "
+        "0.80 [0.67, 1.00] times as much as cross-frame over 1 frame, 0.80 [0.67, 1.00] times over 10"
+    )
+
+
+def test_the_truth_tells_where_it_does_in_most_comparisons():
+    """One span of one method is not enough to judge covariances by it."""
+    assert not _truth_tells([line(1, False, ekf=True), line(10, False, ekf=False)], "frame_to_frame")
+    assert _truth_tells([line(1, False, ekf=True), line(10, True, ekf=True)], "frame_to_frame")
+    assert _truth_tells([], "frame_to_frame")
