@@ -87,8 +87,8 @@ def _agreed_motion(
         motion = changed(motion, spread=1.0)
     for policy in OF_MOTION:
         motion = policy(step, state, seen, motion)
-    share = seen.weights[motion.accepted].sum() / seen.weight
-    agree = motion.ok and (share >= rules.min_agreement or is_sampled(step, motion))
+    many = seen.weights[motion.accepted].sum() >= rules.min_agreement * seen.weight
+    agree = motion.ok and (many or is_sampled(step, motion))
     hidden = is_background_hidden(step, state, seen, motion)
     state = changed(state, background_hidden=hidden or (state.background_hidden and not agree))
     return state, motion if agree and not hidden else None
