@@ -6,12 +6,13 @@ tracks go on as before, such a motion is that of a body.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import core
 from ..geometry import se3
 from ..geometry.medians import median
 from ..geometry.point_views import PointViews
-from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine
+from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, judged, refine
 from ..geometry.se3 import Array
 from ..record import changed
 from .seen import Seen
@@ -32,8 +33,7 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
         return motion
     views, old = seen.point_views, seen.before.agreed > 0
     fewest = views.settings.second_views
-    start = _turned(views.select(old), step.predicted) if np.count_nonzero(old) >= MIN_VIEWS else step.predicted
-    near = refine(views, seen.weights, start, np.zeros(views.shared.shape[2]))
+    near = _near(step, state, seen, old)
     agree, agreed = (int(np.count_nonzero(m.accepted & old)) for m in (near, motion))
     if not near.ok or agree < max(fewest, step.setup.rules.motion.as_many * agreed):
         return motion
@@ -41,6 +41,23 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
     if np.count_nonzero(only_other) < fewest:  # few views tell the two apart
         return changed(near, second=motion.second) if near.share >= motion.share else motion
     return changed(near, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_other, odds=1.0))
+
+
+def _near(step: Step, state: FrontEndState, seen: Seen, old: NDArray[np.bool_]) -> Resection:
+    """Return the motion near the predicted one; that of `old` tracks (n,) alone where others lead these along."""
+    views, start = seen.point_views, step.predicted
+    none = np.zeros(views.shared.shape[2])
+    if np.count_nonzero(old) < MIN_VIEWS:
+        return refine(views, seen.weights, start, none)
+    of_old = views.select(old)
+    start = _turned(of_old, start)
+    near, usual = refine(views, seen.weights, start, none), step.usual_change(state.unsteadiness)
+    if not step.jumps(near.cam_from_ref, usual):
+        return near
+    alone = refine(of_old, seen.weights[old], start, none)
+    # far tracks leave much open by themselves
+    goes_on = alone.ok and not step.jumps(alone.cam_from_ref, np.sqrt(usual**2 + np.diagonal(alone.cov_pose)))
+    return judged(alone, views, seen.weights) if goes_on else near
 
 
 def _turned(views: PointViews, cam_from_ref: Array) -> Array:

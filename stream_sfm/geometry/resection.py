@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..record import filled, record
+from ..record import changed, filled, record
 from .point_views import ROBUST, PointViews
 from .se3 import Array
 
@@ -118,3 +118,18 @@ def refine(views: PointViews, weights: Array, cam_from_ref: Array, amplitudes: A
     """Find the motion of the views that agree with one (4, 4), which is close to theirs, eq. (23)."""
     found = core.fit_motion(views, cam_from_ref, amplitudes, weights, views.settings, False)  # without annealing
     return filled(Resection, found, ambiguous_share=views.settings.ambiguous_share)
+
+
+def judged(found: Resection, views: PointViews, weights: Array) -> Resection:
+    """Return a motion that some of the views (n) have, as one of all of them: which of these agree with it as it is."""
+    root, _ = views.linearise(found.cam_from_ref)
+    squared = core.view_residuals(views, root, found.amplitudes, found.cam_from_ref[None])[1][0]
+    accepted = squared < views.gate
+    return changed(
+        found,
+        accepted=accepted,
+        squared_residuals=squared,
+        chi2=float(squared[accepted].sum()),
+        dof=int(np.isfinite(views.z_px[accepted]).sum()),
+        share=float(weights[accepted].sum() / weights.sum()),
+    )
