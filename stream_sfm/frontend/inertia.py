@@ -56,8 +56,18 @@ def _near(step: Step, state: FrontEndState, seen: Seen, old: NDArray[np.bool_]) 
         return near
     alone = refine(of_old, seen.weights[old], start, none)
     # far tracks leave much open by themselves
-    goes_on = alone.ok and not step.jumps(alone.cam_from_ref, np.sqrt(usual**2 + np.diagonal(alone.cov_pose)))
-    return judged(alone, views, seen.weights) if goes_on else near
+    if not alone.ok or step.jumps(alone.cam_from_ref, np.sqrt(usual**2 + np.diagonal(alone.cov_pose))):
+        return near
+    return judged(_expected(alone, start, usual), views, seen.weights)
+
+
+def _expected(motion: Resection, predicted: Array, std_change: Array) -> Resection:
+    """Return a motion with what is expected before its views: the one predicted, but for changes of σ (6,)."""
+    cov = motion.cov_pose
+    gain = np.linalg.solve(cov + np.diag(std_change**2), cov).T
+    back = se3.log(motion.cam_from_ref @ se3.inverse(predicted))
+    ref_from_cam = se3.inverse(motion.cam_from_ref) @ se3.exp(gain @ back)
+    return changed(motion, cam_from_ref=se3.inverse(ref_from_cam), cov_pose=cov - gain @ cov)
 
 
 def _turned(views: PointViews, cam_from_ref: Array) -> Array:
