@@ -44,16 +44,16 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
 
 
 def _near(step: Step, state: FrontEndState, seen: Seen, old: NDArray[np.bool_]) -> Resection:
-    """Return the motion near the predicted one; that of `old` tracks (n,) alone where others lead these along."""
+    """Return the motion near the predicted one: that of `old` tracks (n,), of those with a full history where many are."""
     views, start = seen.point_views, step.predicted
-    none = np.zeros(views.shared.shape[2])
+    none, settled = np.zeros(views.shared.shape[2]), seen.before.agreed >= step.setup.rules.motion.full_history
+    if np.count_nonzero(settled) >= MANY_VIEWS:
+        old = settled
     if np.count_nonzero(old) < MIN_VIEWS:
         return refine(views, seen.weights, start, none)
     of_old = views.select(old)
     start = _turned(of_old, start)
     near, usual = refine(views, seen.weights, start, none), step.usual_change(state.unsteadiness)
-    if not step.jumps(near.cam_from_ref, usual):
-        return near
     alone = refine(of_old, seen.weights[old], start, none)
     # far tracks leave much open by themselves
     if not alone.ok or step.jumps(alone.cam_from_ref, np.sqrt(usual**2 + np.diagonal(alone.cov_pose))):
