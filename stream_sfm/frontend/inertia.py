@@ -44,7 +44,7 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
 
 
 def _near(step: Step, state: FrontEndState, seen: Seen, old: NDArray[np.bool_]) -> Resection:
-    """Return the motion near the predicted one: that of `old` tracks (n,), of those with a full history where many are."""
+    """Return the motion near the predicted one: that of `old` tracks (n,), or of many with a full history."""
     views, start = seen.point_views, step.predicted
     none, settled = np.zeros(views.shared.shape[2]), seen.before.agreed >= step.setup.rules.motion.full_history
     if np.count_nonzero(settled) >= MANY_VIEWS:
