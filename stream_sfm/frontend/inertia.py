@@ -12,7 +12,7 @@ from .. import core
 from ..geometry import se3
 from ..geometry.medians import median
 from ..geometry.point_views import PointViews
-from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, judged, refine
+from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, expected, judged, refine
 from ..geometry.se3 import Array
 from ..record import changed
 from .seen import Seen
@@ -58,16 +58,7 @@ def _near(step: Step, state: FrontEndState, seen: Seen, old: NDArray[np.bool_]) 
     # far tracks leave much open by themselves
     if not alone.ok or step.jumps(alone.cam_from_ref, np.sqrt(usual**2 + np.diagonal(alone.cov_pose))):
         return near
-    return judged(_expected(alone, start, usual), views, seen.weights)
-
-
-def _expected(motion: Resection, predicted: Array, std_change: Array) -> Resection:
-    """Return a motion with what is expected before its views: the one predicted, but for changes of σ (6,)."""
-    cov = motion.cov_pose
-    gain = np.linalg.solve(cov + np.diag(std_change**2), cov).T
-    back = se3.log(motion.cam_from_ref @ se3.inverse(predicted))
-    ref_from_cam = se3.inverse(motion.cam_from_ref) @ se3.exp(gain @ back)
-    return changed(motion, cam_from_ref=se3.inverse(ref_from_cam), cov_pose=cov - gain @ cov)
+    return judged(expected(alone, start, usual), views, seen.weights)
 
 
 def _turned(views: PointViews, cam_from_ref: Array) -> Array:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..record import changed, filled, record
+from . import se3
 from .point_views import ROBUST, PointViews
 from .se3 import Array
 
@@ -118,6 +119,15 @@ def refine(views: PointViews, weights: Array, cam_from_ref: Array, amplitudes: A
     """Find the motion of the views that agree with one (4, 4), which is close to theirs, eq. (23)."""
     found = core.fit_motion(views, cam_from_ref, amplitudes, weights, views.settings, False)  # without annealing
     return filled(Resection, found, ambiguous_share=views.settings.ambiguous_share)
+
+
+def expected(found: Resection, predicted: Array, std_change: Array) -> Resection:
+    """Return a motion that views tell and a prediction (4, 4) from which it changes by σ (6,), eq. (23e)."""
+    cov = found.cov_pose
+    gain = np.linalg.solve(cov + np.diag(std_change**2), cov).T
+    back = se3.log(found.cam_from_ref @ se3.inverse(predicted))
+    cam_from_ref = se3.exp(-gain @ back) @ found.cam_from_ref
+    return changed(found, cam_from_ref=cam_from_ref, cov_pose=cov - gain @ cov)
 
 
 def judged(found: Resection, views: PointViews, weights: Array) -> Resection:
