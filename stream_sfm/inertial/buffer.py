@@ -71,10 +71,15 @@ class SampleBuffer:
     def add(self, samples: ImuSamples) -> None:
         """Take the next samples; those that are there already are left out."""
         samples = ImuSamples(samples.stamps_ns - self._offset_ns, samples.gyro_rad_s, samples.accel_m_s2)
+        self._forget_contradicted(samples)
         if self.last_ns is not None:
             samples = samples[samples.stamps_ns > self.last_ns]
         if not len(samples):
             return
+        stray = _stray(samples.stamps_ns)
+        self.counts["samples"] += int(stray.sum())
+        self.counts["backwards"] += int(stray.sum())
+        samples = samples[~stray]
         finite = np.isfinite(samples.gyro_rad_s).all(axis=1) & np.isfinite(samples.accel_m_s2).all(axis=1)
         ahead = np.ones(len(samples), bool)
         if len(samples) > 1:
@@ -86,7 +91,8 @@ class SampleBuffer:
         if not len(kept):
             return
         everything = ImuSamples.joined([self._samples, kept])
-        old = int(np.searchsorted(everything.stamps_ns, everything.stamps_ns[-1] - round(_KEPT_S * 1e9), "right"))
+        newest_ns = int(everything.stamps_ns[-2:][0])  # the last one may be ahead
+        old = int(np.searchsorted(everything.stamps_ns, newest_ns - round(_KEPT_S * 1e9), "right"))
         found = self._find_saturated(everything[-len(kept) - _EQUAL :])
         saturated = np.concatenate([self._saturated, np.zeros(len(kept), bool)])
         saturated[-len(found) :] |= found
@@ -97,6 +103,13 @@ class SampleBuffer:
         self._unasked += len(kept)
         if not self.problem and self._unasked >= _UNIT_SAMPLES:
             self._unasked, self.problem = 0, self._unit_problem()
+
+    def _forget_contradicted(self, samples: ImuSamples) -> None:
+        """Forget the newest sample if its stamp is ahead of one that comes now, and which is new."""
+        kept_ns = self._samples.stamps_ns
+        if len(samples) and len(kept_ns) and _stray(np.r_[kept_ns[-2:], samples.stamps_ns[0]])[-2]:
+            self.counts["backwards"] += 1
+            self._samples, self._saturated = self._samples[:-1], self._saturated[:-1]
 
     def _find_saturated(self, samples: ImuSamples) -> NDArray[np.bool_]:
         """Return which samples (n,) are at the end of the sensor's range: beyond it, or large and stuck."""
@@ -204,6 +217,17 @@ class SampleBuffer:
         notes += ["the IMU is saturated"] * bool(saturated.any())
         complete = bool(at[0] <= first and at[-1] >= last)
         return Samples(seconds, gyro, accel, widened, complete, "; ".join(notes))
+
+
+def _stray(stamps_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which stamps (n,) jump ahead: the next one is before them, and after the one before them.
+
+    One such sample would make all that follow go backwards.
+    """
+    stray = np.zeros(len(stamps_ns), bool)
+    stray[:-1] = stamps_ns[1:] < stamps_ns[:-1]
+    stray[1:-1] &= stamps_ns[2:] > stamps_ns[:-2]
+    return stray
 
 
 def _at_time(time_s: float, at: Array, values: Array) -> Array:

@@ -12,6 +12,7 @@ from .samples import ImuSamples
 
 T = TypeVar("T")
 _MOST = 100_000  # samples that wait for a frame; the oldest are dropped: a minute and more of any unit
+_STAMPS_NS = 2**63
 
 
 class DriverSamples:
@@ -39,6 +40,10 @@ class DriverSamples:
                 f"an inertial sample at {stamp_ns!r} has {sample.size} numbers: give stamp_ns, an integer, and "
                 "gyro_rad_s and accel_m_s2, three numbers each"
             )
+        if not -_STAMPS_NS <= stamp_ns < _STAMPS_NS:
+            raise FrameError(
+                f"the stamp of an inertial sample is {stamp_ns}: give nanoseconds that fit into 64 bits"
+            )
         with self._lock:
             self._waiting.append((int(stamp_ns), sample))
             del self._waiting[:-_MOST]
@@ -55,7 +60,8 @@ class DriverSamples:
         with self._lock:
             if not self._waiting:
                 return None
-            beyond = next((i for i, (stamp, _) in enumerate(self._waiting) if stamp > stamp_ns), len(self._waiting))
+            # The last one up to it: a stamp that jumps ahead keeps back none that follow.
+            beyond = max((i for i, (stamp, _) in enumerate(self._waiting, 1) if stamp <= stamp_ns), default=0)
             taken, self._waiting = self._waiting[: beyond + 1], self._waiting[beyond + 1 :]
         return _samples_of(taken)
 

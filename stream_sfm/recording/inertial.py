@@ -85,7 +85,8 @@ def with_samples(frames: Iterator[RecordedFrame], source: Source, topics: ImuTop
     first, given_ns = True, None  # and the stamp of the sample given last
     for frame in frames:
         taken: list[ImuMessage] = []
-        while coming is not None and (given_ns is None or given_ns <= frame.stamp_ns):
+        # By the coming one, too: a stamp that jumps ahead keeps back none that follow.
+        while coming is not None and (given_ns is None or min(given_ns, coming.stamp_ns) <= frame.stamp_ns):
             if not first or coming.stamp_ns > frame.stamp_ns - _BEFORE_NS:
                 taken.append(coming)
                 del taken[:-_MOST]

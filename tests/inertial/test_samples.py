@@ -1,6 +1,7 @@
 """Samples as they should not be: a statement, a wider covariance, or an error in words."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -66,6 +67,29 @@ def test_stamps_backwards_and_numbers_that_are_none_are_left_out():
     buffer = buffer_of(ImuSamples(stamps, gyro, given.accel_m_s2))
     assert buffer.counts["backwards"] == 1 and buffer.counts["not finite"] == 1
     assert np.isfinite(buffer.between(100 * MS, 400 * MS, 0.0).gyro).all()
+
+
+@pytest.mark.parametrize("ahead_ms", [50, 1000, 3_600_000])
+@pytest.mark.parametrize("batches", [(0, 200), (0, 30, 200), (0, 31, 200), (0, 32, 200)])
+def test_one_stamp_ahead_hides_no_sample_that_follows(ahead_ms, batches):
+    given = samples()
+    stamps = given.stamps_ns.copy()
+    stamps[30] += ahead_ms * MS
+    buffer = buffer_of(given[:0])
+    for first, end in pairwise(batches):
+        buffer.add(ImuSamples(stamps, given.gyro_rad_s, given.accel_m_s2)[first:end])
+    assert buffer.last_ns == given.stamps_ns[-1] and buffer.counts["backwards"] == 1
+    found = buffer.between(201 * MS, 251 * MS, 0.0)
+    assert found.complete and not found.note and len(found.seconds) == 12
+
+
+def test_a_driver_gives_what_follows_a_stamp_ahead():
+    driver, given = DriverSamples(), samples(n=21)
+    for k, stamp_ns in enumerate(given.stamps_ns.tolist()):
+        driver.add(stamp_ns + 10**12 * (k == 5), given.gyro_rad_s[k], given.accel_m_s2[k])
+    assert len(driver.take_until(50 * MS)) == 12  # up to 50 ms, and one beyond
+    with pytest.raises(FrameError, match="64 bits"):
+        driver.add(2**63, np.zeros(3), REST)
 
 
 def test_the_same_samples_count_once():
