@@ -21,7 +21,7 @@ _END_S = 1.0  # for the last lines to be passed on; a viewer that is left runnin
 
 @contextmanager
 def filtered(quiet: bool) -> Iterator[None]:
-    """Within the context nothing of libraries reaches standard error but readable lines, and none if `quiet`.
+    """Within the context only readable lines of libraries reach standard error, and none of them if `quiet`.
 
     Nothing of them reaches standard output; `sys.stdout` and `sys.stderr` are not affected. Python's warnings are not
     shown unless they were asked for. To be entered while there is one thread.

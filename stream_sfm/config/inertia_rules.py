@@ -40,7 +40,7 @@ class InertiaRules(Section, frozen=True, kw_only=True):
         float, expert("trace of the covariance of gravity from which on its size counts, m²/s⁴", 0, 1e4)
     ] = 1.0
     # A camera that moves by less than images show within such a time tells nothing; no stamp errs by more.
-    tells_jitter_s: Annotated[float, expert("time that frames must tell to say how stamps err, s", 1e-6, 1)] = 0.005
+    tells_jitter_s: Annotated[float, expert("largest σ of a time that tells how stamps err, s", 1e-6, 1)] = 0.005
     jitter_frames: Annotated[float, expert("frames that errors of stamps are learnt from", 1, 1e6)] = 100.0
     data_sheet: Annotated[float, expert("intervals that a data sheet's densities count for", 1e-3, 1e4)] = 3.0
     # That noise is larger needs little evidence.

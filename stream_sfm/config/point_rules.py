@@ -89,9 +89,9 @@ class TemplateRules(Section, frozen=True, kw_only=True):
     same_exposure: Annotated[float, expert("difference of the logarithms of gains of one light", 0, 100)] = 0.18
     # So many do not agree by chance.
     exposure_views: Annotated[
-        int, expert("views that tell an exposure or a further light, at least", 1, 10_000)
+        int, expert("least views that show a change of exposure, or another light", 1, 10_000)
     ] = 12
-    exposures: Annotated[int, expert("lights on the templates of a frame, at most", 1, 100)] = 3
+    exposures: Annotated[int, expert("most lights that the templates of a frame are in", 1, 100)] = 3
     # σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification tables leave even in a perfect
     # match.
     std_floor_px: Annotated[float, expert("least σ of a position, px", 0, 10)] = 0.03

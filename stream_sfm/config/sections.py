@@ -255,7 +255,7 @@ class RigConfig(Section, frozen=True, kw_only=True):
     least_twist: Annotated[
         float, expert("least σ of a twist, share of what accelerations do to it in a frame", 1e-3, 100)
     ] = 0.1
-    probable_delay: Annotated[float, expert("σ from which on a delay is reckoned with", 0, 1e8)] = 2.0
+    probable_delay: Annotated[float, expert("σ beyond which a delay is probable", 0, 1e8)] = 2.0
     # At 0.2 the focus of an exact camera that looks down on a lawn seems to move, and the run fails: a rendered mower,
     # every frame or every other, ends up to 15 m off instead of 0.03. KITTI would be 3 to 12 % better.
     odds: Annotated[float, expert("odds that a cause of errors, or an error of inertia, is there", 1e-12, 1e6)] = (

@@ -9,6 +9,7 @@ namespace {
 // Where in the state, after the velocity, stand gravity, biases of gyroscope and accelerometer, scale, axes and clock.
 enum : std::size_t { G = 3, B_G = G + 3, B_A = B_G + 3, SCALE = B_A + 3, AXES, CLOCK = AXES + 3, STATE };
 constexpr std::size_t SIZE = 6 + STATE;  // of a pose and a state
+constexpr double HERE[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};  // the reference camera in its own axes
 
 struct Vec {
     double x[3];
@@ -215,6 +216,36 @@ void require_intervals(const IntervalViews& of, std::size_t n, Vector state, Mat
     require_shape(cam_from_imu, {4, 4}, "cam_from_imu");
 }
 
+// How pose and state at the end of an interval move with those at its beginning: rows (23, 23). `by_state` (9, 17): how pose
+// and velocity there move against the state; `turn`: how gravity does with the camera.
+void put_end(double* rows, const Mat& back, const Vec& there, const Mat& turn, const double* by_state) {
+    auto at = [&](std::size_t row, std::size_t column, const Mat& block) { put(rows, SIZE, row, column, block); };
+    at(0, 0, back);
+    at(0, 3, skew(there) * back);
+    at(3, 3, back);
+    for (std::size_t k = 0; k < STATE; k++) rows[(6 + k) * SIZE + 6 + k] = 1;
+    for (std::size_t row = 0; row < 6; row++)
+        for (std::size_t k = 0; k < STATE; k++) rows[row * SIZE + 6 + k] = by_state[row * STATE + k];
+    for (std::size_t row = 0; row < 3; row++)
+        for (std::size_t k = 0; k < STATE; k++) {
+            rows[(6 + row) * SIZE + 6 + k] = -by_state[(6 + row) * STATE + k];
+            double sum = k < G || k >= G + 3 ? 0.0 : back.x[3 * row + k - G];
+            for (std::size_t i = 0; i < 3; i++) sum -= turn.x[3 * row + i] * by_state[(3 + i) * STATE + k];
+            rows[(6 + G + row) * SIZE + 6 + k] = sum;
+        }
+}
+
+// How pose and state at the end of an interval move with the noise (9,) of the samples: (23, 9), by `at_end` (9, 9).
+void put_noise(double* noise, const Mat& turn, const double* at_end) {
+    for (std::size_t k = 0; k < 9; k++)
+        for (std::size_t row = 0; row < 3; row++) {
+            noise[row * 9 + k] = at_end[row * 9 + k];
+            noise[(3 + row) * 9 + k] = at_end[(3 + row) * 9 + k];
+            noise[(6 + row) * 9 + k] = -at_end[(6 + row) * 9 + k];
+            for (std::size_t i = 0; i < 3; i++) noise[(6 + G + row) * 9 + k] -= turn.x[3 * row + i] * at_end[(3 + i) * 9 + k];
+        }
+}
+
 // The inverse of a matrix (9, 9), by elimination with the largest pivot of each column.
 void invert9(double* a, double* out) {
     for (int i = 0; i < 81; i++) out[i] = i % 10 == 0 ? 1.0 : 0.0;
@@ -311,10 +342,9 @@ InertialRows inertial_rows(const IntervalViews& of, Matrices cams, Matrix lead, 
     InertialRows rows{{9 * n}, {9 * n, 6 * n + STATE}, {9 * n, 6 * n}};
     Mat axes = rotation_in(cam_from_imu.data);
     Vec lever{{cam_from_imu.data[3], cam_from_imu.data[7], cam_from_imu.data[11]}};
-    constexpr double here[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
     std::size_t of_shared = 6 * n + STATE, of_local = 6 * n, of_lead = 3 * n;
     for (std::size_t k = 0; k < n; k++) {
-        const double *before = k ? cams[k - 1] : here, *velocity = k ? velocities[k - 1] : state.data;
+        const double *before = k ? cams[k - 1] : HERE, *velocity = k ? velocities[k - 1] : state.data;
         Rows9 own(of, k, before, cams[k], vec(velocity), vec(velocities[k]), state.data, axes, lever);
         double *shared = rows.shared[9 * k], *local = rows.local[9 * k];
         std::copy_n(own.e, 9, rows.residual.data.get() + 9 * k);
@@ -345,7 +375,6 @@ InertialMotion inertial_motion(const IntervalViews& of, Vector state, Matrix cam
     Vec moved = (1 / (1 + s[SCALE])) * (lever + t * vec(s) + (0.5 * t * t) * vec(s + G) + mounted * d.p - turned * lever);
     Vec velocity = back * (vec(s) + t * vec(s + G) + mounted * d.v), gravity = back * vec(s + G), there = -1 * (back * moved);
     double cam[16] = {0};
-    constexpr double here[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
     for (int i = 0; i < 3; i++) {
         for (int k = 0; k < 3; k++) {
             out.previous_from_now[0][4 * i + k] = turned.x[3 * i + k];
@@ -359,7 +388,7 @@ InertialMotion inertial_motion(const IntervalViews& of, Vector state, Matrix cam
     std::copy_n(velocity.x, 3, out.state.data.get());
     std::copy_n(gravity.x, 3, out.state.data.get() + G);
     // whitened residuals are zero at the end and N(0, I): J_end (ξ, δv) + J_s δs + n = 0
-    Rows9 own(of, 0, here, cam, vec(s), velocity, s, axes, lever);
+    Rows9 own(of, 0, HERE, cam, vec(s), velocity, s, axes, lever);
     own.copy(Rows9::VELOCITY_I, 3, own.j + Rows9::OF_STATE, Rows9::COLUMNS);
     double end[81] = {}, at_end[81], by_state[9 * STATE] = {}, of_state[9 * STATE] = {}, noise[SIZE * 9] = {};
     own.copy(Rows9::POSE_J, 6, end, 9);
@@ -368,28 +397,8 @@ InertialMotion inertial_motion(const IntervalViews& of, Vector state, Matrix cam
     invert9(end, at_end);
     multiply<9, 9, STATE>(at_end, of_state, by_state);  // less: the end moves against it
     Mat turn = -1 * skew(gravity);
-    double* rows = out.rows[0];
-    auto at = [&](std::size_t row, std::size_t column, const Mat& block) { put(rows, SIZE, row, column, block); };
-    at(0, 0, back);
-    at(0, 3, skew(there) * back);
-    at(3, 3, back);
-    for (std::size_t k = 0; k < STATE; k++) rows[(6 + k) * SIZE + 6 + k] = 1;
-    for (std::size_t row = 0; row < 6; row++)
-        for (std::size_t k = 0; k < STATE; k++) rows[row * SIZE + 6 + k] = by_state[row * STATE + k];
-    for (std::size_t row = 0; row < 3; row++)
-        for (std::size_t k = 0; k < STATE; k++) {
-            rows[(6 + row) * SIZE + 6 + k] = -by_state[(6 + row) * STATE + k];
-            double sum = k < G || k >= G + 3 ? 0.0 : back.x[3 * row + k - G];
-            for (std::size_t i = 0; i < 3; i++) sum -= turn.x[3 * row + i] * by_state[(3 + i) * STATE + k];
-            rows[(6 + G + row) * SIZE + 6 + k] = sum;
-        }
-    for (std::size_t k = 0; k < 9; k++)
-        for (std::size_t row = 0; row < 3; row++) {
-            noise[row * 9 + k] = at_end[row * 9 + k];
-            noise[(3 + row) * 9 + k] = at_end[(3 + row) * 9 + k];
-            noise[(6 + row) * 9 + k] = -at_end[(6 + row) * 9 + k];
-            for (std::size_t i = 0; i < 3; i++) noise[(6 + G + row) * 9 + k] -= turn.x[3 * row + i] * at_end[(3 + i) * 9 + k];
-        }
+    put_end(out.rows[0], back, there, turn, by_state);
+    put_noise(noise, turn, at_end);
     multiply_transposed<SIZE, 9, SIZE>(noise, noise, out.cov[0]);
     for (std::size_t k = 0; k < 6; k++) out.cov[6 + B_G + k][6 + B_G + k] += std_walk.data[k] * std_walk.data[k];
     return out;

@@ -11,9 +11,8 @@ class EvaluationSettings:
 
     # Ground truth at the stamps of frames.
     max_gap_ns: int = 150_000_000  # between two truths that are interpolated: 10 Hz with half a period of jitter
-    same_stamp_ns: int = (
-        1_000_000  # in wider gaps, and of depth images: at 30 m/s a camera travels 3 cm in this time
-    )
+    # In wider gaps, and of depth images: at 30 m/s a camera travels 3 cm in this time.
+    same_stamp_ns: int = 1_000_000
     least_known: float = 0.8  # of the frames: leaves a third of the starts of the longest span, a quarter of them
     standing_m: float = 1e-3  # a shorter path or extent counts as standing: a percentage of it would be noise
     max_misfit: float = 0.01  # of the inverse depth in a patch, relative: a larger one marks a depth edge
@@ -28,20 +27,17 @@ class EvaluationSettings:
     turning_rad_s: float = math.radians(5.0)  # faster counts as turning; a convention of the report
 
     # Methods compared with each other.
-    least_apart: float = (
-        1 / 3
-    )  # of their errors two must be apart at least, so that these errors are not the truth's
-    least_common: float = (
-        0.5  # of the motions that any one knows: one that knows fewer is left out where all are compared
-    )
+    # Share of their errors by which two must be apart at least, so that these errors are not the truth's.
+    least_apart: float = 1 / 3
+    # Share of the motions that any one knows: one that knows fewer is left out where all are compared.
+    least_common: float = 0.5
     of_halves: float = 0.5  # of the difference of halves: variances add up to four times that of the whole
 
     # What all methods share of their errors.
     most_left: float = 0.9  # of the mean square of every method, where they are real
     fits: int = 5  # Gauss-Newton steps
-    far_from_start: float = (
-        0.1  # of the largest distance from the start: nearer frames hardly tell how its pose is turned
-    )
+    # Share of the largest distance from the start: nearer frames hardly tell how its pose is turned.
+    far_from_start: float = 0.1
 
 
 SETTINGS = EvaluationSettings()

@@ -42,9 +42,11 @@ class FieldCheck:
 
 
 def combed(columns: Line, rules: FieldRules) -> float:
-    """By how much more than its neighbours suggest S(k) is for an odd k, share of S(2); of columns (m, h), −1 where
-    they do not show the scene. Some bands do not count: those in which it is by most, as where a line is drawn across
-    the image."""
+    """Return by how much S(k) of an odd k exceeds what its neighbours suggest, as a share of S(2).
+
+    Of columns (m, h), −1 where they do not show the scene. The bands in which it does so by most do not count, as
+    those in which a line is drawn across the image.
+    """
     bands = rules.bands
     hidden = columns < 0
     grey = np.where(hidden, np.nan, columns).astype(np.float32) if hidden.any() else columns.astype(np.float32)

@@ -64,7 +64,7 @@ def _near(step: Step, state: FrontEndState, seen: Seen, old: NDArray[np.bool_]) 
 def _turned(views: PointViews, cam_from_ref: Array) -> Array:
     """Return a motion (4, 4) with the rotation that suits most of the views (n) at its translation.
 
-    A camera that is carried turns by more between two frames than a prediction tells to a pixel.
+    Between two frames a camera that is carried turns by more than a prediction knows to a pixel.
     """
     found, none = cam_from_ref, np.zeros(views.shared.shape[2])
     for _ in range(_STEPS):
@@ -77,7 +77,7 @@ def _turned(views: PointViews, cam_from_ref: Array) -> Array:
         by_turn = jacobian[finite, :, 3:6]
         weighted = weights[finite, None, None] * by_turn
         turn = np.linalg.solve(
-            np.einsum("nki,nkj->ij", weighted, by_turn) + np.eye(3),
+            np.einsum("nki,nkj->ij", weighted, by_turn) + np.eye(3),  # definite, also where views leave a turn open
             np.einsum("nki,nk->i", weighted, residuals[finite]),
         )
         found = se3.exp(np.concatenate([np.zeros(3), turn])) @ found

@@ -14,9 +14,9 @@ from .step import Step
 def nearer(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
     """Return the nearer one of the motion found and the second one, by both covariances, eq. (85).
 
-    A motion that they do not allow gives way to the one that they predict, if enough views agree with that. A body in
-    uniform motion looks to an accelerometer like one at rest, until it or the camera turns, or the velocity
-    is known. It is not known where it may be that of a body which has been followed until now.
+    A motion that the samples do not allow gives way to the one that they predict, if enough views agree with that. A
+    body in uniform motion looks to an accelerometer like one at rest, until it or the camera turns, or the velocity is
+    known. It is not known where it may be that of a body which has been followed until now.
     """
     expected, second = step.by_inertia, motion.second
     if expected is None or not motion.ok:

@@ -1,7 +1,7 @@
 """At the start of a map, whether the nearest points that agree with a motion move by themselves.
 
-Far points agree with any translation that a rotation makes up for. So a body before the camera leads all that is far
-away along while nothing has a history, and only the few points in between contradict, too few to be a second motion.
+Far points agree with any translation that a rotation compensates. So while nothing has a history, a body before the
+camera leads all far points along. Only the few points in between contradict, too few to be a second motion.
 """
 
 import numpy as np
@@ -22,8 +22,8 @@ from .step import Step
 def of_rest(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
     """Return the motion of all but the nearest points, where it explains them clearly better and lies behind these.
 
-    It is sought by the far half of what agrees and by what does not, and may not cost more than errors that the views
-    share would make up for.
+    It is sought by the far half of the points that agree and by those that do not. Errors that the views share count
+    against it.
     """
     if state.start.is_over or not motion.ok or motion.second is not None:
         return motion
@@ -47,7 +47,10 @@ def of_rest(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
 
 
 def _gain(motion: Resection, other: Resection, limit: Array) -> float:
-    """How much better another motion explains its views and errors of all, by squared residuals up to a `limit`."""
+    """Return by how much another motion explains its views better, shared errors included; eq. (23d).
+
+    Squared residuals by the first motion count up to a `limit` (n,).
+    """
     views = np.minimum(motion.squared_residuals, limit) - other.squared_residuals
     shared = motion.amplitudes @ motion.amplitudes - other.amplitudes @ other.amplitudes
     return float(views[other.accepted].sum() + shared)
@@ -58,8 +61,8 @@ def contradict_far(
 ) -> NDArray[np.bool_]:
     """Return which of `others` (n,), that may be of a scene, contradict what lies behind them and agrees with a motion.
 
-    Were the motion that of a body before the scene, what agrees with it farther away than these others would be of the
-    scene as well, and leave open the scene's motion. By what they leave open, the others are judged.
+    If the motion were that of a body before the scene, points that agree with it and lie farther away than these others
+    would belong to the scene as well. The others are judged by the motion of these far points and its covariance.
     """
     views, rho, none = seen.point_views, seen.before.points[:, 3], np.zeros(len(others), bool)
     if not others.any():

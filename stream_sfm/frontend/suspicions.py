@@ -18,8 +18,11 @@ from .still_check import StillCheck
 
 @record
 class Suspicions:
-    """`ghosts`, `smears`: whether earlier images show through; `still`: whether something is drawn over both; `echo`:
-    whether both show everything twice; `fields`: whether rows are of two moments in turn."""
+    """The checks of images over several frames.
+
+    `ghosts`, `smears`: whether earlier images show through; `still`: whether something is drawn over both; `echo`:
+    whether both show everything twice; `fields`: whether rows are of two moments in turn.
+    """
 
     ghosts: GhostCheck = field(default_factory=GhostCheck)
     smears: SmearCheck = field(default_factory=SmearCheck)

@@ -6,9 +6,8 @@ from .. import core
 from .se3 import Array
 
 MAD_TO_STD = 1.4826  # closed form: median absolute deviation to σ of a Gaussian
-CAUCHY_WIDTH = (
-    core.CAUCHY_WIDTH
-)  # of Cauchy weights, in standard deviations; literature: 95 % efficiency on Gaussian noise
+# Of Cauchy weights, in standard deviations; literature: 95 % efficiency on Gaussian noise.
+CAUCHY_WIDTH = core.CAUCHY_WIDTH
 # Over which running averages are taken, chosen by hand: a second at 20 frames per second.
 MEMORY_FRAMES = 20
 

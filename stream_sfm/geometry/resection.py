@@ -18,9 +18,8 @@ from . import se3
 from .point_views import ROBUST, PointViews
 from .se3 import Array
 
-MIN_VIEWS = (
-    core.MIN_VIEWS
-)  # twelve coordinates at least, twice the unknowns, even where every view lacks its right side
+# Twelve coordinates at least, twice the unknowns, even where every view lacks its right side.
+MIN_VIEWS = core.MIN_VIEWS
 MANY_VIEWS = 2 * MIN_VIEWS  # fewer agree by chance
 
 

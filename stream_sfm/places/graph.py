@@ -344,7 +344,7 @@ class PoseGraph:
         return np.moveaxis(np.array(solutions[1:]).reshape(-1, len(self.numbers), 6) - np.array(solutions[0]), 0, 2)
 
     def remove(self, numbers: Iterable[int]) -> None:
-        """Remove nodes; motions to and from each pass to its best-linked neighbour: by odometry, else by a loop."""
+        """Remove nodes; the motions of each pass to its best-linked neighbour, by odometry or else by a loop."""
         for number in numbers:
             links = [Loop(*pair, link) for pair, link in self.links.items() if number in pair]
             ways = links or [loop for loop in self.loops if number in (loop.old, loop.new)]

@@ -167,7 +167,7 @@ class Observations:
     - `settled`: of the two motions of the frames before, the one that was followed was the camera's.
     - `unconfirmed`: a misfit since the map began has ended, and nothing has shown that the motion was the camera's.
     - `may_step`: both images may be displaced at once in this frame; the next one tells.
-    - `stepped_rad`: they may have been in the frame before, which looks like a turn of the camera by this; or 0.
+    - `stepped_rad`: the turn of the camera that it looks like if they were displaced in the frame before; 0 if not.
     - `lasting`: errors that the views share with those of earlier frames.
     - `rig`: what errors of the rig do to the views; None where the calibration is exact.
     - `start`: with one camera, what a map can start from, as soon as depths are known.

@@ -33,7 +33,7 @@ _LEAST_STD_SCALE = 1e-6  # keeps its variance above rounding
 
 
 class NotTheCameraError(LostError):
-    """The images of a new map move as the samples do not: they show a body."""
+    """The images of a new map contradict the samples: they show a moving body."""
 
 
 class Inertia:
@@ -316,9 +316,9 @@ class Inertia:
 def _distance2(
     expected: ExpectedMotion, cam_from_previous: Array, cov: Array, std_slide_rad: float
 ) -> tuple[float, float, float]:
-    """Squared distance of a motion (4, 4) with the covariance (6, 6) of its inverse from the expected one.
+    """Return the squared distance of a motion (4, 4) from the expected one, and by which time they are apart.
 
-    And the time, with its variance, by which the camera has moved on at its end, seconds.
+    `cov` (6, 6): of the inverse motion. The time, s, is that by which the camera has moved on, with its variance, s².
     """
     apart = se3.log(se3.inverse(expected.previous_from_cam) @ se3.inverse(cam_from_previous))
     both = expected.cov + cov

@@ -134,10 +134,10 @@ class Densities:
 class Jitter:
     """By how much the stamps of images err, each by itself, eq. (86a).
 
-    Images and samples are then apart by a time in each frame, and in the next one by as much the other way. `products`
-    and `count`: the sum of minus the products of such times in neighbouring frames, less what the noise of images
-    makes, s², and of how many. `late_s`: of the latest frame, with its variance `var_s2` by that noise; None where the
-    camera moves too little to tell.
+    Images and samples are then apart by a time in each frame, and in the next one by as much in the other direction.
+    `products`: the sum of the negative products of such times in neighbouring frames, s², less what the noise of images
+    adds; `count`: the number of these. `late_s`: this time in the latest frame, with its variance `var_s2` by that
+    noise; None where the camera moves too little to tell.
     """
 
     rules: InertiaRules
@@ -148,13 +148,13 @@ class Jitter:
 
     def after(self, late_s: float, var_s2: float) -> "Jitter":
         """Return it after a frame."""
-        if not var_s2 < self.rules.tells_jitter_s**2:
+        most_s2 = self.rules.tells_jitter_s**2
+        if not var_s2 < most_s2:
             return changed(self, late_s=None)
         if self.late_s is None:
             return changed(self, late_s=late_s, var_s2=var_s2)
         keep = 1 - 1 / self.rules.jitter_frames
-        least = self.rules.tells_jitter_s**2
-        product = min(max(-late_s * self.late_s, -least), least) - 0.5 * min(var_s2, self.var_s2)
+        product = min(max(-late_s * self.late_s, -most_s2), most_s2) - 0.5 * min(var_s2, self.var_s2)
         return Jitter(self.rules, keep * self.products + product, keep * self.count + 1, late_s, var_s2)
 
     @property

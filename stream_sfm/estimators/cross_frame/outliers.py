@@ -1,7 +1,7 @@
 """Which tracks contradicted the motion, and how often: those that did so too often are excluded.
 
-What was rejected under another rig is asked again: while a delay or a readout is not known, it is the views of good
-tracks that contradict the motion.
+Tracks that were rejected under another rig are tried again: while a delay or a readout is not known, the views of good
+tracks contradict the motion.
 """
 
 from collections import Counter

@@ -1,9 +1,10 @@
 """How much the noise of tracks differs, measured in this run, and what a track's views therefore count, eq. (69c).
 
-The covariance of a view is what its patch looks like, times what all views of the run have shown. Some tracks still
+The covariance of a view follows from its patch, times a factor that all views of the run have shown. Some tracks still
 err by more than that and some by less: patches on things that are not planes, on reflections, at edges of shadows. How
-much a track errs shows in its own residuals, the better the more views it has. So the variance of each track is
-between what its residuals say and what all tracks have, by how much tracks of this run differ.
+much a track errs shows in its own residuals, and the more views it has, the better. So the variance of each track lies
+between what its residuals say and what all tracks have. The more the tracks of this run differ, the nearer it is to the
+former.
 """
 
 import numpy as np
