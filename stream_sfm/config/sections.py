@@ -161,8 +161,7 @@ class RobustConfig(Section, frozen=True, kw_only=True):
     # A hundred tracks distinguish about as many places.
     places: Annotated[int, expert("places per side of the image that count once as evidence", 1, 100)] = 8
     min_inliers: Annotated[int, number("a frame with fewer accepted views is lost", 4, 2000)] = 8
-    # In 79 drawn worlds 25 had twice as many frames degraded, and not one of the further ok poses was beyond 5 σ.
-    degraded_inliers: Annotated[int, number("a frame with fewer accepted views is degraded", 4, 2000)] = 15
+    degraded_inliers: Annotated[int, number("a frame with fewer accepted views is degraded", 4, 2000)] = 25
     # Below it, what agrees may not be the background.
     degraded_share: Annotated[float, expert("a frame whose motion has less of the votes is degraded", 0, 1)] = 0.5
     # Where three standard deviations stand for one, covariances mean little.
