@@ -27,13 +27,14 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
 
     What jumps is then the second motion.
     """
-    if not motion.ok or not step.jumps(motion.cam_from_ref, step.usual_change(state.unsteadiness)):
+    usual = step.usual_change(state.unsteadiness)
+    if not motion.ok or not step.jumps(motion.cam_from_ref, usual):
         return motion
     if motion.second is not None and motion.second.in_front:  # what was followed is a body then
         return motion
     views, old = seen.point_views, seen.before.agreed > 0
     fewest = views.settings.second_views
-    near = _near(step, state, seen, old)
+    near = _near(step, seen, old, usual)
     agree, agreed = (int(np.count_nonzero(m.accepted & old)) for m in (near, motion))
     if not near.ok or agree < max(fewest, step.setup.rules.motion.as_many * agreed):
         return motion
@@ -43,22 +44,24 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
     return changed(near, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_other, odds=1.0))
 
 
-def _near(step: Step, state: FrontEndState, seen: Seen, old: NDArray[np.bool_]) -> Resection:
-    """Return the motion near the predicted one: that of `old` tracks (n,), or of many with a full history."""
+def _near(step: Step, seen: Seen, old: NDArray[np.bool_], std_change: Array) -> Resection:
+    """Return the motion near the predicted one: that of `old` tracks (n,), or of many with a full history.
+
+    `std_change` (6,): σ of a change from the prediction. Where these tracks do not tell it, all views do.
+    """
     views, start = seen.point_views, step.predicted
     none, settled = np.zeros(views.shared.shape[2]), seen.before.agreed >= step.setup.rules.motion.full_history
     if np.count_nonzero(settled) >= MANY_VIEWS:
         old = settled
-    if np.count_nonzero(old) < MIN_VIEWS:
-        return refine(views, seen.weights, start, none)
-    of_old = views.select(old)
-    start = _turned(of_old, start)
-    near, usual = refine(views, seen.weights, start, none), step.usual_change(state.unsteadiness)
-    alone = refine(of_old, seen.weights[old], start, none)
-    # far tracks leave much open by themselves
-    if not alone.ok or step.jumps(alone.cam_from_ref, np.sqrt(usual**2 + np.diagonal(alone.cov_pose))):
-        return near
-    return judged(expected(alone, start, usual), views, seen.weights)
+    if np.count_nonzero(old) >= MIN_VIEWS:
+        of_old = views.select(old)
+        start = _turned(of_old, start)
+        alone = refine(of_old, seen.weights[old], start, none)
+        # far tracks leave much open by themselves
+        std_alone = np.sqrt(std_change**2 + np.diagonal(alone.cov_pose))
+        if alone.ok and not step.jumps(alone.cam_from_ref, std_alone):
+            return judged(expected(alone, start, std_change), views, seen.weights)
+    return refine(views, seen.weights, start, none)
 
 
 def _turned(views: PointViews, cam_from_ref: Array) -> Array:
