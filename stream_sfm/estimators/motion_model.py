@@ -37,9 +37,9 @@ class Doubts(NamedTuple):
     """Why a pose may be wrong.
 
     `misfit`: the pose may be the one that the last pose without a misfit predicts. `of_start`: it may be the one that
-    the first pose of the map predicts. `unconfirmed`: a doubt of the start has ended with the start and was never
-    settled. `stepped`: both images were displaced before it, and the camera may have moved with them or not.
-    `may_step`: they may have been displaced since the last pose; the next one tells.
+    the first pose of the map predicts. `unconfirmed`: the start was over before its doubt was settled. `stepped`: both
+    images were displaced before it, and the camera may have moved with them or not. `may_step`: they may have been
+    displaced since the last pose; the next one tells.
     """
 
     misfit: bool = False

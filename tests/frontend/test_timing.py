@@ -95,7 +95,7 @@ def test_what_is_told_places_the_tracks_of_a_run_anew() -> None:
     front.state = told_once
     observed = front.step(later)
     assert np.abs(observed.rig.timing_px).max() > 0.2
-    # views are handed out as they were seen; tracks are where they would be
+    # observations keep the delay; track positions are corrected for it
     without = observed.z_px - observed.rig.timing_px
     off = (projection.project_homogeneous(front.state.tracks.points) - without)[:, :2]
     assert np.abs(off).max() < 0.05 * np.abs(observed.rig.timing_px).max()

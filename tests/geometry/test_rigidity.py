@@ -1,4 +1,4 @@
-"""A near body and a far background that agree with one motion between theirs are told apart by halves of the views."""
+"""Halves of the views tell a near body from a far background, although one motion between theirs fits both."""
 
 from dataclasses import replace
 

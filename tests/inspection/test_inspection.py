@@ -28,7 +28,7 @@ def frames():
 def write(
     path, frames, calibrations=None, swapped=False, period_ms=100, offset_ms=0, size=(320, 240), sides=(LEFT, RIGHT)
 ):
-    """A log of `frames` with what is said; `swapped`: the images, not the calibration."""
+    """Write a log of `frames` with these options; `swapped` exchanges the images, not the calibrations."""
     log = LogWriter(path)
     for i, frame in enumerate(frames):
         time = START_NS + i * period_ms * 1_000_000

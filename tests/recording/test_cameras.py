@@ -231,7 +231,7 @@ def test_a_camera_is_estimated_recorded_and_its_recording_replays_to_the_same_by
     assert estimate_messages(tmp_path / "again/estimates.mcap") == estimate_messages(out / "estimates.mcap")
 
 
-@pytest.mark.parametrize("camera", ["realsense"], indirect=True)  # stand-ins would say what they are told
+@pytest.mark.parametrize("camera", ["realsense"], indirect=True)  # a stand-in would repeat its settings
 def test_a_camera_is_asked_for_what_is_wanted(camera: tuple[str, list[str]], tmp_path: Path, cli) -> None:
     """Size, rate, serial number and exposure."""
     name, asked = camera
