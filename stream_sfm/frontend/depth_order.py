@@ -52,7 +52,7 @@ def decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
     tracks, views = seen.before, seen.point_views
     other = refine(views, seen.weights, second.cam_from_ref, motion.amplitudes)
     only_second = tracks.keep(second.views)
-    only_first = tracks.keep(motion.accepted & (other.squared_residuals > views.settings.beyond_gates * views.gate))
+    only_first = tracks.keep(motion.accepted & (other.squared_residuals > views.clear_gate))
     if at_start and motion.ambiguous and other.ok and is_behind(step.setup, only_second, only_first):
         return other
     if is_behind(step.setup, only_first, only_second):

@@ -38,7 +38,7 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
     agree, agreed = (int(np.count_nonzero(m.accepted & old)) for m in (near, motion))
     if not near.ok or agree < max(fewest, step.setup.rules.motion.as_many * agreed):
         return motion
-    only_other = motion.accepted & (near.squared_residuals > views.settings.beyond_gates * views.gate)
+    only_other = motion.accepted & (near.squared_residuals > views.clear_gate)
     if np.count_nonzero(only_other) < fewest:  # few views tell the two apart
         return changed(near, second=motion.second) if near.share >= motion.share else motion
     return changed(near, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_other, odds=1.0))

@@ -35,7 +35,7 @@ def of_rest(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
     other = refine(views, seen.weights, alone.cam_from_ref, alone.amplitudes)
     if not alone.ok or not other.ok:
         return motion
-    limit = views.settings.beyond_gates * views.gate
+    limit = views.clear_gate
     only_first = motion.accepted & (other.squared_residuals > limit)
     only_other = other.accepted & (motion.squared_residuals > limit)
     tracks, clear = seen.before, step.setup.rules.start.clear_views * float(limit.max())
@@ -80,5 +80,5 @@ def contradict_far(
     cov[:6, :6], cov[6:, 6:] = by_far.cov_pose, by_far.cov_amplitudes
     cov_residuals = np.eye(4) + jacobian @ cov @ np.swapaxes(jacobian, 1, 2)
     squared = np.einsum("ni,ni->n", residuals, np.linalg.solve(cov_residuals, residuals[:, :, None])[:, :, 0])
-    none[others] = squared > views.settings.beyond_gates * rows.gate
+    none[others] = squared > rows.clear_gate
     return none

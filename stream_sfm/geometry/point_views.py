@@ -44,6 +44,11 @@ class PointViews:
         share = settings.gate_probability
         self.gate = core.gates_of_views(z_px, chi2_gate(2, share), chi2_gate(4, share))
 
+    @property
+    def clear_gate(self) -> Array:
+        """Squared residuals (n,) beyond which a view contradicts a motion clearly, and not by chance."""
+        return self.settings.beyond_gates * self.gate
+
     def __len__(self) -> int:
         return len(self.gate)
 
@@ -74,9 +79,11 @@ class PointViews:
         """
         return core.linearise_views(self, cam_from_ref)
 
-    def squared_residuals(self, cam_from_ref: Array, root: Array) -> Array:
-        """Squared whitened residuals (n,) under a motion (4, 4) without shared errors.
+    def squared_residuals(self, cam_from_ref: Array, root: Array, amplitudes: Array | None = None) -> Array:
+        """Squared whitened residuals (n,) under a motion (4, 4) and amplitudes (j,) of shared errors, or without these.
 
         inf where nothing is predicted or seen.
         """
-        return core.view_residuals(self, root, np.zeros(self.shared.shape[2]), cam_from_ref[None])[1][0]
+        if amplitudes is None:
+            amplitudes = np.zeros(self.shared.shape[2])
+        return core.view_residuals(self, root, amplitudes, cam_from_ref[None])[1][0]

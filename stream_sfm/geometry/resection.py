@@ -132,7 +132,7 @@ def expected(found: Resection, predicted: Array, std_change: Array) -> Resection
 def judged(found: Resection, views: PointViews, weights: Array) -> Resection:
     """Return a motion that some of the views (n) have, as one of all of them: which of these agree with it as it is."""
     root, _ = views.linearise(found.cam_from_ref)
-    squared = core.view_residuals(views, root, found.amplitudes, found.cam_from_ref[None])[1][0]
+    squared = views.squared_residuals(found.cam_from_ref, root, found.amplitudes)
     accepted = squared < views.gate
     return changed(
         found,
