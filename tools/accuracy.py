@@ -12,6 +12,7 @@ already (an hour on two cores). Logs without ground truth are listed with the st
 import argparse
 import json
 import os
+import sys
 import tomllib
 from pathlib import Path
 
@@ -20,6 +21,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+
+sys.path.insert(0, str(Path(__file__).parent))
+from make_logs import Order, write_logs
+from render import RECORDINGS
 
 from stream_sfm import Engine, Trajectory, open_log, read_config
 from stream_sfm.config import Config
@@ -51,9 +56,6 @@ def median_and_spread(values: list[float | None]) -> str:
 
 def rendered(folder: Path) -> list[Path]:
     """The hard scenes in a folder; those that are missing are rendered."""
-    from make_logs import Order, write_logs
-    from render import RECORDINGS
-
     paths = [folder / f"{name}.mcap" for name in RECORDINGS]
     write_logs(folder, [Order(path.stem) for path in paths if not path.exists()], workers=2)
     return paths

@@ -24,6 +24,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+sys.path.insert(0, str(Path(__file__).parent))
+from benchmark_page import write_page
+
 from stream_sfm import FrameEstimate, StreamSfmError, __version__, open_log, read_config, replay
 from stream_sfm.batch.logs import find_logs, names_for
 from stream_sfm.evaluation.association import truth_of_frames
@@ -219,8 +222,6 @@ def main() -> int:
         baseline = updated(baseline, results, machine)
         a.baseline.write_text(json.dumps(baseline, indent=1) + "\n")
     if a.page:
-        from benchmark_page import write_page
-
         write_page(baseline)
     return 1 if a.gate and worse else 0
 

@@ -9,6 +9,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.faults.attacks import ATTACKS, fuzz
 
 _MAX_CPU_SECONDS = 60.0

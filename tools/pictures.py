@@ -25,6 +25,9 @@ from pathlib import Path
 
 import cv2
 
+sys.path.insert(0, str(Path(__file__).parent))
+from surface_picture import preview
+
 ROOT = Path(__file__).parents[1]
 LOG, DEMO = ROOT / "logs/room.mcap", ROOT / "logs/demo.mcap"
 PICTURES = ROOT / "docs/pictures"
@@ -119,8 +122,6 @@ def photograph(html: str, folder: Path, name: str, size: tuple[int, int]) -> Non
 
 def surface(folder: Path) -> None:
     """The fused surface, from above."""
-    from surface_picture import preview  # beside this script
-
     import stream_sfm as sfm
 
     picture = preview(sfm.surface(LOG, None).mesh, azimuth_deg=20, elevation_deg=35)

@@ -27,6 +27,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import cv2
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parent))
+from make_logs import WorldOrder, asked_faults, write_logs
+from render.faults import Fault
+from textbook import FEW_DEGRADED, FOLLOWED, follow, verdict
+
 from stream_sfm import StreamSfmError, open_log, read_config, replay
 from stream_sfm.camera.refinement import LENS_TERMS
 from stream_sfm.config import Config
@@ -39,9 +44,6 @@ from stream_sfm.recording.stereo_log import StereoLog
 from stream_sfm.rig_model.estimate import CERTAIN
 from stream_sfm.rig_model.terms import AT_TURNING, DELAY, FOCAL, FOCUSING, READOUT, TERMS
 from stream_sfm.types import Frame, FrameEstimate, Status
-from tools.make_logs import WorldOrder, asked_faults, write_logs
-from tools.render.faults import Fault
-from tools.textbook import FEW_DEGRADED, FOLLOWED, follow, verdict
 
 BEYOND = 5.0  # σ
 TURNING, KNOCK, DISPARITY = "turning", "knock", "disparity"
