@@ -37,10 +37,12 @@ class PointRules(Section, frozen=True, kw_only=True):
     # Chosen by hand: higher values refuse blurred or slanted patches, lower ones let wrong matches in, most of which
     # alignment and the check of halves refuse.
     match_correlation: Annotated[float, expert("least correlation of a match", -1, 1)] = 0.75
-    match_lead: Annotated[float, expert("lead in correlation over the best rival elsewhere on the row", 0, 2)] = (
+    match_lead: Annotated[float, expert("lead in correlation over the best match elsewhere on the row", 0, 2)] = (
         0.06
     )
-    match_neighbours_px: Annotated[int, expert("neighbours of a match that are not rivals, px", 0, 1000)] = 2
+    match_neighbours_px: Annotated[
+        int, expert("neighbours of a match that do not compete with it, px", 0, 1000)
+    ] = 2
     # Chosen by hand: on most surfaces disparity changes more slowly.
     std_slope: Annotated[
         float, expert("prior σ of the change of disparity across a patch, px per px", 1e-3, 10)

@@ -82,13 +82,13 @@ class RepetitionRules(Section, frozen=True, kw_only=True):
     # As for points of the coarse image.
     half_px: Annotated[int, expert("half width of the correlated patch, px of the half-size image", 2, 50)] = 6
     # As far as flow reaches.
-    reach: Annotated[int, expert("rivals are sought within the width of the image over this", 1, 100_000)] = 3
-    # As along the row (`points.match_lead`): what comes closer is a rival.
-    lead: Annotated[float, expert("lead in correlation over what is no rival", 0, 1)] = 0.06
+    reach: Annotated[int, expert("look-alikes are sought within the width of the image over this", 1, 100_000)] = 3
+    # As along the row (`points.match_lead`): what comes closer is a look-alike.
+    lead: Annotated[float, expert("lead in correlation over what is not a look-alike", 0, 1)] = 0.06
     # A whole pixel of the half-size image.
-    std_px: Annotated[float, expert("σ of the position of a rival, px", 0.1, 100)] = 2.0
+    std_px: Annotated[float, expert("σ of the position of a look-alike, px", 0.1, 100)] = 2.0
     # A motion of fewer is chance.
-    share: Annotated[float, expert("share of the rivals, by weight, that must move as one", 0, 1)] = 0.5
+    share: Annotated[float, expert("share of the look-alikes, by weight, that must move as one", 0, 1)] = 0.5
     # Along a facade of equal windows 8 and more of 96 look otherwise at the other place, before a wall of tiles hardly
     # any.
     compared: Annotated[int, expert("tracks whose patches are compared at both places", 1, 2000)] = 96
@@ -225,15 +225,21 @@ class ErrorRules(Section, frozen=True, kw_only=True):
     min_dof: Annotated[int, expert("degrees of freedom of a frame that the factor learns from", 1, 10_000)] = 20
     # Views of a rendered wall scatter by about that.
     typical_std_px: Annotated[float, expert("σ of a view before anything is measured, px", 1e-3, 100)] = 0.15
-    # With a quarter, estimates from halves of the tracks agree as well as they claim, on rendered and on real logs.
+    # With a quarter, estimates from halves of the tracks agree as well as their σ says, on rendered and on real logs.
     left_fraction: Annotated[float, expert("lasting error of the left side, share of the right one's", 0, 1)] = 0.25
-    first_white: Annotated[float, expert("first guess of the white part of the error, σ² claimed", 1e-3, 100)] = 1.0
+    first_white: Annotated[
+        float, expert("first guess of the white part of the error, σ² of the view", 1e-3, 100)
+    ] = 1.0
     first_lasting: Annotated[float, expert("first guess of the lasting part", 0, 100)] = 0.3
     first_decay: Annotated[float, expert("first guess of what is left of it in the next frame", 0.01, 0.999)] = 0.92
     # About one frame's.
     guess_pairs: Annotated[float, expert("pairs of views that the first guess counts for", 1, 1e6)] = 200.0
     # A hundred frames: the errors are a property of cameras and scene and change slowly.
     memory_pairs: Annotated[float, expert("pairs of views that are remembered", 1, 1e8)] = 20_000.0
+    # An older point has the least σ.
+    remembered_points: Annotated[int, expert("points whose shared disparity error is remembered", 1, 10**7)] = (
+        20_000
+    )
     # Beyond, it may be a wrong match.
     most_row_sigmas: Annotated[float, expert("largest row difference of a view that counts, σ", 0.1, 1000)] = 3.0
     # By then information grows at a steady rate.

@@ -46,7 +46,7 @@ class FrontendConfig(Section, frozen=True, kw_only=True):
     max_vertical_disparity_px: Annotated[float, expert("largest row difference of left and right", 0.1, 50)] = 1.5
     # Chosen by hand, many times a sensor's noise: it refuses patches that show something else.
     max_photometric_error: Annotated[float, expert("largest deviation of a patch, grey values", 1, 255)] = 20.0
-    # Chosen by hand: the nearest depth is f·B over so much of the width; a wider search costs time and finds rivals.
+    # Chosen by hand: the nearest depth is f·B over so much of the width; a wider search is slower and more often wrong.
     max_disparity_fraction: Annotated[float, number("largest disparity, share of the image's width", 0.01, 1)] = (
         0.25
     )
@@ -70,6 +70,12 @@ class WindowConfig(Section, frozen=True, kw_only=True):
     no_history: Annotated[float, expert("weight of a point that never agreed with the map, frames", 1e-6, 100)] = (
         0.1
     )
+    # A gate of 99.9 % makes six of a good track unlikely; with more, a slowly moving thing is used for longer.
+    rejections: Annotated[int, expert("rejections after which a track is not used again", 1, 1000)] = 6
+    # The gate is twice as wide.
+    moved_sigmas: Annotated[
+        float, expert("median shift of views by what is learnt of the rig that makes them new, σ", 0.01, 1e6)
+    ] = 2.0
     # Errors that last are a property of cameras and scene, and change slowly.
     halves_memory: Annotated[float, expert("frames from which is known how long errors last", 1, 1e6)] = 25.0
     # Neighbouring windows have most of their views in common.

@@ -7,12 +7,10 @@ namespace core {
 
 constexpr int LANES = 8;  // partial sums, always in the same order
 constexpr double DAMPING = 1e-9;        // of a scaled information matrix: a direction that the data do not see stays where it is
-constexpr double MAX_CONDITION = 1e10;  // of one: beyond it a direction is not determined by the data
 constexpr double MAX_ROTATION_STEP_RAD = 0.3;  // of one step of an iteration, as in geometry/se3.py
 constexpr double CAUCHY_WIDTH = 2.4;    // as in geometry/medians.py
 constexpr double MEDIAN_CHI2_4 = 3.36;  // closed form: the median of χ² with four degrees of freedom
 constexpr std::size_t MIN_VIEWS = 6;    // of a motion, as in geometry/resection.py
-constexpr int MAX_SWEEPS = 30;          // of rotations: matrices of up to 20 take six
 constexpr double ROUNDING = 1e-30;      // of squares, relative
 
 // Σ a b over k samples.
@@ -143,7 +141,7 @@ inline bool solve_positive(double* a, double* b, std::size_t n) {
 // Eigenvalues of a symmetric matrix A (n, n), which become its diagonal, and its axes as columns (n, n): Jacobi's rotations.
 inline void diagonalise(double* a, double* axes, std::size_t n) {
     for (std::size_t i = 0; i < n * n; i++) axes[i] = i % (n + 1) == 0 ? 1.0 : 0.0;
-    for (int sweep = 0; sweep < MAX_SWEEPS; sweep++) {
+    for (int sweep = 0; sweep < 30; sweep++) {  // matrices of up to 20 take six
         double off = 0, on = 0;
         for (std::size_t i = 0; i < n; i++)
             for (std::size_t j = 0; j < n; j++) (i == j ? on : off) += a[i * n + j] * a[i * n + j];
@@ -182,7 +180,7 @@ inline bool invert_information(const std::vector<double>& information, std::size
     diagonalise(scaled.data(), axes.data(), n);
     double least = scaled[0], most = scaled[0];
     for (std::size_t i = 0; i < n; i++) least = std::min(least, scaled[i * n + i]), most = std::max(most, scaled[i * n + i]);
-    if (!(least * MAX_CONDITION >= most)) return false;
+    if (!(least * 1e10 >= most)) return false;  // a direction is not determined by the data
     for (std::size_t i = 0; i < n; i++)
         for (std::size_t j = 0; j < n; j++) {
             double sum = 0;

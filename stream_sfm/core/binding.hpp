@@ -319,7 +319,7 @@ void def(nb::module_& m, const char* name, const char* help, const Names&... nam
     m.def(name, &Bound<Stage>::call, help, names...);
 }
 
-// Tell the stub, and `help`, what a record is.
+// Describe a record to the stub and to `help`.
 template <class Record>
 void describe(nb::module_& m, bool is_returned, const char* help) {
     if (!nb::hasattr(m, "RECORDS")) m.attr("RECORDS") = nb::dict();

@@ -10,7 +10,6 @@ constexpr int RADIUS_PX = PATCH_RADIUS_PX;
 constexpr int SIDE = 2 * RADIUS_PX + 1, WIDE = SIDE + 2, K = SIDE * SIDE;
 constexpr int CHANGES = 11, SECOND = 3;  // of a patch between two frames; the last of them are second derivatives
 constexpr int VIEWS = 5;             // of each point
-constexpr double RIDGE = 1e-6;       // changes may depend on each other, as where a patch is one straight edge
 
 void centre(float* samples, int n) {
     double sum = 0;
@@ -45,8 +44,8 @@ struct Explained {
         for (int n = 0; n < CHANGES; n++)
             for (int m = 0; m <= n; m++) gram[n * CHANGES + m] = dot(changes[n], changes[m], K);
         for (int n = 0; n < CHANGES; n++) scale[n] = 1 / std::sqrt(std::max(gram[n * CHANGES + n], least_square));
-        for (int n = 0; n < CHANGES; n++)
-            for (int m = 0; m <= n; m++) gram[n * CHANGES + m] = gram[n * CHANGES + m] * scale[n] * scale[m] + (n == m ? RIDGE : 0.0);
+        for (int n = 0; n < CHANGES; n++)  // changes may depend on each other, as where a patch is one straight edge
+            for (int m = 0; m <= n; m++) gram[n * CHANGES + m] = gram[n * CHANGES + m] * scale[n] * scale[m] + (n == m ? 1e-6 : 0.0);
         require(factor_positive(gram, CHANGES), "a patch is not finite");
     }
 

@@ -8,8 +8,6 @@ namespace {
 using Numbers = std::vector<double>;
 using Which = std::vector<std::size_t>;
 
-constexpr double ROUNDING = 1e-15;  // of a variance: what is left of one that is known better than that
-
 struct Gaussian {
     Numbers mean, cov;
     std::size_t size() const { return mean.size(); }
@@ -31,7 +29,7 @@ void factor(Numbers& a, std::size_t n) {
     for (std::size_t j = 0; j < n; j++) {
         double variance = a[j * n + j], pivot = variance;
         for (std::size_t k = 0; k < j; k++) pivot -= a[j * n + k] * a[j * n + k];
-        a[j * n + j] = std::sqrt(std::max(pivot, ROUNDING * variance));
+        a[j * n + j] = std::sqrt(std::max(pivot, 1e-15 * variance));  // above rounding
         std::size_t i = j + 1;
         for (; i + 4 <= n; i += 4) {  // rows that do not wait for each other
             double *of = a.data() + i * n, rest[4] = {of[j], of[n + j], of[2 * n + j], of[3 * n + j]};

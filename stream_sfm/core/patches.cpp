@@ -12,7 +12,6 @@ namespace core {
 namespace {
 
 enum { PARAMETERS = 4 };  // that a patch's residual has been fitted with: position, gain, offset
-constexpr double RIDGE = 1e-6, MIN_INFORMATION = 1e-3;  // relative to the trace, and grey²: without texture stays invertible
 
 void require_size(int px, const char* otherwise) { require(px >= 1 && px <= 1000, otherwise); }
 
@@ -150,7 +149,7 @@ Patches warp_patches(View<T, 3> stored, Indices slots, Matrices warps, int radiu
         for (int a = 0; a < 3; a++)
             for (int b = a; b < 3; b++)
                 information[3 * a + b] = information[3 * b + a] = dot(columns.data() + a * k2, weighted.data() + b * k2, k2);
-        double ridge = RIDGE * (information[0] + information[4] + information[8]) + MIN_INFORMATION;
+        double ridge = 1e-6 * (information[0] + information[4] + information[8]) + 1e-3;  // grey²: invertible without texture
         for (int a = 0; a < 3; a++) information[4 * a] += ridge;
         invert3(information, inverse);
         float* rows = result.inverse[i];
@@ -178,7 +177,7 @@ Array<double, 3> gradient_matrices(Matrices information, int spacing) {
 }
 
 // Gain and offset of an image over the one before, in which patches, by their exposures, had other mean levels than `now`:
-// the line through pairs of patches that are half of all apart, eq. (15a). Levels tell them, as contrast changes with the
+// the line through pairs of patches that are half of all apart, eq. (15a). Levels show them, as contrast changes with the
 // distance, too. Exactly 1 and 0 where they differ by less than a change of the exposure.
 std::array<double, 2> change_of_exposure(const std::vector<double>& before, const std::vector<double>& now, const TemplateRules& rules) {
     const std::array<double, 2> none{1, 0};

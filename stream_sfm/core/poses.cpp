@@ -5,16 +5,14 @@
 namespace core {
 namespace {
 
-constexpr double LEAST_ANGLE = 1e-150;  // rad, in place of 0 where an angle divides: its square is still a normal double
-// Frames on either side that tell a velocity: a polynomial of fourth order, of third at the ends; and at least, as far as
+// Frames on either side that determine a velocity: a polynomial of fourth order, of third at the ends; and at least, as far as
 // there are any.
 enum : std::size_t { REACH = 2, NODES = 4 };
-constexpr double SMALL = 1e-4;  // sine of half an angle; closed form: the next term of the series, n⁴/5, is below rounding
 
 // The rotation (3, 3) of a vector and the left Jacobian V with t = V ρ, eq. (3) (Barfoot, eq. 8.33). The last coefficient,
 // (θ − sin θ)/θ³, loses digits as θ² falls, but multiplies a product of that size.
 void rotation_of(const double* w, double* rotation, double* left) {
-    double angle = std::max(std::sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]), LEAST_ANGLE);
+    double angle = std::max(std::sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]), 1e-150);  // divides; its square is a normal double
     double sine = std::sin(angle) / angle, half = std::sin(angle / 2) / angle;
     double a = 2 * half * half, b = (1 - sine) / (angle * angle);  // 1 − cos θ = 2 sin²(θ/2) without cancellation
     double k[9] = {0, -w[2], w[1], w[2], 0, -w[0], -w[1], w[0], 0}, k2[9];
@@ -46,7 +44,8 @@ void vector_of(const double* rotation, double* w) {
     double q[4];
     quaternion_of(rotation, q);
     double n = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2]), ratio = n / q[3];
-    double scale = n < SMALL ? 2 / q[3] * (1 - ratio * ratio / 3) : 2 * std::atan2(n, q[3]) / n;
+    // n: sine of half the angle; where it is small the next term of the series, n⁴/5, is below rounding.
+    double scale = n < 1e-4 ? 2 / q[3] * (1 - ratio * ratio / 3) : 2 * std::atan2(n, q[3]) / n;
     for (int k = 0; k < 3; k++) w[k] = scale * q[k];
 }
 

@@ -39,7 +39,7 @@ class Resection {
     // Of a motion and the one that views near the `predicted` motion lead to, the one that explains the views better.
     //
     // Far points agree with any translation that a rotation makes up for. So a few near points of a body lead all of them along,
-    // each within its gate, where flow was led by them. What the votes and the errors that all share say together tells.
+    // each within its gate, where flow was led by them. The votes and the errors that all share decide together.
     Fitted better(Fitted found, Matrix predicted) const {
         Fitted other = fit(predicted, Array<double, 1>(views.shared.shape[2]), false);
         bool same = found.ok && other.ok && are_one(found.cam_from_ref, found.cov_pose, other.cam_from_ref, other.cov_pose);

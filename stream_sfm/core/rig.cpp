@@ -5,7 +5,6 @@
 namespace core {
 namespace {
 
-constexpr double LEAST_PX2 = 1e-2;  // of a component of errors, summed over all views: the variance of one good view
 enum Term : std::size_t {  // the order of rig_model/terms.py
     DISPARITY, LENS = 6, POINT = 8, TANGENTIAL = 10, DIFFERENCE = 12,
     FOCAL, DELAY, READOUT, TURNING, FOCUSING = TURNING + 3, END
@@ -359,7 +358,7 @@ WIDER Array<double, 2> principal_components(Matrix errors) {
     diagonalise(products.data(), axes.data(), k);
     std::size_t kept = 0;
     for (std::size_t a = 0; a < k; a++) {
-        if (!(products[a * k + a] > LEAST_PX2)) continue;
+        if (!(products[a * k + a] > 1e-2)) continue;  // px², of all views: the variance of a good one
         for (std::size_t b = 0; b < k; b++) axes[b * k + kept] = axes[b * k + a];  // the first columns
         kept++;
     }

@@ -6,7 +6,6 @@ namespace core {
 namespace {
 
 enum : std::size_t { POLYNOMIAL = 6 };  // coefficients; then the delay, then the field
-constexpr double LEAST_SHARE = 1e-15;  // of the largest eigenvalue: of a turn that views do not show
 
 // The covariance (3, 3) of the turn of the right camera that errors (n, k) of right rows feign.
 Array<double, 2> as_turn(const Pinholes& pinholes, Matrix z, const Array<double, 2>& errors) {
@@ -25,7 +24,7 @@ Array<double, 2> as_turn(const Pinholes& pinholes, Matrix z, const Array<double,
     diagonalise(information, axes, 3);
     double most = std::max({information[0], information[4], information[8]});
     for (std::size_t axis = 0; axis < 3; axis++) {
-        if (!(information[4 * axis] > most * LEAST_SHARE)) continue;
+        if (!(information[4 * axis] > most * 1e-15)) continue;  // views do not show this turn
         for (std::size_t c = 0; c < k; c++) {
             double along = 0;
             for (std::size_t a = 0; a < 3; a++) along += axes[3 * a + axis] * seen[a * k + c] / information[4 * axis];

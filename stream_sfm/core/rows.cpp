@@ -5,8 +5,6 @@
 namespace core {
 namespace {
 
-constexpr float MIN_VARIANCE = 1e-3f;   // grey², keeps the correlation with a patch of one grey finite
-
 // The window's samples around (u, v) without their mean, and their norm.
 template <class T>
 float cut(const ImageOf<T>& image, int u, int v, int half, int spacing, float* patch) {
@@ -68,7 +66,7 @@ RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& right, Pix
                 for (int d = 0; d < candidates; d++) dot[d] += weight * shifted[d];
             }
         }
-        float top = -2, rival = -1;
+        float top = -2, elsewhere = -1;
         int best = 0;
         for (int d = 0; d < candidates; d++) {
             float sum = 0, square = 0;
@@ -76,7 +74,7 @@ RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& right, Pix
                 sum += sums[d + spacing * j];
                 square += squares[d + spacing * j];
             }
-            float variance = std::max(square - sum * sum / static_cast<float>(side * side), MIN_VARIANCE);
+            float variance = std::max(square - sum * sum / static_cast<float>(side * side), 1e-3f);  // finite correlation with one grey
             bool inside = start + d >= half && start + d < width - half;
             dot[d] = inside ? dot[d] / (norm * std::sqrt(variance) + 1e-6f) : -1.0f;
             if (dot[d] > top) {
@@ -85,9 +83,9 @@ RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& right, Pix
             }
         }
         for (int d = 0; d < candidates; d++)
-            if (std::abs(d - best) > rules.match_neighbours_px) rival = std::max(rival, dot[d]);
+            if (std::abs(d - best) > rules.match_neighbours_px) elsewhere = std::max(elsewhere, dot[d]);
         result.disparity.data[n_th] = static_cast<double>(last - best);
-        result.unique.data[n_th] = top > least && top - rival > lead;
+        result.unique.data[n_th] = top > least && top - elsewhere > lead;
     }
     return result;
 }

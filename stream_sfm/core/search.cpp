@@ -15,7 +15,6 @@ namespace {
 // Views of a sample. Two stereo views determine a motion; a third keeps its noise from being levered up. Of three views of
 // one side there are up to four solutions.
 enum : std::size_t { STEREO_SAMPLE = 3, ONE_SIDED_SAMPLE = 4 };
-constexpr double LEAST_WEIGHT = 1e-9;
 
 using Motion = std::array<double, 16>;
 struct Scored {
@@ -55,7 +54,7 @@ std::vector<std::size_t> drawn(const double* weights, std::size_t n, std::size_t
     for (std::size_t s = 0; s < samples; s++) {
         for (std::size_t i = 0; i < n; i++) {
             double uniform = (static_cast<double>(random() >> 11) + 0.5) * 0x1p-53;
-            keys[i] = -std::log(uniform) / std::max(LEAST_WEIGHT, weights[i]);
+            keys[i] = -std::log(uniform) / std::max(1e-9, weights[i]);
         }
         std::iota(order.begin(), order.end(), std::size_t{0});
         auto end = order.begin() + static_cast<std::ptrdiff_t>(size);

@@ -2,16 +2,13 @@
 //
 // On a plane the inverse depth is affine in the image, and so is the disparity: d + a·δu + b·δv around a corner. Each
 // corner is aligned by Gauss-Newton on (d, a, b, row), inverse compositional (Baker and Matthews 2004), with a Gaussian
-// prior on the slopes, so that a patch without texture to tell stays facing the camera. A wrong slant biases the
+// prior on the slopes, so that a patch without enough texture stays facing the camera. A wrong slant biases the
 // disparity for as long as the point is followed: the walls of a corridor shift by a third of a pixel.
 
 #include "images.hpp"
 
 namespace core {
 namespace {
-
-constexpr double FREE = 1e-6;         // prior information about disparity and row, 1/px²: none, but the matrix stays regular
-constexpr double MIN_CONTRAST = 1.0;  // grey², keeps the gain of a patch of one grey finite
 
 // A left patch of k × k samples: grey values of mean zero, and their derivatives (4, k²) by disparity, slopes and row.
 template <class T>
@@ -54,7 +51,8 @@ Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& righ
     Array<double, 2> slopes(n, 2);
     int k = 2 * radius / spacing + 1, k2 = k * k;
     const double variance = std_grey * std_grey, of_slope = variance / (rules.std_slope * rules.std_slope);
-    const double prior[4] = {variance * FREE, of_slope, of_slope, variance * FREE};
+    // Of disparity and row nothing is known beforehand; 1e-6/px² keeps the matrix regular.
+    const double prior[4] = {variance * 1e-6, of_slope, of_slope, variance * 1e-6};
     std::vector<float> grey(k2), by_parameter(4 * k2), there(k2), at_u(k2), at_v(k2);
     Sampler<T> sampler(k2);
     for (std::size_t i = 0; i < n; i++) {
@@ -89,7 +87,7 @@ Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& righ
             mean /= k2;
             for (int at = 0; at < k2; at++) there[at] -= static_cast<float>(mean);
             // of the left exposure to the right
-            double gain = dot(grey.data(), there.data(), k2) / (dot(there.data(), there.data(), k2) + MIN_CONTRAST);
+            double gain = dot(grey.data(), there.data(), k2) / (dot(there.data(), there.data(), k2) + 1.0);  // grey²: finite for one grey
             for (int at = 0; at < k2; at++) there[at] = grey[at] - static_cast<float>(gain) * there[at];
             for (int a = 0; a < 4; a++) g[a] = dot(by_parameter.data() + a * k2, there.data(), k2);
             g[1] -= prior[1] * p[1];

@@ -5,7 +5,6 @@
 namespace core {
 namespace {
 
-constexpr std::int64_t WHITE = 256;  // more than any difference of grey values
 constexpr std::ptrdiff_t FAR_PX = 2;  // from a pixel to those whose difference to it is an edge
 
 int step(const std::int16_t* at, std::ptrdiff_t to) { return at[0] - at[to]; }
@@ -31,7 +30,7 @@ DrawnEdges drawn_edges(View<std::int16_t, 2> left, View<std::int16_t, 2> last, V
     DrawnEdges found{0, 0, 0};
     std::ptrdiff_t width = static_cast<std::ptrdiff_t>(left.shape[1]);
     std::vector<std::int16_t> is_edge(left.shape[1]);
-    std::int16_t least = static_cast<std::int16_t>(std::min<std::int64_t>(edge_grey, WHITE));
+    std::int16_t least = static_cast<std::int16_t>(std::min<std::int64_t>(edge_grey, 256));  // no edge is larger
     auto is_steep = [=](std::int16_t step) { return (step >= least) | (step <= -least); };
     for (std::size_t i = 0; i < left.shape[0]; i++) {
         const std::int16_t* line = left[i];

@@ -7,13 +7,10 @@
 namespace core {
 namespace {
 
-constexpr double MIN_DETERMINANT = 1e-3;  // a surface seen edge-on gets a finite warp that no template fits
-constexpr double BEYOND_PX = 2;  // the window, for its derivatives and interpolation, as in templates.py
-constexpr double MIN_GRADIENT = 1e-6;  // grey², added to the gradient matrix: the σ of a patch without texture stays finite
-
 // The warp (3, 2), W above h, of the maps A (2, 2) and n (2,): W = A⁻¹ and h = −Wᵀn; W is finite also where A is singular.
 void warp(const double* a, const double* by_depth, double* out) {
-    double det = a[0] * a[3] - a[1] * a[2], safe = std::abs(det) < MIN_DETERMINANT ? MIN_DETERMINANT : det;
+    // A surface seen edge-on gets a finite warp that no template fits.
+    double det = a[0] * a[3] - a[1] * a[2], safe = std::abs(det) < 1e-3 ? 1e-3 : det;
     out[0] = a[3] / safe;
     out[1] = -a[1] / safe;
     out[2] = -a[2] / safe;
@@ -150,7 +147,7 @@ UpdatedTracks update_depths(const Pinholes& p, const TrackTable& tracks, Matrix 
 
 Array<bool, 1> templates_fit(Matrices warps, double radius, double half, double least_area) {
     std::size_t n = warps.shape[0];
-    radius += BEYOND_PX;
+    radius += 2;  // for derivatives and interpolation
     require_shape(warps, {n, 3, 2}, "warps");
     Array<bool, 1> result(n);
     for (std::size_t i = 0; i < n; i++) {
@@ -183,7 +180,8 @@ Array<double, 3> view_covariances(Matrices gradients, Vector error_left, Vector 
     Array<double, 3> result(n, 4, 4);
     for (std::size_t i = 0; i < n; i++) {
         const double* g = gradients[i];
-        double damping = rules.edge_damping * (g[0] + g[3]) + MIN_GRADIENT, a = g[0] + damping, b = g[3] + damping;
+        // 1e-6 grey² keep the σ of a patch without texture finite.
+        double damping = rules.edge_damping * (g[0] + g[3]) + 1e-6, a = g[0] + damping, b = g[3] + damping;
         double det = a * b - g[1] * g[2], shape[4] = {b / det, -g[1] / det, -g[2] / det, a / det};
         for (int side = 0; side < 2; side++) {
             double grey = (side ? error_right : error_left).data[i];

@@ -7,7 +7,7 @@ namespace {
 
 // A view that a point predicts to no better than this, a hundred images wide, says nothing about the motion; at a hundred
 // times more, the noise of the view itself would be lost to rounding in their sum.
-constexpr double MAX_PREDICTED_STD_PX = 1e5;
+constexpr double MAX_PREDICTED_PX2 = 1e5 * 1e5;
 
 // R (4, 4) with RᵀR the information of a view with this covariance, eq. (11); a side that is not finite in z has none.
 bool whitening(const double* z, const double* cov, double* root) {
@@ -95,7 +95,7 @@ WIDER LinearisedViews linearise_views(const PointViews& views, Matrix cam_from_r
             multiply<4, 4, 4>(a, motion, by_point);
             multiply<4, 4, 4>(by_point, cov_points[i], half);
             multiply_transposed<4, 4, 4>(half, by_point, predicted);
-            placed = predicted[0] + predicted[5] + predicted[10] + predicted[15] < MAX_PREDICTED_STD_PX * MAX_PREDICTED_STD_PX;
+            placed = predicted[0] + predicted[5] + predicted[10] + predicted[15] < MAX_PREDICTED_PX2;
             for (int k = 0; placed && k < 16; k++) noise[k] += predicted[k];
         }
         require_definite(whitening(z[i], noise, root), "a view's covariance is not positive definite");

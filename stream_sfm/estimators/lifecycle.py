@@ -114,7 +114,7 @@ def recorded(motion: MotionModel, observations: Observations, solution: Solution
     if observations.stepped_rad:
         stepped = Displaced(observations.stepped_rad, median(depths_m) if len(depths_m) else 0.0)
     doubts = Doubts(observations.misfit, of_start, observations.unconfirmed, stepped, observations.may_step)
-    cov = motion.record(observations.stamp_ns, solution.world_from_cam, solution.cov_pose, doubts)
+    cov = motion.add(observations.stamp_ns, solution.world_from_cam, solution.cov_pose, doubts)
     if observations.misfit:
         solution = replace(solution, relative=None)
     if cov is solution.cov_pose:

@@ -12,8 +12,6 @@ from ..config import MotionConfig
 from ..geometry import se3
 from ..geometry.se3 import Array
 
-_STEPS = 16  # that are kept: a stream that is displaced all the time is bounded, too
-
 
 class Displaced(NamedTuple):
     """Images that are displaced as by a turn by `turn_rad`, of a scene at `depth_m`."""
@@ -39,7 +37,7 @@ class Doubts(NamedTuple):
     `misfit`: the pose may be the one that the last pose without a misfit predicts. `of_start`: it may be the one that
     the first pose of the map predicts. `unconfirmed`: the start was over before its doubt was settled. `stepped`: both
     images were displaced before it, and the camera may have moved with them or not. `may_step`: they may have been
-    displaced since the last pose; the next one tells.
+    displaced since the last pose; the next one shows it.
     """
 
     misfit: bool = False
@@ -74,7 +72,7 @@ class MotionModel:
 
     @property
     def started(self) -> bool:
-        """Whether any pose was recorded."""
+        """Whether any pose was added."""
         return self._stamp_ns is not None
 
     @property
@@ -82,7 +80,7 @@ class MotionModel:
         """σ (6,) of how far velocities of a vehicle are apart, per second: what it builds up while it speeds up."""
         return np.asarray(self._config.speeds_up_s * self._std_acceleration)
 
-    def record(
+    def add(
         self,
         stamp_ns: int,
         world_from_cam: Array,
@@ -96,7 +94,7 @@ class MotionModel:
         that stepped is what the model does not explain; it stays in all later poses, also where the images step back.
         """
         if doubts.stepped is not None:
-            if doubts.misfit:  # images that do not fit each other do not tell the step, either
+            if doubts.misfit:  # images that do not fit each other do not show the step, either
                 covering = (self._trusted or self)._covering(stamp_ns, world_from_cam)
             else:
                 covering = self._step_into(stamp_ns, world_from_cam)
@@ -138,7 +136,7 @@ class MotionModel:
             self._known_at_ns = stamp_ns
 
     def jump(self) -> None:
-        """Record that the camera has left its last pose in a way that no velocity explains."""
+        """Take it that the camera has left its last pose in a way that no velocity explains."""
         self._velocity, self._velocity_known = np.zeros(6), False
         reach_s2 = self._config.speeds_up_s * (0.5 * self._config.speeds_up_s + self._config.build_up_s)
         self._cov = self._cov + np.diag((reach_s2 * self._std_acceleration) ** 2)
@@ -149,8 +147,11 @@ class MotionModel:
         return np.outer(step, step)
 
     def _leave(self, world_from_cam: Array, cov: Array, displaced: Displaced = _NOT_DISPLACED) -> None:
-        """Keep a covariance (6, 6) of a pose in all later ones, and what `displaced` images show since."""
-        self._left = [*self._left, (world_from_cam, cov, displaced)][-_STEPS:]
+        """Keep a covariance (6, 6) of a pose in all later ones, and what `displaced` images show since.
+
+        The latest 16 are kept, so that a stream that is displaced all the time is bounded.
+        """
+        self._left = [*self._left, (world_from_cam, cov, displaced)][-16:]
 
     def _with_left(self, world_from_cam: Array, cov_pose: Array) -> Array:
         """Return the covariance (6, 6) of a pose that goes on from where steps and doubts have left theirs."""

@@ -9,8 +9,6 @@ from ..geometry.se3 import Array
 from ..geometry.stereo import KNOWN_DEPTH_SIGMAS, StereoProjection, clamp_depth, information_of_views
 from ..types import Observations
 
-_STEPS = 3  # Gauss-Newton; the start differs from the minimum only by the difference of the two rows
-
 
 def usable_births(projection: StereoProjection, z_px: Array, cov_px: Array) -> NDArray[np.bool_]:
     """Return which views (n, 4) can start a Euclidean point: both sides seen, disparity well above its σ."""
@@ -25,7 +23,7 @@ def triangulate(projection: StereoProjection, z_px: Array, cov_px: Array) -> tup
     points = projection.triangulate(z_px)
     info = information_of_views(z_px, cov_px)
     cov: Array = np.zeros((len(points), 3, 3))
-    for _ in range(_STEPS):
+    for _ in range(3):  # Gauss-Newton; the start is off by the difference of the two rows only
         a = projection.jacobian(points)
         at = np.swapaxes(a, 1, 2) @ info
         cov = np.asarray(np.linalg.inv(at @ a))

@@ -22,15 +22,18 @@ from .unsteadiness import Unsteadiness
 
 @record
 class Followed:
-    """What following the tracks gave: the motion `cam_from_previous` (4, 4), and views `z_px` (n, 4) with covariances
-    `cov_px` (n, 4, 4) of the tracks that live on, in the order of their table; `found`: all that were found; `other`:
-    another motion that may be right as well; `settled`: as in `Observations`."""
+    """What following the tracks gave.
+
+    The motion `cam_from_previous` (4, 4), and views `z_px` (n, 4) with covariances `cov_px` (n, 4, 4) of the tracks
+    that live on, in the order of their table. `found`: all that were found; `second`: a motion that may be right as
+    well; `settled`: as in `Observations`.
+    """
 
     cam_from_previous: Array
     z_px: Array
     cov_px: Array
     found: Found | None = None
-    other: SecondMotion | None = None
+    second: SecondMotion | None = None
     settled: bool = False
 
 
@@ -41,11 +44,11 @@ def learn(state: FrontEndState, seen: Seen, motion: Resection, twist: Array) -> 
 
 
 def advance(
-    step: Step, state: FrontEndState, seen: Seen, motion: Resection, rival: SecondMotion | None
+    step: Step, state: FrontEndState, seen: Seen, motion: Resection, alike: SecondMotion | None
 ) -> tuple[FrontEndState, Followed]:
-    """Move on to this frame with the tracks that agree with its motion, or with a second one that is no body in front.
+    """Move on with the tracks that agree with a frame's motion, or with a second one that is not of a body in front.
 
-    The views returned are not corrected for delay and readout. `rival`: a motion that looks the same.
+    The views returned are not corrected for delay and readout. `alike`: a motion for which the scene looks the same.
     """
     cam_from_start = se3.orthonormalise(motion.cam_from_ref @ state.cam_from_start)
     second = motion.second
@@ -56,8 +59,10 @@ def advance(
     seen_px = z_px + rows_of(seen.views.taken_px, rows)
     now = _placed(step, state, seen.before.keep(rows), motion.cam_from_ref, z_px, cov_px, cam_from_start)
     now = changed(now, left_px=seen_px[:, :2].copy(), exposures=rows_of(seen.views.exposures, rows))
-    ambiguity, other, settled = state.ambiguity.after(motion, seen.before, rival)
-    in_question = other is not None or ambiguity.frames_left > 0  # this frame's motion, or which set stands still
+    ambiguity, ambiguous, settled = state.ambiguity.after(motion, seen.before, alike)
+    in_question = (
+        ambiguous is not None or ambiguity.frames_left > 0
+    )  # this frame's motion, or which set stands still
     state = changed(
         state,
         unsteadiness=_unsteadiness(step, state, motion.cam_from_ref),
@@ -68,7 +73,7 @@ def advance(
         start=_start(step, state, seen, motion, in_question),
     )
     found = Found(seen.before, seen.found_px, seen.views.cov_px, motion)
-    return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, other, settled)
+    return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, ambiguous, settled)
 
 
 def _placed(

@@ -1,6 +1,6 @@
-"""Remembers, for a while, which other motion may be the camera's.
+"""Remembers, for a while, a second motion that may be the camera's.
 
-Two sets of tracks move differently, and nothing tells which of them stands still. When one of them leaves the view,
+Two sets of tracks move differently, and nothing shows which of them stands still. When one of them leaves the view,
 that does not say that the other one was the background: the ambiguity lasts as long again as it has lasted, and until
 tracks that have begun meanwhile have a full history at least. A frame in which both sets are in view and one motion
 explains them is not in question, whichever of them is the background. Where the scene repeats itself (`repetition.py`)
@@ -23,45 +23,45 @@ from .tracks import Tracks
 
 @record
 class AmbiguityMemory:
-    """The latest alternative motion, as its difference from the one followed, `other_from_first` (4, 4).
+    """The latest second motion, as its difference from the one followed, `second_from_first` (4, 4).
 
-    `frames_seen`: frames with another motion since the last one without ambiguity; `frames_left`: how long it lasts.
-    `repeats`: because the scene looks the same for both. `other_is_new`: nothing of the other set was followed before.
-    `other_ids` (m,): the tracks of the other set.
+    `frames_seen`: frames with a second motion since the last one without ambiguity; `frames_left`: how long it lasts.
+    `repeats`: it is there because the scene looks the same for both. `is_new`: none of its tracks were followed before.
+    `ids` (m,): its tracks.
     """
 
     last: SecondMotion | None = None
-    other_from_first: Array | None = None
+    second_from_first: Array | None = None
     frames_seen: int = 0
     frames_left: int = 0
     repeats: bool = False
-    other_is_new: bool = False
-    other_ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    is_new: bool = False
+    ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     rules: MotionRules = MotionRules()
 
     def after(
-        self, motion: Resection, before: Tracks, rival: SecondMotion | None = None
+        self, motion: Resection, before: Tracks, alike: SecondMotion | None = None
     ) -> tuple["AmbiguityMemory", SecondMotion | None, bool]:
-        """Return the memory after a frame's motion, and the other one that may be right as well.
+        """Return the memory after a frame's motion, and the second one that may be right as well.
 
-        That is the frame's own, or the `rival` that looks the same, or one that differs from the frame's motion as the
-        last one did. `before` (n): the tracks of its views. Also returns whether an ambiguity was resolved in favour
-        of the motion followed: the view no longer repeats itself, or the other set turns out to be a body before the
-        scene, or enough of the former background still agrees and none of it was part of the other set.
+        That is the frame's own, or one for which the scene looks `alike`, or one that differs from the frame's motion
+        as the last one did. `before` (n): the tracks of its views. Also returns whether an ambiguity was resolved in
+        favour of the motion followed: the view no longer repeats itself, or the second set turns out to be a body
+        before the scene, or enough of the former background still agrees and none of it was part of the second set.
         """
-        other, old = motion.ambiguous or rival, before.agreed >= self.rules.full_history
-        if other is not None:
-            apart, seen = other.cam_from_ref @ se3.inverse(motion.cam_from_ref), self.frames_seen + 1
-            new = rival is not None or old[other.views].sum() < MIN_VIEWS
-            new = bool(new and not other.lasted and (self.other_is_new or self.frames_left == 0))
+        second, old = motion.ambiguous or alike, before.agreed >= self.rules.full_history
+        if second is not None:
+            apart, seen = second.cam_from_ref @ se3.inverse(motion.cam_from_ref), self.frames_seen + 1
+            new = alike is not None or old[second.views].sum() < MIN_VIEWS
+            new = bool(new and not second.lasted and (self.is_new or self.frames_left == 0))
             lasts = int(self.rules.ambiguity_lasts * max(self.rules.full_history, seen))
-            ids = self.other_ids if motion.ambiguous is None else before.ids[other.views]
-            memory = AmbiguityMemory(other, apart, seen, lasts, rival is not None, new, ids, self.rules)
-            return memory, other, False
-        remembered = self.other_than(motion.cam_from_ref)
+            ids = self.ids if motion.ambiguous is None else before.ids[second.views]
+            memory = AmbiguityMemory(second, apart, seen, lasts, alike is not None, new, ids, self.rules)
+            return memory, second, False
+        remembered = self.second_beside(motion.cam_from_ref)
         if remembered is None or self.repeats:
             return AmbiguityMemory(rules=self.rules), None, self.repeats
-        if self.frames_left == 1 and self.other_is_new and (motion.accepted & old).sum() >= MANY_VIEWS:
+        if self.frames_left == 1 and self.is_new and (motion.accepted & old).sum() >= MANY_VIEWS:
             return AmbiguityMemory(rules=self.rules), None, True
         if self._is_of_body(motion, before):
             return AmbiguityMemory(rules=self.rules), None, True
@@ -69,20 +69,20 @@ class AmbiguityMemory:
         return memory, None if self._is_explained(motion, before) else remembered, False
 
     def _is_of_body(self, motion: Resection, before: Tracks) -> bool:
-        """Whether the other set is still in view, and lies before the points of the motion."""
+        """Whether the second set is still in view, and lies before the points of the motion."""
         second = motion.second
         if second is None or not second.in_front:
             return False
-        return bool(np.count_nonzero(core.among(before.ids[second.views], self.other_ids)) >= MIN_VIEWS)
+        return bool(np.count_nonzero(core.among(before.ids[second.views], self.ids)) >= MIN_VIEWS)
 
     def _is_explained(self, motion: Resection, before: Tracks) -> bool:
-        """Whether the other set is still in view, and nearly all of it agrees with a motion."""
-        others = core.among(before.ids, self.other_ids)
-        n_agree = np.count_nonzero(others & motion.accepted)
-        return bool(n_agree >= MANY_VIEWS and n_agree >= self.rules.as_many * np.count_nonzero(others))
+        """Whether the second set is still in view, and nearly all of it agrees with a motion."""
+        its = core.among(before.ids, self.ids)
+        n_agree = np.count_nonzero(its & motion.accepted)
+        return bool(n_agree >= MANY_VIEWS and n_agree >= self.rules.as_many * np.count_nonzero(its))
 
-    def other_than(self, cam_from_ref: Array) -> SecondMotion | None:
-        """Return the alternative to a motion (4, 4), which differs from it as the latest one did."""
-        if self.last is None or self.other_from_first is None or self.frames_left == 0:
+    def second_beside(self, cam_from_ref: Array) -> SecondMotion | None:
+        """Return the second motion beside one (4, 4), from which it differs as the latest one did."""
+        if self.last is None or self.second_from_first is None or self.frames_left == 0:
             return None
-        return changed(self.last, cam_from_ref=self.other_from_first @ cam_from_ref)
+        return changed(self.last, cam_from_ref=self.second_from_first @ cam_from_ref)

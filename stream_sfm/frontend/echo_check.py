@@ -15,8 +15,6 @@ from ..config.rules import EchoRules
 from ..record import changed, record
 from .prepared import Image
 
-_AROUND = 5  # the width, px, of what a value is compared with
-
 Cepstrum = NDArray[np.float32]
 
 
@@ -76,10 +74,10 @@ def _cepstrum(image: Image, rules: EchoRules) -> Cepstrum:
 
 
 def _echo(cepstrum: Cepstrum, rules: EchoRules) -> tuple[int, int] | None:
-    """By how much (x, y) a copy is displaced of which a cepstrum tells, or None."""
+    """Return by how much (x, y) the copy is displaced that a cepstrum shows, or None."""
     r = rules.largest_px
     near = np.ascontiguousarray(cepstrum[: r + 1, r : 3 * r + 1])
-    above = near - cv2.medianBlur(near, _AROUND)
+    above = near - cv2.medianBlur(near, 5)  # OpenCV has no wider one of floats
     y, x = np.mgrid[: r + 1, -r : r + 1]
     twice = cepstrum[2 * y, 2 * x + 2 * r]
     above[(x * x + y * y < rules.least_px**2) | ((y == 0) & (x < 0)) | (twice > 0)] = 0

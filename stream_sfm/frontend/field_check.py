@@ -3,7 +3,7 @@
 What moves is combed then: rows next to each other differ by more than the distance between them explains. With S(k) the
 mean squared difference of pixels that are k rows apart, S(3) and S(5) are larger than their neighbours S(2) and S(4)
 suggest, and S(4) is smaller. In images of one moment S is smooth, also that of noise, which adds the same to each. A
-sensor whose even rows are brighter than its odd ones is told from this by their means.
+sensor whose even rows are brighter than its odd ones is distinguished from this by their means.
 """
 
 import numpy as np

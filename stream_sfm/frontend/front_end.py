@@ -168,7 +168,7 @@ class StereoFrontEnd:
             observed,
             cam_from_previous=followed.cam_from_previous,
             n_new=len(z_new),
-            ambiguity=_ambiguity(followed.other, state),
+            ambiguity=_ambiguity(followed.second, state),
             settled=followed.settled,
             may_step=state.steps.suspected_px is not None,
             stepped_rad=state.steps.confirmed_px / self.setup.projection.f_px,

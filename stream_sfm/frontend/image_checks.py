@@ -85,6 +85,6 @@ def _without_contrast(image: Image, black_grey: int) -> str:
 
 
 def _same(image: Image, other: Image) -> bool:
-    """Whether two images are equal; one row tells nearly all that are not."""
+    """Whether two images are equal; one row distinguishes nearly all that are not."""
     middle = len(image) // 2
     return image[middle].tobytes() == other[middle].tobytes() and bool((image == other).all())

@@ -39,7 +39,7 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
     if not near.ok or agree < max(fewest, step.setup.rules.motion.as_many * agreed):
         return motion
     only_other = motion.accepted & (near.squared_residuals > views.clear_gate)
-    if np.count_nonzero(only_other) < fewest:  # few views tell the two apart
+    if np.count_nonzero(only_other) < fewest:  # few views distinguish the two
         return changed(near, second=motion.second) if near.share >= motion.share else motion
     return changed(near, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_other, odds=1.0))
 
@@ -47,7 +47,7 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
 def _near(step: Step, seen: Seen, old: NDArray[np.bool_], std_change: Array) -> Resection:
     """Return the motion near the predicted one: that of `old` tracks (n,), or of many with a full history.
 
-    `std_change` (6,): σ of a change from the prediction. Where these tracks do not tell it, all views do.
+    `std_change` (6,): σ of a change from the prediction. Where these tracks do not determine it, all views do.
     """
     views, start = seen.point_views, step.predicted
     none, settled = np.zeros(views.shared.shape[2]), seen.before.agreed >= step.setup.rules.motion.full_history

@@ -13,8 +13,6 @@ from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.se3 import Array
 from ..record import changed, record
 
-_REDUCTION_PX = 0.6  # σ of the smoothing that halving twice leaves, in pixels of the reduced image
-
 
 @record
 class ViewNoise:
@@ -32,7 +30,7 @@ class ViewNoise:
     @classmethod
     def unknown(cls, rules: ErrorRules, smoothing_px: float, scale: int = 1) -> "ViewNoise":
         """Return the noise before any frame, of templates whose pixels are `scale` image pixels wide."""
-        smoothing_px = smoothing_px if scale == 1 else _REDUCTION_PX
+        smoothing_px = smoothing_px if scale == 1 else 0.6  # halving twice smooths by that, in reduced pixels
         return cls(max(1.0, 4 * np.pi * smoothing_px**2), rules)
 
     def learnt(self, chi2: float, dof: int) -> "ViewNoise":

@@ -10,7 +10,6 @@ from ..record import record
 from .prepared import Image
 
 RADIUS_PX = core.PATCH_RADIUS_PX
-_LEAST_VARIANCE = 1e-6  # of what patches say, over its square
 
 
 @record
@@ -43,7 +42,7 @@ def share_of(sums: Array) -> tuple[float, float]:
         return 0.0, 0.0
     share = p / s
     variance = pp - 2 * share * ps + share**2 * ss  # of p by how patches differ
-    return float(share), float(p / np.sqrt(max(variance, _LEAST_VARIANCE * pp)))
+    return float(share), float(p / np.sqrt(max(variance, 1e-6 * pp)))
 
 
 def patches_of(image: Image, at_px: Array, radius_px: int) -> NDArray[np.float32]:

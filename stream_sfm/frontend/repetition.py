@@ -3,7 +3,7 @@
 In front of a grid or a wall of tiles each patch looks like others nearby. While the velocity is not known, flow may
 have followed each of them to a neighbour of where it is now, all by the same step: a motion off by a tile per frame,
 in perfect agreement with all that is seen. It must be so for all that is seen: what looks otherwise where that motion
-puts it, a post before the grid or the ground below it, tells the two apart.
+puts it, a post before the grid or the ground below it, decides between the two.
 """
 
 import cv2
@@ -24,59 +24,59 @@ from .tracks import Tracks
 
 
 def smaller_of_alike(step: Step, state: FrontEndState, rough: RoughMotion) -> RoughMotion:
-    """Return the motion with another one that looks the same as its rival, if there is one; the smaller one first.
+    """Return the motion with a second one for which the scene looks `alike`, if there is one; the smaller first.
 
     It is looked for while hardly any track has a history, and for as long as the scene repeats itself then.
     """
     if state.ambiguity.repeats:
-        other = state.ambiguity.other_than(rough.cam_from_previous)
-        return changed(rough, rival=other if _still_repeats(step, state.tracks, rough, other) else None)
+        second = state.ambiguity.second_beside(rough.cam_from_previous)
+        return changed(rough, alike=second if _still_repeats(step, state.tracks, rough, second) else None)
     known = np.count_nonzero(state.tracks.agreed) >= MANY_VIEWS
-    rival = None if known else _rival_motion(step, state.tracks, rough)
-    if rival is None:
+    second = None if known else _second_motion(step, state.tracks, rough)
+    if second is None:
         return rough
-    size, rival_size = (
+    size, second_size = (
         np.linalg.norm(se3.log(m) / step.setup.std_acceleration)
-        for m in (rough.cam_from_previous, rival.cam_from_ref)
+        for m in (rough.cam_from_previous, second.cam_from_ref)
     )
-    if size > rival_size:
-        near = changed(step, predicted=rival.cam_from_ref, is_predicted=True)
+    if size > second_size:
+        near = changed(step, predicted=second.cam_from_ref, is_predicted=True)
         smaller = find_rough_motion(near, state.aligners, state.tracks)
         if smaller is not None:
-            return changed(smaller, rival=changed(rival, cam_from_ref=rough.cam_from_previous))
-    return changed(rough, rival=rival)
+            return changed(smaller, alike=changed(second, cam_from_ref=rough.cam_from_previous))
+    return changed(rough, alike=second)
 
 
-def _rival_motion(step: Step, tracks: Tracks, rough: RoughMotion) -> SecondMotion | None:
-    """Return the smallest alternative motion that look-alike patches share, if nearly every track has one."""
-    rows, rivals_px = _rivals(step, tracks, rough)
-    if not _repeats(step, rivals_px):
+def _second_motion(step: Step, tracks: Tracks, rough: RoughMotion) -> SecondMotion | None:
+    """Return the smallest second motion that look-alikes share, if nearly every track has one."""
+    rows, alike_px = _look_alikes(step, tracks, rough)
+    if not _repeats(step, alike_px):
         return None
     projection, rules = step.setup.projection, step.setup.rules.repetition
-    seen = np.isfinite(rivals_px[:, 0])
+    seen = np.isfinite(alike_px[:, 0])
     alike = tracks.keep(rows[seen])
     points = alike.points, alike.cov_points(projection)
     cov_px = np.broadcast_to(rules.std_px**2 * np.eye(4), (len(alike), 4, 4))
-    views = PointViews(projection, *points, rivals_px[seen], cov_px, step.setup.config.robust)
+    views = PointViews(projection, *points, alike_px[seen], cov_px, step.setup.config.robust)
     motion = resect(views, np.eye(4), find_second=False)
     if not motion.ok or motion.share < rules.share or _is_refuted(step, tracks, rough, motion.cam_from_ref):
         return None
     return SecondMotion(motion.cam_from_ref, motion.cov_pose, views=np.zeros(len(tracks), bool), odds=1.0)
 
 
-def _still_repeats(step: Step, tracks: Tracks, rough: RoughMotion, other: SecondMotion | None) -> bool:
-    """Return whether the view still cannot tell which of two motions, the rough one and another, is the right one."""
-    if other is not None and _is_refuted(step, tracks, rough, other.cam_from_ref):
+def _still_repeats(step: Step, tracks: Tracks, rough: RoughMotion, second: SecondMotion | None) -> bool:
+    """Return whether the view still does not show which of two motions, the rough and a `second` one, is right."""
+    if second is not None and _is_refuted(step, tracks, rough, second.cam_from_ref):
         return False
-    return _repeats(step, _rivals(step, tracks, rough)[1])
+    return _repeats(step, _look_alikes(step, tracks, rough)[1])
 
 
-def _is_refuted(step: Step, tracks: Tracks, rough: RoughMotion, other_from_previous: Array) -> bool:
-    """Whether enough patches that flow has found look otherwise where another motion (4, 4) puts them."""
+def _is_refuted(step: Step, tracks: Tracks, rough: RoughMotion, second_from_previous: Array) -> bool:
+    """Whether enough patches that flow has found look otherwise where a second motion (4, 4) puts them."""
     rules, before, now = step.setup.rules.repetition, step.previous.left_half, step.images.left_half
     rows = np.flatnonzero(rough.agree & (tracks.scale == 1))
     rows = rows[:: max(1, len(rows) // rules.compared)]
-    other_px = step.setup.projection.project_homogeneous(tracks.points[rows] @ other_from_previous.T)[:, :2]
+    other_px = step.setup.projection.project_homogeneous(tracks.points[rows] @ second_from_previous.T)[:, :2]
     apart = np.linalg.norm(other_px - rough.left_px[rows], axis=1) > 4 * rules.half_px  # farther than a patch
     against = 0
     for row, at_px in zip(rows[apart], other_px[apart], strict=True):
@@ -103,27 +103,29 @@ def _likeness(patch: Image | None, window: Image | None) -> float:
     return float(cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED).max())
 
 
-def _repeats(step: Step, rivals_px: Array) -> bool:
-    """Whether hardly any of the tracks is without a rival (n, 4)."""
-    unique = np.isnan(rivals_px[:, 0])
+def _repeats(step: Step, alike_px: Array) -> bool:
+    """Whether hardly any of the tracks is without a look-alike (n, 4)."""
+    unique = np.isnan(alike_px[:, 0])
     return bool(unique.sum() < step.setup.config.robust.second_views and (~unique).sum() >= MIN_VIEWS)
 
 
-def _rivals(step: Step, tracks: Tracks, rough: RoughMotion) -> tuple[NDArray[np.intp], Array]:
-    """Some tracks (k,) that agree, and their rivals as views (k, 4), each the nearest to where the track was; NaN where
-    it has none, and from where on enough have none."""
+def _look_alikes(step: Step, tracks: Tracks, rough: RoughMotion) -> tuple[NDArray[np.intp], Array]:
+    """Return some tracks (k,) that agree, and their look-alikes as views (k, 4), those nearest to the tracks before.
+
+    NaN where it has none, and from where on enough have none.
+    """
     rules, before, now = step.setup.rules.repetition, step.previous.left_half, step.images.left_half
     rows = np.flatnonzero(rough.agree & (tracks.scale == 1))
     rows = rows[:: max(1, len(rows) // rules.samples)]
-    rivals_px = np.full((len(rows), 4), np.nan)
+    alike_px = np.full((len(rows), 4), np.nan)
     for k, row in enumerate(rows):
-        rivals_px[k, :2] = _rival(rules, before, now, tracks.left_px[row], rough.left_px[row])
-        if np.isnan(rivals_px[: k + 1, 0]).sum() >= step.setup.config.robust.second_views:
+        alike_px[k, :2] = _look_alike(rules, before, now, tracks.left_px[row], rough.left_px[row])
+        if np.isnan(alike_px[: k + 1, 0]).sum() >= step.setup.config.robust.second_views:
             break  # the rest, of which each costs most of a millisecond, changes nothing
-    return rows, rivals_px
+    return rows, alike_px
 
 
-def _rival(rules: RepetitionRules, before: Image, now: Image, before_px: Array, at_px: Array) -> Array:
+def _look_alike(rules: RepetitionRules, before: Image, now: Image, before_px: Array, at_px: Array) -> Array:
     """Where (2,) else in the new image the patch may be, the place nearest to where it was; NaN where nowhere.
 
     Images at half the size; positions in pixels of the whole ones, before and now.
@@ -140,7 +142,7 @@ def _rival(rules: RepetitionRules, before: Image, now: Image, before_px: Array, 
     patch = before[rows, columns]
     alike = cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED)
     u, v = to_px - first - half  # where flow has found it
-    near = tuple(slice(max(k - half // 2, 0), k + half // 2 + 1) for k in (v, u))  # no rivals
+    near = tuple(slice(max(k - half // 2, 0), k + half // 2 + 1) for k in (v, u))  # no look-alikes
     if not alike[near].size:
         return none
     found = alike[near].max()

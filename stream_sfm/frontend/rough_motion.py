@@ -26,13 +26,13 @@ from .tracks import Tracks
 @record
 class RoughMotion:
     """`cam_from_previous` (4, 4) from flow alone; the tracks' positions `left_px` (n, 2) by flow, which of them `agree`
-    (n,) with it, and the `share` of the found ones that do. `rival`: another motion that looks the same."""
+    (n,) with it, and the `share` of the found ones that do. `alike`: a motion for which the scene looks the same."""
 
     cam_from_previous: Array
     left_px: Array
     agree: NDArray[np.bool_]
     share: float
-    rival: SecondMotion | None = None
+    alike: SecondMotion | None = None
 
 
 def find_rough_motion(step: Step, aligners: Aligners, tracks: Tracks) -> RoughMotion | None:

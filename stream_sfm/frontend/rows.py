@@ -67,7 +67,7 @@ class Rows:
     def with_delay(self, delay_s: float, variance_s2: float) -> "Rows":
         """Return the rows with a delay N(`delay_s`, `variance_s2`), if that is more than they say of it themselves.
 
-        Learning goes on without it: estimators learn of the delay through `delay` and must not be told twice.
+        Learning goes on without it: estimators get the delay through `delay`, and must not get it twice.
         """
         own = self.cov[_POLYNOMIAL]
         if variance_s2 * (self.delay[0] + self.std_delay_s**-2) >= 1:

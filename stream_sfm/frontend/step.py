@@ -68,13 +68,13 @@ class Step:
             twist = between + 0.5 * (between - velocity) if velocity.any() else between
         if self.by_inertia is None:
             return twist
-        # a shaken camera turns by now as no two frames tell
+        # a shaken camera turns now in a way that two frames do not show
         return np.concatenate([twist[:3], self.by_inertia.twist[3:]])
 
     def first_twist(self, twist: Array, cam_from_previous: Array) -> Array:
         """How the points moved (6,) at the beginning of the interval, where it is the first one; `twist`: at its end.
 
-        Two frames alone tell one for both.
+        Two frames alone show one twist for both ends.
         """
         if self.by_inertia is None or self.dt_s <= 0:
             return twist

@@ -3,7 +3,7 @@
 All points are then displaced alike, which looks like a turn of the camera between two frames, or where all of them are
 as far away like a step aside; before and after it the camera moves on as it did. A camera has mass: where it moves, its
 velocity changes and stays changed. So a motion that displaces points unlike the last one, and as none before it,
-is suspected; where the next one is as before, a step has been seen. Whether the camera has made it cannot be told: the
+is suspected; where the next one is as before, a step has been seen. Whether the camera has made it is not seen: the
 frames count as before, and their poses may be off by the step.
 """
 

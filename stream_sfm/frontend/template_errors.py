@@ -24,8 +24,6 @@ from ..record import changed, record
 
 _LAG = 5  # frames over which the decay is measured: most tracks live as long
 
-_REMEMBERED = 20_000  # points remembered, the latest; one older than all of them has the least σ
-
 
 def turn_of_slides(drift_px: Array, f_px: float, alike: float) -> float:
     """Return σ about each axis, radians, of a turn that patches feign which slide alike, eq. (17a).
@@ -76,9 +74,9 @@ class TemplateErrors:
 
     @property
     def parts(self) -> tuple[float, float]:
-        """Variances of the white part of both sides, and of the lasting one on the right, in units of those claimed."""
+        """Variances of the white part of both sides, and of the lasting one on the right, over those of the views."""
         rules, (all_of_it, product) = self.rules, self.sums[:2] / self.sums[2]
-        all_of_it = max(all_of_it, 1.0)  # what is claimed is that of all coordinates, and rows err least
+        all_of_it = max(all_of_it, 1.0)  # the variance of views is that of all coordinates, and rows err least
         lasting = min(max(product / self.decay, 0.0), (1 - rules.least_white) * all_of_it)  # the mean of both sides
         return float(all_of_it - lasting), float(2 * lasting / (1 + rules.left_fraction))
 
@@ -106,8 +104,9 @@ class TemplateErrors:
 
     def joined(self, later: "TemplateErrors") -> "TemplateErrors":
         """Return the same with the points of a later one, too."""
-        begun = np.concatenate([self.begun, later.begun])[-_REMEMBERED:]
-        return changed(self, begun=begun, stds_px=np.concatenate([self.stds_px, later.stds_px])[-_REMEMBERED:])
+        latest = slice(-self.rules.remembered_points, None)
+        begun = np.concatenate([self.begun, later.begun])[latest]
+        return changed(self, begun=begun, stds_px=np.concatenate([self.stds_px, later.stds_px])[latest])
 
     def std_disparity_px(self, ids: NDArray[np.int64]) -> Array:
         """Return σ (n,) px of what all views of points (n,), living or ended, err by in common."""

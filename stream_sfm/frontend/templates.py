@@ -17,9 +17,7 @@ from .prepared import GreyImage
 Grey = NDArray[np.float32]
 JUST_CUT = np.array([1.0, 0.0])  # gain and offset of an image over a template that has been cut from it
 SPACING_PX = 2  # pixels between samples: smoothed neighbours share their noise, so every second one says as much
-_STORED = 1.7  # half width of a stored patch over that of an aligned one: room for warps up to this scale
 _RULES = TemplateRules()  # places of all maps are verified with the defaults
-_BEYOND = 2  # the window, for its derivatives and interpolation, px
 
 
 @record
@@ -82,5 +80,5 @@ class TemplateAtlas:
 
 
 def _half(radius_px: int) -> int:
-    """Half width of a stored patch."""
-    return int(_STORED * (radius_px + _BEYOND))
+    """Half width of a stored patch: of the window, with 2 px for derivatives and room for warps of a scale to 1.7."""
+    return int(1.7 * (radius_px + 2))

@@ -71,7 +71,7 @@ def follow(
         state, motion = _agreed_motion(step, state, seen, rough.cam_from_previous)
     if motion is None:
         return state, None
-    return advance(step, learn(state, seen, motion, twist), seen, motion, rough.rival)
+    return advance(step, learn(state, seen, motion, twist), seen, motion, rough.alike)
 
 
 def _agreed_motion(

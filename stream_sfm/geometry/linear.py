@@ -11,10 +11,6 @@ import numpy as np
 from .. import core
 from .se3 import Array
 
-# Diagonal increases tried where a matrix has lost definiteness to rounding, relative to a diagonal of 1: from a
-# thousand times the rounding of a double up to a change of 10⁻⁵ σ², which no reported figure shows.
-_REPAIRS = (1e-13, 1e-11, 1e-9, 1e-7, 1e-5)
-
 
 def symmetric(a: Array) -> Array:
     """Return (A + Aᵀ)/2 of matrices (…, n, n)."""
@@ -59,7 +55,9 @@ class Cholesky:
 
     def __init__(self, matrix: Array, repair: bool = True) -> None:
         scaled, scale = core.scaled_by_diagonal(matrix)
-        for damping in (0.0, *_REPAIRS) if repair else (0.0,):
+        # Where rounding has cost definiteness: on a diagonal of 1, from a thousand times the rounding of a double up
+        # to a change of 10⁻⁵ σ², which no reported figure shows.
+        for damping in (0.0, 1e-13, 1e-11, 1e-9, 1e-7, 1e-5) if repair else (0.0,):
             if damping:
                 scaled[np.diag_indices_from(scaled)] += damping
             with suppress(np.linalg.LinAlgError):

@@ -78,7 +78,7 @@ class Resection:
 
     @property
     def ambiguous(self) -> SecondMotion | None:
-        """The second motion where the views cannot tell which of the two is that of the background."""
+        """The second motion where the views do not show which of the two is that of the background."""
         return self.second if self.second and self.second.odds >= self.ambiguous_share else None
 
 
@@ -121,7 +121,7 @@ def refine(views: PointViews, weights: Array, cam_from_ref: Array, amplitudes: A
 
 
 def expected(found: Resection, predicted: Array, std_change: Array) -> Resection:
-    """Return a motion that views tell and a prediction (4, 4) from which it changes by σ (6,), eq. (23e)."""
+    """Return a motion that views show and a prediction (4, 4) from which it changes by σ (6,), eq. (23e)."""
     cov = found.cov_pose
     gain = np.linalg.solve(cov + np.diag(std_change**2), cov).T
     back = se3.log(found.cam_from_ref @ se3.inverse(predicted))

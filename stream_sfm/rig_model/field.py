@@ -13,13 +13,7 @@ import numpy as np
 from .. import core
 from ..geometry.se3 import Array
 
-_LENGTH = 0.1  # ℓ over the image's width; the evidence of three real logs is flat from 0.07 to 0.13
-# Of the inducing points, in ℓ. At 1.25 the field follows more of its own variance, with twice the amplitudes: measured,
-# kitti00_mid is 8 % better, kitti06 worse by a half, and an estimate takes half as long again.
-_SPACING = 1.6
-_LEAST_ROWS = 3  # of the grid
 LEAST_PX = 1e-3  # σ: a field of σ 0 would have no amplitudes
-_JITTER = 1e-4  # relative: the grid's own covariance stays invertible
 
 
 class Field(NamedTuple):
@@ -49,11 +43,17 @@ NO_FIELD = Field(np.zeros(0), np.zeros(0), 1.0, np.zeros((0, 0)))
 
 @lru_cache(maxsize=8)
 def field_over(width: int, height: int) -> Field:
-    """Return the field over images of this size."""
-    across = max(2, round(1 / (_LENGTH * _SPACING)))
-    down = max(_LEAST_ROWS, round(across * height / width))
+    """Return the field over images of this size.
+
+    ℓ is a tenth of the width: the evidence of three real logs is flat from 0.07 to 0.13. The inducing points are 1.6 ℓ
+    apart. At 1.25 ℓ the field follows more of its own variance, with twice the amplitudes: measured, kitti00_mid is 8 %
+    better, kitti06 worse by a half, and an estimate takes half as long again.
+    """
+    length_px = 0.1 * width
+    across = round(1 / 0.16)
+    down = max(3, round(across * height / width))
     u, v = (np.arange(across) + 0.5) / across * width, (np.arange(down) + 0.5) / down * height
     nodes = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2)
-    grid = Field(u, v, _LENGTH * width, np.eye(len(nodes)))
-    own = grid.at(nodes) + _JITTER * np.eye(len(nodes))
+    grid = Field(u, v, length_px, np.eye(len(nodes)))
+    own = grid.at(nodes) + 1e-4 * np.eye(len(nodes))  # invertible
     return grid._replace(root=np.linalg.inv(np.linalg.cholesky(own)).T)

@@ -17,7 +17,6 @@ from .field import NO_FIELD, Field, field_over
 from .terms import AT_TIMING, DISPARITY, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
 
 _FOCAL, _FOCUSING = TERMS.index(FOCAL), TERMS.index(FOCUSING)
-_FOCUSING_S = 1.0  # for about so long an autofocus moves
 LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
 # What the three parts of the field move of a view (u_left, v_left, u_right, v_right): the disparity, and u and v of
 # both sides alike. Without the last two, halves of the image differ by up to 2.4 σ on euroc_mh01, with them by 1.7.
@@ -183,7 +182,7 @@ class RigModel:
         root, at = np.zeros((len(self), 1)), TERMS.index(FOCUSING)
         if self.focus_moves(mean, cov):
             focal, unit = TERMS.index(FOCAL), np.diag(self.root)
-            root[at] = mean[at] * np.sqrt(passed_s / _FOCUSING_S)
+            root[at] = mean[at] * np.sqrt(passed_s)  # over 1 s, for about which an autofocus moves
             root[focal] = -age_s * root[at] * unit[at] / unit[focal]
         return root
 

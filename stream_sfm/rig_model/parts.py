@@ -1,7 +1,7 @@
 """Whether parts of a run agree about the rig's errors: evidence that does not rest on the σ of views.
 
 Errors of views that last, or that a model does not have, make the σ of an error several times too small, above all of
-those that only time tells apart: a delay, a readout, a turn, a focus. A real one is the same in each third of a run.
+those that only time distinguishes: a delay, a readout, a turn, a focus. A real one is the same in each third of a run.
 One that is made up, to explain what wanders slowly, is not: thirds of a drive with a rigid, triggered rig said 0.8,
 1.0 and 0.3 ms, and all of it 1.5 ± 0.1. What the thirds say follows from the information that the prior had at their
 ends. Frames whose motion may not be the camera's are in no part: a body that is followed is explained by errors of the
@@ -16,9 +16,6 @@ import numpy as np
 from ..geometry.se3 import Array
 from ..record import changed, record
 from .terms import AT_TURNING, TERMS
-
-_MOST = 12  # ends of parts that are kept
-_LEAST = 24  # frames that make three parts
 
 
 class _End(NamedTuple):
@@ -74,14 +71,14 @@ class Parts:
         ends, every = self.ends, self.every
         if latest.frames % every == 0:
             ends = (*ends, latest)
-        if len(ends) > _MOST:
+        if len(ends) > 12:  # half of them is enough to choose thirds from
             ends, every = ends[1::2], 2 * every
         return changed(self, ends=ends, latest=latest, whole=whole, every=every)
 
     @property
     def agreement(self) -> Agreement | None:
         """What the thirds of the run say of each term, in amplitudes of σ = 1 beforehand; None of a short run."""
-        if self.latest is None or self.latest.frames < _LEAST:
+        if self.latest is None or self.latest.frames < 3 * 8:  # eight frames make a part
             return None
         n = self.latest.frames
         inner = [min(self.ends, key=lambda end: abs(end.frames - k * n / 3)) for k in (1, 2)]

@@ -2,7 +2,7 @@
 
 Relative rotation, principal points, focal lengths and distortion of the two cameras err together; what they do to the
 disparity is a polynomial of the place in the image, and the difference of two radial distortions. What both lenses have
-wrong alike moves both sides of a view. Rows are not told apart: what left and right row differ by is measured directly
+wrong alike moves both sides of a view. Rows are not among them: what left and right row differ by is measured directly
 (`frontend/rows.py`), with what a delay of the right camera does there, and taken out of the right row, which then
 errs with the left one. A principal point that is off by δ moves all of the image, which is a rotation of the camera's
 axes by δ/f: no view shows that (`camera/unseen_errors.py`). What is left of it, −δ (x, y) x of a ray's slopes x and y,

@@ -45,7 +45,7 @@ class World:
             estimate = self._moved(estimate, self._from_map)
         self._next_id = max(self._next_id, self._first_id + 1 + int(observations.track_ids.max(initial=-1)))
         if estimate.status is not Status.LOST:
-            self._motion.record(estimate.stamp_ns, estimate.world_from_cam, estimate.cov_pose)
+            self._motion.add(estimate.stamp_ns, estimate.world_from_cam, estimate.cov_pose)
         return estimate
 
     def _moved(self, estimate: FrameEstimate, from_map: Array) -> FrameEstimate:

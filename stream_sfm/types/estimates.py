@@ -15,7 +15,6 @@ from ..rig_model.estimate import RigEstimate
 from .observations import RigChange
 
 _POSE_AND_GRAVITY = [*range(6), *range(6 + GRAVITY.start, 6 + GRAVITY.stop)]  # rows of `InertialEstimate.cov`
-_LEAST_VARIANCE = 1e-9  # of an error of the rig, in σ²: one that is known says nothing of the others
 
 
 class Status(StrEnum):
@@ -127,7 +126,7 @@ class CommonErrors:
 
     def weights(self, n: int) -> Array:
         """Return W (m, n), the regression of c on its first n: c is W c[:n] plus an independent remainder."""
-        known = self.cov[:n, :n] + _LEAST_VARIANCE * np.eye(n)
+        known = self.cov[:n, :n] + 1e-9 * np.eye(n)  # invertible, also where an error is known
         return np.concatenate([np.eye(n), np.linalg.solve(known, self.cov[:n, n:]).T])
 
     def __repr__(self) -> str:

@@ -17,7 +17,7 @@ def model(velocity: bool) -> MotionModel:
     motion = MotionModel(CONFIG)
     motion.restart(0, np.eye(4), STILL)
     if velocity:
-        motion.record(FRAME_NS, np.eye(4), STILL)
+        motion.add(FRAME_NS, np.eye(4), STILL)
     return motion
 
 
@@ -36,7 +36,7 @@ def test_maps_that_begin_and_are_lost_change_nothing(velocity: bool) -> None:
 
 def test_a_measured_velocity_starts_the_clock_anew() -> None:
     motion = model(velocity=True)
-    motion.record(10 * FRAME_NS, np.eye(4), STILL)
+    motion.add(10 * FRAME_NS, np.eye(4), STILL)
     for frames in (1, 6):
         std = np.sqrt(np.diag(motion.predict((10 + frames) * FRAME_NS)[1]))
         half_square_s2 = 0.5 * (frames * FRAME_NS / 1e9) ** 2
@@ -52,7 +52,7 @@ def test_a_start_that_is_doubted_is_covered_since_the_start_and_for_good_if_noth
         for k in range(1, 20):
             pose, doubtful = pose @ step, 5 <= k < 15
             doubts = Doubts(doubtful, of_start and doubtful, unconfirmed and k == 15)
-            cov = moving.record(k * 50_000_000, pose, none, doubts)
+            cov = moving.add(k * 50_000_000, pose, none, doubts)
             settles[name, k] = np.sqrt(np.linalg.eigvalsh(cov[:3, :3]).max())
     assert settles["later", 5] < 0.02  # the camera goes on as in the frames before
     assert settles["open", 5] > 5 * 0.05  # these are of what may be a body

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stream_sfm.config import Config
+from stream_sfm.config import Config, WindowConfig
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.cross_frame.inverse_depth import WhitenedViews
 from stream_sfm.estimators.cross_frame.outliers import RejectionCounts
@@ -93,7 +93,7 @@ def right_columns(n: int, std_px: float) -> WhitenedViews:
 def test_what_was_rejected_under_another_rig_is_asked_again() -> None:
     """Once what is learnt of the rig moves views by as much as made them wrong, in one frame or in many."""
     views, bad = right_columns(20, std_px=0.1), np.arange(5)
-    rejections = RejectionCounts(np.zeros(1))
+    rejections = RejectionCounts(np.zeros(1), WindowConfig())
     for step in range(1, 10):
         rejections.add(bad)
         rejections.ask_again(views, np.array([0.02 * step]))

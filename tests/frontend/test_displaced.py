@@ -69,29 +69,29 @@ def test_a_hand_that_shakes_is_none() -> None:
 def test_a_pose_is_as_uncertain_as_a_step_that_the_camera_may_not_have_made() -> None:
     model = MotionModel(sfm.Config().motion)
     for n in range(3):
-        model.record(n * 10**8, np.eye(4), np.zeros((6, 6)))
+        model.add(n * 10**8, np.eye(4), np.zeros((6, 6)))
     step = np.array([0.1, 0, 0, 0, 0.02, 0])
     pose = se3.exp(step)
     nothing = np.zeros((6, 6))
     np.testing.assert_allclose(
-        model.record(3 * 10**8, pose, nothing, Doubts(stepped=Displaced())), np.outer(step, step), atol=1e-12
+        model.add(3 * 10**8, pose, nothing, Doubts(stepped=Displaced())), np.outer(step, step), atol=1e-12
     )
     later = pose @ se3.exp([0, 0, 1, 0, 0, 0])
-    cov = model.record(4 * 10**8, later, nothing)
+    cov = model.add(4 * 10**8, later, nothing)
     np.testing.assert_allclose(cov[0, 0], (0.1 + 0.02) ** 2, rtol=1e-6)  # by the lever of 1 m
     assert model.predict(4 * 10**8)[1][0, 0] >= cov[0, 0]  # of a frame that is lost, too
     model.restart(4 * 10**8, later, cov)
-    np.testing.assert_array_equal(model.record(5 * 10**8, later, cov), cov)  # of the new map it is a part, once
+    np.testing.assert_array_equal(model.add(5 * 10**8, later, cov), cov)  # of the new map it is a part, once
 
 
 def test_a_step_of_images_that_do_not_fit_each_other_is_as_unknown_as_a_vehicle_allows() -> None:
     model = MotionModel(sfm.Config().motion)
     for n in range(3):
-        model.record(n * 10**8, np.eye(4), np.zeros((6, 6)))
+        model.add(n * 10**8, np.eye(4), np.zeros((6, 6)))
     pose, later = se3.exp(np.array([0.1, 0, 0, 0, 0.02, 0])), se3.exp(np.array([0.1, 0.01, 0, 0, 0.02, 0]))
     covering = model.predict(3 * 10**8)[1]
-    model.record(3 * 10**8, pose, np.zeros((6, 6)), Doubts(misfit=True, stepped=Displaced()))
-    cov = model.record(4 * 10**8, later, np.zeros((6, 6)))
+    model.add(3 * 10**8, pose, np.zeros((6, 6)), Doubts(misfit=True, stepped=Displaced()))
+    cov = model.add(4 * 10**8, later, np.zeros((6, 6)))
     assert np.linalg.eigvalsh(cov)[0] > 0.9 * np.linalg.eigvalsh(covering)[0] > 0
 
 
@@ -108,20 +108,20 @@ def test_displaced_images_show_later_motions_turned() -> None:
 def test_a_frame_that_may_be_displaced_covers_it_until_the_next_one_tells() -> None:
     model, nothing = MotionModel(sfm.Config().motion), np.zeros((6, 6))
     for n in range(3):
-        model.record(n * 10**8, np.eye(4), nothing)
+        model.add(n * 10**8, np.eye(4), nothing)
     step = np.array([0.1, 0, 0, 0, 0.02, 0])
-    cov = model.record(3 * 10**8, se3.exp(step), nothing, Doubts(may_step=True))
+    cov = model.add(3 * 10**8, se3.exp(step), nothing, Doubts(may_step=True))
     np.testing.assert_allclose(cov, np.outer(step, step), atol=1e-12)
     assert model.predict(4 * 10**8)[1][0, 0] >= 0.9 * cov[0, 0]  # where nothing tells
-    np.testing.assert_array_equal(model.record(4 * 10**8, se3.exp(2 * step), nothing), nothing)
+    np.testing.assert_array_equal(model.add(4 * 10**8, se3.exp(2 * step), nothing), nothing)
 
 
 def test_after_a_doubtful_pose_its_velocity_is_in_doubt() -> None:
     model, nothing = MotionModel(sfm.Config().motion), np.zeros((6, 6))
     for n in range(3):
-        model.record(n * 10**8, np.eye(4), nothing)
+        model.add(n * 10**8, np.eye(4), nothing)
     step = np.array([0.1, 0, 0, 0, 0, 0])
-    model.record(3 * 10**8, se3.exp(step), nothing, Doubts(misfit=True))
+    model.add(3 * 10**8, se3.exp(step), nothing, Doubts(misfit=True))
     for frames in (1, 2, 5):  # lost since
         pose, cov = model.predict((3 + frames) * 10**8)
         np.testing.assert_allclose(pose[0, 3], 0.1 * (1 + frames))

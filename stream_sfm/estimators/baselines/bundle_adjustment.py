@@ -16,10 +16,6 @@ from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_DEPTH, StereoProjection, information_of_views
 from ...record import record
 
-_MAX_HALVINGS = 8  # of a step that does not lower the sum of squares: starts are near the minimum
-_ROUNDING = 1e-14  # relative increase of the sum of squares that is rounding of the sum and not a failure
-_LEAST_DECREASE = 1e-12  # squared standard deviations: converged, where an exact fit leaves nothing to compare with
-
 
 @record
 class WeightedViews:
@@ -204,12 +200,12 @@ class Problem:
         while done < max_iterations and np.isfinite(best) and not converged:
             xi, delta = self.linearised(ref_from_cam, points).solve()
             done, before = done + 1, best
-            for scale in 0.5 ** np.arange(_MAX_HALVINGS):
+            for scale in 0.5 ** np.arange(8):  # starts are near the minimum: further halvings do not help
                 poses = ref_from_cam.copy()
                 poses[self.free] = se3.orthonormalise(ref_from_cam[self.free] @ se3.exp(scale * xi))
                 value, new_squares = self.cost(poses, points + scale * delta)
-                if value <= best * (1 + _ROUNDING):
+                if value <= best * (1 + 1e-14):  # a smaller increase is rounding of the sum
                     ref_from_cam, points, best, squares = poses, points + scale * delta, value, new_squares
                     break
-            converged = before - best <= tolerance * before + _LEAST_DECREASE
+            converged = before - best <= tolerance * before + 1e-12  # an exact fit leaves nothing to compare with
         return Adjustment(ref_from_cam, points, best, squares, done)

@@ -30,7 +30,6 @@ from .baseline import Baseline
 # plus this many times that of the drift so far (otherwise each frame would claim to know a little about where it is in
 # the world). Trades what the prior still says, a ten-thousandth, against digits: the update subtracts such numbers.
 _FREE, _FREE_OF_DRIFT = 1e4, 300.0
-_AS_GIVEN = np.ones(3)  # factors on the noise densities, which this filter does not learn
 
 
 class Ekf(TakesSamples, Baseline):
@@ -83,7 +82,8 @@ class Ekf(TakesSamples, Baseline):
             iterations=1,
             nis=found.chi2,
             nis_dof=found.dof,
-            inertial=self.inertia.now and inertial_estimate(self.inertia.now, _AS_GIVEN),
+            # noise densities as given: this filter does not learn factors on them
+            inertial=self.inertia.now and inertial_estimate(self.inertia.now, np.ones(3)),
         )
         return solution, ended
 

@@ -20,7 +20,6 @@ from .baseline import Baseline
 from .bundle_adjustment import Covariances, Problem, Reduced, WeightedViews, residuals_and_jacobians
 
 _FREE = np.array([False, True])  # the previous camera is the reference, the current one moves
-_MAX_ITERATIONS = 10  # measured: five to eight are needed with 1 px of noise
 
 
 class _Shared(NamedTuple):
@@ -103,7 +102,8 @@ class FrameToFrame(Baseline):
                 np.repeat([0, 1], n), np.tile(np.arange(n), 2), z.reshape(-1, 4), cov.reshape(-1, 4, 4)
             )
             problem = Problem(self._projection, views, _FREE)
-            result = problem.minimum(poses, shared.points[kept], _MAX_ITERATIONS)
+            # measured: five to eight iterations are needed with 1 px of noise
+            result = problem.minimum(poses, shared.points[kept], max_iterations=10)
             dof = np.isfinite(z).sum(axis=(0, 2)) - 3
             chi2 = result.squares.reshape(n, 2).sum(axis=1)
             good = chi2 < chdtri(dof, 1 - robust.gate_probability)

@@ -29,8 +29,6 @@ from .baseline import Baseline
 from .bundle_adjustment import Adjustment, PointPriors, Problem, WeightedViews
 from .per_point_priors import Leaving, LeavingRule, camera_centred, camera_centred_literal, world_centred
 
-_TOLERANCE = 1e-6  # relative decrease of the sum of squares: a few hundredths of a σ at a thousand views
-
 
 @record
 class PerPointFrame:
@@ -151,7 +149,8 @@ class _PerPointWindow(Baseline):
             free = np.array([not f.held for f in self._window])
             views = _views(self._window, self._ids)
             problem = Problem(self._projection, views, free, self._priors)
-            result = problem.minimum(poses, self._points, self._config.window.max_iterations, _TOLERANCE)
+            # the tolerance is a few hundredths of a σ at a thousand views
+            result = problem.minimum(poses, self._points, self._config.window.max_iterations, tolerance=1e-6)
             self._points = result.points
             self._window = [
                 changed(f, ref_from_cam=p) for f, p in zip(self._window, result.ref_from_cam, strict=True)

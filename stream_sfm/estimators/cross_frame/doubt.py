@@ -19,7 +19,7 @@ def _none() -> Array:
 class Doubt:
     """A block of a map's state, in axes of the reference camera.
 
-    `cov` (6, 6): of motions that may have been others, in the last `frames` of which each had a second one, and
+    `cov` (6, 6): of second motions that may have been the camera's, one in each of the last `frames`, and
     `cov_slides` (6, 6) of turns that patches have feigned which slid alike.
     """
 
@@ -37,25 +37,25 @@ class Doubt:
         turns = std_turn_rad * se3.adjoint(se3.inverse(cam_from_ref))[:, 3:]
         return changed(self, cov_slides=self.cov_slides + turns @ turns.T)
 
-    def with_other(self, motion: Resection, std_moved: Array, cam_from_ref: Array) -> tuple["Doubt", Array | None]:
+    def with_second(self, motion: Resection, std_moved: Array, cam_from_ref: Array) -> tuple["Doubt", Array | None]:
         """Return it with the second of two plausible motions, if there is one, which led to a camera (4, 4).
 
         No vehicle moves between two frames by much more than `std_moved` (6,) otherwise than it did.
 
         The difference of the two, in any direction, as the camera's motion may be that of a third set, which is hidden;
-        and the error of the other, eq. (36a). The differences of frames in a row have one sign. Where what is followed
+        and the error of the second, eq. (36a). The differences of frames in a row have one sign. Where what is followed
         may have been a body for some frames already, their motions may be wrong by as much. Also returns the
         `ambiguity` of the frame.
         """
-        other = motion.ambiguous
-        if other is None:
+        second = motion.ambiguous
+        if second is None:
             return changed(self, frames=0), None
-        frames = max(self.frames, other.lasted) + 1
-        first_from_other = motion.cam_from_ref @ se3.inverse(other.cam_from_ref)  # of the newest camera
-        apart = np.linalg.norm(se3.log(first_from_other).reshape(2, 3), axis=1)
+        frames = max(self.frames, second.lasted) + 1
+        first_from_second = motion.cam_from_ref @ se3.inverse(second.cam_from_ref)  # of the newest camera
+        apart = np.linalg.norm(se3.log(first_from_second).reshape(2, 3), axis=1)
         apart = np.minimum(apart, std_moved[[0, 3]])
-        cov = Cholesky(Cholesky(other.cov_pose).inverse() + np.diag(std_moved**-2.0)).inverse()
-        own = se3.adjoint(first_from_other) @ scaled_cholesky(cov)
+        cov = Cholesky(Cholesky(second.cov_pose).inverse() + np.diag(std_moved**-2.0)).inverse()
+        own = se3.adjoint(first_from_second) @ scaled_cholesky(cov)
         ambiguity = np.concatenate([np.diag(np.repeat(apart, 3)), own], axis=1)
         modes = se3.adjoint(se3.inverse(cam_from_ref)) @ ambiguity
         modes[:, :6] *= np.sqrt(frames**2 - self.frames**2)  # n frames of one sign: n²

@@ -15,8 +15,6 @@ from ...geometry.resection import Resection, refine
 from ...geometry.se3 import Array
 from ...record import changed, record
 
-_LEAST_INFORMATION = 1e-9  # of a frame, 1/σ²
-
 
 @record
 class FocusWatch:
@@ -60,7 +58,7 @@ class FocusWatch:
         explained = own.share >= views.settings.calm_share  # by one motion, where two seemed to be
         own = changed(own, second=None if explained else found.second)
         var = float(own.cov_amplitudes[-1, -1])
-        information = max(1 / var - 1, _LEAST_INFORMATION)  # without that of σ = 1
+        information = max(1 / var - 1, 1e-9)  # without that of σ = 1
         shown = unit * float(own.amplitudes[-1]) / (var * information), unit**2 / information
         before = self.shown[-1][0] if self.moves else 0.0
         if abs(shown[0] - before) > self.rules.most_refocused * unit:  # a body that moves, and no zoom
@@ -74,7 +72,7 @@ class FocusWatch:
         return self._learnt(square), found
 
     def _learnt(self, square: float) -> "FocusWatch":
-        """Return the watch after a calm frame, which tells what is usual once as many more have been calm.
+        """Return the watch after a calm frame, which shows what is usual once as many more have been calm.
 
         What grows from frame to frame until it stands out would be usual by then.
         """

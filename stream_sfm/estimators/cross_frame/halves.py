@@ -22,8 +22,6 @@ from .map import Map
 from .normal_equations import System
 from .relative import apart_from_newest
 
-_KINDS = ((0, 1), (0, 2))  # halves that the quarters 0 … 3 begin with: even tracks, and those on the left
-
 
 @record
 class SpanFactors:
@@ -69,7 +67,7 @@ def squares_of_halves(of: Map, system: System, at: State, rules: WindowConfig) -
     """
     parts = _poses_by(of, system, at, _quarters(of, at, rules))
     found = np.full((2, len(of.frames)), np.nan)
-    for kind, (first, second) in enumerate(_KINDS):
+    for kind, (first, second) in enumerate(((0, 1), (0, 2))):  # quarters of even tracks, and of those on the left
         third, fourth = (k for k in range(4) if k not in (first, second))
         with suppress(np.linalg.LinAlgError):
             found[kind] = _squares(

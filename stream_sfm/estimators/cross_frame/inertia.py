@@ -290,7 +290,7 @@ class Inertia:
         is_wrong = impossible(known.state, known.cov_state, self._rules)
         if is_wrong or (
             self._agreement.contradicts and self._agreement.is_young
-        ):  # forget what a wrong motion told
+        ):  # forget what came from a wrong motion
             self._agreement = self._agreement.anew()
             self._anew = self.begun(stamp_ns, known.world_from_cam, known.cov_pose)
         note = "; ".join(filter(None, [self._agreement.note, self._note]))

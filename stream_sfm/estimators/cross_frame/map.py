@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
+from ...config import WindowConfig
 from ...geometry import se3
 from ...geometry.gates import chi2_gate
 from ...geometry.linear import symmetric
@@ -57,6 +58,7 @@ class Map:
         corrected_px: Array,
         first: Solution,
         rig: RigKnowledge,
+        rules: WindowConfig,
     ) -> None:
         """Begin a map in the camera of `frame`, which becomes the reference.
 
@@ -67,7 +69,7 @@ class Map:
         self.frames: list[WindowFrame] = []
         self.views, self.cams_from_ref, self.own = views[:0], np.empty((0, 4, 4)), np.empty((0, views.own.shape[2]))
         self.reference, self.exposures = frame, Exposures.of_reference()
-        self.rejections = RejectionCounts(rig.held)
+        self.rejections = RejectionCounts(rig.held, rules)
         self.begun_anew = self._dropped = np.empty(0, np.int64)
         self.doubt = Doubt()
         self.focus = FocusWatch.begun(rig.rules)
@@ -239,9 +241,9 @@ class Map:
         count = core.times_among(ids, self.views.ids, self.views.used)
         return np.maximum(count + np.where(core.among(ids, self.prior.ids), len(self.frames), -1), 0)
 
-    def consider_other(self, motion: Resection, std_moved: Array) -> None:
+    def consider_second(self, motion: Resection, std_moved: Array) -> None:
         """Add to the world's uncertainty that the second of two plausible motions may be the true one; see `Doubt`."""
-        self.doubt, ambiguity = self.doubt.with_other(motion, std_moved, self.newest_cam_from_ref)
+        self.doubt, ambiguity = self.doubt.with_second(motion, std_moved, self.newest_cam_from_ref)
         if motion.ambiguous is None or ambiguity is None:
             return
         for frame in self.frames[-1 - motion.ambiguous.lasted :]:
@@ -249,14 +251,14 @@ class Map:
                 frame.ambiguity = ambiguity
 
     def settle(self) -> None:
-        """Drop the uncertainty about alternative motions: those followed have turned out to be the camera's."""
+        """Drop the uncertainty about second motions: those followed have turned out to be the camera's."""
         self.doubt = changed(self.doubt, cov=np.zeros((6, 6)))
         for frame in self.frames:
             frame.ambiguity = np.zeros((6, 0))
 
     @property
     def cov_doubt(self) -> Array:
-        """What alternative motions, and patches that slide alike, add to the covariance (6, 6) of the newest pose."""
+        """What second motions, and patches that slide alike, add to the covariance (6, 6) of the newest pose."""
         return self.doubt.of_newest(self.newest_cam_from_ref)
 
     def drop_undetermined(self) -> None:
@@ -346,7 +348,7 @@ class Map:
         self.amplitudes = np.concatenate([self.amplitudes, np.zeros(n)])
 
     def change_rig(self, change: Callable[[RigKnowledge], tuple[RigKnowledge, Array, Array]]) -> None:
-        """Record that the errors of the rig have changed since the newest frame, by what `change` makes of them.
+        """Take it that the errors of the rig have changed since the newest frame, by what `change` makes of them.
 
         Earlier views were seen with the errors as they were, so the window is emptied.
         """
@@ -367,7 +369,7 @@ class Map:
         self.gauss_newton_step()
 
     def end_inertia(self) -> None:
-        """Go on without inertia: what it has told of poses and points stays."""
+        """Go on without inertia: what it has said of poses and points stays."""
         while self.frames:
             self.absorb_oldest()
         self.inertia = None

@@ -72,7 +72,7 @@ class System:
         # what the prior says of its modes by the points
         self._of_modes: Array = _flat(half).T @ _flat(half) if beside is None else beside._of_modes[:modes, :modes]
         h[of_modes, of_modes] += self._of_modes
-        with np.errstate(over="ignore", invalid="ignore"):  # of an iteration that diverges, which its factor tells
+        with np.errstate(over="ignore", invalid="ignore"):  # of an iteration that diverges, which its factor shows
             h -= _flat(self._reach).T @ _flat(self._reach)
         if inertial is not None:
             of_poses, state = self.at["poses"], prior.world_modes[JOINT["state"]]

@@ -10,22 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
+from ...config import WindowConfig
 from ...geometry.se3 import Array
 from .inverse_depth import WhitenedViews
-
-# Rejections, in any frame, after which a track is not used again. Trades the views of a good track that was unlucky
-# (a gate of 99.9 % makes six of them unlikely) against those of one on a slowly moving thing.
-_MAX_REJECTIONS = 6
-# How far half of the views have to be moved by what has been learnt of the rig, in their σ: a gate is twice as wide.
-_ANOTHER_RIG = 2.0
 
 
 class RejectionCounts:
     """The number of rejections of every live track that has any, since the rig's errors were `held` (m,) there."""
 
-    def __init__(self, held: Array) -> None:
+    def __init__(self, held: Array, rules: WindowConfig) -> None:
         self._counts: Counter[int] = Counter()
-        self._held = held
+        self._held, self._rules = held, rules
 
     def add(self, ids: NDArray[np.int64]) -> None:
         """Count one rejection of each track."""
@@ -33,7 +28,7 @@ class RejectionCounts:
 
     def excluded(self, ids: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return which of `ids` (n,) are excluded."""
-        often = sorted([i for i, n in self._counts.items() if n >= _MAX_REJECTIONS])
+        often = sorted([i for i, n in self._counts.items() if n >= self._rules.rejections])
         return core.among(ids, np.array(often, np.int64))
 
     def ask_again(self, newest: WhitenedViews, held: Array) -> None:
@@ -43,7 +38,7 @@ class RejectionCounts:
         if not (len(newest) and change.any()):
             return
         moved = (newest.root @ newest.shift_px(change)[:, :, None])[:, :, 0]
-        if np.median(np.linalg.norm(moved, axis=1)) > _ANOTHER_RIG:
+        if np.median(np.linalg.norm(moved, axis=1)) > self._rules.moved_sigmas:
             self._counts, self._held = Counter(), held
 
     def forget_all_but(self, ids: NDArray[np.int64]) -> None:

@@ -42,7 +42,7 @@ def place_focus(current: Map) -> None:
     """Take what the focal length of the newest frame does where its views are expected, as of all errors of the rig.
 
     Where it is taken at measured places the noise of the views biases it, by little, and the rate at which a focus
-    moves, which hardly anything else tells then, by several σ.
+    moves, which hardly anything else shows then, by several σ.
     """
     if current.focus.moves:
         _place(current, current.newest)

@@ -36,10 +36,6 @@ from .rig_knowledge import NO_RIG, RigKnowledge
 # Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
 # micrometre and a microradian are far below any estimate.
 _ORIGIN_VARIANCE = 1e-12
-_LEAST_STATE = 1e-9  # of the variances of an inertial state, for rounding
-# Variance of a common mode in units of the points' own noise, summed over the points, below which the mode is folded
-# away: it then correlates no two points by more than a hundredth. Trades the size of the system for that.
-_MIN_MODE_VARIANCE = 1e-2
 
 _INERTIAL = 12  # modes of a leaving frame by inertia: slide, velocity, and the walk of the biases
 
@@ -136,7 +132,8 @@ class Prior:
         of_own, of_rig = world[:, of["own"]], world[:, of["rig"]]
         by_world = np.linalg.solve(joint[pose, pose] + _ORIGIN_VARIANCE * np.eye(6), joint[pose, at]).T
         left = joint[at, at] - by_world @ joint[pose, at]
-        root = scaled_cholesky(0.5 * (left + left.T) + np.diag(_LEAST_STATE * np.diag(joint[at, at])))
+        # a billionth of the variances keeps what is left above rounding
+        root = scaled_cholesky(0.5 * (left + left.T) + np.diag(1e-9 * np.diag(joint[at, at])))
         now = layout(own=of_own.shape[1], state=STATE, rig=of_rig.shape[1])
         rows = np.zeros((JOINT.size, now.size))
         rows[pose, now["own"]], rows[pose, now["rig"]] = of_own, of_rig
@@ -301,7 +298,8 @@ class Prior:
 
         Six modes carry the world exactly, 17 more the inertial state, and those of the rig stay. The others are
         principal components of the points'
-        common error in units of their own noise; what is left out goes to that noise.
+        common error in units of their own noise; those of a variance below a hundredth, summed over the points,
+        correlate no two points by more than that, and go to the points' own noise.
         """
         own = self.modes.shape[2] - len(self.rig)
         q, r = np.linalg.qr(self.world_modes[:, :own].T, mode="complete")
@@ -311,7 +309,7 @@ class Prior:
         whitened = core.whiten_blocks(self.cov, shared).reshape(-1, shared.shape[2])
         variance, axes = np.linalg.eigh(whitened.T @ whitened)
         shared = product(shared, axes)
-        small = variance < _MIN_MODE_VARIANCE
+        small = variance < 0.01
         folded = shared[..., small]
         kept = int((~small).sum())
         return changed(

@@ -25,7 +25,8 @@ def reported(
 ) -> tuple[Map, SpanFactors, TrackNoise]:
     """Return the map that estimates are read off, and the factors and the noise of tracks after this frame.
 
-    `learns`: whether errors may last, and this frame tells. Where a view less leaves a point open, it is the same map.
+    `learns`: whether errors may last, and this frame shows it.
+    Where a view less leaves a point open, it is the map itself.
     """
     try:
         return _reported(current, factors, noise, learns)

@@ -23,7 +23,6 @@ from ...rig_model.sizes import Mixture, likely_sizes, mixture
 from ...rig_model.terms import FOCAL, TERMS
 
 _FOCAL = TERMS.index(FOCAL)
-_LEAST_GAIN = 1e-9  # of a variance: less is rounding
 _RULES = RigConfig()
 
 
@@ -103,7 +102,7 @@ class RigKnowledge:
         t = len(TERMS)
         prior = Cholesky(self.information)
         gain = (mean - self.mean - prior.solve(self.weighted))[:t]
-        var = np.maximum(np.diag(prior.inverse() - cov)[:t], _LEAST_GAIN)
+        var = np.maximum(np.diag(prior.inverse() - cov)[:t], 1e-9)  # less is rounding
         frames = min(self.frames + 1, self.rules.innovations)
         mean_square = self.innovation2 + (gain**2 / var - self.innovation2) / frames
         return changed(self, innovation2=mean_square, frames=frames)

@@ -15,7 +15,6 @@ from ...geometry.medians import MEMORY_FRAMES, median
 from ...geometry.se3 import Array
 from ...record import record
 
-_LEAST = 5  # frames: enough for a polynomial of fourth order and for the period of a clock
 _LATER = 3  # frames after which the velocity of a frame does not become more certain
 
 
@@ -31,7 +30,7 @@ class ExposureClock:
         The newest camera has not been seen before. `std_acceleration` (6,): what accelerations are compared by.
         """
         stamps = np.array([(s - stamps_ns[0]) / 1e9 for s in stamps_ns])
-        if len(stamps) < _LEAST:
+        if len(stamps) < 5:  # they determine a polynomial of fourth order, and the period of a clock
             return stamps
         ticks = np.round(stamps / median(np.diff(stamps)))
         if (np.diff(ticks) < 1).any():

@@ -14,9 +14,6 @@ from ...config import WindowConfig
 from ...geometry.se3 import Array
 from ...record import record
 
-_OF_A_POINT = 3  # values that determine a point, of which no residual is left
-_VALUES = 20.0  # of a track, where tracks are counted: five stereo views
-
 
 @record
 class TrackNoise:
@@ -32,7 +29,8 @@ class TrackNoise:
     @classmethod
     def unknown(cls, rules: WindowConfig) -> "TrackNoise":
         """Return the first guess: all tracks are alike, as their covariances say."""
-        return cls(rules.tracks_guess * np.array([_VALUES, _VALUES, 0.0, _VALUES**2 + 2 * _VALUES]), rules)
+        n = 5 * 4.0  # values of a track of five stereo views
+        return cls(rules.tracks_guess * np.array([n, n, 0.0, n**2 + 2 * n]), rules)
 
     @property
     def mean(self) -> float:
@@ -67,5 +65,5 @@ class TrackNoise:
 
 
 def _free(values: Array, known: NDArray[np.bool_]) -> Array:
-    """Return how many values (P,) of tracks are left once their points are determined."""
-    return np.maximum(values - np.where(known, 0, _OF_A_POINT), 0.0)
+    """Return how many values (P,) of tracks are left once their points are determined, by three each."""
+    return np.maximum(values - np.where(known, 0, 3), 0.0)

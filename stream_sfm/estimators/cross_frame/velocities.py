@@ -18,8 +18,6 @@ from .map import Map
 from .twist_unknown import TWIST, left_in_rows, twist_columns, with_room
 from .window_frame import WindowFrame
 
-_FAR = 0.0, 0.0, 1.0, 0.0  # a point at infinity, straight ahead
-
 
 def expect(
     current: Map,
@@ -55,7 +53,7 @@ def expect(
         _begin_twist(current)
         in_cam = core.seen_points(current.projection, views.z_px)
         in_cam[rows] = moved
-        in_cam[~np.isfinite(in_cam).all(axis=1)] = _FAR  # the left side alone, which is not late
+        in_cam[~np.isfinite(in_cam).all(axis=1)] = 0, 0, 1, 0  # far ahead: the left side alone is not late
         cov_twist = current.exposures.twist_error.cov(std_acceleration, seconds)
         cov_twist = cov_twist + np.diag((rules.least_twist * of_twist) ** 2)
         size_s = np.copysign(np.hypot(delay_s, std_s), delay_s)
@@ -87,7 +85,7 @@ def _begin_twist(current: Map) -> None:
 def renew_timing(current: Map) -> None:
     """Take what delay and readout do to the used views of the window, with the velocities that are known now.
 
-    They depend on the camera's velocity, which later frames tell better. The place is kept where a view was
+    They depend on the camera's velocity, which later frames show better. The place is kept where a view was
     expected before it counted: at a place that goes along with the view's own noise, errors that hardly show would
     be estimated wrongly by a fixed amount, which is not averaged out.
     """
@@ -128,7 +126,7 @@ def cov_of_timing(current: Map, std_acceleration: Array) -> Array:
 
 
 def _renew_first(current: Map, views: WhitenedViews, rig: RigModel) -> None:
-    """Begin the prior again with the first frame's views as they moved, which later frames tell better.
+    """Begin the prior again with the first frame's views as they moved, which later frames show better.
 
     Possible as long as nothing else is in the prior.
     """

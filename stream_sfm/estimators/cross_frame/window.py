@@ -113,7 +113,7 @@ class CrossFrame(TakesSamples):
         corrected = _corrected(observations, views, self.rig.mean)
         solution = first_solution(self.projection, self.config.robust, self.motion, corrected)
         if len(solution.track_ids):
-            self.map = Map(self.projection, frame, views, corrected.z_px, solution, self.rig)
+            self.map = Map(self.projection, frame, views, corrected.z_px, solution, self.rig, self.config.window)
             self.inertia.begin(self.map, frame.stamp_ns, solution.world_from_cam, solution.cov_pose)
         return solution
 
@@ -136,13 +136,13 @@ class CrossFrame(TakesSamples):
         if observations.settled:
             current.settle()
         passed_s = (observations.stamp_ns - current.previous.stamp_ns) / 1e9
-        current.consider_other(motion, self.motion.std_speed * passed_s)
+        current.consider_second(motion, self.motion.std_speed * passed_s)
         renew_timing(current)
         iterations = minimise(current, self.config.window, self.config.robust.gate_probability)
         return self._report(current, observations, motion, iterations)
 
     def _change_rig(self, change: Callable[[RigKnowledge], tuple[RigKnowledge, Array, Array]]) -> None:
-        """Record that the rig's errors have changed since the last frame: earlier views have the old ones."""
+        """Take it that the rig's errors have changed since the last frame: earlier views have the old ones."""
         if self.map is not None:
             self.map.change_rig(change)
         elif self.rig is not None:
@@ -170,7 +170,7 @@ class CrossFrame(TakesSamples):
     def _since_by_rows(self, observations: Observations, m: int) -> tuple[Array, Array]:
         """Return what rows have said about the rig's m errors since they were last asked: information, weighted sums.
 
-        They tell of the delay, whatever depth and motion are, and serve nothing else. Where they know less than before,
+        They show the delay, whatever depth and motion are, and serve nothing else. Where they know less than before,
         they take nothing back: since then the rig may have changed, and what they said may not be known any more.
         """
         more, weighted = np.zeros((2, m))
@@ -221,7 +221,7 @@ class CrossFrame(TakesSamples):
         z_px, cov_px = corrected.z_px[rows], corrected.cov_px[rows]
         seen = PointViews(self.projection, points, cov, z_px, cov_px, robust, unknown_px)
         found = initial_motion(seen, observations, start, weights)
-        if found is None and self.inertia.now is not None:  # samples tell whether it is the camera's
+        if found is None and self.inertia.now is not None:  # samples show whether it is the camera's
             found = initial_motion(seen, observations, start, weights, searches=True)
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} or more of the {len(rows)} tracked points")

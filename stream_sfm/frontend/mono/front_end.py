@@ -31,7 +31,6 @@ from ..timing import Timing
 from ..tracker import follow
 from .map_start import begin_map, open_map
 
-_UNINFORMATIVE_PX2 = 1e8  # variance of a coordinate that says nothing: 10 000 px
 _LOST = "the motion was lost; a new map needs parallax"
 
 
@@ -158,6 +157,7 @@ def with_virtual_right(
     """Left sides of views z (n, 4), cov (n, 4, 4) with right sides of inverse depths (n,) and variances, eq. (66)."""
     cov = cov_px.copy()
     cov[:, 2:] = cov[:, :, 2:] = 0
-    cov[:, 2, 2], cov[:, 3, 3] = (p.f_px * p.baseline_m) ** 2 * var_rho, _UNINFORMATIVE_PX2
+    cov[:, 2, 2] = (p.f_px * p.baseline_m) ** 2 * var_rho
+    cov[:, 3, 3] = 1e4**2  # a row that is known to 10 000 px says nothing
     u_right = z_px[:, 0] - p.f_px * p.baseline_m * rho
     return np.stack([z_px[:, 0], z_px[:, 1], u_right, z_px[:, 1]], axis=1), cov

@@ -7,8 +7,6 @@ from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_DEPTH, StereoProjection
 from ..tracks import Tracks
 
-_NO_PARALLAX = 1e-12  # information about inverse depth of a view that shows none: keeps its variance finite
-
 
 def update_by_parallax(
     p: StereoProjection, tracks: Tracks, z_px: Array, cov_px: Array, cam_from_start: Array, forgetting: float
@@ -46,7 +44,7 @@ def depths_from_motion(
     along = t[..., :2] - rays_now * t[..., 2:]
     offset = rays_now * far[:, 2:] - far[:, :2]
     weighted = np.linalg.solve(cov_rays, along[..., None])[..., 0]
-    information = np.maximum((weighted * along).sum(1), _NO_PARALLAX)
+    information = np.maximum((weighted * along).sum(1), 1e-12)  # finite variance without parallax
     return (weighted * offset).sum(1) / information, far[:, 2] ** 2 / information
 
 

@@ -16,9 +16,6 @@ from ...geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS
 from ...record import record
 from .parallax import depths_from_motion, directions
 
-_MIN_RAYS = 8  # the five of the minimal solver, and some to tell its solutions apart
-_ANY_DEPTH = 1e6  # baselines; OpenCV leaves out what is farther than 50 otherwise
-
 
 @record
 class TwoView:
@@ -57,7 +54,7 @@ def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float, rules: M
     None where there is none."""
     from scipy.optimize import least_squares  # a quarter of a second, spent only where there is one camera
 
-    if len(rays_first) < _MIN_RAYS:
+    if len(rays_first) < 8:  # five for the minimal solver, and some to distinguish its solutions
         return None
     cv2.setRNGSeed(0)  # the same rays give the same answer
     essential, inliers = cv2.findEssentialMat(
@@ -70,8 +67,9 @@ def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float, rules: M
     )
     if essential is None or essential.shape != (3, 3):
         return None
+    # OpenCV leaves out points beyond 50 baselines otherwise.
     _, rotation, t, *_ = cv2.recoverPose(
-        essential, rays_first, rays_now, np.eye(3), distanceThresh=_ANY_DEPTH, mask=inliers.copy()
+        essential, rays_first, rays_now, np.eye(3), distanceThresh=1e6, mask=inliers.copy()
     )
     start, inlier = se3.from_rotation_translation(rotation, t[:, 0]), inliers[:, 0] > 0
     across = np.linalg.svd(t.T)[2][1:]  # two directions across t
