@@ -22,6 +22,12 @@ def apart_from_newest(cams_from_ref: Array, of_poses: Array) -> Array:
     return np.concatenate([-blocks[-1:], se3.adjoint(se3.inverse(from_newest)) @ blocks[:-1] - blocks[-1]])
 
 
+def newest_motion(current: Map) -> Array:
+    """Return the motion (4, 4) from the newest frame to the one before it, which is the reference of a first window."""
+    earlier = current.true_cams[-2] if len(current.frames) > 1 else np.eye(4)
+    return se3.orthonormalise(earlier @ se3.inverse(current.true_cams[-1]))
+
+
 def relative_motions(current: Map, cov_newest: Array, by_span: Array) -> RelativeMotions:
     """Return the motions from the newest frame to the reference camera and to every other frame of the window.
 
