@@ -282,7 +282,7 @@ class CrossFrame(TakesSamples):
             nis=motion.chi2,
             nis_dof=motion.dof,
             rig=rig,
-            relative=relative_motions(read_off, cov_timing, factors.by_span),
+            relative=relative_motions(read_off, cov_timing, factors.by_span, self.config.window.feigned_turns),
             common=common_errors(read_off, rig),
             inertial=inertial,
         )
