@@ -69,6 +69,15 @@ class Marginals:
             cov_points_in_world=symmetric(self.cov_points_in_world + of_points),
         )
 
+    def moved(self, by: Array) -> "Marginals":
+        """Return the marginals with the newest pose, and all that is seen from it, moved `by` (6,) from the estimate.
+
+        That is an error which is known, so covariances grow to mean squared errors.
+        """
+        result = self.doubted(np.outer(by, by))
+        pose = se3.orthonormalise(self.world_from_cam @ se3.exp(by))
+        return changed(result, world_from_cam=pose, points_in_world=se3.transform(pose, self.points_in_cam))
+
     def ended(self, still_in_map: NDArray[np.int64] = _NO_IDS) -> WorldPoints:
         """Return the points that are not in the map any more and have a position in metres; ids ascending."""
         rows = ~core.among(self.ids, still_in_map) & self.finite

@@ -22,11 +22,17 @@ def apart_from_newest(cams_from_ref: Array, of_poses: Array) -> Array:
     return np.concatenate([-blocks[-1:], se3.adjoint(se3.inverse(from_newest)) @ blocks[:-1] - blocks[-1]])
 
 
-def relative_motions(current: Map, cov_newest: Array, by_span: Array) -> RelativeMotions:
+def newest_motion(current: Map) -> Array:
+    """Return the motion (4, 4) from the newest frame to the one before it, which is the reference of a first window."""
+    earlier = current.true_cams[-2] if len(current.frames) > 1 else np.eye(4)
+    return se3.orthonormalise(earlier @ se3.inverse(current.true_cams[-1]))
+
+
+def relative_motions(current: Map, cov_newest: Array, by_span: Array, feigned: float) -> RelativeMotions:
     """Return the motions from the newest frame to the reference camera and to every other frame of the window.
 
     `cov_newest` (6, 6): what only the newest pose does not know. `by_span` (b,): the factors on σ over 1 … b frames, of
-    which the views of the window have the last one, eq. (74d).
+    which the views of the window have the last one, eq. (74d). `feigned`: share of turns by sliding patches.
     """
     frames, system = current.frames, current.system
     true_cams, (of_poses, of_rig) = current.true_cams, current.true_poses()
@@ -42,7 +48,7 @@ def relative_motions(current: Map, cov_newest: Array, by_span: Array) -> Relativ
     return RelativeMotions(
         frame_indices=np.array([f.index for f in (current.reference, *frames[:-1])], np.int64),
         frame_from_newest=se3.orthonormalise(from_newest),
-        cov=cov + _of_motions(current) + cov_newest,
+        cov=cov + _of_motions(current, feigned) + cov_newest,
         common_jacobian=by_rig,
     )
 
@@ -59,11 +65,12 @@ def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
     return CommonErrors(current.rig_error, rig.cov, jacobian)
 
 
-def _of_motions(current: Map) -> Array:
+def _of_motions(current: Map, feigned: float) -> Array:
     """Return what the motions between each earlier frame and the newest one add to the covariance (r, 6, 6).
 
     Where they are ambiguous, these differences add up. Turns that patches feign which slide alike come and go within a
-    window, so that over any of its spans they count as over one frame, eq. (17b); those that stay add up in the pose.
+    window, so that over any of its spans they count as over one frame, and a share `feigned` of their variance, eq.
+    (17b); those that stay add up in the pose.
     """
     together, apart, turns = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
     covs: list[Array] = []
@@ -74,5 +81,5 @@ def _of_motions(current: Map) -> Array:
         if frame.ambiguity.shape[1]:
             other = moved @ frame.ambiguity
             together, apart = together + other[:, :6], apart + other[:, 6:] @ other[:, 6:].T
-        covs.append(together @ together.T + apart + turns / (len(covs) + 1))
+        covs.append(together @ together.T + apart + feigned / (len(covs) + 1) * turns)
     return np.stack(covs[::-1])

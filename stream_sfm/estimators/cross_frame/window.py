@@ -21,7 +21,7 @@ from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...record import changed
 from ...rig_model.terms import DELAY, TERMS
-from ...types import Ambiguity, Observations, Solution
+from ...types import Ambiguity, InertialEstimate, Observations, Solution
 from ..initial_motion import initial_motion
 from ..lifecycle import (
     LostError,
@@ -32,13 +32,15 @@ from ..lifecycle import (
     too_few_inliers,
     with_ended,
 )
+from .followed import followed
 from .halves import SpanFactors
 from .inertia import Inertia, InertialMotionModel, NotTheCameraError, TakesSamples
 from .inverse_depth import WhitenedViews
 from .map import Map
+from .marginals import Marginals
 from .minimise import minimise
 from .own_focus import end_refocusing, judge_focus, own_at_first, place_focus
-from .relative import common_errors, relative_motions
+from .relative import common_errors, newest_motion, relative_motions
 from .reported import reported
 from .rig_knowledge import NO_RIG, RigKnowledge, impossible
 from .track_noise import TrackNoise
@@ -229,16 +231,30 @@ class CrossFrame(TakesSamples):
             found, views = judge_focus(current, views, rows, seen, weights, found)
         return found, views.ids[rows[~found.accepted]], views, corrected.z_px
 
+    def _marginals(
+        self, current: Map, read_off: Map, before: Marginals, in_question: bool
+    ) -> tuple[Marginals, InertialEstimate | None]:
+        """Return the marginals as reported, which are the map's then, and the inertial state if there is one.
+
+        `before`: those of the previous frame. A motion `in_question` is not followed.
+        """
+        # the world has moved with all errors that last, which only the weights of eq. (69) allow for
+        now = current.marginals = changed(read_off.update_marginals(), cov_pose=current.cov_pose)
+        known, inertial = self.inertia.report(current, read_off)
+        if known is not None:
+            now = current.place_newest(known)
+        elif not in_question:
+            now = current.marginals = followed(before, now, newest_motion(read_off), self.config.window.frames)
+        return now, inertial
+
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
         rig, self._in_question = current.judge_rig(), motion.ambiguous is not None
         before, factors = current.marginals, self._factors
         tells = observations.lasting.inflation is not None and motion.ambiguous is None and not observations.misfit
         read_off, self._factors, self._noise = reported(current, factors, self._noise, tells)
-        # the world has moved with all errors that last, which only the weights of eq. (69) allow for
-        now = current.marginals = changed(read_off.update_marginals(), cov_pose=current.cov_pose)
-        known, inertial = self.inertia.report(current, read_off)
-        now = now if known is None else current.place_newest(known)
+        in_question = motion.ambiguous is not None or bool(observations.misfit)
+        now, inertial = self._marginals(current, read_off, before, in_question)
         cov_timing = cov_of_timing(current, self._std_acceleration)
         if motion.ambiguous is None:  # otherwise it may be the motion that is wrong
             self._impossible = impossible(rig, self.config.rig)
@@ -260,13 +276,13 @@ class CrossFrame(TakesSamples):
             points_in_world=now.points_in_world[shown],
             cov_points_in_world=now.cov_points_in_world[shown],
             window_frame_indices=np.array([f.index for f in current.frames], np.int64),
-            window_world_from_cam=read_off.world_from_ref @ se3.inverse(read_off.true_cams),
+            window_world_from_cam=now.world_from_cam @ read_off.true_cams[-1] @ se3.inverse(read_off.true_cams),
             rejected_ids=ids[~used],
             iterations=iterations,
             nis=motion.chi2,
             nis_dof=motion.dof,
             rig=rig,
-            relative=relative_motions(read_off, cov_timing, factors.by_span),
+            relative=relative_motions(read_off, cov_timing, factors.by_span, self.config.window.feigned_turns),
             common=common_errors(read_off, rig),
             inertial=inertial,
         )

@@ -1,0 +1,27 @@
+"""The pose in the world that is reported: it goes on by the newest motion, and is drawn to the filter's pose.
+
+With every frame the filter puts the frames before it elsewhere, too. The difference of two poses, each as it was
+reported in its own frame, has the newest motion's error and that change. So the reported pose leaves the change out at
+first, eq. (41a): it is where the newest motion leads from the pose reported before. What windows disagree in is renewed
+within the b frames of one, so of the difference from the filter's pose a share of 1/b is taken each frame; more where
+it is not within the filter's own σ. What is left is known, and counts in the covariance. Nothing is fed back.
+"""
+
+import numpy as np
+
+from ...geometry import se3
+from ...geometry.linear import mahalanobis2
+from ...geometry.se3 import Array
+from .marginals import Marginals
+
+
+def followed(before: Marginals, now: Marginals, previous_from_newest: Array, frames: int) -> Marginals:
+    """Return the marginals `now` of the filter, with the newest pose and all that is seen from it as reported.
+
+    `before`: those reported in the previous frame; `previous_from_newest` (4, 4): the newest motion; `frames`: b.
+    """
+    start = se3.orthonormalise(before.world_from_cam @ previous_from_newest)
+    apart = se3.log(se3.inverse(start) @ now.world_from_cam)
+    distance2 = float(mahalanobis2(apart[None], now.cov_pose[None])[0])
+    left = apart * (1 - 1 / frames) / np.sqrt(max(1.0, distance2))
+    return now.moved(-left)

@@ -1,0 +1,142 @@
+"""The pose in the world that goes on by the newest motion, and is drawn to the filter's pose."""
+
+import numpy as np
+import pytest
+
+from stream_sfm.config import Config, WindowConfig
+from stream_sfm.estimators import make_estimator
+from stream_sfm.estimators.cross_frame import window
+from stream_sfm.estimators.cross_frame.followed import followed
+from stream_sfm.estimators.cross_frame.marginals import Marginals
+from stream_sfm.estimators.cross_frame.relative import newest_motion
+from stream_sfm.estimators.cross_frame.window import CrossFrame
+from stream_sfm.geometry import se3
+from stream_sfm.record import changed
+from stream_sfm.simulation.scenes import Scene
+
+SCENE = Scene(frames=30, track_length=8, visible=80, std_px=0.1, round_off=False, autocorrelation=0.75)
+B = 8
+MOTION = se3.exp(np.array([0.02, -0.01, 0.2, 0.01, 0.03, -0.02]))
+STD = np.array([0.01, 0.02, 0.03, 0.002, 0.003, 0.001])
+
+
+@pytest.fixture(scope="module")
+def some() -> Marginals:
+    """Marginals of some map, of whose newest pose σ is STD."""
+    sequence = Scene(frames=2).sequence(np.random.SeedSequence(3))
+    estimator = make_estimator("cross-frame", sequence.projection, Config())
+    for o in sequence.observations:
+        estimator.step(o)
+    assert isinstance(estimator, CrossFrame) and estimator.map is not None
+    return changed(estimator.map.marginals, cov_pose=np.diag(STD**2))
+
+
+def at(of: Marginals, pose: np.ndarray) -> Marginals:
+    """The marginals of another pose of the filter."""
+    return changed(of, world_from_cam=pose, points_in_world=se3.transform(pose, of.points_in_cam))
+
+
+def from_filter(reported: Marginals, pose: np.ndarray) -> np.ndarray:
+    return np.asarray(se3.log(se3.inverse(reported.world_from_cam) @ pose))
+
+
+def test_one_that_always_errs_alike_stays_within_a_window_of_it(some):
+    """A bias of every motion, small against σ, moves the reported pose by b − 1 times that, and no farther."""
+    bias, pose = 1e-3 * STD, some.world_from_cam
+    reported, distances = some, []
+    for _ in range(200):
+        pose = se3.orthonormalise(pose @ se3.exp(bias))
+        reported = followed(reported, at(some, pose), np.eye(4), B)
+        distances.append(from_filter(reported, pose))
+    assert np.linalg.norm(distances, axis=1) == pytest.approx(
+        np.linalg.norm(bias) * (B - 1) * (1 - (1 - 1 / B) ** np.arange(1, 201)), rel=1e-3
+    )
+
+
+@pytest.mark.parametrize("size", [0.3, 3.0, 300.0])
+def test_it_is_never_beyond_the_filters_own_sigma(some, size):
+    """So what a correction of the path moves is reported at once where it is large, and nothing jumps by σ later."""
+    rng, reported = np.random.default_rng(5), some
+    for _ in range(50):
+        pose = some.world_from_cam @ se3.exp(size * STD * rng.normal(size=6) / 6)
+        now = at(some, pose)
+        reported = followed(reported, now, np.eye(4), B)
+        assert np.linalg.norm(from_filter(reported, pose) / STD) < 1
+
+
+def test_it_follows_a_motion_exactly_on_which_the_filter_agrees(some):
+    pose, reported = some.world_from_cam, some
+    for _ in range(5):
+        pose = se3.orthonormalise(pose @ MOTION)
+        reported = followed(reported, at(some, pose), MOTION, B)
+    assert reported.world_from_cam == pytest.approx(pose, abs=1e-9)
+
+
+def test_a_window_of_one_frame_reports_the_filter(some):
+    pose = some.world_from_cam @ se3.exp(0.5 * STD)
+    assert followed(some, at(some, pose), np.eye(4), 1).world_from_cam == pytest.approx(pose, abs=1e-12)
+
+
+def test_the_covariance_is_that_of_the_pose_reported(some):
+    """Monte Carlo: what the filter's pose has moved by is independent of the error that is left in it."""
+    rng, squares = np.random.default_rng(6), []
+    for _ in range(400):
+        reported, pose = some, some.world_from_cam
+        for _ in range(12):
+            pose = se3.orthonormalise(pose @ MOTION @ se3.exp(0.2 * STD * rng.normal(size=6)))
+            reported = followed(reported, at(some, pose), MOTION, B)
+        xi = from_filter(reported, pose @ se3.exp(STD * rng.normal(size=6)))
+        squares.append(xi @ np.linalg.solve(reported.cov_pose, xi))
+    assert np.mean(squares) == pytest.approx(6, abs=3 * np.std(squares) / 20)
+
+
+def test_points_stay_where_they_are_in_the_camera(some):
+    now = at(some, some.world_from_cam @ se3.exp(0.9 * STD))
+    reported = followed(some, now, np.eye(4), B)
+    assert (reported.points_in_cam == now.points_in_cam).all()
+    in_world = se3.transform(reported.world_from_cam, reported.points_in_cam)
+    assert reported.points_in_world == pytest.approx(in_world, abs=1e-9)
+    more = reported.cov_points_in_world[now.finite] - now.cov_points_in_world[now.finite]
+    assert (np.linalg.eigvalsh(more) > -1e-9 * np.abs(more).max()).all()
+
+
+def apart_from_newest_motions() -> float:
+    """Mean squared difference of the motion between two reported poses and the newest motion, in its σ."""
+    sequence = SCENE.sequence(np.random.SeedSequence([8, 1]))
+    estimator, before, found = make_estimator("cross-frame", sequence.projection, Config()), np.eye(4), []
+    for o in sequence.observations:
+        solution = estimator.step(o)
+        pose = solution.world_from_cam
+        assert solution.window_world_from_cam[-1] == pytest.approx(pose, abs=1e-9)
+        in_world = se3.transform(pose, solution.points_in_cam)
+        assert solution.points_in_world == pytest.approx(in_world, abs=1e-6)
+        if solution.relative is not None:
+            apart = se3.log(solution.relative.frame_from_newest[-1] @ se3.inverse(pose) @ before)
+            found.append(apart @ np.linalg.solve(solution.relative.cov[-1], apart))
+        before = pose
+    return float(np.mean(found))
+
+
+def test_reported_poses_move_as_the_newest_motions_say(monkeypatch):
+    """In simulation with errors that last, far more than poses of the filter do; and a frame has one place for all."""
+    as_reported = apart_from_newest_motions()
+    monkeypatch.setattr(window, "followed", lambda _, now, *__: now)
+    assert as_reported < apart_from_newest_motions() / 5
+
+
+def test_a_motion_in_question_is_not_followed():
+    """The pose is the filter's there, no farther than σ from where it would have been."""
+    sequence = SCENE.sequence(np.random.SeedSequence([8, 2]))
+    estimator = make_estimator("cross-frame", sequence.projection, Config(window=WindowConfig(frames=4)))
+    assert isinstance(estimator, CrossFrame)
+    for o in sequence.observations[:-1]:
+        estimator.step(o)
+    current = estimator.map
+    assert current is not None
+    of_filter = current.update_marginals()
+    start = at(of_filter, of_filter.world_from_cam @ newest_motion(current) @ se3.exp(0.01 * np.ones(6)))
+    sure, _ = estimator._marginals(current, current, start, in_question=False)
+    unsure, _ = estimator._marginals(current, current, start, in_question=True)
+    assert unsure.world_from_cam == pytest.approx(of_filter.world_from_cam, abs=1e-12)
+    apart = from_filter(sure, unsure.world_from_cam)
+    assert 0 < apart @ np.linalg.solve(unsure.cov_pose, apart) < 1
