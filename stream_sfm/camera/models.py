@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ConfigError
-from ..geometry.se3 import Array
+from ..geometry import Array
 from .masks import Mask, checked_mask
 
 MAX_PIXELS = 12_500_000  # of an image: a run with sensors of 12 megapixels stays below a gigabyte

@@ -13,13 +13,11 @@ from numpy.polynomial.polynomial import polyvander2d
 from numpy.typing import NDArray
 
 from ..errors import RigError
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
-from .exposed_rows import ExposedRows
-from .focal_effect import FocalEffect
 from .lens import distortion, project_into_image, rays_of
 from .models import Camera
+from .over_image import ExposedRows, FocalEffect
 from .rig import MonoRig, StereoRig
 from .settings import SETTINGS
 

@@ -6,9 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import ConfigError
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..errors import ConfigError, as_error
+from ..geometry import Array, se3
 from ..inertial.samples import ImuCalibration
 from .calibration import toml_file
 from .calibration.document import Pair, Where, load, named, short
@@ -91,10 +90,8 @@ class StereoRig:
 
     @classmethod
     def _of_pair(cls, pair: Pair, name: Where) -> "StereoRig":
-        try:
+        with as_error(ConfigError, f"calibration {named(name)}", ConfigError):
             return cls(*pair)
-        except ConfigError as error:
-            raise ConfigError(f"calibration {named(name)}: {error}") from None
 
     def masked(self, left: MaskOrFile | None, right: MaskOrFile | None = None) -> "StereoRig":
         """Return the rig for images of which parts are always of the robot, or dirt: there no point is followed.

@@ -9,7 +9,7 @@ reported.
 import numpy as np
 
 from .. import core
-from ..geometry.se3 import Array
+from ..geometry import Array
 
 
 class PhysicalAxes:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import DenseConfig
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record
 

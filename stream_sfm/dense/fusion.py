@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import DenseConfig
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
 from . import voxels
 from .disparity import DisparityMap, cosine_of_incidence, rays, std_along_ray

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files import write_whole
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
 from ..wording import printable
 from .disparity import DisparityMap, rays, std_along_ray

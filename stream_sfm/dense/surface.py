@@ -14,8 +14,7 @@ from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import ConfigError, LogError
 from ..frontend.prepared import Image
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
 from ..inspection.calibration_check import images_of, log_problems
 from ..interrupts import deferred_interrupts

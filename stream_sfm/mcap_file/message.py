@@ -109,3 +109,28 @@ class Source(Protocol):
     def drop_unverified_index(self) -> bool:
         """Read without an index that carries no checksum from now on; False where there was none in use."""
         return False
+
+
+class Derived(Source):
+    """Another source with some of its topics made anew; what is not overridden is as it is there."""
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.path, self.size_bytes, self.in_order = source.path, source.size_bytes, source.in_order
+        self.format, self.profile, self.library = source.format, source.profile, source.library
+
+    @property
+    def indexed(self) -> bool:
+        return self.source.indexed
+
+    def contents(self) -> Contents | None:
+        """The contents of the source as it lies on disk."""
+        return self.source.contents()
+
+    def attachments(self, damage: Damage) -> Iterator[Attachment]:
+        """See `Source`."""
+        return self.source.attachments(damage)
+
+    def close(self) -> None:
+        """See `Source`."""
+        self.source.close()

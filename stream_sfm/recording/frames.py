@@ -72,14 +72,11 @@ class FrameDecoder:
                 self._skip(f"{message.topic}: the header of an image is damaged")
                 return False
             if size != (camera.width, camera.height):
-                text = (
-                    f"topic {message.topic}: images are {size[0]}×{size[1]}, the calibration is for "
-                    f"{camera.width}×{camera.height}"
-                )
+                calibrated = f"the calibration is for {camera.width}×{camera.height}"
+                text = f"topic {message.topic}: images are {size[0]}×{size[1]}, {calibrated}"
                 if not self._sizes_fit:
-                    raise LogError(
-                        f"{self._path}: {text}: give the calibration of these images", hint=("calibration",)
-                    )
+                    cure = "give the calibration of these images"
+                    raise LogError(f"{self._path}: {text}: {cure}", hint=("calibration",))
                 self._skip(text)
                 return False
         self._sizes_fit = True

@@ -90,7 +90,10 @@ def decode_grey(message: ImageMessage) -> Grey:
     `check_encoding` must have passed. Raises UndecodableImage for damaged bytes.
     """
     try:
-        return _decode_compressed(message) if message.compressed else _decode_raw(message)
+        if message.compressed:
+            return _decode_compressed(message)
+        pixels, to_grey, _ = _raw_pixels(message)
+        return pixels if to_grey is None else cv2.cvtColor(pixels, to_grey)
     except cv2.error as error:
         if memory.is_refused(error):
             raise
@@ -135,16 +138,11 @@ def decode_rgb(message: ImageMessage) -> NDArray[np.uint8] | None:
     return np.asarray(pixels if conversion is None else cv2.cvtColor(pixels, conversion), np.uint8)
 
 
-def _decode_raw(message: ImageMessage) -> Grey:
-    if len(message.data) > LIMITS.raw_image_bytes:
-        raise UndecodableImage(f"{message.topic}: a raw image of {len(message.data) / 2**20:.0f} MiB")
-    pixels, to_grey, _ = _raw_pixels(message)
-    return pixels if to_grey is None else cv2.cvtColor(pixels, to_grey)
-
-
 def _raw_pixels(message: ImageMessage) -> tuple[Any, int | None, int | None]:
     """Pixels (h, w) or (h, w, channels), and OpenCV's conversions as in `_COLOURS`."""
     name = message.encoding.lower()
+    if len(message.data) > LIMITS.raw_image_bytes:
+        raise UndecodableImage(f"{message.topic}: a raw image of {len(message.data) / 2**20:.0f} MiB")
     if name not in RAW_ENCODINGS:
         raise UndecodableImage(f"{message.topic}: image encoding {message.encoding!r} is not supported")
     bits, channels, to_grey, to_rgb = _PLAIN.get(name, (8, 2 if name in _LUMA_BYTE else 1, None, None))

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..camera.rig import MonoRig, StereoRig
-from ..errors import ConfigError, LogError
-from ..geometry.se3 import Array
+from ..errors import ConfigError, LogError, as_error
+from ..geometry import Array
 from ..inertial.samples import ImuCalibration, ImuSamples
 from ..mcap_file.message import Source
 from ..record import record
@@ -65,10 +65,8 @@ def mounted(source: Source, survey: Survey, topics: ImuTopics, rig: StereoRig, l
             f"no fixed transform leads from frame {first.frame_id!r} of {topics.gyro} to the left camera, "
             f"{left_frame!r}: give [imu] in the calibration"
         )
-    try:
+    with as_error(LogError, "", ConfigError):
         return replace(rig, imu=ImuCalibration(pose))
-    except ConfigError as error:
-        raise LogError(str(error)) from None
 
 
 def with_imu(rig: StereoRig | MonoRig, imu: ImuCalibration | None) -> StereoRig | MonoRig:

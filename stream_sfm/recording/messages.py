@@ -12,8 +12,7 @@ import numpy as np
 from mcap.well_known import MessageEncoding
 
 from ..errors import LogError
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..inputs import INT64, LIMITS, Decoder
 from ..mcap_file.message import Channel, Damage, Message, Source
 from ..record import record

@@ -102,9 +102,7 @@ class PairReader:
         if not stats.left_read or not stats.right_read:
             remedy = self._problem or "; ".join(stats.warnings[:_MOST_REASONS]) or "both cameras must have images"
         elif stats.dropped_backwards:
-            remedy = (
-                f"{stats.dropped_backwards} stamps do not increase: do the images carry stamps in their header?"
-            )
+            remedy = f"{stats.dropped_backwards} stamps do not increase: do headers of images carry stamps?"
         else:
             remedy = (
                 "no two stamps lie within half a frame: are the cameras synchronised, or the topics written one "

@@ -6,7 +6,7 @@ from typing import Any
 
 from ..camera.pixels import GreyScaler
 from ..camera.rig import StereoRig
-from ..errors import FrameError, LogError
+from ..errors import FrameError, LogError, as_error
 from .frames import RecordedFrame, recorded_frame
 from .images import UndecodableImage, check_encoding, decode_grey, image_size
 from .messages import ImageMessage, UndecodableMessage, image_of
@@ -42,11 +42,9 @@ class RosImages:
 
     def put(self, side: int, message: Any) -> None:
         """Take the next message of the left (0) or right (1) camera. Raises FrameError where it cannot be an image."""
-        try:
+        with as_error(FrameError, "", UndecodableMessage, LogError, ValueError, TypeError):
             image = image_of(_SIDES[side], message)
             check_encoding(image, "the camera")
-        except (UndecodableMessage, LogError, ValueError, TypeError) as error:
-            raise FrameError(str(error)) from None
         with self._news:
             for left, right in self._pairer.push(side, image.stamp_ns, image, len(image.data)):
                 self._waiting.append(StereoPair(left, right))
@@ -74,10 +72,8 @@ class RosImages:
                     f"the {message.topic} image (stamp {message.stamp_ns} ns) is {is_size}, its calibration is for "
                     f"{camera.width}×{camera.height}"
                 )
-        try:
+        with as_error(FrameError, "", UndecodableImage):
             return recorded_frame(pair, self._scaler.to_uint8(*map(decode_grey, pair.images)))
-        except UndecodableImage as error:
-            raise FrameError(str(error)) from None
 
     def clear(self) -> None:
         """Forget what waits, as after a clock was set back."""

@@ -100,9 +100,8 @@ def open_camera(
     rig = calibration or device.rig
     if rig is None:
         device.close()
-        raise ConfigError(
-            f"camera {' '.join(names)} has no calibration of its own: give one", hint=("calibration",)
-        )
+        problem = f"camera {' '.join(names)} has no calibration of its own: give one"
+        raise ConfigError(problem, hint=("calibration",))
     recorder = None if record is None else MessageWriter(record, keep=True, compressed=True)
     return _open(CameraSource(" ".join(names), device, rig, recorder), None, None, rig, mono=False)
 
@@ -332,9 +331,7 @@ class StereoLog:
                 self.stats.warnings += [warning] if warning is not None else []
             return self._given_truth
         topic = truth_topic(self.survey)
-        if topic is None:
-            return None
-        return read_truth(self._source, topic, self._left_frame, self.stats.warnings)
+        return None if topic is None else read_truth(self._source, topic, self._left_frame, self.stats.warnings)
 
     def age_s(self, stamp_ns: int) -> float | None:
         """Seconds since a live camera has delivered the pair of this stamp; None of a recording, and of an old pair."""

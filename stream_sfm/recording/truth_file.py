@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import ConfigError, LogError
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..inputs import INT64
 from ..mcap_file.message import Source
 from ..sources.pose_files import is_euroc_table, read_poses
@@ -40,13 +40,7 @@ class GroundTruthFile:
     def poses(self) -> Trajectory:
         """Return the poses as the file has them, with stamps in the time of the log. Raises LogError."""
         found, offset_ns = read_poses(Path(self.path)), round(self.offset_s * 1e9)
-        if (
-            len(found)
-            and not -INT64
-            <= min(ends := found.stamps_ns[[0, -1]].tolist()) + offset_ns
-            <= max(ends) + offset_ns
-            < INT64
-        ):
+        if not all(-INT64 <= end_ns + offset_ns < INT64 for end_ns in found.stamps_ns[[0, -1]].tolist()):
             raise LogError(f"{self.path}: an offset of {self.offset_s:g} s leads beyond stamps of 64 bits")
         return Trajectory(found.stamps_ns + offset_ns, found.world_from_cam)
 

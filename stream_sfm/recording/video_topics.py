@@ -8,11 +8,9 @@ from collections.abc import Generator, Iterator
 from dataclasses import replace
 from itertools import islice
 
-from mcap.records import Attachment
-
 from ..errors import LogError
 from ..inputs import LIMITS
-from ..mcap_file.message import Contents, Damage, Message, Source
+from ..mcap_file.message import Damage, Derived, Message, Source
 from ..sources.profile import raw_channel, raw_message
 from ..sources.sides import is_camera
 from ..sources.video_stream import VideoStream, codec_of
@@ -49,29 +47,12 @@ def _codec(source: Source, topic: Topic) -> str | None:
     return codec_of(first.encoding) if first is not None and first.compressed else None
 
 
-class _Decoded(Source):
-    """A source whose videos, topic -> codec, are raw images; everything else as it is."""
+class _Decoded(Derived):
+    """A source whose videos, topic -> codec, are raw images."""
 
     def __init__(self, source: Source, videos: dict[str, str]) -> None:
-        self._source, self._videos = source, videos
-        self.path, self.size_bytes, self.in_order = source.path, source.size_bytes, source.in_order
-        self.format, self.profile, self.library = source.format, source.profile, source.library
-
-    @property
-    def indexed(self) -> bool:
-        return self._source.indexed
-
-    def contents(self) -> Contents | None:
-        """Return the contents of the source as it lies on disk."""
-        return self._source.contents()
-
-    def attachments(self, damage: Damage) -> Iterator[Attachment]:
-        """Yield the attachments of the source."""
-        return self._source.attachments(damage)
-
-    def close(self) -> None:
-        """See `Source`."""
-        self._source.close()
+        super().__init__(source)
+        self._videos = videos
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all), of videos the frames that can be decoded.
@@ -85,7 +66,7 @@ class _Decoded(Source):
         ]
         if topics is None or topics - wanted:
             others = None if topics is None else topics - wanted
-            messages = self._source.messages(damage, others)
+            messages = self.source.messages(damage, others)
             readings.append(m for m in messages if m.channel.topic not in self._videos)
         try:
             yield from heapq.merge(*readings, key=lambda message: message.log_time_ns)
@@ -112,7 +93,7 @@ class _Decoded(Source):
     def _frames(self, topic: str, damage: Damage) -> Iterator[tuple[tuple[ImageMessage, int], bytes]]:
         """Each frame without its bytes, with its log time; and its bytes."""
         decoder = MessageDecoder(self.path)
-        for message in self._source.messages(damage, frozenset([topic])):
+        for message in self.source.messages(damage, frozenset([topic])):
             try:
                 image = decoder.image(message)
             except UndecodableMessage as error:

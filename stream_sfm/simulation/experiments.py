@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from ..errors import ConfigError, OutputError
+from ..errors import ConfigError, OutputError, as_error
 from ..executors import processes
 from ..files import json_bytes, make_folder, write_whole
 from . import figure6
@@ -49,9 +49,7 @@ def simulate(
     if out_dir is not None:
         write_whole(Path(out_dir, "results.json"), json_bytes(report))
         write_whole(Path(out_dir, "results.csv"), to_csv(report).encode())
-        try:
-            if experiment == "figure6":
+        if experiment == "figure6":
+            with as_error(OutputError, f"cannot write to {out_dir}", OSError):
                 figure6.draw(report, Path(out_dir))
-        except OSError as error:
-            raise OutputError(f"cannot write to {out_dir}: {error.strerror}") from None
     return report

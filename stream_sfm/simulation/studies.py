@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from ..evaluation.relative import Interval
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..methods import COMPARED, METHODS, REFERENCE, WITHOUT_IMU
 from .measure import NORMALISED, QUANTITIES, Measured, Method, measure
 from .scenes import Scene
@@ -75,12 +75,12 @@ class Job:
 class Study:
     """Jobs by name, and the report that is made of the measurements of each."""
 
-    jobs: Callable[[], Mapping[str, Job]]
+    jobs: Mapping[str, Job]
     report: Callable[[dict[str, Measured]], Report]
 
     def total_trials(self, trials: int) -> int:
         """Return how many trials are run altogether."""
-        return sum(job.trials(trials) for job in self.jobs().values())
+        return sum(job.trials(trials) for job in self.jobs.values())
 
     def run(
         self, trials: int, seed: int, executor: Executor | None = None, progress: Progress | None = None
@@ -88,7 +88,7 @@ class Study:
         """Run all jobs, and return their report."""
         measured = {
             name: stacked(run_trials(job.measure, job.trials(trials), seed, executor, progress))
-            for name, job in self.jobs().items()
+            for name, job in self.jobs.items()
         }
         return self.report(measured)
 
@@ -158,7 +158,7 @@ def of_conditions(
     def report(measured: dict[str, Measured]) -> Report:
         return {**known, "conditions": {name: part(name, data) for name, data in measured.items()}}
 
-    return Study(lambda: conditions, report)
+    return Study(conditions, report)
 
 
 # No simulated log has inertial samples.

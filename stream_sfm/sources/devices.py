@@ -66,7 +66,8 @@ def open_device(names: Sequence[str], rig: StereoRig | None, options: CameraOpti
             return known(options)
         except (RuntimeError, OSError) as error:  # of the maker's package
             said = " ".join(str(error).split())
-            raise LogError(f"camera {names[0]} cannot be opened: {said}; is it connected, and permitted?") from None
+            cure = "is it connected, permitted, and not in use?"
+            raise LogError(f"camera {names[0]} cannot be opened: {said}; {cure}") from None
     return _opencv(names, rig, options)
 
 
@@ -187,17 +188,14 @@ def _oak(options: CameraOptions) -> Device:
     sockets = dai.CameraBoardSocket.CAM_B, dai.CameraBoardSocket.CAM_C
     width, height = options.size or _OAK_SIZE
     queues = []
-    try:
-        pipeline = dai.Pipeline(dai.Device(options.serial)) if options.serial else dai.Pipeline()
-        for socket in sockets:
-            camera = pipeline.create(dai.node.Camera).build(socket)
-            if options.exposure_ms:
-                camera.initialControl.setManualExposure(round(1000 * options.exposure_ms), _OAK_ISO)
-            output = camera.requestOutput((width, height), dai.ImgFrame.Type.GRAY8, fps=options.rate)
-            queues.append(output.createOutputQueue())
-        pipeline.start()
-    except RuntimeError as error:
-        raise LogError(f"OAK: {error}: is it plugged in, and not in use?") from None
+    pipeline = dai.Pipeline(dai.Device(options.serial)) if options.serial else dai.Pipeline()
+    for socket in sockets:
+        camera = pipeline.create(dai.node.Camera).build(socket)
+        if options.exposure_ms:
+            camera.initialControl.setManualExposure(round(1000 * options.exposure_ms), _OAK_ISO)
+        output = camera.requestOutput((width, height), dai.ImgFrame.Type.GRAY8, fps=options.rate)
+        queues.append(output.createOutputQueue())
+    pipeline.start()
     factory = pipeline.getDefaultDevice().readCalibration()
     cameras = []
     for socket in sockets:

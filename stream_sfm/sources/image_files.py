@@ -11,8 +11,8 @@ import numpy as np
 from ..camera.models import MAX_PIXELS, Camera
 from ..camera.rectification import check_rectifiable
 from ..camera.rig import StereoRig
-from ..errors import ConfigError, LogError, RigError
-from ..geometry.se3 import Array
+from ..errors import ConfigError, LogError, RigError, as_error
+from ..geometry import Array
 from ..inertial.samples import ImuCalibration
 from ..inputs import LIMITS, read_small, reading
 from ..mcap_file.message import Channel, Contents, Damage, Message, Source
@@ -88,10 +88,8 @@ class ImageFilesSource(Source):
         self._samples: Sequence[tuple[int, Array]] = () if imu is None else imu[0]
         self.imu = None if imu is None else imu[1]
         if rig is not None:
-            try:
+            with as_error(ConfigError, f"{path}", RigError):
                 check_rectifiable(rig)
-            except RigError as error:
-                raise ConfigError(f"{path}: {error}", hint=error.hint) from None
         self.images, self.poses = images, poses
         self.notes = list(notes)
         left, right = ({image.stamp_ns for image in side} for side in images)

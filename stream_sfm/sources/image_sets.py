@@ -35,9 +35,8 @@ def open_images(
     """
     sides = [_matches("left", left), _matches("right", right)]
     if both := set(sides[0]) & set(sides[1]):
-        raise ConfigError(
-            f"{min(both)} is both a left and a right image: give two different globs", hint=("left", "right")
-        )
+        problem = f"{min(both)} is both a left and a right image: give two different globs"
+        raise ConfigError(problem, hint=("left", "right"))
     path = path if path is not None else sides[0][0].parent
     notes: list[str] = []
     named = [named_stamps(side) for side in sides]

@@ -68,9 +68,8 @@ class JoinedSource(Source):
             damage.add(note)
         own = [Damage(notes=damage.notes) for _ in self._parts]  # one list: its limit is that of the whole reading
         waiting, starts = deque(range(len(self._parts))), self._contents
-        heads: list[
-            tuple[int, int, Message, Iterator[Message]]
-        ] = []  # log time, number of the part, message, the rest
+        # log time, number of the part, message, the rest
+        heads: list[tuple[int, int, Message, Iterator[Message]]] = []
 
         def advance(number: int, rest: Iterator[Message]) -> None:
             if (message := next(rest, None)) is not None:

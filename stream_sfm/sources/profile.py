@@ -12,8 +12,7 @@ from ..camera.models import Camera
 from ..camera.pixels import Grey
 from ..camera.rectification import Rectifier
 from ..camera.rig import StereoRig
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..inertial.samples import ImuCalibration
 from ..mcap_file.message import Channel, Message
 

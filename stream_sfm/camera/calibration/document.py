@@ -3,16 +3,15 @@
 import re
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ...errors import ConfigError
-from ...geometry import se3
-from ...geometry.se3 import Array
+from ...errors import ConfigError, as_error
+from ...geometry import Array, se3
 from ...inertial.samples import ImuCalibration
 from ...inputs import LIMITS, check_text, check_values, parse_toml
 from ...record import record
@@ -43,6 +42,10 @@ class Document:
     def error(self, problem: str, *hints: str) -> ConfigError:
         """An error that names the file."""
         return ConfigError(f"calibration {self.name}: {problem}", hint=hints)
+
+    def naming(self, *section: str) -> AbstractContextManager[None]:
+        """Within the context a ConfigError becomes one that names the file, and a section of it."""
+        return as_error(ConfigError, ": ".join((f"calibration {self.name}", *section)), ConfigError)
 
     def numbers(self, value: Any, key: str, shape: tuple[int, ...] | None) -> Array:
         """`value`, called `key` in errors, as finite numbers of a shape (None: a list of any length).
@@ -81,10 +84,8 @@ class Document:
 
     def camera(self, size: Size, k: Array, model: Any, coefficients: Sequence[float]) -> Camera:
         """A camera; `model` has any of the names in use, `coefficients` may be padded or cut short with zeros."""
-        try:
+        with self.naming():
             return make_camera(size, k, "" if model is None else str(model), coefficients)
-        except ConfigError as error:
-            raise self.error(str(error)) from None
 
     def number(self, value: Any, key: str) -> float:
         """`value` as a finite number."""
@@ -181,12 +182,10 @@ def load(content: bytes, name: str | Path) -> Document:
 
 
 def _load_toml(content: bytes, name: str) -> dict[str, Any]:
-    try:
+    with as_error(ConfigError, f"calibration {name} is not TOML", ValueError, RecursionError):
         if len(content) > LIMITS.settings_bytes:
             raise ValueError(f"it has {len(content)} bytes")
         return parse_toml(content.decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"calibration {name} is not TOML: {error}") from None
 
 
 def _load_ini(content: bytes, name: str) -> dict[str, Any]:
@@ -206,7 +205,8 @@ def _load_npz(content: bytes, name: str) -> dict[str, Any]:
     import zipfile
     import zlib
 
-    try:
+    caught = ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError
+    with as_error(ConfigError, f"calibration {name} is not a file of np.savez with arrays of numbers", *caught):
         with zipfile.ZipFile(BytesIO(content)) as archive:
             if sum(entry.file_size for entry in archive.infolist()) > LIMITS.small_bytes:
                 raise ValueError("it holds large arrays")
@@ -215,8 +215,6 @@ def _load_npz(content: bytes, name: str) -> dict[str, Any]:
         if other := [key for key, value in found.items() if not isinstance(value, np.ndarray)]:
             raise ValueError(f"{short(other[0])} in it is not an array")
         return {key: value.tolist() for key, value in found.items()}
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
-        raise ConfigError(f"calibration {name} is not a file of np.savez with arrays of numbers: {error}") from None
 
 
 def _load_yaml(text: str, name: str) -> dict[str, Any]:
@@ -240,10 +238,8 @@ def _load_yaml(text: str, name: str) -> dict[str, Any]:
 def _load_opencv(text: str, name: str) -> dict[str, Any]:
     import cv2
 
-    try:
+    with as_error(ConfigError, f"calibration {name} is not a file of OpenCV's FileStorage", ValueError):
         check_text(text)  # OpenCV's parsers recurse without a limit
-    except ValueError as error:
-        raise ConfigError(f"calibration {name} is not a file of OpenCV's FileStorage: {error}") from None
     try:
         storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         try:

@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import ConfigError
-from ...geometry import se3
-from ...geometry.se3 import Array
+from ...geometry import Array, se3
 from ...inertial.samples import ImuCalibration
 from .document import Document
 
@@ -42,10 +40,8 @@ def imu_of(document: Document, cam_from_imu: Array | None, noise: Mapping[str, f
     """Return a unit mounted so, with the numbers that are known; None where its mounting is not. Raises ConfigError."""
     if cam_from_imu is None:
         return None
-    try:
+    with document.naming():
         return ImuCalibration(cam_from_imu, **noise)
-    except ConfigError as error:
-        raise document.error(str(error)) from None
 
 
 def noise_of(document: Document, table: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, float]:

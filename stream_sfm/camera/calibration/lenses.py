@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from ...geometry.se3 import Array
+from ...geometry import Array
 from ..models import Camera
 from ..settings import SETTINGS
 from .document import Document, Size

@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ...geometry import se3
-from ...geometry.se3 import Array
+from ...geometry import Array, se3
 from ..models import Camera
 from . import inertial
 from .document import Document, Format, Size, camera_matrix

@@ -3,23 +3,19 @@
 docs/own-data.md shows a complete one, docs/formats.md has all keys.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
-from ...errors import ConfigError
-from ...geometry import se3
-from ...geometry.se3 import Array
+from ...geometry import Array, se3
 from ...inertial.samples import ImuCalibration
 from ..known_timing import KnownTiming
 from ..models import Camera
 from ..refinement import LENS_TERMS, Refinement
 from . import inertial
 from .document import Document, Format, Size, camera_matrix
-
-T = TypeVar("T")
 
 _SECTIONS = ("left", "right", "right_from_left", "refinement", "timing", "imu")
 _CAMERA_KEYS = ("width", "height", "K", "fx", "fy", "cx", "cy", "distortion_model", "D")
@@ -74,7 +70,8 @@ def _camera(document: Document, side: int, size: Size | None) -> Camera:
     model = table.get("distortion_model", "plumb_bob" if d.any() else "none")
     if not isinstance(model, str):
         raise document.error(f"{name}.distortion_model must be a name in quotes, got {model!r}")
-    return _checked(document, name, lambda: Camera(table["width"], table["height"], k, tuple(d), model))
+    with document.naming(name):
+        return Camera(table["width"], table["height"], k, tuple(d), model)
 
 
 def _pose(document: Document, _: Document, _size: Size | None) -> Array:
@@ -97,10 +94,12 @@ def _known(document: Document) -> tuple[Refinement | None, KnownTiming | None]:
         n = len(LENS_TERMS)
         error = document.numbers(table.get("error_px"), "refinement.error_px", (n,))
         cov = document.numbers(table.get("covariance_px2"), "refinement.covariance_px2", (n, n))
-        refinement = _checked(document, "refinement", lambda: Refinement(error, cov))
+        with document.naming("refinement"):
+            refinement = Refinement(error, cov)
     if (table := _section(document, "timing", _TIMING_KEYS)) is not None:
         values = [document.number(table.get(key), f"timing.{key}") for key in _TIMING_KEYS]
-        timing = _checked(document, "timing", lambda: KnownTiming(*values))
+        with document.naming("timing"):
+            timing = KnownTiming(*values)
     return refinement, timing
 
 
@@ -117,14 +116,6 @@ def _section(document: Document, name: str, keys: Sequence[str]) -> dict[str, An
 def _check_keys(document: Document, where: str, table: Mapping[str, Any], known: Sequence[str]) -> None:
     if unknown := sorted(set(table) - set(known)):
         raise document.error(f"unknown key {unknown[0]!r} at {where}; known are {', '.join(sorted(known))}")
-
-
-def _checked(document: Document, name: str, make: Callable[[], T]) -> T:
-    """What a section describes, its errors with the name of the file."""
-    try:
-        return make()
-    except ConfigError as error:
-        raise document.error(f"{name}: {error}") from None
 
 
 TOML = Format(
