@@ -33,10 +33,8 @@ def read_mask(path: str | Path, width: int, height: int) -> Mask:
         raise ConfigError(f"the mask {path} is not a PNG: save it as one, black where pixels are left out")
     size = struct.unpack(">II", data[16:_HEADER_BYTES])  # before decoding: a header can ask for gigabytes
     if size != (width, height):
-        raise ConfigError(
-            f"the mask {path} is {size[0]}×{size[1]}, the images of its camera are {width}×{height}: give one of the "
-            "size of the images as they are recorded, not rectified"
-        )
+        problem = f"the mask {path} is {size[0]}×{size[1]}, the images of its camera are {width}×{height}"
+        raise ConfigError(f"{problem}: give one of the size of the images as recorded, not rectified")
     import cv2  # late: most runs have no mask, and many commands no image
 
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)

@@ -14,9 +14,8 @@ from ..wording import LISTED
 
 @record
 class Channel:
-    """What describes the bytes of a message: its topic, its encoding and its schema.
+    """What describes the bytes of a message: its topic, its encoding and its schema, by the names of MCAP.
 
-    Encodings have the names of the MCAP specification ("cdr" with "ros2msg", "protobuf" with "protobuf", …).
     `schema_name` is empty where there is no schema. Channels are compared by identity: a topic of several files, or
     of several publishers, has several. `metadata`: what a recorder says of the channel.
     """
@@ -70,8 +69,7 @@ class Contents:
 class Source(Protocol):
     """A recording as it lies on disk. Each reading starts anew, so that readings do not disturb each other.
 
-    `format`, `profile`, `library`: facts about the container, for people. Kinds that have no attachments and no index
-    beside their content inherit the defaults.
+    `format`, `profile`, `library`: facts about the container, for people.
     """
 
     path: Path

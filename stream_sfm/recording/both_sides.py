@@ -19,10 +19,7 @@ from .survey import Survey
 def both_sides(
     source: Source, survey: Survey, calibration: Where | StereoRig | None
 ) -> tuple[Source, Survey, Where | StereoRig | None]:
-    """The recording with two image topics and its rig, where it has one whose images hold both sides; else as given.
-
-    That needs a calibration, of whose images these have twice the width or the height.
-    """
+    """The recording with two image topics, where its one topic holds both sides of a calibrated pair; else as given."""
     cameras = [t for t, count in survey.of_kind("image").items() if is_camera(t) and count != 0]
     if calibration is None or len(cameras) != 1 or (size := first_size(source, cameras[0])) is None:
         return source, survey, calibration

@@ -146,10 +146,9 @@ def _sent_messages(source: Source, survey: Survey, image_topics: Sequence[str]) 
                 problems[topic] = f" ({error})"
         if begun and len(found) == len(set(topics)):
             break
-    for topic in topics:
-        if topic not in found:
-            problem = f"no calibration could be read from topic {topic}{problems.get(topic, '')}"
-            raise _error(f"{source.path}: {problem}")
+    if missing := [topic for topic in topics if topic not in found]:
+        problem = f"{missing[0]}{problems.get(missing[0], '')}"
+        raise _error(f"{source.path}: no calibration could be read from topic {problem}")
     return [found[topic] for topic in topics]
 
 

@@ -21,15 +21,14 @@ class RosImages:
     """Pairs images of a live stereo camera as a log's are paired: one thread puts messages, another takes frames.
 
     Messages are those of `sensor_msgs/Image` and `CompressedImage`, or anything with their fields, in every encoding
-    that a log may have. Stamps ascend. Pairs that wait while newer ones come are `dropped`; so many images are
-    `unpaired`.
+    that a log may have. Stamps ascend. `dropped` counts pairs that waited while newer ones came.
     """
 
-    def __init__(self, rig: StereoRig, waiting_pairs: int = _WAITING_PAIRS) -> None:
+    def __init__(self, rig: StereoRig) -> None:
         self._cameras = tuple(rig.cameras.values())
         self._pairer: Pairer[ImageMessage] = Pairer(in_order=True)
         self._waiting: deque[StereoPair] = deque()
-        self._most, self._scaler = waiting_pairs, GreyScaler()
+        self._scaler = GreyScaler()
         self._news = threading.Condition()
         self._clears = self._clears_when_taken = 0
         self.dropped = 0
@@ -48,7 +47,7 @@ class RosImages:
         with self._news:
             for left, right in self._pairer.push(side, image.stamp_ns, image, len(image.data)):
                 self._waiting.append(StereoPair(left, right))
-            while len(self._waiting) > self._most:
+            while len(self._waiting) > _WAITING_PAIRS:
                 self._waiting.popleft()
                 self.dropped += 1
             self._news.notify()
@@ -68,10 +67,9 @@ class RosImages:
         for message, camera in zip(pair.images, self._cameras, strict=True):
             if (size := image_size(message)) != (camera.width, camera.height):
                 is_size = "damaged" if size is None else f"of {size[0]}×{size[1]} pixels"
-                raise FrameError(
-                    f"the {message.topic} image (stamp {message.stamp_ns} ns) is {is_size}, its calibration is for "
-                    f"{camera.width}×{camera.height}"
-                )
+                calibrated = f"its calibration is for {camera.width}×{camera.height}"
+                what = f"the {message.topic} image (stamp {message.stamp_ns} ns)"
+                raise FrameError(f"{what} is {is_size}, {calibrated}")
         with as_error(FrameError, "", UndecodableImage):
             return recorded_frame(pair, self._scaler.to_uint8(*map(decode_grey, pair.images)))
 

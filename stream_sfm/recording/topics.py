@@ -91,16 +91,13 @@ def _cameras(image_topics: Mapping[str, int | None]) -> list[str]:
 def _no_pair(path: Path, cameras: list[str], image_topics: Iterable[str]) -> LogError:
     if len(cameras) == 1:
         return LogError(
-            f"{path} holds images of one camera only, {cameras[0]}: stereo needs two. If each image holds both sides, "
-            "give the calibration of one side; a replay with one camera is possible, too, without scale; image topics "
-            f"are: {_listed(image_topics)}",
+            f"{path} holds images of one camera only, {cameras[0]}: if each image holds both sides, give the "
+            "calibration of one side; else replay it as one camera, without scale; image topics are: "
+            f"{_listed(image_topics)}",
             hint=("calibration", "mono"),
         )
-    return LogError(
-        f"{path}: the names of the topics do not show which is the left and which the right camera; name both; "
-        f"image topics are: {_listed(cameras)}",
-        hint=("left", "right"),
-    )
+    problem = f"{path}: topic names do not show which is the left and which the right camera; name both"
+    return LogError(f"{problem}; image topics are: {_listed(cameras)}", hint=("left", "right"))
 
 
 def _transport(topic: str, image_topics: Iterable[str]) -> str:

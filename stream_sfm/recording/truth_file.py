@@ -59,24 +59,20 @@ def _body_from_cam(truth: GroundTruthFile, source: Source, survey: Survey, camer
     if truth.frame is None:
         sensor = path.resolve().parent.parent / "cam0" / "sensor.yaml"
         if not sensor.is_file():
-            raise ConfigError(
-                f"{path}: the poses are of EuRoC's body, and {sensor} is missing: name the frame, or a sensor.yaml of "
-                "the left camera",
-                hint=("ground_truth_frame",),
-            )
+            problem = f"{path}: the poses are of EuRoC's body, and {sensor} is missing"
+            cure = "name the frame, or a sensor.yaml of the left camera"
+            raise ConfigError(f"{problem}: {cure}", hint=("ground_truth_frame",))
         return _of_sensor(sensor)
     if Path(truth.frame).is_file():
         return _of_sensor(Path(truth.frame))
     frame = str(truth.frame).lstrip("/")
     if frame == camera_frame:
         return np.eye(4)
-    found = fixed_transform(source, survey, frame, camera_frame)
-    if found is None:
-        raise ConfigError(
-            f"{source.path}: no fixed transform leads from frame {camera_frame!r} of the left camera to frame "
-            f"{frame!r} of the ground truth {path}: name another frame, or a sensor.yaml of the left camera",
-            hint=("ground_truth_frame",),
-        )
+    if (found := fixed_transform(source, survey, frame, camera_frame)) is None:
+        frames = f"frame {camera_frame!r} of the left camera to frame {frame!r} of the ground truth {path}"
+        cure = "name another frame, or a sensor.yaml of the left camera"
+        problem = f"{source.path}: no fixed transform leads from {frames}: {cure}"
+        raise ConfigError(problem, hint=("ground_truth_frame",))
     return found
 
 

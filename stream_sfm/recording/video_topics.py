@@ -22,8 +22,8 @@ from .survey import Survey, Topic
 def with_videos(source: Source, survey: Survey) -> tuple[Source, Survey]:
     """The recording with its video topics as topics of images; as given where it has none.
 
-    Videos also come as ROS's CompressedImage, which their first message tells. What is no H.264 or H.265 stays video.
-    Of very many topics the first ones are looked at, as each costs a reading.
+    Videos also come as ROS's CompressedImage, which their first message tells. What is neither H.264 nor H.265 stays
+    video. Of very many topics the first ones are looked at, as each costs a reading.
     """
     asked = (t for t in survey.topics.values() if t.count != 0 and _may_be_video(t) and is_camera(t.name))
     codecs = {topic.name: _codec(source, topic) for topic in islice(asked, LIMITS.compressed)}
@@ -55,15 +55,10 @@ class _Decoded(Derived):
         self._videos = videos
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
-        """Yield the messages of `topics` (None: all), of videos the frames that can be decoded.
-
-        Each video is a reading of its own: a decoder asks for frames when it needs them.
-        """
+        """Yield the messages of `topics` (None: all); each video is read by itself, as its decoder asks for frames."""
         parts = [damage, *(Damage(notes=damage.notes) for _ in self._videos)]  # one list of notes, for its limit
         wanted = frozenset(self._videos if topics is None else self._videos.keys() & topics)
-        readings: list[Generator[Message]] = [
-            self._pictures(name, part) for name, part in zip(sorted(wanted), parts[1:], strict=False)
-        ]
+        readings = [self._pictures(name, part) for name, part in zip(sorted(wanted), parts[1:], strict=False)]
         if topics is None or topics - wanted:
             others = None if topics is None else topics - wanted
             messages = self.source.messages(damage, others)
@@ -85,8 +80,8 @@ class _Decoded(Derived):
                 yield made._replace(log_time_ns=log_time_ns)
         finally:
             if stream.skipped:
-                before = "before the first one that a decoder can begin with (a key frame)"
-                damage.note(f"{where}: {counted(stream.skipped, 'frame')} of video {before} cannot be decoded")
+                skipped = f"{counted(stream.skipped, 'frame')} of video before the first key frame"
+                damage.note(f"{where}: {skipped} cannot be decoded")
             if stream.lost:
                 damage.add(f"{where}: {counted(stream.lost, 'frame')} of video could not be decoded")
 

@@ -15,12 +15,9 @@ from .studies import CONSISTENCY, EFFICIENCY, Progress, Report
 from .tables import to_csv
 
 EXPERIMENTS = {
-    "efficiency": EFFICIENCY,
-    "consistency": CONSISTENCY,
-    "rates": RATES,
-    "calibration": CALIBRATION,
+    "efficiency": EFFICIENCY, "consistency": CONSISTENCY, "rates": RATES, "calibration": CALIBRATION,
     "figure6": figure6.FIGURE6,
-}
+}  # fmt: skip
 
 
 def simulate(
@@ -34,10 +31,9 @@ def simulate(
 ) -> Report:
     """Run a Monte Carlo study on the paper's simulated stereo pair, and return the content of results.json.
 
-    `experiment`: efficiency, consistency, calibration, rates or figure6; with `out_dir` results.json and results.csv
-    are written, and for figure6 the picture. `workers` processes of this machine (None: one per core); the numbers
-    depend on `seed` alone. `on_progress` is called with the number of trials just finished. Raises ConfigError,
-    OutputError.
+    `experiment`: efficiency, consistency, calibration, rates or figure6. `out_dir`: for results.json, results.csv and
+    the picture of figure6. `workers`: processes (None: one per core); the numbers depend on `seed` alone. `on_progress`
+    is called with the number of trials just finished. Raises ConfigError, OutputError.
     """
     if experiment not in EXPERIMENTS:
         raise ConfigError(f"experiment {experiment!r} is not known; known are {', '.join(EXPERIMENTS)}")

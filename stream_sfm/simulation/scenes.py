@@ -72,10 +72,9 @@ def rectified_views(pixels: Array, std_px: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A camera path of steps along +x with a steady turn about the vertical axis, and hand shake.
+    """A camera path along +x that turns about the vertical axis, `step_m` and `turn_rad` per frame, with hand shake.
 
-    `step_m` and `turn_rad` per frame. Each pose but the first is off the smooth path by a Gaussian of `shake_m` and
-    `shake_rad` on each axis.
+    Each pose but the first is off the smooth path by a Gaussian of `shake_m` and `shake_rad` on each axis.
     """
 
     step_m: float

@@ -33,10 +33,7 @@ def run_trials(
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> list[Result]:
-    """Return `job` of each trial's own seed, in the order of trials, run by `executor` or (None) in this process.
-
-    `job` must be picklable: a function of a module, or functools.partial of one.
-    """
+    """Return `job`, which must be picklable, of each trial's own seed, in order; None: run it in this process."""
     seeds = np.random.SeedSequence(seed).spawn(trials)
     results: list[Result] = []
     for result in executor.map(job, seeds) if executor else map(job, seeds):
@@ -106,10 +103,7 @@ def _bootstrap(statistic: Callable[[Array], Array], n: int) -> Interval:
 
 
 def ratio(numerator: Array, denominator: Array) -> Interval:
-    """Return the sum of `numerator` over that of `denominator`, both (trials, frames) of the same trials (paired).
-
-    Frames where either is NaN (lost) are left out of both.
-    """
+    """Return the ratio of two sums (trials, frames) over the same trials; frames with a NaN (lost) are left out."""
     valid = np.isfinite(numerator) & np.isfinite(denominator)
     a = np.where(valid, numerator, 0).sum(axis=1)
     b = np.where(valid, denominator, 0).sum(axis=1)
@@ -140,8 +134,7 @@ class Condition(Job):
 def of_conditions(
     conditions: Mapping[str, Condition], evaluate: Callable[[dict[str, Array], Measured], Report], **known: Any
 ) -> Study:
-    """Make a study that reports, for each condition, what was run, and of each estimator what `evaluate` returns and
-    the share of frames lost.
+    """Make a study that reports what was run per condition, and per estimator `evaluate` and the share of lost frames.
 
     `evaluate` is given the measurements of the estimator and of all; `known` is part of the report.
     """

@@ -54,10 +54,7 @@ _BODY_FROM_CAM = se3.from_rotation_translation([[0, 0, 1], [1, 0, 0], [0, 1, 0]]
 
 
 class Layout(NamedTuple):
-    """One way in which a recording lies in a folder: folders of left and right, and files of which one is there.
-
-    `also`: a further data set that is laid out so.
-    """
+    """A layout of a recording: folders of left and right, and files of which one is there; `also`: another data set."""
 
     name: str
     open: Callable[[Path, "Layout", Given], ImageFilesSource]
@@ -95,8 +92,8 @@ def is_data_set(folder: Path) -> bool:
 def open_kitti(folder: Path, poses: str | Path | None = None) -> ImageFilesSource:
     """A sequence of KITTI's odometry, or a rectified drive of its raw data. Raises LogError; ConfigError.
 
-    `poses`: ground truth, 12 numbers per line; without it `poses.txt` in the folder and the data set's own place
-    (`../../poses/NN.txt`) are looked at. They are of camera 0; with the colour cameras they are carried into camera 2.
+    `poses`: ground truth of camera 0, 12 numbers per line; by default `poses.txt` in the folder, or the data set's own
+    `../../poses/NN.txt`.
     """
     content = "image_0 and image_1 (or 2 and 3): one sequence, or one drive of its raw data (…_sync)"
     return _open_kitti(folder, _known(folder, "KITTI", content), NOTHING, poses)
@@ -241,10 +238,7 @@ def _euroc_rig(mav: Path, cameras: Sequence[Path]) -> tuple[StereoRig | None, Ar
 
 
 def _euroc_images(folder: Path, notes: list[str]) -> list[ImageFile]:
-    """The images of a camera by its table; without one, their names are the stamps.
-
-    Images of the table that are not there are noted: a part of a recording is a whole one of its own.
-    """
+    """The images of a camera by its table; without one, their names are the stamps."""
     path, data = folder / "data.csv", folder / "data"
     files = images_in(data) if isdir(data) else []
     if path.is_file():

@@ -16,8 +16,7 @@ from ..mcap_file.message import Contents, Damage, Message, Source
 class JoinedSource(Source):
     """The messages of several sources, merged by log time; a part is opened when its time has come.
 
-    `path` names the recording; `missing` says which parts could not be opened, `notes` what else to know about it.
-    `compressed`: each message is, with zstd.
+    `missing` says which parts could not be opened, `notes` what else to know. `compressed`: each message is, by zstd.
     """
 
     def __init__(

@@ -87,9 +87,7 @@ def _read_metadata(folder: Path) -> tuple[list[str], bool, list[str]]:
 
 def _open_plain(path: Path) -> Source:
     if path.suffix not in _SUFFIXES:
-        raise LogError(
-            f"{path}: storage {path.suffix or path.name!r} of ROS 2 is not supported: convert it to mcap"
-        )
+        raise LogError(f"{path}: ROS 2 storage {path.suffix or path.name!r} is not supported: convert it to mcap")
     return LogFile(path) if path.suffix == ".mcap" else SqliteBagSource(path)
 
 

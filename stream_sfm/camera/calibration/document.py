@@ -50,7 +50,7 @@ class Document:
     def numbers(self, value: Any, key: str, shape: tuple[int, ...] | None) -> Array:
         """`value`, called `key` in errors, as finite numbers of a shape (None: a list of any length).
 
-        Matrices may be given flat, in rows, or as a mapping with `data`; strings and booleans are no numbers in TOML.
+        Matrices may be flat, in rows, or a mapping with `data`; strings and booleans are not numbers in TOML.
         """
         if isinstance(value, Mapping) and "data" in value:
             value = value["data"]
@@ -64,8 +64,8 @@ class Document:
             array = array.reshape(shape)
         fits = array.dtype == float and (array.ndim == 1 if shape is None else array.shape == shape)
         if not fits or not np.isfinite(array).all():
-            wanted = "a list of numbers" if shape is None else f"{'×'.join(map(str, shape))} numbers"
-            wanted = wanted if shape != () else "a number"
+            wanted = f"{'×'.join(map(str, shape))} numbers" if shape else "a number"
+            wanted = "a list of numbers" if shape is None else wanted
             raise self.error(f"{key} must be {wanted}, finite, got {short(value)}")
         return array
 
@@ -100,10 +100,9 @@ class Document:
 class Format(NamedTuple):
     """A format of calibration files. `files`: how many a pair needs, 0 for one or two that are read as one.
 
-    `camera` gives the camera of a side (0 left, 1 right), by the size of its images where the format does not tell it;
-    `pose`, of the files of left and right, which may be one, and that size, `right_from_left` (4, 4) in metres;
-    `known`, what is known about their errors; `imu`, an inertial unit, if the file of the left one has one. They raise
-    ConfigError.
+    `camera`: the camera of a side (0 left, 1 right), by the size of its images where the format does not tell it.
+    `pose`: `right_from_left` (4, 4) in metres, by the files of left and right, which may be one. `known`: what is known
+    about their errors. `imu`: an inertial unit, if the left file has one. They raise ConfigError.
     """
 
     name: str
@@ -124,14 +123,11 @@ def make_camera(size: Size, k: Array, model: str, coefficients: Sequence[float])
     """A camera with its distortion as other tools write it. Raises ConfigError for models that are not supported."""
     known = DISTORTION_MODELS.get(model.strip().lower() or "plumb_bob")
     if known is None and any(coefficients):
-        raise ConfigError(
-            f"distortion model {model!r} is not supported; supported are {', '.join(DISTORTION_MODELS)}"
-        )
+        supported = ", ".join(DISTORTION_MODELS)
+        raise ConfigError(f"distortion model {model!r} is not supported; supported are {supported}")
     if known == "none" and any(coefficients):
-        raise ConfigError(
-            f"distortion model {model!r} comes with the coefficients {[float(c) for c in coefficients]}: name the "
-            "model that they are of, such as plumb_bob, or leave them out"
-        )
+        problem = f"distortion model {model!r} comes with the coefficients {[float(c) for c in coefficients]}"
+        raise ConfigError(f"{problem}: name the model that they are of, such as plumb_bob, or leave them out")
     if known == "plumb_bob" and any(coefficients[5:]):
         known = "rational_polynomial"  # some tools write eight coefficients under the older name
     # A fisheye lens whose coefficients are all zero is still a fisheye.
@@ -147,10 +143,8 @@ def _fit_coefficients(model: str, given: tuple[float, ...]) -> tuple[float, ...]
         return given
     count = next((n for n in counts if n > 0 and not any(given[n:])), None)
     if count is None:
-        raise ConfigError(
-            f"{len(given)} distortion coefficients are not supported, only the first {max(counts)} of {model} (no "
-            "thin prism, no tilt): rectify the images first"
-        )
+        most = f"only the first {max(counts)} of {model} (no thin prism, no tilt)"
+        raise ConfigError(f"{len(given)} distortion coefficients are not supported, {most}: rectify the images")
     return (*given, *[0.0] * count)[:count]
 
 

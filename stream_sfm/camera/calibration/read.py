@@ -46,9 +46,7 @@ def pair_of(documents: Sequence[Document], size: Size | None) -> Pair:
     documents = _with_imu_file(documents)
     form = _format(documents)
     if form.files == 2 and len(documents) != 2:
-        raise documents[0].error(
-            "this is the calibration of one camera: give the files of both, the left one first"
-        )
+        raise documents[0].error("this is the calibration of one camera: give both files, the left one first")
     if form.files == 1 and len(documents) != 1:
         raise documents[1].error("this is a second calibration of a pair: give one")
     left, right = documents if form.files == 2 else 2 * [_joined(documents)]

@@ -39,11 +39,8 @@ def text(
         lines += ["", "[right_from_left]", f"rotation = {right_from_left[:3, :3].tolist()}"]
         lines += [f"translation_m = {right_from_left[:3, 3].tolist()}"]
     if refinement is not None:
-        lines += [
-            "",
-            f"[refinement]  # terms: {', '.join(LENS_TERMS)}",
-            f"error_px = {refinement.error_px.tolist()}",
-        ]
+        lines += ["", f"[refinement]  # terms: {', '.join(LENS_TERMS)}"]
+        lines += [f"error_px = {refinement.error_px.tolist()}"]
         lines += ["covariance_px2 = [", *(f"    {row}," for row in refinement.cov_px2.tolist()), "]"]
     if timing is not None:
         lines += ["", "[timing]", *(f"{name} = {value!r}" for name, value in asdict(timing).items())]
@@ -77,9 +74,7 @@ def _camera(document: Document, side: int, size: Size | None) -> Camera:
 def _pose(document: Document, _: Document, _size: Size | None) -> Array:
     name, value = "right_from_left", document.data.get("right_from_left")
     if value is None:
-        raise document.error(
-            f"{name} is missing: give rotation and translation_m of the right camera, or a 4×4 matrix"
-        )
+        raise document.error(f"{name} is missing: give rotation and translation_m, or a 4×4 matrix")
     if not isinstance(value, dict):
         return document.numbers(value, name, (4, 4))
     _check_keys(document, f"[{name}]", value, ("rotation", "translation_m"))
@@ -118,12 +113,8 @@ def _check_keys(document: Document, where: str, table: Mapping[str, Any], known:
         raise document.error(f"unknown key {unknown[0]!r} at {where}; known are {', '.join(sorted(known))}")
 
 
-TOML = Format(
-    "TOML of stream_sfm",
-    1,
-    lambda data: not set(data).isdisjoint(_SECTIONS),
-    _camera,
-    _pose,
-    _known,
-    inertial.of_toml,
-)
+def _is_own(data: Mapping[str, Any]) -> bool:
+    return not set(data).isdisjoint(_SECTIONS)
+
+
+TOML = Format("TOML of stream_sfm", 1, _is_own, _camera, _pose, _known, inertial.of_toml)
