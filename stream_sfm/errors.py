@@ -13,7 +13,8 @@ Each message names the file, topic or frame, and says what to do. Lost tracking 
 `FrameEstimate` whose status is `lost`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from enum import IntEnum
 
 
@@ -74,3 +75,13 @@ class OutputError(StreamSfmError):
 
 class EngineBusyError(StreamSfmError):
     """`Engine.step` was called while another thread was in it; that other call is not affected."""
+
+
+@contextmanager
+def as_error(kind: type[StreamSfmError], what: str, *caught: type[Exception]) -> Iterator[None]:
+    """Within the context an exception of the kinds `caught` becomes a `kind` that says `what` failed, and why."""
+    try:
+        yield
+    except caught as error:
+        why = getattr(error, "strerror", None) or str(error)
+        raise kind(f"{what}: {why}" if what else why, hint=getattr(error, "hint", ())) from None

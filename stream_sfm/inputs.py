@@ -7,13 +7,13 @@ aliases. The limits are far above what a person or a tool writes.
 import os
 import re
 import stat
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from errno import EFBIG, EINVAL
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from .errors import LogError
+from .errors import LogError, as_error
 
 _KINDS = {
     stat.S_IFDIR: "a folder",
@@ -99,13 +99,9 @@ def _check_regular(mode: int) -> None:
         raise OSError(EINVAL, f"it is {_KINDS.get(stat.S_IFMT(mode), 'a special file')}: give a file")
 
 
-@contextmanager
-def reading(what: object) -> Iterator[None]:
+def reading(what: object) -> AbstractContextManager[None]:
     """Within the context an OSError becomes a LogError that names what is read."""
-    try:
-        yield
-    except OSError as error:
-        raise LogError(f"cannot read {what}: {error.strerror}") from None
+    return as_error(LogError, f"cannot read {what}", OSError)
 
 
 def read_small(path: str | Path, max_bytes: int) -> bytes:

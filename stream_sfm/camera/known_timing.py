@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ..errors import ConfigError
-from ..geometry.se3 import Array
+from ..geometry import Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ OpenCV's models and coefficient order: plumb_bob (k1 k2 p1 p2 k3), rational_poly
 import cv2
 import numpy as np
 
-from ..geometry.se3 import Array
+from ..geometry import Array
 from .models import Camera
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ConfigError
+from ..errors import ConfigError, as_error
 from ..inputs import LIMITS, read_small
 
 Mask = NDArray[np.bool_]
@@ -27,26 +27,18 @@ def checked_mask(mask: object, width: int, height: int) -> Mask:
 
 def read_mask(path: str | Path, width: int, height: int) -> Mask:
     """Read a PNG of a camera's size as a mask, black where pixels are left out. Raises ConfigError."""
-    try:
+    with as_error(ConfigError, f"cannot read the mask {path}", OSError):
         data = read_small(path, LIMITS.mask_bytes)
-    except OSError as error:
-        raise ConfigError(f"cannot read the mask {path}: {error.strerror}") from None
-    except ValueError as error:
-        raise ConfigError(f"the mask {path} cannot be used: {error}") from None
     if not data.startswith(_PNG) or len(data) < _HEADER_BYTES:
         raise ConfigError(f"the mask {path} is not a PNG: save it as one, black where pixels are left out")
     size = struct.unpack(">II", data[16:_HEADER_BYTES])  # before decoding: a header can ask for gigabytes
     if size != (width, height):
-        raise ConfigError(
-            f"the mask {path} is {size[0]}×{size[1]}, the images of its camera are {width}×{height}: give one of the "
-            "size of the images as they are recorded, not rectified"
-        )
+        problem = f"the mask {path} is {size[0]}×{size[1]}, the images of its camera are {width}×{height}"
+        raise ConfigError(f"{problem}: give one of the size of the images as recorded, not rectified")
     import cv2  # late: most runs have no mask, and many commands no image
 
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise ConfigError(f"the mask {path} is damaged: it cannot be decoded")
-    try:
+    with as_error(ConfigError, f"{path}", ConfigError):
         return checked_mask(image, width, height)
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from None

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ConfigError
-from ..geometry.se3 import Array
+from ..geometry import Array
 from .masks import Mask, checked_mask
 
 MAX_PIXELS = 12_500_000  # of an image: a run with sensors of 12 megapixels stays below a gigabyte
@@ -30,9 +30,8 @@ class Camera:
     """One pinhole camera as delivered, before rectification.
 
     `K` (3, 3) pixels; `D` distortion coefficients in OpenCV's order; `distortion_model` one of none, plumb_bob
-    (4 or 5), rational_polynomial (8), equidistant (4), or what others call these. `mask` (h, w): false (0) where its
-    images always show the robot itself, or dirt on the lens; None where they never do. Raises ConfigError for
-    impossible values.
+    (4 or 5), rational_polynomial (8), equidistant (4), or what others call these. `mask` (h, w): false (0) where images
+    always show the robot itself, or dirt on the lens. Raises ConfigError for impossible values.
     """
 
     width: int
@@ -55,8 +54,7 @@ class Camera:
         if min(edges) < _MIN_EDGE_PX or max(edges) > _MAX_EDGE_PX or self.width * self.height > MAX_PIXELS:
             raise ConfigError(
                 f"camera size {self.width:.6g}×{self.height:.6g}: give width and height in pixels, each from "
-                f"{_MIN_EDGE_PX} to {_MAX_EDGE_PX}, together at most {MAX_PIXELS / 1e6:g} megapixels; reduce larger "
-                "images"
+                f"{_MIN_EDGE_PX} to {_MAX_EDGE_PX}, at most {MAX_PIXELS / 1e6:g} megapixels; reduce larger images"
             )
         if problem := _matrix_problem(k, max(edges)):
             raise ConfigError(f"camera matrix K {problem}")
@@ -103,14 +101,10 @@ def _matrix_problem(k: Array, longer_edge: int) -> str:
         return f"must be in pixels, none over {_MAX_K_PX:g}, got {k.tolist()}"
     focal = min(k[0, 0], k[1, 1])
     if focal < _MIN_FOCAL_FRACTION * longer_edge:
-        return (
-            f"has a focal length of {focal:g} for images whose longer edge has {longer_edge} pixels: give pixels of "
-            "these images, not millimetres and not fractions of the image"
-        )
+        cure = "give pixels of these images, not millimetres and not fractions of the image"
+        return f"has a focal length of {focal:g} for images whose longer edge has {longer_edge} pixels: {cure}"
     if max(abs(k[0, 1]), abs(k[1, 0])) > _MAX_SKEW_PX:
-        return (
-            f"has a skew, which no lens model here has: {k.tolist()}; calibrate without one, so that K[0, 1] is 0"
-        )
+        return f"has a skew, which is not supported: {k.tolist()}; calibrate so that K[0, 1] is 0"
     return ""
 
 

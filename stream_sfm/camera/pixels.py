@@ -51,18 +51,14 @@ def image_problem(image: object) -> str:
     if not isinstance(image, np.ndarray):
         return f"is {_kind(image)}; give a NumPy array, such as np.asarray(image)"
     if image.dtype.kind == "f":
-        return (
-            f"is {image.dtype}; give uint8 or uint16, of values from 0 to 1 with "
-            "np.rint(255 * image).astype(np.uint8)"
-        )
+        scaled = "np.rint(255 * image).astype(np.uint8)"
+        return f"is {image.dtype}; give uint8 or uint16, of values from 0 to 1 with {scaled}"
     if image.dtype not in (np.uint8, np.uint16):
         return f"is {image.dtype}; give uint8, or uint16 with image.astype(np.uint16)"
     if image.ndim == 3 and image.shape[0] in (1, 3, 4) and image.shape[2] not in (1, 3, 4):
         return f"has shape {image.shape}, with the channels first; give image.transpose(1, 2, 0)"
     if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
-        return (
-            f"has shape {image.shape}; give (h, w), or colour as OpenCV has it: (h, w, 3) or (h, w, 4), blue first"
-        )
+        return f"has shape {image.shape}; give (h, w), or colour with blue first: (h, w, 3) or (h, w, 4)"
     return ""
 
 

@@ -13,13 +13,11 @@ from numpy.polynomial.polynomial import polyvander2d
 from numpy.typing import NDArray
 
 from ..errors import RigError
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
-from .exposed_rows import ExposedRows
-from .focal_effect import FocalEffect
 from .lens import distortion, project_into_image, rays_of
 from .models import Camera
+from .over_image import ExposedRows, FocalEffect
 from .rig import MonoRig, StereoRig
 from .settings import SETTINGS
 
@@ -28,15 +26,15 @@ from .settings import SETTINGS
 # scene.
 VIRTUAL_BASELINE = 10.0
 _Side = tuple[Camera, Array, Array]  # with its rectifying rotation, and the matrix of the rectified image
+_Maps = tuple[cv2.typing.MatLike, cv2.typing.MatLike]
 
 
 class Rectifier:
     """Rectification of a rig's images: to pinholes of one focal length and one row, the baseline along +x.
 
     `projection` of the rectified pair, of one camera with a virtual right one; `rect_from_cam` (3, 3): its axes from
-    the physical left camera's; `fingerprint`: equal where the same is done to images. Maps are computed when they are
-    first needed. Raises RigError
-    where left and right are exchanged or not beside each other, or where the calibration leaves no image.
+    the physical left camera's; `fingerprint`: equal where the same is done to images. Raises RigError where left and
+    right are exchanged or not beside each other, or where the calibration leaves no image.
     """
 
     def __init__(self, rig: StereoRig | MonoRig) -> None:
@@ -46,11 +44,8 @@ class Rectifier:
         extents, spans = _extents(rig, cameras, rotations)
         f_lens = float(np.mean([c.K[[0, 1], [0, 1]] for c in cameras]))
         f_fit = float(min((width - 1) / spans[0], (height - 1) / spans[1]))
-        f = (
-            f_lens
-            if f_fit > SETTINGS.same_focal_fraction * f_lens
-            else max(f_fit, SETTINGS.min_focal_fraction * f_lens)
-        )
+        same = f_fit > SETTINGS.same_focal_fraction * f_lens
+        f = f_lens if same else max(f_fit, SETTINGS.min_focal_fraction * f_lens)
         middle = [(e[0] + e[1]) / 2 for e in extents]
         cx = [(width - 1) / 2 - f * m[0] for m in middle]
         cy = (height - 1) / 2 - f * float(np.mean([m[1] for m in middle]))
@@ -61,19 +56,15 @@ class Rectifier:
         matrices = [np.array([[f, 0, x], [0, f, cy], [0, 0, 1]]) for x in cx]
         self._sides = list(zip(cameras, rotations, matrices, strict=True))
         lenses = [(c.width, c.height, c.K.tolist(), [float(d) for d in c.D], c.distortion_model) for c in cameras]
-        numbers = lenses, [r.tolist() for r in rotations], [m.tolist() for m in matrices]
-        self.fingerprint = repr(numbers)
+        self.fingerprint = repr((lenses, [r.tolist() for r in rotations], [m.tolist() for m in matrices]))
 
     @cached_property
-    def _maps(self) -> list[tuple[cv2.typing.MatLike, cv2.typing.MatLike] | None]:
+    def _maps(self) -> list[_Maps | None]:
         return [_maps(*side) for side in self._sides]  # late: the projection alone needs none
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
-        """Which pixels (h, w) of the rectified left image show the scene: image content that no mask leaves out.
-
-        Raises RigError where hardly any does.
-        """
+        """Which pixels (h, w) of the rectified left image show the scene. Raises RigError where hardly any does."""
         return self._shows_scene(0)
 
     @cached_property
@@ -90,9 +81,9 @@ class Rectifier:
             return np.asarray(valid)
         valid = self._rectified(np.where(camera.mask, white, 0).astype(np.uint8), side) == 255
         if valid.mean() < SETTINGS.min_valid:
+            form = "it is black where pixels are left out, and white elsewhere"
             raise RigError(
-                f"the mask of the {('left', 'right')[side]} camera leaves hardly any of its image: it is black where "
-                "pixels are left out, and white elsewhere"
+                f"the mask of the {('left', 'right')[side]} camera leaves hardly any of its image: {form}"
             )
         return np.asarray(valid)
 
@@ -102,7 +93,7 @@ class Rectifier:
 
     @cached_property
     def rows_of(self) -> ExposedRows:
-        """In which rows of the cameras' own images views are: polynomials through the rows of places all over them."""
+        """In which rows of the cameras' own images views are."""
         rows = [(raw_px[:, 1:] + 0.5) / side[0].height - 0.5 for side, _, raw_px in self._places]
         return self._polynomials(rows)[0]  # a readout is that of `height` rows
 
@@ -113,10 +104,8 @@ class Rectifier:
         for (camera, rotation, k_rectified), _, raw_px in self._places:
             middle_px = camera.K[:2, 2]
             longer, shorter = (
-                _rectified_px(
-                    rays_of(camera, middle_px + (1 + share) * (raw_px - middle_px)), rotation, k_rectified
-                )
-                for share in (SETTINGS.focal_step, -SETTINGS.focal_step)
+                _rectified_px(rays_of(camera, middle_px + (1 + s) * (raw_px - middle_px)), rotation, k_rectified)
+                for s in (SETTINGS.focal_step, -SETTINGS.focal_step)
             )
             moved.append((longer - shorter) / (2 * SETTINGS.focal_step))
         return FocalEffect(*self._polynomials(moved))
@@ -139,9 +128,7 @@ class Rectifier:
     def _nodes(self) -> Array:
         """Places (n, 2) all over a rectified image, px."""
         p = self.projection
-        u, v = np.meshgrid(
-            np.linspace(0, p.width - 1, SETTINGS.nodes), np.linspace(0, p.height - 1, SETTINGS.nodes)
-        )
+        u, v = np.meshgrid(*(np.linspace(0, edge - 1, SETTINGS.nodes) for edge in (p.width, p.height)))
         return np.stack([u.ravel(), v.ravel()], axis=1)
 
     def _polynomials(self, values: Sequence[Array]) -> list[ExposedRows]:
@@ -182,11 +169,9 @@ def _rectifying_rotations(rig: StereoRig | MonoRig) -> tuple[Array, ...]:
     right_in_left = -rotation.T @ translation
     x = right_in_left / np.linalg.norm(right_in_left)
     if x[0] < -SETTINGS.beside:
-        raise RigError(
-            f"the right camera stands {-right_in_left[0]:.3f} m to the left of the left one: "
-            "exchange left and right, or the sign of the baseline in the calibration",
-            hint=("left", "right"),
-        )
+        problem = f"the right camera stands {-right_in_left[0]:.3f} m to the left of the left one"
+        cure = "exchange left and right, or the sign of the baseline in the calibration"
+        raise RigError(f"{problem}: {cure}", hint=("left", "right"))
     z = rotation[2] + (0, 0, 1)
     z = z - (z @ x) * x
     if np.linalg.norm(z) < SETTINGS.parallel:  # |z| is 2 for cameras that look the same way
@@ -201,17 +186,14 @@ def _not_beside(right_in_left: Array) -> RigError:
     above = abs(y) > abs(z)
     where = ("below" if y > 0 else "above") if above else ("in front of" if z > 0 else "behind")
     cure = "turn images and calibration by 90°, or " if above else ""
-    return RigError(
-        f"the right camera stands {max(abs(y), abs(z)):.3f} m {where} the left one, not beside it: {cure}give "
-        "right_from_left in axes x right, y down, z forward"
-    )
+    problem = f"the right camera stands {max(abs(y), abs(z)):.3f} m {where} the left one, not beside it"
+    return RigError(f"{problem}: {cure}give right_from_left in axes x right, y down, z forward")
 
 
 def _no_image(cameras: Sequence[Camera]) -> RigError:
-    return RigError(
-        f"K and the distortion coefficients {' and '.join(str(list(c.D)) for c in cameras)} leave no image: "
-        "they must be of these cameras, in OpenCV's order"
-    )
+    given = " and ".join(str(list(c.D)) for c in cameras)
+    cure = "they must be of these cameras, in OpenCV's order"
+    return RigError(f"K and the distortion coefficients {given} leave no image: {cure}")
 
 
 def _extents(
@@ -239,9 +221,7 @@ def _extent(camera: Camera, rotation: Array) -> Array:
     return np.array([[rays[0, 0], rays[2, 1]], [rays[1, 0], rays[3, 1]]])
 
 
-def _maps(
-    camera: Camera, rotation: Array, k_rectified: Array
-) -> tuple[cv2.typing.MatLike, cv2.typing.MatLike] | None:
+def _maps(camera: Camera, rotation: Array, k_rectified: Array) -> _Maps | None:
     size = (camera.width, camera.height)
     fisheye, d = distortion(camera)
     if not (fisheye or np.any(d) or (rotation != np.eye(3)).any()):  # rectified images: corners move furthest

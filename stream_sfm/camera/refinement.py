@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ConfigError
-from ..geometry.se3 import Array
+from ..geometry import Array
 
 # Six of the disparity, x and y from the image's middle in half widths and half heights. Then what both lenses share, in
 # pixels as far from their middle as the corner: radial of third and of fifth order, principal point, tangential. Last,

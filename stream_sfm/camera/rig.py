@@ -6,9 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import ConfigError
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..errors import ConfigError, as_error
+from ..geometry import Array, se3
 from ..inertial.samples import ImuCalibration
 from .calibration import toml_file
 from .calibration.document import Pair, Where, load, named, short
@@ -19,15 +18,15 @@ from .refinement import Refinement
 from .settings import SETTINGS
 
 MaskOrFile = Mask | str | Path
+_ADDED = {"refinement": Refinement, "timing": KnownTiming, "imu": ImuCalibration}  # which a rig need not have
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class StereoRig:
     """Two cameras and `right_from_left` (4, 4), metres: carries points of the left camera into the right one.
 
-    `refinement`: errors of this calibration that are known; `timing`: what is known of delay and readout; `imu`: how an
-    inertial unit is mounted. `unscaled`: whether lengths have no unit. Raises ConfigError where the pair cannot be a
-    stereo pair.
+    `refinement`: known errors of this calibration; `timing`: what is known of delay and readout; `imu`: how an inertial
+    unit is mounted. `unscaled`: whether lengths have no unit. Raises ConfigError for what cannot be a stereo pair.
     """
 
     unscaled: ClassVar[bool] = False
@@ -39,24 +38,17 @@ class StereoRig:
     imu: ImuCalibration | None = None
 
     def __post_init__(self) -> None:
-        for side, camera in (("left", self.left), ("right", self.right)):
-            if not isinstance(camera, Camera):
-                raise ConfigError(f"the {side} camera is of type {type(camera).__name__}; give a Camera")
-        if self.refinement is not None and not isinstance(self.refinement, Refinement):
-            raise ConfigError(f"the refinement is of type {type(self.refinement).__name__}; give a Refinement")
-        if self.imu is not None and not isinstance(self.imu, ImuCalibration):
-            raise ConfigError(f"imu is of type {type(self.imu).__name__}; give an ImuCalibration")
+        for name, kind in (("left", Camera), ("right", Camera), *_ADDED.items()):
+            value = getattr(self, name)
+            if not isinstance(value, kind) and (value is not None or name not in _ADDED):
+                raise ConfigError(f"{name} of the rig is of type {type(value).__name__}; give {kind.__name__}(…)")
         object.__setattr__(self, "right_from_left", checked_pose(self.right_from_left))
         if (self.left.width, self.left.height) != (self.right.width, self.right.height):
-            raise ConfigError(
-                f"left images are {self.left.width}×{self.left.height}, right ones "
-                f"{self.right.width}×{self.right.height}: both must have one size"
-            )
+            sizes = [f"{camera.width}×{camera.height}" for camera in self.cameras.values()]
+            raise ConfigError(f"left images are {sizes[0]}, right ones {sizes[1]}: both must have one size")
         if self.baseline_m < 1e-4:  # a tenth of a millimetre: less is a P without baseline, not a pair
-            raise ConfigError(
-                f"the baseline is {self.baseline_m:g} m: give right_from_left in metres; in a ROS calibration it "
-                "is −P[3]/P[0] of the right camera, which must not be zero"
-            )
+            cure = "give right_from_left in metres; of ROS, P[3] of the right camera must not be zero"
+            raise ConfigError(f"the baseline is {self.baseline_m:g} m: {cure}")
 
     @property
     def cameras(self) -> dict[str, Camera]:
@@ -91,16 +83,14 @@ class StereoRig:
 
     @classmethod
     def _of_pair(cls, pair: Pair, name: Where) -> "StereoRig":
-        try:
+        with as_error(ConfigError, f"calibration {named(name)}", ConfigError):
             return cls(*pair)
-        except ConfigError as error:
-            raise ConfigError(f"calibration {named(name)}: {error}") from None
 
     def masked(self, left: MaskOrFile | None, right: MaskOrFile | None = None) -> "StereoRig":
-        """Return the rig for images of which parts are always of the robot, or dirt: there no point is followed.
+        """Return the rig with masks: no point is followed where images always show the robot, or dirt.
 
-        `left`, `right`: PNG files of the images' size, black where pixels are left out, or arrays (h, w) that are 0
-        there; None: none. Raises ConfigError.
+        `left`, `right`: PNG files of the images' size, black there, or arrays (h, w) that are 0 there; None: no mask.
+        Raises ConfigError.
         """
         return replace(self, left=_masked(self.left, left), right=_masked(self.right, right))
 
@@ -139,7 +129,7 @@ class MonoRig:
         return cls(left_of([load(content, name)], None))
 
     def masked(self, left: MaskOrFile | None, right: MaskOrFile | None = None) -> "MonoRig":
-        """Return the rig for images of which parts are always of the robot, as `StereoRig.masked`."""
+        """Return the rig with a mask, as `StereoRig.masked`."""
         return MonoRig(_masked(self.left, left))
 
     def to_toml(self) -> str:
@@ -162,10 +152,8 @@ def baseline_warnings(rig: StereoRig | MonoRig) -> list[str]:
     if isinstance(rig, MonoRig) or low_m <= rig.baseline_m <= high_m:
         return []
     unit = "millimetres" if rig.baseline_m > high_m else "another unit"
-    return [
-        f"the baseline of the calibration is {rig.baseline_m:.4g} m: are these {unit}? Lengths must be in metres, and "
-        "all estimated lengths follow from it"
-    ]
+    question = f"the baseline of the calibration is {rig.baseline_m:.4g} m: are these {unit}?"
+    return [f"{question} Lengths must be in metres, and all estimated lengths follow from it"]
 
 
 def checked_pose(given: object, name: str = "right_from_left") -> Array:
@@ -188,9 +176,6 @@ def checked_pose(given: object, name: str = "right_from_left") -> Array:
 
 
 def checked_paths(calibration: Where) -> list[Path]:
-    """Return the absolute paths of a calibration for other processes, after reading it once. Raises ConfigError.
-
-    A mistake in it is thus reported once, before any log is opened; each log knows the size of its images.
-    """
+    """Return the absolute paths of a calibration for other processes. Raises ConfigError, once for all logs."""
     StereoRig.from_calibration(calibration, image_size=(1000, 1000))  # pixels: any will do
     return [Path(p).resolve() for p in ([calibration] if isinstance(calibration, str | Path) else calibration)]

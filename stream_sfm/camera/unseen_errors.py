@@ -9,7 +9,7 @@ reported.
 import numpy as np
 
 from .. import core
-from ..geometry.se3 import Array
+from ..geometry import Array
 
 
 class PhysicalAxes:
@@ -30,8 +30,8 @@ class PhysicalAxes:
     def motions(self, poses: Array, cov: Array, by_terms: Array | None = None) -> tuple[Array, Array, Array]:
         """Turn poses (n, 4, 4), with covariances (n, 6, 6) of the perturbations on their right.
 
-        Also returns the perturbations (n, 6, 3 + t) per σ of lengths and of axes about x and y, and by further errors,
-        whose own are `by_terms` (n, 6, t).
+        Also returns the perturbations (n, 6, 3 + t) per σ of lengths, of axes about x and y, and of the errors of
+        `by_terms` (n, 6, t).
         """
         by_terms = np.empty((len(poses), 6, 0)) if by_terms is None else by_terms
         return core.reported_motions(self, poses, cov, by_terms)
@@ -39,7 +39,6 @@ class PhysicalAxes:
     def points(self, points_m: Array, cov: Array, std_shared: Array, frame_from_cam: Array) -> tuple[Array, Array]:
         """Turn points (n, 3) with covariances (n, 3, 3), m², that were seen from a camera (4, 4) in their frame.
 
-        All views of a point share an error of its inverse depth, σ `std_shared` (n,), 1/m, eq. (18). The frame is that
-        of the camera itself or the world.
+        All views of a point share an error of its inverse depth, σ `std_shared` (n,), 1/m, eq. (18).
         """
         return core.reported_points(self, points_m, cov, std_shared, frame_from_cam)

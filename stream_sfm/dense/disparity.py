@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import DenseConfig
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record
 
@@ -36,8 +36,7 @@ class DisparityMap:
     """Disparities of the pixels of the rectified left image, (h, w) float32, NaN where unknown.
 
     `disparity_px` > 0 is counted from infinity: Z = f B / disparity. `std_noise_px`: σ of the error from image noise,
-    which is independent between frames; `std_bias_px`: σ of the error that all frames share (lens model,
-    interpolation).
+    independent between frames; `std_bias_px`: σ of the error that all frames share (lens model, interpolation).
     """
 
     disparity_px: Image
@@ -147,9 +146,8 @@ def refine(left: Grey, right: Grey, start_px: Image, config: DenseConfig) -> tup
         rr = total(r * r) - n * mean_r**2
         noise = shared_pixels * np.maximum((rr - gr**2 / gg) / np.maximum(n - 2, 1), config.least_noise_grey**2)
         disparity = disparity - gr / (gg + noise / config.std_start_px**2)
-    own = np.maximum(
-        total(g * g, own_px) - total(g, own_px) ** 2 / np.maximum(total(known, own_px), 1), _MIN_GRADIENT
-    )
+    own = total(g * g, own_px) - total(g, own_px) ** 2 / np.maximum(total(known, own_px), 1)
+    own = np.maximum(own, _MIN_GRADIENT)
     step_down = disparity - cv2.erode(disparity, np.ones((3, 3), np.uint8)) > config.max_disparity_step_px
     near_step = cv2.dilate(step_down.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     std = np.sqrt(noise / np.where(near_step, own, gg))

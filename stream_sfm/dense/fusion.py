@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import DenseConfig
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
 from . import voxels
 from .disparity import DisparityMap, cosine_of_incidence, rays, std_along_ray
@@ -21,10 +20,7 @@ _WEIGHT, _DISTANCE, _SHARED, _FRAMES, _COLOUR = 0, 1, 2, 3, slice(4, 7)
 
 
 class Fusion:
-    """A surface fused from all frames so far.
-
-    `voxel_m` is the edge of a voxel, 0 before the first frame; `frames` is the number of frames added.
-    """
+    """A surface fused from all `frames` so far, with voxels of the edge `voxel_m`, 0 before the first one."""
 
     def __init__(self, projection: StereoProjection, config: DenseConfig) -> None:
         self.projection, self.config = projection, config
@@ -40,19 +36,15 @@ class Fusion:
     def add(
         self, found: DisparityMap, colours: NDArray[np.uint8], world_from_rect: Array, cov_position: Array
     ) -> None:
-        """Add a frame with colours (h, w, 3), pose (4, 4), and covariance (3, 3), m², of its position.
-
-        Pose and covariance are in rectified axes.
-        """
+        """Add a frame with colours (h, w, 3), pose (4, 4) and covariance (3, 3), m², of its position, rectified."""
         p = self.projection
         depth = p.f_px * p.baseline_m / found.disparity_px.astype(float)
         std_noise = std_along_ray(p, self._rays, found.disparity_px, found.std_noise_px)
         if not self.voxel_m:
             self.voxel_m = self._fitting_voxel(depth)
         with np.errstate(invalid="ignore"):
-            certain = (std_noise < self.config.max_std_voxels * self.voxel_m) & (
-                depth < self.config.reach_voxels * p.f_px * self.voxel_m
-            )
+            certain = std_noise < self.config.max_std_voxels * self.voxel_m
+            certain &= depth < self.config.reach_voxels * p.f_px * self.voxel_m
         if not certain.any():
             return
         self.frames += 1
@@ -118,13 +110,11 @@ class Fusion:
 
     def _accumulate(self, keys: voxels.Keys, sums: NDArray[np.float32]) -> None:
         at = voxels.find(self._keys, keys)
-        new = np.flatnonzero(at < 0)
-        while len(self._keys) + len(new) > self.config.max_voxels:
+        while len(self._keys) + np.count_nonzero(at < 0) > self.config.max_voxels:
             self._coarsen()
             keys, sums = _averaged(voxels.halved(keys), sums)
             at = voxels.find(self._keys, keys)
-            new = np.flatnonzero(at < 0)
-        old = at >= 0
+        old, new = at >= 0, np.flatnonzero(at < 0)
         self._sums[self._slots[at[old]]] += sums[old]
         slots = np.arange(len(self._keys), len(self._keys) + len(new), dtype=np.int32)
         self._sums[slots] = sums[new]

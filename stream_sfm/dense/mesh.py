@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files import write_whole
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
 from ..wording import printable
 from .disparity import DisparityMap, rays, std_along_ray
@@ -21,9 +20,9 @@ _FACE = np.dtype([("count", "u1"), ("vertices", "<i4", 3)])
 class Mesh:
     """A surface of triangles with a normal, a colour and a σ at each vertex.
 
-    `vertices` (n, 3) float32, metres; `faces` (m, 3) int32, counter-clockwise seen from the camera's side; `normals`
-    (n, 3) float32 point to that side; `colours` (n, 3) uint8, red green blue; `std_m` (n,) float32: σ of the vertex
-    along its viewing ray. The distance to the surface has this σ or, on slanted surfaces, a smaller one.
+    `vertices` (n, 3), metres; `faces` (m, 3), counter-clockwise seen from the camera's side; `normals` (n, 3) point to
+    that side; `colours` (n, 3), red green blue; `std_m` (n,): σ along the viewing ray. The distance to the surface has
+    this σ or, on slanted surfaces, a smaller one.
     """
 
     vertices: NDArray[np.float32]
@@ -47,9 +46,8 @@ def mesh_of_frame(
 ) -> Mesh:
     """Mesh a disparity map in rectified axes: one vertex per pixel, two triangles between four neighbours.
 
-    `colours` (h, w, 3) of the rectified left image. Neighbours whose disparities differ by more than `max_step_px`
-    are not connected: a gradient of 1 px per pixel is also the limit of fusion in human stereo vision (Burt and
-    Julesz 1980). Vertices without a triangle are left out.
+    `colours` (h, w, 3) of the rectified left image. Neighbours whose disparities differ by more than `max_step_px` are
+    not connected; 1 px is also the limit of human stereo vision (Burt and Julesz 1980).
     """
     d = found.disparity_px
     number = np.arange(d.size, dtype=np.int32).reshape(d.shape)
@@ -76,19 +74,14 @@ def mesh_of_frame(
 def normals_of(vertices: Array, faces: NDArray[np.int32]) -> NDArray[np.float32]:
     """Return unit normals (n, 3) of vertices (n, 3): the mean normals of their triangles, weighted by area."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
-    across = np.cross(b - a, c - a)
-    normals = np.stack(
-        [np.bincount(faces.ravel(), np.repeat(across[:, i], 3), minlength=len(vertices)) for i in range(3)], axis=1
-    )
+    across, corner = np.repeat(np.cross(b - a, c - a), 3, axis=0), faces.ravel()
+    normals = np.stack([np.bincount(corner, of_axis, minlength=len(vertices)) for of_axis in across.T], axis=1)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return (normals / np.maximum(length, 1e-30)).astype(np.float32)
 
 
 def write_ply(path: str | Path, mesh: Mesh, comment: str) -> None:
-    """Write a mesh, with position, normal, colour and `std_m` of each vertex; `comment` states its axes.
-
-    Raises OutputError.
-    """
+    """Write a mesh with all that vertices have; `comment` states its axes. Raises OutputError."""
     vertices = np.empty(len(mesh.vertices), _VERTEX)
     vertices["position"], vertices["normal"] = mesh.vertices, mesh.normals
     vertices["colour"], vertices["std_m"] = mesh.colours, mesh.std_m

@@ -14,8 +14,7 @@ from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import ConfigError, LogError
 from ..frontend.prepared import Image
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
 from ..inspection.calibration_check import images_of, log_problems
 from ..interrupts import deferred_interrupts
@@ -42,9 +41,9 @@ _NOTHING_SEEN = (
 class Surface:
     """A surface, and what it was made of.
 
-    `mesh`: in the axes of the physical left camera, of the first frame where many were fused. `read`: number of frames
-    read; `used`: number of frames in the surface; `voxel_m`: edge of a voxel, 0 for a single frame; `path` (n, 3):
-    positions of the left camera in the same axes. `warnings`, `complete` and `interrupted` as in a replay.
+    `mesh`: in axes of the physical left camera, of the first frame where many were fused. `read`, `used`: frames read,
+    and frames in the surface; `voxel_m`: edge of a voxel, 0 for a single frame; `path` (n, 3): positions of the left
+    camera in the same axes. `warnings`, `complete` and `interrupted` as in a replay.
     """
 
     mesh: Mesh
@@ -63,8 +62,7 @@ class Surface:
 class DenseView:
     """Computes the disparities and the rectified colour image of a stereo frame.
 
-    Large images are reduced by a whole factor, so that the memory stays bounded; `projection` is that of the reduced
-    ones.
+    Large images are reduced by a whole factor, so that memory stays bounded, and `projection` is of the reduced ones.
     """
 
     def __init__(self, rectifier: Rectifier, config: Config) -> None:
@@ -102,19 +100,9 @@ def _reduction(pixels: int) -> int:
 
 def _reduced_projection(projection: StereoProjection, factor: int) -> StereoProjection:
     """Return the projection of images whose pixels are `factor` times as wide, with pixel 0 centred on the first."""
-
-    def centre(px: float) -> float:
-        return (px + 0.5) / factor - 0.5
-
-    return replace(
-        projection,
-        f_px=projection.f_px / factor,
-        cx_left_px=centre(projection.cx_left_px),
-        cx_right_px=centre(projection.cx_right_px),
-        cy_px=centre(projection.cy_px),
-        width=projection.width // factor,
-        height=projection.height // factor,
-    )
+    p = projection
+    centre = {name: (getattr(p, name) + 0.5) / factor - 0.5 for name in ("cx_left_px", "cx_right_px", "cy_px")}
+    return replace(p, f_px=p.f_px / factor, width=p.width // factor, height=p.height // factor, **centre)
 
 
 def surface(
@@ -131,10 +119,9 @@ def surface(
     """Reconstruct the dense surface of one frame of a log, or of all frames fused (`frame=None`).
 
     `frame` counts the selected frames, from 0; its surface is in axes of its left camera, a fused one in the world.
-    `left`, `right`, `calibration`: as in `open_log`. `sinks` are given each estimate of a fused surface and are closed
-    at the end. Frames whose pose is lost are left out; where the log breaks off, or on Ctrl-C, the surface consists of
-    the frames so far. Raises ConfigError where there is no such frame, LogError where no frame could be read or none
-    shows a surface.
+    `left`, `right`, `calibration`: as in `open_log`. `sinks` take the estimates of a fused surface, and are closed at
+    the end. Lost frames are left out; where the log breaks off, or on Ctrl-C, the surface is that of the frames so far.
+    Raises ConfigError where there is no such frame, LogError where no frame could be read or none shows a surface.
     """
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration)

@@ -9,7 +9,7 @@ missing there is no cell, so surfaces end where nothing was seen.
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.se3 import Array
+from ..geometry import Array
 
 Keys = NDArray[np.int64]
 

@@ -7,3 +7,5 @@ The conventions of the whole package (equations: docs/mathematics.md, section 1)
   covariance of a pose is the covariance of that ξ, in metres² and radians².
 * A camera has x right, y down, z forward; pixel (0, 0) is the centre of the top-left pixel.
 """
+
+from .se3 import Array as Array

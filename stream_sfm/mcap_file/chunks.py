@@ -1,6 +1,7 @@
 """Decompression of chunks, of MCAP and of ROS 1 bags, whole or cut off, within the size that they declare."""
 
 import bz2
+from contextlib import suppress
 from typing import Any
 
 import lz4.frame
@@ -48,8 +49,7 @@ class Allowance:
 def decompress_chunk(body: bytes, whole: bool, allowance: Allowance, verify: bool = True) -> bytes | memoryview:
     """The records in the body of a chunk; where it is cut off (not `whole`), the bytes before the cut.
 
-    `verify`: compare the checksum, where the chunk has one and nothing of it is missing. Raises BrokenRecord for
-    lengths that do not add up, a wrong checksum, an unknown compression, or more than `allowance` has left.
+    `verify`: compare the checksum, where there is one and nothing is missing. Raises BrokenRecord.
     """
     if len(body) < CHUNK_HEAD.size:
         raise BrokenRecord("its header is cut off")
@@ -73,9 +73,7 @@ def decompress(compression: bytes, data: bytes | memoryview, size: int, whole: b
     Raises BrokenRecord; where the chunk is not `whole`, fewer bytes are no error.
     """
     if size > LIMITS.record_bytes:
-        raise BrokenRecord(
-            f"it declares {size / 2**20:.0f} MiB, over the limit of {LIMITS.record_bytes / 2**20:.0f}"
-        )
+        raise BrokenRecord(f"it declares {size / 2**20:.0f} MiB, over {LIMITS.record_bytes / 2**20:.0f} MiB")
     records: bytes | memoryview
     try:
         if compression == b"zstd":
@@ -87,9 +85,7 @@ def decompress(compression: bytes, data: bytes | memoryview, size: int, whole: b
         elif compression in (b"", b"none"):
             records = data
         else:
-            raise BrokenRecord(
-                f"compression {compression!r} is not supported; supported are zstd, lz4, bz2 and none"
-            )
+            raise BrokenRecord(f"compression {compression!r} is not supported, only zstd, lz4, bz2 and none")
     except (zstandard.ZstdError, RuntimeError, EOFError, OSError, ValueError, MemoryError) as error:
         raise BrokenRecord(f"it cannot be decompressed: {error}") from None
     if whole and len(records) != size:
@@ -102,11 +98,8 @@ def _decompress_zstd(data: bytes | memoryview, size: int, whole: bool) -> bytes:
         if whole:
             return reader.read(size) if size else b""
         parts: list[Any] = []
-        try:
-            # little at a time, so that what comes before the cut is kept
+        with suppress(zstandard.ZstdError):  # little at a time, so that what comes before the cut is kept
             while size > 0 and (part := reader.read(min(size, 2**14))):
                 parts.append(part)
                 size -= len(part)
-        except zstandard.ZstdError:
-            pass  # the cut
         return b"".join(parts)

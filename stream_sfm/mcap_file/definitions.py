@@ -33,8 +33,8 @@ class Definitions:
     def add(self, opcode: int, body: bytes | memoryview, replace: bool = True) -> None:
         """Add the schema or channel of one record; one that is present already costs no memory.
 
-        Raises BrokenRecord where it is damaged, which without `replace` means also that it differs from one of the
-        same number, and RecordTooLarge where it exceeds the limits.
+        Raises BrokenRecord where it is damaged or, without `replace`, differs from one of the same number, and
+        RecordTooLarge where it exceeds the limits.
         """
         if len(body) > LIMITS.definition_bytes:
             raise RecordTooLarge(f"a schema or channel of {len(body) / 2**20:.0f} MiB")
@@ -46,9 +46,7 @@ class Definitions:
             raise BrokenRecord("it differs from the definition of the same number")
         size_bytes = len(body) + LIMITS.object_bytes * (1 + len(getattr(record, "metadata", ())))
         if self._bytes + size_bytes > LIMITS.definitions_bytes:
-            raise RecordTooLarge(
-                f"schemas and channels of more than {LIMITS.definitions_bytes // 2**20} MiB in total"
-            )
+            raise RecordTooLarge(f"more than {LIMITS.definitions_bytes // 2**20} MiB of schemas and channels")
         self._bytes += size_bytes
         known[record.id] = record
 

@@ -24,8 +24,8 @@ class Index:
     """The content of the summary: schemas and channels, message counts by channel id, the span of log times.
 
     `counts` is empty where the summary does not tell. `chunk_channels`: offset of each chunk, ascending -> ids of the
-    channels with messages in it (None: unknown). Only chunks that lie where the index says are listed, and none where
-    skipping one would be unsafe: the summary has no checksum, or lists more chunks than any recording has.
+    channels in it (None: unknown). It lists only chunks that lie where the index says, and none where skipping one
+    would be unsafe: there is no checksum, or there are more chunks than any recording has.
     """
 
     definitions: Definitions

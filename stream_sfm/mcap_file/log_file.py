@@ -30,9 +30,8 @@ from .walk import READ, Record, Walk
 class LogFile(Source):
     """One MCAP file, opened anew for every reading, so that readings do not disturb each other.
 
-    `index` is None where the file has none that can be trusted; `damage` then says why. `copy`: where the
-    content is, in place of what lies at `path`; `release` is called when this object ends. Raises LogError where the
-    path cannot be opened, is empty, or is not MCAP.
+    `index`: None where the file has none that can be trusted, as `damage` says. `copy`: where the content is, if not at
+    `path`; `release` is called when this object ends. Raises LogError for what cannot be opened, is empty or not MCAP.
     """
 
     format = "MCAP"

@@ -14,8 +14,7 @@ class MessageWriter:
     """Writes messages as they are; a context manager. Attachments and metadata go to its `writer` of the mcap library.
 
     The file appears under its name when it is finished; a run that fails leaves none, unless it is to `keep` what there
-    is. `compressed`: by zstd, for messages that are not compressed themselves. Raises OutputError where it cannot be
-    written.
+    is. `compressed`: by zstd, for messages that are not compressed themselves. Raises OutputError.
     """
 
     def __init__(

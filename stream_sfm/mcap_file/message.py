@@ -14,9 +14,8 @@ from ..wording import LISTED
 
 @record
 class Channel:
-    """What describes the bytes of a message: its topic, its encoding and its schema.
+    """What describes the bytes of a message: its topic, its encoding and its schema, by the names of MCAP.
 
-    Encodings have the names of the MCAP specification ("cdr" with "ros2msg", "protobuf" with "protobuf", …).
     `schema_name` is empty where there is no schema. Channels are compared by identity: a topic of several files, or
     of several publishers, has several. `metadata`: what a recorder says of the channel.
     """
@@ -70,8 +69,7 @@ class Contents:
 class Source(Protocol):
     """A recording as it lies on disk. Each reading starts anew, so that readings do not disturb each other.
 
-    `format`, `profile`, `library`: facts about the container, for people. Kinds that have no attachments and no index
-    beside their content inherit the defaults.
+    `format`, `profile`, `library`: facts about the container, for people.
     """
 
     path: Path
@@ -109,3 +107,28 @@ class Source(Protocol):
     def drop_unverified_index(self) -> bool:
         """Read without an index that carries no checksum from now on; False where there was none in use."""
         return False
+
+
+class Derived(Source):
+    """Another source with some of its topics made anew; what is not overridden is as it is there."""
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.path, self.size_bytes, self.in_order = source.path, source.size_bytes, source.in_order
+        self.format, self.profile, self.library = source.format, source.profile, source.library
+
+    @property
+    def indexed(self) -> bool:
+        return self.source.indexed
+
+    def contents(self) -> Contents | None:
+        """The contents of the source as it lies on disk."""
+        return self.source.contents()
+
+    def attachments(self, damage: Damage) -> Iterator[Attachment]:
+        """See `Source`."""
+        return self.source.attachments(damage)
+
+    def close(self) -> None:
+        """See `Source`."""
+        self.source.close()

@@ -121,10 +121,7 @@ def can_follow(start: bytes, left: int) -> bool:
 
 
 def fields_add_up(opcode: int, length: int, read: Callable[[int, int], bytes]) -> bool:
-    """Whether the fields of a schema, channel, attachment or metadata record end where its body of `length` does.
-
-    `read(at, count)` gives bytes of the body.
-    """
+    """Whether the fields of a schema, channel, attachment or metadata record end where its body of `length` does."""
     at, sizes, behind = _FIELDS[opcode]
     for size in sizes:
         if at + size > length:

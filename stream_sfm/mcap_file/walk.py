@@ -35,10 +35,9 @@ class Record(NamedTuple):
 
 
 class Walk:
-    """The records of a file in order; iterate once.
+    """The records of a file in order; iterate once. What is wrong is added to `damage`.
 
-    `knows_channel`: whether a channel is described, asked where messages are looked for behind damage. What is wrong
-    is added to `damage`.
+    `knows_channel`: whether a channel is described, asked where messages are looked for behind damage.
     """
 
     def __init__(

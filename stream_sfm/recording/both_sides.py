@@ -6,7 +6,7 @@ from dataclasses import replace
 from ..camera.calibration.document import Where
 from ..camera.rig import StereoRig
 from ..errors import LogError
-from ..mcap_file.message import Contents, Damage, Message, Source
+from ..mcap_file.message import Damage, Derived, Message, Source
 from ..sources.devices import halves
 from ..sources.profile import ProfileEncoder
 from ..sources.sides import is_camera
@@ -19,10 +19,7 @@ from .survey import Survey
 def both_sides(
     source: Source, survey: Survey, calibration: Where | StereoRig | None
 ) -> tuple[Source, Survey, Where | StereoRig | None]:
-    """The recording with two image topics and its rig, where it has one whose images hold both sides; else as given.
-
-    That needs a calibration, of whose images these have twice the width or the height.
-    """
+    """The recording with two image topics, where its one topic holds both sides of a calibrated pair; else as given."""
     cameras = [t for t, count in survey.of_kind("image").items() if is_camera(t) and count != 0]
     if calibration is None or len(cameras) != 1 or (size := first_size(source, cameras[0])) is None:
         return source, survey, calibration
@@ -40,17 +37,12 @@ def both_sides(
     return split, replace(survey, topics=topics), calibration
 
 
-class _BothSides(Source):
-    """A source with its one image topic cut into two; everything else as it is."""
+class _BothSides(Derived):
+    """A source with its one image topic cut into two."""
 
     def __init__(self, source: Source, topic: str, rig: StereoRig) -> None:
-        self._source, self._topic, self._rig = source, topic, rig
-        self.path, self.size_bytes, self.in_order = source.path, source.size_bytes, source.in_order
-        self.format, self.profile, self.library = source.format, source.profile, source.library
-
-    def contents(self) -> Contents | None:
-        """Return the contents of the source as it lies on disk."""
-        return self._source.contents()
+        super().__init__(source)
+        self._topic, self._rig = topic, rig
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all); images that cannot be decoded are left out."""
@@ -58,7 +50,7 @@ class _BothSides(Source):
         wanted = topics
         if topics is not None and topics & {channel.topic for channel in encoder.raw_images}:
             wanted = topics | {self._topic}
-        for message in self._source.messages(damage, wanted):
+        for message in self.source.messages(damage, wanted):
             if message.channel.topic != self._topic:
                 yield message
                 continue

@@ -26,10 +26,7 @@ class RecordedFrame(StereoFrame):
 
 
 def recorded_frame(pair: StereoPair, images: list[NDArray[np.uint8]]) -> RecordedFrame:
-    """Make the frame of a pair and its decoded images.
-
-    A viewer gets compressed images as they were recorded, and the decoded grey values of raw ones.
-    """
+    """The frame of a pair and its decoded images; a viewer gets compressed images as they were recorded."""
     left, right = images[0], images[-1]
     pictures = [m.data if m.compressed else image for m, image in zip(pair.images, (left, right), strict=True)]
     return RecordedFrame(pair.stamp_ns, left, right, (pictures[0], pictures[1]), recorded=pair)
@@ -72,14 +69,11 @@ class FrameDecoder:
                 self._skip(f"{message.topic}: the header of an image is damaged")
                 return False
             if size != (camera.width, camera.height):
-                text = (
-                    f"topic {message.topic}: images are {size[0]}×{size[1]}, the calibration is for "
-                    f"{camera.width}×{camera.height}"
-                )
+                calibrated = f"the calibration is for {camera.width}×{camera.height}"
+                text = f"topic {message.topic}: images are {size[0]}×{size[1]}, {calibrated}"
                 if not self._sizes_fit:
-                    raise LogError(
-                        f"{self._path}: {text}: give the calibration of these images", hint=("calibration",)
-                    )
+                    cure = "give the calibration of these images"
+                    raise LogError(f"{self._path}: {text}: {cure}", hint=("calibration",))
                 self._skip(text)
                 return False
         self._sizes_fit = True

@@ -87,7 +87,7 @@ class DepthImages:
     """
 
     def __init__(self, images: Iterator[tuple[int, Depth]]) -> None:
-        """`images`: (stamp_ns, depth), stamps ascending, as `StereoLog.depths` yields them."""
+        """`images`: as `StereoLog.depths` yields them."""
         self._images = images
         self._current: tuple[int, Depth] | None = None
         self._exhausted = False
@@ -97,9 +97,8 @@ class DepthImages:
     def at(self, stamp_ns: int) -> Depth | None:
         """The depth image of this moment (within 1 ms, to which stamps may be rounded), or None."""
         with self._lock:
-            while not self._exhausted and (
-                self._current is None or self._current[0] < stamp_ns - SETTINGS.same_stamp_ns
-            ):
+            first_ns = stamp_ns - SETTINGS.same_stamp_ns
+            while not self._exhausted and (self._current is None or self._current[0] < first_ns):
                 try:
                     self._current = next(self._images, None)
                 except InputError as error:

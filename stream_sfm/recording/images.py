@@ -69,17 +69,13 @@ def check_encoding(message: ImageMessage, path: object) -> None:
                 f"{LIMITS.raw_image_bytes // 2**20} MiB: record them in grey, compressed, or smaller"
             )
         if name not in RAW_ENCODINGS:
-            raise LogError(
-                f"{where}: image encoding {message.encoding!r} is not supported; supported are "
-                f"{', '.join(RAW_ENCODINGS)}: record one of these"
-            )
+            known = ", ".join(RAW_ENCODINGS)
+            raise LogError(f"{where}: image encoding {message.encoding!r} is not supported; supported are {known}")
     elif image_header.image_format(message.data) is None and not re.search(
         "jpg|" + "|".join(COMPRESSED_FORMATS), message.encoding.lower()
     ):
-        raise LogError(
-            f"{where}: compressed images in format {message.encoding!r} are not supported, only "
-            f"{', '.join(COMPRESSED_FORMATS)}, H.264 and H.265: record the images in one of these, or raw"
-        )
+        known = f"{', '.join(COMPRESSED_FORMATS)}, H.264 and H.265: record one of these, or raw images"
+        raise LogError(f"{where}: compressed images in format {message.encoding!r} are not supported, only {known}")
     if "compresseddepth" in message.encoding.lower().replace(" ", ""):
         raise LogError(f"{where} holds depth images: name the topics of the two cameras", hint=("left", "right"))
 
@@ -90,7 +86,10 @@ def decode_grey(message: ImageMessage) -> Grey:
     `check_encoding` must have passed. Raises UndecodableImage for damaged bytes.
     """
     try:
-        return _decode_compressed(message) if message.compressed else _decode_raw(message)
+        if message.compressed:
+            return _decode_compressed(message)
+        pixels, to_grey, _ = _raw_pixels(message)
+        return pixels if to_grey is None else cv2.cvtColor(pixels, to_grey)
     except cv2.error as error:
         if memory.is_refused(error):
             raise
@@ -109,9 +108,8 @@ def _decode_compressed(message: ImageMessage) -> Grey:
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     image = cv2.imdecode(np.frombuffer(message.data, np.uint8), flags)
     if image is None or image.dtype not in (np.uint8, np.uint16):
-        raise UndecodableImage(
-            f"{message.topic}: {len(message.data)} bytes are not a {message.encoding or 'compressed'} image"
-        )
+        kind = message.encoding or "compressed"
+        raise UndecodableImage(f"{message.topic}: {len(message.data)} bytes are not a {kind} image")
     return cast(Grey, image)
 
 
@@ -135,16 +133,11 @@ def decode_rgb(message: ImageMessage) -> NDArray[np.uint8] | None:
     return np.asarray(pixels if conversion is None else cv2.cvtColor(pixels, conversion), np.uint8)
 
 
-def _decode_raw(message: ImageMessage) -> Grey:
-    if len(message.data) > LIMITS.raw_image_bytes:
-        raise UndecodableImage(f"{message.topic}: a raw image of {len(message.data) / 2**20:.0f} MiB")
-    pixels, to_grey, _ = _raw_pixels(message)
-    return pixels if to_grey is None else cv2.cvtColor(pixels, to_grey)
-
-
 def _raw_pixels(message: ImageMessage) -> tuple[Any, int | None, int | None]:
     """Pixels (h, w) or (h, w, channels), and OpenCV's conversions as in `_COLOURS`."""
     name = message.encoding.lower()
+    if len(message.data) > LIMITS.raw_image_bytes:
+        raise UndecodableImage(f"{message.topic}: a raw image of {len(message.data) / 2**20:.0f} MiB")
     if name not in RAW_ENCODINGS:
         raise UndecodableImage(f"{message.topic}: image encoding {message.encoding!r} is not supported")
     bits, channels, to_grey, to_rgb = _PLAIN.get(name, (8, 2 if name in _LUMA_BYTE else 1, None, None))
@@ -165,10 +158,8 @@ def raw_rows(message: ImageMessage, pixel_bytes: int) -> NDArray[np.uint8]:
     row = width * pixel_bytes
     step = message.step or row
     if width <= 0 or height <= 0 or step < row or len(message.data) < step * (height - 1) + row:
-        raise UndecodableImage(
-            f"{message.topic}: {len(message.data)} bytes do not hold {width}×{height} {message.encoding} with "
-            f"{step} bytes per row"
-        )
+        size = f"{width}×{height} {message.encoding} with {step} bytes per row"
+        raise UndecodableImage(f"{message.topic}: {len(message.data)} bytes do not hold {size}")
     data = np.frombuffer(message.data, np.uint8)
     return np.lib.stride_tricks.as_strided(data, (height, row), (step, 1), writeable=False)
 

@@ -1,13 +1,14 @@
 """The inertial unit of a log: its topics, how it is mounted, and the samples that belong to each frame."""
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..camera.rig import MonoRig, StereoRig
-from ..errors import ConfigError, LogError
-from ..geometry.se3 import Array
+from ..errors import ConfigError, LogError, as_error
+from ..geometry import Array
 from ..inertial.samples import ImuCalibration, ImuSamples
 from ..mcap_file.message import Source
 from ..record import record
@@ -50,8 +51,7 @@ def find_topics(survey: Survey) -> ImuTopics | None:
 
 
 def mounted(source: Source, survey: Survey, topics: ImuTopics, rig: StereoRig, left_frame: str) -> StereoRig:
-    """Return the rig with its inertial unit, by its calibration or by transforms. Raises LogError where neither says
-    where it is."""
+    """Return the rig with its inertial unit, placed by its calibration or by transforms. Raises LogError."""
     if rig.imu is not None:
         return rig
     if source.imu is not None:
@@ -61,14 +61,10 @@ def mounted(source: Source, survey: Survey, topics: ImuTopics, rig: StereoRig, l
         raise LogError(f"no sample on topic {topics.gyro} can be read")
     pose = fixed_transform(source, survey, left_frame, first.frame_id) if left_frame else None
     if pose is None:
-        raise LogError(
-            f"no fixed transform leads from frame {first.frame_id!r} of {topics.gyro} to the left camera, "
-            f"{left_frame!r}: give [imu] in the calibration"
-        )
-    try:
+        frames = f"frame {first.frame_id!r} of {topics.gyro} to the left camera, {left_frame!r}"
+        raise LogError(f"no fixed transform leads from {frames}: give [imu] in the calibration")
+    with as_error(LogError, "", ConfigError):
         return replace(rig, imu=ImuCalibration(pose))
-    except ConfigError as error:
-        raise LogError(str(error)) from None
 
 
 def with_imu(rig: StereoRig | MonoRig, imu: ImuCalibration | None) -> StereoRig | MonoRig:
@@ -84,18 +80,17 @@ def with_samples(frames: Iterator[RecordedFrame], source: Source, topics: ImuTop
     coming = next(samples, None)
     first, given_ns = True, None  # and the stamp of the sample given last
     for frame in frames:
-        taken: list[ImuMessage] = []
+        taken: deque[ImuMessage] = deque(maxlen=_MOST)
         # By the coming one, too: a stamp that jumps ahead keeps back none that follow.
         while coming is not None and (given_ns is None or min(given_ns, coming.stamp_ns) <= frame.stamp_ns):
             if not first or coming.stamp_ns > frame.stamp_ns - _BEFORE_NS:
                 taken.append(coming)
-                del taken[:-_MOST]
             given_ns, coming = coming.stamp_ns, next(samples, None)
         first = False
         yield replace(frame, imu=joined_samples(taken))
 
 
-def joined_samples(taken: list[ImuMessage]) -> ImuSamples:
+def joined_samples(taken: Sequence[ImuMessage]) -> ImuSamples:
     """Return what messages have, as arrays."""
     if not taken:
         return ImuSamples.joined([])
@@ -112,22 +107,21 @@ def samples_of(source: Source, topics: ImuTopics) -> Iterator[ImuMessage]:
     if topics.gyro == topics.accel:
         yield from messages
         return
-    waiting: list[ImuMessage] = []  # of the gyroscope
+    waiting: deque[ImuMessage] = deque(maxlen=_MOST)  # of the gyroscope
     before: ImuMessage | None = None
     for message in messages:
         if message.topic == topics.gyro:
             waiting.append(message)
-            del waiting[:-_MOST]
             continue
-        rest = []
-        for sample in waiting:
+        for _ in range(len(waiting)):
+            sample = waiting.popleft()
             if sample.stamp_ns > message.stamp_ns:
-                rest.append(sample)
-                continue
-            yield replace(sample, accel_m_s2=_between(before or message, message, sample.stamp_ns))
-        waiting, before = rest, message
-    for sample in waiting:
-        if before is not None:
+                waiting.append(sample)
+            else:
+                yield replace(sample, accel_m_s2=_between(before or message, message, sample.stamp_ns))
+        before = message
+    if before is not None:
+        for sample in waiting:
             yield replace(sample, accel_m_s2=before.accel_m_s2)
 
 

@@ -12,8 +12,7 @@ import numpy as np
 from mcap.well_known import MessageEncoding
 
 from ..errors import LogError
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..inputs import INT64, LIMITS, Decoder
 from ..mcap_file.message import Channel, Damage, Message, Source
 from ..record import record
@@ -45,8 +44,8 @@ class UndecodableMessage(Exception):
 class ImageMessage:
     """One image as recorded, not decoded.
 
-    `encoding` is the pixel layout of a raw image or the format of a compressed one; `data` its bytes as they
-    stand in the log. `width`, `height`, `step` (bytes a row) are 0 for compressed images.
+    `encoding`: pixel layout of a raw image, format of a compressed one, whose `width`, `height`, `step` (bytes per row)
+    are 0.
     """
 
     topic: str
@@ -97,8 +96,7 @@ class PoseMessage:
 
 @record
 class ImuMessage:
-    """One sample of an inertial unit in the frame `frame_id`: `gyro_rad_s` and `accel_m_s2` (3,), NaN where the message
-    has none."""
+    """One sample of an inertial unit: `gyro_rad_s` and `accel_m_s2` (3,), NaN where the message has none."""
 
     topic: str
     stamp_ns: int
@@ -122,9 +120,7 @@ class MessageDecoder:
 
     def _decode(self, message: Message, max_bytes: int | None = None) -> Any:
         if max_bytes is not None and len(message.data) > max_bytes:
-            raise UndecodableMessage(
-                f"{message.channel.topic}: a message of {len(message.data)} bytes, over {max_bytes}"
-            )
+            raise UndecodableMessage(f"{message.channel.topic}: {len(message.data)} bytes, over {max_bytes}")
         decoder = self._decoders.get(message.channel)
         if decoder is None:
             if len(self._decoders) >= LIMITS.decoders:
@@ -133,10 +129,8 @@ class MessageDecoder:
         try:
             return decoder(message.data)
         except Exception as error:  # the decoders raise what their libraries raise: the bytes are damaged
-            raise UndecodableMessage(
-                f"{message.channel.topic}: a message of {len(message.data)} bytes does not fit its schema "
-                f"({type(error).__name__}: {error})"
-            ) from None
+            what = f"{message.channel.topic}: a message of {len(message.data)} bytes"
+            raise UndecodableMessage(f"{what} does not fit its schema ({type(error).__name__}: {error})") from None
 
     def _find(self, channel: Channel) -> Decoder:
         where = f"{self._path}: topic {channel.topic}"
@@ -346,9 +340,7 @@ def _pose(message: Any) -> PoseMessage:
         or not _QUATERNION_NORMS[0] < np.linalg.norm(quat_xyzw) < _QUATERNION_NORMS[1]
     ):
         raise ValueError(f"a pose with the quaternion {quat_xyzw.tolist()}")
-    pose = se3.from_rotation_translation(
-        se3.matrix_from_quat_xyzw(quat_xyzw), [float(_get(t, name)) for name in "xyz"]
-    )
+    pose = se3.from_rotation_translation(se3.matrix_from_quat_xyzw(quat_xyzw), [float(_get(t, x)) for x in "xyz"])
     if not np.isfinite(pose).all():
         raise ValueError("a pose that is not finite")
     child = _text(_get(message, "child_frame_id", default="")).lstrip("/")

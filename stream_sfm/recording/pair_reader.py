@@ -60,8 +60,8 @@ class ReadStats:
 class PairReader:
     """Reads the pairs on two topics of a source, once: iterate `pairs`.
 
-    Where both topics are the same, every image is paired with itself, and so sorted and counted as others are.
-    `calibrations`: messages of the cameras, in force at the first image. Each image is given the one in force.
+    Where both topics are the same, every image is paired with itself. `calibrations`: messages of the cameras, in force
+    at the first image. Each image is given the one in force.
     """
 
     def __init__(
@@ -81,10 +81,9 @@ class PairReader:
         self.stats = ReadStats(bytes_total=source.size_bytes)
 
     def pairs(self) -> Generator[StereoPair, None, None]:
-        """Yield all pairs, not decoded; the bytes are those of the log.
+        """Yield all pairs, not decoded, in ascending order of stamps but where the clock of both cameras was set back.
 
-        Their stamps ascend; only where the clock of both cameras was set back they begin again at an earlier one. A
-        log that is cut off or damaged gives what can be read; `stats` says in the end what was lost. Raises LogError
+        A log that is cut off or damaged gives what can be read; `stats` says in the end what was lost. Raises LogError
         where the images are of a kind that is not supported, or where nothing could be paired.
         """
         try:
@@ -102,9 +101,7 @@ class PairReader:
         if not stats.left_read or not stats.right_read:
             remedy = self._problem or "; ".join(stats.warnings[:_MOST_REASONS]) or "both cameras must have images"
         elif stats.dropped_backwards:
-            remedy = (
-                f"{stats.dropped_backwards} stamps do not increase: do the images carry stamps in their header?"
-            )
+            remedy = f"{stats.dropped_backwards} stamps do not increase: do headers of images carry stamps?"
         else:
             remedy = (
                 "no two stamps lie within half a frame: are the cameras synchronised, or the topics written one "
@@ -180,10 +177,8 @@ class PairReader:
         topics = [image.topic for image, _ in first if image.stamp_ns == 0]
         by_log_time = len(topics) > len(set(topics))
         if by_log_time:
-            self.stats.warnings.append(
-                f"{self._source.path}: the images on {topics[-1]} have no stamps (all are zero): the times at which "
-                "they were recorded are used instead"
-            )
+            where = f"{self._source.path}: the images on {topics[-1]}"
+            self.stats.warnings.append(f"{where} have no stamps (all are zero): their recording times are used")
         for image, log_time_ns in chain(first, images):
             yield replace(image, stamp_ns=log_time_ns) if by_log_time else image
 
@@ -202,25 +197,17 @@ class PairReader:
         if self._change:
             stats.warnings.append(self._change + (f"; {self._changes} such changes" if self._changes > 1 else ""))
         if not damage.complete:
-            stats.warnings.append(
-                f"{path} could be read in part only: {stats.paired} stereo frames from "
-                f"{damage.bytes_read / 1e6:.2f} of {stats.bytes_total / 1e6:.2f} MB"
-            )
+            read = f"{damage.bytes_read / 1e6:.2f} of {stats.bytes_total / 1e6:.2f} MB"
+            stats.warnings.append(f"{path} could be read in part only: {stats.paired} stereo frames from {read}")
         if stats.dropped_backwards:
-            stats.warnings.append(
-                f"{stats.dropped_backwards} images were dropped: their stamps repeat, go backwards, or are far from "
-                "those of the images around them"
-            )
+            wrong = "their stamps repeat, go backwards, or are far from those of the images around them"
+            stats.warnings.append(f"{stats.dropped_backwards} images were dropped: {wrong}")
         if counts.parted:
-            stats.warnings.append(
-                f"{path}: {counts.parted} images of each camera have no partner, because the stamps of the two "
-                "cameras differ for a time: was one clock set? Record again with one clock for both"
-            )
+            why = "because the two clocks differ for a time: was one set? Record again with one clock for both"
+            stats.warnings.append(f"{path}: {counts.parted} images of each camera have no partner, {why}")
         usual = 2  # without a partner: recorders start and stop between two images of a pair
         if stats.unpaired_within or stats.unpaired_left + stats.unpaired_right > usual:
-            stats.warnings.append(
-                f"{stats.unpaired_left} left and {stats.unpaired_right} right images have no partner within half a "
-                "frame period"
-            )
+            alone = f"{stats.unpaired_left} left and {stats.unpaired_right} right images"
+            stats.warnings.append(f"{alone} have no partner within half a frame period")
         if self._problem:
             stats.warnings.append(f"messages that could not be read were skipped, the first: {self._problem}")

@@ -31,12 +31,9 @@ _PARTED = 12
 
 
 def gaps_after(stamps_ns: Sequence[int]) -> list[int]:
-    """Return the frames behind which another one is missing.
-
-    The next one then comes after two periods, not one; 1.6 is chosen by hand.
-    """
+    """Return the frames behind which another one is missing."""
     periods = [b - a for a, b in pairwise(stamps_ns)]
-    longest = 1.6 * median(periods) if periods else 0
+    longest = 1.6 * median(periods) if periods else 0  # chosen by hand: a lost frame makes it 2
     return [n for n, period in enumerate(periods) if period > longest > 0]
 
 
@@ -151,8 +148,7 @@ def _stamp(frame: _Frame[T]) -> int:
 class Pairer(Generic[T]):
     """Pairs two streams of frames: `push` takes the frames of both sides as they arrive and yields certain pairs.
 
-    Pairs come in ascending order of the left stamp; it is smaller than that of the pair before only where both clocks
-    were set back. `in_order`: frames come so, and need not be sorted.
+    Pairs come in ascending order of the left stamp, but where both clocks were set back. `in_order`: so do frames.
     """
 
     def __init__(self, in_order: bool = False) -> None:

@@ -15,10 +15,9 @@ from ..mcap_file.message import Channel
 
 
 def protobuf_decoder(channel: Channel) -> Decoder | None:
-    """A function from the bytes of one message to an object with its fields; None for other schemas.
+    """A function from the bytes of a message to an object with its fields; None for other schemas.
 
-    Raises what the library raises where the definition cannot be read, and so does the function on bytes that do not
-    fit.
+    Both raise what the library raises, where the definition cannot be read or bytes do not fit.
     """
     schema = Schema(1, channel.definition, channel.schema_encoding, channel.schema_name)
     decoder: Any = DecoderFactory().decoder_for(channel.message_encoding, schema)

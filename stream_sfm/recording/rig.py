@@ -15,9 +15,8 @@ from ..camera.calibration.projections import gives_baseline, pose_from_projectio
 from ..camera.models import Camera
 from ..camera.rectification import check_rectifiable
 from ..camera.rig import MonoRig, StereoRig
-from ..errors import ConfigError, LogError, RigError
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..errors import ConfigError, LogError, RigError, as_error
+from ..geometry import Array, se3
 from ..mcap_file.message import Damage, Source
 from ..record import record
 from .images import image_size
@@ -147,10 +146,9 @@ def _sent_messages(source: Source, survey: Survey, image_topics: Sequence[str]) 
                 problems[topic] = f" ({error})"
         if begun and len(found) == len(set(topics)):
             break
-    for topic in topics:
-        if topic not in found:
-            problem = f"no calibration could be read from topic {topic}{problems.get(topic, '')}"
-            raise _error(f"{source.path}: {problem}")
+    if missing := [topic for topic in topics if topic not in found]:
+        problem = f"{missing[0]}{problems.get(missing[0], '')}"
+        raise _error(f"{source.path}: no calibration could be read from topic {problem}")
     return [found[topic] for topic in topics]
 
 
@@ -167,7 +165,5 @@ def _camera(message: CalibrationMessage, rectified: bool) -> Camera:
     size = message.width, message.height
     if rectified:
         return Camera(*size, message.P[:3, :3] if message.P[0, 0] > 0 else message.K, (), "none")
-    try:
+    with as_error(ConfigError, message.topic, ConfigError):
         return make_camera(size, message.K, message.distortion_model, message.D)
-    except ConfigError as error:
-        raise ConfigError(f"{message.topic}: {error}") from None

@@ -34,10 +34,9 @@ _SUPPORTED = (
 
 @lru_cache(maxsize=32)  # a log is opened several times, and rosbags takes tens of milliseconds for a definition
 def ros_decoder(message_encoding: str, schema_encoding: str, schema_name: str, definition: bytes) -> Decoder | None:
-    """A function from the bytes of one message to an object with its fields; None for messages that are not ROS's.
+    """A function from the bytes of a message to an object with its fields; None for messages that are not ROS's.
 
-    Raises what rosbags raises where the definition cannot be read, and so does the function on bytes that do not
-    fit.
+    Both raise what rosbags raises, where the definition cannot be read or bytes do not fit.
     """
     if (message_encoding, schema_encoding) not in _SUPPORTED:
         return None

@@ -6,7 +6,7 @@ from typing import Any
 
 from ..camera.pixels import GreyScaler
 from ..camera.rig import StereoRig
-from ..errors import FrameError, LogError
+from ..errors import FrameError, LogError, as_error
 from .frames import RecordedFrame, recorded_frame
 from .images import UndecodableImage, check_encoding, decode_grey, image_size
 from .messages import ImageMessage, UndecodableMessage, image_of
@@ -21,15 +21,14 @@ class RosImages:
     """Pairs images of a live stereo camera as a log's are paired: one thread puts messages, another takes frames.
 
     Messages are those of `sensor_msgs/Image` and `CompressedImage`, or anything with their fields, in every encoding
-    that a log may have. Stamps ascend. Pairs that wait while newer ones come are `dropped`; so many images are
-    `unpaired`.
+    that a log may have. Stamps ascend. `dropped` counts pairs that waited while newer ones came.
     """
 
-    def __init__(self, rig: StereoRig, waiting_pairs: int = _WAITING_PAIRS) -> None:
+    def __init__(self, rig: StereoRig) -> None:
         self._cameras = tuple(rig.cameras.values())
         self._pairer: Pairer[ImageMessage] = Pairer(in_order=True)
         self._waiting: deque[StereoPair] = deque()
-        self._most, self._scaler = waiting_pairs, GreyScaler()
+        self._scaler = GreyScaler()
         self._news = threading.Condition()
         self._clears = self._clears_when_taken = 0
         self.dropped = 0
@@ -42,15 +41,13 @@ class RosImages:
 
     def put(self, side: int, message: Any) -> None:
         """Take the next message of the left (0) or right (1) camera. Raises FrameError where it cannot be an image."""
-        try:
+        with as_error(FrameError, "", UndecodableMessage, LogError, ValueError, TypeError):
             image = image_of(_SIDES[side], message)
             check_encoding(image, "the camera")
-        except (UndecodableMessage, LogError, ValueError, TypeError) as error:
-            raise FrameError(str(error)) from None
         with self._news:
             for left, right in self._pairer.push(side, image.stamp_ns, image, len(image.data)):
                 self._waiting.append(StereoPair(left, right))
-            while len(self._waiting) > self._most:
+            while len(self._waiting) > _WAITING_PAIRS:
                 self._waiting.popleft()
                 self.dropped += 1
             self._news.notify()
@@ -70,14 +67,11 @@ class RosImages:
         for message, camera in zip(pair.images, self._cameras, strict=True):
             if (size := image_size(message)) != (camera.width, camera.height):
                 is_size = "damaged" if size is None else f"of {size[0]}×{size[1]} pixels"
-                raise FrameError(
-                    f"the {message.topic} image (stamp {message.stamp_ns} ns) is {is_size}, its calibration is for "
-                    f"{camera.width}×{camera.height}"
-                )
-        try:
+                calibrated = f"its calibration is for {camera.width}×{camera.height}"
+                what = f"the {message.topic} image (stamp {message.stamp_ns} ns)"
+                raise FrameError(f"{what} is {is_size}, {calibrated}")
+        with as_error(FrameError, "", UndecodableImage):
             return recorded_frame(pair, self._scaler.to_uint8(*map(decode_grey, pair.images)))
-        except UndecodableImage as error:
-            raise FrameError(str(error)) from None
 
     def clear(self) -> None:
         """Forget what waits, as after a clock was set back."""

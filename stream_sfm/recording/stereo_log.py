@@ -42,11 +42,10 @@ def open_log(
 ) -> "StereoLog":
     """Open a recording as a stereo log.
 
-    `left`, `right`: topics; they are found by schema and name if not given. `calibration`: a rig, or a calibration in
-    any format that `StereoRig.from_calibration` reads, instead of the one in the log. `mono`: use the left camera
-    alone; the log need not have another. `ground_truth`: a trajectory of the left camera, or the file of one, instead
-    of the one in the log. `rate_hz`: of a folder of images without stamps; 10 if not given. Raises LogError where the
-    log cannot be used, ConfigError for the calibration.
+    `left`, `right`: topics, found by schema and name if not given. `calibration`, in place of the log's own: a rig, or
+    any calibration that `StereoRig.from_calibration` reads. `mono`: use the left camera alone. `ground_truth`, in place
+    of the log's own: a trajectory of the left camera, or its file. `rate_hz`: of a folder of images without stamps; 10
+    if not given. Raises LogError where the log cannot be used, ConfigError for the calibration.
     """
     source = open_source(path, calibration is not None, rate_hz, mono)
     try:
@@ -73,13 +72,11 @@ def open_camera(
     """Open a stereo camera as a log whose frames are the pictures that it delivers from now on.
 
     `names`: `realsense`, `oak` or `zed`; for OpenCV one camera that gives both images beside or above each other, or
-    those of left and right: numbers, device files, addresses of streams; or a recording, whose pictures come at the
-    pace at which they were recorded. `calibration` as in `open_log`; without it
-    the one of the factory is used, which OpenCV's cameras have not. `record`: a log of every picture, in grey, whether
-    or not it is estimated; it is complete when the frames end, however they do. `overwrite`: a file of this name may be
-    replaced. `size`, `rate_hz`, `serial`, `exposure_ms`: of the images, of the pictures per second, of the camera, of
-    each picture; what is usual, where they are not given. Close the log in the end. Raises LogError where the camera
-    cannot be opened, ConfigError, OutputError.
+    left and right: numbers, device files, stream addresses; or a recording, played at its own pace. `calibration` as in
+    `open_log`; the default is the factory's, which cameras of OpenCV lack. `record`: a log of every picture, in grey,
+    whether or not it is estimated; it is complete when the frames end, however they do. `overwrite`: it may replace a
+    file. `size`, `rate_hz`, `serial` and `exposure_ms` default to those of the camera. Close the log in the end. Raises
+    LogError where the camera cannot be opened, ConfigError, OutputError.
     """
     from ..mcap_file.log_writer import MessageWriter
     from ..sources.camera import CameraSource
@@ -100,9 +97,8 @@ def open_camera(
     rig = calibration or device.rig
     if rig is None:
         device.close()
-        raise ConfigError(
-            f"camera {' '.join(names)} has no calibration of its own: give one", hint=("calibration",)
-        )
+        problem = f"camera {' '.join(names)} has no calibration of its own: give one"
+        raise ConfigError(problem, hint=("calibration",))
     recorder = None if record is None else MessageWriter(record, keep=True, compressed=True)
     return _open(CameraSource(" ".join(names), device, rig, recorder), None, None, rig, mono=False)
 
@@ -149,9 +145,8 @@ def choose_cameras(
     """Choose the two camera topics. Raises LogError, with the `notes` of the survey where it found nothing."""
     if source.format == "video" and len(survey.of_kind("image")) == 1:
         raise LogError(
-            f"{source.path} is a video: give the calibration of its images, which are beside or above each other "
-            "in its frames; for one camera say so; for two videos give the folder in which they are left and right "
-            "(left.mp4, right.mp4)",
+            f"{source.path} is a video: give the calibration of its images, where its frames hold both; say so where "
+            "it is of one camera; of two videos, left.mp4 and right.mp4, give the folder",
             hint=("calibration", "mono"),
         )
     return choose_pair(source.path, _image_topics(source, survey, left, right, notes), left, right)
@@ -164,10 +159,8 @@ def _image_topics(
     videos = survey.of_kind("video")
     images = survey.of_kind("image")
     if any(t in videos for t in (left, right)) or (not images and videos):
-        raise LogError(
-            f"{source.path}: topic {next(iter(videos))} is compressed video that is neither H.264 nor H.265: record or "
-            "convert to one of these, to CompressedImage (jpeg, png) or to raw images"
-        )
+        cure = "record or convert to one of these, to CompressedImage (jpeg, png) or to raw images"
+        raise LogError(f"{source.path}: topic {next(iter(videos))} is video, neither H.264 nor H.265: {cure}")
     if not survey.topics:
         more = "".join(f"; {note}" for note in notes)
         raise LogError(f"{source.path} holds no message that can be read ({source.size_bytes} bytes){more}")
@@ -177,9 +170,8 @@ def _image_topics(
 class StereoLog:
     """A recording whose cameras and calibration are known. Each reading starts anew and renews `stats`.
 
-    `path`; `rig`: the cameras it is read with, two or one; `left_topic`, `right_topic` and `choice_reason`;
-    `expected_frames`: images on the left topic by the index, None where there is none; `duration_s`: span of the
-    recorder's clock, None where it is not known.
+    `rig`: the cameras it is read with, two or one. `expected_frames`: images on the left topic, `duration_s`: span of
+    the recorder's clock; both None where no index tells.
     """
 
     def __init__(self, source: Source, survey: Survey, choice: PairChoice, found: FoundRig) -> None:
@@ -236,9 +228,9 @@ class StereoLog:
     ) -> Generator[RecordedFrame, None, None]:
         """Yield the selected frames, in ascending order of stamps. Raises as `pairs`, and LogError where there is none.
 
-        They end where the clock was set back: the rest is another recording, which a later start selects. They end,
-        too, where a camera sends another calibration; with `all_calibrations` they go on as long as it can be used for
-        images of the same size, and `recorded.rig` of a frame is the rig in force, a new one after each change.
+        They end where the clock was set back: the rest is another recording, which a later start selects. They also end
+        where a camera sends another calibration; with `all_calibrations` they go on with it where the image size stays,
+        and `recorded.rig` of a frame is the rig in force.
         """
         selection = selection or Selection()
         decoder = FrameDecoder(self.path, self.rig)
@@ -305,10 +297,8 @@ class StereoLog:
             self.stats.warnings.append(f"{self.path}: reading stopped at {since_ns / 1e9:.2f} s: {ended}")
         if not count:
             until = "" if end_s is None else f" and before {end_s:g} s"
-            raise LogError(
-                f"{self.path}: no frame lies after {start_s or 0:g} s{until}; the frames read span "
-                f"{since_ns / 1e9:.2f} s{''.join(f'; {warning}' for warning in self.stats.warnings[:2])}"
-            )
+            read = "; ".join([f"the frames read span {since_ns / 1e9:.2f} s", *self.stats.warnings[:2]])
+            raise LogError(f"{self.path}: no frame lies after {start_s or 0:g} s{until}; {read}")
 
     def _changed_rig(self, sent: Sequence[CalibrationMessage], usable: bool) -> StereoRig | MonoRig:
         """The rig from a change of calibration on. Raises InputError where frames with it are not to be read."""
@@ -322,19 +312,14 @@ class StereoLog:
         return with_imu(rig, self.rig.imu if isinstance(self.rig, StereoRig) else None)
 
     def ground_truth(self) -> Trajectory | None:
-        """`world_from_cam` of the physical left camera; None where there is none that can be used.
-
-        The one that `open_log` was given goes before the log's own.
-        """
+        """`world_from_cam` of the physical left camera, given or the log's own; None where none can be used."""
         if self._given_truth is not None:
             if self._read_span_ns is not None:
                 warning = time_warning(self._given_truth, self._given_truth_name, *self._read_span_ns)
                 self.stats.warnings += [warning] if warning is not None else []
             return self._given_truth
         topic = truth_topic(self.survey)
-        if topic is None:
-            return None
-        return read_truth(self._source, topic, self._left_frame, self.stats.warnings)
+        return None if topic is None else read_truth(self._source, topic, self._left_frame, self.stats.warnings)
 
     def age_s(self, stamp_ns: int) -> float | None:
         """Seconds since a live camera has delivered the pair of this stamp; None of a recording, and of an old pair."""

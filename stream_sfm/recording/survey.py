@@ -36,10 +36,7 @@ class Survey:
         name = channel.topic
         if (topic := self.topics.get(name)) is None:
             if len(self.topics) >= LIMITS.named or max(len(name), len(channel.schema_name)) > LIMITS.name:
-                damage.note(
-                    f"only {LIMITS.named} topics with names of up to {LIMITS.name} characters are looked at: others "
-                    "are not used"
-                )
+                damage.note(f"only {LIMITS.named} topics with names of up to {LIMITS.name} characters are used")
                 return None
             kind = kind_of(channel.schema_name)
             topic = self.topics[name] = Topic(name, kind, channel.schema_name, channel.message_encoding, count)
@@ -65,9 +62,8 @@ def _scan(source: Source, damage: Damage) -> Survey:
             continue
         survey.start_ns = min(survey.start_ns or message.log_time_ns, message.log_time_ns)
         survey.end_ns = max(survey.end_ns, message.log_time_ns)
-        if damage.bytes_read > LIMITS.scanned_bytes and all(
-            len(survey.of_kind(kind)) > 1 for kind in ("image", "calibration")
-        ):
+        long = damage.bytes_read > LIMITS.scanned_bytes
+        if long and all(len(survey.of_kind(kind)) > 1 for kind in ("image", "calibration")):
             survey.whole = False
             break
     return survey

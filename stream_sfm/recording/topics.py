@@ -50,19 +50,19 @@ def choose_pair(
         more = f" (without any message: {', '.join(empty)})" if empty else ""
         raise LogError(f"{path} holds no camera images{more}; image topics are: {_listed(image_topics)}")
     pairs = possible_pairs(cameras)
-    if (named := left if left is not None else right) is not None:
+    if (named := left or right) is not None:
         pairs = [pair for pair in pairs if named in pair]
         others = [t for t in cameras if t != named]
         if not pairs and len(others) == 1:
-            reason = "one topic named by the user, the other is the only one left"
-            return PairChoice(*((named, others[0]) if left is not None else (others[0], named)), reason)
-        if pairs and named != pairs[0][0 if left is not None else 1]:
+            pair = (named, others[0]) if left else (others[0], named)
+            return PairChoice(*pair, "one topic named by the user, the other is the only one left")
+        if pairs and named != pairs[0][0 if left else 1]:
             pairs = [pairs[0][::-1]]
     if not pairs:
         raise _no_pair(path, cameras, image_topics)
     if len(pairs) == 1:
         return PairChoice(*pairs[0], "their names differ only in the side")
-    if len({_device(l) for l, _ in pairs}) == 1:  # one camera pair in several forms
+    if len({tuple(_words(_FORM.sub("", l))) for l, _ in pairs}) == 1:  # one camera pair in several forms
         best = min(pairs, key=lambda p: (*_form_rank(p[0]), p))
         return PairChoice(*best, "of the forms of one pair: rectified before raw, grey before colour")
     candidates = some_of([f"{l} and {r}" for l, r in pairs], "; ")
@@ -91,16 +91,13 @@ def _cameras(image_topics: Mapping[str, int | None]) -> list[str]:
 def _no_pair(path: Path, cameras: list[str], image_topics: Iterable[str]) -> LogError:
     if len(cameras) == 1:
         return LogError(
-            f"{path} holds images of one camera only, {cameras[0]}: stereo needs two. If each image holds both sides, "
-            "give the calibration of one side; a replay with one camera is possible, too, without scale; image topics "
-            f"are: {_listed(image_topics)}",
+            f"{path} holds images of one camera only, {cameras[0]}: if each image holds both sides, give the "
+            "calibration of one side; else replay it as one camera, without scale; image topics are: "
+            f"{_listed(image_topics)}",
             hint=("calibration", "mono"),
         )
-    return LogError(
-        f"{path}: the names of the topics do not show which is the left and which the right camera; name both; "
-        f"image topics are: {_listed(cameras)}",
-        hint=("left", "right"),
-    )
+    problem = f"{path}: topic names do not show which is the left and which the right camera; name both"
+    return LogError(f"{problem}; image topics are: {_listed(cameras)}", hint=("left", "right"))
 
 
 def _transport(topic: str, image_topics: Iterable[str]) -> str:
@@ -115,8 +112,7 @@ def _check_named(path: Path, image_topics: Iterable[str], left: str | None, righ
             known = f"image topics are: {_listed(image_topics)}"
             raise LogError(f"{path}: {topic} is not an image topic of this log; {known}", hint=(side,))
     if left is not None and left == right:
-        problem = f"left and right are both {left}: a stereo pair needs two topics"
-        raise LogError(f"{path}: {problem}", hint=("left", "right"))
+        raise LogError(f"{path}: left and right are both {left}: name two topics", hint=("left", "right"))
 
 
 def _listed(topics: Iterable[str]) -> str:
@@ -125,11 +121,6 @@ def _listed(topics: Iterable[str]) -> str:
 
 def _form_rank(topic: str) -> tuple[bool, bool, bool]:
     return not is_rectified(topic), _COLOUR.search(topic) is not None, topic.endswith("/compressed")
-
-
-def _device(left_topic: str) -> tuple[str, ...]:
-    """What remains of a left topic without the words for the form of the images."""
-    return tuple(_words(_FORM.sub("", left_topic)))
 
 
 def choose_calibration(image_topic: str, side: int, calibration_topics: Iterable[str]) -> str | None:

@@ -4,8 +4,7 @@ from itertools import chain
 
 import numpy as np
 
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..inputs import LIMITS
 from ..mcap_file.message import Source
 from .messages import MessageDecoder, decoded, same_numbers

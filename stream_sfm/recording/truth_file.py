@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import ConfigError, LogError
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..inputs import INT64
 from ..mcap_file.message import Source
 from ..sources.pose_files import is_euroc_table, read_poses
@@ -40,13 +40,7 @@ class GroundTruthFile:
     def poses(self) -> Trajectory:
         """Return the poses as the file has them, with stamps in the time of the log. Raises LogError."""
         found, offset_ns = read_poses(Path(self.path)), round(self.offset_s * 1e9)
-        if (
-            len(found)
-            and not -INT64
-            <= min(ends := found.stamps_ns[[0, -1]].tolist()) + offset_ns
-            <= max(ends) + offset_ns
-            < INT64
-        ):
+        if not all(-INT64 <= end_ns + offset_ns < INT64 for end_ns in found.stamps_ns[[0, -1]].tolist()):
             raise LogError(f"{self.path}: an offset of {self.offset_s:g} s leads beyond stamps of 64 bits")
         return Trajectory(found.stamps_ns + offset_ns, found.world_from_cam)
 
@@ -65,24 +59,20 @@ def _body_from_cam(truth: GroundTruthFile, source: Source, survey: Survey, camer
     if truth.frame is None:
         sensor = path.resolve().parent.parent / "cam0" / "sensor.yaml"
         if not sensor.is_file():
-            raise ConfigError(
-                f"{path}: the poses are of EuRoC's body, and {sensor} is missing: name the frame, or a sensor.yaml of "
-                "the left camera",
-                hint=("ground_truth_frame",),
-            )
+            problem = f"{path}: the poses are of EuRoC's body, and {sensor} is missing"
+            cure = "name the frame, or a sensor.yaml of the left camera"
+            raise ConfigError(f"{problem}: {cure}", hint=("ground_truth_frame",))
         return _of_sensor(sensor)
     if Path(truth.frame).is_file():
         return _of_sensor(Path(truth.frame))
     frame = str(truth.frame).lstrip("/")
     if frame == camera_frame:
         return np.eye(4)
-    found = fixed_transform(source, survey, frame, camera_frame)
-    if found is None:
-        raise ConfigError(
-            f"{source.path}: no fixed transform leads from frame {camera_frame!r} of the left camera to frame "
-            f"{frame!r} of the ground truth {path}: name another frame, or a sensor.yaml of the left camera",
-            hint=("ground_truth_frame",),
-        )
+    if (found := fixed_transform(source, survey, frame, camera_frame)) is None:
+        frames = f"frame {camera_frame!r} of the left camera to frame {frame!r} of the ground truth {path}"
+        cure = "name another frame, or a sensor.yaml of the left camera"
+        problem = f"{source.path}: no fixed transform leads from {frames}: {cure}"
+        raise ConfigError(problem, hint=("ground_truth_frame",))
     return found
 
 

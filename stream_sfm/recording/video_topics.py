@@ -8,11 +8,9 @@ from collections.abc import Generator, Iterator
 from dataclasses import replace
 from itertools import islice
 
-from mcap.records import Attachment
-
 from ..errors import LogError
 from ..inputs import LIMITS
-from ..mcap_file.message import Contents, Damage, Message, Source
+from ..mcap_file.message import Damage, Derived, Message, Source
 from ..sources.profile import raw_channel, raw_message
 from ..sources.sides import is_camera
 from ..sources.video_stream import VideoStream, codec_of
@@ -24,8 +22,8 @@ from .survey import Survey, Topic
 def with_videos(source: Source, survey: Survey) -> tuple[Source, Survey]:
     """The recording with its video topics as topics of images; as given where it has none.
 
-    Videos also come as ROS's CompressedImage, which their first message tells. What is no H.264 or H.265 stays video.
-    Of very many topics the first ones are looked at, as each costs a reading.
+    Videos also come as ROS's CompressedImage, which their first message tells. What is neither H.264 nor H.265 stays
+    video. Of very many topics the first ones are looked at, as each costs a reading.
     """
     asked = (t for t in survey.topics.values() if t.count != 0 and _may_be_video(t) and is_camera(t.name))
     codecs = {topic.name: _codec(source, topic) for topic in islice(asked, LIMITS.compressed)}
@@ -49,43 +47,21 @@ def _codec(source: Source, topic: Topic) -> str | None:
     return codec_of(first.encoding) if first is not None and first.compressed else None
 
 
-class _Decoded(Source):
-    """A source whose videos, topic -> codec, are raw images; everything else as it is."""
+class _Decoded(Derived):
+    """A source whose videos, topic -> codec, are raw images."""
 
     def __init__(self, source: Source, videos: dict[str, str]) -> None:
-        self._source, self._videos = source, videos
-        self.path, self.size_bytes, self.in_order = source.path, source.size_bytes, source.in_order
-        self.format, self.profile, self.library = source.format, source.profile, source.library
-
-    @property
-    def indexed(self) -> bool:
-        return self._source.indexed
-
-    def contents(self) -> Contents | None:
-        """Return the contents of the source as it lies on disk."""
-        return self._source.contents()
-
-    def attachments(self, damage: Damage) -> Iterator[Attachment]:
-        """Yield the attachments of the source."""
-        return self._source.attachments(damage)
-
-    def close(self) -> None:
-        """See `Source`."""
-        self._source.close()
+        super().__init__(source)
+        self._videos = videos
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
-        """Yield the messages of `topics` (None: all), of videos the frames that can be decoded.
-
-        Each video is a reading of its own: a decoder asks for frames when it needs them.
-        """
+        """Yield the messages of `topics` (None: all); each video is read by itself, as its decoder asks for frames."""
         parts = [damage, *(Damage(notes=damage.notes) for _ in self._videos)]  # one list of notes, for its limit
         wanted = frozenset(self._videos if topics is None else self._videos.keys() & topics)
-        readings: list[Generator[Message]] = [
-            self._pictures(name, part) for name, part in zip(sorted(wanted), parts[1:], strict=False)
-        ]
+        readings = [self._pictures(name, part) for name, part in zip(sorted(wanted), parts[1:], strict=False)]
         if topics is None or topics - wanted:
             others = None if topics is None else topics - wanted
-            messages = self._source.messages(damage, others)
+            messages = self.source.messages(damage, others)
             readings.append(m for m in messages if m.channel.topic not in self._videos)
         try:
             yield from heapq.merge(*readings, key=lambda message: message.log_time_ns)
@@ -104,15 +80,15 @@ class _Decoded(Source):
                 yield made._replace(log_time_ns=log_time_ns)
         finally:
             if stream.skipped:
-                before = "before the first one that a decoder can begin with (a key frame)"
-                damage.note(f"{where}: {counted(stream.skipped, 'frame')} of video {before} cannot be decoded")
+                skipped = f"{counted(stream.skipped, 'frame')} of video before the first key frame"
+                damage.note(f"{where}: {skipped} cannot be decoded")
             if stream.lost:
                 damage.add(f"{where}: {counted(stream.lost, 'frame')} of video could not be decoded")
 
     def _frames(self, topic: str, damage: Damage) -> Iterator[tuple[tuple[ImageMessage, int], bytes]]:
         """Each frame without its bytes, with its log time; and its bytes."""
         decoder = MessageDecoder(self.path)
-        for message in self._source.messages(damage, frozenset([topic])):
+        for message in self.source.messages(damage, frozenset([topic])):
             try:
                 image = decoder.image(message)
             except UndecodableMessage as error:

@@ -4,9 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..camera.exposed_rows import ExposedRows
-from ..camera.focal_effect import FocalEffect
 from ..camera.known_timing import KnownTiming
+from ..camera.over_image import ExposedRows, FocalEffect
 from ..camera.refinement import Refinement
 from ..config import RigConfig
 from ..geometry.se3 import Array

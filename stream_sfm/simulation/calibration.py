@@ -15,7 +15,7 @@ from ..config import Config
 from ..estimators import make_estimator
 from ..estimators.baselines.full_batch import cramer_rao_bound
 from ..frontend.template_errors import TemplateErrors
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..rig_model.model import RigModel
 from ..types import LastingErrors, Observations, RigView, Solution
 from .measure import Measured, bound_variances, errors, followed

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from ..errors import ConfigError, OutputError
+from ..errors import ConfigError, OutputError, as_error
 from ..executors import processes
 from ..files import json_bytes, make_folder, write_whole
 from . import figure6
@@ -15,12 +15,9 @@ from .studies import CONSISTENCY, EFFICIENCY, Progress, Report
 from .tables import to_csv
 
 EXPERIMENTS = {
-    "efficiency": EFFICIENCY,
-    "consistency": CONSISTENCY,
-    "rates": RATES,
-    "calibration": CALIBRATION,
+    "efficiency": EFFICIENCY, "consistency": CONSISTENCY, "rates": RATES, "calibration": CALIBRATION,
     "figure6": figure6.FIGURE6,
-}
+}  # fmt: skip
 
 
 def simulate(
@@ -34,10 +31,9 @@ def simulate(
 ) -> Report:
     """Run a Monte Carlo study on the paper's simulated stereo pair, and return the content of results.json.
 
-    `experiment`: efficiency, consistency, calibration, rates or figure6; with `out_dir` results.json and results.csv
-    are written, and for figure6 the picture. `workers` processes of this machine (None: one per core); the numbers
-    depend on `seed` alone. `on_progress` is called with the number of trials just finished. Raises ConfigError,
-    OutputError.
+    `experiment`: efficiency, consistency, calibration, rates or figure6. `out_dir`: for results.json, results.csv and
+    the picture of figure6. `workers`: processes (None: one per core); the numbers depend on `seed` alone. `on_progress`
+    is called with the number of trials just finished. Raises ConfigError, OutputError.
     """
     if experiment not in EXPERIMENTS:
         raise ConfigError(f"experiment {experiment!r} is not known; known are {', '.join(EXPERIMENTS)}")
@@ -49,9 +45,7 @@ def simulate(
     if out_dir is not None:
         write_whole(Path(out_dir, "results.json"), json_bytes(report))
         write_whole(Path(out_dir, "results.csv"), to_csv(report).encode())
-        try:
-            if experiment == "figure6":
+        if experiment == "figure6":
+            with as_error(OutputError, f"cannot write to {out_dir}", OSError):
                 figure6.draw(report, Path(out_dir))
-        except OSError as error:
-            raise OutputError(f"cannot write to {out_dir}: {error.strerror}") from None
     return report

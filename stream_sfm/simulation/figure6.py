@@ -16,7 +16,7 @@ import numpy as np
 
 from .measure import QUANTITIES, Measured, Method
 from .scenes import Scene
-from .studies import Job, Report, Study, judged
+from .studies import Report, Study, judged
 
 BATCHES = (1, 2, 4, 8)  # paper: the batch sizes b of its figure
 FRAMES = tuple(range(1, 31))  # paper: 31 frames
@@ -50,10 +50,6 @@ METHODS = (
 _ROWS = ("pose: rotation, mrad", "pose: position, mm", "global structure, mm", "local structure, mm")
 
 
-def _jobs() -> dict[str, Job]:
-    return {"figure6": judged(SCENE, FRAMES, METHODS)}
-
-
 def _report(measured: dict[str, Measured]) -> Report:
     """Report RMS errors by estimator, quantity and frame: `curves[label][quantity]`, rad and m, with label "bound"."""
     return {
@@ -66,7 +62,7 @@ def _report(measured: dict[str, Measured]) -> Report:
     }
 
 
-FIGURE6 = Study(_jobs, _report)
+FIGURE6 = Study({"figure6": judged(SCENE, FRAMES, METHODS)}, _report)
 
 
 def draw(report: Report, folder: Path) -> None:
@@ -87,9 +83,8 @@ def draw(report: Report, folder: Path) -> None:
                     values = 1e3 * np.array(curves[f"{kind}_b{b}"][quantity])
                     axis.plot(frames, values, color=colour, label=f"b = {b}")
                 for key, (label, colour, style) in _OTHERS.items():
-                    axis.plot(
-                        frames, 1e3 * np.array(curves[key][quantity]), style, color=colour, label=label, lw=1.4
-                    )
+                    values = 1e3 * np.array(curves[key][quantity])
+                    axis.plot(frames, values, style, color=colour, label=label, lw=1.4)
                 axis.set(ylim=(0, None), xlim=(frames[0], frames[-1]))
         for axis, label in zip(axes[:, 0], _ROWS, strict=True):
             axis.set_ylabel(f"RMS error\n{label}")

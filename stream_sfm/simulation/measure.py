@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from ..config import Config
 from ..estimators import make_estimator
 from ..estimators.baselines.full_batch import Bound, cramer_rao_bound
-from ..geometry import se3
+from ..geometry import Array, se3
 from ..geometry.linear import mahalanobis2
-from ..geometry.se3 import Array
 from ..types import Estimator, Observations, Solution, Status
 from .scenes import Scene, Sequence
 

@@ -22,9 +22,8 @@ _BOUND_FRACTION = 0.08  # of the trials: the bound is costly, and varies little 
 
 def _run(motion: str, length: int, frames: range) -> Condition:
     """A sequence of the table: exponents are fitted over `frames`."""
-    return judged(
-        Scene(frames=frames[-1] + 1, motion=MOTIONS[motion], track_length=length), tuple(frames), READINGS
-    )
+    scene = Scene(frames=frames[-1] + 1, motion=MOTIONS[motion], track_length=length)
+    return judged(scene, tuple(frames), READINGS)
 
 
 _SLOW, _LATERAL = MOTIONS["slow"], MOTIONS["lateral"]
@@ -42,9 +41,8 @@ def _jobs() -> dict[str, Job]:
     for length in SPANS:  # one image support for all L
         scene = Scene(motion=_SLOW, track_length=length, support_frames=max(SPANS))
         jobs[f"L={length}"] = judged(scene, LAST_FRAMES, READINGS, bound=False)
-    windows = tuple(Method(m.name, b, f"{m.name} b={b}") for m in READINGS for b in BATCHES)
-    scene = Scene(motion=_LATERAL, track_length=8)
-    jobs["windows"] = judged(scene, LAST_FRAMES, windows)
+    windows = [Method(m.name, b, f"{m.name} b={b}") for m in READINGS for b in BATCHES]
+    jobs["windows"] = judged(Scene(motion=_LATERAL, track_length=8), LAST_FRAMES, windows)
     jobs["drift"] = Job(drift_rates, _BOUND_FRACTION)
     jobs["structure"] = Job(structure_over_window, _BOUND_FRACTION)
     return jobs
@@ -62,13 +60,10 @@ def _report(measured: dict[str, Measured]) -> Report:
         m.name: {q: [ratio(data[m.name][q], by_length[0][m.name][q]) for data in by_length] for q in QUANTITIES}
         for m in READINGS
     }
-    windows = measured["windows"]
+    by_window = {m.name: [measured["windows"][f"{m.name} b={b}"] for b in BATCHES] for m in READINGS}
     over_window = {
-        m.name: {
-            q: [ratio(windows[f"{m.name} b={b}"][q], windows[f"{m.name} b={b}"][f"bound_{q}"]) for b in BATCHES]
-            for q in QUANTITIES
-        }
-        for m in READINGS
+        name: {q: [ratio(entry[q], entry[f"bound_{q}"]) for entry in entries] for q in QUANTITIES}
+        for name, entries in by_window.items()
     }
     return {
         "table": {f"{name} {q}": _row(run, q, measured[name]) for name, run in RUNS.items() for q in QUANTITIES},
@@ -138,4 +133,4 @@ def _structure_report(data: Measured) -> Report:
     }
 
 
-RATES = Study(_jobs, _report)
+RATES = Study(_jobs(), _report)

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..geometry.stereo import MIN_DEPTH, StereoProjection
 from ..types import Observations
 
@@ -73,10 +72,9 @@ def rectified_views(pixels: Array, std_px: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A camera path of steps along +x with a steady turn about the vertical axis, and hand shake.
+    """A camera path along +x that turns about the vertical axis, `step_m` and `turn_rad` per frame, with hand shake.
 
-    `step_m` and `turn_rad` per frame. Each pose but the first is off the smooth path by a Gaussian of `shake_m` and
-    `shake_rad` on each axis.
+    Each pose but the first is off the smooth path by a Gaussian of `shake_m` and `shake_rad` on each axis.
     """
 
     step_m: float
@@ -194,9 +192,7 @@ class Scene:
         open_, rounds = np.arange(len(birth)), 0
         while len(open_):
             draw = _draw_in_view(rng, len(open_))
-            inside = np.ones(len(open_), bool)
-            for offset in offsets:
-                inside &= _in_view(se3.transform(se3.exp(-twist * offset), draw))
+            inside = np.all([_in_view(se3.transform(se3.exp(-twist * o), draw)) for o in offsets], axis=0)
             world = np.einsum("pij,pj->pi", centre[open_, :3, :3], draw) + centre[open_, :3, 3]
             points[open_[inside]] = world[inside]
             open_ = open_[~inside]
@@ -235,8 +231,7 @@ def _lasting(white: Array, frame: NDArray[np.intp], track: NDArray[np.intp], aut
 
 def _twist(path: Array) -> Array:
     """Return the motion (6,) per frame on the smooth path through the first and last pose."""
-    xi = se3.log(path[-1]) / max(1, len(path) - 1)
-    return np.asarray(xi)
+    return np.asarray(se3.log(path[-1]) / max(1, len(path) - 1))
 
 
 def _in_view(points_in_cam: Array) -> NDArray[np.bool_]:

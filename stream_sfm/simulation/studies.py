@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from ..evaluation.relative import Interval
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..methods import COMPARED, METHODS, REFERENCE, WITHOUT_IMU
 from .measure import NORMALISED, QUANTITIES, Measured, Method, measure
 from .scenes import Scene
@@ -33,10 +33,7 @@ def run_trials(
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> list[Result]:
-    """Return `job` of each trial's own seed, in the order of trials, run by `executor` or (None) in this process.
-
-    `job` must be picklable: a function of a module, or functools.partial of one.
-    """
+    """Return `job`, which must be picklable, of each trial's own seed, in order; None: run it in this process."""
     seeds = np.random.SeedSequence(seed).spawn(trials)
     results: list[Result] = []
     for result in executor.map(job, seeds) if executor else map(job, seeds):
@@ -75,12 +72,12 @@ class Job:
 class Study:
     """Jobs by name, and the report that is made of the measurements of each."""
 
-    jobs: Callable[[], Mapping[str, Job]]
+    jobs: Mapping[str, Job]
     report: Callable[[dict[str, Measured]], Report]
 
     def total_trials(self, trials: int) -> int:
         """Return how many trials are run altogether."""
-        return sum(job.trials(trials) for job in self.jobs().values())
+        return sum(job.trials(trials) for job in self.jobs.values())
 
     def run(
         self, trials: int, seed: int, executor: Executor | None = None, progress: Progress | None = None
@@ -88,7 +85,7 @@ class Study:
         """Run all jobs, and return their report."""
         measured = {
             name: stacked(run_trials(job.measure, job.trials(trials), seed, executor, progress))
-            for name, job in self.jobs().items()
+            for name, job in self.jobs.items()
         }
         return self.report(measured)
 
@@ -106,10 +103,7 @@ def _bootstrap(statistic: Callable[[Array], Array], n: int) -> Interval:
 
 
 def ratio(numerator: Array, denominator: Array) -> Interval:
-    """Return the sum of `numerator` over that of `denominator`, both (trials, frames) of the same trials (paired).
-
-    Frames where either is NaN (lost) are left out of both.
-    """
+    """Return the ratio of two sums (trials, frames) over the same trials; frames with a NaN (lost) are left out."""
     valid = np.isfinite(numerator) & np.isfinite(denominator)
     a = np.where(valid, numerator, 0).sum(axis=1)
     b = np.where(valid, denominator, 0).sum(axis=1)
@@ -140,8 +134,7 @@ class Condition(Job):
 def of_conditions(
     conditions: Mapping[str, Condition], evaluate: Callable[[dict[str, Array], Measured], Report], **known: Any
 ) -> Study:
-    """Make a study that reports, for each condition, what was run, and of each estimator what `evaluate` returns and
-    the share of frames lost.
+    """Make a study that reports what was run per condition, and per estimator `evaluate` and the share of lost frames.
 
     `evaluate` is given the measurements of the estimator and of all; `known` is part of the report.
     """
@@ -158,7 +151,7 @@ def of_conditions(
     def report(measured: dict[str, Measured]) -> Report:
         return {**known, "conditions": {name: part(name, data) for name, data in measured.items()}}
 
-    return Study(lambda: conditions, report)
+    return Study(conditions, report)
 
 
 # No simulated log has inertial samples.

@@ -33,8 +33,19 @@ _WORDS = {
     "nees_point_in_world": "point in the world",
     "nees_rig": "rig",
 }
-_NEES = "Normalised squared errors"
 _UNITS = {"rotation": "mrad", **dict.fromkeys(QUANTITIES[1:], "mm")}  # of figure 6, which are in rad and m
+# Parts of the report of the rates: key, the key of their numbers of frames, what is in them, and the title.
+_LAWS = (
+    ("drift_over_span", "span_frames", "span",
+     {"rotation_relative": "rotation", "position_relative": "position", "theory": "theory"},
+     "Drift of the bound by the span of a point, relative to 2 frames"),
+    ("structure_over_window", "window_frames", "window", {"relative": "variance", "theory": "theory"},
+     "Local structure of the bound by the window, relative to 1 frame"),
+)  # fmt: skip
+_OF_ESTIMATORS = (
+    ("estimators_over_span", "span_frames", "variance_relative", "Variance by the span of a point, over 2 frames"),
+    ("estimators_over_window", "window_frames", "variance_over_bound", "Variance by the window, over the bound"),
+)
 
 
 @record
@@ -67,10 +78,8 @@ def to_csv(report: Report) -> str:
         for names, values in table.rows:
             for column, value in zip(table.columns, values, strict=True):
                 if value is not None:
-                    numbers = (
-                        (value.value, value.low, value.high) if isinstance(value, Interval) else (value, "", "")
-                    )
-                    writer.writerow((table.title, ", ".join(names), column, *numbers))
+                    span = (value.value, value.low, value.high) if isinstance(value, Interval) else (value, "", "")
+                    writer.writerow((table.title, ", ".join(names), column, *span))
     return text.getvalue()
 
 
@@ -110,69 +119,49 @@ def _of_conditions(report: Report) -> Iterator[StudyTable]:
         for name, part in report.get("conditions", {}).items()
         for estimator, entry in part["estimators"].items()
     ]
-    for kind in dict.fromkeys(
-        key for _, entry in entries for key, value in entry.items() if key.startswith("over_")
-    ):
-        rows = [
-            (names, [_value(entry[kind].get(q)) for q in QUANTITIES]) for names, entry in entries if kind in entry
-        ]
+    both = ("condition", "estimator")
+    for kind in dict.fromkeys(key for _, entry in entries for key in entry if key.startswith("over_")):
+        rows = [(names, [_value(of[kind].get(q)) for q in QUANTITIES]) for names, of in entries if kind in of]
         title = in_words(kind) + (f", {report['reference']}" if kind == "over_reference" else "")
-        yield StudyTable(title, ("condition", "estimator"), tuple(map(in_words, QUANTITIES)), rows, best=1.0)
+        yield StudyTable(title, both, tuple(map(in_words, QUANTITIES)), rows, best=1.0)
     keys = [key for key in report.get("expected", {}) if key.startswith("nees_")]
     columns = tuple(f"{in_words(key)}, {report['expected'][key]:g} expected" for key in keys)
     rows = [(names, [_value(entry.get(key)) for key in keys]) for names, entry in entries]
-    yield StudyTable(_NEES, ("condition", "estimator"), columns, rows)
+    yield StudyTable("Normalised squared errors", both, columns, rows)
     lost = [(names, [100 * entry["lost_share"]]) for names, entry in entries if entry["lost_share"] > 0]
-    yield StudyTable("Frames lost", ("condition", "estimator"), ("%",), lost)
+    yield StudyTable("Frames lost", both, ("%",), lost)
 
 
 def _of_rates(report: Report) -> Iterator[StudyTable]:
     """Yield the tables of the paper's Table 1: exponents, laws over spans and windows, and what estimators reach."""
-    rows: list[tuple[tuple[str, ...], list[Value]]] = []
-    methods = tuple(dict.fromkeys(m for row in report.get("table", {}).values() for m in row["exponents"]))
-    for name, row in report.get("table", {}).items():
-        run, quantity = name.rsplit(" ", 1)
-        exponents = [_value(row["exponents"].get(method)) for method in methods]
-        rows.append(((in_words(run), in_words(quantity)), [*exponents, row["bound_exponent"]]))
+    table = report.get("table", {})
+    methods = tuple(dict.fromkeys(m for row in table.values() for m in row["exponents"]))
+    rows = [
+        (
+            tuple(map(in_words, name.rsplit(" ", 1))),
+            [*(_value(row["exponents"].get(method)) for method in methods), row["bound_exponent"]],
+        )
+        for name, row in table.items()
+    ]
     title = "Growth of the variance: exponent of the frame number"
     yield StudyTable(title, ("run", "quantity"), (*methods, "bound"), rows)
-    if drift := report.get("drift_over_span"):
-        names = ("rotation_relative", "position_relative", "theory")
-        rows = [
-            ((counted(span, "frame"),), [drift[key][k] for key in names])
-            for k, span in enumerate(drift["span_frames"])
-        ]
-        title = "Drift of the bound by the span of a point, relative to 2 frames"
-        yield StudyTable(title, ("span",), ("rotation", "position", "theory"), rows)
-    if structure := report.get("structure_over_window"):
-        rows = [
-            ((counted(frames, "frame"),), [_value(structure["relative"][k]), structure["theory"][k]])
-            for k, frames in enumerate(structure["window_frames"])
-        ]
-        title = "Local structure of the bound by the window, relative to 1 frame"
-        yield StudyTable(title, ("window",), ("variance", "theory"), rows)
-    for key, frames, values, title in (
-        (
-            "estimators_over_span",
-            "span_frames",
-            "variance_relative",
-            "Variance by the span of a point, over 2 frames",
-        ),
-        (
-            "estimators_over_window",
-            "window_frames",
-            "variance_over_bound",
-            "Variance by the window, over the bound",
-        ),
-    ):
+    for key, frames, name, columns, title in _LAWS:
+        if part := report.get(key):
+            rows = [
+                ((counted(n, "frame"),), [_value(part[of][k]) for of in columns])
+                for k, n in enumerate(part[frames])
+            ]
+            yield StudyTable(title, (name,), tuple(columns.values()), rows)
+    for key, frames, values, title in _OF_ESTIMATORS:
         if part := report.get(key):
             rows = [
                 ((method, in_words(quantity)), list(map(_value, of)))
                 for method, found in part[values].items()
                 for quantity, of in found.items()
             ]
-            columns = tuple(counted(n, "frame") for n in part[frames])
-            yield StudyTable(title, ("estimator", "quantity"), columns, rows)
+            yield StudyTable(
+                title, ("estimator", "quantity"), tuple(counted(n, "frame") for n in part[frames]), rows
+            )
 
 
 def curve_in_words(label: str) -> str:

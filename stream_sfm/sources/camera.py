@@ -45,7 +45,7 @@ class CameraSource(Source):
         return Contents([(channel, None) for channel in (*encoder.raw_images, *encoder.calibrations)])
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
-        """Yield the messages of `topics` (None: all) as the camera delivers them, until it ends."""
+        """Yield the messages of `topics` (None: all) as the camera delivers them."""
         encoder = ProfileEncoder(self._rig)
         if topics is not None and not topics >= {channel.topic for channel in encoder.raw_images}:
             for side in (0, 1):  # the calibration is known without a picture
@@ -59,10 +59,8 @@ class CameraSource(Source):
             grabber.stop()
             self.left_out = grabber.left_out
             if grabber.left_out:
-                damage.note(
-                    f"{grabber.left_out} pairs of images were left out, because the camera was faster than the "
-                    "estimates; a recording has them"
-                )
+                why = "the camera was faster than the estimates; a recording has them"
+                damage.note(f"{grabber.left_out} pairs of images were left out, because {why}")
             if grabber.error is not None:
                 damage.add(f"{self.path}: {grabber.error}")
 

@@ -16,20 +16,18 @@ import numpy as np
 
 from ..camera.calibration.inertial import kalibr_noise
 from ..camera.calibration.projections import cam_from_cam0, kitti_camera
-from ..camera.calibration.read import CALIBRATION_SUFFIXES, is_calibration, read_document
+from ..camera.calibration.read import has_calibration, is_calibration, read_document
 from ..camera.calibration.slam import body_from_left
 from ..camera.models import Camera
 from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..inertial.samples import ImuCalibration
 from ..mcap_file.message import Source
 from .containers.video import VideoSource
 from .given import NOTHING, Given
 from .image_files import ImageFile, ImageFilesSource
 from .image_folders import ImageSides, image_sides
-from .image_header import IMAGE_SUFFIXES
 from .image_sets import images_in, open_images
 from .joined import JoinedSource
 from .pose_files import (
@@ -56,10 +54,7 @@ _BODY_FROM_CAM = se3.from_rotation_translation([[0, 0, 1], [1, 0, 0], [0, 1, 0]]
 
 
 class Layout(NamedTuple):
-    """One way in which a recording lies in a folder: folders of left and right, and files of which one is there.
-
-    `also`: a further data set that is laid out so.
-    """
+    """A layout of a recording: folders of left and right, and files of which one is there; `also`: another data set."""
 
     name: str
     open: Callable[[Path, "Layout", Given], ImageFilesSource]
@@ -97,13 +92,11 @@ def is_data_set(folder: Path) -> bool:
 def open_kitti(folder: Path, poses: str | Path | None = None) -> ImageFilesSource:
     """A sequence of KITTI's odometry, or a rectified drive of its raw data. Raises LogError; ConfigError.
 
-    `poses`: ground truth, 12 numbers per line; without it `poses.txt` in the folder and the data set's own place
-    (`../../poses/NN.txt`) are looked at. They are of camera 0; with the colour cameras they are carried into camera 2.
+    `poses`: ground truth of camera 0, 12 numbers per line; by default `poses.txt` in the folder, or the data set's own
+    `../../poses/NN.txt`.
     """
-    layout = _known(
-        folder, "KITTI", "image_0 and image_1 (or 2 and 3): one sequence, or one drive of its raw data (…_sync)"
-    )
-    return _open_kitti(folder, layout, NOTHING, poses)
+    content = "image_0 and image_1 (or 2 and 3): one sequence, or one drive of its raw data (…_sync)"
+    return _open_kitti(folder, _known(folder, "KITTI", content), NOTHING, poses)
 
 
 def open_euroc(folder: Path) -> ImageFilesSource:
@@ -129,18 +122,14 @@ def _open_kitti(folder: Path, layout: Layout, given: Given, poses: str | Path | 
         stamps = read_times(folder / "times.txt")
     else:
         stamps = _read_dates((folder / layout.sides[0]).with_name("timestamps.txt"))
-    images = []
-    for side in files:
-        for file in side:
-            if not file.stem.isdecimal() or int(file.stem) >= len(stamps):
-                raise LogError(
-                    f"{file}: the name is not the number of a line of the times, which are {len(stamps)}"
-                )
-        images.append([ImageFile(stamps[int(file.stem)], file) for file in side])
+    for file in (*files[0], *files[1]):
+        if not file.stem.isdecimal() or int(file.stem) >= len(stamps):
+            raise LogError(f"{file}: its name is not the number of one of the {len(stamps)} times")
+    left, right = ([ImageFile(stamps[int(file.stem)], file) for file in side] for side in files)
     rig: StereoRig | None = None
     cam0_from_left = np.eye(4)
     try:
-        rig, cam0_from_left = _kitti_rig(folder, layout, images[0][0].size())
+        rig, cam0_from_left = _kitti_rig(folder, layout, left[0].size())
     except ConfigError:
         if not given.calibrated:
             raise
@@ -157,7 +146,7 @@ def _open_kitti(folder: Path, layout: Layout, given: Given, poses: str | Path | 
             notes.append(f"{truth_file} has poses for the first {count} of {len(stamps)} frames")
         truth = list(zip(stamps, world_from_left, strict=False))
     used = None if given.calibrated else rig
-    return ImageFilesSource(folder, layout.name, used, (images[0], images[1]), truth, notes)
+    return ImageFilesSource(folder, layout.name, used, (left, right), truth, notes)
 
 
 def _kitti_rig(folder: Path, layout: Layout, size: tuple[int, int]) -> tuple[StereoRig, Array]:
@@ -167,10 +156,8 @@ def _kitti_rig(folder: Path, layout: Layout, size: tuple[int, int]) -> tuple[Ste
     left_from_cam0, right_from_cam0 = (cam_from_cam0(document, number, size) for number in cameras)
     cam0_from_left = se3.inverse(left_from_cam0)
     left, right = (kitti_camera(document, number, size) for number in cameras)
-    try:
+    with document.naming():
         return StereoRig(left, right, right_from_cam0 @ cam0_from_left), cam0_from_left
-    except ConfigError as error:
-        raise document.error(str(error)) from None
 
 
 def _kitti_truth(folder: Path) -> Path | None:
@@ -204,16 +191,15 @@ def _open_euroc(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
     except ConfigError:
         if not given.calibrated:
             raise
-    rig = None if given.calibrated else rig
     truth_file = next((mav / name for name in _EUROC_TRUTHS if (mav / name).is_file()), None)
     if truth_file is not None and body_from_cam is not None:
         truth = read_euroc(truth_file)
         poses += zip(truth.stamps_ns.tolist(), truth.world_from_cam @ body_from_cam, strict=True)
     elif truth_file is not None:
-        where = "no calibration says where the camera is on the body whose poses they are"
-        notes.append(f"{truth_file} is not used: {where}")
+        notes.append(f"{truth_file} is not used: no calibration says where the camera is on the body")
     imu = None if body_from_cam is None else _euroc_imu(mav / "imu0", se3.inverse(body_from_cam), notes)
-    return ImageFilesSource(folder, layout.name, rig, images, poses, notes, imu)
+    used = None if given.calibrated else rig
+    return ImageFilesSource(folder, layout.name, used, images, poses, notes, imu)
 
 
 def _euroc_imu(
@@ -252,29 +238,24 @@ def _euroc_rig(mav: Path, cameras: Sequence[Path]) -> tuple[StereoRig | None, Ar
 
 
 def _euroc_images(folder: Path, notes: list[str]) -> list[ImageFile]:
-    """The images of a camera by its table; without one, their names are the stamps.
-
-    Images of the table that are not there are noted: a part of a recording is a whole one of its own.
-    """
-    path, images = folder / "data.csv", []
+    """The images of a camera by its table; without one, their names are the stamps."""
+    path, data = folder / "data.csv", folder / "data"
+    files = images_in(data) if isdir(data) else []
     if path.is_file():
+        listed, names = [], {file.name for file in files}
         for number, cells in read_table(path, "table"):
             if len(cells) < 2 or not cells[0].isdecimal():
-                raise LogError(
-                    f"{path}, line {number} is not a stamp in nanoseconds and the name of an image: {cells}"
-                )
-            images.append(ImageFile(int(cells[0]), folder / "data" / cells[1]))
-        there = {file.name for file in images_in(folder / "data")} if isdir(folder / "data") else set()
-        listed, images = len(images), [image for image in images if image.path.name in there]
-        if images and len(images) < listed:
-            notes.append(
-                f"{listed - len(images)} of {listed} images in {path} are not in the folder {folder / 'data'}"
-            )
+                raise LogError(f"{path}, line {number} is not a stamp in nanoseconds and a name: {cells}")
+            listed.append(ImageFile(int(cells[0]), data / cells[1]))
+        images = [image for image in listed if image.path.name in names]
+        if 0 < len(images) < len(listed):
+            missing = f"{len(listed) - len(images)} of {len(listed)}"
+            notes.append(f"{missing} images in {path} are not in the folder {data}")
     else:
-        found = [p for p in (folder / "data").glob("*") if p.suffix in IMAGE_SUFFIXES and p.stem.isdecimal()]
-        images = sorted((ImageFile(int(p.stem), p) for p in found), key=lambda image: image.stamp_ns)
+        images = [ImageFile(int(file.stem), file) for file in files if file.stem.isdecimal()]
+        images.sort(key=lambda image: image.stamp_ns)
     if not images:
-        raise LogError(f"{path} must list stamps and names of files that are in {folder / 'data'}, one per line")
+        raise LogError(f"{path} must list stamps and names of files that are in {data}, one per line")
     check_ascending([image.stamp_ns for image in images], path)
     return images
 
@@ -282,7 +263,7 @@ def _euroc_images(folder: Path, notes: list[str]) -> list[ImageFile]:
 def _open_tartanair(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
     """Its images are numbered, as are the lines of its poses; there may be fewer of either."""
     poses = folder / layout.files[0]
-    if not poses.is_file() and _calibration_files(folder) and (own := _open_images(folder, given)) is not None:
+    if not poses.is_file() and has_calibration(folder) and (own := _open_images(folder, given)) is not None:
         return own  # the images of somebody else, who calls them so
     left, right = (str(folder / side) for side in layout.sides)
     source = open_images(left, right, None, rate_hz=given.rate_hz, path=folder)
@@ -314,25 +295,23 @@ def _open_images(folder: Path, given: Given) -> ImageFilesSource | None:
     stamps = next((folder / name for name in _STAMPS if (folder / name).is_file()), None)
     stamps = stamps if given.rate_hz is None else None
     source = open_images(sides.left, sides.right, None, stamps, given.rate_hz, path=folder)
-    rig: StereoRig | None = None
-    if not given.calibrated and _calibration_files(folder):
-        rig = StereoRig.from_calibration(folder, source.images[0][0].size())
+    rig = _rig_in(folder, given, source.images[0][0].size)
     others = [f"{other} hold images, too, which are not used" for other in sides.others]
     return ImageFilesSource(folder, source.format, rig, source.images, notes=[*source.notes, *others])
 
 
-def _calibration_files(folder: Path) -> list[Path]:
-    files = [p for p in folder.iterdir() if p.suffix.lower() in CALIBRATION_SUFFIXES and p.is_file()]
-    return [file for file in files if is_calibration(file)]
+def _rig_in(folder: Path, given: Given, size: Callable[[], tuple[int, int]]) -> StereoRig | None:
+    """The rig by the calibration in a folder, if it holds one, for images of this size."""
+    if given.calibrated or not has_calibration(folder):
+        return None
+    return StereoRig.from_calibration(folder, size())
 
 
 def _open_videos(folder: Path, given: Given) -> Source | None:
     """Videos of left and right, with a calibration if there is one beside them."""
     if (videos := _videos(folder)) is None:
         return None
-    rig: StereoRig | None = None
-    if not given.calibrated and _calibration_files(folder):
-        rig = StereoRig.from_calibration(folder, VideoSource(videos[0]).size)
+    rig = _rig_in(folder, given, lambda: VideoSource(videos[0]).size)
     return JoinedSource(folder, [VideoSource(path, side, rig) for side, path in enumerate(videos)])
 
 

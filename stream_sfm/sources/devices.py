@@ -41,8 +41,7 @@ class Device(NamedTuple):
 
 
 class CameraOptions(NamedTuple):
-    """What a camera is asked for: `size` (width, height) of each image, pictures per second, which one of several by
-    its serial number, and the time of exposure in milliseconds; None: what is usual, exposure automatic."""
+    """What a camera is asked for; None: its default. `size`: (width, height) of each image."""
 
     size: tuple[int, int] | None = None
     rate_hz: float | None = None
@@ -66,7 +65,8 @@ def open_device(names: Sequence[str], rig: StereoRig | None, options: CameraOpti
             return known(options)
         except (RuntimeError, OSError) as error:  # of the maker's package
             said = " ".join(str(error).split())
-            raise LogError(f"camera {names[0]} cannot be opened: {said}; is it connected, and permitted?") from None
+            cure = "is it connected, permitted, and not in use?"
+            raise LogError(f"camera {names[0]} cannot be opened: {said}; {cure}") from None
     return _opencv(names, rig, options)
 
 
@@ -77,9 +77,7 @@ def _opencv(names: Sequence[str], rig: StereoRig | None, options: CameraOptions)
     if len(names) not in (1, 2):
         raise ConfigError(f"{len(names)} cameras were given: give one that holds both images, or left and right")
     if options.serial:
-        raise ConfigError(
-            f"camera {names[0]} is opened by OpenCV, which knows no serial numbers: give its device file"
-        )
+        raise ConfigError(f"camera {names[0]} is opened by OpenCV, which knows no serial numbers: give its device")
     logging = cv2.utils.logging
     said = logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # what is wrong is said below
     try:
@@ -116,17 +114,14 @@ def _ask(capture: Any, options: CameraOptions, sides: int) -> None:
     """Ask a camera of OpenCV that gives the images of so many `sides`; drivers take what they can."""
     import cv2
 
-    width, height = options.size or (0, 0)
-    wanted = {
-        cv2.CAP_PROP_FRAME_WIDTH: sides * width,
-        cv2.CAP_PROP_FRAME_HEIGHT: height,
-        cv2.CAP_PROP_FPS: options.rate_hz or 0,
-        cv2.CAP_PROP_AUTO_EXPOSURE: 1 if options.exposure_ms else 0,  # 1 is by hand, for Video4Linux
-        cv2.CAP_PROP_EXPOSURE: 10 * (options.exposure_ms or 0),  # there in units of 0.1 ms
-    }
-    for what, value in wanted.items():
-        if value:
-            capture.set(what, value)
+    if options.size:
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, sides * options.size[0])
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, options.size[1])
+    if options.rate_hz:
+        capture.set(cv2.CAP_PROP_FPS, options.rate_hz)
+    if options.exposure_ms:
+        capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, 1)  # 1 is by hand, for Video4Linux
+        capture.set(cv2.CAP_PROP_EXPOSURE, 10 * options.exposure_ms)  # there in units of 0.1 ms
 
 
 def halves(image: NDArray[Any], rig: StereoRig | None, name: str) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -137,18 +132,13 @@ def halves(image: NDArray[Any], rig: StereoRig | None, name: str) -> tuple[NDArr
         if half == size or (size is None and axis == (0 if height > width else 1)):
             left, right = np.split(image, 2, axis)
             return left, right
-    raise LogError(
-        f"{name}: images are {width}×{height}, and two of the calibrated {size} would be twice as wide or as high: "
-        "give the calibration of these images, or two cameras",
-        hint=("calibration",),
-    )
+    problem = f"images are {width}×{height}, and two of the calibrated {size} would be twice as wide or as high"
+    cure = "give the calibration of these images, or two cameras"
+    raise LogError(f"{name}: {problem}: {cure}", hint=("calibration",))
 
 
 def _realsense(options: CameraOptions) -> Device:
-    """The two infrared cameras of a RealSense D400, rectified by the device, with the projector off.
-
-    Its dots would move with the camera.
-    """
+    """The two infrared cameras of a RealSense D400, rectified by the device."""
     rs = _package("pyrealsense2", "realsense")
     pipeline, config = rs.pipeline(), rs.config()
     if options.serial:
@@ -157,7 +147,7 @@ def _realsense(options: CameraOptions) -> Device:
         config.enable_stream(rs.stream.infrared, number, *(options.size or (640, 480)), rs.format.y8, options.rate)
     profile = pipeline.start(config)
     sensor = profile.get_device().first_depth_sensor()
-    if sensor.supports(rs.option.emitter_enabled):
+    if sensor.supports(rs.option.emitter_enabled):  # its dots would move with the camera
         sensor.set_option(rs.option.emitter_enabled, 0)
     if options.exposure_ms:
         sensor.set_option(rs.option.enable_auto_exposure, 0)
@@ -187,17 +177,14 @@ def _oak(options: CameraOptions) -> Device:
     sockets = dai.CameraBoardSocket.CAM_B, dai.CameraBoardSocket.CAM_C
     width, height = options.size or _OAK_SIZE
     queues = []
-    try:
-        pipeline = dai.Pipeline(dai.Device(options.serial)) if options.serial else dai.Pipeline()
-        for socket in sockets:
-            camera = pipeline.create(dai.node.Camera).build(socket)
-            if options.exposure_ms:
-                camera.initialControl.setManualExposure(round(1000 * options.exposure_ms), _OAK_ISO)
-            output = camera.requestOutput((width, height), dai.ImgFrame.Type.GRAY8, fps=options.rate)
-            queues.append(output.createOutputQueue())
-        pipeline.start()
-    except RuntimeError as error:
-        raise LogError(f"OAK: {error}: is it plugged in, and not in use?") from None
+    pipeline = dai.Pipeline(dai.Device(options.serial)) if options.serial else dai.Pipeline()
+    for socket in sockets:
+        camera = pipeline.create(dai.node.Camera).build(socket)
+        if options.exposure_ms:
+            camera.initialControl.setManualExposure(round(1000 * options.exposure_ms), _OAK_ISO)
+        output = camera.requestOutput((width, height), dai.ImgFrame.Type.GRAY8, fps=options.rate)
+        queues.append(output.createOutputQueue())
+    pipeline.start()
     factory = pipeline.getDefaultDevice().readCalibration()
     cameras = []
     for socket in sockets:

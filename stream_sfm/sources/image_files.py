@@ -11,8 +11,8 @@ import numpy as np
 from ..camera.models import MAX_PIXELS, Camera
 from ..camera.rectification import check_rectifiable
 from ..camera.rig import StereoRig
-from ..errors import ConfigError, LogError, RigError
-from ..geometry.se3 import Array
+from ..errors import ConfigError, LogError, RigError, as_error
+from ..geometry import Array
 from ..inertial.samples import ImuCalibration
 from ..inputs import LIMITS, read_small, reading
 from ..mcap_file.message import Channel, Contents, Damage, Message, Source
@@ -51,10 +51,8 @@ class ImageFile:
         if size is None:
             raise LogError(f"{path}: the header of this image is damaged: fetch it again, or leave it out")
         if camera is not None and size != (camera.width, camera.height):
-            raise LogError(
-                f"{path} is {size[0]}×{size[1]}, the calibration is for {camera.width}×{camera.height}: give images "
-                "of the calibrated size, or the calibration of these images"
-            )
+            problem = f"{path} is {size[0]}×{size[1]}, the calibration is for {camera.width}×{camera.height}"
+            raise LogError(f"{problem}: give images of the calibrated size, or the calibration of these images")
         return data, encoding
 
     def size(self) -> tuple[int, int]:
@@ -65,9 +63,7 @@ class ImageFile:
 
 
 class ImageFilesSource(Source):
-    """Left and right images and poses (stamp_ns, world_from_cam), each ascending in time; `notes` for people.
-
-    One camera has no right images.
+    """Left and right images, none of these with one camera, and poses (stamp_ns, world_from_cam), in order of time.
 
     `format` names the data set; `imu`: samples (stamp_ns, (6,) rad/s and m/s²) of an inertial unit. An image that
     cannot be read, or has another size than the rig's, is skipped and added to the damage of a reading. Raises LogError
@@ -88,10 +84,8 @@ class ImageFilesSource(Source):
         self._samples: Sequence[tuple[int, Array]] = () if imu is None else imu[0]
         self.imu = None if imu is None else imu[1]
         if rig is not None:
-            try:
+            with as_error(ConfigError, f"{path}", RigError):
                 check_rectifiable(rig)
-            except RigError as error:
-                raise ConfigError(f"{path}: {error}", hint=error.hint) from None
         self.images, self.poses = images, poses
         self.notes = list(notes)
         left, right = ({image.stamp_ns for image in side} for side in images)
@@ -103,9 +97,7 @@ class ImageFilesSource(Source):
     def contents(self) -> Contents | None:
         """Known from the lists of files."""
         encoder, stamps = ProfileEncoder(self.rig), [image.stamp_ns for side in self.images for image in side]
-        channels: list[tuple[Channel, int | None]] = [
-            (channel, len(side)) for channel, side in zip(encoder.images, self.images, strict=True)
-        ]
+        channels: list[tuple[Channel, int | None]] = [*zip(encoder.images, map(len, self.images), strict=True)]
         if self.rig is not None:
             channels += [(channel, None) for channel in encoder.calibrations]
         if self.poses:
@@ -136,9 +128,7 @@ class ImageFilesSource(Source):
                 yield from wanted([encoder.imu_mounting(stamp_ns, unmounted)])
                 unmounted = None
             if not isinstance(item, ImageFile):
-                yield from wanted(
-                    [encoder.imu_sample(stamp_ns, item) if kind == 3 else encoder.pose(stamp_ns, item)]
-                )
+                yield from wanted([(encoder.imu_sample if kind == 3 else encoder.pose)(stamp_ns, item)])
                 continue
             side = kind - 1
             yield from wanted(encoder.due_calibration(side, stamp_ns))
@@ -161,7 +151,5 @@ def _as_png(path: Path, data: bytes, size: tuple[int, int]) -> bytes:
         with suppress(cv2.error):
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
     if image is None or image.dtype not in (np.uint8, np.uint16):
-        raise LogError(
-            f"{path}: this image of {size[0]}×{size[1]} pixels cannot be decoded: convert the images to PNG"
-        )
+        raise LogError(f"{path}: this {size[0]}×{size[1]} image cannot be decoded: convert the images to PNG")
     return cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()

@@ -22,9 +22,9 @@ class ImageSides:
 
 
 def image_sides(folder: Path) -> ImageSides | None:
-    """Return the sides in a folder: two folders with images in them, or one folder below, else files; None: no pair.
+    """Return the sides in a folder: two folders with images in or one folder below them, else files; None: no pair.
 
-    Of several pairs of folders the one with the most images is taken: a folder of TUM-VI has one of vignettes, too.
+    Of several pairs of folders the one with the most images is taken: TUM-VI has one of vignettes, too.
     """
     names = [entry.name for entry in _folders(folder) if is_camera(entry.name)]
     pairs = possible_pairs(names)

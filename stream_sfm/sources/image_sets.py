@@ -27,17 +27,15 @@ def open_images(
     rate_hz: float | None = None,
     path: Path | None = None,
 ) -> ImageFilesSource:
-    """The images `left` and `right`, each one or several files, folders or globs. Raises LogError, ConfigError.
+    """The images `left` and `right`, each files, folders or globs. Raises LogError, ConfigError.
 
     `stamps`: a file with one time per line, seconds with a decimal point or whole nanoseconds; without it names that
-    are stamps are used, else the frames are put `rate_hz` apart. `path` names the recording. Without any `right` the
-    images are those of one camera.
+    are stamps are used, else the frames are put `rate_hz` apart. `path` names the recording. One camera has no `right`.
     """
     sides = [_matches("left", left), _matches("right", right)]
     if both := set(sides[0]) & set(sides[1]):
-        raise ConfigError(
-            f"{min(both)} is both a left and a right image: give two different globs", hint=("left", "right")
-        )
+        problem = f"{min(both)} is both a left and a right image: give two different globs"
+        raise ConfigError(problem, hint=("left", "right"))
     path = path if path is not None else sides[0][0].parent
     notes: list[str] = []
     named = [named_stamps(side) for side in sides]
@@ -92,10 +90,8 @@ def _matches(side: str, patterns: str | Sequence[str]) -> list[Path]:
         else:
             matches = [Path(p) for p in glob.glob(pattern, recursive=True) if Path(p).is_file()]
         if not matches:
-            raise LogError(
-                f"{pattern} matches no {side} image: give files, a folder, or a glob such as 'l/*.png'",
-                hint=(side,),
-            )
+            problem = f"{pattern} matches no {side} image: give files, a folder, or a glob such as 'l/*.png'"
+            raise LogError(problem, hint=(side,))
         found.update(matches)
     return sorted(found, key=lambda p: natural_order(str(p)))
 
@@ -124,24 +120,22 @@ def _places(left: list[Path], right: list[Path]) -> tuple[list[list[int]], int]:
     """
     if not right:
         return [list(range(len(left))), []], len(left)
-    numbers = [[_number(p) for p in side] for side in (left, right)]
+    numbers, counts = (
+        [[_number(p) for p in side] for side in (left, right)],
+        f"{len(left)} left and {len(right)} right",
+    )
     of_left, of_right = map(set, numbers)
     alone = of_left ^ of_right
     if all(len(set(n)) == len(n) for n in numbers) and alone and of_left & of_right:
         every = list(of_left | of_right)
         if not all(n.isdecimal() for n in every) or 2 * len(alone) > len(every):  # they are no numbers of frames
             first = next(p for p in (*left, *right) if _number(p) in alone)
-            raise LogError(
-                f"{len(alone)} of {len(left)} left and {len(right)} right images have no partner of the same number, "
-                f"the first: {first}; leave them out"
-            )
+            problem = f"{len(alone)} of {counts} images have no partner of the same number"
+            raise LogError(f"{problem}, the first: {first}; leave them out")
         place = {number: n for n, number in enumerate(sorted(every, key=int))}
         return [[place[n] for n in side] for side in numbers], len(every)
     if len(left) != len(right):
-        raise LogError(
-            f"there are {len(left)} left and {len(right)} right images: both must be as many, because they are "
-            "paired in the order of their names"
-        )
+        raise LogError(f"{counts} images are paired in the order of their names: give as many of both")
     return [list(range(len(left)))] * 2, len(left)
 
 

@@ -16,8 +16,7 @@ from ..mcap_file.message import Contents, Damage, Message, Source
 class JoinedSource(Source):
     """The messages of several sources, merged by log time; a part is opened when its time has come.
 
-    `path` names the recording; `missing` says which parts could not be opened, `notes` what else to know about it.
-    `compressed`: each message is, with zstd.
+    `missing` says which parts could not be opened, `notes` what else to know. `compressed`: each message is, by zstd.
     """
 
     def __init__(
@@ -68,9 +67,8 @@ class JoinedSource(Source):
             damage.add(note)
         own = [Damage(notes=damage.notes) for _ in self._parts]  # one list: its limit is that of the whole reading
         waiting, starts = deque(range(len(self._parts))), self._contents
-        heads: list[
-            tuple[int, int, Message, Iterator[Message]]
-        ] = []  # log time, number of the part, message, the rest
+        # log time, number of the part, message, the rest
+        heads: list[tuple[int, int, Message, Iterator[Message]]] = []
 
         def advance(number: int, rest: Iterator[Message]) -> None:
             if (message := next(rest, None)) is not None:

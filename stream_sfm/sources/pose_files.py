@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..inputs import INT64, LIMITS, read_small, reading
 from ..types import Trajectory
 
@@ -68,9 +67,7 @@ def check_ascending(stamps_ns: Sequence[int], where: str | Path) -> None:
         raise LogError(f"{where}: the first stamp is negative ({stamps_ns[0]} ns)")
     for number, (a, b) in enumerate(pairwise(stamps_ns), start=2):
         if b <= a:
-            raise LogError(
-                f"{where}: entry {number} ({b} ns) is not later than the one before it: sort the entries"
-            )
+            raise LogError(f"{where}: entry {number} ({b} ns) is not later than the one before: sort the entries")
 
 
 def read_poses(path: Path) -> Trajectory:
@@ -192,9 +189,7 @@ def _matrices(path: Path, rows: _Rows) -> Array:
     poses[:, :3] = rows.values.reshape(-1, 3, 4)
     rotations = poses[:, :3, :3]
     if (mirrored := np.flatnonzero(se3.is_rotation(-rotations, se3.ROUNDED))).size:
-        raise LogError(
-            f"{path}, line {rows.lines[mirrored[0]]}: the pose is mirrored: give poses in right-handed axes"
-        )
+        raise LogError(f"{path}, line {rows.lines[mirrored[0]]}: the pose is mirrored: use right-handed axes")
     if not se3.is_rotation(rotations, se3.ROUNDED).all():
         raise LogError(f"{path}: the first 3×3 numbers of a line are not a rotation: is it KITTI's format?")
     return se3.orthonormalise(poses)

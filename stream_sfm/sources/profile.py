@@ -12,8 +12,7 @@ from ..camera.models import Camera
 from ..camera.pixels import Grey
 from ..camera.rectification import Rectifier
 from ..camera.rig import StereoRig
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..inertial.samples import ImuCalibration
 from ..mcap_file.message import Channel, Message
 
@@ -70,9 +69,8 @@ class ProfileEncoder:
         """One sample of an inertial unit: rad/s and m/s² (6,)."""
         rate, force = (dict(zip("xyz", map(float, v), strict=True)) for v in (values[:3], values[3:]))
         header = {"stamp": _time(stamp_ns), "frame_id": _IMU_FRAME}
-        return _as_json(
-            self.imu, {"header": header, "angular_velocity": rate, "linear_acceleration": force}, stamp_ns
-        )
+        sample = {"header": header, "angular_velocity": rate, "linear_acceleration": force}
+        return _as_json(self.imu, sample, stamp_ns)
 
     def imu_mounting(self, stamp_ns: int, imu: ImuCalibration) -> Message:
         """Where the unit is on the left camera."""

@@ -49,9 +49,8 @@ def open_source(
 ) -> Source:
     """Open the recording at `path`. Raises LogError where it cannot be read or is not a recording.
 
-    `calibrated`: its user has a calibration, and the one in a folder is not used, so that it may be a broken one;
-    `rate_hz`: of images that have no stamps; `mono`: one camera will do. Raises ConfigError for a rate where there are
-    stamps.
+    `calibrated`: the calibration in a folder is not used, and may be broken; `rate_hz`: of images without stamps;
+    `mono`: one camera will do. Raises ConfigError for a rate where there are stamps.
     """
     if not isinstance(path, str | Path):
         kind = "None" if path is None else f"of type {type(path).__name__}"
@@ -97,10 +96,8 @@ def _open_file(path: Path) -> Source:
     if ends_as_mcap:  # whose start is damaged
         return LogFile(path)
     if image_format(start):
-        raise LogError(
-            f"{path} is an image: give the folder of a recording, or import images into a log",
-            hint=("import_images",),
-        )
+        problem = f"{path} is an image: give the folder of a recording, or import images into a log"
+        raise LogError(problem, hint=("import_images",))
     for magics, what in _OTHER_FILES:
         if start.startswith(magics):
             raise LogError(f"{path} is {what}")
@@ -143,10 +140,8 @@ def _open_folder(path: Path, given: Given = NOTHING) -> Source:
     if len(inside) == 1:
         return open_source(inside[0], *given)
     if inside:
-        raise LogError(
-            f"{path} holds several recordings: give one of {some_of(list(map(str, inside)))}",
-            hint=("replay_batch",),
-        )
+        problem = f"{path} holds several recordings: give one of {some_of(list(map(str, inside)))}"
+        raise LogError(problem, hint=("replay_batch",))
     listed = [f"{folder} ({count})" for folder, count in islice(image_folders(path), LISTED)]
     which = "give the one of a single camera" if given.mono else "of which no names tell left from right"
     images = f"; there are images in {some_of(listed)}, {which}" if listed else ""

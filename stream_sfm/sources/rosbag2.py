@@ -7,13 +7,14 @@ by their suffix, and ordered by their content. Files and messages may be compres
 import os
 import re
 import tempfile
+from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 from typing import IO
 
 import zstandard
 
-from ..errors import LogError
+from ..errors import LogError, as_error
 from ..inputs import LIMITS, open_regular, read_small
 from ..mcap_file.log_file import LogFile
 from ..mcap_file.message import Source
@@ -86,9 +87,7 @@ def _read_metadata(folder: Path) -> tuple[list[str], bool, list[str]]:
 
 def _open_plain(path: Path) -> Source:
     if path.suffix not in _SUFFIXES:
-        raise LogError(
-            f"{path}: storage {path.suffix or path.name!r} of ROS 2 is not supported: convert it to mcap"
-        )
+        raise LogError(f"{path}: ROS 2 storage {path.suffix or path.name!r} is not supported: convert it to mcap")
     return LogFile(path) if path.suffix == ".mcap" else SqliteBagSource(path)
 
 
@@ -110,10 +109,8 @@ class _Decompressor:
         kind = Path(path.stem).suffix
         if kind not in _SUFFIXES:
             return _open_plain(Path(path.stem))  # which says that it is not supported
-        try:
+        with _decompressing(path):
             descriptor, name = tempfile.mkstemp(prefix="stream_sfm-", suffix=kind)
-        except OSError as error:
-            raise LogError(f"cannot decompress {path} to {tempfile.gettempdir()}: {error.strerror}") from None
         with os.fdopen(descriptor, "w+b") as copy:
             # SQLite opens a file by its name, so before that is removed, and reads it when it is first asked.
             database = connect(Path(name), "mode=ro") if kind == ".db3" else None
@@ -136,7 +133,7 @@ class _Decompressor:
             return SqliteBagSource(path, database, size)
 
     def _decompress(self, path: Path, copy: IO[bytes]) -> int:
-        try:
+        with _decompressing(path):
             with open_regular(path) as stream, zstandard.ZstdDecompressor().stream_reader(stream) as reader:
                 while part := reader.read(2**20):
                     self._left -= copy.write(part)
@@ -144,7 +141,7 @@ class _Decompressor:
                         raise LogError(f"{path} decompresses to far more than a recording does: it is damaged")
             copy.flush()
             return copy.tell()
-        except OSError as error:
-            raise LogError(f"cannot decompress {path} to {tempfile.gettempdir()}: {error.strerror}") from None
-        except zstandard.ZstdError as error:
-            raise LogError(f"cannot decompress {path}: {error}") from None
+
+
+def _decompressing(path: Path) -> AbstractContextManager[None]:
+    return as_error(LogError, f"cannot decompress {path} to {tempfile.gettempdir()}", OSError, zstandard.ZstdError)

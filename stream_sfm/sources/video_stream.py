@@ -55,17 +55,15 @@ def starts_a_picture_group(codec: str, data: bytes) -> bool:
 class VideoStream(Generic[T]):
     """The pictures of one stream: iterate `pictures`. `frames` yields what is known of each frame, and its bytes.
 
-    `skipped`: frames before the first one that a decoder can begin with; `lost`: frames behind it without a picture.
-    Of a frame that is damaged the decoder may make a picture all the same, from those before it.
+    `skipped`: frames before the first key frame; `lost`: frames behind it without a picture. Of a damaged frame the
+    decoder may make a picture all the same, from those before it.
     """
 
     def __init__(self, codec: str, frames: Iterator[tuple[T, bytes]]) -> None:
         """Raises LogError where OpenCV has no FFmpeg that reads from a stream."""
         quiet_ffmpeg()
         if cv2.CAP_FFMPEG not in cv2.videoio_registry.getStreamBufferedBackends():
-            raise LogError(
-                "this OpenCV decodes no video from a log: install opencv-python-headless, or convert the images"
-            )
+            raise LogError("this OpenCV cannot decode video in a log: install opencv-python-headless")
         self._codec, self._frames = codec, frames
         self.skipped = self.lost = 0
         self._waiting: dict[int, tuple[T, bytes]] = {}  # number -> a frame whose picture has not come out

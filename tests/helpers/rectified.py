@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stream_sfm.camera.exposed_rows import ExposedRows
+from stream_sfm.camera.over_image import ExposedRows
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.geometry.stereo import StereoProjection
 

@@ -263,7 +263,7 @@ def test_a_camera_that_is_not_connected_is_no_defect(monkeypatch: pytest.MonkeyP
     names = {"CameraBoardSocket": Is(CAM_B=0, CAM_C=1), "Device": none, "__version__": "3.0.0"}
     monkeypatch.setitem(sys.modules, "depthai", Is(Pipeline=none, **names))
     for words in ([], ["--serial", "12"]):
-        assert "OAK: No available devices: is it plugged in" in cli("live", "oak", *words, code=3).err
+        assert "No available devices; is it connected" in cli("live", "oak", *words, code=3).err
     assert not list(tmp_path.iterdir())
 
 
@@ -345,13 +345,8 @@ def test_what_is_missing_is_named(
     assert not list(webcams.parent.glob("runs/*"))
 
 
-@pytest.mark.parametrize(
-    ("name", "package", "asked"),
-    [("oak", "depthai", "is it plugged in"), ("realsense", "pyrealsense2", "is it connected")],
-)
-def test_a_camera_that_is_not_plugged_in_is_told(
-    name: str, package: str, asked: str, monkeypatch, tmp_path: Path, cli
-) -> None:
+@pytest.mark.parametrize(("name", "package"), [("oak", "depthai"), ("realsense", "pyrealsense2")])
+def test_a_camera_that_is_not_plugged_in_is_told(name: str, package: str, monkeypatch, tmp_path: Path, cli) -> None:
     def nothing(*_: object) -> None:
         raise RuntimeError("No available devices\n(0 connected)")
 
@@ -365,7 +360,7 @@ def test_a_camera_that_is_not_plugged_in_is_told(
     }
     monkeypatch.setitem(sys.modules, package, Is(**vars(found), **streams))
     said = cli("live", name, "--out", tmp_path / "o", code=3).err
-    assert "No available devices" in said and asked in said
+    assert "No available devices" in said and "is it connected" in said
 
 
 def test_an_older_depthai_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, cli) -> None:

@@ -3,16 +3,15 @@
 import re
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ...errors import ConfigError
-from ...geometry import se3
-from ...geometry.se3 import Array
+from ...errors import ConfigError, as_error
+from ...geometry import Array, se3
 from ...inertial.samples import ImuCalibration
 from ...inputs import LIMITS, check_text, check_values, parse_toml
 from ...record import record
@@ -44,10 +43,14 @@ class Document:
         """An error that names the file."""
         return ConfigError(f"calibration {self.name}: {problem}", hint=hints)
 
+    def naming(self, *section: str) -> AbstractContextManager[None]:
+        """Within the context a ConfigError becomes one that names the file, and a section of it."""
+        return as_error(ConfigError, ": ".join((f"calibration {self.name}", *section)), ConfigError)
+
     def numbers(self, value: Any, key: str, shape: tuple[int, ...] | None) -> Array:
         """`value`, called `key` in errors, as finite numbers of a shape (None: a list of any length).
 
-        Matrices may be given flat, in rows, or as a mapping with `data`; strings and booleans are no numbers in TOML.
+        Matrices may be flat, in rows, or a mapping with `data`; strings and booleans are not numbers in TOML.
         """
         if isinstance(value, Mapping) and "data" in value:
             value = value["data"]
@@ -61,8 +64,8 @@ class Document:
             array = array.reshape(shape)
         fits = array.dtype == float and (array.ndim == 1 if shape is None else array.shape == shape)
         if not fits or not np.isfinite(array).all():
-            wanted = "a list of numbers" if shape is None else f"{'×'.join(map(str, shape))} numbers"
-            wanted = wanted if shape != () else "a number"
+            wanted = f"{'×'.join(map(str, shape))} numbers" if shape else "a number"
+            wanted = "a list of numbers" if shape is None else wanted
             raise self.error(f"{key} must be {wanted}, finite, got {short(value)}")
         return array
 
@@ -81,10 +84,8 @@ class Document:
 
     def camera(self, size: Size, k: Array, model: Any, coefficients: Sequence[float]) -> Camera:
         """A camera; `model` has any of the names in use, `coefficients` may be padded or cut short with zeros."""
-        try:
+        with self.naming():
             return make_camera(size, k, "" if model is None else str(model), coefficients)
-        except ConfigError as error:
-            raise self.error(str(error)) from None
 
     def number(self, value: Any, key: str) -> float:
         """`value` as a finite number."""
@@ -99,10 +100,9 @@ class Document:
 class Format(NamedTuple):
     """A format of calibration files. `files`: how many a pair needs, 0 for one or two that are read as one.
 
-    `camera` gives the camera of a side (0 left, 1 right), by the size of its images where the format does not tell it;
-    `pose`, of the files of left and right, which may be one, and that size, `right_from_left` (4, 4) in metres;
-    `known`, what is known about their errors; `imu`, an inertial unit, if the file of the left one has one. They raise
-    ConfigError.
+    `camera`: the camera of a side (0 left, 1 right), by the size of its images where the format does not tell it.
+    `pose`: `right_from_left` (4, 4) in metres, by the files of left and right, which may be one. `known`: what is known
+    about their errors. `imu`: an inertial unit, if the left file has one. They raise ConfigError.
     """
 
     name: str
@@ -123,14 +123,11 @@ def make_camera(size: Size, k: Array, model: str, coefficients: Sequence[float])
     """A camera with its distortion as other tools write it. Raises ConfigError for models that are not supported."""
     known = DISTORTION_MODELS.get(model.strip().lower() or "plumb_bob")
     if known is None and any(coefficients):
-        raise ConfigError(
-            f"distortion model {model!r} is not supported; supported are {', '.join(DISTORTION_MODELS)}"
-        )
+        supported = ", ".join(DISTORTION_MODELS)
+        raise ConfigError(f"distortion model {model!r} is not supported; supported are {supported}")
     if known == "none" and any(coefficients):
-        raise ConfigError(
-            f"distortion model {model!r} comes with the coefficients {[float(c) for c in coefficients]}: name the "
-            "model that they are of, such as plumb_bob, or leave them out"
-        )
+        problem = f"distortion model {model!r} comes with the coefficients {[float(c) for c in coefficients]}"
+        raise ConfigError(f"{problem}: name the model that they are of, such as plumb_bob, or leave them out")
     if known == "plumb_bob" and any(coefficients[5:]):
         known = "rational_polynomial"  # some tools write eight coefficients under the older name
     # A fisheye lens whose coefficients are all zero is still a fisheye.
@@ -146,10 +143,8 @@ def _fit_coefficients(model: str, given: tuple[float, ...]) -> tuple[float, ...]
         return given
     count = next((n for n in counts if n > 0 and not any(given[n:])), None)
     if count is None:
-        raise ConfigError(
-            f"{len(given)} distortion coefficients are not supported, only the first {max(counts)} of {model} (no "
-            "thin prism, no tilt): rectify the images first"
-        )
+        most = f"only the first {max(counts)} of {model} (no thin prism, no tilt)"
+        raise ConfigError(f"{len(given)} distortion coefficients are not supported, {most}: rectify the images")
     return (*given, *[0.0] * count)[:count]
 
 
@@ -181,12 +176,10 @@ def load(content: bytes, name: str | Path) -> Document:
 
 
 def _load_toml(content: bytes, name: str) -> dict[str, Any]:
-    try:
+    with as_error(ConfigError, f"calibration {name} is not TOML", ValueError, RecursionError):
         if len(content) > LIMITS.settings_bytes:
             raise ValueError(f"it has {len(content)} bytes")
         return parse_toml(content.decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"calibration {name} is not TOML: {error}") from None
 
 
 def _load_ini(content: bytes, name: str) -> dict[str, Any]:
@@ -206,7 +199,8 @@ def _load_npz(content: bytes, name: str) -> dict[str, Any]:
     import zipfile
     import zlib
 
-    try:
+    caught = ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError
+    with as_error(ConfigError, f"calibration {name} is not a file of np.savez with arrays of numbers", *caught):
         with zipfile.ZipFile(BytesIO(content)) as archive:
             if sum(entry.file_size for entry in archive.infolist()) > LIMITS.small_bytes:
                 raise ValueError("it holds large arrays")
@@ -215,8 +209,6 @@ def _load_npz(content: bytes, name: str) -> dict[str, Any]:
         if other := [key for key, value in found.items() if not isinstance(value, np.ndarray)]:
             raise ValueError(f"{short(other[0])} in it is not an array")
         return {key: value.tolist() for key, value in found.items()}
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
-        raise ConfigError(f"calibration {name} is not a file of np.savez with arrays of numbers: {error}") from None
 
 
 def _load_yaml(text: str, name: str) -> dict[str, Any]:
@@ -240,10 +232,8 @@ def _load_yaml(text: str, name: str) -> dict[str, Any]:
 def _load_opencv(text: str, name: str) -> dict[str, Any]:
     import cv2
 
-    try:
+    with as_error(ConfigError, f"calibration {name} is not a file of OpenCV's FileStorage", ValueError):
         check_text(text)  # OpenCV's parsers recurse without a limit
-    except ValueError as error:
-        raise ConfigError(f"calibration {name} is not a file of OpenCV's FileStorage: {error}") from None
     try:
         storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         try:

@@ -1,31 +1,23 @@
 """The inertial unit of a calibration: where it is mounted, its noise and its clock, as each format writes them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
-from ...errors import ConfigError
-from ...geometry import se3
-from ...geometry.se3 import Array
+from ...geometry import Array, se3
 from ...inertial.samples import ImuCalibration
 from .document import Document
 
 KEYS = tuple(field.name for field in fields(ImuCalibration))
+_DENSITIES = ("gyro_noise", "gyro_walk", "accel_noise", "accel_walk")  # and their names in other formats
 # Kalibr's imu.yaml, also within `imu0`, and EuRoC's imu0/sensor.yaml.
-_KALIBR = {
-    "gyroscope_noise_density": "gyro_noise", "gyroscope_random_walk": "gyro_walk",
-    "accelerometer_noise_density": "accel_noise", "accelerometer_random_walk": "accel_walk",
-}  # fmt: skip
-_BASALT = {
-    "gyro_noise_std": "gyro_noise", "gyro_bias_std": "gyro_walk",
-    "accel_noise_std": "accel_noise", "accel_bias_std": "accel_walk",
-}  # fmt: skip
-_ORB_SLAM = {
-    "IMU.NoiseGyro": "gyro_noise", "IMU.GyroWalk": "gyro_walk",
-    "IMU.NoiseAcc": "accel_noise", "IMU.AccWalk": "accel_walk",
-}  # fmt: skip
+_KALIBR = tuple(
+    f"{of}_{what}" for of in ("gyroscope", "accelerometer") for what in ("noise_density", "random_walk")
+)
+_BASALT = ("gyro_noise_std", "gyro_bias_std", "accel_noise_std", "accel_bias_std")
+_ORB_SLAM = ("IMU.NoiseGyro", "IMU.GyroWalk", "IMU.NoiseAcc", "IMU.AccWalk")
 
 
 def is_imu_file(data: Mapping[str, Any]) -> bool:
@@ -42,16 +34,14 @@ def imu_of(document: Document, cam_from_imu: Array | None, noise: Mapping[str, f
     """Return a unit mounted so, with the numbers that are known; None where its mounting is not. Raises ConfigError."""
     if cam_from_imu is None:
         return None
-    try:
+    with document.naming():
         return ImuCalibration(cam_from_imu, **noise)
-    except ConfigError as error:
-        raise document.error(str(error)) from None
 
 
-def noise_of(document: Document, table: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, float]:
-    """Return the densities of a table, as far as it has them; one per axis as their root mean square."""
+def noise_of(document: Document, table: Mapping[str, Any], keys: Sequence[str]) -> dict[str, float]:
+    """Return the densities under these keys of a table, where it has them; one per axis as their root mean square."""
     found = {}
-    for key, name in names.items():
+    for key, name in zip(keys, _DENSITIES, strict=True):
         if key in table:
             value = np.atleast_1d(np.asarray(table[key], object))
             numbers = [document.number(x, key) for x in value.ravel()]

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from ...geometry.se3 import Array
+from ...geometry import Array
 from ..models import Camera
 from ..settings import SETTINGS
 from .document import Document, Size
@@ -55,23 +55,19 @@ def nearest_fisheye(
     v = k[1, 1] * (my * radial + p1 * (r2 + 2 * my * my) + 2 * p2 * mx * my) + k[1, 2]
     inside = (u >= 0) & (u < size[0]) & (v >= 0) & (v < size[1])
     if inside.sum() < SETTINGS.fewest:
-        raise document.error(
-            f"{where}{model} with {dict(values)} puts hardly any ray into the image of {size[0]}×{size[1]}"
-        )
+        given = f"{where}{model} with {dict(values)}"
+        raise document.error(f"{given} puts hardly any ray into an image of {size[0]}×{size[1]}")
     u, v, theta, phi = u[inside], v[inside], theta[seen][inside], phi[seen][inside]
     bends = theta[:, None] ** (2 * np.arange(SETTINGS.powers) + 1)
     ratio, n = k[1, 1] / k[0, 0], len(u)
     one, zero = np.ones((n, 1)), np.zeros((n, 1))
-    design = np.block(
-        [[bends * np.cos(phi)[:, None], one, zero], [ratio * bends * np.sin(phi)[:, None], zero, one]]
-    )
+    across, down = bends * np.cos(phi)[:, None], ratio * bends * np.sin(phi)[:, None]
+    design = np.block([[across, one, zero], [down, zero, one]])
     found = np.linalg.lstsq(design, np.r_[u, v], rcond=None)[0]
     apart = np.linalg.norm((design @ found - np.r_[u, v]).reshape(2, n), axis=0).max()
     if apart > SETTINGS.most_apart_px:
-        raise document.error(
-            f"{where}{model}: this lens is up to {apart:.2f} px from every one that is supported: calibrate with "
-            "pinhole-equi"
-        )
+        problem = f"this lens is up to {apart:.2f} px from every one that is supported"
+        raise document.error(f"{where}{model}: {problem}: calibrate with pinhole-equi")
     f, cx, cy = found[[0, SETTINGS.powers, SETTINGS.powers + 1]]
     fitted = np.array([[f, 0, cx], [0, ratio * f, cy], [0, 0, 1]])
     return document.camera(size, fitted, "equidistant", (found[1 : SETTINGS.powers] / f).tolist())

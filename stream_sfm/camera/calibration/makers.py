@@ -1,12 +1,11 @@
 """Calibrations of the makers of stereo cameras: the JSON file of an OAK, and the conf file of a ZED."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from ...geometry import se3
-from ...geometry.se3 import Array
+from ...geometry import Array, se3
 from ..models import Camera
 from .document import Document, Format, Size, camera_matrix
 
@@ -43,10 +42,8 @@ def _oak_camera(document: Document, side: int, size: Size | None) -> Camera:
     d = document.numbers(entry.get("distortionCoeff") or [], f"{where}distortionCoeff", None).tolist()
     width, height = size = size or own
     if width * own[1] != height * own[0]:
-        raise document.error(
-            f"{where} is for {own[0]}×{own[1]}, of which {width}×{height} is no scaled image: give a calibration of "
-            "the images, which are cropped"
-        )
+        problem = f"{where} is for {own[0]}×{own[1]}, of which {width}×{height} is no scaled image"
+        raise document.error(f"{problem}: give a calibration of the images, which are cropped")
     scale = width / own[0]
     # pixel (0, 0) is the centre of the first one
     k = np.array([[scale, 0, (scale - 1) / 2], [0, scale, (scale - 1) / 2], [0, 0, 1]]) @ k
@@ -86,53 +83,42 @@ def _zed_name(document: Document, size: Size | None) -> str:
     if size is None:
         raise document.error("the file is for several sizes of images: use it with a recording", "size")
     if (name := _ZED_SIZES.get(size)) is None:
-        raise document.error(
-            f"images of {size[0]}×{size[1]} do not come from a ZED, which has "
-            f"{', '.join(f'{width}×{height}' for width, height in _ZED_SIZES)}"
-        )
+        known = ", ".join(f"{width}×{height}" for width, height in _ZED_SIZES)
+        raise document.error(f"images of {size[0]}×{size[1]} do not come from a ZED, which has {known}")
     return name
 
 
 def _zed_camera(document: Document, side: int, size: Size | None) -> Camera:
     section = f"{('LEFT', 'RIGHT')[side]}_CAM_{_zed_name(document, size)}"
-    values = dict(_zed_numbers(document, section, ("fx", "fy", "cx", "cy")))
-    d = dict(_zed_numbers(document, section, _ZED_LENS, missing=0.0))
+    k = camera_matrix(*_zed_numbers(document, section, ("fx", "fy", "cx", "cy")))
     assert size is not None  # `_zed_name` has looked
-    return document.camera(size, camera_matrix(*values.values()), "plumb_bob", list(d.values()))
+    return document.camera(size, k, "plumb_bob", _zed_numbers(document, section, _ZED_LENS, missing=0.0))
 
 
 def _zed_pose(document: Document, _: Document, size: Size | None) -> Array:
-    """Baseline, TY and TZ are where the right camera is, millimetres; RX, CV, RZ a rotation vector.
-
-    The file has them for stereoRectify, to which the sign of the translation is all the same.
-    """
+    """Baseline, TY and TZ are where the right camera is, millimetres; RX, CV, RZ a rotation vector."""
     names = [f"{axis}_{_zed_name(document, size)}" for axis in ("RX", "CV", "RZ")]
-    turn = [value for _, value in _zed_numbers(document, "STEREO", names, missing=0.0)]
-    t_mm = [value for _, value in _zed_numbers(document, "STEREO", ("Baseline", "TY", "TZ"), missing=0.0)]
+    turn = _zed_numbers(document, "STEREO", names, missing=0.0)
+    t_mm = _zed_numbers(document, "STEREO", ("Baseline", "TY", "TZ"), missing=0.0)
     return se3.from_rotation_translation(se3.exp_so3(turn), -np.array(t_mm) / 1000)
 
 
 def _zed_numbers(
-    document: Document, section: str, names: tuple[str, ...] | list[str], missing: float | None = None
-) -> Iterator[tuple[str, float]]:
+    document: Document, section: str, names: Sequence[str], missing: float | None = None
+) -> list[float]:
     table = document.data.get(section)
     if not isinstance(table, Mapping):
         raise document.error(f"[{section}] is missing")
-    for name in names:
-        yield name, document.number(table.get(name.lower(), missing), f"{section}.{name}")
+    return [document.number(table.get(name.lower(), missing), f"{section}.{name}") for name in names]
 
 
-OAK = Format(
-    "OAK calibration (JSON)",
-    1,
-    lambda data: isinstance(data.get("cameraData"), list),
-    _oak_camera,
-    _oak_pose,
-)
-ZED = Format(
-    "ZED conf file",
-    1,
-    lambda data: isinstance(data.get("STEREO"), Mapping) and any(str(k).startswith("LEFT_CAM_") for k in data),
-    _zed_camera,
-    _zed_pose,
-)
+def _is_oak(data: Mapping[str, Any]) -> bool:
+    return isinstance(data.get("cameraData"), list)
+
+
+def _is_zed(data: Mapping[str, Any]) -> bool:
+    return isinstance(data.get("STEREO"), Mapping) and any(str(key).startswith("LEFT_CAM_") for key in data)
+
+
+OAK = Format("OAK calibration (JSON)", 1, _is_oak, _oak_camera, _oak_pose)
+ZED = Format("ZED conf file", 1, _is_zed, _zed_camera, _zed_pose)

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...geometry import se3
-from ...geometry.se3 import Array
+from ...geometry import Array, se3
 from ..models import Camera
 from .document import Document, Format, Size
 
@@ -57,10 +56,8 @@ def _ros_pose(left: Document, right: Document, _size: Size | None) -> Array:
         r.append(se3.orthonormalise(se3.from_rotation_translation(rotation, np.zeros(3)))[:3, :3])
         p.append(document.numbers(document.data.get("projection_matrix"), "projection_matrix", (3, 4)))
     if not gives_baseline(*p):
-        raise right.error(
-            "projection_matrix of neither camera contains the baseline (P[3] = −fx·baseline of the right one): "
-            "calibrate both cameras as a pair"
-        )
+        baseline = "the baseline (P[3] = −fx·baseline of the right one): calibrate both cameras as a pair"
+        raise right.error(f"projection_matrix of neither camera contains {baseline}")
     return pose_from_projections(r[0], p[0], r[1], p[1])
 
 
@@ -125,9 +122,8 @@ def _opencv_camera(document: Document, side: int, size: Size | None) -> Camera:
     coefficients, name = _get(data, _DISTORTION, side)
     d = document.numbers(np.ravel(coefficients) if coefficients is not None else [], name, None)
     model = data.get("distortionmodel") or ("fisheye" if data.get("fisheye") else "plumb_bob")
-    given = next((data[key] for key in _SIZE if key in data), None)
-    if given is None and {"imagewidth", "imageheight"} <= set(data):
-        given = [data["imagewidth"], data["imageheight"]]
+    edges = [data[key] for key in ("imagewidth", "imageheight") if key in data]
+    given = next((data[key] for key in _SIZE if key in data), edges if len(edges) == 2 else None)
     if given is not None:
         size = document.size(given, "image_size")
     if size is None:

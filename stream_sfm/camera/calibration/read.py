@@ -2,9 +2,10 @@
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
-from ...errors import ConfigError
+from ...errors import ConfigError, as_error
 from ...inputs import LIMITS, read_small
 from ..models import Camera
 from .document import Document, Format, Pair, Size, Where, load
@@ -15,17 +16,15 @@ from .slam import BASALT, EUROC, KALIBR, ORB_SLAM
 from .toml_file import TOML
 
 FORMATS: tuple[Format, ...] = (TOML, KALIBR, BASALT, ORB_SLAM, ROS, EUROC, KITTI, OAK, ZED, OPENCV)
-CALIBRATION_SUFFIXES = (".toml", ".yaml", ".yml", ".xml", ".json", ".txt", ".npz", ".conf")
+_SUFFIXES = (".toml", ".yaml", ".yml", ".xml", ".json", ".txt", ".npz", ".conf")
 _IN_FOLDERS = ("cam0/sensor.yaml", "cam1/sensor.yaml", "mav0/cam0/sensor.yaml", "mav0/cam1/sensor.yaml")
 _SIDES = (("left", "cam0", "camera0"), ("right", "cam1", "camera1"))
 
 
 def read_document(path: Path) -> Document:
     """The content of a file. Raises ConfigError."""
-    try:
+    with as_error(ConfigError, f"cannot read calibration {path}", OSError):
         return load(read_small(path, LIMITS.small_bytes), path)
-    except OSError as error:
-        raise ConfigError(f"cannot read calibration {path}: {error.strerror}") from None
 
 
 def documents_at(where: Where) -> list[Document]:
@@ -47,9 +46,7 @@ def pair_of(documents: Sequence[Document], size: Size | None) -> Pair:
     documents = _with_imu_file(documents)
     form = _format(documents)
     if form.files == 2 and len(documents) != 2:
-        raise documents[0].error(
-            "this is the calibration of one camera: give the files of both, the left one first"
-        )
+        raise documents[0].error("this is the calibration of one camera: give both files, the left one first")
     if form.files == 1 and len(documents) != 1:
         raise documents[1].error("this is a second calibration of a pair: give one")
     left, right = documents if form.files == 2 else 2 * [_joined(documents)]
@@ -87,14 +84,6 @@ def is_calibration(path: Path) -> bool:
         return False
 
 
-def _read(path: Path) -> Document:
-    """The content of a file, nothing where it cannot be read."""
-    try:
-        return read_document(path)
-    except ConfigError:
-        return Document(str(path), {})
-
-
 def _joined(documents: Sequence[Document]) -> Document:
     if len(documents) == 1:
         return documents[0]
@@ -102,19 +91,31 @@ def _joined(documents: Sequence[Document]) -> Document:
     return Document(" and ".join(document.name for document in documents), data)
 
 
+def has_calibration(folder: Path) -> bool:
+    """Whether a folder itself holds a calibration."""
+    return any(map(is_calibration, _candidates(folder)))
+
+
+def _candidates(folder: Path) -> list[Path]:
+    return sorted(p for p in folder.iterdir() if p.suffix.lower() in _SUFFIXES and p.is_file())
+
+
 def _in_folder(folder: Path) -> list[Document]:
     """The calibration in a folder: one file, or the files of left and right. Raises ConfigError."""
-    files = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in CALIBRATION_SUFFIXES)
-    files += [folder / name for name in _IN_FOLDERS if (folder / name).is_file()]
-    documents = [read_document(path) for path in files if is_calibration(path)]
-    units = [document for path in files if is_imu_file((document := _read(path)).data)]
+    files = _candidates(folder) + [folder / name for name in _IN_FOLDERS if (folder / name).is_file()]
+    readable: list[Document] = []
+    for path in files:
+        with suppress(ConfigError):
+            readable.append(read_document(path))
+    documents = [document for document in readable if _format_of(document) is not None]
+    units = [document for document in readable if is_imu_file(document.data)]
     if not documents:
         raise ConfigError(f"{folder} holds no calibration; known are {_known()}")
-    forms = [_format_of(document) for document in documents]
+    forms = [form for document in documents if (form := _format_of(document)) is not None]
     if all(form is forms[0] for form in forms):
         if forms[0] is OPENCV or len(documents) == 1:
             return documents + units[:1]
-        if forms[0] is not None and forms[0].files == 2 and len(documents) == 2:
+        if forms[0].files == 2 and len(documents) == 2:
             return sorted(documents, key=lambda d: _side(d.name))
     listed = ", ".join(Path(d.name).name for d in documents)
     raise ConfigError(f"{folder} holds several calibrations ({listed}): give one of them, or left and right")

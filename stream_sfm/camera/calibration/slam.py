@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ...geometry import se3
-from ...geometry.se3 import Array
+from ...geometry import Array, se3
 from ..models import Camera
 from . import inertial
 from .document import Document, Format, Size, camera_matrix
@@ -46,25 +45,21 @@ def _kalibr_pose(document: Document, _: Document, _size: Size | None) -> Array:
     second = _cam(document, "cam1")
     if "T_cn_cnm1" in second:
         return document.pose(second["T_cn_cnm1"], "cam1.T_cn_cnm1")
-    poses = [
-        inertial.cam_from_imu_of(document, cam, f"cam{n}") for n, cam in enumerate((_cam(document, "cam0"), second))
-    ]
+    poses = [inertial.cam_from_imu_of(document, _cam(document, cam), cam) for cam in ("cam0", "cam1")]
     if poses[0] is not None and poses[1] is not None:
         return poses[1] @ se3.inverse(poses[0])
     raise document.error("cam1.T_cn_cnm1, the pose of cam0 in cam1, is missing: calibrate both cameras together")
 
 
 def _lens(document: Document, table: Mapping[str, Any], where: str, coefficients: str, default: str) -> Camera:
-    """A camera as Kalibr and EuRoC write it; `where` precedes each key in errors.
+    """A camera as Kalibr and EuRoC write it, with the distortion `default` where none is named.
 
-    `coefficients`: the key of the distortion's numbers, which are of the `default` model where none is named.
+    `where` precedes each key in errors; `coefficients`: the key of the distortion's numbers.
     """
     model, lens = str(table.get("camera_model", "pinhole")), table.get("distortion_model")
     if model != "pinhole" and model not in MODELS:
-        raise document.error(
-            f"{where}camera_model {model!r} is not supported, only pinhole and omni, eucm, ds: calibrate with "
-            "pinhole-radtan or pinhole-equi"
-        )
+        known = f"only pinhole and {', '.join(MODELS)}: calibrate with pinhole-radtan or pinhole-equi"
+        raise document.error(f"{where}camera_model {model!r} is not supported, {known}")
     names = MODELS[model][0] if model in MODELS else ()
     numbers = document.numbers(table.get("intrinsics"), f"{where}intrinsics", (len(names) + 4,))
     size = document.size(table.get("resolution"), f"{where}resolution")
@@ -85,9 +80,8 @@ def _basalt_camera(document: Document, side: int, size: Size | None) -> Camera:
     entry, where = _basalt_entry(document, "intrinsics", side), f"intrinsics[{side}]."
     model, values = str(_in(entry, "camera_type")), _in(entry, "intrinsics")
     if model not in {**_BASALT, **MODELS}:
-        raise document.error(
-            f"{where}camera_type {model!r} is not supported; supported are {', '.join([*_BASALT, *MODELS])}"
-        )
+        known = ", ".join([*_BASALT, *MODELS])
+        raise document.error(f"{where}camera_type {model!r} is not supported; supported are {known}")
     size = document.size(_basalt_entry(document, "resolution", side), f"resolution[{side}]")
     names = ("fx", "fy", "cx", "cy", *(MODELS[model][0] if model in MODELS else _BASALT[model][1]))
     numbers = {name: document.number(_in(values, name), f"{where}{name}") for name in names}

@@ -3,23 +3,19 @@
 docs/own-data.md shows a complete one, docs/formats.md has all keys.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
-from ...errors import ConfigError
-from ...geometry import se3
-from ...geometry.se3 import Array
+from ...geometry import Array, se3
 from ...inertial.samples import ImuCalibration
 from ..known_timing import KnownTiming
 from ..models import Camera
 from ..refinement import LENS_TERMS, Refinement
 from . import inertial
 from .document import Document, Format, Size, camera_matrix
-
-T = TypeVar("T")
 
 _SECTIONS = ("left", "right", "right_from_left", "refinement", "timing", "imu")
 _CAMERA_KEYS = ("width", "height", "K", "fx", "fy", "cx", "cy", "distortion_model", "D")
@@ -43,11 +39,8 @@ def text(
         lines += ["", "[right_from_left]", f"rotation = {right_from_left[:3, :3].tolist()}"]
         lines += [f"translation_m = {right_from_left[:3, 3].tolist()}"]
     if refinement is not None:
-        lines += [
-            "",
-            f"[refinement]  # terms: {', '.join(LENS_TERMS)}",
-            f"error_px = {refinement.error_px.tolist()}",
-        ]
+        lines += ["", f"[refinement]  # terms: {', '.join(LENS_TERMS)}"]
+        lines += [f"error_px = {refinement.error_px.tolist()}"]
         lines += ["covariance_px2 = [", *(f"    {row}," for row in refinement.cov_px2.tolist()), "]"]
     if timing is not None:
         lines += ["", "[timing]", *(f"{name} = {value!r}" for name, value in asdict(timing).items())]
@@ -74,15 +67,14 @@ def _camera(document: Document, side: int, size: Size | None) -> Camera:
     model = table.get("distortion_model", "plumb_bob" if d.any() else "none")
     if not isinstance(model, str):
         raise document.error(f"{name}.distortion_model must be a name in quotes, got {model!r}")
-    return _checked(document, name, lambda: Camera(table["width"], table["height"], k, tuple(d), model))
+    with document.naming(name):
+        return Camera(table["width"], table["height"], k, tuple(d), model)
 
 
 def _pose(document: Document, _: Document, _size: Size | None) -> Array:
     name, value = "right_from_left", document.data.get("right_from_left")
     if value is None:
-        raise document.error(
-            f"{name} is missing: give rotation and translation_m of the right camera, or a 4×4 matrix"
-        )
+        raise document.error(f"{name} is missing: give rotation and translation_m, or a 4×4 matrix")
     if not isinstance(value, dict):
         return document.numbers(value, name, (4, 4))
     _check_keys(document, f"[{name}]", value, ("rotation", "translation_m"))
@@ -97,10 +89,12 @@ def _known(document: Document) -> tuple[Refinement | None, KnownTiming | None]:
         n = len(LENS_TERMS)
         error = document.numbers(table.get("error_px"), "refinement.error_px", (n,))
         cov = document.numbers(table.get("covariance_px2"), "refinement.covariance_px2", (n, n))
-        refinement = _checked(document, "refinement", lambda: Refinement(error, cov))
+        with document.naming("refinement"):
+            refinement = Refinement(error, cov)
     if (table := _section(document, "timing", _TIMING_KEYS)) is not None:
         values = [document.number(table.get(key), f"timing.{key}") for key in _TIMING_KEYS]
-        timing = _checked(document, "timing", lambda: KnownTiming(*values))
+        with document.naming("timing"):
+            timing = KnownTiming(*values)
     return refinement, timing
 
 
@@ -119,20 +113,8 @@ def _check_keys(document: Document, where: str, table: Mapping[str, Any], known:
         raise document.error(f"unknown key {unknown[0]!r} at {where}; known are {', '.join(sorted(known))}")
 
 
-def _checked(document: Document, name: str, make: Callable[[], T]) -> T:
-    """What a section describes, its errors with the name of the file."""
-    try:
-        return make()
-    except ConfigError as error:
-        raise document.error(f"{name}: {error}") from None
+def _is_own(data: Mapping[str, Any]) -> bool:
+    return not set(data).isdisjoint(_SECTIONS)
 
 
-TOML = Format(
-    "TOML of stream_sfm",
-    1,
-    lambda data: not set(data).isdisjoint(_SECTIONS),
-    _camera,
-    _pose,
-    _known,
-    inertial.of_toml,
-)
+TOML = Format("TOML of stream_sfm", 1, _is_own, _camera, _pose, _known, inertial.of_toml)

@@ -92,9 +92,7 @@ class Ros1BagSource(Source):
         with self._open() as stream:
             self.size_bytes = os.fstat(stream.fileno()).st_size
             if (magic := stream.read(len(MAGIC))) != MAGIC:
-                raise LogError(
-                    f"{self.path} is a bag of another version ({magic!r}): convert it with `rosbag migrate`"
-                )
+                raise LogError(f"{self.path} is of another version ({magic!r}): convert it with `rosbag migrate`")
             try:
                 self._index = self._read_index(stream)
             except BrokenRecord as error:

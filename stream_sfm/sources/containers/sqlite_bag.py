@@ -15,7 +15,7 @@ from urllib.parse import quote
 
 from mcap.well_known import MessageEncoding
 
-from ...errors import LogError
+from ...errors import LogError, as_error
 from ...inputs import LIMITS, open_regular, reading
 from ...mcap_file.message import Channel, Contents, Damage, Message, Source
 from . import Container
@@ -35,7 +35,7 @@ class SqliteBagSource(Source):
         """`database`: of this size and connected to what lies compressed at `path`."""
         self.path, self.size_bytes = Path(path), size_bytes
         self._journal = ""  # what is wrong with the file for want of its journal
-        try:
+        with as_error(LogError, f"{self.path} is not a ROS 2 bag, or is damaged", sqlite3.Error):
             if database is None:
                 with reading(self.path), open_regular(self.path) as stream:
                     self.size_bytes = os.fstat(stream.fileno()).st_size
@@ -46,8 +46,6 @@ class SqliteBagSource(Source):
             database.execute("PRAGMA writable_schema = ON")
             self._check_tables()
             self._channels = self._read_channels()
-        except sqlite3.Error as error:
-            raise LogError(f"{self.path} is not a ROS 2 bag, or is damaged: {error}") from None
 
     def _connect(self) -> sqlite3.Connection:
         """Read only; `immutable` where SQLite may not make its lock files, or would have to complete the file."""

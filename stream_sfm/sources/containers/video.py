@@ -16,11 +16,10 @@ from . import Container
 
 
 class VideoSource(Source):
-    """The frames of one file as grey images, with the times that the file has for them. Raises LogError.
+    """The frames of one file as grey images, with the file's times, or by its rate where these do not grow.
 
-    `side`: of which they are, 0 left, 1 right; None: of both, beside or above each other. `rig`: the calibration that
-    is sent with the images of a side. Where the times do not grow, frames are put as far apart as the file says by its
-    rate.
+    `side`: 0 left, 1 right; None: both, beside or above each other. `rig`: the calibration that is sent with the images
+    of a side. Raises LogError.
     """
 
     format = "video"
@@ -39,10 +38,8 @@ class VideoSource(Source):
         quiet_ffmpeg()
         capture = cv2.VideoCapture(os.fspath(self.path))
         if not capture.isOpened():
-            raise LogError(
-                f"{self.path} is not a video that OpenCV can decode: convert it, for example with "
-                "`ffmpeg -i IN -c:v ffv1 OUT.mkv`"
-            )
+            cure = "convert it, for example with `ffmpeg -i IN -c:v ffv1 OUT.mkv`"
+            raise LogError(f"{self.path} is not a video that OpenCV can decode: {cure}")
         return capture
 
     def contents(self) -> Contents:
@@ -65,9 +62,7 @@ class VideoSource(Source):
                 if not done:
                     break
                 if stamp_ns <= last_ns:
-                    damage.note(
-                        f"{self.path}: the times of its frames do not grow: its rate is used, {rate_hz:g} Hz"
-                    )
+                    damage.note(f"{self.path}: its frame times do not grow; its rate of {rate_hz:g} Hz is used")
                     stamp_ns = last_ns + period_ns
                 read, last_ns = read + 1, stamp_ns
                 sent = [*(() if self._side is None else encoder.due_calibration(self._side, stamp_ns))]

@@ -1,11 +1,30 @@
-"""What a longer focal length of the cameras' own images does to the views of rectified ones."""
+"""Polynomials over rectified images: the raw rows of views, and what a longer focal length does to views."""
 
 import numpy as np
 
 from .. import core
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..record import record
-from .exposed_rows import ExposedRows
+
+
+@record
+class ExposedRows:
+    """Polynomials over a rectified image of `size_px`, with `coefficients` (s, k, k) for both sides or for each.
+
+    A thousandth of the height is exact enough.
+    """
+
+    size_px: tuple[int, int]
+    coefficients: Array
+
+    @classmethod
+    def unknown(cls) -> "ExposedRows":
+        """All views in the middle row, where a readout does nothing."""
+        return cls((1, 1), np.zeros((1, 1, 1)))
+
+    def __call__(self, z_px: Array) -> Array:
+        """Return the rows (n, 4) of views (n, 4): shares of the height from the middle, −½ at the top to ½."""
+        return core.polynomial_rows(self, z_px)
 
 
 @record
