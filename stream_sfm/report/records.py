@@ -20,6 +20,7 @@ from ..evaluation.trajectory import path_length_m
 from ..geometry.medians import median as median_of_finite
 from ..geometry.se3 import Array
 from ..inertial.upright import Upright
+from ..methods import REFERENCE, key_of
 from ..motion import Odometry
 from ..observer import Observed
 from ..recording.pairing import gaps_after
@@ -73,7 +74,7 @@ class RunRecord:
     @property
     def key(self) -> str:
         """The name of the method as a JSON key."""
-        return self.name.replace("-", "_")
+        return key_of(self.name)
 
     def add(
         self, estimate: FrameEstimate, total_ms: float = 0.0, of_points: tuple[float, float] = (np.nan, np.nan)
@@ -248,15 +249,17 @@ def _ratio(numerator: float, denominator: float) -> float | None:
 
 
 class AddedMotions:
-    """Keeps the path that the newest motions of a run make, added up one after the other."""
+    """Keeps the path that the newest motions of the window make, added up one after the other."""
 
     def __init__(self) -> None:
         self._odometry: Odometry | None = None
         self._rows = array("d")
         self._stamps_ns = array("q")
 
-    def add(self, estimate: FrameEstimate) -> None:
-        """Add the motion of one estimate."""
+    def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
+        """Add the newest motion of the window; `estimates`: by method."""
+        if (estimate := estimates.get(REFERENCE)) is None:
+            return
         self._odometry = Odometry.after(self._odometry, estimate)
         self._stamps_ns.append(estimate.stamp_ns)
         self._rows.frombytes(

@@ -29,4 +29,3 @@ from .observations import RigView as RigView
 from .protocols import Estimator as Estimator
 from .protocols import InertialEstimator as InertialEstimator
 from .protocols import Sink as Sink
-from .protocols import expected_motion as expected_motion
