@@ -52,7 +52,7 @@ def _finite(text: str) -> float:
 
 
 def _size(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"(\d{2,5})[x×](\d{2,5})", text.strip())
+    found = re.fullmatch(r"(\d{2,5})\s*[x×,]\s*(\d{2,5})", text.strip())
     if found is None:
         raise ValueError(f"{text!r} is not a size: give width and height in pixels, such as 640x480")
     return int(found[1]), int(found[2])

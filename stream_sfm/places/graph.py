@@ -253,15 +253,11 @@ class PoseGraph:
         self._solved_with = self._mean, np.sqrt(self._cov_common.diagonal())
         self._update()
 
-    @property
-    def _is_outdated(self) -> bool:
-        """Whether the solver has motions as they were before more was known of the common errors."""
-        mean, std = self._solved_with
-        return len(mean) != len(self._mean) or bool((np.abs(self._mean - mean) > _OUTDATED * std).any())
-
     def _update(self) -> None:
         """Give iSAM2 what is new since the last call, and take its poses."""
-        if self._isam is None or (self._solved and self._is_outdated):
+        mean, std = self._solved_with
+        outdated = len(mean) != len(self._mean) or (np.abs(self._mean - mean) > _OUTDATED * std).any()
+        if self._isam is None or (self._solved and outdated):
             self.solve()
             return
         factors, values, _ = self._problem(self._solved, self._asked)
