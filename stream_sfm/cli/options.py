@@ -121,9 +121,7 @@ MaybePositive = Annotated[
     float | None, Parameter(group=CAMERAS, converter=each(_positive), n_tokens=1, metavar="HZ")
 ]
 MaybeIndex = Annotated[int | None, Parameter(group=FRAMES, validator=_at_least(0), metavar="N")]
-Workers = Annotated[
-    MaybeCount, Parameter(group=PARALLEL, help="number of processes; one per CPU core if not given")
-]
+Workers = Annotated[MaybeCount, Parameter(group=PARALLEL, help="number of processes; by default one per CPU core")]
 Folder = Annotated[str, Parameter(group=RESULTS, converter=_PLACE, metavar="DIR")]
 MaybeFolder = Annotated[str | None, Parameter(group=RESULTS, converter=_PLACE, metavar="DIR")]
 OutFile = Annotated[str, Parameter(group=RESULTS, converter=_PLACE, metavar="FILE")]
@@ -147,9 +145,7 @@ Calibration = Annotated[list[str] | None, Parameter(group=CAMERAS, metavar="FILE
 CameraFlag = Annotated[bool, Parameter(group=CAMERAS)]
 Force = Annotated[bool, Parameter(group=RESULTS, help="replace OUT.mcap if it exists")]
 Quiet = Annotated[bool, Parameter(alias="-q", group=GENERAL, help="print errors only")]
-Verbose = Annotated[
-    bool, Parameter(alias="-v", group=GENERAL, help="report every change of status, and the time per stage")
-]
+Verbose = Annotated[bool, Parameter(alias="-v", group=GENERAL, help="report changes of status and time per stage")]
 Json = Annotated[bool, Parameter(group=GENERAL, help="print one JSON object on standard output and nothing else")]
 
 

@@ -17,8 +17,7 @@ class PointRules(Section, frozen=True, kw_only=True):
     search_margin_px: Annotated[float, expert("and further, px", 0, 10_000)] = 16.0
     # A whole-pixel match, and its neighbour.
     match_tolerance_px: Annotated[float, expert("largest error of a match, px of the coarse image", 0.5, 50)] = 2.0
-    # Farther apart, a depth edge runs through the patch. With it the RMS of local structure error over σ went from 7.3
-    # to 2.7 on rendered images.
+    # Farther apart, a depth edge runs through the patch. On renders, RMS structure error over σ fell from 7.3 to 2.7.
     max_halves_apart_px: Annotated[float, expert("largest offset of an inner half's match, px", 0.01, 1e8)] = 0.5
     # Neighbours that share their noise counted in; a guess.
     std_grey: Annotated[float, expert("σ of a grey difference of left and right patch", 0.1, 1e8)] = 4.0
@@ -41,8 +40,7 @@ class PointRules(Section, frozen=True, kw_only=True):
     std_slope: Annotated[float, expert("prior σ of the disparity slope across a patch, px per px", 1e-3, 10)] = 0.15
     # Chosen by hand: a patch of 21 px spans 10 px of disparity then, more than one surface does.
     max_slope: Annotated[float, expert("largest such change", 0, 0.99)] = 0.5
-    # χ² with two degrees of freedom at 0.999: a slope that the patches do not clearly show costs more in noise than it
-    # saves in bias.
+    # χ² with two degrees of freedom at 0.999: a slope that is not clear costs more in noise than it saves in bias.
     significant_slope: Annotated[float, expert("χ² beyond which a slope counts", 0, 1e8)] = 13.8
     # Further steps change no figure of the logs with ground truth.
     slant_steps: Annotated[int, expert("Gauss-Newton steps that find a slope", 1, 100)] = 3
@@ -80,8 +78,7 @@ class TemplateRules(Section, frozen=True, kw_only=True):
     # So many do not agree by chance.
     exposure_views: Annotated[int, expert("least views that show another exposure or light", 1, 10_000)] = 12
     exposures: Annotated[int, expert("most lights that the templates of a frame are in", 1, 100)] = 3
-    # σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification tables leave even in a perfect
-    # match.
+    # σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification leave even in a perfect match.
     std_floor_px: Annotated[float, expert("least σ of a position, px", 0, 10)] = 0.03
     # Rounding to whole grey values alone leaves 0.4 between two images.
     least_error_grey: Annotated[float, expert("least σ of a grey difference", 1e-3, 255)] = 0.5

@@ -26,8 +26,7 @@ class MotionRules(Section, frozen=True, kw_only=True):
     full_history: Annotated[int, expert("frames of agreement beyond which history no longer counts", 1, 1000)] = 10
     # A body that enters the view is outvoted, but not for ever, once it is all that is left in most of the image.
     first_vote: Annotated[float, expert("vote of a track that never agreed, share of the largest", 1e-3, 1e6)] = 0.1
-    # A tenth forgets depths that a wrong motion has carried along. With less recovery is slower, with more earlier
-    # views are wasted.
+    # A tenth forgets depths that a wrong motion carried along. Less is slower to recover, more wastes earlier views.
     forgetting: Annotated[float, expert("growth per frame of the variance of inverse depth", 1, 10)] = 1.1
     # With 1, 41 frames of KITTI 06 are degraded.
     slides_most: Annotated[float, expert("multiple of the template drift that a track survives", 0, 100)] = 2.0
@@ -123,8 +122,7 @@ class FlowRules(Section, frozen=True, kw_only=True):
 class PairRules(Section, frozen=True, kw_only=True):
     """Whether left and right image, and the calibration, fit each other."""
 
-    # Sample logs have 0.64 and more, at the end of a bare corridor less; with one camera stopped, exchanged or turned
-    # it is below 0.3.
+    # Sample logs have 0.64 or more, the end of a bare corridor less; a stopped, exchanged or turned camera below 0.3.
     fit: Annotated[float, expert("share of the points agreeing on the left that agree on the right", 0, 1)] = 0.5
     # As many as no body has by chance.
     fewest_old: Annotated[int, expert("points from before a problem that end it, at least", 1, 2000)] = 8

@@ -26,8 +26,8 @@ class FrontendConfig(Section, frozen=True, kw_only=True):
     min_corner_distance_px: Annotated[float, expert("least distance of a new corner from any point", 2, 200)] = 12.0
     # Chosen by hand: lower means points in weak texture, whose covariance is large. Dark images are given a lower one.
     min_corner_response: Annotated[float, expert("least eigenvalue of corner gradients, as OpenCV", 1e-8, 1)] = 2e-4
-    # Measured, together with templates anchored in the first frame of a point: aligned ATE of a rendered log, by full
-    # batch adjustment, 35 mm -> 2.3 mm.
+    # Measured, with templates anchored in a point's first frame: aligned ATE of a rendered log, by full batch
+    # adjustment, 35 mm -> 2.3 mm.
     smoothing_px: Annotated[float, expert("σ of the Gaussian that smooths images first, pixels", 0, 5)] = 1.0
     # Chosen by hand: more pixels are less noise, but more of them across a depth edge. Radii nearby do as well.
     window_radius_px: Annotated[int, expert("half width of the tracked patch, pixels", 3, 30)] = 10
@@ -87,15 +87,13 @@ class RobustConfig(Section, frozen=True, kw_only=True):
     # A drone that is shaken has squared residuals of up to 3.3 times the expected size, and 12 ms of a frame's 30 were
     # spent on searches that found nothing.
     calm_spread: Annotated[float, expert("squared residuals that need no search, times the expected", 1, 1e6)] = 4.0
-    # Bodies that pass in a room have up to 0.05 on the sample logs, and up to 0.09 where they are there before anything
-    # has a history.
+    # Bodies that pass in a room have up to 0.05 on the sample logs, and up to 0.09 before anything has a history.
     ambiguous_share: Annotated[float, expert("odds at which a second motion may be the camera's", 1e-6, 1e6)] = 0.1
     # Views that are clearly not of the first motion.
     beyond_gates: Annotated[float, expert("squared residual of views of a second motion, gates", 1, 1000)] = 2.0
     # Two determine a motion; six more do not agree with it by chance.
     second_views: Annotated[int, expert("views that make a second motion, at least", 3, 1_000_000)] = 8
-    # 6 expected. Frames that a body leads have 13 to 140. So have some of a sample log whose calibration errs, but no
-    # motion there leaves views out.
+    # 6 expected. Frames led by a body have 13 to 140. So have some with a wrong calibration, but none leaves views out.
     halves_apart: Annotated[float, expert("squared distance of motions by halves of the views, σ²", 0, 1e8)] = 12.0
     # Errors that all views of a half share, of calibration above all.
     shared_noise: Annotated[float, expert("share of a view's variance that all views of a half share", 0, 1)] = 0.01
@@ -128,8 +126,7 @@ class RobustConfig(Section, frozen=True, kw_only=True):
     first_refining_gates: Annotated[float, expert("gates within which views first refine a sample", 1, 1e6)] = 16.0
     refining_gates: Annotated[float, expert("gates within which they refine it then", 1, 1e6)] = 4.0
     refining_steps: Annotated[int, expert("Gauss-Newton steps with either", 1, 100)] = 2
-    # The extent decides where history does not: it makes a factor of 0.56 at the least, as a background may be seen
-    # through a gap between bodies.
+    # The extent decides where history does not: by a factor of 0.56 at least, as a background may show through a gap.
     extent_power: Annotated[float, expert("power of the extent of the views in a motion's support", 0, 10)] = 0.25
     min_extent: Annotated[float, expert("least extent, share of the image", 1e-6, 1)] = 0.1
     # A hundred tracks distinguish about as many places.
@@ -148,8 +145,7 @@ class MotionConfig(Section, frozen=True, kw_only=True):
     # A walking start.
     build_up_s: Annotated[float, expert("time in which the σ of an unknown velocity builds up, s", 0, 1000)] = 1.0
     # Velocities differ from the last one known by what the acceleration builds up in this time, and by no more later.
-    # A camera that was put elsewhere is as uncertain as after this time without images. Of a car that is 30 m, two
-    # standard deviations.
+    # A camera that was put elsewhere is as uncertain as after this time without images: for a car 30 m, two σ.
     speeds_up_s: Annotated[float, expert("for how long a vehicle speeds up, s", 1e-3, 1000)] = 3.0
 
     std_acceleration_m_s2: Annotated[float, number("σ of acceleration during tracking loss, m/s²", 1e-3, 1e4)] = 3.0
@@ -211,8 +207,7 @@ class RigConfig(Section, frozen=True, kw_only=True):
     # every frame or every other, ends up to 15 m off instead of 0.03. KITTI would be 3 to 12 % better.
     odds: Annotated[float, expert("prior odds of a cause of errors, or of an inertial error", 1e-12, 1e6)] = 0.05
     share_alone: Annotated[float, expert("share of wrong calibrations with one wrong term only", 0, 1)] = 0.05
-    # Errors that last, and those of neighbours, make their σ half of what it should be (simulated 1.4, real 1.5 to 4.5
-    # times).
+    # Errors that last, and those of neighbours, make σ too small, by 1.4 (simulated) and by 1.5 to 4.5 times (real).
     counts: Annotated[float, expert("share of information about errors that counts for the odds", 1e-6, 1)] = 0.25
     # Five real logs with independent truth are 0.1 to 1 % too long or too short, RMS 0.6 %.
     std_baseline: Annotated[float, number("σ of the baseline's error, fraction of it", 0, 0.5)] = 0.006

@@ -78,9 +78,7 @@ def _apply(override: str, data: dict[str, Any]) -> None:
 
 def setting_names() -> list[str]:
     """Every setting with its section, such as `window.frames`."""
-    return [
-        ".".join(filter(None, (name, key))) for name, section in _sections(Config()) for key in _keys(type(section))
-    ]
+    return [".".join(filter(None, (name, key))) for name, part in _sections(Config()) for key in _keys(type(part))]
 
 
 def config_to_toml(config: Config, expert: bool = True) -> str:

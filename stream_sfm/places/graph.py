@@ -65,8 +65,7 @@ class PoseGraph:
 
     Of the nodes (n), in the order they came: their `numbers`, ascending; `segments`, and `homes`, those in whose worlds
     they are; world from camera, `poses` (n, 4, 4). `links`: odometry between nodes, by their numbers. `shared`: factor
-    on the variance of loops, where several of them have the same errors. Raises ConfigError where GTSAM is not
-    installed.
+    on the variance of loops, where several of them have the same errors. Raises ConfigError where GTSAM is missing.
     """
 
     def __init__(self, shared: float = 1.0) -> None:

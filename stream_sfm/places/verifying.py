@@ -63,9 +63,8 @@ class Verifier:
         far = np.linalg.norm(motion[:3, 3]) > SETTINGS.max_offset_depths * old.depth_m
         if far or np.linalg.norm(se3.log_so3(motion[:3, :3])) > SETTINGS.max_angle_rad:
             return None
-        return Motion(
-            motion, found.cov_pose * max(1.0, found.chi2 / max(found.dof, 1), _halves_apart(views, found))
-        )
+        factor = max(1.0, found.chi2 / max(found.dof, 1), _halves_apart(views, found))
+        return Motion(motion, found.cov_pose * factor)
 
     def _rough(self, old: Keyframe, new: Keyframe) -> Array | None:
         """New camera from old one, by PnP of features that match."""

@@ -1,7 +1,7 @@
 """Drift: errors of relative motions against their span, what the truth shares with no method, and a sentence of it all.
 
-Without a truth, and over spans over which the truth errs more than the methods differ, errors are those that halves of
-the tracks show.
+Without a truth, and over spans over which it errs more than the methods differ, errors are those that halves of the
+tracks show.
 """
 
 from typing import Any

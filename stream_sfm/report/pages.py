@@ -117,9 +117,8 @@ def _span_cell(of: dict[str, Any] | None, content: dict[str, Any], unit: LengthU
     if of["position_from_halves"]:
         below.append("from halves" if ratio else "the truth cannot tell")
     below += [f"σ × {factor:.2g}"] if factor else []
-    return text_of(of["position_rms_m"], unit.per_m) + Markup("").join(
-        map(Markup("<small>{}</small>").format, below)
-    )
+    lines = Markup("").join(Markup("<small>{}</small>").format(line) for line in below)
+    return text_of(of["position_rms_m"], unit.per_m) + lines
 
 
 def _unit_of_spans(content: dict[str, Any]) -> LengthUnit:

@@ -81,8 +81,7 @@ class RunRecord:
     ) -> None:
         """Keep one estimate; `total_ms`: from asking for the frame until its files were written.
 
-        `of_points`: the median estimated σ of the points along their rays in metres, and the RMS reprojection error of
-        the views used in pixels.
+        `of_points`: the median σ of the points along their rays, metres, and the RMS reprojection error, pixels.
         """
         self._stamps_ns.append(estimate.stamp_ns)
         self.statuses.append(estimate.status)
@@ -260,11 +259,9 @@ class AddedMotions:
         """Add the newest motion of the window; `estimates`: by method."""
         if (estimate := estimates.get(REFERENCE)) is None:
             return
-        self._odometry = Odometry.after(self._odometry, estimate)
+        self._odometry = now = Odometry.after(self._odometry, estimate)
         self._stamps_ns.append(estimate.stamp_ns)
-        self._rows.frombytes(
-            np.concatenate([self._odometry.odom_from_cam, self._odometry.cov], axis=None).tobytes()
-        )
+        self._rows.frombytes(np.concatenate([now.odom_from_cam, now.cov], axis=None).tobytes())
 
     def trajectory(self) -> Trajectory:
         """All poses with their covariances."""
@@ -311,8 +308,7 @@ def quantiles(values: Any) -> dict[str, float] | None:
 class FrontRecord:
     """Keeps, frame by frame, what all methods share.
 
-    `lives`: track id -> [first frame, last frame]; `local_difference_m`: for each frame the median distance of CC and
-    WC local points.
+    `lives`: track id -> [first frame, last frame]; `local_difference_m`: median distance of CC and WC points per frame.
     """
 
     def __init__(self) -> None:
@@ -359,8 +355,7 @@ class FrontRecord:
 class Truth(NamedTuple):
     """What estimates are compared with: `poses`, None where there are none and NaN where they are not to be used.
 
-    `ignored`: ranges [first, end) of frames without their truth, as asked for; `std`: σ of the truth itself, metres and
-    radians.
+    `ignored`: ranges [first, end) of frames without their truth, as asked for; `std`: σ of the truth itself, m and rad.
     """
 
     poses: Trajectory | None = None

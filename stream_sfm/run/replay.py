@@ -211,10 +211,7 @@ class _Replay:
     def _further(self, course: Course, interruption: Interruption) -> dict[str, Any]:
         """Return what the summary says beside the estimates: cost, latency, the rig, and the checks of this run."""
         record = self.lane.record
-        further: dict[str, Any] = {
-            "cpu_s": time.process_time() - self._began_cpu_s,
-            "peak_rss_mib": peak_rss_mib(),
-        }
+        further: dict[str, Any] = {"cpu_s": time.process_time() - self._began_cpu_s, "peak_rss_mib": peak_rss_mib()}
         if self._latency.ages_ms:
             further["live"] = self._latency.summary()
         if record.rig is not None:

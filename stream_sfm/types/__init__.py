@@ -1,7 +1,6 @@
 """The frozen records that modules hand to each other, and the protocols of those that take them.
 
-Arrays are float64 unless stated otherwise, and are never written to. A record is equal only to itself, and its `repr`
-is one short line.
+Arrays are float64 unless stated otherwise, and never written to. A record equals only itself; its `repr` is one line.
 """
 
 from .estimates import CommonErrors as CommonErrors
