@@ -62,8 +62,7 @@ def convert_calibration(
     """Convert the calibration of another tool to TOML.
 
     Recognises a calibration of Kalibr, ROS, EuRoC, KITTI, OpenCV, OAK, ZED and others by its content: a file, the files
-    of the left and of the right camera, or the folder they are in. Wherever a calibration is given to another command,
-    it need not be converted.
+    of the left and of the right camera, or the folder they are in. Other commands read them unconverted.
 
     Args:
         files: file or folder; the left camera's file first

@@ -106,6 +106,7 @@ def _setting_names(_context: Any) -> list[str]:
 # Kinds of arguments; where there is no help here, the docstring of a command says what each is for.
 _PLACE = each(_place)
 Log = Annotated[str, Parameter("LOG")]
+Run = Annotated[str, Parameter("RUN")]
 Recording = Annotated[
     str, Parameter("LOG", help="the recording: MCAP, a ROS bag, a video, or the folder of a data set or of images")
 ]

@@ -52,15 +52,8 @@ def _trace_of(estimate: Trajectory, truth: Trajectory) -> Trace | None:
     nees = np.full(len(rows), np.nan)
     if estimate.cov_pose is not None and rows[0] == 0:
         nees = nees_pose(e, estimate.cov_pose[rows], t)
-    return Trace(
-        rows,
-        distances_m(t),
-        e,
-        t,
-        np.linalg.norm(e[:, :3, 3] - t[:, :3, 3], axis=1),
-        np.degrees(np.linalg.norm(xi[:, 3:], axis=1)),
-        nees,
-    )
+    position_m, rotation_rad = np.linalg.norm(e[:, :3, 3] - t[:, :3, 3], axis=1), np.linalg.norm(xi[:, 3:], axis=1)
+    return Trace(rows, distances_m(t), e, t, position_m, np.degrees(rotation_rad), nees)
 
 
 Traces = dict[str, Trace]

@@ -37,14 +37,9 @@ from .tables import Name, Table, of_method, of_runs, render, table, text_of
 PAGE_OF_LOG = "report.html"  # in the folder of a log of a batch
 REPORT = ("report.json", "report.html")  # the files of a report
 _RATIO = (Figure("ratio", "position error", "over cross-frame"),)
-_OF_BATCH = (
-    Figure("frames", "frames"),
-    Figure("path_length_m", "path", "m"),
-    *ACCURACY,
-    *CONSISTENCY,
-    *ABSOLUTE,
-    *LOCAL,
-)
+_EXTENT = (Figure("frames", "frames"), Figure("path_length_m", "path", "m"))
+_OF_BATCH = (*_EXTENT, *ACCURACY, *CONSISTENCY, *ABSOLUTE, *LOCAL)
+_UNFINISHED = (Figure("status", "status"), Figure("reason", "reason"))
 _COSTS = (
     Figure("degraded", "degraded"),
     Figure("lost", "lost"),
@@ -129,12 +124,8 @@ def _charts(c: Comparison, content: dict[str, Any], traces: Traces, unit: Length
     """Those that are always shown, beside the ones by span."""
     gaps, path = c.front.gaps, charts.path({r.name: r.poses for r in c.runs if len(r)}, traces, loops=c.loops)
     if not traces:
-        return [
-            path,
-            charts.structure(c.runs, unit),
-            charts.apart(c.runs, gaps, unit),
-            charts.innovations(c.runs, gaps),
-        ]
+        further = charts.apart(c.runs, gaps, unit), charts.innovations(c.runs, gaps)
+        return [path, charts.structure(c.runs, unit), *further]
     ratios = charts.ratios(content) if content["error_over_cross_frame"] else charts.errors(traces, 1, unit)
     return [charts.errors(traces, 0, unit), ratios, charts.nees(traces, gaps), path]
 
@@ -203,7 +194,7 @@ def render_batch(content: dict[str, Any], folder: Path) -> str:
     names = [_name_of(log, f"{log['name']}/{PAGE_OF_LOG}") for log in estimated]
     rows = [_row_of(log["summary"]) for log in estimated]
     # Lengths do not compare, as paths differ.
-    compared = [f for f in _OF_BATCH[2:] if f.unit not in (ERRORS, STRUCTURE)]
+    compared = [f for f in _OF_BATCH[len(_EXTENT) :] if f.unit not in (ERRORS, STRUCTURE)]
     middle = [{f.key: _median([row.get(f.key) for row in rows]) for f in compared}] if len(rows) > 1 else []
     of_rows = [*names, *(Name("median") for _ in middle)]
     return render(
@@ -212,12 +203,7 @@ def render_batch(content: dict[str, Any], folder: Path) -> str:
         n=content,
         conclusion=conclusion(content),
         estimated=estimated,
-        unfinished=table(
-            (Figure("status", "status"), Figure("reason", "reason")),
-            [Name(log["name"], log["log"]) for log in unfinished],
-            unfinished,
-            {},
-        ),
+        unfinished=table(_UNFINISHED, [Name(log["name"], log["log"]) for log in unfinished], unfinished, {}),
         accuracy=table(_OF_BATCH, of_rows, [*rows, *middle], units_of(rows, _OF_BATCH), compared=False),
         costs=table(_COSTS, names, [_costs_of(log["summary"]) for log in estimated], {}),
         statuses=[(log["name"], log["summary"]["statuses"]) for log in estimated],

@@ -30,11 +30,7 @@ from ..wording import counted
 from .inertia import describe_inertia
 
 STAGES = ("decode", "frontend", "estimator", "total")
-# Numbers of each frame that its estimate has.
-_OF_ESTIMATE: dict[str, Callable[[FrameEstimate], float]] = {
-    "nis": lambda estimate: estimate.nis,
-    "nis_dof": lambda estimate: estimate.nis_dof,
-}
+_OF_ESTIMATE = ("nis", "nis_dof")  # numbers of each frame that its estimate has
 _NUMBERS = (*STAGES, "sigma_local_m", "reprojection_px", *_OF_ESTIMATE)
 _POSE, _COV = slice(0, 16), slice(16, 52)  # places in the row of a frame; the numbers follow
 _WIDTH = _COV.stop + len(_NUMBERS)
@@ -88,7 +84,7 @@ class RunRecord:
         self.reasons.append(estimate.reason)
         t = estimate.timings_ms
         times_ms = (t.get("decode", 0.0), t.get("rectify", 0.0) + t.get("frontend", 0.0), t.get("estimator", 0.0))
-        numbers = (*times_ms, total_ms, *of_points, *(of(estimate) for of in _OF_ESTIMATE.values()))
+        numbers = (*times_ms, total_ms, *of_points, *(getattr(estimate, name) for name in _OF_ESTIMATE))
         row = np.concatenate((estimate.world_from_cam.ravel(), estimate.cov_pose.ravel(), numbers), dtype=float)
         self._rows.frombytes(row.tobytes())
         self.relative.add(estimate)
