@@ -28,15 +28,7 @@ from .inertial.driver import DriverSamples
 from .lane import BareLane
 from .motion import in_world
 from .observer import Observer
-from .types import (
-    Estimator,
-    Frame,
-    FrameEstimate,
-    InertialEstimator,
-    Observations,
-    Prediction,
-    expected_motion,
-)
+from .types import Estimator, Frame, FrameEstimate, InertialEstimator, Observations, Prediction
 
 
 class Engine:
@@ -96,7 +88,7 @@ class Engine:
         """
         with self._exclusively(), one_thread:
             frame = self._samples.joined_to(frame)
-            observed = self.observer.observe(frame, prepared, partial(expected_motion, self.lane.estimator))
+            observed = self.observer.observe(frame, prepared, self.lane.expect)
             self.observations = observed.observations
             estimate = self.lane.estimate(observed)
             self.observer.learn(self.lane.solution)

@@ -4,7 +4,7 @@ import time
 
 from .observer import Observed, Observer
 from .rig_model.estimate import RigEstimate
-from .types import Estimator, FrameEstimate, Solution
+from .types import Estimator, ExpectedMotion, FrameEstimate, InertialEstimator, InertialView, Solution
 
 
 class BareLane:
@@ -19,6 +19,10 @@ class BareLane:
         self.solution: Solution | None = None
         self.rig: RigEstimate | None = None
         self.spent_s = 0.0
+
+    def expect(self, stamp_ns: int, view: InertialView) -> ExpectedMotion | None:
+        """Return the motion up to a frame that its inertial samples predict; None where the method takes none."""
+        return self.estimator.expect(stamp_ns, view) if isinstance(self.estimator, InertialEstimator) else None
 
     def estimate(self, observed: Observed) -> FrameEstimate:
         """Return the estimate of the next frame, in axes of the physical left camera."""

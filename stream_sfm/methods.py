@@ -38,3 +38,8 @@ METHODS = {
 WITHOUT_IMU = "cross-frame-no-imu"  # which `compare` runs where a log has samples
 METHODS[WITHOUT_IMU] = METHODS[REFERENCE]._replace(label="cross-frame without IMU", compared=False, inertial=False)
 COMPARED = tuple(name for name, method in METHODS.items() if method.compared)
+
+
+def key_of(name: str) -> str:
+    """Return the name of a method as a key in JSON, and as the name of its folder."""
+    return name.replace("-", "_")

@@ -57,8 +57,7 @@ class JobResult(msgspec.Struct, frozen=True, kw_only=True):
 class Job:
     """One log to replay; `log` and `folder` are absolute paths.
 
-    `options` are further arguments of `replay`; `inputs` the files and folders that they name. The replay is ended when
-    the file `stop` appears.
+    `options` are further arguments of `replay`; `inputs` the files that they name. The file `stop` ends the replay.
     """
 
     name: str

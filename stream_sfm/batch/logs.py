@@ -95,8 +95,7 @@ def names_for(logs: Mapping[Path, int], reserved: Sequence[str] = ()) -> dict[Pa
     """A unique name for each log: its file name without the suffix, after as many parent folders as needed.
 
     `logs` as `find_logs` returns them. Each is a plain name: no dots in front, so that it cannot be `..` and is not
-    hidden, and no control characters. Upper and lower case count as equal, as in some file systems; names that are
-    still equal get a number.
+    hidden, and no control characters. Upper and lower case count as equal; names that are still equal get a number.
     """
     depths = dict(logs)
     while True:

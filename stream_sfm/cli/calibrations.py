@@ -1,11 +1,10 @@
 """`stream-sfm refine` and `convert-calibration`: calibrations as TOML, from recordings and of other tools."""
 
-import re
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from ..errors import ConfigError, RigError
+from ..errors import RigError
 from . import options
 from .printing import print_json, print_notes
 
@@ -57,14 +56,13 @@ def refine(
 def convert_calibration(
     *files: Annotated[str, Parameter("FILE")],
     out: options.OutFile,
-    size: Annotated[str | None, Parameter(group=options.CAMERAS, metavar="WxH")] = None,
+    size: options.MaybeSize = None,
     json: options.Json = False,
 ) -> None:
     """Convert the calibration of another tool to TOML.
 
     Recognises a calibration of Kalibr, ROS, EuRoC, KITTI, OpenCV, OAK, ZED and others by its content: a file, the files
-    of the left and of the right camera, or the folder they are in. Wherever a calibration is given to another command,
-    it need not be converted.
+    of the left and of the right camera, or the folder they are in. Other commands read them unconverted.
 
     Args:
         files: file or folder; the left camera's file first
@@ -78,7 +76,7 @@ def convert_calibration(
 
     options.at_least_one(files, "FILE", "a calibration, or the files of left and right")
     options.protect([out], list(files))
-    rig = StereoRig.from_calibration(files[0] if len(files) == 1 else list(files), _size(size))
+    rig = StereoRig.from_calibration(files[0] if len(files) == 1 else list(files), size)
     write_whole(out, rig.to_toml().encode())
     questions = baseline_warnings(rig)
     try:
@@ -91,11 +89,3 @@ def convert_calibration(
     else:
         left = rig.left
         print(f"written to {out}: {left.width}×{left.height} pixels, baseline {rig.baseline_m:.4g} m")
-
-
-def _size(text: str | None) -> tuple[int, int] | None:
-    if text is None:
-        return None
-    if (found := re.fullmatch(r"(\d{1,6})\s*[x×,]\s*(\d{1,6})", text)) is None:
-        raise ConfigError(f"the size {text!r} is not a width and a height: write it as 1241x376")
-    return int(found[1]), int(found[2])

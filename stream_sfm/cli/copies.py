@@ -70,8 +70,7 @@ def images(
 ) -> None:
     """Convert two sets of image files with a calibration.
 
-    Left and right files are paired in the order of their names. FILES is a folder, a glob such as 'left/*.png', or
-    several files.
+    Left and right files are paired in the order of their names. FILES: a folder, a glob such as 'left/*.png', or files.
 
     Args:
         left: the left images

@@ -1,9 +1,7 @@
 """`stream-sfm evaluate` and `stream-sfm view`: finished runs against ground truth, and in the Rerun viewer."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING, Any
 
 from ..errors import ConfigError, ExitCode, InputError
 from . import options
@@ -16,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def evaluate(
-    *runs: Annotated[str, Parameter("RUN")],
+    *runs: options.Run,
     out: options.ResultFile = None,
     truth: options.TruthFile = options.TruthFile(),
     errors: options.TruthErrors = options.TruthErrors(),
@@ -108,13 +106,7 @@ def _figures(run: "RunResults", truth: "Trajectory", known: options.TruthErrors)
     return figures | {"frames_ignored": [list(frames) for frames in known.ignore_ground_truth]}
 
 
-def view(
-    run: Annotated[str, Parameter("RUN")],
-    /,
-    *,
-    rrd: options.ResultFile = None,
-    quiet: options.Quiet = False,
-) -> None:
+def view(run: options.Run, /, *, rrd: options.ResultFile = None, quiet: options.Quiet = False) -> None:
     """Open a finished run in the Rerun viewer.
 
     Shows the path, the points and the figures of a run; and its images, if its log has not been moved.

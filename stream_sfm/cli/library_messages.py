@@ -63,13 +63,9 @@ def filtered(quiet: bool) -> Iterator[None]:
         os.dup2(real_out, 1)
         os.dup2(real, 2)
         sys.stdout, sys.stderr, sys.__stdout__ = shown  # type: ignore[misc]
-        _wait_for(filtering)
-
-
-def _wait_for(process: int) -> None:
-    end_s = time.monotonic() + _END_S
-    while os.waitpid(process, os.WNOHANG) == (0, 0) and time.monotonic() < end_s:
-        time.sleep(0.001)
+        end_s = time.monotonic() + _END_S
+        while os.waitpid(filtering, os.WNOHANG) == (0, 0) and time.monotonic() < end_s:
+            time.sleep(0.001)
 
 
 def _pass_on(reader: int, quiet: bool) -> None:

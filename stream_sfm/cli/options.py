@@ -52,7 +52,7 @@ def _finite(text: str) -> float:
 
 
 def _size(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"(\d{2,5})[x×](\d{2,5})", text.strip())
+    found = re.fullmatch(r"(\d{2,5})\s*[x×,]\s*(\d{2,5})", text.strip())
     if found is None:
         raise ValueError(f"{text!r} is not a size: give width and height in pixels, such as 640x480")
     return int(found[1]), int(found[2])
@@ -106,6 +106,7 @@ def _setting_names(_context: Any) -> list[str]:
 # Kinds of arguments; where there is no help here, the docstring of a command says what each is for.
 _PLACE = each(_place)
 Log = Annotated[str, Parameter("LOG")]
+Run = Annotated[str, Parameter("RUN")]
 Recording = Annotated[
     str, Parameter("LOG", help="the recording: MCAP, a ROS bag, a video, or the folder of a data set or of images")
 ]
@@ -121,9 +122,7 @@ MaybePositive = Annotated[
     float | None, Parameter(group=CAMERAS, converter=each(_positive), n_tokens=1, metavar="HZ")
 ]
 MaybeIndex = Annotated[int | None, Parameter(group=FRAMES, validator=_at_least(0), metavar="N")]
-Workers = Annotated[
-    MaybeCount, Parameter(group=PARALLEL, help="number of processes; one per CPU core if not given")
-]
+Workers = Annotated[MaybeCount, Parameter(group=PARALLEL, help="number of processes; by default one per CPU core")]
 Folder = Annotated[str, Parameter(group=RESULTS, converter=_PLACE, metavar="DIR")]
 MaybeFolder = Annotated[str | None, Parameter(group=RESULTS, converter=_PLACE, metavar="DIR")]
 OutFile = Annotated[str, Parameter(group=RESULTS, converter=_PLACE, metavar="FILE")]
@@ -147,9 +146,7 @@ Calibration = Annotated[list[str] | None, Parameter(group=CAMERAS, metavar="FILE
 CameraFlag = Annotated[bool, Parameter(group=CAMERAS)]
 Force = Annotated[bool, Parameter(group=RESULTS, help="replace OUT.mcap if it exists")]
 Quiet = Annotated[bool, Parameter(alias="-q", group=GENERAL, help="print errors only")]
-Verbose = Annotated[
-    bool, Parameter(alias="-v", group=GENERAL, help="report every change of status, and the time per stage")
-]
+Verbose = Annotated[bool, Parameter(alias="-v", group=GENERAL, help="report changes of status and time per stage")]
 Json = Annotated[bool, Parameter(group=GENERAL, help="print one JSON object on standard output and nothing else")]
 
 

@@ -40,11 +40,6 @@ def number(value: float | None, form: str = ".2f") -> str:
     return "–" if value is None else format(value, form)
 
 
-def interval(value: float, low: float, high: float) -> str:
-    """A number with the ends of its 95 % interval."""
-    return f"{value:.2f} [{low:.2f}, {high:.2f}]"
-
-
 def factors_text(spans: list[dict[str, Any]]) -> str:
     """How large errors of relative motion are, and over how many frames."""
     factors = ", ".join(f"{span['factor']:.2f}" for span in spans)

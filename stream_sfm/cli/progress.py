@@ -65,13 +65,8 @@ def counter(
 
         from .printing import rich_console
 
-        columns = (
-            TextColumn(label),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn(unit),
-            TextColumn("{task.fields[left]}"),
-        )
+        left = TextColumn("{task.fields[left]}")
+        columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TextColumn(unit), left)
         with Progress(*columns, console=rich_console(stderr=True), transient=True) as bar:
             task = bar.add_task(label, total=total, left="")
 

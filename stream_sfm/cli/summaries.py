@@ -4,14 +4,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..wording import printable
+from ..wording import counted, printable
 from .printing import broken_at, factors_text, number, print_table
 
 if TYPE_CHECKING:
     from ..evaluation.figures import Figure, LengthUnit
 
 _NAME_WIDTH, _EVALUATION_WIDTH = 28, 130  # characters of the name of a run; columns of a table in a pipe
-_OF_BATCH = ("ate_rmse_aligned_m", "final_drift_percent", "t_rel_percent")
 
 
 def print_summary(summary: dict[str, Any], folder: Path | None, stages: bool) -> None:
@@ -55,7 +54,7 @@ def _print_drift(drift: dict[str, Any], lines: list[dict[str, Any]], names: dict
                 text.append(f"×{ratio['value']:.2f}{mark}")
                 text += ["[{:.2f}, {:.2f}]".format(*ratio["ci95"])] if ratio["ci95"] else []
             rows[-1].append("\n".join([*text, *([f"σ ×{factor:.2g}"] if factor else [])]))
-    headings = [f"{line['frames']} frame{'' if line['frames'] == 1 else 's'}\n{unit.name}" for line in lines]
+    headings = [f"{counted(line['frames'], 'frame')}\n{unit.name}" for line in lines]
     print_table(rows, ["position error over", *headings])
     if any(of["position_from_halves"] for line in lines for of in line["methods"].values()):
         print("* the ground truth cannot tell the methods apart here: ratio between halves of the tracks")

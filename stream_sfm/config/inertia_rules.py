@@ -10,9 +10,7 @@ class InertiaRules(Section, frozen=True, kw_only=True):
 
     # What is not known when inertia begins. Biases are those of consumer-grade units.
     std_velocity_m_s: Annotated[float, expert("σ of the first velocity, each axis, m/s", 1e-3, 1e3)] = 3.0
-    std_start_m_s2: Annotated[
-        float, expert("σ of what the accelerometer measures beside gravity at first, m/s²", 1e-3, 1e3)
-    ] = 4.0
+    std_start_m_s2: Annotated[float, expert("σ of the first acceleration beside gravity, m/s²", 1e-3, 1e3)] = 4.0
     std_gyro_bias_rad_s: Annotated[float, expert("σ of the gyroscope's biases, rad/s", 1e-6, 10)] = 0.05
     std_accel_bias_m_s2: Annotated[float, expert("σ of the accelerometer's biases, m/s²", 1e-6, 10)] = 0.3
     # Biases are not known well enough to go on for longer.
@@ -33,12 +31,8 @@ class InertiaRules(Section, frozen=True, kw_only=True):
     far_gravity: Annotated[float, expert("squared distance of an impossible size of gravity", 1, 1e8)] = 25.0
     std_gravity_m_s2: Annotated[float, expert("σ of the size of gravity where it is judged, m/s²", 1e-4, 10)] = 0.1
     # Anywhere on Earth, and with the scale of an accelerometer.
-    std_known_gravity_m_s2: Annotated[
-        float, expert("σ of the size of gravity as an observation, m/s²", 1e-4, 10)
-    ] = 0.03
-    known_gravity_m2_s4: Annotated[
-        float, expert("trace of the covariance of gravity from which on its size counts, m²/s⁴", 0, 1e4)
-    ] = 1.0
+    std_known_gravity_m_s2: Annotated[float, expert("σ of gravity's size as an observation, m/s²", 1e-4, 10)] = 0.03
+    known_gravity_m2_s4: Annotated[float, expert("gravity variance at which its size counts, m²/s⁴", 0, 1e4)] = 1.0
     # A camera that moves by less than images show within such a time tells nothing; no stamp errs by more.
     tells_jitter_s: Annotated[float, expert("largest σ of a time that tells how stamps err, s", 1e-6, 1)] = 0.005
     jitter_frames: Annotated[float, expert("frames that errors of stamps are learnt from", 1, 1e6)] = 100.0

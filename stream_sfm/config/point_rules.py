@@ -16,14 +16,9 @@ class PointRules(Section, frozen=True, kw_only=True):
     search_factor: Annotated[float, expert("length of the search on a row, largest disparities", 1, 1000)] = 1.5
     search_margin_px: Annotated[float, expert("and further, px", 0, 10_000)] = 16.0
     # A whole-pixel match, and its neighbour.
-    match_tolerance_px: Annotated[float, expert("how far a match may be off, px of the coarse image", 0.5, 50)] = (
-        2.0
-    )
-    # Farther apart, a depth edge runs through the patch. With it the RMS of local structure error over σ went from 7.3
-    # to 2.7 on rendered images.
-    max_halves_apart_px: Annotated[
-        float, expert("most between the matches of a patch and of its inner half, px", 0.01, 1e8)
-    ] = 0.5
+    match_tolerance_px: Annotated[float, expert("largest error of a match, px of the coarse image", 0.5, 50)] = 2.0
+    # Farther apart, a depth edge runs through the patch. On renders, RMS structure error over σ fell from 7.3 to 2.7.
+    max_halves_apart_px: Annotated[float, expert("largest offset of an inner half's match, px", 0.01, 1e8)] = 0.5
     # Neighbours that share their noise counted in; a guess.
     std_grey: Annotated[float, expert("σ of a grey difference of left and right patch", 0.1, 1e8)] = 4.0
     # Up to twice as many are added. Drift of a corridor with bare corners 14 % without, 0.2 % with.
@@ -44,22 +39,17 @@ class PointRules(Section, frozen=True, kw_only=True):
         int, expert("neighbours of a match that do not compete with it, px", 0, 1000)
     ] = 2
     # Chosen by hand: on most surfaces disparity changes more slowly.
-    std_slope: Annotated[
-        float, expert("prior σ of the change of disparity across a patch, px per px", 1e-3, 10)
-    ] = 0.15
+    std_slope: Annotated[float, expert("prior σ of the disparity slope across a patch, px per px", 1e-3, 10)] = 0.15
     # Chosen by hand: a patch of 21 px spans 10 px of disparity then, more than one surface does.
     max_slope: Annotated[float, expert("largest such change", 0, 0.99)] = 0.5
-    # χ² with two degrees of freedom at 0.999: a slope that the patches do not clearly show costs more in noise than it
-    # saves in bias.
+    # χ² with two degrees of freedom at 0.999: a slope that is not clear costs more in noise than it saves in bias.
     significant_slope: Annotated[float, expert("χ² beyond which a slope counts", 0, 1e8)] = 13.8
     # Further steps change no figure of the logs with ground truth.
     slant_steps: Annotated[int, expert("Gauss-Newton steps that find a slope", 1, 100)] = 3
     # Farther it is another match.
     max_slant_shift_px: Annotated[float, expert("largest shift of a match by its slope, px", 0, 100)] = 2.0
     # Chosen by hand. An exposure cut to a quarter leaves no corner above a fixed limit.
-    dim_fraction: Annotated[float, expert("share of the strongest response that always makes a corner", 0, 1)] = (
-        0.02
-    )
+    dim_fraction: Annotated[float, expert("share of the strongest response that is always a corner", 0, 1)] = 0.02
     peak_part: Annotated[int, expert("a corner is the strongest within the least distance over this", 1, 1000)] = 3
     # A cell has room for one corner at least.
     cell_distances: Annotated[float, expert("least edge of a cell, distances of corners", 0, 1000)] = 2.0
@@ -82,27 +72,20 @@ class TemplateRules(Section, frozen=True, kw_only=True):
     # Chosen by hand: no exposure changes more within a track.
     max_gain: Annotated[float, expert("largest factor between grey values now and then, either way", 1, 1e6)] = 10.0
     # Chosen by hand: at less the image shows something else.
-    min_explained: Annotated[
-        float, expert("least share of the image's variance that a template explains", 0, 1)
-    ] = 0.5
+    min_explained: Annotated[float, expert("least share of image variance that a template explains", 0, 1)] = 0.5
     # Steps of automatic exposure are larger.
     same_level: Annotated[float, expert("change of grey levels below which exposure is the same", 0, 1e8)] = 0.05
     # Light on one patch alone changes by a fifth.
     same_exposure: Annotated[float, expert("difference of the logarithms of gains of one light", 0, 100)] = 0.18
     # So many do not agree by chance.
-    exposure_views: Annotated[
-        int, expert("least views that show a change of exposure, or another light", 1, 10_000)
-    ] = 12
+    exposure_views: Annotated[int, expert("least views that show another exposure or light", 1, 10_000)] = 12
     exposures: Annotated[int, expert("most lights that the templates of a frame are in", 1, 100)] = 3
-    # σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification tables leave even in a perfect
-    # match.
+    # σ₀ of eq. (15), chosen by hand: the error that interpolation and rectification leave even in a perfect match.
     std_floor_px: Annotated[float, expert("least σ of a position, px", 0, 10)] = 0.03
     # Rounding to whole grey values alone leaves 0.4 between two images.
     least_error_grey: Annotated[float, expert("least σ of a grey difference", 1e-3, 255)] = 0.5
     # The covariance of such a side is large, so that it counts for nothing.
-    unknown_error_grey: Annotated[
-        float, expert("σ of the grey differences of a side that is not found", 1, 1e6)
-    ] = 255.0
+    unknown_error_grey: Annotated[float, expert("σ of grey differences of a side that is missing", 1, 1e6)] = 255.0
     # Along an edge the σ of a position stays within 32 times the σ across it.
     edge_damping: Annotated[float, expert("damping of a gradient matrix, share of its trace", 0, 1)] = 1e-3
     # Below it the patch has grown by more than √5 and shows detail that the template lacks.

@@ -6,8 +6,6 @@ alone (`tools/ablation.py`).
 
 from typing import Annotated
 
-from msgspec import Meta
-
 from .inertia_rules import InertiaRules
 from .point_rules import PointRules, TemplateRules
 from .section import Section, expert
@@ -17,9 +15,7 @@ class MotionRules(Section, frozen=True, kw_only=True):
     """Which motion is the camera's, and what the history of a track counts."""
 
     # After a sudden blur of 5 px 14 of 196 agreed, by chance, with a motion that was off by 7 cm.
-    min_agreement: Annotated[float, expert("least share of the votes in view that agree with a motion", 0, 1)] = (
-        0.15
-    )
+    min_agreement: Annotated[float, expert("least share of votes in view that agree with a motion", 0, 1)] = 0.15
     # A camera rarely accelerates by more.
     jump_sigmas: Annotated[float, expert("a motion jumps beyond so many σ of the acceleration", 0.1, 1000)] = 4.0
     # Views that return do so within a second; after that too much has changed for flow.
@@ -30,8 +26,7 @@ class MotionRules(Section, frozen=True, kw_only=True):
     full_history: Annotated[int, expert("frames of agreement beyond which history no longer counts", 1, 1000)] = 10
     # A body that enters the view is outvoted, but not for ever, once it is all that is left in most of the image.
     first_vote: Annotated[float, expert("vote of a track that never agreed, share of the largest", 1e-3, 1e6)] = 0.1
-    # A tenth forgets depths that a wrong motion has carried along. With less recovery is slower, with more earlier
-    # views are wasted.
+    # A tenth forgets depths that a wrong motion carried along. Less is slower to recover, more wastes earlier views.
     forgetting: Annotated[float, expert("growth per frame of the variance of inverse depth", 1, 10)] = 1.1
     # With 1, 41 frames of KITTI 06 are degraded.
     slides_most: Annotated[float, expert("multiple of the template drift that a track survives", 0, 100)] = 2.0
@@ -45,16 +40,10 @@ class MotionRules(Section, frozen=True, kw_only=True):
     ambiguity_lasts: Annotated[float, expert("how long an ambiguity lasts, times as long as it has", 0, 1000)] = 1.0
     # Fewer agree by chance.
     hidden_views: Annotated[int, expert("new tracks of a body that hides the background, at least", 2, 10**9)] = 12
-    one_body: Annotated[
-        bool, Meta(description="refuse motions between those of two bodies", extra={"expert": True})
-    ] = True
-    poor_frames: Annotated[
-        bool, Meta(description="where most views fit badly, give all of them more noise", extra={"expert": True})
-    ] = True
+    one_body: Annotated[bool, expert("refuse motions between those of two bodies")] = True
+    poor_frames: Annotated[bool, expert("where most views fit badly, give all of them more noise")] = True
     # A jump that was a body's says nothing of the camera.
-    most_unsteady: Annotated[float, expert("largest change that counts, mean squares of earlier ones", 1, 1e6)] = (
-        9.0
-    )
+    most_unsteady: Annotated[float, expert("largest change counted, mean squares of earlier ones", 1, 1e6)] = 9.0
     # Squared distances of six unknowns: 6 on average.
     inertial_near: Annotated[float, expert("squared distance to inertia of a camera's motion", 0, 1e6)] = 20.0
     # Odds of 1800.
@@ -102,9 +91,7 @@ class FlowRules(Section, frozen=True, kw_only=True):
     """Optical flow, and the rough motion that it shows."""
 
     # A guess on the large side.
-    std_px: Annotated[float, expert("σ of a position by flow, for the gate of the rough motion, px", 0.01, 50)] = (
-        0.5
-    )
+    std_px: Annotated[float, expert("σ of a position by flow, for gating the rough motion, px", 0.01, 50)] = 0.5
     # Below, the next attempt is made, and then the best of all is taken.
     enough: Annotated[float, expert("share of the votes found that ends the search for a motion", 0, 1)] = 0.4
     # Windows of 15 px then cover an eighth as many image widths, and a motion of a third of the image is reached.
@@ -122,9 +109,7 @@ class FlowRules(Section, frozen=True, kw_only=True):
     # columns 27 -> 19 ms, together with other savings.
     coarse_columns: Annotated[int, expert("columns of the coarse images, at most", 64, 100_000)] = 800
     # What is larger is light and shade.
-    local_px: Annotated[
-        float, expert("σ of the Gaussian that flow at a quarter of the size takes out, px", 1, 1000)
-    ] = 10.0
+    local_px: Annotated[float, expert("σ of the Gaussian taken out of quarter-size images, px", 1, 1000)] = 10.0
     # A blotch of one grey value is as strong as texture usually is then.
     contrast: Annotated[float, expert("factor on what is left in these images", 0.1, 255)] = 12.0
     # Of the quarter image, where 21 px are half an image then.
@@ -137,8 +122,7 @@ class FlowRules(Section, frozen=True, kw_only=True):
 class PairRules(Section, frozen=True, kw_only=True):
     """Whether left and right image, and the calibration, fit each other."""
 
-    # Sample logs have 0.64 and more, at the end of a bare corridor less; with one camera stopped, exchanged or turned
-    # it is below 0.3.
+    # Sample logs have 0.64 or more, the end of a bare corridor less; a stopped, exchanged or turned camera below 0.3.
     fit: Annotated[float, expert("share of the points agreeing on the left that agree on the right", 0, 1)] = 0.5
     # As many as no body has by chance.
     fewest_old: Annotated[int, expert("points from before a problem that end it, at least", 1, 2000)] = 8
@@ -243,9 +227,7 @@ class ErrorRules(Section, frozen=True, kw_only=True):
     # Beyond, it may be a wrong match.
     most_row_sigmas: Annotated[float, expert("largest row difference of a view that counts, σ", 0.1, 1000)] = 3.0
     # By then information grows at a steady rate.
-    oldest_views: Annotated[
-        int, expert("views of a track beyond which their number no longer counts", 2, 10_000)
-    ] = 60
+    oldest_views: Annotated[int, expert("views of a track beyond which more count as the same", 2, 10_000)] = 60
     # Images have noise.
     least_white: Annotated[float, expert("least share of white noise", 1e-3, 1)] = 0.05
     # What is less is white.
@@ -254,9 +236,7 @@ class ErrorRules(Section, frozen=True, kw_only=True):
     most_decay: Annotated[float, expert("largest decay of the lasting part", 0.01, 0.999)] = 0.98
     # σ₀ of eq. (18), of a patch whose halves agree. Measured on two rendered logs: with it the median error of local
     # structure is 0.5 and 1.6 times its σ, without it 2.6 and 2.8 times.
-    std_shared_px: Annotated[float, expert("σ of the disparity error that all views of a point share", 0, 10)] = (
-        0.04
-    )
+    std_shared_px: Annotated[float, expert("σ of the disparity error that a point's views share", 0, 10)] = 0.04
     # s of eq. (17). Measured where poses and depths are exact, by `python -m tools.track_errors`: a tenth to two
     # tenths, along the line of sight as across it.
     slide: Annotated[float, expert("share of a patch's change by which its position slides", 0, 10)] = 0.1
@@ -281,9 +261,7 @@ class MonoRules(Section, frozen=True, kw_only=True):
     # One good ray in 2 000 is lost.
     gate_sigmas: Annotated[float, expert("σ that a ray may be off its epipolar line", 0.1, 1000)] = 3.5
     # OpenCV's default is 0.999.
-    ransac_confidence: Annotated[
-        float, expert("probability that one draw of RANSAC has no outliers", 0.5, 0.999999)
-    ] = 0.9999
+    ransac_confidence: Annotated[float, expert("probability of a clean RANSAC draw", 0.5, 0.999999)] = 0.9999
     # The usual width is 1.3, but RANSAC has taken the outliers out already.
     huber_sigmas: Annotated[float, expert("width of Huber's loss, σ", 0.1, 1000)] = 2.0
     # A map begins when these hold; with stricter limits it begins later, with looser ones its first depths are worse.
@@ -338,9 +316,7 @@ class SmearRules(Section, frozen=True, kw_only=True):
     std_px2: Annotated[float, expert("σ of the smear of a patch beside its noise, px²", 1e-4, 1e6)] = 0.05
     remembered: Annotated[int, expert("frames that are judged together", 1, 10_000)] = 20
     # Each costs some 2 ms.
-    every: Annotated[
-        int, expert("frames from one that is looked at to the next, after the first ones", 1, 10_000)
-    ] = 16
+    every: Annotated[int, expert("frames from one examined to the next, after the first ones", 1, 10_000)] = 16
     lasting_frames: Annotated[int, expert("frames that a suspicion lasts", 1, 10_000)] = 100
     # Sound logs, real and rendered, have at most 0.75 σ, most of them less than none.
     variance: Annotated[float, expert("least smear beyond a shutter's, frames²", 0, 1e6)] = 0.03
@@ -362,9 +338,7 @@ class StillRules(Section, frozen=True, kw_only=True):
     # what is far, in a camera that hardly turns.
     apart_frames: Annotated[int, expert("frames back to an earlier image that edges are compared with", 1, 100)] = 4
     # With fewer edges moving the camera stands, and what is drawn does not show.
-    moving: Annotated[
-        float, expert("share of edges that change by a step, in a frame that says anything", 0, 1)
-    ] = 0.2
+    moving: Annotated[float, expert("share of edges that must change for a frame to be judged", 0, 1)] = 0.2
     remembered: Annotated[int, expert("frames that are judged together", 1, 10_000)] = 10
     fewest: Annotated[int, expert("edges that it takes to say anything", 1, 10**9)] = 500
     # Sound logs, rendered and real, have up to 0.0033; overlays that lead estimates astray have from 0.02 on.
@@ -375,17 +349,13 @@ class FieldRules(Section, frozen=True, kw_only=True):
     """Whether rows are of two moments in turn."""
 
     # Sound logs, real and rendered, have at most 0.03 in both images; interlaced ones that move 0.04 to 6.
-    combed: Annotated[float, expert("least excess of odd differences, share of that of two rows apart", 0, 100)] = (
-        0.06
-    )
+    combed: Annotated[float, expert("excess of odd differences, share of those two rows apart", 0, 100)] = 0.06
     stride: Annotated[int, expert("lines from one that is looked at to the next", 1, 1000)] = 2
     bands: Annotated[int, expert("bands of rows that are judged apart", 3, 1000)] = 10
     # A line that is drawn across the image is in one or two.
     bands_left_out: Annotated[int, expert("bands with the largest excess, which do not count", 1, 2)] = 2
     # Images without texture have less.
-    least_grey2: Annotated[
-        float, expert("least difference of two rows that counts, grey values squared", 1e-3, 1e6)
-    ] = 1.0
+    least_grey2: Annotated[float, expert("least row difference that counts, grey values squared", 1e-3, 1e6)] = 1.0
     # Each costs a fifth of a millisecond.
     every: Annotated[int, expert("frames from one that is looked at to the next", 1, 10_000)] = 4
     # What stands is not combed.

@@ -15,7 +15,7 @@ def number(description: str, least: float, most: float) -> Meta:
     return Meta(description=description, ge=least, le=most)
 
 
-def expert(description: str, least: float, most: float) -> Meta:
+def expert(description: str, least: float | None = None, most: float | None = None) -> Meta:
     """The same of a setting that few runs need, which is printed in a section such as [expert.frontend]."""
     return Meta(description=description, ge=least, le=most, extra={"expert": True})
 

@@ -21,19 +21,12 @@ class FrontendConfig(Section, frozen=True, kw_only=True):
     # Chosen by hand: cost grows with the number; 240 instead of 200 gains little accuracy on our logs.
     max_tracks: Annotated[int, number("most points tracked at the same time", 20, 2000)] = 200
     # Chosen by hand: less means a search for corners in more frames, more leaves parts of the view without points.
-    renew_fraction: Annotated[float, expert("start new tracks once this share of max_tracks is missing", 0, 1)] = (
-        0.05
-    )
+    renew_fraction: Annotated[float, expert("start tracks once this share of max_tracks is missing", 0, 1)] = 0.05
     # Chosen by hand: patches overlap by half at most, so that their errors differ.
-    min_corner_distance_px: Annotated[float, expert("least distance of a new corner from all points", 2, 200)] = (
-        12.0
-    )
+    min_corner_distance_px: Annotated[float, expert("least distance of a new corner from any point", 2, 200)] = 12.0
     # Chosen by hand: lower means points in weak texture, whose covariance is large. Dark images are given a lower one.
-    min_corner_response: Annotated[
-        float, expert("least eigenvalue of a corner's gradients, as OpenCV", 1e-8, 1)
-    ] = 2e-4
-    # Measured, together with templates anchored in the first frame of a point: aligned ATE of a rendered log, by full
-    # batch adjustment, 35 mm -> 2.3 mm.
+    min_corner_response: Annotated[float, expert("least eigenvalue of corner gradients, as OpenCV", 1e-8, 1)] = 2e-4
+    # Measured, with templates anchored in a point's first frame: aligned ATE of a render, by batch, 35 mm -> 2.3 mm.
     smoothing_px: Annotated[float, expert("σ of the Gaussian that smooths images first, pixels", 0, 5)] = 1.0
     # Chosen by hand: more pixels are less noise, but more of them across a depth edge. Radii nearby do as well.
     window_radius_px: Annotated[int, expert("half width of the tracked patch, pixels", 3, 30)] = 10
@@ -60,9 +53,7 @@ class WindowConfig(Section, frozen=True, kw_only=True):
     # Measured on simulated and real views: a step leaves less than a ten-thousandth of the decrease it promised. After
     # one that promised this much, a standard deviation at most is left, all variables together; the next frame goes on
     # from there. A tenth of it changes the figures of eight logs in the third digit, and takes 8 % more time.
-    converged: Annotated[
-        float, expert("decrease of the sum of squares that a step promises, σ², and that ends them", 1e-6, 1e12)
-    ] = 1e4
+    converged: Annotated[float, expert("promised decrease of the squares that ends them, σ²", 1e-6, 1e12)] = 1e4
     # Rendered images make it 0.017 px at the most, real ones more within four frames; all that has to do with the rig
     # is done for 20 errors instead of a hundred.
     least_field_px: Annotated[float, expert("σ of the field beyond which a rig has one, px", 0, 100)] = 0.02
@@ -80,9 +71,7 @@ class WindowConfig(Section, frozen=True, kw_only=True):
     halves_memory: Annotated[float, expert("frames from which is known how long errors last", 1, 1e6)] = 25.0
     # Neighbouring windows have most of their views in common.
     halves_every: Annotated[int, expert("frames from one that is looked at to the next, then", 1, 10_000)] = 4
-    halves_guess: Annotated[float, expert("frames that the first guess counts for: errors do not last", 0, 1e6)] = (
-        2.5
-    )
+    halves_guess: Annotated[float, expert("weight of the first guess (errors do not last), frames", 0, 1e6)] = 2.5
     halves_least: Annotated[float, expert("least share of the tracks that makes a half", 0, 0.5)] = 0.125
     # A body that moves in one half is not an error that lasts. Gaussian errors are beyond it in one frame of 10¹⁰.
     halves_most: Annotated[float, expert("most that one frame counts, means so far", 1, 1e8)] = 10.0
@@ -92,9 +81,7 @@ class WindowConfig(Section, frozen=True, kw_only=True):
         float, expert("share of the variance of turns that sliding patches feign, in motions of the window", 0, 1)
     ] = 0.1
     # The tracks of some hundred frames: how much tracks differ is a property of cameras and scene, too.
-    tracks_memory: Annotated[float, expert("tracks from which is known how much their noise differs", 1, 1e9)] = (
-        20_000.0
-    )
+    tracks_memory: Annotated[float, expert("tracks that show how much their noise differs", 1, 1e9)] = 20_000.0
     tracks_guess: Annotated[float, expert("tracks that the first guess counts for: all are alike", 1, 1e9)] = 300.0
     # What is left of things that move is not noise.
     tracks_most: Annotated[float, expert("most that one track counts, means so far", 1, 1e8)] = 4.0
@@ -103,37 +90,26 @@ class WindowConfig(Section, frozen=True, kw_only=True):
 class RobustConfig(Section, frozen=True, kw_only=True):
     """Outliers and lost frames, for every estimator."""
 
-    gate_probability: Annotated[
-        float, expert("share of good views that the χ² gate keeps", 0.5, 0.999999999999)
-    ] = 0.999
+    gate_probability: Annotated[float, expert("share of good views the χ² gate keeps", 0.5, 0.999999999999)] = 0.999
     # The search costs a few ms. Calm frames of the sample logs accept more than 0.85. (Where all squared residuals are
     # twice too large 0.94 are accepted, where they are four times too large 0.67.)
     calm_share: Annotated[float, expert("share of the votes below which all motions are searched", 0, 1)] = 0.8
-    # A drone that is shaken has squared residuals of up to 3.3 times the expected size, and 12 ms of a frame's 30 were
-    # spent on searches that found nothing.
-    calm_spread: Annotated[
-        float, expert("squared residuals that call for no search, times the expected", 1, 1e6)
-    ] = 4.0
-    # Bodies that pass in a room have up to 0.05 on the sample logs, and up to 0.09 where they are there before anything
-    # has a history.
-    ambiguous_share: Annotated[float, expert("odds from which a second motion may be the camera's", 1e-6, 1e6)] = (
-        0.1
-    )
+    # A shaken drone has squared residuals of up to 3.3 times the expected, and spent 12 of 30 ms on futile searches.
+    calm_spread: Annotated[float, expert("squared residuals that need no search, times the expected", 1, 1e6)] = 4.0
+    # Bodies that pass in a room have up to 0.05 on the sample logs, and up to 0.09 before anything has a history.
+    ambiguous_share: Annotated[float, expert("odds at which a second motion may be the camera's", 1e-6, 1e6)] = 0.1
     # Views that are clearly not of the first motion.
     beyond_gates: Annotated[float, expert("squared residual of views of a second motion, gates", 1, 1000)] = 2.0
     # Two determine a motion; six more do not agree with it by chance.
     second_views: Annotated[int, expert("views that make a second motion, at least", 3, 1_000_000)] = 8
-    # 6 expected. Frames that a body leads have 13 to 140. So have some of a sample log whose calibration errs, but no
-    # motion there leaves views out.
+    # 6 expected. Frames led by a body have 13 to 140. So have some with a wrong calibration, but none leaves views out.
     halves_apart: Annotated[float, expert("squared distance of motions by halves of the views, σ²", 0, 1e8)] = 12.0
     # Errors that all views of a half share, of calibration above all.
     shared_noise: Annotated[float, expert("share of a view's variance that all views of a half share", 0, 1)] = 0.01
     # Bodies have 0.05 to 0.3, halves of a drone's last frames 1.
     max_odds: Annotated[float, expert("odds of what the motion of one rigid scene leaves out", 0, 1e6)] = 0.5
     # It is a little wider than later while the motion moves fast, so that fewer good views are lost.
-    first_half_weight: Annotated[
-        float, expert("squared residual of half weight in the first steps, times the expected", 0.1, 1e6)
-    ] = 6.0
+    first_half_weight: Annotated[float, expert("first residual² of half weight, times expected", 0.1, 1e6)] = 6.0
     wide_steps: Annotated[int, expert("steps with that weight", 1, 100)] = 3
     robust_steps: Annotated[int, expert("steps with robust weights, at most", 1, 100)] = 9
     final_steps: Annotated[int, expert("steps of the final least squares, at most", 1, 100)] = 4
@@ -144,29 +120,22 @@ class RobustConfig(Section, frozen=True, kw_only=True):
     # This is a tenth of a standard deviation.
     final_converged: Annotated[float, expert("squared step, σ², that ends the final ones", 1e-12, 1e6)] = 1e-2
     # With residuals so close to their expected size the first step may be the last.
-    settled_spread: Annotated[
-        float, expert("squared residuals that need few robust steps, times the expected", 1, 1e6)
-    ] = 2.0
+    settled_spread: Annotated[float, expert("squared residuals, times expected, that need few steps", 1, 1e6)] = 2.0
     # Views further off belong to something else and say nothing of the noise.
     spread_gates: Annotated[float, expert("gates within which views tell the noise", 1, 1e6)] = 10.0
     # Closed form: with 60 % outliers none is clean by (1 - 0.4³)²⁵⁶ < 1e-7, with one side by (1 - 0.4⁴)²⁵⁶ = 0.0013.
     samples: Annotated[int, expert("random samples of a search for a motion, at most", 1, 10_000)] = 256
     # Noise makes some of them useless.
-    clean_samples: Annotated[
-        int, expert("samples without outliers, on average, where it is known how many views agree", 1, 10_000)
-    ] = 20
+    clean_samples: Annotated[int, expert("mean outlier-free samples where inliers are counted", 1, 10_000)] = 20
     # A fifth step from a rough beginning changes nothing that the ranking sees.
     sample_steps: Annotated[int, expert("Gauss-Newton steps from a sample", 1, 100)] = 4
     # Few noisy views fix a motion only roughly, so the order of the samples is rough.
     refined: Annotated[int, expert("best samples that are refined by all views", 1, 1000)] = 12
     # The first ones are the neighbourhood of a rough motion, the later ones its own views.
-    first_refining_gates: Annotated[float, expert("gates within which views refine a sample at first", 1, 1e6)] = (
-        16.0
-    )
+    first_refining_gates: Annotated[float, expert("gates within which views first refine a sample", 1, 1e6)] = 16.0
     refining_gates: Annotated[float, expert("gates within which they refine it then", 1, 1e6)] = 4.0
     refining_steps: Annotated[int, expert("Gauss-Newton steps with either", 1, 100)] = 2
-    # The extent decides where history does not: it makes a factor of 0.56 at the least, as a background may be seen
-    # through a gap between bodies.
+    # The extent decides where history does not: by a factor of 0.56 at least, as a background may show through a gap.
     extent_power: Annotated[float, expert("power of the extent of the views in a motion's support", 0, 10)] = 0.25
     min_extent: Annotated[float, expert("least extent, share of the image", 1e-6, 1)] = 0.1
     # A hundred tracks distinguish about as many places.
@@ -176,29 +145,20 @@ class RobustConfig(Section, frozen=True, kw_only=True):
     # Below it, what agrees may not be the background.
     degraded_share: Annotated[float, expert("a frame whose motion has less of the votes is degraded", 0, 1)] = 0.5
     # Where three standard deviations stand for one, covariances mean little.
-    degraded_spread: Annotated[
-        float, expert("squared residuals beyond which a frame is degraded, times the expected", 1, 1e8)
-    ] = 9.0
+    degraded_spread: Annotated[float, expert("squared residuals of a degraded frame, times expected", 1, 1e8)] = 9.0
 
 
 class MotionConfig(Section, frozen=True, kw_only=True):
     """The camera's motion while tracking is lost."""
 
     # A walking start.
-    build_up_s: Annotated[
-        float, expert("time in which the acceleration builds up the σ of an unknown velocity, s", 0, 1000)
-    ] = 1.0
+    build_up_s: Annotated[float, expert("time in which the σ of an unknown velocity builds up, s", 0, 1000)] = 1.0
     # Velocities differ from the last one known by what the acceleration builds up in this time, and by no more later.
-    # A camera that was put elsewhere is as uncertain as after this time without images. Of a car that is 30 m, two
-    # standard deviations.
+    # A camera that was put elsewhere is as uncertain as after this time without images: for a car 30 m, two σ.
     speeds_up_s: Annotated[float, expert("for how long a vehicle speeds up, s", 1e-3, 1000)] = 3.0
 
-    std_acceleration_m_s2: Annotated[
-        float, number("σ of the acceleration while tracking is lost, m/s²", 1e-3, 1e4)
-    ] = 3.0
-    std_angular_acceleration_rad_s2: Annotated[
-        float, number("σ of the angular acceleration, rad/s²", 1e-3, 1e4)
-    ] = 3.0
+    std_acceleration_m_s2: Annotated[float, number("σ of acceleration during tracking loss, m/s²", 1e-3, 1e4)] = 3.0
+    std_angular_acceleration_rad_s2: Annotated[float, number("σ of angular acceleration, rad/s²", 1e-3, 1e4)] = 3.0
 
     @property
     def std_acceleration(self) -> tuple[float, ...]:
@@ -212,15 +172,11 @@ class RigConfig(Section, frozen=True, kw_only=True):
     # For rendered or simulated images, and to compare with an estimate that does not refine the calibration.
     exact: Annotated[bool, Meta(description="take the calibration as exact")] = False
     # Five real rigs are off by 0.05 to 1.1 px per term.
-    std_disparity_px: Annotated[float, expert("σ of each term of the disparity's error at the edge", 1e-3, 10)] = (
-        0.4
-    )
+    std_disparity_px: Annotated[float, expert("σ of each term of the disparity error at the edge", 1e-3, 10)] = 0.4
     # Of five real rigs one is off by 6 to 15 px in the corner, where no point is, the others by up to 5.
     std_lens_px: Annotated[float, expert("σ of each error that both lenses share, in the corner", 1e-3, 50)] = 5.0
     # Of five real rigs three differ by 0.4 to 1.2 px.
-    std_lens_difference_px: Annotated[
-        float, expert("σ of the radial difference of the two lenses, in the corner", 1e-3, 50)
-    ] = 0.5
+    std_lens_difference_px: Annotated[float, expert("σ of radial lens difference, in the corner", 1e-3, 50)] = 0.5
     # Kalibr and OpenCV give a tenth of that on good recordings; autofocus, heat and a wrong resolution do more.
     std_focal: Annotated[float, number("σ of the focal length's error, fraction of it", 1e-6, 0.1)] = 0.003
     # Cameras that are triggered by software are a few milliseconds apart.
@@ -230,15 +186,11 @@ class RigConfig(Section, frozen=True, kw_only=True):
     # An estimator's σ of delay and readout is added to by so much, as velocities are extrapolated in the front-end.
     timing_step: Annotated[float, expert("step of delay and readout per frame, share of their σ", 0, 1)] = 0.01
     # Real rigs give way, and an estimate is of the frames before.
-    disparity_step_px: Annotated[
-        float, expert("step of each term of the disparity's error per frame, px", 0, 10)
-    ] = 0.1
+    disparity_step_px: Annotated[float, expert("step of each disparity error term per frame, px", 0, 10)] = 0.1
     # A mount that warms up or gives way.
     std_turning_rad_s: Annotated[float, expert("σ of the turn rate of the right camera, rad/s", 1e-8, 0.1)] = 5e-4
     # An autofocus moves by a percent or two in a second.
-    std_focusing_per_s: Annotated[
-        float, expert("σ of the relative change of the focal length per second", 1e-8, 0.1)
-    ] = 0.005
+    std_focusing_per_s: Annotated[float, expert("σ of relative focal length change per second", 1e-8, 0.1)] = 0.005
     # A principal point that is off by a pixel, at usual focal lengths.
     std_axes_rad: Annotated[float, expert("σ of the camera's axes, about x and about y", 0, 0.5)] = 0.0015
     # No calibration errs by more: real rigs have 4 to 16, the most one with a radial error of 12 px in the corner.
@@ -253,32 +205,19 @@ class RigConfig(Section, frozen=True, kw_only=True):
     ] = 0.02
     # At most 4 on sound logs, rendered and real; a change by 0.1 % shows as 10 and more.
     refocused: Annotated[float, expert("σ by which a frame shows that its focal length is another", 0.1, 1e8)] = 5.0
-    rested_frames: Annotated[
-        int, expert("frames in a row with one focal length, after which it rests", 3, 10_000)
-    ] = 8
+    rested_frames: Annotated[int, expert("frames with one focal length, after which it rests", 3, 10_000)] = 8
     # Beyond, it is a body that moves, and no zoom.
-    most_refocused: Annotated[float, expert("largest change from frame to frame, σ of std_refocused", 0.1, 1e8)] = (
-        3.0
-    )
+    most_refocused: Annotated[float, expert("largest change between frames, σ of std_refocused", 0.1, 1e8)] = 3.0
     rests: Annotated[float, expert("σ of slope and scatter of a focal length that rests", 0.1, 1e8)] = 3.0
     # Few frames have not shown all errors of a twist.
-    least_twist: Annotated[
-        float, expert("least σ of a twist, share of what accelerations do to it in a frame", 1e-3, 100)
-    ] = 0.1
+    least_twist: Annotated[float, expert("least σ of a twist, share of a frame's acceleration", 1e-3, 100)] = 0.1
     probable_delay: Annotated[float, expert("σ beyond which a delay is probable", 0, 1e8)] = 2.0
     # At 0.2 the focus of an exact camera that looks down on a lawn seems to move, and the run fails: a rendered mower,
     # every frame or every other, ends up to 15 m off instead of 0.03. KITTI would be 3 to 12 % better.
-    odds: Annotated[float, expert("odds that a cause of errors, or an error of inertia, is there", 1e-12, 1e6)] = (
-        0.05
-    )
-    share_alone: Annotated[float, expert("share of wrong calibrations that are wrong in one term only", 0, 1)] = (
-        0.05
-    )
-    # Errors that last, and those of neighbours, make their σ half of what it should be (simulated 1.4, real 1.5 to 4.5
-    # times).
-    counts: Annotated[
-        float, expert("share of the information about errors that counts for these odds", 1e-6, 1)
-    ] = 0.25
+    odds: Annotated[float, expert("prior odds of a cause of errors, or of an inertial error", 1e-12, 1e6)] = 0.05
+    share_alone: Annotated[float, expert("share of wrong calibrations with one wrong term only", 0, 1)] = 0.05
+    # Errors that last, and those of neighbours, make σ too small, by 1.4 (simulated) and by 1.5 to 4.5 times (real).
+    counts: Annotated[float, expert("share of information about errors that counts for the odds", 1e-6, 1)] = 0.25
     # Five real logs with independent truth are 0.1 to 1 % too long or too short, RMS 0.6 %.
     std_baseline: Annotated[float, number("σ of the baseline's error, fraction of it", 0, 0.5)] = 0.006
 
@@ -288,47 +227,28 @@ class ImuConfig(Section, frozen=True, kw_only=True):
 
     enabled: Annotated[bool, Meta(description="use inertial samples where there are any")] = True
     # Kalibr gives a tenth of that; drawings, and tf of robots, half a degree.
-    std_axes_rad: Annotated[float, expert("σ of the unit's rotation against the camera, each axis", 1e-6, 0.5)] = (
-        0.01
-    )
+    std_axes_rad: Annotated[float, expert("σ of the unit's rotation to the camera, each axis", 1e-6, 0.5)] = 0.01
     # Triggered cameras are stamped within a millisecond, others at arrival.
-    std_time_offset_s: Annotated[
-        float, expert("σ of the unit's clock against the camera's, seconds", 1e-6, 0.1)
-    ] = 0.005
+    std_time_offset_s: Annotated[float, expert("σ of the unit's clock against the camera's, s", 1e-6, 0.1)] = 0.005
     # Beyond it a map that begins anew would be elsewhere than the old one for most uses.
-    max_std_m: Annotated[
-        float, expert("largest σ of a position by the samples alone, metres; beyond it: lost", 0, 100)
-    ] = 0.15
+    max_std_m: Annotated[float, expert("largest σ of a position by samples alone, m; beyond: lost", 0, 100)] = 0.15
 
 
 class RosConfig(Section, frozen=True, kw_only=True):
     """Frames and axes in `estimates.mcap`, as ROS names them; nothing else depends on these."""
 
-    world_frame: Annotated[
-        str, Meta(description="the fixed frame in which corrections make the path jump; map in REP 105")
-    ] = "map"
+    world_frame: Annotated[str, Meta(description="the fixed frame in which the path jumps; map in REP 105")] = "map"
     odom_frame: Annotated[str, Meta(description="the fixed frame in which the path never jumps")] = "odom"
     base_frame: Annotated[
-        str,
-        Meta(
-            description="the robot's frame, such as base_link, to report poses of; empty: report those of the camera"
-        ),
+        str, Meta(description="the robot's frame to report poses of, such as base_link; empty: the camera's")
     ] = ""
     camera_frame: Annotated[str, Meta(description="the left camera: x right, y down, z forward")] = "left_camera"
     z_up: Annotated[
         bool,
-        Meta(
-            description="x forward, y left, z up in the fixed frames (REP 103), as always with a base_frame; "
-            "otherwise the axes of the first camera"
-        ),
+        Meta(description="fixed frames have x forward, z up, as with a base_frame; else the first camera's axes"),
     ] = False
     gravity: Annotated[
-        bool,
-        Meta(
-            description="turn the world frame so that z is upwards by inertial samples, with the axes of z_up or of "
-            "base_frame; a replay writes trajectory_gravity.tum, too",
-            extra={"expert": True},
-        ),
+        bool, expert("turn z of the world upwards by inertial samples; a replay adds trajectory_gravity.tum")
     ] = False
     camera_x_m: Annotated[float, number("position of the camera in base_frame: forward, metres", -1e3, 1e3)] = 0.0
     camera_y_m: Annotated[float, number("to the left, metres", -1e3, 1e3)] = 0.0
@@ -368,48 +288,34 @@ class DenseConfig(Section, frozen=True, kw_only=True):
     # OpenCV recommends 3 to 11 for semi-global matching; larger blocks are smoother and lose thin objects.
     block_px: Annotated[int, expert("edge of the matched block, pixels, odd", 3, 21)] = 7
     # OpenCV recommends 5 to 15: the lowest, because the left-right check and the σ reject mismatches as well.
-    uniqueness_percent: Annotated[
-        int, expert("margin by which a match must beat the second best, percent", 0, 50)
-    ] = 5
+    uniqueness_percent: Annotated[int, expert("margin of a match over the second best, percent", 0, 50)] = 5
     # As for the points (`frontend.smoothing_px`): interpolation between pixels is biased in sharper images.
     smoothing_px: Annotated[float, expert("σ of the Gaussian before the sub-pixel step, pixels", 0, 5)] = 1.0
     # Chosen by hand: a larger window averages more noise, but rounds off the edges of objects.
     window_radius_px: Annotated[int, expert("half width of the window of the sub-pixel step, pixels", 2, 30)] = 6
     # Enough for the range of disparities, at a fraction of the cost.
-    search_width_px: Annotated[
-        int, expert("width of the small copy in which the range is sought, about, px", 32, 10_000)
-    ] = 320
+    search_width_px: Annotated[int, expert("approximate width of the range-search copy, px", 32, 10_000)] = 320
     # Rounding, which smoothing hides.
     least_noise_grey: Annotated[float, expert("least σ of a grey value", 1e-3, 255)] = 1.0
     # A pixel beside a depth edge must have texture of its own.
     own_px: Annotated[int, expert("edge of the window in which it must, pixels", 1, 31)] = 5
     # A uniform error of half a pixel has a σ of 0.29.
-    std_start_px: Annotated[float, expert("σ of the disparity that the sub-pixel step starts from", 1e-3, 1000)] = (
-        0.3
-    )
+    std_start_px: Annotated[float, expert("σ of the disparity before the sub-pixel step", 1e-3, 1000)] = 0.3
     # Lens model and interpolation: with it, σ matches the errors of rendered frames (tools/surface_accuracy.py).
     std_bias_px: Annotated[float, expert("σ of the disparity error that all frames share, pixels", 0, 10)] = 0.06
     # Chosen by hand: a less certain disparity may be a mismatch.
     max_std_px: Annotated[float, expert("leave out pixels with a larger σ of disparity", 1e-3, 100)] = 1.0
     # Chosen by hand: beyond it, depth is too uncertain to show a shape.
-    max_relative_std: Annotated[
-        float, expert("leave out pixels with a larger σ of depth, relative to depth", 1e-4, 1)
-    ] = 0.05
+    max_relative_std: Annotated[float, expert("leave out pixels with a larger relative σ of depth", 1e-4, 1)] = 0.05
     # The limit of fusion in human stereo vision (Burt and Julesz 1980); a steeper step is the edge of an object.
     max_disparity_step_px: Annotated[float, expert("largest step between connected pixels", 0.01, 1000)] = 1.0
     voxel_m: Annotated[float, number("voxel size of a fused surface, metres; 0: automatic", 0, 100)] = 0.0
     # About 160 MB; beyond it the edge is doubled, which leaves about a quarter of the voxels of a surface.
-    max_voxels: Annotated[
-        int, expert("most voxels; beyond that number they are made larger", 10_000, 100_000_000)
-    ] = 4_000_000
+    max_voxels: Annotated[int, expert("most voxels; beyond, they are made larger", 10_000, 100_000_000)] = 4_000_000
     # The truncation distance of a fused surface.
-    reach_voxels: Annotated[
-        int, expert("voxels on either side of a surface in which its distance is kept", 1, 16)
-    ] = 2
+    reach_voxels: Annotated[int, expert("voxels on either side of a surface that keep a distance", 1, 16)] = 2
     # Finer ones would not all be hit.
-    voxel_footprints: Annotated[
-        float, expert("edge of an automatic voxel, pixels at the median depth", 0.1, 1000)
-    ] = 2.0
+    voxel_footprints: Annotated[float, expert("edge of automatic voxels, px at the median depth", 0.1, 1000)] = 2.0
     # Distances with a larger σ would be truncated by the reach, and so be biased.
     max_std_voxels: Annotated[float, expert("largest σ of a distance, voxels", 0.01, 1000)] = 3.0
     # Mismatches rarely agree in three frames.

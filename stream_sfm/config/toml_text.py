@@ -36,7 +36,10 @@ def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] 
             raise ConfigError(f"configuration {path} is not TOML: {error}") from None
     for override in overrides:
         _apply(override, data)
-    _merge_expert(data, where)
+    expert = data.pop("expert", {})
+    if not isinstance(expert, dict) or not all(isinstance(section, dict) for section in expert.values()):
+        raise ConfigError(f"configuration{where}: expert holds sections only, such as [expert.frontend]")
+    _merge(expert, data, "", where)
     try:
         return msgspec.convert(data, Config)
     except msgspec.ValidationError as error:
@@ -44,15 +47,8 @@ def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] 
         raise ConfigError(f"configuration{where}: {text}", hint=("config_to_toml",)) from None
 
 
-def _merge_expert(data: dict[str, Any], where: str) -> None:
-    """Move what is in sections such as [expert.frontend] to [frontend], where it may be as well."""
-    expert = data.pop("expert", {})
-    if not isinstance(expert, dict) or not all(isinstance(section, dict) for section in expert.values()):
-        raise ConfigError(f"configuration{where}: expert holds sections only, such as [expert.frontend]")
-    _merge(expert, data, "", where)
-
-
 def _merge(expert: dict[str, Any], data: dict[str, Any], path: str, where: str) -> None:
+    """Add the settings of sections such as [expert.frontend] to [frontend], which may be there as well."""
     for key, value in expert.items():
         known = data.get(key)
         if isinstance(value, dict) and isinstance(known, dict):
@@ -82,9 +78,7 @@ def _apply(override: str, data: dict[str, Any]) -> None:
 
 def setting_names() -> list[str]:
     """Every setting with its section, such as `window.frames`."""
-    return [
-        ".".join(filter(None, (name, key))) for name, section in _sections(Config()) for key in _keys(type(section))
-    ]
+    return [".".join(filter(None, (name, key))) for name, part in _sections(Config()) for key in _keys(type(part))]
 
 
 def config_to_toml(config: Config, expert: bool = True) -> str:

@@ -137,8 +137,7 @@ def _certain(x: Array, var: Array) -> bool:
 def _fitted(by_error: Array, apart: Array) -> tuple[Array, Array]:
     """Return the least-squares errors (m,) of `apart` (n, k) by `by_error` (n, k, m), and their covariance (m, m).
 
-    The covariance is that of leaving out one block each. What nothing is known of, as a turn about the only direction
-    of motion, is 0.
+    The covariance is that of leaving out one block each. What is not known, as a turn about the only motion, is 0.
     """
     blocks = np.array_split(np.arange(len(apart)), SETTINGS.blocks)
     normals = np.stack([np.einsum("nij,nik->jk", by_error[b], by_error[b]) for b in blocks])

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..geometry.se3 import Array
 from ..record import record
-from .relative import Interval, band, relative_errors, span_ratio, spans_for
+from .relative import Interval, band, relative_errors, span_ratio, spans_up_to
 from .settings import SETTINGS
 
 SPANS = (1, 2, 5, 10, 20, 50)  # frames, of the table
@@ -62,7 +62,7 @@ def errors_over(span: int, methods: Mapping[str, Compared]) -> dict[str, Array]:
 
 def curves(methods: Mapping[str, Compared]) -> dict[str, Any]:
     """Return RMS errors over spans from one frame to a quarter of them, with 95 % bands: `frames`, `methods`."""
-    frames = spans_for(max((len(m.truth) for m in methods.values()), default=0))
+    frames = spans_up_to(max((len(m.truth) for m in methods.values()), default=0) // 4)
     found = [errors_over(span, methods) for span in frames]
     result: dict[str, Any] = {"frames": frames, "methods": {}}
     for name in methods:
@@ -101,7 +101,7 @@ def _line(
             if name != reference and name in source and reference in source:
                 ratio = span_ratio(source[name][k], source[reference][k], span)
             of[f"{kind}_rms_{unit}"] = _rms(errors[name][k])
-            of[f"{kind}_over_{_key(reference)}"] = of_interval(ratio)
+            of[f"{kind}_over_{reference}"] = of_interval(ratio)
             of[f"{kind}_from_halves"] = not told[k]
         line["methods"][name] = of
     return line
@@ -136,7 +136,3 @@ def _rounded(interval: Interval) -> list[float | None]:
 
 def _rms(errors: Array) -> float:
     return float(np.sqrt(np.nanmean(errors**2))) if np.isfinite(errors).any() else float("nan")
-
-
-def _key(method: str) -> str:
-    return method.replace("-", "_")

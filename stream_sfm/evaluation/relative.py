@@ -50,9 +50,9 @@ def relative_errors(estimate: Array, truth: Array, span: int) -> tuple[Array, Ar
     return position, rotation
 
 
-def spans_for(frames: int) -> list[int]:
-    """Return the spans for charts, from 1 to a quarter of the frames."""
-    return _spans(frames // 4)
+def spans_up_to(longest: int) -> list[int]:
+    """Return spans from one frame to the longest, evenly spaced in the logarithm."""
+    return sorted({round(s) for s in np.geomspace(1, longest, SETTINGS.most_spans)}) if longest else []
 
 
 def tested_spans(frames: int) -> list[int]:
@@ -60,17 +60,7 @@ def tested_spans(frames: int) -> list[int]:
 
     The longest one fits twice into a block, so that few spans reach from one block into the next.
     """
-    return _spans(frames // (2 * SETTINGS.blocks))
-
-
-def _spans(longest: int) -> list[int]:
-    return sorted({round(s) for s in np.geomspace(1, longest, SETTINGS.most_spans)}) if longest else []
-
-
-def mean_squares(estimate: Array, truth: Array, spans: list[int]) -> tuple[Array, Array]:
-    """Return the mean squared position (m²) and rotation (rad²) errors for each span."""
-    pairs = [relative_errors(estimate, truth, s) for s in spans]
-    return np.array([np.nanmean(p**2) for p, _ in pairs]), np.array([np.nanmean(r**2) for _, r in pairs])
+    return spans_up_to(frames // (2 * SETTINGS.blocks))
 
 
 def band(errors: Array) -> Interval:
@@ -161,20 +151,15 @@ def _in_blocks(squares: Array, span: int, edges: NDArray[np.intp]) -> Array:
     return np.array([np.nansum(squares[first : last - span + 1]) for first, last in pairwise(edges)])
 
 
-def _exchanges(blocks: int) -> Array:
-    """Which blocks are exchanged (blocks, exchanges): none at first, and never the last, as only the size of a ratio
-    counts."""
-    return (np.arange(2 ** (blocks - 1)) >> np.arange(blocks)[:, None] & 1).astype(float)
-
-
 def _exchange_ratio(mine: Array, theirs: Array, confidence: float) -> Interval:
     """Return the ratio of RMS errors from their squares (spans, blocks), with the interval of an exchange test.
 
     If the methods were equal but for a factor, each block of one could be exchanged with that of the other, however
-    large the errors in it. The interval contains the factors for which the observed ratio is not among the most extreme
-    of all exchanges.
+    large the errors in it. The interval contains the factors for which the observed ratio is not extreme among them.
     """
-    exchanges = _exchanges(mine.shape[1])
+    blocks = mine.shape[1]
+    # Which blocks are exchanged (blocks, exchanges): none at first, never the last, as only the size of a ratio counts.
+    exchanges = (np.arange(2 ** (blocks - 1)) >> np.arange(blocks)[:, None] & 1).astype(float)
     kept, swapped = (np.stack([mine, theirs]) @ swaps for swaps in (1.0 - exchanges, exchanges))
     value = 0.5 * float(np.mean(np.log(kept[0, :, 0] / kept[1, :, 0])))
 

@@ -45,8 +45,7 @@ def structure_errors(
 ) -> StructureErrors:
     """Compare points (n, 3) with covariances (n, 3, 3) with a depth image (h, w), NaN where unknown.
 
-    Depth is measured along the optical axis. Points outside the image, at depth edges, or without known depth around
-    them are left out.
+    Depth is along the optical axis. Points outside the image, at depth edges or without depth around them are left out.
     """
     front = points_in_cam[:, 2] > MIN_DEPTH
     points, cov = points_in_cam[front], cov_points[front]

@@ -131,14 +131,9 @@ def matched_corners(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Corner
     left_px = np.array([left_keys[m.queryIdx].pt for m in found], np.float32)
     coarse_px = np.array([right_keys[m.trainIdx].pt for m in found], np.float32)
     # Corners are whole pixels of their scale; the patch around them is located to a tenth of a pixel.
+    size_px, begins_there = _RULES.window_px, cv2.OPTFLOW_USE_INITIAL_FLOW
     fine_px, found_again, _ = cv2.calcOpticalFlowPyrLK(
-        left,
-        right,
-        left_px,
-        coarse_px.copy(),
-        winSize=_RULES.window_px,
-        maxLevel=1,
-        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        left, right, left_px, coarse_px.copy(), winSize=size_px, maxLevel=1, flags=begins_there
     )
     good = (found_again[:, 0] == 1) & (np.abs(fine_px - coarse_px).max(axis=1) < _RULES.max_refinement_px)
     return left_px[good].astype(float), fine_px[good].astype(float)
@@ -199,7 +194,13 @@ def calibration_findings(
         swapped = check_calibration(rig, [(right, left) for left, right in corners])
     if (problem := _side_problem(rig, check, swapped, choice)) is not None:
         return [problem], []
-    problems, warnings = _row_findings(check, is_followed)
+    problems, warnings = [], []
+    if not np.isfinite(check.vertical_px):
+        few = f"only {check.matches} corners match left to right"
+        warnings.append(f"the calibration could not be checked: {few}")
+    elif check.rows_problem and not is_followed():
+        cure = f"If they are rectified already, name their topics image_rect; otherwise {REMEDY}"
+        problems.append(f"{check.rows_problem} {cure}")
     if check.negative_share > _RULES.negative_share:  # too few for cameras that are swapped
         warnings.append(
             f"{100 * check.negative_share:.0f} % of the matches have negative disparity, as if they lay beyond "
@@ -312,14 +313,3 @@ def _side_problem(
             "topics"
         )
     return None
-
-
-def _row_findings(check: CalibrationCheck, is_followed: Callable[[], bool]) -> Findings:
-    """Report matches that do not lie on one row."""
-    if not np.isfinite(check.vertical_px):
-        return [], [f"the calibration could not be checked: only {check.matches} corners match left to right"]
-    if not check.rows_problem or is_followed():
-        return [], []
-    return [
-        f"{check.rows_problem} If they are rectified already, name their topics image_rect; otherwise {REMEDY}"
-    ], []

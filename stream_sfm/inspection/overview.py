@@ -57,8 +57,7 @@ def inspect_log(
     """Describe a log, ready for JSON. The arguments are those of `open_log`.
 
     `problems` lists what prevents a replay, each with its remedy; `warnings` what makes it worse. Keys whose content
-    could not be found out are None. Raises LogError only where the path is not a recording at all, ConfigError for a
-    calibration file.
+    could not be found out are None. Raises LogError only where the path is no recording, ConfigError for a calibration.
     """
     inspection = _Inspection(open_source(path, calibration is not None, rate_hz))
     inspection.run(left, right, calibration)

@@ -65,8 +65,7 @@ class PoseGraph:
 
     Of the nodes (n), in the order they came: their `numbers`, ascending; `segments`, and `homes`, those in whose worlds
     they are; world from camera, `poses` (n, 4, 4). `links`: odometry between nodes, by their numbers. `shared`: factor
-    on the variance of loops, where several of them have the same errors. Raises ConfigError where GTSAM is not
-    installed.
+    on the variance of loops, where several of them have the same errors. Raises ConfigError where GTSAM is missing.
     """
 
     def __init__(self, shared: float = 1.0) -> None:
@@ -199,8 +198,7 @@ class PoseGraph:
         return Motion(motion, cov) if np.isfinite(cov).all() else None
 
     def _to(self, rows: NDArray[np.intp], to: int) -> tuple[Array, Array]:
-        """Of the motions from nodes to another one of their segment by odometry alone: own covariances (k, 6, 6), and
-        Jacobians (k, 6, m) by the common errors."""
+        """Own covariances (k, 6, 6) of odometry from nodes to one of their segment, and Jacobians (k, 6, m) by c."""
         motion = se3.inverse(self.poses[rows]) @ self.poses[to]
         turn = se3.adjoint(se3.inverse(motion))
         jacobian = self._jacobian[to] - turn @ self._jacobian[rows]
@@ -253,15 +251,11 @@ class PoseGraph:
         self._solved_with = self._mean, np.sqrt(self._cov_common.diagonal())
         self._update()
 
-    @property
-    def _is_outdated(self) -> bool:
-        """Whether the solver has motions as they were before more was known of the common errors."""
-        mean, std = self._solved_with
-        return len(mean) != len(self._mean) or bool((np.abs(self._mean - mean) > _OUTDATED * std).any())
-
     def _update(self) -> None:
         """Give iSAM2 what is new since the last call, and take its poses."""
-        if self._isam is None or (self._solved and self._is_outdated):
+        mean, std = self._solved_with
+        outdated = len(mean) != len(self._mean) or (np.abs(self._mean - mean) > _OUTDATED * std).any()
+        if self._isam is None or (self._solved and outdated):
             self.solve()
             return
         factors, values, _ = self._problem(self._solved, self._asked)

@@ -6,6 +6,7 @@ error of a loop is 13.6 mm after PnP, 6.8 mm with patches that are not warped, 2
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -63,9 +64,8 @@ class Verifier:
         far = np.linalg.norm(motion[:3, 3]) > SETTINGS.max_offset_depths * old.depth_m
         if far or np.linalg.norm(se3.log_so3(motion[:3, :3])) > SETTINGS.max_angle_rad:
             return None
-        return Motion(
-            motion, found.cov_pose * max(1.0, found.chi2 / max(found.dof, 1), _halves_apart(views, found))
-        )
+        factor = max(1.0, found.chi2 / max(found.dof, 1), _halves_apart(views, found))
+        return Motion(motion, found.cov_pose * factor)
 
     def _rough(self, old: Keyframe, new: Keyframe) -> Array | None:
         """New camera from old one, by PnP of features that match."""
@@ -74,15 +74,9 @@ class Verifier:
             return None
         points = old.feature_points[pairs[:, 0]].astype(float)
         px = new.feature_px[pairs[:, 1]].astype(float)
+        limits: dict[str, Any] = {"iterationsCount": 200, "reprojectionError": 3.0, "confidence": 0.999}
         ok, rotation, translation, inliers = cv2.solvePnPRansac(
-            points,
-            px,
-            self._matrix,
-            None,
-            iterationsCount=200,
-            reprojectionError=3.0,
-            confidence=0.999,
-            flags=cv2.SOLVEPNP_AP3P,
+            points, px, self._matrix, None, **limits, flags=cv2.SOLVEPNP_AP3P
         )
         if not ok or inliers is None or len(inliers) < SETTINGS.min_views:
             return None

@@ -1,4 +1,4 @@
-"""The charts of the pages, from records of runs and their traces against ground truth."""
+"""The charts of the pages, from records of runs and their traces against ground truth, and pictures of masks."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
@@ -7,6 +7,8 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from ..camera.masks import Mask
+from ..camera.rig import MonoRig, StereoRig
 from ..evaluation.association import matched
 from ..evaluation.drift import KINDS
 from ..evaluation.figures import NEES_INTERVAL, LengthUnit
@@ -19,6 +21,8 @@ from ..types import Trajectory
 from .records import NO_LOOPS, FrontRecord, RunRecord
 from .svg import Chart, Row, Series, draw, intervals, lifetimes
 from .tables import Look, Looks, of_method
+
+_CELLS = 64  # of the picture of a mask in a row; smaller parts are not seen on a page
 
 
 @record
@@ -48,15 +52,8 @@ def _trace_of(estimate: Trajectory, truth: Trajectory) -> Trace | None:
     nees = np.full(len(rows), np.nan)
     if estimate.cov_pose is not None and rows[0] == 0:
         nees = nees_pose(e, estimate.cov_pose[rows], t)
-    return Trace(
-        rows,
-        distances_m(t),
-        e,
-        t,
-        np.linalg.norm(e[:, :3, 3] - t[:, :3, 3], axis=1),
-        np.degrees(np.linalg.norm(xi[:, 3:], axis=1)),
-        nees,
-    )
+    position_m, rotation_rad = np.linalg.norm(e[:, :3, 3] - t[:, :3, 3], axis=1), np.linalg.norm(xi[:, 3:], axis=1)
+    return Trace(rows, distances_m(t), e, t, position_m, np.degrees(rotation_rad), nees)
 
 
 Traces = dict[str, Trace]
@@ -97,20 +94,15 @@ def _of_traces(
     return series
 
 
-def errors(traces: Traces, unit: LengthUnit, looks: Looks = of_method) -> Markup:
-    """Position errors over the distance travelled."""
-    series = _of_traces(traces, looks, lambda t: unit.per_m * t.position_m, lambda t: t.distance_m)
-    return draw(
-        Chart("Position error", "distance travelled, m", unit.name, series, "first poses aligned", zero=True)
-    )
+def errors(traces: Traces, kind: int, unit: LengthUnit, looks: Looks = of_method) -> Markup:
+    """Errors of position (0, in `unit`) or rotation (1) over the distance travelled."""
 
+    def size(trace: Trace) -> Array:
+        return unit.per_m * trace.position_m if kind == 0 else trace.rotation_deg
 
-def rotation_errors(traces: Traces, looks: Looks = of_method) -> Markup:
-    """Rotation errors over the distance travelled."""
-    series = _of_traces(traces, looks, lambda t: t.rotation_deg, lambda t: t.distance_m)
-    return draw(
-        Chart("Rotation error", "distance travelled, m", "degrees", series, "first poses aligned", zero=True)
-    )
+    title, label = f"{KINDS[kind].capitalize()} error", (unit.name, "degrees")[kind]
+    series = _of_traces(traces, looks, size, lambda t: t.distance_m)
+    return draw(Chart(title, "distance travelled, m", label, series, "first poses aligned", zero=True))
 
 
 def nees(traces: Traces, gaps: Sequence[int] = (), looks: Looks = of_method) -> Markup:
@@ -200,3 +192,30 @@ def lives(front: FrontRecord) -> Markup:
 
 def _per_frame(run: RunRecord, y: Array) -> Series:
     return _line(of_method(run.name), np.arange(len(y), dtype=float), y)
+
+
+def masks(rig: StereoRig | MonoRig) -> list[Markup]:
+    """A picture of the mask of each camera that has one: what of its images is left out."""
+    return [_mask(side, camera.mask) for side, camera in rig.cameras.items() if camera.mask is not None]
+
+
+def _mask(side: str, mask: Mask) -> Markup:
+    every = -(-mask.shape[1] // _CELLS)
+    hidden = ~mask[::every, ::every]
+    height, width = hidden.shape
+    edges = np.diff(np.pad(hidden, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    begins, ends = np.argwhere(edges > 0), np.argwhere(edges < 0)[:, 1]
+    path = "".join(f"M{x} {y}H{end}v1H{x}z" for (y, x), end in zip(begins.tolist(), ends.tolist(), strict=True))
+    return Markup(
+        '<figure><figcaption>mask of the {side} camera, {share} of its image</figcaption><svg viewBox="-1 -1 {w} {h}" '
+        'role="img"><rect width="{width}" height="{height}" fill="none" stroke="currentColor" stroke-width=".3"/>'
+        '<path d="{path}" fill="currentColor" opacity=".5"/></svg></figure>'
+    ).format(
+        side=side,
+        share=f"{100 * (1 - mask.mean()):.0f} %",
+        w=width + 2,
+        h=height + 2,
+        width=width,
+        height=height,
+        path=path,
+    )

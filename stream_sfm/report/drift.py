@@ -1,7 +1,7 @@
 """Drift: errors of relative motions against their span, what the truth shares with no method, and a sentence of it all.
 
-Without a truth, and over spans over which the truth errs more than the methods differ, errors are those that halves of
-the tracks show.
+Without a truth, and over spans over which it errs more than the methods differ, errors are those that halves of the
+tracks show.
 """
 
 from typing import Any
@@ -17,10 +17,10 @@ from ..evaluation.relative import enough_known, known_frames
 from ..evaluation.relative_consistency import against_truth
 from ..evaluation.trajectory import from_first_camera, nees_pose
 from ..geometry.se3 import Array
-from ..methods import REFERENCE, STEPWISE
+from ..methods import REFERENCE, STEPWISE, key_of
 from ..record import record
 from ..types import Trajectory
-from ..wording import in_a_row
+from ..wording import counted, in_a_row
 from .records import Comparison, RunRecord
 from .tables import of_method
 
@@ -61,9 +61,9 @@ def truth_in_a_row(c: Comparison) -> Against | None:
 
 
 def reference_of(c: Comparison) -> str:
-    """The method over whose errors those of the others are given, by span: that whose errors accumulate."""
-    names = [run.name for run in c.runs]
-    return next((name for name in (STEPWISE, REFERENCE) if name in names), names[0])
+    """The key of the method over whose errors those of the others are given, by span: that whose errors accumulate."""
+    keys = [run.key for run in c.runs]
+    return next((key for key in map(key_of, (STEPWISE, REFERENCE)) if key in keys), keys[0])
 
 
 def drift_of(c: Comparison, against: Against | None) -> dict[str, Any]:
@@ -72,13 +72,13 @@ def drift_of(c: Comparison, against: Against | None) -> dict[str, Any]:
     reference, methods = reference_of(c), halves
     if against is not None:
         methods = {run.key: Compared(run.poses[against.row], against.corrected) for run in whole_runs(c)}
-    table = drift.table(methods, reference.replace("-", "_"), halves or None)
+    table = drift.table(methods, reference, halves or None)
     if against is not None:
         _add_factors(table, c, against)
     return {
-        "truth_tells": against is not None and _truth_tells(table, reference.replace("-", "_")),
+        "truth_tells": against is not None and _truth_tells(table, reference),
         "against": "truth" if against is not None else "halves" if halves else None,
-        "reference": reference.replace("-", "_"),
+        "reference": reference,
         "as_is": c.as_is,
         "common": common_in_numbers(NONE if against is None else against.common),
         "curves": drift.curves(methods),
@@ -130,20 +130,17 @@ def consistency_of(c: Comparison, run: RunRecord, against: Against | None, truth
 
     From halves of the tracks where there is no truth, or where its own errors are all that it shows.
     """
-    nees, of_halves = None, None
+    nees = None
     if c.truth.poses is not None:
-        common = NONE if against is None else against.common
-        rows, true = matched(run.trajectory(), c.truth.poses)
-        covs = run.trajectory().cov_pose
-        if len(rows) >= 2 and rows[0] == 0 and covs is not None:
+        common, estimate = NONE if against is None else against.common, run.trajectory()
+        rows, true = matched(estimate, c.truth.poses)
+        if len(rows) >= 2 and rows[0] == 0 and estimate.cov_pose is not None:
             poses = from_first_camera(common.applied(true.world_from_cam))
-            found = nees_pose(run.poses[rows], covs[rows], poses)
+            found = nees_pose(estimate.world_from_cam[rows], estimate.cov_pose[rows], poses)
             nees = float(np.nanmean(found)) if np.isfinite(found).any() else None
-    if run.name in c.halves:
-        of_halves = c.halves[run.name].nees_mean
-    known_from, used = (
-        ("truth", nees) if nees is not None and (truth_tells or of_halves is None) else ("halves", of_halves)
-    )
+    of_halves = c.halves[run.name].nees_mean if run.name in c.halves else None
+    by_truth = nees is not None and (truth_tells or of_halves is None)
+    known_from, used = ("truth", nees) if by_truth else ("halves", of_halves)
     return {
         "nees_pose_mean_without_common": nees,
         "sigma_factor": None if used is None else float(np.sqrt(used / 6)),
@@ -166,13 +163,11 @@ def in_words(content: dict[str, Any], methods: dict[str, Any]) -> str:
 
 def _who_is_ahead(content: dict[str, Any]) -> str:
     """Compare the window with the reference; empty where one of them is missing or the log is too short."""
-    mine, theirs = REFERENCE.replace("-", "_"), content["reference"]
-    if mine == theirs:
-        return ""
+    mine, theirs = key_of(REFERENCE), content["reference"]
     lines = [
-        (line["frames"], ratio, line["methods"][mine]["position_from_halves"])
+        (line["frames"], ratio, of["position_from_halves"])
         for line in content["table"]
-        if mine in line["methods"] and (ratio := line["methods"][mine].get(f"position_over_{theirs}"))
+        if (of := line["methods"].get(mine)) and (ratio := of.get(f"position_over_{theirs}"))
     ]
     if not lines:
         return ""
@@ -212,33 +207,21 @@ def _source(of_halves: bool, content: dict[str, Any]) -> str:
 
 def _crossing(content: dict[str, Any], mine: str, theirs: str) -> tuple[int, int]:
     """Up to which span the reference is ahead, and from which on the window is; 0 where there is none."""
-    curves = content["curves"]
-    a, b = (
-        np.array([x[0] for x in curves["methods"][key]["position_rms_m"]], float)
-        if key in curves["methods"]
-        else None
-        for key in (mine, theirs)
-    )
-    if a is None or b is None or not len(a):
-        return 0, 0
+    curves, methods = content["curves"], content["curves"]["methods"]
+    frames = np.array(curves["frames"])
+    a, b = (np.array([x[0] for x in methods[key]["position_rms_m"]], float) for key in (mine, theirs))
     if content["against"] == "truth":  # spans over which it cannot tell are left out
-        untold = {
-            line["frames"] for line in content["table"] if line["methods"].get(mine, {}).get("position_from_halves")
-        }
-        known = np.array(curves["frames"]) > max(untold, default=0)
-        if not known.any():
-            return 0, 0
-    else:
-        known = np.ones(len(a), bool)
-    frames = np.array(curves["frames"])[known]
-    behind, ahead = (x[known] for x in (a > _LEVEL * b, b > _LEVEL * a))
+        of_mine = ((line["frames"], line["methods"].get(mine, {})) for line in content["table"])
+        told = frames > max((span for span, of in of_mine if of.get("position_from_halves")), default=0)
+        frames, a, b = frames[told], a[told], b[told]
+    behind, ahead = a > _LEVEL * b, b > _LEVEL * a
     before = int(frames[: int(np.argmin(np.append(behind, False)))].max(initial=0))
     last = len(frames) - int(np.argmin(np.append(ahead[::-1], False)))
     return before, int(frames[last]) if last < len(frames) else 0
 
 
 def _frames(n: int) -> str:
-    return f"{n} frame{'' if n == 1 else 's'}"
+    return counted(n, "frame")
 
 
 def _times(ratio: dict[str, Any], inverse: bool = False) -> str:
@@ -250,15 +233,9 @@ def _times(ratio: dict[str, Any], inverse: bool = False) -> str:
 def _which_hold(methods: dict[str, Any], as_is: bool) -> str:
     """Say of which methods the covariances hold, and how wrong those of the others are: of many, the range."""
     low, high = (np.sqrt(x / 6) for x in NEES_INTERVAL)
-    hold, wrong = [], {}
-    for key, figures in methods.items():
-        factor = figures["sigma_factor"]
-        if factor is None:
-            continue
-        if low <= factor <= high:
-            hold.append(of_method(key).name)
-        else:
-            wrong[key] = factor
+    factors = {key: factor for key, of in methods.items() if (factor := of["sigma_factor"]) is not None}
+    hold = [of_method(key).name for key, factor in factors.items() if low <= factor <= high]
+    wrong = {key: factor for key, factor in factors.items() if not low <= factor <= high}
     by_halves = any(figures["sigma_factor_from"] == "halves" for figures in methods.values())
     source = (
         ", by halves of the tracks," if by_halves else "" if as_is else ", with the calibration taken for exact,"
@@ -269,7 +246,7 @@ def _which_hold(methods: dict[str, Any], as_is: bool) -> str:
     said += ", not for " if said else f"Covariances{source} do not hold for "
     if len(wrong) <= _MOST_NAMED:
         return said + in_a_row([f"{of_method(key).name} ({_off(size)})" for key, size in wrong.items()])
-    mine = wrong.pop(REFERENCE.replace("-", "_"), None)
+    mine = wrong.pop(key_of(REFERENCE), None)
     others = (
         f"{len(wrong)} {'methods' if mine is None and not hold else 'others'} ({_off(*sorted(wrong.values()))})"
     )

@@ -16,7 +16,7 @@ from ..evaluation.figures import (
     WITHOUT_TRUTH,
     Figure,
 )
-from ..evaluation.relative import growth_exponents, mean_squares, paired_ratio, relative_errors, turning
+from ..evaluation.relative import growth_exponents, paired_ratio, relative_errors, turning
 from ..evaluation.summary import FIGURES, end_pose, evaluate_run
 from ..methods import REFERENCE
 from .drift import Against, consistency_of, drift_of, in_words, truth_in_a_row, whole_runs
@@ -106,11 +106,8 @@ def _against_truth(run: RunRecord, truth: Truth, against: Against | None) -> dic
         return result
     row, t = against.row, against.poses
     e = run.poses[row]
-    position2, rotation2 = mean_squares(e, t, [1])
-    result |= {
-        "rpe_position_rms_m": float(np.sqrt(position2[0])),
-        "rpe_rotation_rms_deg": float(np.degrees(np.sqrt(rotation2[0]))),
-    }
+    position_m, rotation_rad = (float(np.sqrt(np.nanmean(errors**2))) for errors in relative_errors(e, t, 1))
+    result |= {"rpe_position_rms_m": position_m, "rpe_rotation_rms_deg": float(np.degrees(rotation_rad))}
     for name, found in zip(("", "_rotation"), growth_exponents(e, t) or (), strict=False):
         result |= {f"growth_exponent{name}": found.value, f"growth_exponent{name}_ci95": [found.low, found.high]}
     if len(e) > _TURN_SPAN + 1:

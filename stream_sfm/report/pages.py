@@ -26,25 +26,20 @@ from ..files import json_bytes, write_whole
 from ..sources.pose_files import read_tum
 from ..types import Status, Trajectory
 from ..wording import counted, in_a_row
-from . import charts, masks
+from . import charts
 from .charts import Traces, traces_of
 from .inertia import inertial_rows
 from .numbers import figures_of
 from .records import OF_RUN, Comparison, RunRecord
 from .svg import Chart, Series, draw
-from .tables import Name, of_method, of_runs, render, table, text_of
+from .tables import Name, Table, of_method, of_runs, render, table, text_of
 
 PAGE_OF_LOG = "report.html"  # in the folder of a log of a batch
 REPORT = ("report.json", "report.html")  # the files of a report
 _RATIO = (Figure("ratio", "position error", "over cross-frame"),)
-_OF_BATCH = (
-    Figure("frames", "frames"),
-    Figure("path_length_m", "path", "m"),
-    *ACCURACY,
-    *CONSISTENCY,
-    *ABSOLUTE,
-    *LOCAL,
-)
+_EXTENT = (Figure("frames", "frames"), Figure("path_length_m", "path", "m"))
+_OF_BATCH = (*_EXTENT, *ACCURACY, *CONSISTENCY, *ABSOLUTE, *LOCAL)
+_UNFINISHED = (Figure("status", "status"), Figure("reason", "reason"))
 _COSTS = (
     Figure("degraded", "degraded"),
     Figure("lost", "lost"),
@@ -75,7 +70,7 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
     units = units_of(methods, figures) | {STRUCTURE: unit_for([m["local_sigma_median_m"] or 0.0 for m in methods])}
     errors, local, more = units[ERRORS], units[STRUCTURE], []
     if traces:
-        more = [charts.rotation_errors(traces), charts.structure(c.runs, local)]
+        more = [charts.errors(traces, 1, errors), charts.structure(c.runs, local)]
     return render(
         "compare.html.j2",
         title=c.log,
@@ -92,46 +87,33 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
         charts=_charts(c, content, traces, errors),
         more_charts=more,
         lives=charts.lives(c.front),
-        masks=masks.pictures(c.config.masked(c.rig)),
+        masks=charts.masks(c.config.masked(c.rig)),
         statuses=[(look.name, {s: r.count(s) for s in Status}) for look, r in zip(looks, c.runs, strict=True)],
         warnings=list(dict.fromkeys([*(content["health"].get("problems") or ()), *content["warnings"]])),
     )
 
 
-class SpanCell(NamedTuple):
-    """The error of a method over a span; `below` it are the ratio and the factor of σ."""
-
-    error: str
-    below: list[str]
-
-
-class SpanTable(NamedTuple):
-    """Errors by span: a row per method."""
-
-    frames: list[int]
-    unit: str
-    rows: list[tuple[Name, list[SpanCell]]]
-
-
-def _spans(content: dict[str, Any], names: Sequence[Name], runs: Sequence[RunRecord]) -> SpanTable:
-    """The table by spans of the section `drift` of report.json."""
+def _spans(content: dict[str, Any], names: Sequence[Name], runs: Sequence[RunRecord]) -> Table:
+    """The errors by span of the section `drift` of report.json, each with its ratio and the factor of σ below it."""
     lines, unit = content["table"], _unit_of_spans(content)
     rows = []
     for name, run in zip(names, runs, strict=True):
         of_run = [line["methods"].get(run.key) for line in lines]
         if any(of_run):
-            rows.append((name, [_span_cell(of, content, unit) for of in of_run]))
-    return SpanTable([line["frames"] for line in lines], unit.name, rows)
+            rows.append((name, [(_span_cell(of, content, unit), "") for of in of_run]))
+    return Table([(counted(line["frames"], "frame"), unit.name) for line in lines], rows)
 
 
-def _span_cell(of: dict[str, Any] | None, content: dict[str, Any], unit: LengthUnit) -> SpanCell:
+def _span_cell(of: dict[str, Any] | None, content: dict[str, Any], unit: LengthUnit) -> str:
     if of is None:
-        return SpanCell(text_of(None), [])
+        return text_of(None)
     ratio, factor = of.get(f"position_over_{content['reference']}"), of.get("sigma_factor")
     below = [] if ratio is None else [text_of(ratio)]
     if of["position_from_halves"]:
         below.append("from halves" if ratio else "the truth cannot tell")
-    return SpanCell(text_of(of["position_rms_m"], unit.per_m), below + ([f"σ × {factor:.2g}"] if factor else []))
+    below += [f"σ × {factor:.2g}"] if factor else []
+    lines = Markup("").join(Markup("<small>{}</small>").format(line) for line in below)
+    return text_of(of["position_rms_m"], unit.per_m) + lines
 
 
 def _unit_of_spans(content: dict[str, Any]) -> LengthUnit:
@@ -142,14 +124,10 @@ def _charts(c: Comparison, content: dict[str, Any], traces: Traces, unit: Length
     """Those that are always shown, beside the ones by span."""
     gaps, path = c.front.gaps, charts.path({r.name: r.poses for r in c.runs if len(r)}, traces, loops=c.loops)
     if not traces:
-        return [
-            path,
-            charts.structure(c.runs, unit),
-            charts.apart(c.runs, gaps, unit),
-            charts.innovations(c.runs, gaps),
-        ]
-    ratios = charts.ratios(content) if content["error_over_cross_frame"] else charts.rotation_errors(traces)
-    return [charts.errors(traces, unit), ratios, charts.nees(traces, gaps), path]
+        further = charts.apart(c.runs, gaps, unit), charts.innovations(c.runs, gaps)
+        return [path, charts.structure(c.runs, unit), *further]
+    ratios = charts.ratios(content) if content["error_over_cross_frame"] else charts.errors(traces, 1, unit)
+    return [charts.errors(traces, 0, unit), ratios, charts.nees(traces, gaps), path]
 
 
 def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:
@@ -201,8 +179,8 @@ def render_evaluation(runs: Sequence[Evaluated]) -> str:
         title=counted(len(runs), "run"),
         accuracy=table(figures, names, [run.figures for run in runs], {"errors": unit}),
         charts=[
-            charts.errors(traces, unit, looks),
-            charts.rotation_errors(traces, looks),
+            charts.errors(traces, 0, unit, looks),
+            charts.errors(traces, 1, unit, looks),
             charts.nees(traces, looks=looks),
             charts.path({r.name: r.trajectory.world_from_cam for r in scaled if len(r.trajectory)}, traces, looks),
         ],
@@ -216,7 +194,7 @@ def render_batch(content: dict[str, Any], folder: Path) -> str:
     names = [_name_of(log, f"{log['name']}/{PAGE_OF_LOG}") for log in estimated]
     rows = [_row_of(log["summary"]) for log in estimated]
     # Lengths do not compare, as paths differ.
-    compared = [f for f in _OF_BATCH[2:] if f.unit not in (ERRORS, STRUCTURE)]
+    compared = [f for f in _OF_BATCH[len(_EXTENT) :] if f.unit not in (ERRORS, STRUCTURE)]
     middle = [{f.key: _median([row.get(f.key) for row in rows]) for f in compared}] if len(rows) > 1 else []
     of_rows = [*names, *(Name("median") for _ in middle)]
     return render(
@@ -225,12 +203,7 @@ def render_batch(content: dict[str, Any], folder: Path) -> str:
         n=content,
         conclusion=conclusion(content),
         estimated=estimated,
-        unfinished=table(
-            (Figure("status", "status"), Figure("reason", "reason")),
-            [Name(log["name"], log["log"]) for log in unfinished],
-            unfinished,
-            {},
-        ),
+        unfinished=table(_UNFINISHED, [Name(log["name"], log["log"]) for log in unfinished], unfinished, {}),
         accuracy=table(_OF_BATCH, of_rows, [*rows, *middle], units_of(rows, _OF_BATCH), compared=False),
         costs=table(_COSTS, names, [_costs_of(log["summary"]) for log in estimated], {}),
         statuses=[(log["name"], log["summary"]["statuses"]) for log in estimated],

@@ -20,6 +20,7 @@ from ..evaluation.trajectory import path_length_m
 from ..geometry.medians import median as median_of_finite
 from ..geometry.se3 import Array
 from ..inertial.upright import Upright
+from ..methods import REFERENCE, key_of
 from ..motion import Odometry
 from ..observer import Observed
 from ..recording.pairing import gaps_after
@@ -29,11 +30,7 @@ from ..wording import counted
 from .inertia import describe_inertia
 
 STAGES = ("decode", "frontend", "estimator", "total")
-# Numbers of each frame that its estimate has.
-_OF_ESTIMATE: dict[str, Callable[[FrameEstimate], float]] = {
-    "nis": lambda estimate: estimate.nis,
-    "nis_dof": lambda estimate: estimate.nis_dof,
-}
+_OF_ESTIMATE = ("nis", "nis_dof")  # numbers of each frame that its estimate has
 _NUMBERS = (*STAGES, "sigma_local_m", "reprojection_px", *_OF_ESTIMATE)
 _POSE, _COV = slice(0, 16), slice(16, 52)  # places in the row of a frame; the numbers follow
 _WIDTH = _COV.stop + len(_NUMBERS)
@@ -73,22 +70,21 @@ class RunRecord:
     @property
     def key(self) -> str:
         """The name of the method as a JSON key."""
-        return self.name.replace("-", "_")
+        return key_of(self.name)
 
     def add(
         self, estimate: FrameEstimate, total_ms: float = 0.0, of_points: tuple[float, float] = (np.nan, np.nan)
     ) -> None:
         """Keep one estimate; `total_ms`: from asking for the frame until its files were written.
 
-        `of_points`: the median estimated σ of the points along their rays in metres, and the RMS reprojection error of
-        the views used in pixels.
+        `of_points`: the median σ of the points along their rays, metres, and the RMS reprojection error, pixels.
         """
         self._stamps_ns.append(estimate.stamp_ns)
         self.statuses.append(estimate.status)
         self.reasons.append(estimate.reason)
         t = estimate.timings_ms
         times_ms = (t.get("decode", 0.0), t.get("rectify", 0.0) + t.get("frontend", 0.0), t.get("estimator", 0.0))
-        numbers = (*times_ms, total_ms, *of_points, *(of(estimate) for of in _OF_ESTIMATE.values()))
+        numbers = (*times_ms, total_ms, *of_points, *(getattr(estimate, name) for name in _OF_ESTIMATE))
         row = np.concatenate((estimate.world_from_cam.ravel(), estimate.cov_pose.ravel(), numbers), dtype=float)
         self._rows.frombytes(row.tobytes())
         self.relative.add(estimate)
@@ -248,20 +244,20 @@ def _ratio(numerator: float, denominator: float) -> float | None:
 
 
 class AddedMotions:
-    """Keeps the path that the newest motions of a run make, added up one after the other."""
+    """Keeps the path that the newest motions of the window make, added up one after the other."""
 
     def __init__(self) -> None:
         self._odometry: Odometry | None = None
         self._rows = array("d")
         self._stamps_ns = array("q")
 
-    def add(self, estimate: FrameEstimate) -> None:
-        """Add the motion of one estimate."""
-        self._odometry = Odometry.after(self._odometry, estimate)
+    def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
+        """Add the newest motion of the window; `estimates`: by method."""
+        if (estimate := estimates.get(REFERENCE)) is None:
+            return
+        self._odometry = now = Odometry.after(self._odometry, estimate)
         self._stamps_ns.append(estimate.stamp_ns)
-        self._rows.frombytes(
-            np.concatenate([self._odometry.odom_from_cam, self._odometry.cov], axis=None).tobytes()
-        )
+        self._rows.frombytes(np.concatenate([now.odom_from_cam, now.cov], axis=None).tobytes())
 
     def trajectory(self) -> Trajectory:
         """All poses with their covariances."""
@@ -308,8 +304,7 @@ def quantiles(values: Any) -> dict[str, float] | None:
 class FrontRecord:
     """Keeps, frame by frame, what all methods share.
 
-    `lives`: track id -> [first frame, last frame]; `local_difference_m`: for each frame the median distance of CC and
-    WC local points.
+    `lives`: track id -> [first frame, last frame]; `local_difference_m`: median distance of CC and WC points per frame.
     """
 
     def __init__(self) -> None:
@@ -356,8 +351,7 @@ class FrontRecord:
 class Truth(NamedTuple):
     """What estimates are compared with: `poses`, None where there are none and NaN where they are not to be used.
 
-    `ignored`: ranges [first, end) of frames without their truth, as asked for; `std`: σ of the truth itself, metres and
-    radians.
+    `ignored`: ranges [first, end) of frames without their truth, as asked for; `std`: σ of the truth itself, m and rad.
     """
 
     poses: Trajectory | None = None

@@ -12,13 +12,8 @@ from ..simulation.tables import StudyTable, curve_in_words, in_words, tables, te
 from .svg import Chart, Row, Series, draw, intervals
 from .tables import Name, Table, of_method, render
 
-_CURVES = (
-    "cross-frame",
-    "ekf",
-    "iterated-ekf",
-    "frame-to-frame",
-    "bound",
-)  # of figure 6: the batches are a picture
+# Of figure 6: the batches are a picture.
+_CURVES = ("cross-frame", "ekf", "iterated-ekf", "frame-to-frame", "bound")
 _TITLES = {
     "efficiency": "how close each estimator comes to the Cramér–Rao bound",
     "consistency": "whether estimated covariances match the errors",

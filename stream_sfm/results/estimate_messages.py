@@ -49,9 +49,8 @@ class RosMessages:
         self._map_from_world = map_from_world or (lambda: self._level)
         self._path, self._path_length = PathSoFar(), 0.0
         self._odometry: Odometry | None = None
-        self.topics = {
-            t: name for t, name in TOPICS.items() if t != "/tf_static" or self._frames.base_from_cam is not None
-        }
+        on_robot = self._frames.base_from_cam is not None
+        self.topics = {topic: kind for topic, kind in TOPICS.items() if on_robot or topic != "/tf_static"}
 
     def of(self, estimate: FrameEstimate) -> Stamped:
         """Yield topic and message of all that an estimate holds; at first also the camera's pose on the robot."""

@@ -120,9 +120,7 @@ def _read(
 def _decoded(stored: Message, topic: str) -> Any:
     channel = stored.channel
     if (encoding := channel.message_encoding) != MessageEncoding.CDR:
-        raise LogError(
-            f"{topic} is encoded as {encoding!r}, not as this version writes it (cdr): replay the log again"
-        )
+        raise LogError(f"{topic} is encoded as {encoding!r}, and this version reads cdr: replay the log again")
     decode = ros_decoder(encoding, channel.schema_encoding, channel.schema_name, channel.definition)
     if decode is None:
         raise ValueError("its type is not described")

@@ -6,8 +6,8 @@ follow the settings `[ros]`; /stream_sfm/estimate does not: there the pose is of
 Metadata `stream_sfm` (software_version, schema_version, method) and `configuration` (config.toml); attachment
 `calibration.toml`. All times of a message are the frame's stamp, its sequence the frame index; two runs differ
 in /stream_sfm/timing only. A chunk is closed at the latest after half a second of log time or 20 frames, and the
-file is moved to its name by `close`: a process that is killed leaves all but the last chunk in `<name>.part`,
-which `read_estimates` reads.
+file is moved to its name by `close`: a killed process leaves all but the last chunk in `<name>.part`, which
+`read_estimates` reads.
 """
 
 from collections.abc import Callable

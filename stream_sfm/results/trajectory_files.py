@@ -36,9 +36,7 @@ def frame_table(frames: Sequence[FrameEstimate]) -> Table:
     def numbers(names: Sequence[str], columns: Array) -> Table:
         return dict(zip(names, columns.T, strict=True))
 
-    described: Table = {
-        name: np.array([getattr(f, name) for f in frames], kind) for name, kind in _DESCRIBED.items()
-    }
+    described: Table = {key: np.array([getattr(f, key) for f in frames], of) for key, of in _DESCRIBED.items()}
     return {
         **{name: described.pop(name) for name in ("frame_index", "stamp_ns")},
         **numbers(("x_m", "y_m", "z_m"), pose[:, :3, 3]),

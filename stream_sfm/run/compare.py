@@ -18,7 +18,7 @@ from ..errors import ConfigError
 from ..estimators import check_method
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..interrupts import deferred_interrupts
-from ..methods import COMPARED, REFERENCE, WITHOUT_IMU
+from ..methods import COMPARED, REFERENCE, WITHOUT_IMU, key_of
 from ..observer import Observed, Observer
 from ..outputs import RESULTS, refuse_overwriting
 from ..recording.pair_reader import ReadStats
@@ -27,13 +27,12 @@ from ..report.calibration import describe
 from ..report.drift import needs_halves
 from ..report.numbers import numbers
 from ..report.pages import REPORT, write_report
-from ..report.records import AddedMotions, Comparison, FrontRecord, HalvesRecord, RunRecord, Truth
+from ..report.records import AddedMotions, Comparison, FrontRecord, HalvesRecord, Truth
 from ..results.folder import close_all
 from ..types import FrameEstimate, Selection, Sink
-from .halves import MOST_FRAMES, Halves
 from .lane import Lane
 from .loop import Check, Course, run
-from .self_test import SelfTest
+from .self_test import MOST_FRAMES, Halves, SelfTest
 from .stored import StoredObservations
 from .summary import summarise
 
@@ -78,8 +77,7 @@ def compare(
     The first pass observes all frames and finds the errors of the calibration, by the window; the second gives every
     method, the window too, the same observations without these errors, from the first frame on, as of a calibration
     that is exact. With `rig.exact` none are sought. `as_is`: each method has the calibration of the log instead, and
-    finds its errors by itself, if it does that; the window is then in two rows, by its poses and by its newest motions
-    added up.
+    finds its errors by itself, if it does; the window then has two rows, by its poses and by its motions added up.
 
     `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with a folder of its
     own; None: those of `compared_on`.
@@ -105,32 +103,36 @@ def compare(
         refuse_overwriting(outputs(folder, methods), [log.path])
     if (poses := log.ground_truth()) is not None:
         check_rigid(poses)
-    with closing(_Comparing(log, config, selection, methods, as_is, folder)) as comparing:
-        return comparing.run(truth._replace(poses=poses), inspection or {}, self_test, loops, sinks, on_frame)
+    found = Comparison(
+        log=log.path.absolute().name,  # which "." has too
+        rig=log.stereo_rig,
+        config=config,
+        runs=[],
+        front=FrontRecord(),
+        truth=truth._replace(poses=poses),
+        inspection=inspection or {},
+        as_is=as_is,
+    )
+    with closing(_Comparing(log, selection, methods, folder, found)) as comparing:
+        return comparing.run(self_test, loops, sinks, _Counter(on_frame))
 
 
 class _Comparing:
-    """The passes of a comparison, and what is made of them."""
+    """The passes of a comparison, which fill in what is `found`."""
 
     def __init__(
-        self,
-        log: StereoLog,
-        config: Config,
-        selection: Selection,
-        methods: Sequence[str],
-        as_is: bool,
-        folder: Path | None,
+        self, log: StereoLog, selection: Selection, methods: Sequence[str], folder: Path | None, found: Comparison
     ) -> None:
-        self._log, self._config, self._selection, self._folder = log, config, selection, folder
-        self._as_is, self._depth = as_is, log.depth_images()
-        of_rig = config.rig if as_is else msgspec.structs.replace(config.rig, exact=True)
+        self._log, self._selection, self._folder, self._found = log, selection, folder, found
+        self._depth, config = log.depth_images(), found.config
+        of_rig = config.rig if found.as_is else msgspec.structs.replace(config.rig, exact=True)
         of_methods = [msgspec.structs.replace(config, method=name, rig=of_rig) for name in methods]
         with one_thread:
             observer = Observer(log.stereo_rig, config)
             self._finder = Lane(msgspec.structs.replace(config, method=REFERENCE), observer, None, None)
-            reporting = observer if as_is else Observer(log.stereo_rig, of_methods[0])
+            reporting = observer if found.as_is else Observer(log.stereo_rig, of_methods[0])
             self._lanes = [
-                Lane(c, reporting, self._depth, folder and folder / _key(c.method), True) for c in of_methods
+                Lane(c, reporting, self._depth, folder and folder / key_of(c.method), True) for c in of_methods
             ]
         self._stored = StoredObservations(self._finder)
 
@@ -138,29 +140,23 @@ class _Comparing:
         """Remove what is stored."""
         self._stored.close()
 
-    def run(
-        self,
-        truth: Truth,
-        inspection: dict[str, Any],
-        self_test: bool,
-        loops: bool,
-        sinks: Sequence[Sink],
-        on_frame: Callable[[], None],
-    ) -> ComparisonResult:
+    def run(self, self_test: bool, loops: bool, sinks: Sequence[Sink], counter: "_Counter") -> ComparisonResult:
         """Do all passes, and write the report."""
-        front, lanes, log = FrontRecord(), self._lanes, self._log
+        found, lanes, log = self._found, self._lanes, self._log
         tests = [SelfTest(self._finder.observer.projection, lanes[0].config)] if self_test else []
-        added = {lane: AddedMotions() for lane in lanes if self._as_is and lane.config.method == REFERENCE}
-        places = self._place_maps(loops)
-        course = self._observe(on_frame)
+        added = [AddedMotions()] if found.as_is and any(lane.config.method == REFERENCE for lane in lanes) else []
+        places: list[PlaceMap] = []
+        if loops:
+            from ..places import place_map  # as in a replay
+
+            places = [place_map.PlaceMap(log.stereo_rig, lanes[0].config, wait=True)]
+        course = self._observe(counter)
         if course.error is not None and not course.frames:
             raise course.error
         stats = log.stats
-        self._estimate(course, [*places, *sinks], [front, *tests], added, on_frame)
-        found = self._found(course, stats, front, truth, inspection, added)
+        self._estimate(course, [*places, *sinks], [found.front, *tests, *added, counter])
+        self._fill_in(course, stats, added, places)
         found.self_test = next((test.result() for test in tests), None)
-        for place_map in places:
-            _add_corrected(found, place_map)
         if not found.interrupted and needs_halves(found):
             found.halves = self._halves()
         report = numbers(found)
@@ -174,74 +170,20 @@ class _Comparing:
             raise course.error
         return ComparisonResult(report, self._folder, found)
 
-    def _found(
-        self,
-        course: Course,
-        stats: ReadStats,
-        front: FrontRecord,
-        truth: Truth,
-        inspection: dict[str, Any],
-        added: Mapping[Lane, AddedMotions],
-    ) -> Comparison:
-        """What the report is made from."""
-        warnings = [*stats.warnings, self._depth.problem, *map(str, self._stored.changes), *course.warnings]
-        runs = [lane.record for lane in self._lanes]
-        for lane, motions in added.items():
-            if len(lane.record):
-                runs.insert(runs.index(lane.record) + 1, _with_added(lane.record, motions))
-        if truth.poses is not None:
-            stamps_ns = max(runs, key=len).stamps_ns
-            truth = truth._replace(poses=without_frames(truth.poses, stamps_ns, truth.ignored))
-        return Comparison(
-            log=self._log.path.absolute().name,  # which "." has too
-            rig=self._log.stereo_rig,
-            config=self._config,
-            runs=runs,
-            front=front,
-            truth=truth,
-            inspection=inspection,
-            warnings=list(dict.fromkeys(filter(None, warnings))),
-            complete=stats.complete and course.complete,
-            interrupted=course.interrupted,
-            calibration=self._calibration(),
-            as_is=self._as_is,
-        )
-
-    def _place_maps(self, loops: bool) -> "list[PlaceMap]":
-        if not loops:
-            return []
-        from ..places.place_map import PlaceMap  # as in a replay
-
-        return [PlaceMap(self._log.stereo_rig, self._lanes[0].config, wait=True)]
-
-    def _observe(self, on_frame: Callable[[], None]) -> Course:
+    def _observe(self, counter: "_Counter") -> Course:
         """The first pass: all observations, and the errors of the calibration."""
-        with deferred_interrupts() as interruption:
-            checks = (self._stored, _Counter(on_frame))
-            return run(
-                self._log,
-                self._finder,
-                (),
-                checks,
-                selection=self._selection,
-                interruption=interruption,
-                to_end=True,
-            )
+        checks, selection = (self._stored, counter), self._selection
+        with deferred_interrupts() as stop:
+            return run(self._log, self._finder, (), checks, selection=selection, interruption=stop, to_end=True)
 
     def _observed(self) -> Iterator[Observed]:
         """What the methods are given."""
-        return iter(self._stored) if self._as_is else self._stored.calibrated(self._finder.observer)
+        return iter(self._stored) if self._found.as_is else self._stored.calibrated(self._finder.observer)
 
-    def _estimate(
-        self,
-        course: Course,
-        sinks: Sequence[Sink],
-        checks: Sequence[Check],
-        added: Mapping[Lane, AddedMotions],
-        on_frame: Callable[[], None],
-    ) -> None:
+    def _estimate(self, course: Course, sinks: Sequence[Sink], checks: Sequence[Check]) -> None:
         """The second pass: every method, beside each other, on what was observed."""
         lanes, frames = self._lanes, iter(self._log.frames(self._selection) if sinks else ())
+        first = lanes[0].record.name
         for lane in lanes:
             lane.record.refused = self._finder.record.refused
             lane.record.first_refusal = self._finder.record.first_refusal
@@ -251,27 +193,48 @@ class _Comparing:
                 for observed in interruption.until_requested(self._observed()):
                     estimates = _taken(observed, lanes, pool)
                     course.frames += 1
-                    for lane, motions in added.items():
-                        if lane.record.name in estimates:
-                            motions.add(estimates[lane.record.name])
                     for check in checks:
                         check.add(observed, estimates)
-                    if sinks and lanes[0].record.name in estimates:
+                    if sinks and first in estimates:
                         stamp_ns = observed.observations.stamp_ns
                         frame = next(frame for frame in frames if frame.stamp_ns == stamp_ns)
                         for sink in sinks:
-                            sink.write(estimates[lanes[0].record.name], frame)
-                    on_frame()
+                            sink.write(estimates[first], frame)
                     if not estimates:
                         break
         except BaseException as error:
             course.end(error)
         if course.frames < observed_frames and interruption.requested:
             course.interrupt()
-        try:
+        with course.deferred_error():
             close_all([*(lane.folder for lane in lanes if lane.folder is not None), *sinks])
-        except Exception as error:
-            course.error = course.error or error
+
+    def _fill_in(
+        self, course: Course, stats: ReadStats, added: Sequence[AddedMotions], places: "Sequence[PlaceMap]"
+    ) -> None:
+        """Add what both passes have found, with the first method's poses corrected by its map."""
+        found, rig = self._found, self._finder.record.rig
+        warnings = [*stats.warnings, self._depth.problem, *map(str, self._stored.changes), *course.warnings]
+        warnings += [place_map.problem for place_map in places]
+        found.warnings = list(dict.fromkeys(filter(None, warnings)))
+        found.complete, found.interrupted = stats.complete and course.complete, course.interrupted
+        found.calibration = None if rig is None else describe(self._finder.observer.projection, rig)
+        found.runs = [lane.record for lane in self._lanes]
+        if found.truth.poses is not None:
+            stamps_ns = max(found.runs, key=len).stamps_ns
+            poses = without_frames(found.truth.poses, stamps_ns, found.truth.ignored)
+            found.truth = found.truth._replace(poses=poses)
+        for motions in added:
+            at = next(k for k, record in enumerate(found.runs) if record.name == REFERENCE)
+            if len(record := found.runs[at]):
+                found.runs.insert(at + 1, record.with_poses(f"{record.name}-added", motions.trajectory()))
+        first = found.runs[0]
+        for place_map in places:
+            if len(first) and not place_map.problem:
+                corrected = place_map.corrected(first.trajectory())
+                found.runs.insert(1, first.with_poses(f"{first.name}-loops", corrected))
+                _, positions_m, joined = place_map.lines()
+                found.loops = positions_m[joined]
 
     def _halves(self) -> dict[str, HalvesRecord]:
         """A third pass: each method on halves of the tracks."""
@@ -281,11 +244,6 @@ class _Comparing:
             for observed in islice(self._observed(), MOST_FRAMES):
                 wait([pool.submit(half.take, observed.observations) for half in halves])
         return {half.method: half.record for half in halves if not half.failed}
-
-    def _calibration(self) -> dict[str, Any] | None:
-        """What was found about the calibration, as in summary.json."""
-        rig = self._finder.record.rig
-        return None if rig is None else describe(self._finder.observer.projection, rig)
 
 
 class _Counter:
@@ -308,22 +266,6 @@ def _taken(observed: Observed, lanes: Sequence[Lane], pool: ThreadPoolExecutor) 
     return {name: estimate for name, estimate in found.items() if estimate is not None}
 
 
-def _with_added(record: RunRecord, motions: AddedMotions) -> RunRecord:
-    """The run with the path that its newest motions make."""
-    return record.with_poses(f"{record.name}-added", motions.trajectory())
-
-
-def _add_corrected(found: Comparison, places: "PlaceMap") -> None:
-    """Add the first run with loops closed, and the lines of the loops."""
-    first = found.runs[0]
-    if places.problem:
-        found.warnings.append(places.problem)
-    elif len(first):
-        found.runs.insert(1, first.with_poses(f"{first.name}-loops", places.corrected(first.trajectory())))
-        _, positions_m, joined = places.lines()
-        found.loops = positions_m[joined]
-
-
 def compared_on(log: StereoLog, config: Config) -> tuple[str, ...]:
     """Return the methods that are compared where none is named: with inertial samples the window without them, too."""
     if log.imu_topics is None or log.stereo_rig.imu is None or not config.imu.enabled:
@@ -333,10 +275,5 @@ def compared_on(log: StereoLog, config: Config) -> tuple[str, ...]:
 
 def outputs(folder: Path, methods: Sequence[str]) -> list[Path]:
     """All files that a comparison writes."""
-    results = [folder / _key(method) / name for method in methods for name in RESULTS]
+    results = [folder / key_of(method) / name for method in methods for name in RESULTS]
     return [*results, *(folder / name for name in REPORT)]
-
-
-def _key(method: str) -> str:
-    """The folder of a method."""
-    return method.replace("-", "_")

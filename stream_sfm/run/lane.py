@@ -15,15 +15,7 @@ from ..observer import Observed, Observer
 from ..recording.ground_truth import DepthImages
 from ..report.records import RunRecord
 from ..results.folder import ResultFolder
-from ..types import (
-    ExpectedMotion,
-    FrameEstimate,
-    InertialEstimator,
-    InertialView,
-    Observations,
-    Solution,
-    expected_motion,
-)
+from ..types import FrameEstimate, InertialEstimator, Observations, Solution
 from .world import World
 
 
@@ -58,10 +50,6 @@ class Lane(BareLane):
         self._world.begin_anew(self.observer.state.frame_index)
         self.observer, self.rig, self._structure.camera = observer, None, observer.rig.left
         self.estimator = make_estimator(self.config.method, observer.projection, self.config)
-
-    def expect(self, stamp_ns: int, view: InertialView) -> ExpectedMotion | None:
-        """Return the motion up to a frame that its inertial samples predict, if the method takes them."""
-        return expected_motion(self.estimator, stamp_ns, view)
 
     def take(self, observed: Observed) -> FrameEstimate | None:
         """Estimate a frame and write it; None if the lane has failed, now or before."""

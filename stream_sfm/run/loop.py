@@ -8,7 +8,7 @@ import time
 from collections import deque
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from itertools import count, groupby
 from typing import Protocol
@@ -64,6 +64,14 @@ class Course:
             return
         self.error = self.error or error
 
+    @contextmanager
+    def deferred_error(self) -> Iterator[None]:
+        """Keep an error of what is done at the end, unless there is one already: the rest is still to be written."""
+        try:
+            yield
+        except Exception as error:
+            self.error = self.error or error
+
 
 def run(
     log: StereoLog,
@@ -106,10 +114,8 @@ def run(
         course.error = LogError(f"{log.path}: no frame could be used: {refusal}")
     if interruption.requested:
         course.interrupt()
-    try:
+    with course.deferred_error():
         close_all([*([] if lane.folder is None else [lane.folder]), *sinks])
-    except Exception as error:
-        course.error = course.error or error
     return course
 
 

@@ -12,18 +12,18 @@ import numpy as np
 from ..blas import one_thread
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config
-from ..errors import ConfigError, InputError, OutputError
+from ..errors import ConfigError, InputError
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..evaluation.summary import evaluate
 from ..inspection.calibration_check import CalibrationSink
 from ..interrupts import Interruption, deferred_interrupts
+from ..methods import METHODS
 from ..observer import Observer
 from ..outputs import GRAVITY_TRAJECTORY, MAP_TRAJECTORY, RESULTS, TRAJECTORIES, refuse_overwriting
 from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration import describe
-from ..report.records import Truth
-from ..types import Frame, FrameEstimate, Selection, Sink, Trajectory
-from .gravity import check_gravity, upright_trajectory
+from ..report.records import RunRecord, Truth
+from ..types import Frame, FrameEstimate, InertialEstimator, Selection, Sink, Trajectory
 from .lane import Lane
 from .loop import Course, run
 from .self_test import SelfTestOfRun
@@ -116,21 +116,15 @@ def replay(
     refuse_overwriting([*written, *filter(None, [map_file])], [log.path])
     replayed = _Replay(log, config, selection, folder, self_test, there_and_back)
     if config.ros.gravity:
-        check_gravity(log, replayed.lane, with_map)
+        _check_gravity(log, replayed.lane, with_map)
     if with_map:
         replayed.find_places(known_map, map_file, sinks)
-    with deferred_interrupts() as interruption:
-        course = run(
-            log,
-            replayed.lane,
-            [*replayed.sinks, *sinks],
-            replayed.checks,
-            selection=selection,
-            interruption=interruption,
-            all_calibrations=replayed.starts_anew,
-        )
-        result = replayed.result(course, truth, interruption)
-    if interruption.requested:
+    with deferred_interrupts() as stop:
+        lane, checks, anew = replayed.lane, replayed.checks, replayed.starts_anew
+        every = [*replayed.sinks, *sinks]
+        course = run(log, lane, every, checks, selection=selection, interruption=stop, all_calibrations=anew)
+        result = replayed.result(course, truth, stop)
+    if stop.requested:
         raise ReplayInterrupted(result)
     if course.error is not None:
         raise course.error
@@ -187,34 +181,31 @@ class _Replay:
         truth, problems = self._with_poses(truth, course)
         if not course.interrupted and (problem := record.problem(one_wanted=self._selection.max_frames == 1)):
             problems.insert(0, f"{self._log.path}: {problem}")
-        in_gravity = upright_trajectory(record, course) if self._config.ros.gravity else None
+        in_gravity = _upright_trajectory(record, course) if self._config.ros.gravity else None
         further = self._further(course, interruption) | {"problems": self._calibration.problems or problems}
         corrected = None
         if self._places is not None and len(record):
             corrected, further["map"] = self._corrected(self._places, course, truth)
-        summary = self._summary(course, truth, further)
-        try:
+        stats = self._log.stats
+        complete, warnings = course.complete and stats.complete, [*stats.warnings, *course.warnings]
+        if self._depth is not None and self._depth.problem:
+            warnings.append(self._depth.problem)
+        summary = summarise(self._log, stats, self.lane, self._selection, truth, complete, warnings, further)
+        with course.deferred_error():
             if folder is not None:
                 folder.write_summary(summary)
                 for name, trajectory in ((MAP_TRAJECTORY, corrected), (GRAVITY_TRAJECTORY, in_gravity)):
                     if trajectory is not None:
                         folder.write_trajectory(name, trajectory)
-        except Exception as error:
-            course.error = course.error or error
-        if self._places is not None and self._save_map is not None and corrected is not None:
-            try:
+        with course.deferred_error():
+            if self._places is not None and self._save_map is not None and corrected is not None:
                 self._places.save(self._save_map)
-            except OutputError as error:  # the run's own files are complete
-                course.error = course.error or error
         return ReplayResult(summary, None if folder is None else folder.path, record.trajectory(), in_gravity)
 
     def _further(self, course: Course, interruption: Interruption) -> dict[str, Any]:
         """Return what the summary says beside the estimates: cost, latency, the rig, and the checks of this run."""
         record = self.lane.record
-        further: dict[str, Any] = {
-            "cpu_s": time.process_time() - self._began_cpu_s,
-            "peak_rss_mib": peak_rss_mib(),
-        }
+        further: dict[str, Any] = {"cpu_s": time.process_time() - self._began_cpu_s, "peak_rss_mib": peak_rss_mib()}
         if self._latency.ages_ms:
             further["live"] = self._latency.summary()
         if record.rig is not None:
@@ -223,24 +214,13 @@ class _Replay:
             with closing(test):
                 further["self_test"] = test.result(interruption)
         if self._there_and_back and not course.interrupted and len(record):
-            further["there_and_back"] = self._back(course, interruption)
+            there, further["there_and_back"] = record.trajectory(), None
+            try:  # what is already estimated is not lost where the way back fails
+                back = drift_there_and_back(self._log, self._config, self._selection, there, interruption)
+                further["there_and_back"] = back
+            except (ConfigError, InputError) as error:
+                course.warnings.append(f"there and back: {error}")
         return further
-
-    def _summary(self, course: Course, truth: Truth, further: dict[str, Any]) -> dict[str, Any]:
-        stats = self._log.stats
-        depth = [self._depth.problem] if self._depth is not None and self._depth.problem else []
-        warnings = [*stats.warnings, *course.warnings, *depth]
-        complete = course.complete and stats.complete
-        return summarise(self._log, stats, self.lane, self._selection, truth, complete, warnings, further)
-
-    def _back(self, course: Course, interruption: Interruption) -> dict[str, Any] | None:
-        """Return what the way back shows; what is already estimated is not lost where it fails."""
-        there = self.lane.record.trajectory()
-        try:
-            return drift_there_and_back(self._log, self._config, self._selection, there, interruption)
-        except (ConfigError, InputError) as error:
-            course.warnings.append(f"there and back: {error}")
-            return None
 
     def _corrected(
         self, places: "PlaceMap", course: Course, truth: Truth
@@ -270,6 +250,33 @@ class _Replay:
         except InputError as error:
             return truth, [f"{self._log.path}: {error}"]
         return truth._replace(poses=without_frames(poses, stamps_ns, truth.ignored)), []
+
+
+def _check_gravity(log: StereoLog, lane: Lane, with_map: bool) -> None:
+    """Raise a ConfigError where no samples can tell which way is up."""
+    config, why = lane.config, ""
+    if with_map:
+        why = "a map of places has a world of its own: leave out one of the two"
+    elif config.mono or not isinstance(log.rig, StereoRig):
+        why = "with one camera inertial samples are not used: use both cameras"
+    elif not config.imu.enabled:
+        why = "inertial samples are switched off: set imu.enabled to true"
+    elif not (METHODS[config.method].inertial and isinstance(lane.estimator, InertialEstimator)):
+        why = f"the method {config.method} takes no inertial samples: use cross-frame"
+    elif log.imu_topics is None:
+        why = log.imu_problem or f"{log.path} has no inertial samples: leave out the world of gravity"
+    if why:
+        raise ConfigError(f"the world cannot be made upright by gravity: {why}")
+
+
+def _upright_trajectory(record: RunRecord, course: Course) -> Trajectory | None:
+    """Return the poses of a run in a world that is upright by its last samples, and warn where there were none."""
+    if record.upright is None:
+        course.warnings.append("no frame had usable inertial samples: it is not known which way is up")
+        return None
+    known = record.trajectory()
+    assert known.cov_pose is not None  # of every record
+    return Trajectory(known.stamps_ns, *record.upright.poses(known.world_from_cam, known.cov_pose))
 
 
 class _Latency:

@@ -10,7 +10,7 @@ image. So the test is made a second time on the observations without the errors 
 what halves with one calibration differ by is the error of their tracks alone.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,19 +20,23 @@ from numpy.typing import NDArray
 
 from ..blas import one_thread
 from ..config import Config
+from ..errors import StreamSfmError
 from ..estimators import make_estimator
 from ..evaluation.relative_consistency import OF_WINDOW, factors
 from ..geometry import se3
+from ..geometry.linear import mahalanobis2
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..interrupts import Interruption
 from ..motion import Motion
 from ..observer import Observed
-from ..types import FrameEstimate, LastingErrors, Observations, Solution, Status
+from ..report.records import HalvesRecord
+from ..types import Estimator, FrameEstimate, LastingErrors, Observations, Solution, Status
 from .lane import Lane
 from .stored import StoredObservations
 
 TESTS = ("tracks", "image")
+MOST_FRAMES = 200  # of `Halves`: enough for spans of fifty, and bounded time
 Mask = NDArray[np.bool_]
 
 
@@ -41,9 +45,7 @@ class SelfTest:
 
     def __init__(self, projection: StereoProjection, config: Config) -> None:
         self._middle_px = (projection.width - 1) / 2
-        self._pairs = {
-            test: [make_estimator("cross-frame", projection, config) for _ in range(2)] for test in TESTS
-        }
+        self._pairs = {test: _pair("cross-frame", projection, config) for test in TESTS}
         self._apart: dict[tuple[str, int], list[tuple[Array, Array, Array]]] = {}
         self._born_left: dict[int, bool] = {}  # of the tracks in view
 
@@ -57,10 +59,7 @@ class SelfTest:
         }
         halves = {"tracks": o.track_ids % 2 == 0, "image": np.array(list(self._born_left.values()), bool)}
         for test, first in halves.items():
-            a, b = (
-                estimator.step(part_of(o, rows))
-                for estimator, rows in zip(self._pairs[test], (first, ~first), strict=True)
-            )
+            a, b = _stepped(self._pairs[test], o, first)
             if Status.LOST not in (a.status, b.status):
                 self._compare(test, o.frame_index, a, b)
 
@@ -123,7 +122,52 @@ class SelfTestOfRun:
             self._stored.close()
 
 
-def part_of(observations: Observations, rows: Mask) -> Observations:
+class Halves:
+    """Takes observations frame by frame, for one method on the even tracks and on the odd ones.
+
+    What it errs, and whether its covariances hold, without any truth: but for what all tracks of a frame share, above
+    all the calibration. If the estimator fails on either half, `record` ends there.
+    """
+
+    def __init__(self, projection: StereoProjection, config: Config) -> None:
+        self._pair = _pair(config.method, projection, config)
+        self.method, self.record = config.method, HalvesRecord()
+        self.failed = False
+
+    def take(self, observations: Observations) -> None:
+        """Estimate the next frame from each half."""
+        if self.failed:
+            return
+        try:
+            found = _stepped(self._pair, observations, observations.track_ids % 2 == 0)
+        except (ArithmeticError, ValueError, LookupError, StreamSfmError):
+            self.failed = True
+            return
+        if Status.LOST in (found[0].status, found[1].status):
+            self.record.add(np.full((2, 4, 4), np.nan), float("nan"))
+        else:
+            self.record.add(np.stack([half.world_from_cam for half in found]), _nees(*found))
+
+
+def _nees(one: Solution, other: Solution) -> float:
+    """The difference of two poses in their joint covariance, 6 expected; NaN where they have none, as at the start."""
+    cov = one.cov_pose + other.cov_pose
+    if not (np.isfinite(cov).all() and (np.diag(cov) > 0).all()):
+        return float("nan")
+    apart = se3.log(se3.inverse(one.world_from_cam) @ other.world_from_cam)
+    return float(mahalanobis2(apart[None], cov[None])[0])
+
+
+def _pair(method: str, projection: StereoProjection, config: Config) -> list[Estimator]:
+    return [make_estimator(method, projection, config) for _ in range(2)]
+
+
+def _stepped(pair: Sequence[Estimator], observations: Observations, first: Mask) -> list[Solution]:
+    """The next frame from the tracks that are `first`, and from the others."""
+    return [e.step(_part_of(observations, rows)) for e, rows in zip(pair, (first, ~first), strict=True)]
+
+
+def _part_of(observations: Observations, rows: Mask) -> Observations:
     """Return the observations of some tracks."""
     o, n_old = observations, len(observations.track_ids) - observations.n_new
     return replace(

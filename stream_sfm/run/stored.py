@@ -55,9 +55,8 @@ class StoredObservations:
         known = observed.errors
         errors = TemplateErrors(begun=ids, stds_px=stds_px, least_px=known.least_px, rules=known.rules)
         kept = changed(observed, observations=seen, errors=errors)
-        parts = [getattr(kept, name) for name in Observed.__match_args__]
         try:
-            pickle.dump(parts, self._file, protocol=pickle.HIGHEST_PROTOCOL)
+            pickle.dump(kept, self._file, protocol=pickle.HIGHEST_PROTOCOL)
         except OSError as error:
             raise OutputError(
                 f"observations of {self._frames} frames fill {tempfile.gettempdir()}: {error.strerror}; name another "
@@ -70,7 +69,7 @@ class StoredObservations:
         self._file.seek(0)
         errors: TemplateErrors | None = None
         for _ in range(self._frames):
-            observed = Observed(*pickle.load(self._file))
+            observed: Observed = pickle.load(self._file)
             seen = observed.observations
             errors = observed.errors if errors is None else errors.joined(observed.errors)
             if seen.rig is not None:

@@ -1,7 +1,6 @@
 """The frozen records that modules hand to each other, and the protocols of those that take them.
 
-Arrays are float64 unless stated otherwise, and are never written to. A record is equal only to itself, and its `repr`
-is one short line.
+Arrays are float64 unless stated otherwise, and never written to. A record equals only itself; its `repr` is one line.
 """
 
 from .estimates import CommonErrors as CommonErrors
@@ -29,4 +28,3 @@ from .observations import RigView as RigView
 from .protocols import Estimator as Estimator
 from .protocols import InertialEstimator as InertialEstimator
 from .protocols import Sink as Sink
-from .protocols import expected_motion as expected_motion

@@ -104,8 +104,7 @@ class RigView:
     uncorrected. `delay_by_rows`: the information that the rows have about the delay of the right camera, s⁻²,
     and its sum weighted by that, s⁻¹. `turn_root` (3, e): a root of the covariance of turns that the right camera has
     from frame to frame, radians. `change`: the right camera has turned against the left one; the turn is taken
-    out of the views from this frame on, and `change_root` (m, j) is a root of the covariance of what is left, in σ of
-    each error.
+    out of the views from this frame on, and `change_root` (m, j) is a root of the covariance left, in σ of each error.
     """
 
     model: RigModel

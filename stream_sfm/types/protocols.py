@@ -35,11 +35,6 @@ class InertialEstimator(Protocol):
         """Return pose and state later on, with further samples, which are not kept; None where none lead there."""
 
 
-def expected_motion(estimator: object, stamp_ns: int, view: InertialView) -> ExpectedMotion | None:
-    """Return the motion that an estimator predicts for the next frame; None of one that takes no inertial samples."""
-    return estimator.expect(stamp_ns, view) if isinstance(estimator, InertialEstimator) else None
-
-
 class Sink(Protocol):
     """Watches a run frame by frame: a file, a viewer, a progress bar, a queue."""
 

@@ -46,12 +46,8 @@ def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Bluepri
 
     `unit` is the unit of length that the labels name. On both timelines the path is shown as far as it goes then.
     """
-    whole_past = [
-        rrb.VisibleTimeRange(
-            timeline, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
-        )
-        for timeline in TIMELINES
-    ]
+    first, now = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
+    whole_past = [rrb.VisibleTimeRange(timeline, start=first, end=now) for timeline in TIMELINES]
     space = rrb.Spatial3DView(
         name="estimate orange, ground truth green; points by σ: 0.1 % blue, 10 % yellow",
         origin="world",

@@ -22,8 +22,7 @@ _FOR_FILES = rr.ChunkBatcherConfig(flush_tick=10.0, flush_num_bytes=16 * 2**20) 
 class Recording:
     """A stream of what is shown, named `name`: to the file `rrd`, to a viewer window (`view`), or to both.
 
-    Raises ConfigError where neither is requested or no viewer can be started, OutputError where the file cannot be
-    opened.
+    Raises ConfigError where neither is requested or no viewer starts, OutputError where the file cannot be opened.
     """
 
     def __init__(self, rrd: str | Path | None, view: bool, blueprint: rrb.Blueprint, name: str) -> None:

@@ -138,10 +138,8 @@ class RerunSink:
         arrows: dict[str, Array] = dict.fromkeys((layout.GRAVITY, layout.VELOCITY), np.empty((0, 3)))
         if inertial is not None:
             down = inertial.gravity / np.linalg.norm(inertial.gravity)
-            arrows = {
-                layout.GRAVITY: self._image_distance * down[None],
-                layout.VELOCITY: inertial.velocity[None] / 2,
-            }
+            arrows[layout.GRAVITY] = self._image_distance * down[None]
+            arrows[layout.VELOCITY] = inertial.velocity[None] / 2
         for path, vectors in arrows.items():
             shown = rr.Arrows3D.from_fields(vectors=vectors.astype(np.float32), origins=np.zeros_like(vectors))
             self._stream.log(path, shown)

@@ -30,7 +30,7 @@ def test_the_size_is_given_where_the_format_has_none(tmp_path: Path, cli) -> Non
     write_kitti(tmp_path / "00")
     command = ["convert-calibration", str(tmp_path / "00" / "calib.txt"), "--out", str(tmp_path / "rig.toml")]
     assert "does not contain the size of the images" in cli(*command, code=2).err
-    assert "write it as 1241x376" in cli(*command, "--size", "64 by 48", code=2).err
+    assert "give width and height in pixels, such as 640x480" in cli(*command, "--size", "64 by 48", code=2).err
     cli(*command, "--size", "64x48")
     rig = StereoRig.from_calibration(tmp_path / "rig.toml")
     assert (rig.left.width, rig.left.height) == (64, 48)
