@@ -1,12 +1,18 @@
 """Decodes ROS messages by the definition that the log carries: ROS 1, ROS 2 with msg or with IDL."""
 
 import re
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, partial
 from typing import Any
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
-from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.interfaces import Msgdef, Nodetype
+from rosbags.serde.cdr import generate_deserialize_cdr, generate_getsize_cdr, generate_serialize_cdr
+from rosbags.serde.ros1 import generate_deserialize_ros1
+from rosbags.typesys import get_types_from_idl, get_types_from_msg
+from rosbags.typesys.base import normalize_fieldname
+from rosbags.typesys.store import Typestore
+from rosbags.typesys.stores import empty
 
 from ..inputs import LIMITS, Decoder, bounded
 
@@ -30,6 +36,34 @@ _SUPPORTED = (
     (MessageEncoding.CDR, SchemaEncoding.ROS2IDL),
     (MessageEncoding.ROS1, SchemaEncoding.ROS1),
 )
+_MAKERS: dict[str, Callable[..., Any]] = {
+    "serialize_cdr_le": partial(generate_serialize_cdr, endianness="le"),
+    "deserialize_cdr_le": partial(generate_deserialize_cdr, endianness="le"),
+    "deserialize_cdr_be": partial(generate_deserialize_cdr, endianness="be"),
+    "deserialize_ros1": generate_deserialize_ros1,
+}
+
+
+class Types(Typestore):
+    """Types with some functions of `_MAKERS` only.
+
+    rosbags writes and compiles 13 for each type, also those that are never called: that takes four times as long.
+    """
+
+    def __init__(self, *functions: str) -> None:
+        super().__init__(empty)  # with times and durations, which ROS 1 does not define
+        self._functions = functions
+
+    def get_msgdef(self, typename: str) -> Msgdef[object]:
+        """Return the functions of a type, all others of which are None."""
+        if typename not in self.cache:
+            entries = [(normalize_fieldname(name), of) for name, of in self.fielddefs[typename][1]]
+            made: dict[str, Any] = dict.fromkeys(Msgdef.__dataclass_fields__)
+            made |= {"name": typename, "fields": entries, "cls": self.types.get(typename)}
+            made["getsize_cdr"], made["size_cdr"] = generate_getsize_cdr(entries, self)
+            made |= {name: _MAKERS[name](entries, self) for name in self._functions}
+            self.cache[typename] = Msgdef(**made)
+        return self.cache[typename]
 
 
 @lru_cache(maxsize=32)  # a log is opened several times, and rosbags takes tens of milliseconds for a definition
@@ -45,12 +79,13 @@ def ros_decoder(message_encoding: str, schema_encoding: str, schema_name: str, d
     text = definition.decode("utf-8", "replace").replace("\r\n", "\n")
     types = _parse_types(text, schema_name, idl=schema_encoding == SchemaEncoding.ROS2IDL)
     _refuse_endless(types)
-    store = get_typestore(Stores.EMPTY)
+    is_ros1 = message_encoding == MessageEncoding.ROS1
+    store = Types(*(["deserialize_ros1"] if is_ros1 else ["deserialize_cdr_le", "deserialize_cdr_be"]))
     store.register({name: fields for name, fields in types.items() if name not in store.fielddefs})
     package, *_, short_name = schema_name.split("/")
     name = f"{package}/msg/{short_name}"
     store.get_msgdef(name)  # here, so that what is missing is reported for the schema, not for every message
-    deserialise = store.deserialize_ros1 if message_encoding == MessageEncoding.ROS1 else store.deserialize_cdr
+    deserialise = store.deserialize_ros1 if is_ros1 else store.deserialize_cdr
 
     def decode(data: bytes) -> Any:
         return deserialise(data, name)

@@ -4,20 +4,18 @@ The standard messages used here are the same in every ROS 2.
 """
 
 from collections.abc import Mapping
-from dataclasses import fields
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.interfaces import Msgdef, Nodetype
-from rosbags.serde.cdr import generate_getsize_cdr, generate_serialize_cdr
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg
-from rosbags.typesys.store import Typestore
 
 from ..geometry import se3
 from ..geometry.se3 import Array
+from ..recording.ros import Types
 from .own_messages import DEFINITIONS
 
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -64,37 +62,14 @@ diagnostic_msgs/DiagnosticArray: std_msgs/Header header, diagnostic_msgs/Diagnos
 _PART = "=" * 80  # between a definition and those of its parts
 
 
-def _parsed(name: str, fields: str) -> Any:
-    return get_types_from_msg(fields.replace(", ", "\n"), name.replace("/", "/msg/"))
-
-
-class _Encoders(Typestore):
-    """Types whose messages can only be encoded in little-endian CDR.
-
-    For each type rosbags writes and compiles all its functions, those of ROS 1 and those that decode, too: that takes
-    60 ms, these two 10 ms.
-    """
-
-    def get_msgdef(self, typename: str) -> Msgdef[object]:
-        """Return what encodes a type; everything else of it is None."""
-        if typename not in self.cache:
-            entries = self.fielddefs[typename][1]
-            getsize, size = generate_getsize_cdr(entries, self)
-            made: dict[str, Any] = dict.fromkeys(each.name for each in fields(Msgdef))
-            made |= {"name": typename, "fields": entries, "cls": self.types[typename]}
-            made |= {"size_cdr": size, "getsize_cdr": getsize}
-            made["serialize_cdr_le"] = generate_serialize_cdr(entries, self, "le")
-            self.cache[typename] = Msgdef(**made)
-        return self.cache[typename]
-
-
 @cache
 def type_store() -> Any:
-    """The types of ROS 2 and our own. The first call takes 30 ms: it had better not be in a frame."""
-    store, standard = _Encoders(), (line.split(": ", 1) for line in _STANDARD.splitlines())
-    store.register({name: of for kind, fields in standard for name, of in _parsed(kind, fields).items()})
+    """The types of ROS 2 and our own. The first call takes 20 ms: it had better not be in a frame."""
+    store, standard = Types("serialize_cdr_le"), (line.split(": ", 1) for line in _STANDARD.splitlines())
+    for name, fields in standard:
+        store.fielddefs |= get_types_from_msg(fields.replace(", ", "\n"), name.replace("/", "/msg/"))
     for name, text in DEFINITIONS.items():
-        store.register(get_types_from_msg(text, name))
+        store.fielddefs |= get_types_from_msg(text, name)
     for name in (*DEFINITIONS, ODOMETRY, POSE, TRANSFORMS, CLOUD, PATH):
         store.get_msgdef(name)  # makes what encodes it
     return store
@@ -113,7 +88,7 @@ def make(name: str, /, **fields: Any) -> Any:
     """Make a message (package/msg/Name) of fields and parts, which are objects with fields, too; arrays become flat."""
     for field, number in _arrays(name).items():
         fields[field] = np.asarray(fields[field], number).ravel()
-    return type_store().types[name](**fields)
+    return SimpleNamespace(__msgtype__=name, **fields)
 
 
 def encode(message: Any) -> bytes:
