@@ -1,7 +1,7 @@
 """The core under sanitizers: `python -m tools.sanitize`. Exit code 1 on any report.
 
-Builds the core with AddressSanitizer and UndefinedBehaviorSanitizer (GCC or Clang) in build/sanitized, beside links to
-this checkout, and runs there the tests of the core, the estimators and the front-end, two replays and calls of the core
+Builds the core with AddressSanitizer and UndefinedBehaviorSanitizer (GCC or Clang) in build/sanitized, in a copy of
+the package, and runs there the tests of the core, the estimators and the front-end, two replays and calls of the core
 with random arguments. What nanobind still holds at the end, a leaked reference, is a report, too.
 """
 
@@ -53,17 +53,12 @@ def main() -> int:
 
 
 def _tree() -> Path:
-    """Make the folder with links to all of this checkout but the built module."""
+    """Make the folder with a copy of the package but the built module, and links to the rest of this checkout."""
     tree = _ROOT / "build" / "sanitized" / "tree"
     shutil.rmtree(tree, ignore_errors=True)
-    core = tree / "stream_sfm" / "core"
-    core.mkdir(parents=True)
+    shutil.copytree(_ROOT / "stream_sfm", tree / "stream_sfm", ignore=shutil.ignore_patterns("*.so", "__pycache__"))
     for name in ("tests", "tools", "logs", "docs", "examples", "pyproject.toml"):
         (tree / name).symlink_to(_ROOT / name)
-    for folder, made in ((_ROOT / "stream_sfm", tree / "stream_sfm"), (in_place.SOURCES, core)):
-        for path in folder.iterdir():
-            if path.name != "core" and path.suffix in ("", ".py", ".pyi", ".html", ".typed"):
-                (made / path.name).symlink_to(path)  # no sources of the core: it is not to be built again
     return tree
 
 

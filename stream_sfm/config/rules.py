@@ -290,9 +290,10 @@ class GhostRules(Section, frozen=True, kw_only=True):
     remembered: Annotated[int, expert("frames that are judged together", 1, 10_000)] = 40
     # Without new evidence, which there is none of while the camera stands or moves steadily.
     lasting_frames: Annotated[int, expert("frames that a suspicion lasts", 1, 10_000)] = 100
-    # Sound logs, real and rendered, some blurred, dark, encoded or with a pattern of the sensor, have at most 4.1 σ.
-    share: Annotated[float, expert("least share of the image before in one", 0, 1)] = 0.008
-    sigmas: Annotated[float, expert("by how many σ it is above zero", 0.1, 1e8)] = 6.0
+    # Sound logs, real and rendered, some blurred, dark, encoded or with a pattern of the sensor, have shares of at most
+    # 0.01, which are at most 4.1 σ above zero. In the first frames a share is large, and uncertain.
+    share: Annotated[float, expert("least share of the image before in one, less its uncertainty", 0, 1)] = 0.0033
+    sigmas: Annotated[float, expert("how many σ its uncertainty is", 0.1, 1e8)] = 3.5
 
 
 class SmearRules(Section, frozen=True, kw_only=True):
@@ -301,10 +302,10 @@ class SmearRules(Section, frozen=True, kw_only=True):
     # Below, tracks are hardly more accurate than that; above, the ghost is a second picture, which is looked for.
     least_px: Annotated[
         float, expert("motion between two frames of patches that are looked at, px", 0.01, 1000)
-    ] = 0.2
+    ] = 0.1
     most_px: Annotated[float, expert("and at most, px", 0.1, 1000)] = 3.0
     # In dim light tracks of a standing camera seem to move by 0.15 px, and by more where noise looks like a smear.
-    typical_px: Annotated[float, expert("least median motion in a frame that says anything, px", 0, 1000)] = 0.25
+    typical_px: Annotated[float, expert("least median motion in a frame that says anything, px", 0, 1000)] = 0.2
     # By then the view of a point has changed.
     oldest: Annotated[int, expert("frames back to the slow view, at most", 1, 1000)] = 20
     patches: Annotated[int, expert("most patches of a frame", 1, 2000)] = 128
@@ -318,10 +319,15 @@ class SmearRules(Section, frozen=True, kw_only=True):
     # Each costs some 2 ms.
     every: Annotated[int, expert("frames from one examined to the next, after the first ones", 1, 10_000)] = 16
     lasting_frames: Annotated[int, expert("frames that a suspicion lasts", 1, 10_000)] = 100
-    # Sound logs, real and rendered, have at most 0.75 σ, most of them less than none.
-    variance: Annotated[float, expert("least smear beyond a shutter's, frames²", 0, 1e6)] = 0.03
+    # Sound logs, real and rendered, have at most 1.9 σ, most of them less than none.
+    variance: Annotated[float, expert("least smear beyond a shutter's less its uncertainty, frames²", 0, 1e6)] = (
+        0.0125
+    )
     # Of patches that differ; frames that are compared with the same slow one share its noise.
-    sigmas: Annotated[float, expert("by how many σ it is", 0.1, 1e8)] = 6.0
+    sigmas: Annotated[float, expert("how many σ its uncertainty is", 0.1, 1e8)] = 3.5
+    # Patches of sound logs have up to 0.005; where tracks stay with the half that is at rest, from 0.017 on.
+    other: Annotated[float, expert("least share of another picture in patches, less its uncertainty", 0, 1)] = 0.01
+    other_sigmas: Annotated[float, expert("how many σ this uncertainty is", 0.1, 1e8)] = 2.0
 
 
 class StillRules(Section, frozen=True, kw_only=True):

@@ -203,6 +203,10 @@ class RigConfig(Section, frozen=True, kw_only=True):
     std_refocused: Annotated[
         float, expert("σ of the relative change of a focal length that changes between frames", 1e-6, 0.5)
     ] = 0.02
+    # The middle of what a lens scales is some ten pixels from the principal point, 0.02 focal lengths.
+    refocused_axes_rad: Annotated[
+        float, expert("turn of the camera's axes by a focal length that doubles, σ about x and y", 0, 1)
+    ] = 0.02
     # At most 4 on sound logs, rendered and real; a change by 0.1 % shows as 10 and more.
     refocused: Annotated[float, expert("σ by which a frame shows that its focal length is another", 0.1, 1e8)] = 5.0
     rested_frames: Annotated[int, expert("frames with one focal length, after which it rests", 3, 10_000)] = 8

@@ -49,9 +49,10 @@ void bind_images(nb::module_& m) {
 
 Raises ValueError for a filter that does not exist.)",
         "filtered"_a, "pixel"_a);
-    def<&patch_smears>(m, "patch_smears", R"(By how much variance patches are smeared beside earlier ones (n, 13, 13), px², and the variance of this: (n, 2).
+    def<&patch_smears>(m, "patch_smears", R"(By how much variance patches are smeared beside earlier ones (n, 13, 13), px², and the variance of this: (n, 4).
 
-`along` (n, 3): what the coefficients of the second derivatives xx, yy and xy count; see frontend/smear_check.py.)",
+Then the mean squares of what earlier ones do not explain, and of the patch itself, grey values squared. `along` (n, 3):
+what the coefficients of the second derivatives xx, yy and xy count; see frontend/smear_check.py.)",
         "before"_a, "after"_a, "along"_a, "noise_grey"_a, "least_square"_a);
     def<&ghost_sums>(m, "ghost_sums", R"(Sums (2, 5) over patches of how much of the last image is in today's, and of their squares, by two controls.
 

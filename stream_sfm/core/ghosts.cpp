@@ -71,7 +71,7 @@ Array<double, 2> patch_smears(View<float, 3> before, View<float, 3> after, Matri
     std::size_t n = before.shape[0];
     for (const View<float, 3>& patches : {before, after}) require_shape(patches, {n, WIDE, WIDE}, "patches");
     require_shape(along, {n, SECOND}, "along");
-    Array<double, 2> smears(n, 2);
+    Array<double, 2> smears(n, 4);
     float wide[WIDE * WIDE], seen[K];
     for (std::size_t i = 0; i < n; i++) {
         std::copy_n(before[i], WIDE * WIDE, wide);
@@ -92,6 +92,8 @@ Array<double, 2> patch_smears(View<float, 3> before, View<float, 3> after, Matri
             variance += counts[k] * of_counts[k];
         }
         smears[i][1] = (left / (K - CHANGES) + noise_grey * noise_grey) * variance;
+        smears[i][2] = left / (K - CHANGES);
+        smears[i][3] = dot(seen, seen, K) / K;
     }
     return smears;
 }

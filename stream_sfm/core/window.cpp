@@ -16,6 +16,7 @@ enum : std::size_t {
     MAX_PARTS = 4  // of the field: a view has no more coordinates
 };
 constexpr std::size_t Q_COLUMNS[3] = {0, 1, 3};  // of a homogeneous point: what q moves
+constexpr std::size_t MOST_PARTS = 1000;  // of points, of which each has poses of its own
 
 // A view that counts: its row, and those of its frame and of its point.
 struct Seen {
@@ -344,6 +345,7 @@ PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, 
                             int parts) {
     std::size_t frames = state.cams_from_ref.shape[0], of_part = static_cast<std::size_t>(std::max(parts, 0));
     require_shape(part, {state.q.shape[0]}, "part");
+    require(of_part <= MOST_PARTS, "there are more than 1000 parts");
     PosesByParts result{{of_part * frames, 6, 6}, {of_part * frames, 6}};
     for (const Seen& seen : seen_by(state, views)) {
         auto at = static_cast<std::uint64_t>(part.data[seen.point]);

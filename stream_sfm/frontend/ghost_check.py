@@ -25,7 +25,7 @@ from .. import core
 from ..config.rules import GhostRules
 from ..geometry.se3 import Array
 from ..record import changed, record
-from .patches import View, share_of
+from .patches import View, at_least, share_of
 
 SHOWS_THROUGH = (
     "earlier images show through: is noise reduction over time on in the cameras, or were frames blended? "
@@ -61,8 +61,7 @@ class GhostCheck:
         rules = self.rules
         views = (*self.views, view)[-rules.back_frames - 1 :]
         check = changed(self, views=views, sums=(*self.sums, _sums(views, rules))[-rules.remembered :])
-        share, significance = check.share
-        shown = share > rules.share and significance > rules.sigmas
+        shown = at_least(*check.share, rules.sigmas) > rules.share
         return changed(check, lasts=rules.lasting_frames if shown else max(0, self.lasts - 1))
 
     def interrupted(self) -> "GhostCheck":

@@ -45,6 +45,11 @@ def share_of(sums: Array) -> tuple[float, float]:
     return float(share), float(p / np.sqrt(max(variance, 1e-6 * pp)))
 
 
+def at_least(share: float, significance: float, sigmas: float) -> float:
+    """What a share is at least, so many of its σ below it."""
+    return share * (1 - sigmas / significance) if significance > 0 else share
+
+
 def patches_of(image: Image, at_px: Array, radius_px: int) -> NDArray[np.float32]:
     """Patches (..., d, d), d = 2 radius + 1, of an image around positions (..., 2)."""
     d = 2 * radius_px + 1

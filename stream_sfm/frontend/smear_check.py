@@ -13,6 +13,11 @@ exchanged, and half the difference taken. Focus blurs in all directions; so C is
 Sampling between pixels blurs by f·(1 − f), f the fraction of the position, which is taken out. What is left, y, is
 regressed on x = d² over all patches: Σ x·(y − x/12) over Σ x² is a/(1 − a)² − 1/12, less where the slowest frame is
 hardly slower, and not above zero in any other images.
+
+In the first frame that moves after a start, half of what both cameras show may not have moved. Where that is more than
+a few pixels, alignment finds the half that is at rest, and no second derivative explains the other one. Noise is the
+same in all patches, and half of another picture is the more the more texture there is: what is left of patches,
+compared with those of the frame before, grows with their contrast.
 """
 
 import numpy as np
@@ -23,8 +28,9 @@ from ..geometry.medians import median
 from ..geometry.se3 import Array
 from ..record import changed, record
 from .ghost_check import SHOWS_THROUGH
-from .patches import RADIUS_PX, View, patches_of, share_of
+from .patches import RADIUS_PX, View, at_least, patches_of, share_of
 
+_STD_OF_MEDIAN = 1.86  # over the median deviation, by the root of the number
 _SECOND = np.array([2.0, 2.0, 4.0])  # from coefficients of the last three changes to C: xx, yy, xy
 
 
@@ -65,12 +71,13 @@ class SmearCheck:
         typical_px = median(known_px) if len(known_px) else 0.0
         moves = typical_px > rules.typical_px
         if moves and (len(self.sums) < rules.remembered or check.waited >= rules.every):
-            sums = _sums(self.slow, now, moved_px, rules)
-            if sums is None:
+            found = _found(self.slow, now, moved_px, rules)
+            if found is None:
                 return check._slow(now, typical_px)
+            sums, other = found
             check = changed(check, sums=(*self.sums, sums)[-rules.remembered :], waited=0)
-            variance, significance = check.share
-            if variance > rules.variance and significance > rules.sigmas:
+            blended = check.age == 1 and typical_px < rules.most_px and other > rules.other
+            if blended or at_least(*check.share, rules.sigmas) > rules.variance:
                 check = changed(check, lasts=rules.lasting_frames)
         return check._slow(now, typical_px) if check.age >= rules.oldest or typical_px < self.slow_px else check
 
@@ -83,8 +90,9 @@ class SmearCheck:
         return changed(self, slow=view, slow_px=moved_px, age=0)
 
 
-def _sums(slow: View, now: View, moved_px: Array, rules: SmearRules) -> Array | None:
-    """What a frame says, the tracks of which moved by (n, 2): see `SmearCheck`; None where it is too little."""
+def _found(slow: View, now: View, moved_px: Array, rules: SmearRules) -> tuple[Array, float] | None:
+    """What a frame says, the tracks of which moved by (n, 2): `sums` as in `SmearCheck`, and how much of its patches
+    is of another picture, at least; None where it is too little."""
     then_px, lengths_px = slow.of(now.ids), np.linalg.norm(moved_px, axis=1)
     usable = (lengths_px > rules.least_px) & (lengths_px < rules.most_px)
     usable &= now.inside(then_px) & now.inside(now.left_px)
@@ -98,7 +106,7 @@ def _sums(slow: View, now: View, moved_px: Array, rules: SmearRules) -> Array | 
     before = patches_of(slow.image, then_px, RADIUS_PX + 1)
     after = patches_of(now.image, now_px, RADIUS_PX + 1)
     along = _SECOND * np.stack([turned, -turned, 2 * mixed], axis=1)
-    (forth, var_forth), (back, var_back) = (
+    (forth, var_forth, left, square), (back, var_back, _, _) = (
         core.patch_smears(*patches, along, rules.noise_grey, rules.least_square).T
         for patches in ((before, after), (after, before))
     )
@@ -106,7 +114,20 @@ def _sums(slow: View, now: View, moved_px: Array, rules: SmearRules) -> Array | 
     y = (forth - back) / 2 - turned * (sampled[:, 0] - sampled[:, 1])
     weights = 1 / ((var_forth + var_back) / 4 + rules.std_px2**2)
     p, s = weights * x * (y - x / 12), weights * x**2  # 1/12: variance of a shutter that is open for a whole frame
-    return np.array([p.sum(), s.sum(), p @ p, p @ s, s @ s])
+    return np.array([p.sum(), s.sum(), p @ p, p @ s, s @ s]), _other(left, square, rules.other_sigmas)
+
+
+def _other(left: Array, square: Array, sigmas: float) -> float:
+    """The share of another picture in patches (n,), so many σ below it: how what is `left` of them grows with their
+    mean `square`, from the half with less texture to that with more."""
+    order = square.argsort(kind="stable")
+    halves = order[: len(order) // 2], order[len(order) // 2 :]
+    (flat, textured), (flat_square, square_of_texture) = (
+        [median(of[half]) for half in halves] for of in (left, square)
+    )
+    scatter = [median(np.abs(left[half] - median(left[half]))) / np.sqrt(len(half)) for half in halves]
+    growth, std = textured - flat, _STD_OF_MEDIAN * np.hypot(*scatter)
+    return float((growth - sigmas * std) / max(square_of_texture - flat_square, 1.0))
 
 
 def _blur_of_sampling(px: Array) -> Array:

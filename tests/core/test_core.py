@@ -106,6 +106,8 @@ def test_what_is_missing_or_too_large_is_refused() -> None:
     for at in range(3):
         with pytest.raises(ValueError, match="an image is empty"):
             core.ghost_sums(*with_other(CALLS["ghost_sums"], (at,), np.zeros((0, 80), np.uint8)))
+    with pytest.raises(ValueError, match="more than 1000 parts"):
+        core.poses_by_parts(*CALLS["poses_by_parts"][:-1], most)
 
 
 def test_a_field_that_is_missing_or_of_another_kind_is_named_with_its_record() -> None:

@@ -5,6 +5,9 @@ motion does that, so each frame shows by how much its focal length is another on
 hundredth of a percent on good images. Where that is more than usual, the focal length of each frame is an unknown of
 its own from then on. So it may do what it wants, the pose is as uncertain as that makes it, and no frame suffers from
 another. Once it has been the same for some frames, it is one of the rig's errors again.
+
+What is not scaled about its principal point is moved as well. That looks like a turn of the camera, and no view tells
+them apart; so the pose is as uncertain as the way of the focal length makes it.
 """
 
 import numpy as np
@@ -21,7 +24,8 @@ class FocusWatch:
     """What frames show of their focal lengths, as shares of it.
 
     `spread`: mean square of what calm frames show, in σ of that, over the last of `frames`, and `waiting`: those of the
-    latest. `shown`: while it changes, what each of the latest frames has shown of it, with its variance.
+    latest. `shown`: while it changes, what each of the latest frames has shown of it, with its variance. `rested`: by
+    how much it has changed before.
     """
 
     rules: RigConfig
@@ -29,6 +33,7 @@ class FocusWatch:
     frames: int = 0
     shown: tuple[tuple[float, float], ...] = ()
     waiting: tuple[float, ...] = ()
+    rested: float = 0.0
 
     @classmethod
     def begun(cls, rules: RigConfig) -> "FocusWatch":
@@ -97,6 +102,12 @@ class FocusWatch:
         even = slope**2 < rests**2 * float(weight @ since**2)
         return mean if even and scatter < n + rests * np.sqrt(2 * n) else None
 
-    def calm(self) -> "FocusWatch":
-        """Return the watch of a focal length that rests."""
-        return changed(self, shown=())
+    @property
+    def cov_axes(self) -> Array:
+        """What the change of the focal length so far adds to the covariance (6, 6) of the newest pose."""
+        share = self.rested + (self.shown[-1][0] if self.moves else 0.0)
+        return np.diag([0, 0, 0, 1, 1, 0]) * (self.rules.refocused_axes_rad * share) ** 2
+
+    def calm(self, share: float = 0.0) -> "FocusWatch":
+        """Return the watch of a focal length that rests, after it has changed by such a share."""
+        return changed(self, shown=(), rested=self.rested + share)

@@ -52,7 +52,7 @@ def end_refocusing(current: Map) -> None:
     """Make a focal length that has changed, and rests, one of the rig's errors again."""
     rests_at = current.focus.rests_at
     if rests_at is not None:
-        current.focus = current.focus.calm()
+        current.focus = current.focus.calm(rests_at)
         current.change_rig(lambda rig: rig.refocused(rests_at))
 
 

@@ -269,7 +269,7 @@ class CrossFrame(TakesSamples):
             status=status,
             reason=reason,
             world_from_cam=now.world_from_cam,
-            cov_pose=now.cov_pose + cov_timing,
+            cov_pose=now.cov_pose + cov_timing + current.focus.cov_axes,
             track_ids=now.ids[shown],
             points_in_cam=now.points_in_cam[shown],
             cov_points=now.cov_points[shown],
