@@ -124,9 +124,10 @@ class Densities:
         """Return them after an interval with a `surprise` (3, 4), as in `InertialWindow.learn`."""
         keep = 1 - 1 / self.rules.remembered
         counts = (1 - keep) * self.rules.data_sheet
-        squares = keep * self.squares + counts * self.sheet + surprise[:, 0] * self.factors**2
+        in_units = self.factors**2  # that residuals are weighted by
+        squares = keep * self.squares + counts * self.sheet + surprise[:, 0] * in_units
         shares = keep * self.shares + counts + surprise[:, 1]
-        plain = keep * self.plain + np.stack([surprise[:, 2] * self.factors**2, surprise[:, 3]], axis=1)
+        plain = keep * self.plain + np.stack([surprise[:, 2] * in_units, surprise[:, 3]], axis=1)
         return changed(self, squares=squares, shares=shares, plain=plain)
 
 
@@ -164,7 +165,7 @@ class Jitter:
 
 
 def likely(state: Array, cov: Array, std: Array, rig: RigConfig) -> Array:
-    """Return the mean (5,) of scale, axes and clock, each of which may be exactly zero, eq. (87).
+    """Return scale, axes and clock (5,), each of which may be exactly zero, and is where that is likelier, eq. (87).
 
     From their state (17,), covariance (17, 17), and σ (5,) beforehand. The odds are those of the rig: errors of views
     that last look like wrong scale, axes or clock.
@@ -188,4 +189,6 @@ def likely(state: Array, cov: Array, std: Array, rig: RigConfig) -> Array:
     )
     means = np.linalg.solve(np.eye(5) + information, weighted[..., None])[..., 0]
     weights = np.exp(log_odds - log_odds.max())
-    return np.asarray(weights @ means / weights.sum() * std)
+    weights /= weights.sum()
+    probable = 2 - 1 / np.maximum(weights @ there, 0.5)  # none unless it is likelier there than not
+    return np.asarray(np.repeat(probable, _SIZES) * (weights @ means) * std)
