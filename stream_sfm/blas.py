@@ -15,7 +15,7 @@ class OneThread:
     """
 
     def __init__(self) -> None:
-        self.begun_so = False  # the process was told to before it loaded any library: there is nothing to do
+        self.begun_so = False  # set before the process loaded any library: there is nothing to do
         self._lock = threading.Lock()
         self._inside = 0
         self._libraries: list[Any] = []  # found late: it takes milliseconds

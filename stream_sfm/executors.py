@@ -52,7 +52,7 @@ def processes(workers: int) -> Iterator[Executor]:
 
 @contextmanager
 def _silent(*packages: str) -> Iterator[None]:
-    """Log nothing of these packages: a scheduler that dies is told in one line, not in forty."""
+    """Log nothing of these packages: a scheduler that dies is reported in one line, not in forty."""
     loggers = [logging.getLogger(name) for name in (*packages, *logging.root.manager.loggerDict)]
     silenced = [logger for logger in loggers if logger.name.split(".")[0] in packages and not logger.disabled]
     for logger in silenced:

@@ -232,7 +232,7 @@ class ErrorRules(Section, frozen=True, kw_only=True):
     least_white: Annotated[float, expert("least share of white noise", 1e-3, 1)] = 0.05
     # What is less is white.
     least_decay: Annotated[float, expert("least decay of the lasting part", 0.01, 0.999)] = 0.5
-    # What lasts longer cannot be told within the life of a track.
+    # What lasts longer cannot be distinguished within the life of a track.
     most_decay: Annotated[float, expert("largest decay of the lasting part", 0.01, 0.999)] = 0.98
     # σ₀ of eq. (18), of a patch whose halves agree. Measured on two rendered logs: with it the median error of local
     # structure is 0.5 and 1.6 times its σ, without it 2.6 and 2.8 times.
@@ -373,7 +373,7 @@ class EchoRules(Section, frozen=True, kw_only=True):
 
     # More of the image costs more, and shows no more.
     middle_px: Annotated[int, expert("side of the middle that is looked at, at most, px", 8, 4096)] = 256
-    # Nearer copies cannot be told from blur and from how texture is sampled.
+    # Nearer copies cannot be distinguished from blur and from how texture is sampled.
     least_px: Annotated[float, expert("least displacement of the copy, px", 0.1, 1000)] = 5.5
     largest_px: Annotated[int, expert("largest displacement across and down, px", 4, 64)] = 48
     blur_px: Annotated[float, expert("σ of the Gaussian beyond which all is light and shade, px", 0.1, 100)] = 2.0

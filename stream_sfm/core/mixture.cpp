@@ -89,7 +89,7 @@ double log_evidence(double information, double weighted, double variance = 1) {
 }
 
 // The log odds that errors are N(0, 1) each rather than all 0, by C⁻¹ and C⁻¹ m with sizes so far; of what the views
-// claim a share counts.
+// say a share counts.
 double log_odds_wrong(Gaussian information, const Numbers& size, double counts) {
     std::size_t n = information.size();
     for (std::size_t i = 0; i < n; i++) information.cov[i * n + i] -= 1 / (size[i] * size[i]);

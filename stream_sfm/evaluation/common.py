@@ -19,7 +19,7 @@ from .settings import SETTINGS
 
 
 class Common(NamedTuple):
-    """What all methods share; zero is what cannot be told from zero.
+    """What all methods share; an error that does not differ from zero by its σ is zero.
 
     The camera's axes are those of the truth turned by `turn_rad` (3,); lengths are 1 + `scale` times the true ones;
     the world is that of the truth turned by `start_rad` (3,) about its first position.

@@ -19,8 +19,6 @@ from .seen import Seen
 from .state import FrontEndState
 from .step import Step
 
-_STEPS = 5  # of Gauss-Newton, each with robust weights
-
 
 def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
     """Return the motion near the predicted one in place of one that jumps, if as many old tracks agree.
@@ -70,7 +68,7 @@ def _turned(views: PointViews, cam_from_ref: Array) -> Array:
     Between two frames a camera that is carried turns by more than a prediction knows to a pixel.
     """
     found, none = cam_from_ref, np.zeros(views.shared.shape[2])
-    for _ in range(_STEPS):
+    for _ in range(5):  # steps of Gauss-Newton, each with robust weights
         root, jacobian = views.linearise(found)
         residuals, squared = (of_motion[0] for of_motion in core.view_residuals(views, root, none, found[None]))
         finite = np.isfinite(squared)

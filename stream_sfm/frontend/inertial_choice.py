@@ -38,7 +38,7 @@ def nearer(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> R
 
 
 def is_camera(step: Step, motion: Resection) -> bool:
-    """Whether a motion is that of samples which were known before the map began: it is no body's then."""
+    """Whether a motion is that of samples which were known before the map began: then it is not a body's."""
     expected = step.by_inertia
     if expected is None or not expected.carried:
         return False

@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 
 from ..errors import ConfigError, OutputError
 
-_LOCAL = "127.0.0.1"  # a viewer listens on every interface unless it is told otherwise
+_LOCAL = "127.0.0.1"  # a viewer listens on every interface unless it is given one
 _WAIT_S = 30.0  # for a viewer to listen (seconds on a loaded machine), and for the last data on a slow disk
 _FOR_FILES = rr.ChunkBatcherConfig(flush_tick=10.0, flush_num_bytes=16 * 2**20)  # seconds; bytes held in memory
 

@@ -27,7 +27,7 @@ from ..triangulation import counted_cov, triangulate, usable_births
 from .baseline import Baseline
 
 # The pose is unknown before its update: its prior covariance is this many times the one that the views will give it,
-# plus this many times that of the drift so far (otherwise each frame would claim to know a little about where it is in
+# plus this many times that of the drift so far (otherwise each frame would seem to know a little about where it is in
 # the world). Trades what the prior still says, a ten-thousandth, against digits: the update subtracts such numbers.
 _FREE, _FREE_OF_DRIFT = 1e4, 300.0
 

@@ -1,8 +1,8 @@
 """By how much σ has to grow because errors of views last, measured from halves of the tracks, eq. (69b).
 
 Given the modes of the prior, points are independent of each other. So are then the poses that two halves of the tracks
-lead to, each of which is one Newton step away from the common minimum. How far they are apart, in units of the σ that
-they claim, is known without any truth, and without a model of what lasts. There are two kinds of halves: even and odd
+lead to, each of which is one Newton step away from the common minimum. How far they are apart, in units of their
+σ, is known without any truth, and without a model of what lasts. There are two kinds of halves: even and odd
 tracks, and those first seen left and right of the image's middle, which show what neighbours have in common.
 """
 

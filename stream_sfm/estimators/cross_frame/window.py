@@ -65,7 +65,7 @@ class CrossFrame(TakesSamples):
         self._has_field = False
         self._factors = SpanFactors.unknown(config.window)
         self._noise = TrackNoise.unknown(config.window)
-        self._said_by_rows = np.zeros(2)  # information about the delay and its weighted sum
+        self._known_by_rows = np.zeros(2)  # information about the delay and its weighted sum
         self._in_question = False  # the motion into the latest frame that was estimated
         self._impossible = ""  # why the calibration cannot be right, if it cannot
 
@@ -178,9 +178,9 @@ class CrossFrame(TakesSamples):
         more, weighted = np.zeros((2, m))
         if (view := observations.rig) is not None:
             at, said = TERMS.index(DELAY), view.model.amplitudes(DELAY, *view.delay_by_rows)
-            if said[0] > self._said_by_rows[0]:
-                more[at], weighted[at] = said - self._said_by_rows
-                self._said_by_rows = said
+            if said[0] > self._known_by_rows[0]:
+                more[at], weighted[at] = said - self._known_by_rows
+                self._known_by_rows = said
         return more, weighted
 
     def _lose(self, observations: Observations, reason: str, blames_rig: bool = True) -> Solution:
@@ -193,7 +193,7 @@ class CrossFrame(TakesSamples):
             self.motion.jump()
         predicted = self.motion.predict(observations.stamp_ns)
         if current is None or (blames_rig and not current.frames) or self._impossible:
-            self.rig, self._said_by_rows, self._impossible = None, np.zeros(2), ""
+            self.rig, self._known_by_rows, self._impossible = None, np.zeros(2), ""
         else:
             self.rig = current.rig_left
         ended = None if current is None else current.marginals.ended()
