@@ -85,6 +85,9 @@ class WindowConfig(Section, frozen=True, kw_only=True):
     feigned_turns: Annotated[
         float, expert("share of the variance of turns that sliding patches feign, in motions of the window", 0, 1)
     ] = 0.25
+    # Where the rig's errors are being found, what moves the path is no noise: with 1.0 ATE of a world with a late
+    # right camera is a third larger than the filter's, with 0.5 a tenth. Over one frame logs err alike with 0.3 to 1.0.
+    most_followed: Annotated[float, expert("most that the reported pose lags the filter's, its σ", 0, 10)] = 0.5
     # The tracks of some hundred frames: how much tracks differ is a property of cameras and scene, too.
     tracks_memory: Annotated[float, expert("tracks from which is known how much their noise differs", 1, 1e9)] = (
         20_000.0

@@ -244,7 +244,7 @@ class CrossFrame(TakesSamples):
         now = now if known is None else current.place_newest(known)
         if in_question:
             return now, inertial
-        now = current.marginals = followed(before, now, newest_motion(read_off), self.config.window.frames)
+        now = current.marginals = followed(before, now, newest_motion(read_off), self.config.window)
         return now, self.inertia.placed(inertial, now.world_from_cam)
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
