@@ -16,6 +16,7 @@ from stream_sfm.simulation.scenes import Scene
 
 SCENE = Scene(frames=30, track_length=8, visible=80, std_px=0.1, round_off=False, autocorrelation=0.75)
 B = 8
+RULES = WindowConfig(frames=B)
 MOTION = se3.exp(np.array([0.02, -0.01, 0.2, 0.01, 0.03, -0.02]))
 STD = np.array([0.01, 0.02, 0.03, 0.002, 0.003, 0.001])
 
@@ -46,7 +47,7 @@ def test_one_that_always_errs_alike_stays_within_a_window_of_it(some):
     reported, distances = some, []
     for _ in range(200):
         pose = se3.orthonormalise(pose @ se3.exp(bias))
-        reported = followed(reported, at(some, pose), np.eye(4), B)
+        reported = followed(reported, at(some, pose), np.eye(4), RULES)
         distances.append(from_filter(reported, pose))
     assert np.linalg.norm(distances, axis=1) == pytest.approx(
         np.linalg.norm(bias) * (B - 1) * (1 - (1 - 1 / B) ** np.arange(1, 201)), rel=1e-3
@@ -54,27 +55,28 @@ def test_one_that_always_errs_alike_stays_within_a_window_of_it(some):
 
 
 @pytest.mark.parametrize("size", [0.3, 3.0, 300.0])
-def test_it_is_never_beyond_the_filters_own_sigma(some, size):
+def test_it_is_never_beyond_half_of_the_filters_own_sigma(some, size):
     """So what a correction of the path moves is reported at once where it is large, and nothing jumps by σ later."""
     rng, reported = np.random.default_rng(5), some
     for _ in range(50):
         pose = some.world_from_cam @ se3.exp(size * STD * rng.normal(size=6) / 6)
         now = at(some, pose)
-        reported = followed(reported, now, np.eye(4), B)
-        assert np.linalg.norm(from_filter(reported, pose) / STD) < 1
+        reported = followed(reported, now, np.eye(4), RULES)
+        assert np.linalg.norm(from_filter(reported, pose) / STD) < RULES.most_followed + 1e-9
 
 
 def test_it_follows_a_motion_exactly_on_which_the_filter_agrees(some):
     pose, reported = some.world_from_cam, some
     for _ in range(5):
         pose = se3.orthonormalise(pose @ MOTION)
-        reported = followed(reported, at(some, pose), MOTION, B)
+        reported = followed(reported, at(some, pose), MOTION, RULES)
     assert reported.world_from_cam == pytest.approx(pose, abs=1e-9)
 
 
 def test_a_window_of_one_frame_reports_the_filter(some):
     pose = some.world_from_cam @ se3.exp(0.5 * STD)
-    assert followed(some, at(some, pose), np.eye(4), 1).world_from_cam == pytest.approx(pose, abs=1e-12)
+    reported = followed(some, at(some, pose), np.eye(4), WindowConfig(frames=1))
+    assert reported.world_from_cam == pytest.approx(pose, abs=1e-12)
 
 
 def test_the_covariance_is_that_of_the_pose_reported(some):
@@ -84,7 +86,7 @@ def test_the_covariance_is_that_of_the_pose_reported(some):
         reported, pose = some, some.world_from_cam
         for _ in range(12):
             pose = se3.orthonormalise(pose @ MOTION @ se3.exp(0.2 * STD * rng.normal(size=6)))
-            reported = followed(reported, at(some, pose), MOTION, B)
+            reported = followed(reported, at(some, pose), MOTION, RULES)
         xi = from_filter(reported, pose @ se3.exp(STD * rng.normal(size=6)))
         squares.append(xi @ np.linalg.solve(reported.cov_pose, xi))
     assert np.mean(squares) == pytest.approx(6, abs=3 * np.std(squares) / 20)
@@ -92,7 +94,7 @@ def test_the_covariance_is_that_of_the_pose_reported(some):
 
 def test_points_stay_where_they_are_in_the_camera(some):
     now = at(some, some.world_from_cam @ se3.exp(0.9 * STD))
-    reported = followed(some, now, np.eye(4), B)
+    reported = followed(some, now, np.eye(4), RULES)
     assert (reported.points_in_cam == now.points_in_cam).all()
     in_world = se3.transform(reported.world_from_cam, reported.points_in_cam)
     assert reported.points_in_world == pytest.approx(in_world, abs=1e-9)
@@ -118,14 +120,14 @@ def apart_from_newest_motions() -> float:
 
 
 def test_reported_poses_move_as_the_newest_motions_say(monkeypatch):
-    """In simulation with errors that last, far more than poses of the filter do; and a frame has one place for all."""
+    """In simulation with errors that last, more than poses of the filter do; and a frame has one place for all."""
     as_reported = apart_from_newest_motions()
     monkeypatch.setattr(window, "followed", lambda _, now, *__: now)
-    assert as_reported < apart_from_newest_motions() / 5
+    assert as_reported < apart_from_newest_motions() / 2
 
 
 def test_a_motion_in_question_is_not_followed():
-    """The pose is the filter's there, no farther than σ from where it would have been."""
+    """The pose is the filter's there, no farther than half of σ from where it would have been."""
     sequence = SCENE.sequence(np.random.SeedSequence([8, 2]))
     estimator = make_estimator("cross-frame", sequence.projection, Config(window=WindowConfig(frames=4)))
     assert isinstance(estimator, CrossFrame)
@@ -139,4 +141,4 @@ def test_a_motion_in_question_is_not_followed():
     unsure, _ = estimator._marginals(current, current, start, in_question=True)
     assert unsure.world_from_cam == pytest.approx(of_filter.world_from_cam, abs=1e-12)
     apart = from_filter(sure, unsure.world_from_cam)
-    assert 0 < apart @ np.linalg.solve(unsure.cov_pose, apart) < 1
+    assert 0 < apart @ np.linalg.solve(unsure.cov_pose, apart) < 0.26

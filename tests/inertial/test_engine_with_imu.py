@@ -122,6 +122,15 @@ def test_darkness_is_bridged_within_sigma(frames, samples):
         assert np.linalg.norm(error[:3]) < 0.02
 
 
+def test_the_state_is_where_the_pose_is_reported(frames, samples):
+    """What leads on from the latest frame begins at its pose."""
+    engine = sfm.Engine(RIG, CONFIG)
+    estimates = [engine.step(frame) for frame in with_samples(frames[0], samples)]
+    now = engine.predict(estimates[-1].stamp_ns)
+    assert now is not None
+    assert now.world_from_cam == pytest.approx(estimates[-1].world_from_cam, abs=1e-9)
+
+
 def test_predictions_at_the_rate_of_the_samples(frames, samples):
     images, _ = frames
     engine = sfm.Engine(RIG, CONFIG)

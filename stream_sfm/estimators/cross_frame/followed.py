@@ -4,24 +4,26 @@ With every frame the filter puts the frames before it elsewhere, too. The differ
 reported in its own frame, has the newest motion's error and that change. So the reported pose leaves the change out at
 first, eq. (41a): it is where the newest motion leads from the pose reported before. What windows disagree in is renewed
 within the b frames of one, so of the difference from the filter's pose a share of 1/b is taken each frame; more where
-it is not within the filter's own σ. What is left is known, and counts in the covariance. Nothing is fed back.
+it is beyond half of the filter's own σ. What is left is known, and counts in the covariance. Nothing is fed back.
 """
 
 import numpy as np
 
+from ...config import WindowConfig
 from ...geometry import se3
 from ...geometry.linear import mahalanobis2
 from ...geometry.se3 import Array
 from .marginals import Marginals
 
 
-def followed(before: Marginals, now: Marginals, previous_from_newest: Array, frames: int) -> Marginals:
+def followed(before: Marginals, now: Marginals, previous_from_newest: Array, rules: WindowConfig) -> Marginals:
     """Return the marginals `now` of the filter, with the newest pose and all that is seen from it as reported.
 
-    `before`: those reported in the previous frame; `previous_from_newest` (4, 4): the newest motion; `frames`: b.
+    `before`: those reported in the previous frame; `previous_from_newest` (4, 4): the newest motion.
     """
     start = se3.orthonormalise(before.world_from_cam @ previous_from_newest)
     apart = se3.log(se3.inverse(start) @ now.world_from_cam)
-    distance2 = float(mahalanobis2(apart[None], now.cov_pose[None])[0])
-    left = apart * (1 - 1 / frames) / np.sqrt(max(1.0, distance2))
+    left = apart * (1 - 1 / rules.frames)
+    distance2 = float(mahalanobis2(left[None], now.cov_pose[None])[0])
+    left *= min(1.0, rules.most_followed / np.sqrt(max(distance2, 1e-30)))
     return now.moved(-left)

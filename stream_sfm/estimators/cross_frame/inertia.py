@@ -297,6 +297,16 @@ class Inertia:
         estimate = inertial_estimate(known, self._densities.factors, self._distance2, note)
         return known, estimate
 
+    def placed(self, estimate: InertialEstimate | None, world_from_cam: Array) -> InertialEstimate | None:
+        """Put the latest pose where it is reported; what it moves by is known, and counts in its covariance."""
+        if self.now is None or estimate is None:
+            return estimate
+        by = se3.log(se3.inverse(world_from_cam) @ self.now.world_from_cam)
+        cov = self.now.cov.copy()
+        cov[JOINT["pose"], JOINT["pose"]] += np.outer(by, by)
+        self.now = Known(self.now.stamp_ns, world_from_cam, self.now.state, cov)
+        return replace(estimate, cov=cov)
+
     def _with_odds(self, known: Known, cov: Array) -> Known:
         """Return pose and state where scale, axes and clock are as probable, eq. (87).
 

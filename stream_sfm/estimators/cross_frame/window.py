@@ -241,11 +241,11 @@ class CrossFrame(TakesSamples):
         # the world has moved with all errors that last, which only the weights of eq. (69) allow for
         now = current.marginals = changed(read_off.update_marginals(), cov_pose=current.cov_pose)
         known, inertial = self.inertia.report(current, read_off)
-        if known is not None:
-            now = current.place_newest(known)
-        elif not in_question:
-            now = current.marginals = followed(before, now, newest_motion(read_off), self.config.window.frames)
-        return now, inertial
+        now = now if known is None else current.place_newest(known)
+        if in_question:
+            return now, inertial
+        now = current.marginals = followed(before, now, newest_motion(read_off), self.config.window)
+        return now, self.inertia.placed(inertial, now.world_from_cam)
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Read the Solution off the joint covariance, and give the pose to the motion model."""
