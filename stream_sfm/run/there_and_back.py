@@ -31,7 +31,8 @@ def drift_there_and_back(
 ) -> dict[str, Any] | None:
     """Return how far from its beginning the way there and back ends; None where it was interrupted.
 
-    `there`: poses of the way there. `over_sigma` is 1 where both covariances hold. Raises ConfigError for too many frames.
+    `there`: poses of the way there. `over_sigma` is 1 where both covariances hold.
+    Raises ConfigError for too many frames.
     """
     engine, lost = Engine(log.rig, config), 0
     last: FrameEstimate | None = None
