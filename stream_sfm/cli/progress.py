@@ -65,8 +65,13 @@ def counter(
 
         from .printing import rich_console
 
-        left = TextColumn("{task.fields[left]}")
-        columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TextColumn(unit), left)
+        columns = (
+            TextColumn(label),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn(unit),
+            TextColumn("{task.fields[left]}"),
+        )
         with Progress(*columns, console=rich_console(stderr=True), transient=True) as bar:
             task = bar.add_task(label, total=total, left="")
 

@@ -85,11 +85,14 @@ def replay(
     options.protect([save_map], *inputs)
     options.protect([shown.rrd, save_map, *(folder / name for name in (*RESULTS, *TRAJECTORIES))])
     recording = open_log(log, **cameras.chosen, mono=config.mono, ground_truth=truth.read())
-    tests = {"self_test": self_test, "there_and_back": there_and_back}
-    maps = {"loops": loops, "known_map": map, "save_map": save_map}
-    return _run(
-        "replay", recording, folder, config, selection, shown, is_latest=not out, strict=strict, **tests, **maps
-    )
+    known = {
+        "self_test": self_test,
+        "there_and_back": there_and_back,
+        "loops": loops,
+        "known_map": map,
+        "save_map": save_map,
+    }
+    return _run("replay", recording, folder, config, selection, shown, is_latest=not out, strict=strict, **known)
 
 
 def live(

@@ -48,9 +48,13 @@ def simulate(
     folder = Path(out) if out else Path("runs") / f"simulate-{experiment}"
     total = experiments.EXPERIMENTS[experiment].total_trials(trials)
     with counter(f"simulate {experiment}", "trials", total, quiet) as advance:
-        count = workers or os.cpu_count() or 1
         report = experiments.simulate(
-            experiment, folder, trials=trials, seed=seed, workers=count, on_progress=advance
+            experiment,
+            folder,
+            trials=trials,
+            seed=seed,
+            workers=workers or os.cpu_count() or 1,
+            on_progress=advance,
         )
     write_whole(folder / "report.html", render_study(report).encode())
     if latex:

@@ -26,7 +26,8 @@ class FrontendConfig(Section, frozen=True, kw_only=True):
     min_corner_distance_px: Annotated[float, expert("least distance of a new corner from any point", 2, 200)] = 12.0
     # Chosen by hand: lower means points in weak texture, whose covariance is large. Dark images are given a lower one.
     min_corner_response: Annotated[float, expert("least eigenvalue of corner gradients, as OpenCV", 1e-8, 1)] = 2e-4
-    # Measured, with templates anchored in a point's first frame: aligned ATE of a render, by batch, 35 mm -> 2.3 mm.
+    # Measured, with templates anchored in a point's first frame: aligned ATE of a rendered log, by full batch
+    # adjustment, 35 mm -> 2.3 mm.
     smoothing_px: Annotated[float, expert("σ of the Gaussian that smooths images first, pixels", 0, 5)] = 1.0
     # Chosen by hand: more pixels are less noise, but more of them across a depth edge. Radii nearby do as well.
     window_radius_px: Annotated[int, expert("half width of the tracked patch, pixels", 3, 30)] = 10
@@ -97,7 +98,8 @@ class RobustConfig(Section, frozen=True, kw_only=True):
     # The search costs a few ms. Calm frames of the sample logs accept more than 0.85. (Where all squared residuals are
     # twice too large 0.94 are accepted, where they are four times too large 0.67.)
     calm_share: Annotated[float, expert("share of the votes below which all motions are searched", 0, 1)] = 0.8
-    # A shaken drone has squared residuals of up to 3.3 times the expected, and spent 12 of 30 ms on futile searches.
+    # A drone that is shaken has squared residuals of up to 3.3 times the expected size, and 12 ms of a frame's 30 were
+    # spent on searches that found nothing.
     calm_spread: Annotated[float, expert("squared residuals that need no search, times the expected", 1, 1e6)] = 4.0
     # Bodies that pass in a room have up to 0.05 on the sample logs, and up to 0.09 before anything has a history.
     ambiguous_share: Annotated[float, expert("odds at which a second motion may be the camera's", 1e-6, 1e6)] = 0.1

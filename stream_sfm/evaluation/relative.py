@@ -155,10 +155,12 @@ def _exchange_ratio(mine: Array, theirs: Array, confidence: float) -> Interval:
     """Return the ratio of RMS errors from their squares (spans, blocks), with the interval of an exchange test.
 
     If the methods were equal but for a factor, each block of one could be exchanged with that of the other, however
-    large the errors in it. The interval contains the factors for which the observed ratio is not extreme among them.
+    large the errors in it. The interval contains the factors for which the observed ratio is not among the most extreme
+    of all exchanges.
     """
     blocks = mine.shape[1]
-    # Which blocks are exchanged (blocks, exchanges): none at first, never the last, as only the size of a ratio counts.
+    # Which blocks are exchanged (blocks, exchanges): none at first, and never the last, as only the size of a ratio
+    # counts.
     exchanges = (np.arange(2 ** (blocks - 1)) >> np.arange(blocks)[:, None] & 1).astype(float)
     kept, swapped = (np.stack([mine, theirs]) @ swaps for swaps in (1.0 - exchanges, exchanges))
     value = 0.5 * float(np.mean(np.log(kept[0, :, 0] / kept[1, :, 0])))

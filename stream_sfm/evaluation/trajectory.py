@@ -22,7 +22,8 @@ def umeyama(target: Array, source: Array, with_scale: bool = False) -> tuple[flo
     """Find the scale s and rigid motion (4, 4) that minimise Σ‖target − (s·R·source + t)‖² over points (n, 3), n ≥ 1.
 
     S. Umeyama, PAMI 1991, eqs. 40–42; s = 1 without `with_scale`. Where the points do not determine the rotation
-    (on a line, or all in one place), one of the minimisers is returned. The scale of a source without extent is NaN.
+    (on a line, or all in one place), one of the minimisers is returned; the residual is the same. The scale of a
+    source without extent is NaN.
     """
     mean_t, mean_s = target.mean(axis=0), source.mean(axis=0)
     t0, s0 = target - mean_t, source - mean_s
@@ -126,7 +127,8 @@ def segment_errors(estimate: Array, truth: Array) -> SegmentErrors:
     frame and ends at the first frame *beyond* the length along the true path; its error is inverse(estimated
     motion)·true motion; the means are taken over all segments of all lengths. The devkit begins a segment at every
     tenth frame and uses lengths of 100, 200 … 800 m, and so does this function where the path is at least 200 m long.
-    A shorter path is measured over 10, 20 … 100 m, one below 20 m over 10 … 90 % of it, with segments from all frames.
+    A shorter path is measured over 10, 20 … 100 m, and one below 20 m over 10, 20 … 90 % of its length, with a segment
+    from every frame.
     """
     along = distances_m(truth)
     path_m = float(along[-1]) if len(along) else 0.0

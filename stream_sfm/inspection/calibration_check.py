@@ -131,9 +131,14 @@ def matched_corners(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Corner
     left_px = np.array([left_keys[m.queryIdx].pt for m in found], np.float32)
     coarse_px = np.array([right_keys[m.trainIdx].pt for m in found], np.float32)
     # Corners are whole pixels of their scale; the patch around them is located to a tenth of a pixel.
-    size_px, begins_there = _RULES.window_px, cv2.OPTFLOW_USE_INITIAL_FLOW
     fine_px, found_again, _ = cv2.calcOpticalFlowPyrLK(
-        left, right, left_px, coarse_px.copy(), winSize=size_px, maxLevel=1, flags=begins_there
+        left,
+        right,
+        left_px,
+        coarse_px.copy(),
+        winSize=_RULES.window_px,
+        maxLevel=1,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     good = (found_again[:, 0] == 1) & (np.abs(fine_px - coarse_px).max(axis=1) < _RULES.max_refinement_px)
     return left_px[good].astype(float), fine_px[good].astype(float)

@@ -86,9 +86,13 @@ def _motion(estimate: FrameEstimate, frame_index: int) -> Motion:
     motion = Motion.to_frame(frame_index, estimate.relative, estimate.common)
     assert motion is not None
     seen = slice(UNSEEN, None)
-    own = SETTINGS.shared_structure * positive(motion.cov_own)
-    common = motion.common_jacobian[:, seen], motion.mean[seen], motion.cov_common[seen, seen]
-    return Motion(motion.earlier_from_newest, own, *common)
+    return Motion(
+        motion.earlier_from_newest,
+        SETTINGS.shared_structure * positive(motion.cov_own),
+        motion.common_jacobian[:, seen],
+        motion.mean[seen],
+        motion.cov_common[seen, seen],
+    )
 
 
 def positive(cov: Array) -> Array:

@@ -198,7 +198,8 @@ class PoseGraph:
         return Motion(motion, cov) if np.isfinite(cov).all() else None
 
     def _to(self, rows: NDArray[np.intp], to: int) -> tuple[Array, Array]:
-        """Own covariances (k, 6, 6) of odometry from nodes to one of their segment, and Jacobians (k, 6, m) by c."""
+        """Of the motions from nodes to another one of their segment by odometry alone: own covariances (k, 6, 6), and
+        Jacobians (k, 6, m) by the common errors."""
         motion = se3.inverse(self.poses[rows]) @ self.poses[to]
         turn = se3.adjoint(se3.inverse(motion))
         jacobian = self._jacobian[to] - turn @ self._jacobian[rows]

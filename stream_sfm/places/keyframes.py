@@ -5,7 +5,6 @@ points that give the exact motion: those that the engine reports, and features w
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import cv2
 import numpy as np
@@ -69,9 +68,18 @@ def make_keyframe(
     points = np.concatenate([points, feature_points[filled]])
     cov_points = np.concatenate([cov_points, _cov_features(projection, feature_points[filled])])
     z = np.concatenate([z[:, :2], px[filled]])
-    patches, features = _mosaic(smoothed(images[0]), z), (px, feature_points, descriptors)
-    kept = points.astype(np.float32), cov_points.astype(np.float32)
-    return Keyframe(frame_index, stamp_ns, odom_from_cam, *kept, patches, *features, depth_m)
+    return Keyframe(
+        frame_index,
+        stamp_ns,
+        odom_from_cam,
+        points.astype(np.float32),
+        cov_points.astype(np.float32),
+        _mosaic(smoothed(images[0]), z),
+        px,
+        feature_points,
+        descriptors,
+        depth_m,
+    )
 
 
 def smoothed(image: Image) -> NDArray[np.float32]:
@@ -94,8 +102,11 @@ def _decoded(jpeg: bytes) -> NDArray[np.uint8] | None:
 
 def templates(keyframe: Keyframe) -> TemplateAtlas:
     """The patches around the points, ready to be warped."""
-    mosaic = np.asarray(_decoded(keyframe.patches), np.float32)
-    grey = mosaic.reshape(-1, _SIDE_PX, _COLUMNS, _SIDE_PX).transpose(0, 2, 1, 3)
+    grey = (
+        np.asarray(_decoded(keyframe.patches), np.float32)
+        .reshape(-1, _SIDE_PX, _COLUMNS, _SIDE_PX)
+        .transpose(0, 2, 1, 3)
+    )
     return TemplateAtlas(SETTINGS.radius_px, np.ascontiguousarray(grey.reshape(-1, _SIDE_PX, _SIDE_PX)))
 
 
@@ -127,10 +138,16 @@ def _features(
     nearest = np.argmin(((left[:, None] - z_px[None, :, :2]) ** 2).sum(axis=2), axis=1)
     start = left.copy()
     start[:, 0] += (z_px[:, 2] - z_px[:, 0])[nearest]
-    ends = cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01
-    begins = cv2.OPTFLOW_USE_INITIAL_FLOW
-    flow: dict[str, Any] = {"winSize": (15, 15), "maxLevel": 1, "criteria": ends, "flags": begins}
-    at, status, _ = cv2.calcOpticalFlowPyrLK(images[0], images[1], left[:, None], start[:, None].copy(), **flow)
+    at, status, _ = cv2.calcOpticalFlowPyrLK(
+        images[0],
+        images[1],
+        left[:, None],
+        start[:, None].copy(),
+        winSize=(15, 15),
+        maxLevel=1,
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01),
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
     right, found = np.asarray(at, np.float32)[:, 0], np.asarray(status)[:, 0] > 0
     z = np.hstack([left, right]).astype(float)
     found &= projection.inverse_depth(z) > SETTINGS.min_inverse_depth

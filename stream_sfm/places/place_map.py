@@ -123,7 +123,8 @@ class PlaceMap:
         return [(nodes[loop.old].keyframe.stamp_ns, nodes[loop.new].keyframe.stamp_ns) for loop in found]
 
     def lines(self) -> tuple[Array, Array, NDArray[np.intp]]:
-        """Paths of all keyframes before and after loops, (n, 3) m, and rows (m, 2) that loops join; after `close`."""
+        """The lines of a picture: paths of all keyframes before and after loops, each (n, 3) in metres, and the rows
+        (m, 2) that loops join; after `close`."""
         graph, (_, odom_from_cam, rows) = self._graph, self._own()
         after = graph.poses[:, :3, 3].copy()
         before = np.concatenate([after[: rows.start], odom_from_cam[:, :3, 3]])
@@ -244,10 +245,16 @@ class PlaceMap:
         """Make the next keyframe, and look whether its place is known."""
         number, self._number, turn = self._number, self._number + 1, self._rectifier.rect_from_cam
         rectified = self._rectifier.rectify(*self._scaler.to_uint8(*(to_grey(image) for image in images)))
-        frame = estimate.frame_index, estimate.stamp_ns, estimate.world_from_cam
-        points, covs = estimate.points_in_cam @ turn.T, turn @ estimate.cov_points @ turn.T
-        projection, valid = self._rectifier.projection, self._rectifier.valid
-        keyframe = make_keyframe(rectified, projection, *frame, points, covs, valid)
+        keyframe = make_keyframe(
+            rectified,
+            self._rectifier.projection,
+            estimate.frame_index,
+            estimate.stamp_ns,
+            estimate.world_from_cam,
+            estimate.points_in_cam @ turn.T,
+            turn @ estimate.cov_points @ turn.T,
+            self._rectifier.valid,
+        )
         if (common := estimate.common) is not None:
             self._graph.know(common.mean[UNSEEN:], common.cov[UNSEEN:, UNSEEN:])
         self._graph.add(number, estimate.world_from_cam, link, cov=estimate.cov_pose)
@@ -274,8 +281,10 @@ class PlaceMap:
         rows = rows[nearest_poses(graph.poses[rows], graph.pose(number), keyframe.depth_m)]
         motions, covs = graph.predicted(number, rows)
         gate = may_overlap(motions, covs, keyframe.depth_m, np.sqrt(self._gate))
-        gated = zip(rows[gate], motions[gate], covs[gate], strict=True)
-        near = {graph.numbers[row]: Motion(motion, cov) for row, motion, cov in gated}
+        near = {
+            graph.numbers[row]: Motion(*known)
+            for row, *known in zip(rows[gate], motions[gate], covs[gate], strict=True)
+        }
         sure = {old: link for old, link in near.items() if not self._is_ambiguous(link.cov, keyframe.depth_m)}
         for old in apart(sure, SETTINGS.candidates, SETTINGS.apart):
             if (loop := self._verified(old, number, seen, sure[old])) and self._same(sure[old], loop.motion):

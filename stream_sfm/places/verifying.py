@@ -6,7 +6,6 @@ error of a loop is 13.6 mm after PnP, 6.8 mm with patches that are not warped, 2
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import cv2
 import numpy as np
@@ -74,9 +73,15 @@ class Verifier:
             return None
         points = old.feature_points[pairs[:, 0]].astype(float)
         px = new.feature_px[pairs[:, 1]].astype(float)
-        limits: dict[str, Any] = {"iterationsCount": 200, "reprojectionError": 3.0, "confidence": 0.999}
         ok, rotation, translation, inliers = cv2.solvePnPRansac(
-            points, px, self._matrix, None, **limits, flags=cv2.SOLVEPNP_AP3P
+            points,
+            px,
+            self._matrix,
+            None,
+            iterationsCount=200,
+            reprojectionError=3.0,
+            confidence=0.999,
+            flags=cv2.SOLVEPNP_AP3P,
         )
         if not ok or inliers is None or len(inliers) < SETTINGS.min_views:
             return None

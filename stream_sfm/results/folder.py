@@ -26,7 +26,8 @@ class ResultFolder:
     """A sink that writes estimates.mcap with metadata.yaml, trajectories, config.toml, and at last summary.json.
 
     The folder and its files are created with the first estimate, so that an unusable log leaves no folder behind. Only
-    one run may write to a folder at a time. A `with` statement finishes the files however it ends. Raises OutputError.
+    one run may write to a folder at a time. A `with` statement finishes the files however it ends. Raises OutputError
+    naming the file or the folder.
     """
 
     def __init__(self, path: str | Path, rig: StereoRig | MonoRig, config: Config) -> None:

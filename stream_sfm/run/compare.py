@@ -77,7 +77,8 @@ def compare(
     The first pass observes all frames and finds the errors of the calibration, by the window; the second gives every
     method, the window too, the same observations without these errors, from the first frame on, as of a calibration
     that is exact. With `rig.exact` none are sought. `as_is`: each method has the calibration of the log instead, and
-    finds its errors by itself, if it does; the window then has two rows, by its poses and by its motions added up.
+    finds its errors by itself, if it does that; the window is then in two rows, by its poses and by its newest motions
+    added up.
 
     `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with a folder of its
     own; None: those of `compared_on`.
@@ -172,9 +173,17 @@ class _Comparing:
 
     def _observe(self, counter: "_Counter") -> Course:
         """The first pass: all observations, and the errors of the calibration."""
-        checks, selection = (self._stored, counter), self._selection
-        with deferred_interrupts() as stop:
-            return run(self._log, self._finder, (), checks, selection=selection, interruption=stop, to_end=True)
+        checks = (self._stored, counter)
+        with deferred_interrupts() as interruption:
+            return run(
+                self._log,
+                self._finder,
+                (),
+                checks,
+                selection=self._selection,
+                interruption=interruption,
+                to_end=True,
+            )
 
     def _observed(self) -> Iterator[Observed]:
         """What the methods are given."""

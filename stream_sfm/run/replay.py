@@ -119,12 +119,18 @@ def replay(
         _check_gravity(log, replayed.lane, with_map)
     if with_map:
         replayed.find_places(known_map, map_file, sinks)
-    with deferred_interrupts() as stop:
-        lane, checks, anew = replayed.lane, replayed.checks, replayed.starts_anew
-        every = [*replayed.sinks, *sinks]
-        course = run(log, lane, every, checks, selection=selection, interruption=stop, all_calibrations=anew)
-        result = replayed.result(course, truth, stop)
-    if stop.requested:
+    with deferred_interrupts() as interruption:
+        course = run(
+            log,
+            replayed.lane,
+            [*replayed.sinks, *sinks],
+            replayed.checks,
+            selection=selection,
+            interruption=interruption,
+            all_calibrations=replayed.starts_anew,
+        )
+        result = replayed.result(course, truth, interruption)
+    if interruption.requested:
         raise ReplayInterrupted(result)
     if course.error is not None:
         raise course.error

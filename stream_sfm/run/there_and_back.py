@@ -31,8 +31,8 @@ def drift_there_and_back(
 ) -> dict[str, Any] | None:
     """Return how far from its beginning the way there and back ends; None where it was interrupted.
 
-    `there`: poses of the way there. `over_sigma` is 1 where both covariances hold.
-    Raises ConfigError for too many frames.
+    `there`: the poses of the way there. `over_sigma` is 1 where the covariances of both ways hold. Raises ConfigError
+    where the frames take too much memory.
     """
     engine, lost = Engine(log.rig, config), 0
     last: FrameEstimate | None = None

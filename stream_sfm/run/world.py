@@ -9,7 +9,7 @@ from ..estimators.lifecycle import lost_solution
 from ..estimators.motion_model import MotionModel
 from ..geometry.se3 import Array
 from ..motion import in_world
-from ..record import Change, Kind, with_changes
+from ..record import Kind, with_changes
 from ..types import FrameEstimate, Observations, Solution, Status
 
 _REASON = "the calibration has changed: a new map begins at the predicted pose"
@@ -50,8 +50,10 @@ class World:
 
     def _moved(self, estimate: FrameEstimate, from_map: Array) -> FrameEstimate:
         """Return an estimate of the latest map in this world: `stream_sfm.types` says of what kind its fields are."""
-        numbers: dict[Kind, Change] = {
-            Kind.FRAMES: lambda frames, _: frames + self._first_frame,
-            Kind.TRACKS: lambda ids, _: ids + self._first_id,
-        }
-        return with_changes(in_world(estimate, from_map, self._cov), numbers)
+        return with_changes(
+            in_world(estimate, from_map, self._cov),
+            {
+                Kind.FRAMES: lambda frames, _: frames + self._first_frame,
+                Kind.TRACKS: lambda ids, _: ids + self._first_id,
+            },
+        )
