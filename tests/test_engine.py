@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.camera.pixels import to_grey
+from stream_sfm.camera.refinement import KnownTiming
 from stream_sfm.errors import EngineBusyError
 from stream_sfm.geometry import se3
 from tests.helpers.estimators import nees

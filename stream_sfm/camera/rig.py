@@ -11,10 +11,9 @@ from ..geometry import Array, se3
 from ..inertial.samples import ImuCalibration
 from .calibration import toml_file
 from .calibration.document import Pair, Where, load, named, short
-from .known_timing import KnownTiming
 from .masks import Mask, read_mask
 from .models import Camera
-from .refinement import Refinement
+from .refinement import KnownTiming, Refinement
 from .settings import SETTINGS
 
 MaskOrFile = Mask | str | Path

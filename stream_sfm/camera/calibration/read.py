@@ -116,16 +116,16 @@ def _in_folder(folder: Path) -> list[Document]:
         if forms[0] is OPENCV or len(documents) == 1:
             return documents + units[:1]
         if forms[0].files == 2 and len(documents) == 2:
-            return sorted(documents, key=lambda d: _side(d.name))
+            return sorted(documents, key=_is_right)
     listed = ", ".join(Path(d.name).name for d in documents)
     raise ConfigError(f"{folder} holds several calibrations ({listed}): give one of them, or left and right")
 
 
-def _side(name: str) -> int:
-    """0 for the left file of a pair, 1 for the right one, by the end of its path."""
-    end = "/".join(Path(name).parts[-2:]).lower()
-    positions = [max(end.rfind(word) for word in words) for words in _SIDES]
-    return int(positions[1] > positions[0])
+def _is_right(document: Document) -> bool:
+    """Whether a file of a pair is the right one, by the end of its path."""
+    end = "/".join(Path(document.name).parts[-2:]).lower()
+    left, right = (max(end.rfind(word) for word in words) for words in _SIDES)
+    return right > left
 
 
 def _format(documents: Sequence[Document]) -> Format:
