@@ -46,7 +46,7 @@ class StereoRig:
             sizes = [f"{camera.width}×{camera.height}" for camera in self.cameras.values()]
             raise ConfigError(f"left images are {sizes[0]}, right ones {sizes[1]}: both must have one size")
         if self.baseline_m < 1e-4:  # a tenth of a millimetre: less is a P without baseline, not a pair
-            cure = "give right_from_left in metres; of ROS, P[3] of the right camera must not be zero"
+            cure = "give right_from_left in metres; in ROS, P[3] of the right camera must not be zero"
             raise ConfigError(f"the baseline is {self.baseline_m:g} m: {cure}")
 
     @property
