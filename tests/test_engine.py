@@ -240,11 +240,8 @@ def pair(*pose_and_refinement) -> sfm.StereoRig:
         (lambda: sfm.Camera(320, 240, K, [0.1] * 12), "thin prism and tilt are not supported: rectify"),
         (lambda: pair((np.eye(3), [-0.1, 0, 0])), r"of rotation and translation it is \[\[R, t\], \[0, 1\]\]"),
         (lambda: pair(POSE.T), r"last row 0 0 0 1, got .*; it is transposed"),
-        (lambda: pair(POSE, 0.5), "refinement of the rig is of type float; give Refinement"),
-        (
-            lambda: sfm.StereoRig(sfm.Camera(320, 240, K), None, POSE),
-            "right of the rig is of type NoneType; give Camera",
-        ),
+        (lambda: pair(POSE, 0.5), r"refinement of the rig is of type float \(0.5\); give Refinement"),
+        (lambda: sfm.StereoRig(sfm.Camera(320, 240, K), None, POSE), "right of the rig is None; give Camera"),
         (lambda: sfm.StereoRig.from_calibration(None), "the calibration is None; give a file, the files of left"),
         (lambda: sfm.StereoRig.from_calibration({}), "the calibration is of type dict; give a file"),
         (lambda: sfm.StereoRig.from_calibration([]), "the calibration is of type list; give a file"),

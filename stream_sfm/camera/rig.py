@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import ConfigError, as_error
 from ..geometry import Array, se3
 from ..inertial.samples import ImuCalibration
+from ..wording import described
 from .calibration import toml_file
 from .calibration.document import Pair, Where, load, named, short
 from .masks import Mask, read_mask
@@ -40,7 +41,7 @@ class StereoRig:
         for name, kind in (("left", Camera), ("right", Camera), *_ADDED.items()):
             value = getattr(self, name)
             if not isinstance(value, kind) and (value is not None or name not in _ADDED):
-                raise ConfigError(f"{name} of the rig is of type {type(value).__name__}; give {kind.__name__}(…)")
+                raise ConfigError(f"{name} of the rig is {described(value)}; give {kind.__name__}(…)")
         object.__setattr__(self, "right_from_left", checked_pose(self.right_from_left))
         if (self.left.width, self.left.height) != (self.right.width, self.right.height):
             sizes = [f"{camera.width}×{camera.height}" for camera in self.cameras.values()]

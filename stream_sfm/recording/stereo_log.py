@@ -159,8 +159,9 @@ def _image_topics(
     videos = survey.of_kind("video")
     images = survey.of_kind("image")
     if any(t in videos for t in (left, right)) or (not images and videos):
+        what = f"topic {next(iter(videos))} is compressed video, neither H.264 nor H.265"
         cure = "record or convert to one of these, to CompressedImage (jpeg, png) or to raw images"
-        raise LogError(f"{source.path}: topic {next(iter(videos))} is video, neither H.264 nor H.265: {cure}")
+        raise LogError(f"{source.path}: {what}: {cure}")
     if not survey.topics:
         more = "".join(f"; {note}" for note in notes)
         raise LogError(f"{source.path} holds no message that can be read ({source.size_bytes} bytes){more}")

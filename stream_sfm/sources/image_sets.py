@@ -127,10 +127,8 @@ def _places(left: list[Path], right: list[Path]) -> tuple[list[list[int]], int]:
     """
     if not right:
         return [list(range(len(left))), []], len(left)
-    numbers, counts = (
-        [[_number(p) for p in side] for side in (left, right)],
-        f"{len(left)} left and {len(right)} right",
-    )
+    numbers = [[_number(p) for p in side] for side in (left, right)]
+    counts = f"{len(left)} left and {len(right)} right"
     of_left, of_right = map(set, numbers)
     alone = of_left ^ of_right
     if all(len(set(n)) == len(n) for n in numbers) and alone and of_left & of_right:

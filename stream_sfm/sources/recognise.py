@@ -15,7 +15,7 @@ from ..mcap_file.log_file import LogFile
 from ..mcap_file.message import Source
 from ..mcap_file.records import MAGIC as MCAP_MAGIC
 from ..mcap_file.records import ends_with_magic
-from ..wording import LISTED, some_of
+from ..wording import LISTED, described, some_of
 from .containers import containers
 from .given import Given
 from .image_header import image_format
@@ -53,8 +53,7 @@ def open_source(
     `mono`: one camera will do. Raises ConfigError for a rate where there are stamps.
     """
     if not isinstance(path, str | Path):
-        kind = "None" if path is None else f"of type {type(path).__name__}"
-        raise LogError(f"the log is {kind}; give the path of a file or a folder")
+        raise LogError(f"the log is {described(path)}; give the path of a file or a folder")
     path = Path(path)
     try:
         str(path).encode()

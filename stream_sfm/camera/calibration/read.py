@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ...errors import ConfigError, as_error
 from ...inputs import LIMITS, read_small
+from ...wording import described
 from ..models import Camera
 from .document import Document, Format, Pair, Size, Where, load
 from .inertial import is_imu_file
@@ -32,8 +33,8 @@ def documents_at(where: Where) -> list[Document]:
     if isinstance(where, list | tuple) and where and all(isinstance(path, str | Path) for path in where):
         return documents_at(where[0]) if len(where) == 1 else [read_document(Path(path)) for path in where]
     if not isinstance(where, str | Path):
-        kind = "None" if where is None else f"of type {type(where).__name__}"
-        raise ConfigError(f"the calibration is {kind}; give a file, the files of left and right, or their folder")
+        wanted = "give a file, the files of left and right, or their folder"
+        raise ConfigError(f"the calibration is {described(where)}; {wanted}")
     path = Path(where)
     return _in_folder(path) if os.path.isdir(path) else [read_document(path)]
 
