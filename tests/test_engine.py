@@ -116,7 +116,7 @@ def test_wrong_input_is_refused_and_changes_nothing(frames, engine) -> None:
         (changed(left=good.left / 255), r"left image is float64; give .*255 \* image\)\.astype"),
         (changed(left=good.left.astype(int)), r"is int64; give .* image.astype\(np.uint16\)"),
         (changed(left=np.stack([good.left] * 3)), r"channels first; give image.transpose\(1, 2, 0\)"),
-        (changed(left=np.stack([good.left] * 2, axis=2)), r"give \(h, w\), or colour as OpenCV"),
+        (changed(left=np.stack([good.left] * 2, axis=2)), r"give \(h, w\), or colour with blue first"),
         (changed(left=np.hstack([good.left, good.right])), r"side by side: image\[:, :320\]"),
         (changed(right=None), "right image is None; give a NumPy array"),
         (changed(right=good.right.tolist()), r"of type list; give a NumPy array, such as np.asarray"),
