@@ -13,6 +13,7 @@ from .config import Config
 from .errors import ConfigError, FrameError
 from .inputs import INT64
 from .types import Frame, MonoFrame, StereoFrame
+from .wording import described
 
 # Between two frames: no camera is faster, and stamps at arrival are further apart. Closer ones seem to count
 # milliseconds or frames; σ of a prediction would then be far too small.
@@ -110,13 +111,3 @@ def _size_fix(shape: tuple[int, ...], camera: Camera) -> str:
     if width * camera.height == height * camera.width:
         return "give images of the calibrated size, or the calibration of this one (K scales with the images)"
     return "give images of the calibrated size, not cropped, or the calibration of this one"
-
-
-def described(value: object) -> str:
-    """Describe an argument of the wrong kind in a few words."""
-    if value is None:
-        return "None"
-    if isinstance(value, type):
-        return f"the class {value.__name__}"
-    text = f" ({value!r})" if isinstance(value, str | int | float | Path) else ""
-    return f"of type {type(value).__name__}{text}"

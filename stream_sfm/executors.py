@@ -80,16 +80,13 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
     try:
         get_address_host_port(address, strict=True)
     except ValueError as error:
-        raise ConfigError(
-            f"{address} is not the address of a Dask scheduler ({error}); write it as in tcp://127.0.0.1:8786"
-        ) from None
+        problem = f"{address} is not the address of a Dask scheduler ({error})"
+        raise ConfigError(f"{problem}; write it as in tcp://127.0.0.1:8786") from None
     try:
         client = _within(_ANSWER_S, lambda: Client(address, timeout=_ANSWER_S, set_as_default=False))
     except OSError as error:
-        why = str(error) or f"not within {_ANSWER_S:g} s"
-        raise ConfigError(
-            f"no Dask scheduler answers at {address} ({why}): start one with `dask scheduler`"
-        ) from None
+        problem = f"no Dask scheduler answers at {address} ({error or f'not within {_ANSWER_S:g} s'})"
+        raise ConfigError(f"{problem}: start one with `dask scheduler`") from None
     executor, ended, heard_s = client.get_executor(pure=False), Event(), time.monotonic()  # nothing is cached
     everyone = {"n_workers": -1} if "n_workers" in signature(client.scheduler_info).parameters else {}
 
@@ -111,9 +108,8 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
         try:
             _within(_WORKER_S, lambda: client.wait_for_workers(1, timeout=_WORKER_S))
         except TimeoutError:
-            raise ConfigError(
-                f"the Dask scheduler at {address} has no worker: start some with `dask worker {address}`"
-            ) from None
+            cure = f"start some with `dask worker {address}`"
+            raise ConfigError(f"the Dask scheduler at {address} has no worker: {cure}") from None
         Thread(target=watch, daemon=True).start()
         with _silent("distributed", "tornado", "asyncio"):
             yield executor, lambda: time.monotonic() - heard_s > _LOST_S

@@ -9,16 +9,14 @@ from typing import IO, Any
 
 import msgspec
 
-from .errors import OutputError
+from .errors import OutputError, as_error
 from .outputs import try_lock
 
 
 def make_folder(path: Path) -> None:
     """Make a folder and those above it, unless it is there. Raises OutputError."""
-    try:
+    with as_error(OutputError, f"cannot make the folder {path}", OSError):
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot make the folder {path}: {error.strerror}") from None
 
 
 class PartFile:
@@ -36,10 +34,8 @@ class PartFile:
         self._keep = keep
         self.part_path = self.path.with_name(self.path.name + ".part")
         self._failure: OutputError | None = None
-        try:
+        with as_error(OutputError, f"cannot write {self.path}", OSError):
             self._file: IO[bytes] = _create(self.part_path)
-        except OSError as error:
-            raise OutputError(f"cannot write {self.path}: {error.strerror}") from None
 
     def write(self, data: bytes) -> int:
         """Append bytes."""

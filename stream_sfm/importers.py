@@ -16,7 +16,8 @@ from .mcap_file.log_file import LogFile
 from .mcap_file.log_writer import MessageWriter
 from .mcap_file.message import Damage
 from .outputs import refuse_existing, refuse_overwriting
-from .sources.data_sets import open_euroc, open_kitti
+from .sources.data_sets import open_data_set
+from .sources.given import Given
 from .sources.image_files import ImageFile, ImageFilesSource
 from .sources.image_sets import first_image, open_images
 
@@ -56,7 +57,8 @@ def import_kitti(
     (`../../poses/NN.txt`) are looked at. `overwrite`: a file at `out` may be replaced. Raises InputError, ConfigError,
     OutputError.
     """
-    return _copy_to_log(open_kitti(Path(folder), poses), out, overwrite=overwrite, expects_poses=True)
+    source = open_data_set(Path(folder), "KITTI", Given(poses=poses))
+    return _copy_to_log(source, out, overwrite=overwrite, expects_poses=True)
 
 
 def import_euroc(folder: str | Path, out: str | Path, *, overwrite: bool = False) -> Imported:
@@ -64,7 +66,8 @@ def import_euroc(folder: str | Path, out: str | Path, *, overwrite: bool = False
 
     `overwrite`: a file at `out` may be replaced. Raises InputError, ConfigError, OutputError.
     """
-    return _copy_to_log(open_euroc(Path(folder)), out, overwrite=overwrite, expects_poses=True)
+    source = open_data_set(Path(folder), "EuRoC", Given())
+    return _copy_to_log(source, out, overwrite=overwrite, expects_poses=True)
 
 
 def import_images(
@@ -135,9 +138,7 @@ def _copy_to_log(
     rig = source.rig
     warnings = [*source.notes, *(baseline_warnings(rig) if rig is not None else ())]
     if isinstance(rig, StereoRig) and (rig.refinement is not None or rig.timing is not None):
-        warnings.append(
-            "a log does not hold [refinement] and [timing] of a calibration: give the file to its replay, too"
-        )
+        warnings.append("a log does not hold [refinement] and [timing]: give the calibration to its replay, too")
     if source.without_partner:
         warnings.append(f"{source.without_partner} images have no partner of the same stamp on the other side")
     if expects_poses and not source.poses:

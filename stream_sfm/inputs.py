@@ -163,7 +163,7 @@ def bounded(decoder: Decoder) -> Decoder:
     def decode(data: bytes) -> Any:
         if len(data) > LIMITS.small_bytes:
             raise ValueError(
-                f"its definition has repeated fields, and it is over {LIMITS.small_bytes // 2**20} MiB"
+                f"its definition has repeated fields, and it exceeds {LIMITS.small_bytes // 2**20} MiB"
             )
         return decoder(data)
 

@@ -12,7 +12,7 @@ import numpy as np
 from .camera.pixels import FEWEST_BITS, bits_used, to_grey, to_uint8
 from .camera.rectification import Rectifier
 from .camera.rig import MonoRig, StereoRig
-from .checked import check_arguments, check_images, checked_stamp, described, used_cameras
+from .checked import check_arguments, check_images, checked_stamp, used_cameras
 from .config import Config
 from .errors import FrameError
 from .frontend.echo_check import middle
@@ -29,6 +29,7 @@ from .physical import PhysicalEstimates
 from .record import changed
 from .rig_model.estimate import RigEstimate
 from .types import ExpectedMotion, Frame, InertialView, Solution, StereoFrame
+from .wording import described
 
 Expect = Callable[[int, InertialView], ExpectedMotion | None]  # of a stamp, and the samples that come with it
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from .errors import OutputError
+from .errors import OutputError, as_error
 
 # What a result folder holds. A file of these names is written as `<name>.part` first.
 RESULTS = (
@@ -24,9 +24,8 @@ _FileId = tuple[int, int]  # device and inode: equal for all names and links of 
 def refuse_existing(output: str | Path, overwrite: bool) -> None:
     """Raise an OutputError where something has this name and is not to be replaced."""
     if os.path.lexists(output) and not overwrite:
-        raise OutputError(
-            f"{output} exists already: choose another name, or allow it to be replaced", hint=("overwrite",)
-        )
+        problem = f"{output} exists already: choose another name, or allow it to be replaced"
+        raise OutputError(problem, hint=("overwrite",))
 
 
 def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
@@ -44,9 +43,7 @@ def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
     places = Counter(os.path.realpath(path) for path in (*outputs, *parts))
     for path in outputs:
         if places[os.path.realpath(path)] > 1:
-            raise OutputError(
-                f"cannot write {path}: two results of this run would be this file; choose another name for one"
-            )
+            raise OutputError(f"cannot write {path}: two results of this run would be this file; rename one")
     existing = [(path, found) for path in (*outputs, *parts) if (found := _stat(path))]
     for path, found in existing:
         if not stat.S_ISREG(found.st_mode):
@@ -57,9 +54,8 @@ def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
     known = {file: given for given in inputs for file in _files(given)}
     for path, found in existing:
         if (given := known.get((found.st_dev, found.st_ino))) is not None:
-            raise OutputError(
-                f"cannot write {path}: it is an input of this run, {given}; write somewhere else, nothing was changed"
-            )
+            problem = f"cannot write {path}: it is an input of this run, {given}"
+            raise OutputError(f"{problem}; write somewhere else, nothing was changed")
 
 
 def _stat(path: Path) -> os.stat_result | None:
@@ -93,15 +89,12 @@ def only_writer(folder: Path) -> Iterator[None]:
     The system forgets the lock with the process that holds it, however that ends. A file system without locks (some
     network shares) gives no protection.
     """
-    try:
+    with as_error(OutputError, f"cannot write to {folder}", OSError):
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    except OSError as error:
-        raise OutputError(f"cannot write to {folder}: {error.strerror}") from None
     try:
         if not try_lock(descriptor):
-            raise OutputError(
-                f"cannot write to {folder}: another run is writing there; wait for its end or choose another folder"
-            )
+            cure = "wait for its end or choose another folder"
+            raise OutputError(f"cannot write to {folder}: another run is writing there; {cure}")
         yield
     finally:
         os.close(descriptor)

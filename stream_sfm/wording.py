@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
 
 LISTED = 20  # names in one sentence, notes of one reading: a hostile file could give one per record
@@ -26,6 +27,16 @@ def printable(text: str) -> str:
     take it as a command.
     """
     return "".join(c if c.isprintable() else c.encode("unicode_escape", "backslashreplace").decode() for c in text)
+
+
+def described(value: object) -> str:
+    """Describe an argument of the wrong kind in a few words."""
+    if value is None:
+        return "None"
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    text = f" ({value!r})" if isinstance(value, str | int | float | Path) else ""
+    return f"of type {type(value).__name__}{text}"
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:

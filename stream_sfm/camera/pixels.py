@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..wording import described
 from .settings import SETTINGS
 
 Grey: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
@@ -49,7 +50,7 @@ class GreyScaler:
 def image_problem(image: object) -> str:
     """Why an array cannot be taken for an image, with what to give instead; empty where it can."""
     if not isinstance(image, np.ndarray):
-        return f"is {_kind(image)}; give a NumPy array, such as np.asarray(image)"
+        return f"is {described(image)}; give a NumPy array, such as np.asarray(image)"
     if image.dtype.kind == "f":
         scaled = "np.rint(255 * image).astype(np.uint8)"
         return f"is {image.dtype}; give uint8 or uint16, of values from 0 to 1 with {scaled}"
@@ -71,7 +72,3 @@ def to_grey(image: NDArray[np.generic]) -> Grey:
     if pixels.ndim == 3:
         pixels = cv2.cvtColor(pixels, _TO_GREY[pixels.shape[2]])
     return np.asarray(pixels)
-
-
-def _kind(value: object) -> str:
-    return "None" if value is None else f"of type {type(value).__name__}"

@@ -1,11 +1,11 @@
-"""What replays have learnt about the errors of a stereo calibration: a smooth field of disparity, and the lenses.
+"""What is known about the errors of a stereo calibration: a smooth field of disparity, the lenses, and the timing.
 
 A calibration with a refinement is used like any other: views are corrected by it before any estimator sees them, and
 what is left of its uncertainty goes on being considered. docs/mathematics.md, section 13.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -50,6 +50,37 @@ class Refinement:
 
     def __repr__(self) -> str:
         return f"<Refinement {disparity_rms_px(self.error_px):.2f} px of disparity>"
+
+
+@dataclass(frozen=True, slots=True)
+class KnownTiming:
+    """Delay of the right camera, and time in which both shutters read out an image from the top down; each with its σ.
+
+    Seconds. Raises ConfigError for values that are not finite, and for a σ that is not positive.
+    """
+
+    delay_s: float
+    std_delay_s: float
+    readout_s: float
+    std_readout_s: float
+
+    def __post_init__(self) -> None:
+        for name in (field.name for field in fields(self)):
+            value = getattr(self, name)
+            if not -1 <= value <= 1:  # larger ones are milliseconds given as seconds
+                raise ConfigError(f"{name} is {value!r}: give seconds, at most 1")
+            if name.startswith("std") and value <= 0:
+                raise ConfigError(f"{name} is {value!r}: give the σ of what is known, above 0")
+
+    @property
+    def mean(self) -> Array:
+        """Delay and readout (2,)."""
+        return np.array([self.delay_s, self.readout_s])
+
+    @property
+    def std(self) -> Array:
+        """Their σ (2,)."""
+        return np.array([self.std_delay_s, self.std_readout_s])
 
 
 def combine(refinements: Sequence[Refinement], priors_std_px: Array, prior_std_px: Array) -> Refinement:

@@ -9,12 +9,12 @@ import numpy as np
 from ..errors import ConfigError, as_error
 from ..geometry import Array, se3
 from ..inertial.samples import ImuCalibration
+from ..wording import described
 from .calibration import toml_file
 from .calibration.document import Pair, Where, load, named, short
-from .known_timing import KnownTiming
 from .masks import Mask, read_mask
 from .models import Camera
-from .refinement import Refinement
+from .refinement import KnownTiming, Refinement
 from .settings import SETTINGS
 
 MaskOrFile = Mask | str | Path
@@ -41,13 +41,13 @@ class StereoRig:
         for name, kind in (("left", Camera), ("right", Camera), *_ADDED.items()):
             value = getattr(self, name)
             if not isinstance(value, kind) and (value is not None or name not in _ADDED):
-                raise ConfigError(f"{name} of the rig is of type {type(value).__name__}; give {kind.__name__}(…)")
+                raise ConfigError(f"{name} of the rig is {described(value)}; give {kind.__name__}(…)")
         object.__setattr__(self, "right_from_left", checked_pose(self.right_from_left))
         if (self.left.width, self.left.height) != (self.right.width, self.right.height):
             sizes = [f"{camera.width}×{camera.height}" for camera in self.cameras.values()]
             raise ConfigError(f"left images are {sizes[0]}, right ones {sizes[1]}: both must have one size")
         if self.baseline_m < 1e-4:  # a tenth of a millimetre: less is a P without baseline, not a pair
-            cure = "give right_from_left in metres; of ROS, P[3] of the right camera must not be zero"
+            cure = "give right_from_left in metres; in ROS, P[3] of the right camera must not be zero"
             raise ConfigError(f"the baseline is {self.baseline_m:g} m: {cure}")
 
     @property

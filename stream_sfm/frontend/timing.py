@@ -8,8 +8,8 @@ delay and readout that the estimator has found before any motion is sought. The 
 import numpy as np
 
 from .. import core
-from ..camera.known_timing import KnownTiming
 from ..camera.over_image import ExposedRows
+from ..camera.refinement import KnownTiming
 from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection

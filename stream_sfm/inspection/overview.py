@@ -128,7 +128,7 @@ class _Inspection:
         self.result["pair"] = asdict(choice)
         rig: StereoRig | None = None
         try:
-            found = find_rig(self.source, self.survey, choice, calibration)
+            found = find_rig(self.source, self.survey, choice, calibration, mono=False)
             assert isinstance(found.rig, StereoRig)
             rig = found.rig
             facts = {"source": found.origin, "rectified_images": is_rectified(choice.left)}

@@ -69,7 +69,7 @@ def check_encoding(message: ImageMessage, path: object) -> None:
                 f"{LIMITS.raw_image_bytes // 2**20} MiB: record them in grey, compressed, or smaller"
             )
         if name not in RAW_ENCODINGS:
-            known = ", ".join(RAW_ENCODINGS)
+            known = f"{', '.join(RAW_ENCODINGS)}: record one of these"
             raise LogError(f"{where}: image encoding {message.encoding!r} is not supported; supported are {known}")
     elif image_header.image_format(message.data) is None and not re.search(
         "jpg|" + "|".join(COMPRESSED_FORMATS), message.encoding.lower()

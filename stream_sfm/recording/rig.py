@@ -39,11 +39,7 @@ class FoundRig:
 
 
 def find_rig(
-    source: Source,
-    survey: Survey,
-    choice: PairChoice,
-    calibration: Where | StereoRig | MonoRig | None = None,
-    mono: bool = False,
+    source: Source, survey: Survey, choice: PairChoice, calibration: Where | StereoRig | MonoRig | None, mono: bool
 ) -> FoundRig:
     """The rig of the two cameras, of the left one alone if `mono`; `calibration` as in `open_log`.
 

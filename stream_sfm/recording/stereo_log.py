@@ -145,8 +145,8 @@ def choose_cameras(
     """Choose the two camera topics. Raises LogError, with the `notes` of the survey where it found nothing."""
     if source.format == "video" and len(survey.of_kind("image")) == 1:
         raise LogError(
-            f"{source.path} is a video: give the calibration of its images, where its frames hold both; say so where "
-            "it is of one camera; of two videos, left.mp4 and right.mp4, give the folder",
+            f"{source.path} is a video: give the calibration of its images, if each frame holds both; if it is of one "
+            "camera, say so; of two videos, left.mp4 and right.mp4, give their folder",
             hint=("calibration", "mono"),
         )
     return choose_pair(source.path, _image_topics(source, survey, left, right, notes), left, right)
@@ -159,8 +159,9 @@ def _image_topics(
     videos = survey.of_kind("video")
     images = survey.of_kind("image")
     if any(t in videos for t in (left, right)) or (not images and videos):
+        what = f"topic {next(iter(videos))} is compressed video, neither H.264 nor H.265"
         cure = "record or convert to one of these, to CompressedImage (jpeg, png) or to raw images"
-        raise LogError(f"{source.path}: topic {next(iter(videos))} is video, neither H.264 nor H.265: {cure}")
+        raise LogError(f"{source.path}: {what}: {cure}")
     if not survey.topics:
         more = "".join(f"; {note}" for note in notes)
         raise LogError(f"{source.path} holds no message that can be read ({source.size_bytes} bytes){more}")

@@ -4,9 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..camera.known_timing import KnownTiming
 from ..camera.over_image import ExposedRows, FocalEffect
-from ..camera.refinement import Refinement
+from ..camera.refinement import KnownTiming, Refinement
 from ..config import RigConfig
 from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, places_over_image

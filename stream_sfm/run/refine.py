@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..camera.calibration.document import Where
-from ..camera.known_timing import KnownTiming
-from ..camera.refinement import LENS_TERMS, combine
+from ..camera.refinement import LENS_TERMS, KnownTiming, combine
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import ConfigError, LogError

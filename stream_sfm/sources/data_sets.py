@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..camera.calibration.document import camera_matrix
 from ..camera.calibration.inertial import kalibr_noise
 from ..camera.calibration.projections import cam_from_cam0, kitti_camera
 from ..camera.calibration.read import has_calibration, is_calibration, read_document
@@ -25,10 +26,9 @@ from ..geometry import Array, se3
 from ..inertial.samples import ImuCalibration
 from ..mcap_file.message import Source
 from .containers.video import VideoSource
-from .given import NOTHING, Given
+from .given import Given
 from .image_files import ImageFile, ImageFilesSource
-from .image_folders import ImageSides, image_sides
-from .image_sets import images_in, open_images
+from .image_sets import ImageSides, image_sides, images_in, open_images
 from .joined import JoinedSource
 from .pose_files import (
     check_ascending,
@@ -42,6 +42,10 @@ from .pose_files import (
 )
 from .sides import possible_pairs
 
+_CONTENTS = {
+    "KITTI": "image_0 and image_1 (or 2 and 3): one sequence, or one drive of its raw data (…_sync)",
+    "EuRoC": "mav0 with cam0 and cam1",
+}
 _STAMPS = ("times.txt", "stamps.txt", "timestamps.txt")
 _EUROC_FILES = ("cam0/sensor.yaml", "cam1/sensor.yaml", "cam0/data.csv", "cam1/data.csv")
 _EUROC_TRUTHS = ("state_groundtruth_estimate0/data.csv", "mocap0/data.csv", "gt/data.csv")
@@ -71,7 +75,7 @@ class Layout(NamedTuple):
         return self.has_sides(folder) and any(exists(folder / name) for name in self.files)
 
 
-def open_folder(folder: Path, given: Given = NOTHING) -> Source | None:
+def open_folder(folder: Path, given: Given) -> Source | None:
     """Return the recording in a folder; None where no layout fits. Raises LogError, ConfigError."""
     if (layout := next((layout for layout in LAYOUTS if layout.fits(folder)), None)) is not None:
         return layout.open(folder, layout, given)
@@ -89,32 +93,17 @@ def is_data_set(folder: Path) -> bool:
     return known or image_sides(folder) is not None
 
 
-def open_kitti(folder: Path, poses: str | Path | None = None) -> ImageFilesSource:
-    """A sequence of KITTI's odometry, or a rectified drive of its raw data. Raises LogError; ConfigError.
-
-    `poses`: ground truth of camera 0, 12 numbers per line; by default `poses.txt` in the folder, or the data set's own
-    `../../poses/NN.txt`.
-    """
-    content = "image_0 and image_1 (or 2 and 3): one sequence, or one drive of its raw data (…_sync)"
-    return _open_kitti(folder, _known(folder, "KITTI", content), NOTHING, poses)
-
-
-def open_euroc(folder: Path) -> ImageFilesSource:
-    """A recording laid out like EuRoC's: mav0, or what contains it. Raises LogError; ConfigError."""
-    return _open_euroc(folder, _known(folder, "EuRoC", "mav0 with cam0 and cam1"), NOTHING)
-
-
-def _known(folder: Path, name: str, content: str) -> Layout:
-    """Return the layout of this data set that fits a folder. Raises LogError."""
+def open_data_set(folder: Path, name: str, given: Given) -> ImageFilesSource:
+    """The recording in a folder that must be laid out like KITTI or EuRoC. Raises LogError, ConfigError."""
     for layout in LAYOUTS:
         if layout.name.startswith(name) and layout.has_sides(folder):
             if layout.fits(folder):
-                return layout
+                return layout.open(folder, layout, given)
             raise LogError(f"{folder} has no {Path(layout.files[0]).name}: it is a part of the data set")
-    raise LogError(f"{folder} is not laid out like {name}: give the folder that holds {content}")
+    raise LogError(f"{folder} is not laid out like {name}: give the folder that holds {_CONTENTS[name]}")
 
 
-def _open_kitti(folder: Path, layout: Layout, given: Given, poses: str | Path | None = None) -> ImageFilesSource:
+def _open_kitti(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
     files = [sorted((folder / side).glob("*.png")) for side in layout.sides]
     if not files[0] or not files[1]:
         raise LogError(f"{folder}: {layout.sides[0]} and {layout.sides[1]} must hold .png images")
@@ -135,7 +124,7 @@ def _open_kitti(folder: Path, layout: Layout, given: Given, poses: str | Path | 
             raise
     known = rig is not None or re.match("image_0?0", layout.sides[0])  # of camera 0, whose poses they are
     notes, truth = list[str](), list[tuple[int, Array]]()
-    truth_file = _kitti_truth(folder) if poses is None else Path(poses)
+    truth_file = _kitti_truth(folder) if given.poses is None else Path(given.poses)
     if truth_file is not None and not known:
         notes.append(f"{truth_file} is not used: its poses are camera 0's, and no calibration says where that is")
     elif truth_file is not None:
@@ -268,7 +257,7 @@ def _open_tartanair(folder: Path, layout: Layout, given: Given) -> ImageFilesSou
     left, right = (str(folder / side) for side in layout.sides)
     source = open_images(left, right, None, rate_hz=given.rate_hz, path=folder)
     width, height = source.images[0][0].size()
-    k = np.array([[_TARTANAIR_F_PX, 0, width / 2], [0, _TARTANAIR_F_PX, height / 2], [0, 0, 1]])
+    k = camera_matrix(_TARTANAIR_F_PX, _TARTANAIR_F_PX, width / 2, height / 2)
     camera = Camera(width, height, k, (), "none")
     rig = StereoRig(camera, camera, se3.exp([-_TARTANAIR_BASELINE_M, 0, 0, 0, 0, 0]))
     truth, notes = list[tuple[int, Array]](), list(source.notes)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.calibration.document import camera_matrix
 from ..camera.models import Camera
 from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError
@@ -154,7 +155,7 @@ def _realsense(options: CameraOptions) -> Device:
         sensor.set_option(rs.option.exposure, 1000 * options.exposure_ms)  # microseconds
     sides = [profile.get_stream(rs.stream.infrared, n).as_video_stream_profile() for n in (1, 2)]
     cameras = [
-        Camera(i.width, i.height, _matrix(i.fx, i.fy, i.ppx, i.ppy), tuple(i.coeffs))
+        Camera(i.width, i.height, camera_matrix(i.fx, i.fy, i.ppx, i.ppy), tuple(i.coeffs))
         for i in (side.get_intrinsics() for side in sides)
     ]
     pose = sides[0].get_extrinsics_to(sides[1])
@@ -226,7 +227,7 @@ def _zed(options: CameraOptions) -> Device:
         camera.set_camera_settings(sl.VIDEO_SETTINGS.EXPOSURE, share)
     factory = camera.get_camera_information().camera_configuration.calibration_parameters
     cameras = [
-        Camera(c.image_size.width, c.image_size.height, _matrix(c.fx, c.fy, c.cx, c.cy))
+        Camera(c.image_size.width, c.image_size.height, camera_matrix(c.fx, c.fy, c.cx, c.cy))
         for c in (factory.left_cam, factory.right_cam)
     ]
     rig = StereoRig(cameras[0], cameras[1], se3.exp([-factory.get_camera_baseline(), 0, 0, 0, 0, 0]))
@@ -254,7 +255,3 @@ def _package(name: str, extra: str) -> Any:
     except ImportError:
         how = "comes with the ZED SDK" if extra == "zed" else f"is the extra [{extra}] of this one"
         raise ConfigError(f"{extra} needs the package {name}, which {how}") from None
-
-
-def _matrix(fx: float, fy: float, cx: float, cy: float) -> NDArray[np.float64]:
-    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])

@@ -1,14 +1,16 @@
 """What the user of a recording says of it, beside where it is."""
 
+from pathlib import Path
 from typing import NamedTuple
 
 
 class Given(NamedTuple):
-    """Not to use the calibration in it; the rate of images without stamps, Hz; that one camera will do."""
+    """`calibrated`: its own calibration is not used. `rate_hz`: of images without stamps. `mono`: one camera will do.
+
+    `poses`: ground truth of KITTI, in place of its own.
+    """
 
     calibrated: bool = False
     rate_hz: float | None = None
     mono: bool = False
-
-
-NOTHING = Given()
+    poses: str | Path | None = None

@@ -15,9 +15,9 @@ from ..mcap_file.log_file import LogFile
 from ..mcap_file.message import Source
 from ..mcap_file.records import MAGIC as MCAP_MAGIC
 from ..mcap_file.records import ends_with_magic
-from ..wording import LISTED, some_of
+from ..wording import LISTED, described, some_of
 from .containers import containers
-from .given import NOTHING, Given
+from .given import Given
 from .image_header import image_format
 
 _OTHER_FILES = (
@@ -53,8 +53,7 @@ def open_source(
     `mono`: one camera will do. Raises ConfigError for a rate where there are stamps.
     """
     if not isinstance(path, str | Path):
-        kind = "None" if path is None else f"of type {type(path).__name__}"
-        raise LogError(f"the log is {kind}; give the path of a file or a folder")
+        raise LogError(f"the log is {described(path)}; give the path of a file or a folder")
     path = Path(path)
     try:
         str(path).encode()
@@ -92,7 +91,7 @@ def _open_file(path: Path) -> Source:
         if re.match(kind.start, start):
             return kind.open(path)
     if path.name == _BAG_METADATA:
-        return _open_folder(path.parent)
+        return _open_folder(path.parent, Given())
     if ends_as_mcap:  # whose start is damaged
         return LogFile(path)
     if image_format(start):
@@ -124,9 +123,9 @@ def _visible(folder: Path) -> list[Path]:
     return []
 
 
-def _open_folder(path: Path, given: Given = NOTHING) -> Source:
+def _open_folder(path: Path, given: Given) -> Source:
     from .data_sets import open_folder
-    from .image_folders import image_folders
+    from .image_sets import image_folders
     from .rosbag2 import bag_files, open_rosbag2
 
     with reading(path):
@@ -138,7 +137,7 @@ def _open_folder(path: Path, given: Given = NOTHING) -> Source:
             return open_rosbag2(path)
     inside = _recordings_in(path)
     if len(inside) == 1:
-        return open_source(inside[0], *given)
+        return open_source(inside[0], given.calibrated, given.rate_hz, given.mono)
     if inside:
         problem = f"{path} holds several recordings: give one of {some_of(list(map(str, inside)))}"
         raise LogError(problem, hint=("replay_batch",))

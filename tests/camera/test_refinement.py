@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.camera.models import Camera
-from stream_sfm.camera.refinement import LENS_TERMS, Refinement, combine, disparity_rms_px
+from stream_sfm.camera.refinement import LENS_TERMS, KnownTiming, Refinement, combine, disparity_rms_px
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config
 from stream_sfm.engine import Engine

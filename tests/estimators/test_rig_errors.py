@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from stream_sfm.camera.known_timing import KnownTiming
+from stream_sfm.camera.refinement import KnownTiming
 from stream_sfm.config import Config, RigConfig, WindowConfig
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.cross_frame.window import CrossFrame

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stream_sfm.camera.known_timing import KnownTiming
+from stream_sfm.camera.refinement import KnownTiming
 from stream_sfm.config import RigConfig
 from stream_sfm.frontend.first_timing import learn_timing
 from stream_sfm.frontend.state import FrontEndState

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from stream_sfm.camera.known_timing import KnownTiming
 from stream_sfm.camera.rectification import Rectifier
+from stream_sfm.camera.refinement import KnownTiming
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config
 from stream_sfm.frontend.front_end import StereoFrontEnd

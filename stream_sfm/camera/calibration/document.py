@@ -15,9 +15,8 @@ from ...geometry import Array, se3
 from ...inertial.samples import ImuCalibration
 from ...inputs import LIMITS, check_text, check_values, parse_toml
 from ...record import record
-from ..known_timing import KnownTiming
 from ..models import DISTORTION_COEFFICIENTS, DISTORTION_MODELS, Camera
-from ..refinement import Refinement
+from ..refinement import KnownTiming, Refinement
 
 # left, right, right_from_left (4, 4) in metres, what is known about their errors, and an inertial unit
 Pair = tuple[Camera, Camera, Array, Refinement | None, KnownTiming | None, ImuCalibration | None]

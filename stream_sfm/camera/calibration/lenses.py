@@ -13,7 +13,7 @@ import numpy as np
 from ...geometry import Array
 from ..models import Camera
 from ..settings import SETTINGS
-from .document import Document, Size
+from .document import Document, Size, camera_matrix
 
 
 def _double_sphere(x: Array, y: Array, z: Array, p: Mapping[str, float]) -> Array:
@@ -69,5 +69,5 @@ def nearest_fisheye(
         problem = f"this lens is up to {apart:.2f} px from every one that is supported"
         raise document.error(f"{where}{model}: {problem}: calibrate with pinhole-equi")
     f, cx, cy = found[[0, SETTINGS.powers, SETTINGS.powers + 1]]
-    fitted = np.array([[f, 0, cx], [0, ratio * f, cy], [0, 0, 1]])
-    return document.camera(size, fitted, "equidistant", (found[1 : SETTINGS.powers] / f).tolist())
+    bent = (found[1 : SETTINGS.powers] / f).tolist()
+    return document.camera(size, camera_matrix(f, ratio * f, cx, cy), "equidistant", bent)

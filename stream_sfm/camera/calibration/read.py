@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ...errors import ConfigError, as_error
 from ...inputs import LIMITS, read_small
+from ...wording import described
 from ..models import Camera
 from .document import Document, Format, Pair, Size, Where, load
 from .inertial import is_imu_file
@@ -32,8 +33,8 @@ def documents_at(where: Where) -> list[Document]:
     if isinstance(where, list | tuple) and where and all(isinstance(path, str | Path) for path in where):
         return documents_at(where[0]) if len(where) == 1 else [read_document(Path(path)) for path in where]
     if not isinstance(where, str | Path):
-        kind = "None" if where is None else f"of type {type(where).__name__}"
-        raise ConfigError(f"the calibration is {kind}; give a file, the files of left and right, or their folder")
+        wanted = "give a file, the files of left and right, or their folder"
+        raise ConfigError(f"the calibration is {described(where)}; {wanted}")
     path = Path(where)
     return _in_folder(path) if os.path.isdir(path) else [read_document(path)]
 
@@ -116,16 +117,16 @@ def _in_folder(folder: Path) -> list[Document]:
         if forms[0] is OPENCV or len(documents) == 1:
             return documents + units[:1]
         if forms[0].files == 2 and len(documents) == 2:
-            return sorted(documents, key=lambda d: _side(d.name))
+            return sorted(documents, key=_is_right)
     listed = ", ".join(Path(d.name).name for d in documents)
     raise ConfigError(f"{folder} holds several calibrations ({listed}): give one of them, or left and right")
 
 
-def _side(name: str) -> int:
-    """0 for the left file of a pair, 1 for the right one, by the end of its path."""
-    end = "/".join(Path(name).parts[-2:]).lower()
-    positions = [max(end.rfind(word) for word in words) for words in _SIDES]
-    return int(positions[1] > positions[0])
+def _is_right(document: Document) -> bool:
+    """Whether a file of a pair is the right one, by the end of its path."""
+    end = "/".join(Path(document.name).parts[-2:]).lower()
+    left, right = (max(end.rfind(word) for word in words) for words in _SIDES)
+    return right > left
 
 
 def _format(documents: Sequence[Document]) -> Format:

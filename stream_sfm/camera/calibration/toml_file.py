@@ -11,9 +11,8 @@ import numpy as np
 
 from ...geometry import Array, se3
 from ...inertial.samples import ImuCalibration
-from ..known_timing import KnownTiming
 from ..models import Camera
-from ..refinement import LENS_TERMS, Refinement
+from ..refinement import LENS_TERMS, KnownTiming, Refinement
 from . import inertial
 from .document import Document, Format, Size, camera_matrix
 

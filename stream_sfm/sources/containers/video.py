@@ -62,7 +62,7 @@ class VideoSource(Source):
                 if not done:
                     break
                 if stamp_ns <= last_ns:
-                    damage.note(f"{self.path}: its frame times do not grow; its rate of {rate_hz:g} Hz is used")
+                    damage.note(f"{self.path}: its frame times do not grow: its rate is used, {rate_hz:g} Hz")
                     stamp_ns = last_ns + period_ns
                 read, last_ns = read + 1, stamp_ns
                 sent = [*(() if self._side is None else encoder.due_calibration(self._side, stamp_ns))]
