@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
+from ...geometry.medians import median
 from ...geometry.se3 import Array
 from .inverse_depth import WhitenedViews
 
@@ -43,7 +44,7 @@ class RejectionCounts:
         if not (len(newest) and change.any()):
             return
         moved = (newest.root @ newest.shift_px(change)[:, :, None])[:, :, 0]
-        if np.median(np.linalg.norm(moved, axis=1)) > _ANOTHER_RIG:
+        if median(np.linalg.norm(moved, axis=1)) > _ANOTHER_RIG:
             self._counts, self._held = Counter(), held
 
     def forget_all_but(self, ids: NDArray[np.int64]) -> None:
