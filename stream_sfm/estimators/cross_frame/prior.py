@@ -32,6 +32,7 @@ from ...record import changed, filled, record
 from .interval import JOINT, OF_LEAVING, Leaving
 from .layout import Layout, layout
 from .rig_knowledge import NO_RIG, RigKnowledge
+from .window_frame import WindowFrame
 
 # Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
 # micrometre and a microradian are far below any estimate.
@@ -301,6 +302,18 @@ class Prior:
             return np.concatenate([of_rig @ apart, modes[..., :own], of_rig @ kept], axis=-1)
 
         return changed(self, modes=moved(self.modes), world_modes=moved(self.world_modes), rig=rig)
+
+    def refocused(self, frame: WindowFrame, next_ns: int) -> "Prior":
+        """Return the prior with a focus that may have moved unsteadily until the next frame, eq. (72g), if it moves."""
+        if frame.rig is None:
+            return self
+        rig, passed_s = self.rig, (next_ns - frame.stamp_ns) / 1e9
+        root = frame.rig.root_of_focusing(rig.held, rig.cov_held, rig.age_s(frame.stamp_ns), passed_s)
+        if not root.any():
+            return self
+        if rig.steady:  # its motion was taken for other errors until now, which are as unknown as at first
+            root = np.concatenate([root, np.diag(rig.size)], axis=1)
+        return self.with_rig_change(rig.changed(root))
 
     def truncate_modes(self) -> "Prior":
         """Return the same prior in as few modes as matter, eq. (36).
