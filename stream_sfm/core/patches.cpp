@@ -127,7 +127,7 @@ void store_patches(T* stored, const std::array<std::size_t, 3>& shape, const Ima
 }
 
 template <class T>
-Patches warp_patches(View<T, 3> stored, Indices slots, Matrices warps, int radius, int spacing, const TemplateRules& rules) {
+WIDER Patches warp_patches(View<T, 3> stored, Indices slots, Matrices warps, int radius, int spacing, const TemplateRules& rules) {
     int k = samples_across(radius, spacing), k2 = k * k, reach = radius + 1, side = 2 * reach + 1;
     std::size_t n = slots.shape[0], samples = static_cast<std::size_t>(k2);
     require(stored.shape[1] == stored.shape[2] && stored.shape[1] % 2 == 1, "stored patches are not squares with a middle");
@@ -264,7 +264,7 @@ void judge(AlignedPatches& result, const Fits& fits, Matrices information, View<
 // beside the exposures of the images that they were cut from: light that changes on one patch alone is a reflection or a
 // shadow.
 template <class T>
-AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse, Matrices information,
+WIDER AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse, Matrices information,
                              View<float, 1> level, Matrix before, int radius, int spacing, const TemplateRules& rules) {
     int k = samples_across(radius, spacing), k2 = k * k;
     std::size_t n = starts.shape[0];

@@ -28,6 +28,12 @@ def check_rigid(truth: Trajectory) -> None:
         )
 
 
+def first_of_each(stamps_ns: NDArray[np.int64]) -> NDArray[np.intp]:
+    """Return the rows of the first of equal stamps (n,), by stamp; `np.unique` imports masked arrays for it: 7 ms."""
+    order = np.argsort(stamps_ns, kind="stable")
+    return order[np.insert(np.diff(stamps_ns[order]) != 0, 0, True)] if len(order) else order
+
+
 def matched(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64], Trajectory]:
     """Find the rows of the estimate that have a ground truth, and the truth at exactly their stamps.
 
@@ -35,8 +41,8 @@ def matched(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64],
     twist) if they are at most 150 ms apart; failing that, a truth within 1 ms is used. Other rows have no truth, and
     rows where it is NaN have none either. Truths need not be sorted; of equal stamps the first is used.
     """
-    stamps, first = np.unique(truth.stamps_ns, return_index=True)
-    poses = truth.world_from_cam[first]
+    first = first_of_each(truth.stamps_ns)
+    stamps, poses = truth.stamps_ns[first], truth.world_from_cam[first]
     wanted = estimate.stamps_ns
     if len(stamps) == 0 or len(wanted) == 0:
         return np.empty(0, np.int64), Trajectory(np.empty(0, np.int64), np.empty((0, 4, 4)))

@@ -1,6 +1,7 @@
 """What the front-end knows between two frames: one record, which a step replaces and never changes."""
 
 from dataclasses import field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +40,8 @@ class RightSides(NamedTuple):
     twist: Array
 
 
-class Setup(NamedTuple):
+@record
+class Setup:
     """What does not change during a run: the projection of the rectified images, and all settings.
 
     `right_area` (h, w): pixels of the right image around which a whole patch shows the scene; None: all of them.
@@ -49,7 +51,7 @@ class Setup(NamedTuple):
     config: Config
     right_area: NDArray[np.bool_] | None = None
 
-    @property
+    @cached_property
     def rules(self) -> Rules:
         """The numbers by which the front-end decides."""
         return self.config.rules

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, LogError
+from ..evaluation.association import first_of_each
 from ..evaluation.settings import SETTINGS
 from ..mcap_file.message import Message, Source
 from ..types import Trajectory
@@ -57,8 +58,9 @@ def read_truth(source: Source, topic: str, camera_frame: str, warnings: list[str
         of = f": it is of {', '.join(sorted(other_frames))}, not of {camera_frame}" if other_frames else ""
         warnings.append(f"ground truth on {topic} is not used{of}")
         return None
-    stamps, first = np.unique(np.frombuffer(stamps_ns, np.int64), return_index=True)
-    return Trajectory(stamps, np.frombuffer(poses).reshape(-1, 4, 4)[first])
+    stamps = np.frombuffer(stamps_ns, np.int64)
+    first = first_of_each(stamps)
+    return Trajectory(stamps[first], np.frombuffer(poses).reshape(-1, 4, 4)[first])
 
 
 def depth_topic(survey: Survey) -> str | None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...config import WindowConfig
+from ...geometry import se3
 from ...geometry.linear import Cholesky, mahalanobis2
 from ...geometry.medians import median
 from ...geometry.se3 import Array
@@ -66,13 +67,13 @@ def squares_of_halves(of: Map, system: System, at: State, rules: WindowConfig) -
     `system`: of a map, with the rig as it is, linearised at its state `at`.
     """
     parts = _poses_by(of, system, at, _quarters(of, at, rules))
+    from_newest = of.cams_from_ref[:-1] @ se3.inverse(of.cams_from_ref[-1])
     found = np.full((2, len(of.frames)), np.nan)
     for kind, (first, second) in enumerate(((0, 1), (0, 2))):  # quarters of even tracks, and of those on the left
         third, fourth = (k for k in range(4) if k not in (first, second))
         with suppress(np.linalg.LinAlgError):
-            found[kind] = _squares(
-                of, _together(parts[first], parts[second]), _together(parts[third], parts[fourth])
-            )
+            halves = _together(parts[first], parts[second]), _together(parts[third], parts[fourth])
+            found[kind] = _squares(from_newest, *halves)
     return found
 
 
@@ -109,10 +110,10 @@ def _poses_by(of: Map, system: System, at: State, quarters: NDArray[np.int64]) -
     return parts
 
 
-def _squares(of: Map, one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
+def _squares(from_newest: Array, one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
     """Return δᵀC⁻¹δ/6 (f,) of two halves' information and right-hand sides; newest span first."""
     roots = [Cholesky(information, repair=False).root for information, _ in (one, other)]
     steps = [root @ (root.T @ right) for root, (_, right) in zip(roots, (one, other), strict=True)]
-    apart = apart_from_newest(of.cams_from_ref, np.column_stack([*roots, steps[0] - steps[1]]))
+    (apart,) = apart_from_newest(from_newest, np.column_stack([*roots, steps[0] - steps[1]]))
     cov = apart[..., :-1] @ np.swapaxes(apart[..., :-1], 1, 2)
     return mahalanobis2(apart[..., -1], cov)[::-1] / 6

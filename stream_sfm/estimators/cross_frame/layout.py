@@ -4,16 +4,12 @@ from functools import lru_cache
 from itertools import accumulate
 
 
-class Layout:
+class Layout(dict[str, slice]):
     """Blocks one after the other: `Layout(pose=6, state=17)["state"]` is `slice(6, 23)`."""
 
     def __init__(self, **sizes: int) -> None:
-        ends = list(accumulate(sizes.values()))
-        self.size = ends[-1]
-        self._blocks = {name: slice(end - sizes[name], end) for name, end in zip(sizes, ends, strict=True)}
-
-    def __getitem__(self, block: str) -> slice:
-        return self._blocks[block]
+        *_, self.size = ends = list(accumulate(sizes.values()))
+        super().__init__({name: slice(end - sizes[name], end) for name, end in zip(sizes, ends, strict=True)})
 
     def span(self, first: str, last: str) -> slice:
         """Return where blocks are from the first to the last one."""

@@ -32,7 +32,6 @@ from .marginals import Marginals
 from .normal_equations import System
 from .outliers import RejectionCounts
 from .prior import Prior
-from .refocusing import refocused
 from .rig_knowledge import RigKnowledge
 from .timing import Exposures
 from .window_frame import WindowFrame
@@ -159,7 +158,7 @@ class Map:
         )
         prior = prior.truncate_modes()
         prior = changed(prior, rig=prior.rig.with_part(not frame.in_question))
-        self.prior = refocused(prior, frame, self.frames[0].stamp_ns) if self.frames else prior
+        self.prior = prior.refocused(frame, self.frames[0].stamp_ns) if self.frames else prior
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
         self.points = self.points.keep(seen_later if self.frames else core.among(self.points.ids, self.prior.ids))
 
@@ -229,6 +228,8 @@ class Map:
         seen = core.times_among(rejected, self.views.ids, self.views.used)
         young = rejected[(seen <= 1) & ~core.among(rejected, self.prior.ids)]
         self.rejections.add(rejected)
+        if not len(young):
+            return
         self.views = changed(self.views, used=self.views.used & ~core.among(self.views.ids, young))
         self.points = self.points.keep(~core.among(self.points.ids, young))
         self._dropped = core.union_of(np.concatenate([self._dropped, young]))

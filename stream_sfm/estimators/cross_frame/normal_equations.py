@@ -86,7 +86,7 @@ class System:
             self._g[touched] += j.T @ inertial[1]
         self._others = Elimination(h, self.at["rig"].start)
         self.root, self.by_rig = self._others.root, self._others.by_others
-        self.cov_rig = Cholesky(self._others.left).inverse()
+        self.cov_rig = Cholesky(self._others.left).inverse() if m else self._others.left
         # what moves the points with the rig's errors, and in which rows they are there
         self._of_rig: tuple[System, NDArray[np.intp]] | None = None
 

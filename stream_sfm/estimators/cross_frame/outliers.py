@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...config import WindowConfig
+from ...geometry.medians import median
 from ...geometry.se3 import Array
 from .inverse_depth import WhitenedViews
 
@@ -38,7 +39,7 @@ class RejectionCounts:
         if not (len(newest) and change.any()):
             return
         moved = (newest.root @ newest.shift_px(change)[:, :, None])[:, :, 0]
-        if np.median(np.linalg.norm(moved, axis=1)) > self._rules.moved_sigmas:
+        if median(np.linalg.norm(moved, axis=1)) > self._rules.moved_sigmas:
             self._counts, self._held = Counter(), held
 
     def forget_all_but(self, ids: NDArray[np.int64]) -> None:

@@ -32,6 +32,7 @@ from ...record import changed, filled, record
 from .interval import JOINT, OF_LEAVING, Leaving
 from .layout import Layout, layout
 from .rig_knowledge import NO_RIG, RigKnowledge
+from .window_frame import WindowFrame
 
 # Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
 # micrometre and a microradian are far below any estimate.
@@ -168,17 +169,10 @@ class Prior:
         what inertia says of the frame, with twelve modes more: its slide, its velocity and the walk of the biases.
         """
         ids_new, mean_new, cov_new, by_own, by_rig = new
-        e, of = by_own.shape[2], self.of_modes
+        e = by_own.shape[2]
         at = self._with_frame(e, leaving is not None)
         own = at["rig"].start
-        state_rows, state = self.world_modes[JOINT["state"]], self.state
-        if leaving is not None:
-            cam_from_ref = se3.exp(np.concatenate([np.zeros(3), leaving.slide])) @ cam_from_ref
-            state, state_rows = self._state_in(cam_from_ref, leaving, self.state_at(amplitudes), at)
-        world_modes = se3.adjoint(cam_from_ref) @ self.world_modes[JOINT["pose"]]
-        of_own, of_rig = world_modes[:, of["own"]], world_modes[:, of["rig"]]
-        world_modes = np.concatenate([np.zeros((6, e)), of_own, -np.eye(6), of_rig], axis=1)
-        world = self.world(amplitudes) @ se3.inverse(cam_from_ref)
+        world, state, world_modes = self._seen_from(cam_from_ref, amplitudes, leaving, at)
         s, whitened_modes, std, half, given, right = core.absorbing_system(blocks, self, anchors, q, amplitudes)
         flat_modes, flat_half = whitened_modes.reshape(-1, len(s) - e), half.reshape(-1, len(s))
         s[e:, e:] += flat_modes.T @ flat_modes
@@ -186,10 +180,6 @@ class Prior:
         right -= flat_half.T @ given.ravel()
         if leaving is not None:
             s, right = self._with_leaving(leaving, s, right, at)
-            new_here = [at["slide"].start] * _INERTIAL
-            world_modes = np.insert(world_modes, new_here, 0.0, axis=-1)
-            world_modes[3:, at["slide"]] = -np.eye(3)  # a slide turns the camera as its pose does
-            world_modes = np.concatenate([world_modes, state_rows])
         others = Elimination(s, own)
         step, weighted = others.reduced(right)
         # the others by the new modes, by the rig's errors, and their step; these are held, and moved by the window
@@ -221,6 +211,23 @@ class Prior:
         of = self.of_modes
         before, rig = (of[name].stop - of[name].start for name in ("own", "rig"))
         return layout(frame=e, before=before, translation=3, rotation=3, **inertial, rig=rig)
+
+    def _seen_from(
+        self, cam_from_ref: Array, amplitudes: Array, leaving: Leaving | None, at: Layout
+    ) -> tuple[Array, Array, Array]:
+        """Return the world (4, 4) and the inertial state of `absorb_frame` in the leaving camera, and their modes."""
+        of, state, rows = self.of_modes, self.state, self.world_modes[JOINT["state"]]
+        if leaving is not None:
+            cam_from_ref = se3.exp(np.concatenate([np.zeros(3), leaving.slide])) @ cam_from_ref
+            state, rows = self._state_in(cam_from_ref, leaving, self.state_at(amplitudes), at)
+        modes = se3.adjoint(cam_from_ref) @ self.world_modes[JOINT["pose"]]
+        of_frame = np.zeros((6, at["frame"].stop))
+        modes = np.concatenate([of_frame, modes[:, of["own"]], -np.eye(6), modes[:, of["rig"]]], axis=1)
+        if leaving is not None:
+            modes = np.insert(modes, [at["slide"].start] * _INERTIAL, 0.0, axis=-1)
+            modes[3:, at["slide"]] = -np.eye(3)  # a slide turns the camera as its pose does
+            modes = np.concatenate([modes, rows])
+        return self.world(amplitudes) @ se3.inverse(cam_from_ref), state, modes
 
     def _with_leaving(self, leaving: Leaving, s: Array, right: Array, at: Layout) -> tuple[Array, Array]:
         """Add what inertia says of a leaving frame to the information about modes; its own modes are new here.
@@ -292,6 +299,18 @@ class Prior:
             return np.concatenate([of_rig @ apart, modes[..., :own], of_rig @ kept], axis=-1)
 
         return changed(self, modes=moved(self.modes), world_modes=moved(self.world_modes), rig=rig)
+
+    def refocused(self, frame: WindowFrame, next_ns: int) -> "Prior":
+        """Return the prior with a focus that may have moved unsteadily until the next frame, eq. (72g), if it moves."""
+        if frame.rig is None:
+            return self
+        rig, passed_s = self.rig, (next_ns - frame.stamp_ns) / 1e9
+        root = frame.rig.root_of_focusing(rig.held, rig.cov_held, rig.age_s(frame.stamp_ns), passed_s)
+        if not root.any():
+            return self
+        if rig.steady:  # its motion was taken for other errors until now, which are as unknown as at first
+            root = np.concatenate([root, np.diag(rig.size)], axis=1)
+        return self.with_rig_change(rig.changed(root))
 
     def truncate_modes(self) -> "Prior":
         """Return the same prior in as few modes as matter, eq. (36).

@@ -15,11 +15,14 @@ from .interval import JOINT
 from .map import Map
 
 
-def apart_from_newest(cams_from_ref: Array, of_poses: Array) -> Array:
-    """Return J of eq. (74), times (6F, n): for the reference and every camera (F, 4, 4) but the newest."""
-    from_newest = cams_from_ref[:-1] @ se3.inverse(cams_from_ref[-1])
-    blocks = of_poses.reshape(len(cams_from_ref), 6, -1)
-    return np.concatenate([-blocks[-1:], se3.adjoint(se3.inverse(from_newest)) @ blocks[:-1] - blocks[-1]])
+def apart_from_newest(from_newest: Array, *of_poses: Array) -> list[Array]:
+    """Return J of eq. (74), times each (6F, n), for the reference and every camera (F, 4, 4) but the newest.
+
+    `from_newest` (F − 1, 4, 4): the motions of the latter from the newest camera.
+    """
+    moved = se3.adjoint(se3.inverse(from_newest))
+    by_pose = [each.reshape(len(moved) + 1, 6, -1) for each in of_poses]
+    return [np.concatenate([-each[-1:], moved @ each[:-1] - each[-1]]) for each in by_pose]
 
 
 def newest_motion(current: Map) -> Array:
@@ -38,12 +41,11 @@ def relative_motions(current: Map, cov_newest: Array, by_span: Array, feigned: f
     true_cams, (of_poses, of_rig) = current.true_cams, current.true_poses()
     cams = np.array([np.eye(4), *true_cams[:-1]])  # the reference is exact by definition
     from_newest = cams @ se3.inverse(true_cams[-1])
-    half = apart_from_newest(true_cams, of_poses)
+    half, by_rig = apart_from_newest(from_newest[1:], of_poses, of_rig)
     factors = by_span[: len(frames), None, None][::-1]
     modes = system.at["modes"]
     half[..., : modes.start] *= factors / by_span[-1]
     half[..., modes] *= factors
-    by_rig = apart_from_newest(true_cams, of_rig)
     cov = half @ np.swapaxes(half, 1, 2) + product(by_rig, system.cov_rig) @ np.swapaxes(by_rig, 1, 2)
     return RelativeMotions(
         frame_indices=np.array([f.index for f in (current.reference, *frames[:-1])], np.int64),

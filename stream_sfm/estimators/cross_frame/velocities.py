@@ -1,4 +1,9 @@
-"""What the velocities of a map's frames do to its views, by delay and readout of the cameras, eqs. (70) to (70b)."""
+"""What the velocities of a map's frames do to its views, by delay and readout of the cameras, eqs. (70) to (70b).
+
+The velocity of the newest frame is an extrapolation. Where a delay of the right camera is probable, its error, which
+moves all right views alike, is an unknown of the frame, eq. (36b): six amplitudes of σ = 1. Once later frames show the
+velocity, what is left of it is in the right rows, from which the front-end took the delay out by a velocity of its own.
+"""
 
 from collections.abc import Sequence
 
@@ -6,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
+from ...geometry.linear import scaled_cholesky
 from ...geometry.se3 import Array
-from ...geometry.stereo import clamp_depth
+from ...geometry.stereo import StereoProjection, clamp_depth
 from ...record import changed
 from ...rig_model.estimate import CERTAIN
 from ...rig_model.model import LEAST_VARIANCE, RigModel
@@ -15,8 +21,9 @@ from ...rig_model.terms import DISPARITY
 from .inverse_depth import WhitenedViews, at_rest, expected, held, timed
 from .layout import Layout
 from .map import Map
-from .twist_unknown import TWIST, left_in_rows, twist_columns, with_room
 from .window_frame import WindowFrame
+
+_TWIST = 6  # amplitudes
 
 
 def expect(
@@ -57,7 +64,7 @@ def expect(
         cov_twist = current.exposures.twist_error.cov(std_acceleration, seconds)
         cov_twist = cov_twist + np.diag((rules.least_twist * of_twist) ** 2)
         size_s = np.copysign(np.hypot(delay_s, std_s), delay_s)
-        own = twist_columns(current.projection, views, in_cam, size_s, cov_twist)
+        own = _twist_columns(current.projection, views, in_cam, size_s, cov_twist)
         views = changed(views, own=np.concatenate([views.own, own], axis=2))
     of_timing = core.timing_unknowns(*frame.rig.cameras, points, before[0], moved, now[0], *timing, of_twist)
     cov_held = current.prior.rig.cov_held[DISPARITY, DISPARITY] + LEAST_VARIANCE * np.eye(DISPARITY.stop)
@@ -70,16 +77,35 @@ def _begin_twist(current: Map) -> None:
     """Make room for the error of the twist among the unknowns of each frame; that of the frames before is known."""
     if not current.exposures.has_twist:
         current.exposures = changed(current.exposures, has_twist=True)
-        current.own = np.concatenate([current.own, np.zeros((len(current.own), TWIST))], axis=1)
-        current.views = changed(current.views, own=with_room(current.views.own))
+        current.own = np.concatenate([current.own, np.zeros((len(current.own), _TWIST))], axis=1)
+        current.views = changed(current.views, own=_with_room(current.views.own))
         if current.first_views is not None:
-            current.first_views = changed(current.first_views, own=with_room(current.first_views.own))
-            at = Layout(pose=6, own=current.own.shape[1] - TWIST).size
-            current.prior = current.prior.with_own_of_first(at, TWIST)
-            current.amplitudes = np.insert(current.amplitudes, [at] * TWIST, 0.0)
+            current.first_views = changed(current.first_views, own=_with_room(current.first_views.own))
+            at = Layout(pose=6, own=current.own.shape[1] - _TWIST).size
+            current.prior = current.prior.with_own_of_first(at, _TWIST)
+            current.amplitudes = np.insert(current.amplitudes, [at] * _TWIST, 0.0)
     rows, own = current.newest, current.views.own.copy()
-    own[rows, :, -TWIST:] = left_in_rows(own[rows, :, -TWIST:])
+    own[rows, :3, -_TWIST:] = 0.0
     current.views = changed(current.views, own=own)
+
+
+def _twist_columns(
+    projection: StereoProjection, views: WhitenedViews, points: Array, delay_s: float, cov_twist: Array
+) -> Array:
+    """Return what an error of the twist, of covariance (6, 6), does to views of homogeneous points (V, 4).
+
+    (V, 4, 6) px, of cameras of which the right one is late by some `delay_s`. A missing side has none.
+    """
+    by_twist = np.stack([core.velocities(projection, points, e[None]) for e in np.eye(_TWIST)], axis=2)
+    moved = np.zeros_like(by_twist)
+    moved[:, 2:] = delay_s * by_twist[:, 2:]
+    moved[~np.isfinite(views.expected_px)] = 0.0
+    return np.asarray(moved @ scaled_cholesky(cov_twist))
+
+
+def _with_room(own: Array) -> Array:
+    """Return columns (n, 4, e) of frames whose twist is known, with those of a twist."""
+    return np.concatenate([own, np.zeros((*own.shape[:2], _TWIST))], axis=2)
 
 
 def renew_timing(current: Map) -> None:
