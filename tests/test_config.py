@@ -1,15 +1,19 @@
 """Settings are refused where they are made, with what was given and what is wanted; between their ends all work."""
 
 import math
+from dataclasses import replace
 from functools import reduce
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
+import msgspec
 import numpy as np
 import pytest
 
 import stream_sfm as sfm
 from stream_sfm.config import FrontendConfig, WindowConfig, config_to_toml, read_config, setting_names
+from stream_sfm.geometry import se3
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
+from tools.render.inertial import BMI160, measured
 
 TINY = 1e-308  # squared, or as a divisor, it leaves the range of numbers
 
@@ -41,31 +45,47 @@ def config_with(name: str, value: float) -> sfm.Config:
     return made
 
 
-@pytest.mark.parametrize("name", NUMBERS)
-def test_a_number_has_two_ends_and_none_beyond_them_is_accepted(name: str) -> None:
-    number, least, most = NUMBERS[name]
-    assert least is not None and most is not None and math.isfinite(least) and math.isfinite(most)
-    for end in (least, most):
-        config_with(name, end)
-    beyond = (
-        [least - 1, most + 1]
-        if number is int
-        else [math.nextafter(least, -math.inf), math.nextafter(most, math.inf)]
-    )
-    for value in (*beyond, math.inf, -math.inf, math.nan, *([TINY] if least > 0 else [])):
-        with pytest.raises(sfm.ConfigError, match="give"):
-            config_with(name, value)
-    with pytest.raises(sfm.ConfigError, match="must be"):
-        read_config(None, [f"{name}=inf"])
+def refused(name: str, value: float) -> bool:
+    """Whether a value is refused with what is wanted instead."""
+    try:
+        config_with(name, value)
+    except sfm.ConfigError as error:
+        return "give" in str(error)
+    return False
+
+
+def test_numbers_have_two_ends_and_none_beyond_them_is_accepted() -> None:
+    for name, (number, least, most) in NUMBERS.items():
+        assert least is not None and most is not None and math.isfinite(least) and math.isfinite(most), name
+        for end in (least, most):
+            config_with(name, end)
+        beyond = [math.nextafter(least, -math.inf), math.nextafter(most, math.inf)]
+        if number is int:
+            beyond = [least - 1, most + 1]
+        beyond += [math.inf, -math.inf, math.nan, *([TINY] if least > 0 else [])]
+        assert all(refused(name, value) for value in beyond), name
+        with pytest.raises(sfm.ConfigError, match=f"{name} .* must be"):
+            read_config(None, [f"{name}=inf"])
+
+
+RIG = rig(width=160, height=120)
+INERTIAL = replace(RIG, imu=BMI160.calibration)
+FRAMES = 4
 
 
 @pytest.fixture(scope="module")
 def frames() -> list[sfm.StereoFrame]:
-    """A short walk along a wall, which is covered and seen again."""
-    stereo, wall = rig(width=160, height=120), Wall()
-    seen = [wall.frame(stereo, pose, n) for n, pose in enumerate(camera_path(5))]
+    """A short walk along a wall, which is covered and seen again, with the samples of an inertial unit."""
+    wall, poses, period_s = Wall(), camera_path(FRAMES), 1e-9 * PERIOD_NS
+    step = se3.log(poses[1])
+    samples = measured(lambda t: se3.exp(step * t / period_s), (0, FRAMES * period_s), np.array([0.0, 1, 0]))
+    ends = np.searchsorted(samples.stamps_ns, PERIOD_NS * np.arange(FRAMES), side="right") + 1
+    seen = [
+        replace(frame, imu=samples[first:end])
+        for frame, first, end in zip(wall.frames(RIG, poses), [0, *ends], ends, strict=False)
+    ]
     black = np.zeros((120, 160), np.uint8)
-    seen[2] = sfm.StereoFrame(2 * PERIOD_NS, black, black)
+    seen[2] = replace(seen[2], left=black, right=black)
     return seen
 
 
@@ -75,11 +95,14 @@ OF_ENGINE = [name for name in NUMBERS if name.split(".")[0] not in ("ros", "dens
 @pytest.mark.slow
 @pytest.mark.parametrize("name", OF_ENGINE)
 def test_the_engine_works_at_both_ends_of_every_setting(name: str, frames: list[sfm.StereoFrame]) -> None:
+    """With one camera those that are for it alone, and with inertial samples those of inertia."""
     number, least, most = NUMBERS[name]
+    inertial = name.startswith(("imu.", "rules.inertia."))
     for end in (least, most, *([TINY] if number is float and least == 0 else [])):
-        engine = sfm.Engine(rig(width=160, height=120), config_with(name, end))
+        config = msgspec.structs.replace(config_with(name, end), mono=name.startswith("rules.mono."))
+        engine = sfm.Engine(INERTIAL if inertial else RIG, config)
         for frame in frames:
-            estimate = engine.step(frame)
+            estimate = engine.step(frame if inertial else replace(frame, imu=None))
             for values in (estimate.world_from_cam, estimate.cov_pose, estimate.points_in_cam, estimate.cov_points):
                 assert np.isfinite(values).all(), f"{name}={end}, frame {estimate.frame_index}"
             assert np.linalg.eigvalsh(estimate.cov_pose).min() >= -1e-9 * np.trace(estimate.cov_pose)

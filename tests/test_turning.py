@@ -1,7 +1,5 @@
 """A camera that only turns keeps covariances that hold: before a wall, in the corner of a box, before a far scene."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 
@@ -70,8 +68,7 @@ FRAMES = 20
 EXACT = sfm.Config(rig=RigConfig(exact=True))
 
 
-@cache
-def mean_nees(scene: str, axis: str, seed: int, config: sfm.Config) -> float:
+def mean_nees(scene: str, axis: str, seed: int, config: sfm.Config = EXACT) -> float:
     """Mean NEES of the poses, 6 expected, from the third frame on; all of them are ok."""
     poses = turning(axis, FRAMES)
     engine = sfm.Engine(rig(), config)
@@ -81,21 +78,16 @@ def mean_nees(scene: str, axis: str, seed: int, config: sfm.Config) -> float:
 
 
 @pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("axis", AXES)
-def test_a_turning_camera_is_not_overconfident(scene: str, axis: str) -> None:
-    """Against 50 to 160 where errors of patches that turn were taken for a motion of the camera.
+def test_covariances_of_a_turning_camera_hold(scene: str) -> None:
+    """About every axis, and closer on average: σ is at most √2 too small, at most twice too large.
 
-    Of six runs, as single ones have a deviation of 0.6 of their mean.
+    Errors of a run's frames are nearly one error, so that a run has a deviation of 0.6 of its mean, the mean of three
+    runs one of 0.35, and that of all twelve one of 0.17. Where errors of patches that turn were taken for a motion of
+    the camera, it was 50 to 160.
     """
-    assert np.mean([mean_nees(scene, axis, seed, EXACT) for seed in range(6)]) < 12
-
-
-def test_turning_cameras_are_not_underconfident_either() -> None:
-    """σ is at most twice too large, on average over scenes and axes: 6 / 2². Errors of a run's frames are nearly one
-    error, so that a run has a deviation of 0.6 of its mean and the mean of 24 runs one of 0.12: of 2.2, 0.26.
-    """
-    means = [mean_nees(scene, axis, seed, EXACT) for scene in SCENES for axis in AXES for seed in (0, 1)]
-    assert np.mean(means) > 6 / 2**2
+    means = np.array([[mean_nees(scene, axis, seed) for axis in AXES] for seed in range(3)])
+    assert means.mean(axis=0).max() < 18
+    assert 6 / 2**2 < means.mean() < 12
 
 
 @pytest.mark.parametrize("scene", SCENES)

@@ -37,30 +37,32 @@ def short(monkeypatch):
     monkeypatch.setattr(rates, "BATCHES", (1, 2))
 
 
-@pytest.mark.parametrize("experiment", [name for name in get_args(simulate.Experiment) if name != "rates"])
-def test_writes_results_and_figures(experiment, short, tmp_path, cli):
-    captured = cli("simulate", experiment, *TRIALS, tmp_path)
+@pytest.mark.parametrize("experiment", get_args(simulate.Experiment))
+def test_writes_results_tables_and_figures(experiment, short, tmp_path, cli):
+    captured = cli("simulate", experiment, "--latex", *TRIALS, tmp_path)
     assert "cross-frame" in captured.out
+    assert all(line.startswith("simulate ") for line in captured.err.splitlines())  # a slow run shows progress
     report = json.loads((tmp_path / "results.json").read_text())
     assert (report["experiment"], report["trials"], report["seed"]) == (experiment, 2, 0)
-    pictures = {path.name: path for path in tmp_path.glob("figure6.*")}
-    assert set(pictures) == ({"figure6.png", "figure6.svg"} if experiment == "figure6" else set())
-    if pictures:
-        assert pictures["figure6.png"].stat().st_size > 10_000  # an empty picture has 3 kB
-        assert "<svg" in pictures["figure6.svg"].read_text()
-    assert all(line.startswith("simulate ") for line in captured.err.splitlines())  # a slow run shows progress
+    check_pictures({path.name: path for path in tmp_path.glob("figure6.*")}, experiment)
     page = (tmp_path / "report.html").read_text()
     assert ("<svg" in page) == (experiment != "consistency") and "<table" in page
     assert "_" not in re.sub(
         r"<(style|script|svg).*?</\1>|<[^>]*>|stream_sfm", "", page, flags=re.DOTALL
     )  # in words
+    check_tables(report, tmp_path)
 
 
-@pytest.mark.parametrize("experiment", get_args(simulate.Experiment))
-def test_tables_have_no_empty_column_and_csv_has_every_value(experiment, short, tmp_path, cli):
-    cli("simulate", experiment, "--latex", *TRIALS, tmp_path, "-q")
-    report = json.loads((tmp_path / "results.json").read_text())
-    with open(tmp_path / "results.csv", newline="") as stream:
+def check_pictures(pictures, experiment):
+    assert set(pictures) == ({"figure6.png", "figure6.svg"} if experiment == "figure6" else set())
+    if pictures:
+        assert pictures["figure6.png"].stat().st_size > 10_000  # an empty picture has 3 kB
+        assert "<svg" in pictures["figure6.svg"].read_text()
+
+
+def check_tables(report, folder):
+    """No table has an empty column, and the CSV file has every value."""
+    with open(folder / "results.csv", newline="") as stream:
         lines = list(csv.DictReader(stream))
     found = tables(report)
     assert found and all(float(line["low"] or line["value"]) <= float(line["value"]) for line in lines)
@@ -68,7 +70,7 @@ def test_tables_have_no_empty_column_and_csv_has_every_value(experiment, short, 
         assert all(any(values[k] is not None for _, values in table.rows) for k in range(len(table.columns)))
         assert not any("_" in word for names, _ in table.rows for word in names)
     assert len(lines) == sum(value is not None for table in found for _, values in table.rows for value in values)
-    latex = (tmp_path / "results.tex").read_text()
+    latex = (folder / "results.tex").read_text()
     assert latex.count("\\begin{tabular}") == latex.count("\\end{tabular}") == sum(not t.whole for t in found)
 
 
