@@ -48,7 +48,7 @@ RULES: dict[str, tuple[str, ...]] = {  # the settings that switch it off
     "drift of templates": ("rules.errors.slide=0",),
     "displaced images": ("rules.step.least_px=1e4",),
     "earlier images show through": ("rules.ghosts.sigmas=1e8",),
-    "smeared patches": ("rules.smears.sigmas=1e8",),
+    "smeared patches": ("rules.smears.sigmas=1e8", "rules.smears.other=1"),
     "all is seen twice": ("rules.echo.strength=1",),
     "drawn over": ("rules.still.drawn=1",),
     "rows of two moments": ("rules.fields.combed=100",),
