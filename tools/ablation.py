@@ -4,7 +4,8 @@
 
 A rule stands in `RULES` with the settings that switch it off. A cell of the table, in Markdown, holds the aligned ATE
 in millimetres and, in brackets, how many frames are not ok; it is bold where one of the two is worse than with all
-rules. A rule that neither a log nor a test needs should go.
+rules, and = where poses and covariances are the same to the last bit. A rule that neither a log nor a test needs should
+go.
 """
 
 import argparse
@@ -56,15 +57,16 @@ RULES: dict[str, tuple[str, ...]] = {  # the settings that switch it off
 }
 
 
-def measured(log: StereoLog, frames: int, overrides: tuple[str, ...] = ()) -> tuple[float, int]:
-    """ATE of the first frames in millimetres, and how many after the first one are not ok."""
+def measured(log: StereoLog, frames: int, overrides: tuple[str, ...] = ()) -> tuple[float, int, bytes]:
+    """ATE of the first frames in millimetres, how many after the first one are not ok, and their poses as bytes."""
     engine, truth = Engine(log.rig, read_config(None, overrides)), log.ground_truth()
     found = [engine.step(frame) for frame in islice(log.frames(), frames)]
     stamps, poses, covs = (
         np.array([getattr(e, name) for e in found]) for name in ("stamp_ns", "world_from_cam", "cov_pose")
     )
     ate_m = evaluate(Trajectory(stamps, poses, covs), truth)["ate_rmse_aligned_m"] if truth else None
-    return 1e3 * ate_m if ate_m else np.nan, sum(e.status != "ok" for e in found[1:])
+    not_ok = sum(e.status != "ok" for e in found[1:])
+    return 1e3 * ate_m if ate_m else np.nan, not_ok, poses.tobytes() + covs.tobytes()
 
 
 def column(path: Path, frames: int, rules: list[str]) -> list[str]:
@@ -72,11 +74,11 @@ def column(path: Path, frames: int, rules: list[str]) -> list[str]:
     log, cells = open_log(path), []
     with_all = measured(log, frames)
     for rule in (None, *rules):
-        ate_mm, not_ok = with_all
-        if rule is not None:
-            ate_mm, not_ok = measured(log, frames, RULES[rule])
+        ate_mm, not_ok, estimates = with_all if rule is None else measured(log, frames, RULES[rule])
         cell = f"{ate_mm:.3g}" + (f" ({not_ok})" if not_ok else "")
-        cells.append(f"**{cell}**" if ate_mm > WORSE * with_all[0] or not_ok > with_all[1] else cell)
+        worse = ate_mm > WORSE * with_all[0] or not_ok > with_all[1]
+        same = rule is not None and (not_ok, estimates) == with_all[1:]
+        cells.append("=" if same else f"**{cell}**" if worse else cell)
     return cells
 
 

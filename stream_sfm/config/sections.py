@@ -68,6 +68,11 @@ class WindowConfig(Section, frozen=True, kw_only=True):
     moved_sigmas: Annotated[
         float, expert("median shift of views by what is learnt of the rig that makes them new, σ", 0.01, 1e6)
     ] = 2.0
+    # Several times the noise of an expected place. A view that has moved by less shows errors of the rig where its
+    # track was before.
+    rests_px: Annotated[float, expert("motion of a view since its last frame below which it rests, px", 0, 100)] = (
+        0.3
+    )
     # Errors that last are a property of cameras and scene, and change slowly.
     halves_memory: Annotated[float, expert("frames from which is known how long errors last", 1, 1e6)] = 25.0
     # Neighbouring windows have most of their views in common.

@@ -7,10 +7,10 @@ namespace core {
 
 constexpr int LANES = 8;  // partial sums, always in the same order
 constexpr double DAMPING = 1e-9;        // of a scaled information matrix: a direction that the data do not see stays where it is
-constexpr double MAX_ROTATION_STEP_RAD = 0.3;  // of one step of an iteration, as in geometry/se3.py
-constexpr double CAUCHY_WIDTH = 2.4;    // as in geometry/medians.py
+constexpr double MAX_ROTATION_STEP_RAD = 0.3;  // of one step of an iteration
+constexpr double CAUCHY_WIDTH = 2.4;    // which geometry/medians.py hands on
 constexpr double MEDIAN_CHI2_4 = 3.36;  // closed form: the median of χ² with four degrees of freedom
-constexpr std::size_t MIN_VIEWS = 6;    // of a motion, as in geometry/resection.py
+constexpr std::size_t MIN_VIEWS = 6;    // of a motion; geometry/resection.py hands it on
 constexpr double ROUNDING = 1e-30;      // of squares, relative
 
 // Σ a b over k samples.

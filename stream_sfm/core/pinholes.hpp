@@ -5,7 +5,7 @@
 
 namespace core {
 
-constexpr double MIN_DEPTH = 1e-3;  // as in geometry/stereo.py
+constexpr double MIN_DEPTH = 1e-3;  // which geometry/stereo.py hands on
 
 struct Pinholes {
     double f_px, cx_left_px, cx_right_px, cy_px, baseline_m;

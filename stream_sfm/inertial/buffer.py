@@ -12,19 +12,7 @@ from numpy.typing import NDArray
 from ..geometry.se3 import Array
 from ..record import record
 from .samples import ImuCalibration, ImuSamples
-
-_KEPT_S = 12.0  # of samples; an interval that is longer is not bridged
-_GAP_PERIODS = 3.0  # longer ones are gaps
-_WIDENED = 1e4  # factor on variances where samples are missing or saturated; of a gap it grows with its square
-_GAP_S = 0.01  # a gap of this length is widened by just that
-_EQUAL = 5  # samples in a row that are the same and large: the sensor has reached its range
-_LEAST_RANGE = 1 / 16  # of the widest usual range: the narrowest that sensors are set to
-_TURNING_S, _LEAST_TURNING = 0.02, 3  # before a time, and half of it after: samples that tell how a camera turns
-# A motion at 5 Hz, sampled at 100 Hz, is 300 times smaller in fifth differences; white noise is √252 times larger.
-_DIFFERENCES, _GROWN, _NOISE_SAMPLES = 5, 252.0, 30
-_OF_MEDIAN = 0.6745  # of absolute values of N(0, 1)
-_UNIT_SAMPLES = 100  # after which units are asked for, again and again
-_IN_G = (0.5, 2.0)  # median of the accelerations' norm that is g, not m/s²
+from .settings import SETTINGS
 
 
 @record
@@ -92,8 +80,8 @@ class SampleBuffer:
             return
         everything = ImuSamples.joined([self._samples, kept])
         newest_ns = int(everything.stamps_ns[-2:][0])  # the last one may be ahead
-        old = int(np.searchsorted(everything.stamps_ns, newest_ns - round(_KEPT_S * 1e9), "right"))
-        found = self._find_saturated(everything[-len(kept) - _EQUAL :])
+        old = int(np.searchsorted(everything.stamps_ns, newest_ns - round(SETTINGS.kept_s * 1e9), "right"))
+        found = self._find_saturated(everything[-len(kept) - SETTINGS.equal :])
         saturated = np.concatenate([self._saturated, np.zeros(len(kept), bool)])
         saturated[-len(found) :] |= found
         self.counts["saturated"] += int(saturated.sum() - self._saturated.sum())
@@ -101,7 +89,7 @@ class SampleBuffer:
         if len(self._samples) > 1:
             self._period_ns = float(np.median(np.diff(self._samples.stamps_ns[-200:])))
         self._unasked += len(kept)
-        if not self.problem and self._unasked >= _UNIT_SAMPLES:
+        if not self.problem and self._unasked >= SETTINGS.unit_samples:
             self._unasked, self.problem = 0, self._unit_problem()
 
     def _forget_contradicted(self, samples: ImuSamples) -> None:
@@ -117,25 +105,27 @@ class SampleBuffer:
         for values, most in zip((samples.gyro_rad_s, samples.accel_m_s2), self._ranges, strict=True):
             found |= (np.abs(values) >= most).any(axis=1)
             same = np.zeros(len(samples), bool)
-            same[1:] = ((values[1:] == values[:-1]) & (np.abs(values[1:]) > _LEAST_RANGE * most)).any(axis=1)
-            if np.count_nonzero(same) < _EQUAL - 1:  # hardly ever are there any
+            same[1:] = ((values[1:] == values[:-1]) & (np.abs(values[1:]) > SETTINGS.least_range * most)).any(
+                axis=1
+            )
+            if np.count_nonzero(same) < SETTINGS.equal - 1:  # hardly ever are there any
                 continue
-            runs = np.lib.stride_tricks.sliding_window_view(values, _EQUAL, axis=0)  # (n − 4, 3, 5)
-            stuck = (runs == runs[..., :1]).all(axis=2) & (np.abs(runs[..., 0]) > _LEAST_RANGE * most)
+            runs = np.lib.stride_tricks.sliding_window_view(values, SETTINGS.equal, axis=0)  # (n − 4, 3, 5)
+            stuck = (runs == runs[..., :1]).all(axis=2) & (np.abs(runs[..., 0]) > SETTINGS.least_range * most)
             for start in np.flatnonzero(stuck.any(axis=1)):
-                found[start : start + _EQUAL] = True
+                found[start : start + SETTINGS.equal] = True
         return found
 
     def _unit_problem(self) -> str:
         """Say that samples are in other units, if their sizes are."""
         norm = float(np.median(np.linalg.norm(self._samples.accel_m_s2, axis=1)))
         turned = float(np.median(np.linalg.norm(self._samples.gyro_rad_s, axis=1)))
-        if _IN_G[0] < norm < _IN_G[1]:
+        if SETTINGS.in_g[0] < norm < SETTINGS.in_g[1]:
             return (
                 f"the IMU is not used: its accelerations are about {norm:.2f} in the median, which looks like g: give "
                 "m/s² (multiply by 9.80665), gravity included"
             )
-        if norm < _IN_G[0]:
+        if norm < SETTINGS.in_g[0]:
             return (
                 f"the IMU is not used: its accelerations are about {norm:.2g} m/s² in the median: gravity seems to "
                 "have been taken out; give the raw accelerations"
@@ -168,11 +158,12 @@ class SampleBuffer:
 
         None as long as they are few. Of a unit that smooths its samples they are too small.
         """
-        if len(self._samples) < _NOISE_SAMPLES:
+        if len(self._samples) < SETTINGS.noise_samples:
             return None
         values = np.stack([self._samples.gyro_rad_s, self._samples.accel_m_s2])
-        apart = np.abs(np.diff(values, _DIFFERENCES, axis=1)).reshape(2, -1)
-        return np.asarray(np.median(apart, axis=1) / _OF_MEDIAN * np.sqrt(self._period_ns / 1e9 / _GROWN))
+        apart = np.abs(np.diff(values, SETTINGS.differences, axis=1)).reshape(2, -1)
+        # 0.6745: the median of absolute values of N(0, 1)
+        return np.asarray(np.median(apart, axis=1) / 0.6745 * np.sqrt(self._period_ns / 1e9 / SETTINGS.grown))
 
     def rate(self, stamp_ns: int, late_s: float) -> Array:
         """Return the angular rate (3,) at a time, by the samples around it."""
@@ -181,8 +172,8 @@ class SampleBuffer:
     def turning(self, stamp_ns: int, late_s: float) -> tuple[Array, Array] | None:
         """Return angular rate and acceleration (3,) at a time, by a straight line through the samples around it."""
         at = (self._samples.stamps_ns - stamp_ns) / 1e9 - late_s
-        rows = np.flatnonzero((at > -_TURNING_S) & (at < _TURNING_S / 2))
-        if len(rows) < _LEAST_TURNING or at[rows[-1]] < -_TURNING_S / 2:
+        rows = np.flatnonzero((at > -SETTINGS.turning_s) & (at < SETTINGS.turning_s / 2))
+        if len(rows) < SETTINGS.least_turning or at[rows[-1]] < -SETTINGS.turning_s / 2:
             return None
         seconds, rates = at[rows], self._samples.gyro_rad_s[rows]
         mean_s = float(seconds.mean())
@@ -208,12 +199,14 @@ class SampleBuffer:
         period_s = max(self._period_ns / 1e9, 1e-4)
         beyond = np.where(np.isfinite(spacing), spacing, np.where(steps > 0.5 * period_s, steps, 0.0))
         held = ~np.isfinite(spacing) & (steps > 0)
-        gaps = (beyond > _GAP_PERIODS * period_s) | held
+        gaps = (beyond > SETTINGS.gap_periods * period_s) | held
         lost = np.concatenate([[False], self._saturated, [False]])
         saturated = lost[around] | lost[around + 1]
-        widened = np.where(gaps, _WIDENED * np.maximum(np.where(held, steps, beyond) / _GAP_S, 0.1) ** 2, 1.0)
-        widened = np.where(saturated, np.maximum(widened, _WIDENED), widened)
-        notes = ["inertial samples are missing"] * bool((gaps & (steps > _GAP_PERIODS * period_s)).any())
+        widened = np.where(
+            gaps, SETTINGS.widened * np.maximum(np.where(held, steps, beyond) / SETTINGS.gap_s, 0.1) ** 2, 1.0
+        )
+        widened = np.where(saturated, np.maximum(widened, SETTINGS.widened), widened)
+        notes = ["inertial samples are missing"] * bool((gaps & (steps > SETTINGS.gap_periods * period_s)).any())
         notes += ["the IMU is saturated"] * bool(saturated.any())
         complete = bool(at[0] <= first and at[-1] >= last)
         return Samples(seconds, gyro, accel, widened, complete, "; ".join(notes))

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import FrameError
+from ..inputs import INT64
 from .samples import ImuSamples
+from .settings import SETTINGS
 
 T = TypeVar("T")
-_MOST = 100_000  # samples that wait for a frame; the oldest are dropped: a minute and more of any unit
-_STAMPS_NS = 2**63
 
 
 class DriverSamples:
@@ -40,13 +40,13 @@ class DriverSamples:
                 f"an inertial sample at {stamp_ns!r} has {sample.size} numbers: give stamp_ns, an integer, and "
                 "gyro_rad_s and accel_m_s2, three numbers each"
             )
-        if not -_STAMPS_NS <= stamp_ns < _STAMPS_NS:
+        if not -INT64 <= stamp_ns < INT64:
             raise FrameError(
                 f"the stamp of an inertial sample is {stamp_ns}: give nanoseconds that fit into 64 bits"
             )
         with self._lock:
             self._waiting.append((int(stamp_ns), sample))
-            del self._waiting[:-_MOST]
+            del self._waiting[: -SETTINGS.waiting]
 
     def so_far(self) -> ImuSamples:
         """Return all samples that wait."""

@@ -8,14 +8,11 @@ import numpy as np
 from ..geometry.se3 import Array
 from ..inertial.buffer import SampleBuffer
 from ..inertial.samples import ImuCalibration
+from ..inertial.settings import SETTINGS
 from ..mcap_file.message import Source
 from ..recording.inertial import find_topics, joined_samples, samples_of
 from ..recording.survey import Survey
 from ..wording import counted
-
-_MOST = 20_000  # samples that are looked at: a hundred seconds at 200 Hz
-_GAP = 3.0  # of a period, beyond which samples are missing
-_STEPS = 200  # in which a buffer is given them, as frames would
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,18 +52,19 @@ def check_unit(source: Source, survey: Survey) -> UnitCheck | None:
     topics = find_topics(survey)
     if topics is None:
         return None
-    messages = list(islice(samples_of(source, topics), _MOST))
+    messages = list(islice(samples_of(source, topics), 20_000))  # a hundred seconds at 200 Hz
     if len(messages) < 2:
         problem = f"{len(messages)} samples on {' and '.join(topics.names)} can be read: give a log with more"
         return UnitCheck(list(topics.names), len(messages), None, 0, None, None, None, 0, problem)
     samples = joined_samples(messages)
     buffer = SampleBuffer(ImuCalibration())
-    for first in range(0, len(samples), _STEPS):
-        buffer.add(samples[first : first + _STEPS])
+    at_once = 200  # as many as frames might bring
+    for first in range(0, len(samples), at_once):
+        buffer.add(samples[first : first + at_once])
     stamps_s: Array = (np.sort(samples.stamps_ns) - samples.stamps_ns.min()) / 1e9
     steps_s = np.diff(stamps_s)
     period_s = float(np.median(steps_s))
-    gaps = steps_s[steps_s > _GAP * period_s]
+    gaps = steps_s[steps_s > SETTINGS.gap_periods * period_s]
     force, turn = (float(np.nanmedian(np.linalg.norm(a, axis=1))) for a in (samples.accel_m_s2, samples.gyro_rad_s))
     return UnitCheck(
         topics=list(topics.names),

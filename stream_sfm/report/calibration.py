@@ -10,13 +10,10 @@ from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import disparity_over_image
 from ..rig_model.terms import CAUSES
 
-_LEAST_PX = 0.005  # of disparity: less is 0.00 px in words
-_SAMPLES = (5, 9)  # rows and columns of the places in the image over which errors are averaged
-
 
 def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, Any]:
     """The section `rig` of summary.json: errors of the given calibration, and what they mean."""
-    error_px, std_px = disparity_over_image(projection, estimate, _SAMPLES)
+    error_px, std_px = disparity_over_image(projection, estimate, (5, 9))  # rows and columns of places
     refined, rms_px = estimate.refined, float(np.sqrt((error_px**2).mean()))
     within_px = float(np.hypot(error_px, std_px).max())  # anywhere in the image
     if estimate.applied and refined is not None:
@@ -24,7 +21,7 @@ def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, A
             f"refined by {disparity_rms_px(refined):.2f} px of disparity, and corrected by "
             f"{disparity_rms_px(estimate.mean - refined):.2f} px more, as these images show"
         )
-    elif estimate.applied and not (estimate.agrees(LENS_TERMS) and rms_px > _LEAST_PX):
+    elif estimate.applied and not (estimate.agrees(LENS_TERMS) and rms_px > 0.005):  # less is 0.00 px in words
         text = (
             f"corrected by {rms_px:.2f} px of disparity; the parts of the run do not yet agree on whether the "
             "calibration is wrong"

@@ -11,7 +11,6 @@ from ..inertial.upright import Upright
 from ..rig_model.estimate import in_words, is_certain
 from ..types import InertialEstimate
 
-_NOISY = 5.0  # times the densities of the data sheet: vibration, or other units
 # Of what does not change during a run: where it is in the state, per unit, and the sentence about a certain error.
 _FINDINGS = (
     (CLOCK, 1e3, "the clock of the IMU is {:.2f} ± {:.2f} ms {} that of the left camera", ("ahead of", "behind")),
@@ -33,7 +32,7 @@ def inertial_findings(last: InertialEstimate) -> Iterator[str]:
         if is_certain(error, cov):
             yield in_words(error, cov, per_unit, sentence, words)
     for name, factor in zip(("gyroscope", "accelerometer"), last.densities, strict=True):
-        if factor > _NOISY:
+        if factor > 5:  # vibration, or other units
             yield f"the {name} has {factor:.0f} times the noise of its calibration: vibration, or other units?"
     if last.note:
         yield last.note

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from ..record import record
 
 _WIDTH_PX, _HEIGHT_PX, _TEXT_PX = 480, 280, 13  # a phone shows them at two thirds of that
-_ROW_PX = 20  # of a value with its interval
-_NARROW = 5.0  # ratio of the ends of a logarithmic axis
 _VARIABLES = (*(f"c{k}" for k in range(1, 9)), "other", "truth", "soft", "axis", "line", "ok", "lost", "card")
 _COLOUR = {name: f"#1234{k:02x}" for k, name in enumerate(_VARIABLES)}
 
@@ -110,7 +108,7 @@ def _add_bands_and_slopes(axes: Any, chart: Chart, series: Sequence[Series]) -> 
 
 def intervals(title: str, x_label: str, rows: Sequence[Row], note: str = "") -> Markup:
     """A `<figure>` with a value and its interval in each row, on a logarithmic axis; the line is at 1."""
-    canvas, axes = _axes(x_label, "", (True, False), height_px=max(_HEIGHT_PX, 60 + _ROW_PX * len(rows)))
+    canvas, axes = _axes(x_label, "", (True, False), height_px=max(_HEIGHT_PX, 60 + 20 * len(rows)))
     axes.axvline(1.0, color=_COLOUR["axis"], lw=1, ls="--")
     for k, row in enumerate(rows):
         axes.plot([row.low, row.high], [k, k], color=_COLOUR[row.colour], lw=1.8)
@@ -179,7 +177,7 @@ def _svg(canvas: Any, title: str) -> Markup:
     for axis in (canvas.axes[0].xaxis, canvas.axes[0].yaxis):
         if axis.get_scale() == "log":
             low, high = axis.get_view_interval()
-            if high < _NARROW * low:  # no numbers of a decade lie in it
+            if high < 5 * low:  # no numbers of a decade lie in it
                 axis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
             else:  # of a wide one only powers of ten are named
                 axis.set_major_locator(LogLocator(subs=(1,) if high >= 300 * low else (1, 2, 5), numticks=9))

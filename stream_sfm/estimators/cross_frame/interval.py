@@ -22,7 +22,6 @@ OF_LEAVING = Layout(pose=6, state=STATE, slide=3, velocity=3)
 # Variances where nothing is measured: of a turn, a velocity, and a displacement within an interval.
 _UNKNOWN = np.repeat([4.0, 400.0, 400.0], 3)
 _LEAST = np.repeat([1e-14, 1e-12, 1e-14], 3)
-_OPENED = 1e4  # factor on the variance of an interval that the images contradict
 
 
 @record
@@ -78,7 +77,7 @@ class Interval:
 
     def open(self) -> "Interval":
         """Return the interval with what it says counting for nearly nothing."""
-        return changed(self, opened=_OPENED)
+        return changed(self, opened=1e4)  # on its variance
 
 
 class Intervals(NamedTuple):

@@ -22,10 +22,6 @@ from ...record import changed, columns_at, record
 from ...rig_model.model import FIELD_MOVES, RigModel
 from ...rig_model.terms import AT_TIMING
 
-# A view that has moved by less since its track's last place shows errors of the rig at that place: several times the
-# noise of an expected one.
-MOVED_PX = 0.3
-
 
 def q_of_views(projection: StereoProjection, z_px: Array) -> Array:
     """Return q (n, 3) of stereo views (n, 4) in the camera that saw them; the row is the mean of both."""
@@ -110,8 +106,8 @@ def expected(state: State, views: WhitenedViews, rig: RigModel) -> WhitenedViews
     return changed(views, expected_px=expected_px)
 
 
-def held(views: WhitenedViews, ids: NDArray[np.int64], places_px: Array) -> WhitenedViews:
-    """Return views placed where tracks `ids` (n,), ascending, were, (n, 4), if they have hardly moved since.
+def held(views: WhitenedViews, ids: NDArray[np.int64], places_px: Array, rests_px: float) -> WhitenedViews:
+    """Return views placed where tracks `ids` (n,), ascending, were, (n, 4), if they have moved by less since.
 
     Expected places err by the noise of their points. Where a camera rests that noise would be all by which errors of
     the rig differ between views, and show them, (72i).
@@ -122,7 +118,7 @@ def held(views: WhitenedViews, ids: NDArray[np.int64], places_px: Array) -> Whit
     before_px = places_px[at]
     moved_px = np.abs(before_px - views.expected_px)
     moved_px[np.isnan(views.expected_px)] = 0.0  # a side that is missing now
-    rests = (ids[at] == views.ids) & (moved_px.max(axis=1) < MOVED_PX)  # not where a side was missing then: NaN
+    rests = (ids[at] == views.ids) & (moved_px.max(axis=1) < rests_px)  # not where a side was missing then: NaN
     return changed(
         views, expected_px=np.where(rests[:, None] & ~np.isnan(views.expected_px), before_px, views.expected_px)
     )

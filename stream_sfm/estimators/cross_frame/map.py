@@ -68,7 +68,7 @@ class Map:
         self.frames: list[WindowFrame] = []
         self.views, self.cams_from_ref, self.own = views[:0], np.empty((0, 4, 4)), np.empty((0, views.own.shape[2]))
         self.reference, self.exposures = frame, Exposures.of_reference()
-        self.rejections = RejectionCounts(rig.held, rules)
+        self.rules, self.rejections = rules, RejectionCounts(rig.held, rules)
         self.begun_anew = self._dropped = np.empty(0, np.int64)
         self.doubt = Doubt()
         self.focus = FocusWatch.begun(rig.rules)
@@ -212,7 +212,7 @@ class Map:
             frame.std_turn_rad = 0.0
         self.doubt = self.doubt.with_slide(cam_from_ref, frame.std_turn_rad)
         if frame.rig is not None:
-            views = held(expected(self.state(), views, frame.rig), *self._places)
+            views = held(expected(self.state(), views, frame.rig), *self._places, self.rules.rests_px)
             views = at_rest(views, frame.rig, self.prior.rig.age_s(frame.stamp_ns))
             self._places = views.ids, views.expected_px
         # views out of use stay so: only the drift of points that are in the map is asked for

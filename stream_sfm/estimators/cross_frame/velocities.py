@@ -165,7 +165,9 @@ def _renew_first(current: Map, views: WhitenedViews, rig: RigModel) -> None:
     views = at_rest(expected(state, views, rig), rig, current.prior.rig.age_s(current.reference.stamp_ns))
     current.first_views = views = timed(state, views, rig, current.exposures.motions[:1], _timing(current, rig)[0])
     ages_s = np.array([current.prior.rig.age_s(f.stamp_ns) for f in current.frames])
-    current.views = at_rest(held(current.views, views.ids, views.expected_px), rig, ages_s[current.views.frame])
+    current.views = at_rest(
+        held(current.views, views.ids, views.expected_px, current.rules.rests_px), rig, ages_s[current.views.frame]
+    )
     estimates = current.seen_alone(current.first_views, state, current.prior.rig.mean - rig_error)
     current.prior = current.prior.with_first_views(*estimates)
 
