@@ -120,6 +120,8 @@ def _found(slow: View, now: View, moved_px: Array, rules: SmearRules) -> tuple[A
 def _other(left: Array, square: Array, sigmas: float) -> float:
     """The share of another picture in patches (n,), so many σ below it: how what is `left` of them grows with their
     mean `square`, from the half with less texture to that with more."""
+    if len(left) < 2:
+        return 0.0
     order = square.argsort(kind="stable")
     halves = order[: len(order) // 2], order[len(order) // 2 :]
     (flat, textured), (flat_square, square_of_texture) = (
