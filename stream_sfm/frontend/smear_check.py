@@ -7,7 +7,7 @@ smears by d²/12, and none by more; as much as with a = 0.07. Poses are wrong wh
 smear has changed as well.
 
 A patch now is compared with that of the same point in the slowest of the latest frames. Of C, the change of the
-covariance of what blurs it, the second derivatives of the patch show it: I = T + ½ tr(C·∇∇T), beside changes of light,
+covariance of what blurs it, the second derivatives of the patch tell: I = T + ½ tr(C·∇∇T), beside changes of light,
 place and shape. Noise blurs as well, namely what the other patch explains of it; so the same is done with the two
 exchanged, and half the difference taken. Focus blurs in all directions; so C is taken along the motion less across it.
 Sampling between pixels blurs by f·(1 − f), f the fraction of the position, which is taken out. What is left, y, is
@@ -25,6 +25,7 @@ from ..record import changed, record
 from .ghost_check import SHOWS_THROUGH
 from .patches import RADIUS_PX, View, patches_of, share_of
 
+_SHUTTER = 1 / 12  # variance of a whole frame
 _SECOND = np.array([2.0, 2.0, 4.0])  # from coefficients of the last three changes to C: xx, yy, xy
 
 
@@ -105,7 +106,7 @@ def _sums(slow: View, now: View, moved_px: Array, rules: SmearRules) -> Array | 
     sampled = _blur_of_sampling(now_px) - _blur_of_sampling(then_px)
     y = (forth - back) / 2 - turned * (sampled[:, 0] - sampled[:, 1])
     weights = 1 / ((var_forth + var_back) / 4 + rules.std_px2**2)
-    p, s = weights * x * (y - x / 12), weights * x**2  # 1/12: variance of a shutter that is open for a whole frame
+    p, s = weights * x * (y - _SHUTTER * x), weights * x**2
     return np.array([p.sum(), s.sum(), p @ p, p @ s, s @ s])
 
 

@@ -1,7 +1,7 @@
 """What is not known of the camera's velocity moves all right views of a frame alike, where the right camera is late.
 
 The velocity of the newest frame is an extrapolation. Where a delay is probable, its error is an unknown of the frame,
-eq. (36b): six amplitudes of σ = 1. Once later frames show the velocity, what is left of it is in the right rows, from
+eq. (36b): six amplitudes of σ = 1. Once later frames tell the velocity, what is left of it is in the right rows, from
 which the front-end took the delay out by a velocity of its own.
 """
 

@@ -18,6 +18,8 @@ from .map import Map
 from .twist_unknown import TWIST, left_in_rows, twist_columns, with_room
 from .window_frame import WindowFrame
 
+_FAR = 0.0, 0.0, 1.0, 0.0  # a point at infinity, straight ahead
+
 
 def expect(
     current: Map,
@@ -53,7 +55,7 @@ def expect(
         _begin_twist(current)
         in_cam = core.seen_points(current.projection, views.z_px)
         in_cam[rows] = moved
-        in_cam[~np.isfinite(in_cam).all(axis=1)] = 0, 0, 1, 0  # far ahead: the left side alone is not late
+        in_cam[~np.isfinite(in_cam).all(axis=1)] = _FAR  # the left side alone, which is not late
         cov_twist = current.exposures.twist_error.cov(std_acceleration, seconds)
         cov_twist = cov_twist + np.diag((rules.least_twist * of_twist) ** 2)
         size_s = np.copysign(np.hypot(delay_s, std_s), delay_s)
