@@ -59,10 +59,8 @@ def advance(
     seen_px = z_px + rows_of(seen.views.taken_px, rows)
     now = _placed(step, state, seen.before.keep(rows), motion.cam_from_ref, z_px, cov_px, cam_from_start)
     now = changed(now, left_px=seen_px[:, :2].copy(), exposures=rows_of(seen.views.exposures, rows))
-    ambiguity, ambiguous, settled = state.ambiguity.after(motion, seen.before, alike)
-    in_question = (
-        ambiguous is not None or ambiguity.frames_left > 0
-    )  # this frame's motion, or which set stands still
+    ambiguity, other, settled = state.ambiguity.after(motion, seen.before, alike)
+    in_question = other is not None or ambiguity.frames_left > 0  # this frame's motion, or which set stands still
     state = changed(
         state,
         unsteadiness=_unsteadiness(step, state, motion.cam_from_ref),
@@ -73,7 +71,7 @@ def advance(
         start=_start(step, state, seen, motion, in_question),
     )
     found = Found(seen.before, seen.found_px, seen.views.cov_px, motion)
-    return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, ambiguous, settled)
+    return state, Followed(motion.cam_from_ref, seen_px, cov_px, found, other, settled)
 
 
 def _placed(
