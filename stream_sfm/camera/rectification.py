@@ -81,10 +81,8 @@ class Rectifier:
             return np.asarray(valid)
         valid = self._rectified(np.where(camera.mask, white, 0).astype(np.uint8), side) == 255
         if valid.mean() < SETTINGS.min_valid:
-            form = "it is black where pixels are left out, and white elsewhere"
-            raise RigError(
-                f"the mask of the {('left', 'right')[side]} camera leaves hardly any of its image: {form}"
-            )
+            which, form = ("left", "right")[side], "it is black where pixels are left out, and white elsewhere"
+            raise RigError(f"the mask of the {which} camera leaves hardly any of its image: {form}")
         return np.asarray(valid)
 
     def rectify(self, *images: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:

@@ -94,9 +94,7 @@ class Fusion:
             return 0.0
         return float(self.config.voxel_footprints * np.nanmedian(depth) / self.projection.f_px)
 
-    def _voxels_in_view(
-        self, surface: Array, world_from_rect: Array
-    ) -> tuple[voxels.Keys, Array, NDArray[np.int64]]:
+    def _voxels_in_view(self, surface: Array, world_from_rect: Array) -> tuple[voxels.Keys, Array, voxels.Keys]:
         """Return voxels around points (n, 3) of a frame: keys (m,), centres (m, 3) in rectified axes, pixels (2, m)."""
         p = self.projection
         seen = voxels.keys_of(se3.transform(world_from_rect, surface), self.voxel_m)

@@ -40,6 +40,7 @@ _PLAIN |= {"8uc3": (8, *_COLOURS["bgr"]), "8uc4": (8, *_COLOURS["bgra"])}
 _LUMA_BYTE = {"yuv422": 1, "uyvy": 1, "yuv422_uyvy": 1, "yuyv": 0, "yuv422_yuy2": 0, "yuy2": 0}
 _LUMA_PLANE = ("nv12", "nv21", "nv24", "i420", "yuv420")  # luma first, one byte a pixel
 
+_COMPRESSED = re.compile("|".join(("jpg", *COMPRESSED_FORMATS)))
 RAW_ENCODINGS = (*_PLAIN, *_LUMA_BYTE, *_LUMA_PLANE)
 _PNG_UNIT_M = 1e-4  # of a plain 16-bit PNG: the log profile's
 _ROS_UNIT_M = 1e-3  # of 16UC1 images: REP 118
@@ -71,9 +72,7 @@ def check_encoding(message: ImageMessage, path: object) -> None:
         if name not in RAW_ENCODINGS:
             known = f"{', '.join(RAW_ENCODINGS)}: record one of these"
             raise LogError(f"{where}: image encoding {message.encoding!r} is not supported; supported are {known}")
-    elif image_header.image_format(message.data) is None and not re.search(
-        "jpg|" + "|".join(COMPRESSED_FORMATS), message.encoding.lower()
-    ):
+    elif image_header.image_format(message.data) is None and not _COMPRESSED.search(message.encoding.lower()):
         known = f"{', '.join(COMPRESSED_FORMATS)}, H.264 and H.265: record one of these, or raw images"
         raise LogError(f"{where}: compressed images in format {message.encoding!r} are not supported, only {known}")
     if "compresseddepth" in message.encoding.lower().replace(" ", ""):

@@ -62,7 +62,7 @@ def _report(measured: dict[str, Measured]) -> Report:
     }
 
 
-FIGURE6 = Study({"figure6": judged(SCENE, FRAMES, METHODS)}, _report)
+FIGURE6 = Study(lambda: {"figure6": judged(SCENE, FRAMES, METHODS)}, _report)
 
 
 def draw(report: Report, folder: Path) -> None:

@@ -81,10 +81,8 @@ def followed(
 def bound_of(sequence: Sequence, frame: int | None = None, newest: int | None = None) -> Bound:
     """Return the Cramér–Rao bound at a frame (None: the last one), from all views or those of the `newest` frames."""
     since = slice(None if newest is None else -newest, None)
-    poses = sequence.world_from_cam[since]
-    return cramer_rao_bound(
-        sequence.projection, sequence.observations[since], poses, sequence.points_in_world, frame
-    )
+    views, poses = sequence.observations[since], sequence.world_from_cam[since]
+    return cramer_rao_bound(sequence.projection, views, poses, sequence.points_in_world, frame)
 
 
 def bound_variances(bounds: Listed[Bound]) -> dict[str, Array]:

@@ -133,4 +133,4 @@ def _structure_report(data: Measured) -> Report:
     }
 
 
-RATES = Study(_jobs(), _report)
+RATES = Study(_jobs, _report)

@@ -72,12 +72,12 @@ class Job:
 class Study:
     """Jobs by name, and the report that is made of the measurements of each."""
 
-    jobs: Mapping[str, Job]
+    jobs: Callable[[], Mapping[str, Job]]
     report: Callable[[dict[str, Measured]], Report]
 
     def total_trials(self, trials: int) -> int:
         """Return how many trials are run altogether."""
-        return sum(job.trials(trials) for job in self.jobs.values())
+        return sum(job.trials(trials) for job in self.jobs().values())
 
     def run(
         self, trials: int, seed: int, executor: Executor | None = None, progress: Progress | None = None
@@ -85,7 +85,7 @@ class Study:
         """Run all jobs, and return their report."""
         measured = {
             name: stacked(run_trials(job.measure, job.trials(trials), seed, executor, progress))
-            for name, job in self.jobs.items()
+            for name, job in self.jobs().items()
         }
         return self.report(measured)
 
@@ -151,7 +151,7 @@ def of_conditions(
     def report(measured: dict[str, Measured]) -> Report:
         return {**known, "conditions": {name: part(name, data) for name, data in measured.items()}}
 
-    return Study(conditions, report)
+    return Study(lambda: conditions, report)
 
 
 # No simulated log has inertial samples.

@@ -145,13 +145,12 @@ def _of_rates(report: Report) -> Iterator[StudyTable]:
     ]
     title = "Growth of the variance: exponent of the frame number"
     yield StudyTable(title, ("run", "quantity"), (*methods, "bound"), rows)
-    for key, frames, name, columns, title in _LAWS:
+    for key, frames, name, called, title in _LAWS:
         if part := report.get(key):
             rows = [
-                ((counted(n, "frame"),), [_value(part[of][k]) for of in columns])
-                for k, n in enumerate(part[frames])
+                ((counted(n, "frame"),), [_value(part[of][k]) for of in called]) for k, n in enumerate(part[frames])
             ]
-            yield StudyTable(title, (name,), tuple(columns.values()), rows)
+            yield StudyTable(title, (name,), tuple(called.values()), rows)
     for key, frames, values, title in _OF_ESTIMATORS:
         if part := report.get(key):
             rows = [
@@ -159,9 +158,8 @@ def _of_rates(report: Report) -> Iterator[StudyTable]:
                 for method, found in part[values].items()
                 for quantity, of in found.items()
             ]
-            yield StudyTable(
-                title, ("estimator", "quantity"), tuple(counted(n, "frame") for n in part[frames]), rows
-            )
+            columns = tuple(counted(n, "frame") for n in part[frames])
+            yield StudyTable(title, ("estimator", "quantity"), columns, rows)
 
 
 def curve_in_words(label: str) -> str:

@@ -13,9 +13,8 @@ from .document import Document
 KEYS = tuple(field.name for field in fields(ImuCalibration))
 _DENSITIES = ("gyro_noise", "gyro_walk", "accel_noise", "accel_walk")  # and their names in other formats
 # Kalibr's imu.yaml, also within `imu0`, and EuRoC's imu0/sensor.yaml.
-_KALIBR = tuple(
-    f"{of}_{what}" for of in ("gyroscope", "accelerometer") for what in ("noise_density", "random_walk")
-)
+_OF_SENSOR = ("noise_density", "random_walk")
+_KALIBR = (*(f"gyroscope_{of}" for of in _OF_SENSOR), *(f"accelerometer_{of}" for of in _OF_SENSOR))
 _BASALT = ("gyro_noise_std", "gyro_bias_std", "accel_noise_std", "accel_bias_std")
 _ORB_SLAM = ("IMU.NoiseGyro", "IMU.GyroWalk", "IMU.NoiseAcc", "IMU.AccWalk")
 

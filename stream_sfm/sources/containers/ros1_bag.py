@@ -200,9 +200,8 @@ class _MessageReader:
     def read(self, stream: IO[bytes], record: _Record, size: int) -> Iterator[Message]:
         """Yield the messages in a record of a stream of `size` bytes. Raises BrokenRecord."""
         kind, whole = record.kind, record.data_at + record.length <= size
-        if kind not in (_Kind.CHUNK, _Kind.CONNECTION, _Kind.MESSAGE) or (
-            kind == _Kind.CHUNK and self._can_skip(record)
-        ):
+        read = kind in (_Kind.CONNECTION, _Kind.MESSAGE) or (kind == _Kind.CHUNK and not self._can_skip(record))
+        if not read:
             return
         stream.seek(record.data_at)
         data = stream.read(min(record.length, size - record.data_at))

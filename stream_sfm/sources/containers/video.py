@@ -66,9 +66,8 @@ class VideoSource(Source):
                     stamp_ns = last_ns + period_ns
                 read, last_ns = read + 1, stamp_ns
                 sent = [*(() if self._side is None else encoder.due_calibration(self._side, stamp_ns))]
-                sent.append(
-                    encoder.raw_image(self._side, stamp_ns, to_grey(picture))._replace(channel=self._channel)
-                )
+                image = encoder.raw_image(self._side, stamp_ns, to_grey(picture))
+                sent.append(image._replace(channel=self._channel))
                 yield from (m for m in sent if topics is None or m.channel.topic in topics)
         finally:
             capture.release()
