@@ -45,10 +45,6 @@ _MAKERS: dict[str, Callable[..., Any]] = {
 }
 
 
-def _message(names: list[str], *values: Any) -> SimpleNamespace:
-    return SimpleNamespace(**dict(zip(names, values, strict=False)))
-
-
 class Types(Typestore):
     """Types with some functions of `_MAKERS` only; what they decode has the fields of a message, and no class.
 
@@ -64,7 +60,9 @@ class Types(Typestore):
         if typename not in self.cache:
             entries = [(normalize_fieldname(name), of) for name, of in self.fielddefs[typename][1]]
             made: dict[str, Any] = dict.fromkeys(Msgdef.__dataclass_fields__)
-            made |= {"name": typename, "fields": entries, "cls": partial(_message, [name for name, _ in entries])}
+            names = [name for name, _ in entries]
+            made |= {"name": typename, "fields": entries}
+            made["cls"] = lambda *values: SimpleNamespace(**dict(zip(names, values, strict=False)))
             made["getsize_cdr"], made["size_cdr"] = generate_getsize_cdr(entries, self)
             made |= {name: _MAKERS[name](entries, self) for name in self._functions}
             self.cache[typename] = Msgdef(**made)
