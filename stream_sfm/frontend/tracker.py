@@ -23,7 +23,6 @@ from .rough_motion import RoughMotion, find_rough_motion
 from .seen import Seen
 from .state import FrontEndState, Setup
 from .step import Step
-from .unusual_turn import without_turned
 
 # What is decided in special cases, in this order: each policy has a file of its own, with the case that needs it in
 # docs/rules.md. It returns what it is given where its case is not there.
@@ -65,13 +64,28 @@ def follow(
     seen = Seen.of(step, state, rough, twist, views)
     state, motion = _agreed_motion(step, state, seen, rough.cam_from_previous)
     start = rough.cam_from_previous if motion is None else motion.cam_from_ref
-    state, by_left = without_turned(state, seen, start)
+    state, by_left = _without_turned(state, seen, start)
     if by_left is not None:
         seen = by_left
         state, motion = _agreed_motion(step, state, seen, rough.cam_from_previous)
     if motion is None:
         return state, None
     return advance(step, learn(state, seen, motion, twist), seen, motion, rough.alike)
+
+
+def _without_turned(
+    state: FrontEndState, seen: Seen, cam_from_previous: Array
+) -> tuple[FrontEndState, Seen | None]:
+    """Return the state after a frame near a motion (4, 4), and its left sides where it shows an unusual turn.
+
+    The motion is sought by these until it is clear whether the right camera has turned.
+    """
+    if state.turn_watch is None or seen.cov_turn is None:
+        return state, None
+    points, cov_points = seen.point_views.points, seen.point_views.cov_points
+    views = points, cov_points, seen.views.any_row_px, seen.views.cov_px
+    watch, agree = state.turn_watch.judge(*views, cam_from_previous, seen.cov_turn)
+    return changed(state, turn_watch=watch), None if agree is None else seen.by_left(agree)
 
 
 def _agreed_motion(

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from functools import lru_cache, partial
+from types import SimpleNamespace
 from typing import Any
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
@@ -45,7 +46,7 @@ _MAKERS: dict[str, Callable[..., Any]] = {
 
 
 class Types(Typestore):
-    """Types with some functions of `_MAKERS` only.
+    """Types with some functions of `_MAKERS` only; what they decode has the fields of a message, and no class.
 
     rosbags writes and compiles 13 for each type, also those that are never called: that takes four times as long.
     """
@@ -59,7 +60,9 @@ class Types(Typestore):
         if typename not in self.cache:
             entries = [(normalize_fieldname(name), of) for name, of in self.fielddefs[typename][1]]
             made: dict[str, Any] = dict.fromkeys(Msgdef.__dataclass_fields__)
-            made |= {"name": typename, "fields": entries, "cls": self.types.get(typename)}
+            names = [name for name, _ in entries]
+            made |= {"name": typename, "fields": entries}
+            made["cls"] = lambda *values: SimpleNamespace(**dict(zip(names, values, strict=False)))
             made["getsize_cdr"], made["size_cdr"] = generate_getsize_cdr(entries, self)
             made |= {name: _MAKERS[name](entries, self) for name in self._functions}
             self.cache[typename] = Msgdef(**made)
@@ -81,7 +84,7 @@ def ros_decoder(message_encoding: str, schema_encoding: str, schema_name: str, d
     _refuse_endless(types)
     is_ros1 = message_encoding == MessageEncoding.ROS1
     store = Types(*(["deserialize_ros1"] if is_ros1 else ["deserialize_cdr_le", "deserialize_cdr_be"]))
-    store.register({name: fields for name, fields in types.items() if name not in store.fielddefs})
+    store.fielddefs = types | store.fielddefs
     package, *_, short_name = schema_name.split("/")
     name = f"{package}/msg/{short_name}"
     store.get_msgdef(name)  # here, so that what is missing is reported for the schema, not for every message
