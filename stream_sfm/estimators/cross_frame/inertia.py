@@ -65,8 +65,12 @@ class Inertia:
 
     @property
     def is_trusted(self) -> bool:
-        """Whether the samples agreed with the images of the latest frame, so that the next ones are sought by them."""
-        return not self._agreement.distrusted and self._distance2 < self._rules.impossible
+        """Whether the samples agreed with the images so far, so that the next ones are sought by them.
+
+        Where they have agreed for long, a single frame that they contradict shows a body.
+        """
+        agreement = self._agreement
+        return not agreement.distrusted and (self._distance2 < self._rules.impossible or not agreement.is_young)
 
     def take(self, view: InertialView | None) -> None:
         """Take the samples that have come with a frame, unless they are switched off; twice the same are taken once."""
