@@ -27,22 +27,24 @@ from .tracks import Tracks
 @record
 class Found:
     """The tracks (n) that were found in a frame, as they were `before`, their views `z_px` (n, 4) with `cov_px`, and
-    the `motion` that was found from them."""
+    the `motion` that was found from them; `has_samples`: inertial ones that have agreed with the images for a while."""
 
     before: Tracks
     z_px: Array
     cov_px: Array
     motion: Resection
+    has_samples: bool = False
 
 
 @record
 class PairFit:
     """Of the tracks `ids` (n,) that were found in a frame and should be in the right image, too: which agree with its
-    motion in the `left` image (n,), and which in `both` (n,)."""
+    motion in the `left` image (n,), and which in `both` (n,); `has_samples`: as in `Found`."""
 
     ids: NDArray[np.int64]
     left: NDArray[np.bool_]
     both: NDArray[np.bool_]
+    has_samples: bool = False
 
     @classmethod
     def of(cls, found: Found, projection: StereoProjection, config: Config) -> "PairFit":
@@ -58,7 +60,7 @@ class PairFit:
             views = PointViews(projection, *points, left_px, found.cov_px, config.robust)
             root, _ = views.linearise(motion.cam_from_ref)
             left = left | (views.squared_residuals(motion.cam_from_ref, root) < motion.spread * views.gate)
-        return cls(before.ids[inside], left[inside], both[inside])
+        return cls(before.ids[inside], left[inside], both[inside], found.has_samples)
 
 
 @record
@@ -124,6 +126,8 @@ def problem_of(
     n_left = np.count_nonzero(fit.left)
     n_both = np.count_nonzero(fit.both)  # these agree in the left image, too
     if n_left < MANY_VIEWS or n_both >= rules.fit * n_left:
+        return ""
+    if fit.has_samples and n_left < rules.good_share * len(fit.left):  # bodies hide the scene
         return ""
     return (
         f"of {n_left} points that agree in the left image {n_both} do in the right one: is one "

@@ -24,10 +24,10 @@ def images(seed: int) -> PreparedImages:
     return PreparedImages.of(left, right, 0.0)
 
 
-def fit(first_id: int, left: int, both: int, n: int = 100) -> PairFit:
+def fit(first_id: int, left: int, both: int, n: int = 100, has_samples: bool = False) -> PairFit:
     """Of n tracks the first ones agree."""
     rows = np.arange(n)
-    return PairFit(first_id + rows, rows < left, rows < both)
+    return PairFit(first_id + rows, rows < left, rows < both, has_samples)
 
 
 class Run:
@@ -55,6 +55,15 @@ def test_a_good_pair_is_no_problem_and_few_points_are_no_evidence(seen: list[tup
     run = Run()
     assert not any(run.show(fit(0, left, both)) for left, both in seen)
     assert run.problem == ""
+
+
+@pytest.mark.parametrize(("left", "both"), [(40, 10), (95, 20)], ids=["bodies", "the right image"])
+def test_samples_tell_bodies_that_hide_the_scene_from_a_pair_that_does_not_fit(left: int, both: int):
+    run = Run()
+    run.show(fit(0, left, both, has_samples=True))
+    assert bool(run.problem) == (left == 95)
+    run.show(fit(0, left, both))
+    assert run.problem
 
 
 def test_right_sides_that_are_missing_are_a_problem_until_old_points_are_back():

@@ -95,6 +95,16 @@ def test_a_map_that_begins_on_a_body_is_no_map(seed: int) -> None:
     assert without[-1].status is Status.OK  # nothing but samples can tell
 
 
+def test_samples_that_have_agreed_for_long_are_trusted_after_one_frame_that_contradicts_them() -> None:
+    inertia, agrees, contradicts = Inertia(Config()), 6.0, 1e3
+    trusted = []
+    for distance2 in (agrees, contradicts, *[agrees] * 30, contradicts, *[contradicts] * 5):
+        inertia._distance2, inertia._agreement = distance2, inertia._agreement.after(distance2, 0.05, (0.0, 0.0))
+        trusted.append(inertia.is_trusted)
+    assert trusted[:33] == [True, False, *[True] * 31]
+    assert not trusted[-1]  # they contradict each other for good
+
+
 def test_a_pose_moves_with_the_scale_only_as_far_as_the_rig_does_not_explain_both() -> None:
     z, scale = 2, JOINT.within("state", SCALE).start
     state = np.zeros(STATE)
@@ -106,7 +116,7 @@ def test_a_pose_moves_with_the_scale_only_as_far_as_the_rig_does_not_explain_bot
         given[z, scale] = given[scale, z] = shared
         known = Known(0, np.eye(4), state, given.copy())
         found = Inertia(Config())._with_odds(known, given + np.outer(by_rig, by_rig))
-        assert abs(found.state[SCALE][0]) < 0.2 * state[SCALE][0]  # exactly zero, by the odds
+        assert found.state[SCALE][0] == pytest.approx(0.0, abs=1e-15)  # exactly, by the odds
         moved.append(found.world_from_cam[:3, 3])
     assert moved[0] == pytest.approx(np.zeros(3), abs=1e-9)
     assert moved[1] == pytest.approx([0.0, 0.0, -5e-4], rel=0.2)

@@ -17,7 +17,7 @@ from ...geometry.linear import symmetric
 from ...geometry.resection import Resection, SecondMotion
 from ...geometry.se3 import Array
 from ...inertial.buffer import SampleBuffer
-from ...inertial.samples import ImuCalibration
+from ...inertial.samples import ImuCalibration, ImuSamples
 from ...inertial.state import ACCEL_BIAS, AXES, CLOCK, FIXED, GRAVITY, GYRO_BIAS, SCALE, STATE, VELOCITY
 from ...record import changed
 from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction, Solution, Status
@@ -45,6 +45,7 @@ class Inertia:
         self._std_fixed = np.r_[scale, np.full(3, self._config.std_axes_rad), self._config.std_time_offset_s]
         self._calibration: ImuCalibration | None = None
         self._buffer = SampleBuffer(ImuCalibration())
+        self._taken: ImuSamples | None = None  # the latest ones
         self.now: Known | None = None
         self._agreement, self._densities = Agreement(self._rules), Densities.begun(self._rules)
         self._jitter = Jitter(self._rules)
@@ -64,13 +65,18 @@ class Inertia:
 
     @property
     def is_trusted(self) -> bool:
-        """Whether the samples agreed with the images of the latest frame, so that the next ones are sought by them."""
-        return not self._agreement.distrusted and self._distance2 < self._rules.impossible
+        """Whether the samples agreed with the images so far, so that the next ones are sought by them.
+
+        Where they have agreed for long, a single frame that they contradict shows a body.
+        """
+        agreement = self._agreement
+        return not agreement.distrusted and (self._distance2 < self._rules.impossible or not agreement.is_young)
 
     def take(self, view: InertialView | None) -> None:
         """Take the samples that have come with a frame, unless they are switched off; twice the same are taken once."""
-        if view is None or not self._config.enabled:
+        if view is None or not self._config.enabled or view.samples is self._taken:
             return
+        self._taken = view.samples
         if self._calibration is None:
             self._calibration = view.calibration
             self._buffer = SampleBuffer(view.calibration)
@@ -280,8 +286,9 @@ class Inertia:
         known, by_rig = window.newest(current.system, stamp_ns, current.world_from_ref, *seen)
         cov = symmetric(known.cov + by_rig @ current.system.cov_rig @ by_rig.T)
         if read_off.inertia is not None and read_off is not current:
-            seen_alike = read_off.cams_from_ref, read_off.inertial_state
-            known, _ = read_off.inertia.newest(read_off.system, stamp_ns, read_off.world_from_ref, *seen_alike)
+            of_mean = read_off.world_from_ref, read_off.cams_from_ref, read_off.inertial_state
+            pose, state = read_off.inertia.newest_mean(*of_mean)
+            known = changed(known, world_from_cam=pose, state=state)
         if len(current.frames) == self._frames:
             window.learn(current.system, *seen)
             self._densities = self._densities.after(window.surprise)

@@ -10,7 +10,7 @@ import numpy as np
 from ... import core
 from ...config.inertia_rules import InertiaRules
 from ...geometry import se3
-from ...geometry.linear import Cholesky, scaled_cholesky
+from ...geometry.linear import Cholesky, scaled_cholesky, symmetric
 from ...geometry.se3 import Array
 from ...inertial.state import GRAVITY, GRAVITY_M_S2, STATE, VELOCITY
 from .interval import JOINT, OF_LEAVING, Interval, Intervals, Known, Leaving
@@ -149,6 +149,17 @@ class InertialWindow:
         left = self._lead @ scaled_cholesky(self._cov_local[slides, slides]) if f else np.zeros((0, 0))
         return np.concatenate([root, left], axis=1), by_rig
 
+    def newest_mean(self, world_from_ref: Array, cams: Array, state: Array) -> tuple[Array, Array]:
+        """Return pose (4, 4) and state (17,) of the newest camera; arguments as of `newest`."""
+        x, now = self._newest_true_cam(cams), state.copy()
+        now[GRAVITY] = x[:3, :3] @ state[GRAVITY]
+        if self.intervals:
+            now[VELOCITY] = self.velocities[-1]
+        return se3.orthonormalise(world_from_ref @ se3.inverse(x)), now
+
+    def _newest_true_cam(self, cams: Array) -> Array:
+        return self.true_cams(cams)[-1] if self.intervals else np.eye(4)
+
     def newest(
         self, system: System, stamp_ns: int, world_from_ref: Array, cams: Array, state: Array
     ) -> tuple[Known, Array]:
@@ -159,9 +170,8 @@ class InertialWindow:
         """
         f, of_modes, of = len(self.intervals), system.prior.world_modes, system.prior.of_modes
         at = layout(poses=6 * f, world=6, state=STATE)
-        x = self.true_cams(cams)[-1] if f else np.eye(4)
-        now = state.copy()
-        now[GRAVITY] = x[:3, :3] @ state[GRAVITY]
+        x = self._newest_true_cam(cams)
+        pose, now = self.newest_mean(world_from_ref, cams, state)
         # the rest is what velocities and slides have of their own
         rows, rest = np.zeros((JOINT.size, at.size)), np.zeros((JOINT.size, 6 * f))
         rows[JOINT["pose"], at["world"]] = se3.adjoint(x)
@@ -183,14 +193,12 @@ class InertialWindow:
             rows[velocity, at["poses"]] = self._gain[-3:, shared["poses"]]
             rows[velocity, at["state"]] = self._gain[-3:, shared["state"]]
             rest[velocity, -3:] = np.eye(3)
-            now[VELOCITY] = self.velocities[-1]
         of_world = rows[:, at.span("world", "state")]
         by_variables = _of_system(system, rows[:, at["poses"]], of_world @ of_modes[:, of["own"]])
         root = by_variables @ system.root
         by_rig = by_variables @ system.by_rig + of_world @ of_modes[:, of["rig"]]
         cov = root @ root.T + rest @ self._cov_local @ rest.T
-        pose = se3.orthonormalise(world_from_ref @ se3.inverse(x))
-        return Known(stamp_ns, pose, now, 0.5 * (cov + cov.T)), by_rig
+        return Known(stamp_ns, pose, now, symmetric(cov)), by_rig
 
     def learn(self, system: System, cams_from_ref: Array, state: Array) -> None:
         """Compare the residuals of the oldest interval with what they should be, diag(I − J Σ Jᵀ) of its own rows.

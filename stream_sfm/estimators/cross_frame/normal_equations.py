@@ -75,15 +75,17 @@ class System:
         with np.errstate(over="ignore", invalid="ignore"):  # of an iteration that diverges, which its factor shows
             h -= _flat(self._reach).T @ _flat(self._reach)
         if inertial is not None:
-            of_poses, state = self.at["poses"], prior.world_modes[JOINT["state"]]
+            (about, right), of_poses = inertial, self.at["poses"]
+            state = prior.world_modes[JOINT["state"]]
             moving = np.flatnonzero(state.any(axis=0))  # most modes do not touch the state
-            touched = np.concatenate([np.arange(of_poses.stop), of_modes.start + moving])
-            j = np.zeros((len(inertial[1]), len(touched)))
-            j[of_poses, of_poses] = np.eye(of_poses.stop)
-            j[of_poses.stop :, of_poses.stop :] = state[:, moving]
-            h[np.ix_(touched, touched)] += j.T @ inertial[0] @ j
+            by_moving, of_moving = state[:, moving].T, of_modes.start + moving
+            by_both = by_moving @ about[of_poses.stop :]
+            h[of_poses, of_poses] += about[of_poses, of_poses]
+            h[of_moving, of_poses] += by_both[:, of_poses]  # only the lower triangle is read
+            h[of_moving[:, None], of_moving] += by_both[:, of_poses.stop :] @ by_moving.T
             self._g = self._g.copy()
-            self._g[touched] += j.T @ inertial[1]
+            self._g[of_poses] += right[of_poses]
+            self._g[of_moving] += by_moving @ right[of_poses.stop :]
         self._others = Elimination(h, self.at["rig"].start)
         self.root, self.by_rig = self._others.root, self._others.by_others
         self.cov_rig = Cholesky(self._others.left).inverse() if m else self._others.left
