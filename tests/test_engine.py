@@ -287,9 +287,9 @@ def _bytes(estimate: sfm.FrameEstimate) -> bytes:
     return b"|".join(parts)
 
 
-@pytest.mark.parametrize("config", [sfm.Config(), sfm.Config(method="ekf"), sfm.Config(mono=True)], ids=str)
-def test_a_copied_engine_goes_on_with_the_same_bytes(frames, config: sfm.Config) -> None:
-    engine = sfm.Engine(rig(0.03), config)
+@pytest.mark.parametrize("changed", [{}, {"method": "ekf"}, {"mono": True}], ids=str)
+def test_a_copied_engine_goes_on_with_the_same_bytes(frames, changed: dict[str, object]) -> None:
+    engine = sfm.Engine(rig(0.03), sfm.Config(**changed))
     for frame in frames[:8]:
         engine.step(frame)
     copies = copy.copy(engine), copy.deepcopy(engine), pickle.loads(pickle.dumps(engine))
