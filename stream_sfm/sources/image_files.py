@@ -151,5 +151,6 @@ def _as_png(path: Path, data: bytes, size: tuple[int, int]) -> bytes:
         with suppress(cv2.error):
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
     if image is None or image.dtype not in (np.uint8, np.uint16):
-        raise LogError(f"{path}: this {size[0]}×{size[1]} image cannot be decoded: convert the images to PNG")
+        problem = f"{path}: this image of {size[0]}×{size[1]} pixels cannot be decoded"
+        raise LogError(f"{problem}: convert the images to PNG")
     return cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
