@@ -21,7 +21,9 @@ class FrontendConfig(Section, frozen=True, kw_only=True):
     # Chosen by hand: cost grows with the number; 240 instead of 200 gains little accuracy on our logs.
     max_tracks: Annotated[int, number("most points tracked at the same time", 20, 2000)] = 200
     # Chosen by hand: less means a search for corners in more frames, more leaves parts of the view without points.
-    renew_fraction: Annotated[float, expert("start tracks once this share of max_tracks is missing", 0, 1)] = 0.05
+    renew_fraction: Annotated[float, expert("start new tracks once this share of max_tracks is missing", 0, 1)] = (
+        0.05
+    )
     # Chosen by hand: patches overlap by half at most, so that their errors differ.
     min_corner_distance_px: Annotated[float, expert("least distance of a new corner from any point", 2, 200)] = 12.0
     # Chosen by hand: lower means points in weak texture, whose covariance is large. Dark images are given a lower one.
@@ -54,7 +56,9 @@ class WindowConfig(Section, frozen=True, kw_only=True):
     # Measured on simulated and real views: a step leaves less than a ten-thousandth of the decrease it promised. After
     # one that promised this much, a standard deviation at most is left, all variables together; the next frame goes on
     # from there. A tenth of it changes the figures of eight logs in the third digit, and takes 8 % more time.
-    converged: Annotated[float, expert("promised decrease of the squares that ends them, σ²", 1e-6, 1e12)] = 1e4
+    converged: Annotated[
+        float, expert("expected decrease of the sum of squares that ends the steps, σ²", 1e-6, 1e12)
+    ] = 1e4
     # Rendered images make it 0.017 px at the most, real ones more within four frames; all that has to do with the rig
     # is done for 20 errors instead of a hundred.
     least_field_px: Annotated[float, expert("σ of the field beyond which a rig has one, px", 0, 100)] = 0.02
