@@ -85,7 +85,7 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
     try:
         client = _within(_ANSWER_S, lambda: Client(address, timeout=_ANSWER_S, set_as_default=False))
     except OSError as error:
-        problem = f"no Dask scheduler answers at {address} ({error or f'not within {_ANSWER_S:g} s'})"
+        problem = f"no Dask scheduler answers at {address} ({str(error) or f'not within {_ANSWER_S:g} s'})"
         raise ConfigError(f"{problem}: start one with `dask scheduler`") from None
     executor, ended, heard_s = client.get_executor(pure=False), Event(), time.monotonic()  # nothing is cached
     everyone = {"n_workers": -1} if "n_workers" in signature(client.scheduler_info).parameters else {}

@@ -49,7 +49,7 @@ class PointRules(Section, frozen=True, kw_only=True):
     # Farther it is another match.
     max_slant_shift_px: Annotated[float, expert("largest shift of a match by its slope, px", 0, 100)] = 2.0
     # Chosen by hand. An exposure cut to a quarter leaves no corner above a fixed limit.
-    dim_fraction: Annotated[float, expert("share of the strongest response that is always a corner", 0, 1)] = 0.02
+    dim_fraction: Annotated[float, expert("share of the strongest response that makes a corner", 0, 1)] = 0.02
     peak_part: Annotated[int, expert("a corner is the strongest within the least distance over this", 1, 1000)] = 3
     # A cell has room for one corner at least.
     cell_distances: Annotated[float, expert("least edge of a cell, distances of corners", 0, 1000)] = 2.0

@@ -21,7 +21,9 @@ class FrontendConfig(Section, frozen=True, kw_only=True):
     # Chosen by hand: cost grows with the number; 240 instead of 200 gains little accuracy on our logs.
     max_tracks: Annotated[int, number("most points tracked at the same time", 20, 2000)] = 200
     # Chosen by hand: less means a search for corners in more frames, more leaves parts of the view without points.
-    renew_fraction: Annotated[float, expert("start tracks once this share of max_tracks is missing", 0, 1)] = 0.05
+    renew_fraction: Annotated[float, expert("start new tracks once this share of max_tracks is missing", 0, 1)] = (
+        0.05
+    )
     # Chosen by hand: patches overlap by half at most, so that their errors differ.
     min_corner_distance_px: Annotated[float, expert("least distance of a new corner from any point", 2, 200)] = 12.0
     # Chosen by hand: lower means points in weak texture, whose covariance is large. Dark images are given a lower one.
@@ -54,7 +56,9 @@ class WindowConfig(Section, frozen=True, kw_only=True):
     # Measured on simulated and real views: a step leaves less than a ten-thousandth of the decrease it promised. After
     # one that promised this much, a standard deviation at most is left, all variables together; the next frame goes on
     # from there. A tenth of it changes the figures of eight logs in the third digit, and takes 8 % more time.
-    converged: Annotated[float, expert("promised decrease of the squares that ends them, σ²", 1e-6, 1e12)] = 1e4
+    converged: Annotated[
+        float, expert("expected decrease of the sum of squares that ends the steps, σ²", 1e-6, 1e12)
+    ] = 1e4
     # Rendered images make it 0.017 px at the most, real ones more within four frames; all that has to do with the rig
     # is done for 20 errors instead of a hundred.
     least_field_px: Annotated[float, expert("σ of the field beyond which a rig has one, px", 0, 100)] = 0.02
@@ -119,7 +123,9 @@ class RobustConfig(Section, frozen=True, kw_only=True):
     # Bodies have 0.05 to 0.3, halves of a drone's last frames 1.
     max_odds: Annotated[float, expert("odds of what the motion of one rigid scene leaves out", 0, 1e6)] = 0.5
     # It is a little wider than later while the motion moves fast, so that fewer good views are lost.
-    first_half_weight: Annotated[float, expert("first residual² of half weight, times expected", 0.1, 1e6)] = 6.0
+    first_half_weight: Annotated[
+        float, expert("squared residual of half weight in the first steps, times the expected", 0.1, 1e6)
+    ] = 6.0
     wide_steps: Annotated[int, expert("steps with that weight", 1, 100)] = 3
     robust_steps: Annotated[int, expert("steps with robust weights, at most", 1, 100)] = 9
     final_steps: Annotated[int, expert("steps of the final least squares, at most", 1, 100)] = 4
@@ -136,7 +142,9 @@ class RobustConfig(Section, frozen=True, kw_only=True):
     # Closed form: with 60 % outliers none is clean by (1 - 0.4³)²⁵⁶ < 1e-7, with one side by (1 - 0.4⁴)²⁵⁶ = 0.0013.
     samples: Annotated[int, expert("random samples of a search for a motion, at most", 1, 10_000)] = 256
     # Noise makes some of them useless.
-    clean_samples: Annotated[int, expert("mean outlier-free samples where inliers are counted", 1, 10_000)] = 20
+    clean_samples: Annotated[
+        int, expert("samples without outliers, on average, where it is known how many views agree", 1, 10_000)
+    ] = 20
     # A fifth step from a rough beginning changes nothing that the ranking sees.
     sample_steps: Annotated[int, expert("Gauss-Newton steps from a sample", 1, 100)] = 4
     # Few noisy views fix a motion only roughly, so the order of the samples is rough.
@@ -186,7 +194,7 @@ class RigConfig(Section, frozen=True, kw_only=True):
     # Of five real rigs one is off by 6 to 15 px in the corner, where no point is, the others by up to 5.
     std_lens_px: Annotated[float, expert("σ of each error that both lenses share, in the corner", 1e-3, 50)] = 5.0
     # Of five real rigs three differ by 0.4 to 1.2 px.
-    std_lens_difference_px: Annotated[float, expert("σ of radial lens difference, in the corner", 1e-3, 50)] = 0.5
+    std_lens_difference_px: Annotated[float, expert("σ of radial lens differences in the corner", 1e-3, 50)] = 0.5
     # Kalibr and OpenCV give a tenth of that on good recordings; autofocus, heat and a wrong resolution do more.
     std_focal: Annotated[float, number("σ of the focal length's error, fraction of it", 1e-6, 0.1)] = 0.003
     # Cameras that are triggered by software are a few milliseconds apart.
@@ -259,7 +267,7 @@ class RosConfig(Section, frozen=True, kw_only=True):
     camera_frame: Annotated[str, Meta(description="the left camera: x right, y down, z forward")] = "left_camera"
     z_up: Annotated[
         bool,
-        Meta(description="fixed frames have x forward, z up, as with a base_frame; else the first camera's axes"),
+        Meta(description="z up in fixed frames (REP 103), as with a base_frame; else the first camera's axes"),
     ] = False
     gravity: Annotated[
         bool, expert("turn z of the world upwards by inertial samples; a replay adds trajectory_gravity.tum")
@@ -327,7 +335,7 @@ class DenseConfig(Section, frozen=True, kw_only=True):
     # About 160 MB; beyond it the edge is doubled, which leaves about a quarter of the voxels of a surface.
     max_voxels: Annotated[int, expert("most voxels; beyond, they are made larger", 10_000, 100_000_000)] = 4_000_000
     # The truncation distance of a fused surface.
-    reach_voxels: Annotated[int, expert("voxels on either side of a surface that keep a distance", 1, 16)] = 2
+    reach_voxels: Annotated[int, expert("voxels on either side of a surface that keep its distance", 1, 16)] = 2
     # Finer ones would not all be hit.
     voxel_footprints: Annotated[float, expert("edge of automatic voxels, px at the median depth", 0.1, 1000)] = 2.0
     # Distances with a larger σ would be truncated by the reach, and so be biased.
