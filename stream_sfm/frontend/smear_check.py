@@ -23,7 +23,7 @@ compared with those of the frame before, grows with their contrast.
 import numpy as np
 
 from .. import core
-from ..config.rules import SmearRules
+from ..config.image_rules import SmearRules
 from ..geometry.medians import median
 from ..geometry.se3 import Array
 from ..record import changed, record

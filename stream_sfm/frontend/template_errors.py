@@ -100,7 +100,7 @@ class TemplateErrors:
 
     def with_new(self, ids: NDArray[np.int64], apart_px: Array) -> "TemplateErrors":
         """Return the same with new points (n,), whose whole patch and inner half were matched (n,) apart."""
-        return self.joined(TemplateErrors(begun=ids, stds_px=np.hypot(self.least_px, apart_px)))
+        return self.joined(TemplateErrors(self.sums, begun=ids, stds_px=np.hypot(self.least_px, apart_px)))
 
     def joined(self, later: "TemplateErrors") -> "TemplateErrors":
         """Return the same with the points of a later one, too."""
