@@ -11,11 +11,12 @@ from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.cross_frame.inertia import Inertia
 from stream_sfm.estimators.cross_frame.inertia_checks import Densities, Jitter
 from stream_sfm.estimators.cross_frame.interval import JOINT, Known
+from stream_sfm.geometry import se3
 from stream_sfm.inertial.state import GRAVITY, SCALE, STATE
 from stream_sfm.methods import REFERENCE, WITHOUT_IMU
 from stream_sfm.types import Status
 from tests.helpers.estimators import nees, run
-from tests.helpers.imu_views import PROJECTION, observed
+from tests.helpers.imu_views import PROJECTION, observed, swaying
 from tools.render.inertial import CONSUMER
 
 FRAMES = 40
@@ -103,6 +104,18 @@ def test_samples_that_have_agreed_for_long_are_trusted_after_one_frame_that_cont
         trusted.append(inertia.is_trusted)
     assert trusted[:33] == [True, False, *[True] * 31]
     assert not trusted[-1]  # they contradict each other for good
+
+
+@pytest.mark.parametrize("seed", [21, 26])
+def test_the_first_frame_of_a_map_turns_as_the_gyroscope_says(seed: int) -> None:
+    estimator, path, h = make_estimator(REFERENCE, PROJECTION, Config()), swaying(seed), 1e-4
+    for _, views in observed(seed, 4):
+        estimator.step(views)
+    of_points = -se3.log(se3.inverse(path(-h)) @ path(h))[3:] / (2 * h)
+    assert np.linalg.norm(of_points) > 0.1
+    turning = estimator.map.reference.turning
+    assert turning is not None
+    assert turning[0] == pytest.approx(of_points, abs=0.01)
 
 
 def test_a_pose_moves_with_the_scale_only_as_far_as_the_rig_does_not_explain_both() -> None:

@@ -183,6 +183,8 @@ class Inertia:
         frame.velocity = (found if frame.interval.cov_gyro.any() else now).state[VELOCITY]
         self._note = frame.interval.note
         frame.turning = self._turning(frame.stamp_ns, now.state) if self.is_trusted else None
+        if current.first_views is not None and self.is_trusted:  # which move as later frames show better
+            current.reference.turning = self._turning(current.reference.stamp_ns, now.state)
 
     def _turning(self, stamp_ns: int, state: Array) -> Array | None:
         """Return angular velocity and acceleration (2, 3) of points in the camera at a time, by the gyroscope."""

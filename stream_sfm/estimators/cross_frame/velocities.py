@@ -47,7 +47,8 @@ def expect(
     stamps_ns = [f.stamp_ns for f in (current.reference, *current.frames, frame)]
     seconds = current.exposures.clock.seconds(np.array(poses), stamps_ns, std_acceleration)
     current.exposures = changed(current.exposures, seconds=seconds)
-    motions = _as_turning(core.point_motions(np.array(poses), seconds), (*current.frames, frame))
+    frames = current.reference, *current.frames, frame
+    motions = _as_turning(core.point_motions(np.array(poses), seconds), frames)
     *_, before, now = motions
     moved = clamp_depth(points @ cam_from_previous.T)
     by_timing = np.zeros_like(views.timing)
@@ -119,7 +120,8 @@ def renew_timing(current: Map) -> None:
     if rig is None:
         return
     poses = np.array([np.eye(4), *current.cams_from_ref])
-    motions = _as_turning(core.point_motions(poses, current.exposures.seconds), current.frames)
+    frames = current.reference, *current.frames
+    motions = _as_turning(core.point_motions(poses, current.exposures.seconds), frames)
     current.exposures = changed(current.exposures, motions=motions)
     if current.first_views is not None:
         _renew_first(current, current.first_views, rig)
@@ -178,11 +180,11 @@ def _timing(current: Map, rig: RigModel) -> tuple[Array, Array]:
 
 
 def _as_turning(motions: Array, frames: Sequence[WindowFrame]) -> Array:
-    """Return motions (n, 2, 6) of points, those of the last frames turning as the gyroscope says, where there is one.
+    """Return motions (n, 2, 6) of points in frames (n), which turn as the gyroscope says where there is one.
 
     A polynomial through poses cannot follow a camera that is shaken.
     """
-    for motion, frame in zip(motions[len(motions) - len(frames) :], frames, strict=True):
+    for motion, frame in zip(motions, frames, strict=True):
         if frame.turning is not None:
             motion[:, 3:] = frame.turning
     return motions
