@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..config.image_rules import GhostRules
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..record import changed, record
 from .patches import View, at_least, share_of
 

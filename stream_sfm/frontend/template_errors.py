@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..config.rules import ErrorRules
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..record import changed, record
 
 _LAG = 5  # frames over which the decay is measured: most tracks live as long

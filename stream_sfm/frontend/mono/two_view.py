@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config.rules import MonoRules
-from ...geometry import se3
-from ...geometry.se3 import Array
+from ...geometry import Array, se3
 from ...geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS
 from ...record import record
 from .parallax import depths_from_motion, directions
