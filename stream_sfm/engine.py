@@ -21,8 +21,7 @@ from .config import Config
 from .errors import EngineBusyError
 from .estimators import make_estimator
 from .frontend.prepared import PreparedImages
-from .geometry import se3
-from .geometry.se3 import Array
+from .geometry import Array, se3
 from .geometry.stereo import StereoProjection
 from .inertial.driver import DriverSamples
 from .lane import BareLane

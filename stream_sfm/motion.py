@@ -12,9 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .errors import ConfigError
-from .geometry import se3
+from .geometry import Array, se3
 from .geometry.linear import symmetric
-from .geometry.se3 import Array
 from .record import Kind, with_changes
 from .types import CommonErrors, FrameEstimate, RelativeMotions, Status
 

@@ -12,7 +12,7 @@ from .config import RigConfig
 from .frontend.front_end import StereoFrontEnd
 from .frontend.mono.front_end import MonoFrontEnd
 from .frontend.template_errors import TemplateErrors
-from .geometry.se3 import Array
+from .geometry import Array
 from .inertial.state import SCALE
 from .record import record, rows_of
 from .rig_model.terms import TERMS

@@ -22,14 +22,11 @@ double squared_length(const double* a, const double* x, double& log_det) {
     return sum;
 }
 
-// The turn by so many steps of reweighting.
-FittedTurn fitted(const PointViews& views, Matrix motion, int steps, Matrix usual, double std_knock) {
-    std::size_t n = views.points.shape[0];
-    LinearisedViews linear = linearise_views(views, motion);
-    ViewResiduals seen = view_residuals(views, linear.root, Array<double, 1>(0), {motion.data, {1, 4, 4}});
-    FittedTurn result{{3}, {3, 3}, {n}, 0.0, 0.0};
-    std::vector<double> rows(n * 4 * COLUMNS), squares(n);
-    for (std::size_t i = 0; i < n; i++) {
+// The whitened rows of views, by motion, by the turn, and their residual; `squares`: the squared residuals of each view.
+std::vector<double> rows_of(const PointViews& views, const LinearisedViews& linear, const ViewResiduals& seen,
+                            std::vector<double>& squares) {
+    std::vector<double> rows(4 * squares.size() * COLUMNS);
+    for (std::size_t i = 0; i < squares.size(); i++) {
         if (!std::isfinite(seen.squares[0][i])) continue;
         double turned[6];
         by_turn(views.projection, views.z_px[i][2], views.z_px[i][3], turned);
@@ -42,6 +39,16 @@ FittedTurn fitted(const PointViews& views, Matrix motion, int steps, Matrix usua
             squares[i] += out[9] * out[9];
         }
     }
+    return rows;
+}
+
+// The turn by so many steps of reweighting.
+FittedTurn fitted(const PointViews& views, Matrix motion, int steps, Matrix usual, double std_knock) {
+    std::size_t n = views.points.shape[0];
+    LinearisedViews linear = linearise_views(views, motion);
+    ViewResiduals seen = view_residuals(views, linear.root, Array<double, 1>(0), {motion.data, {1, 4, 4}});
+    FittedTurn result{{3}, {3, 3}, {n}, 0.0, 0.0};
+    std::vector<double> squares(n), rows = rows_of(views, linear, seen, squares);
     double spread = 1, step[UNKNOWNS], information[UNKNOWNS * UNKNOWNS], cov[UNKNOWNS * UNKNOWNS];
     for (int k = 0; k < steps; k++) {
         spread = std::max(1.0, median(squares) / MEDIAN_CHI2_4);

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from ..geometry import se3
+from ..geometry import Array, se3
 from ..geometry.point_views import PointViews
 from ..geometry.resection import Resection, SecondMotion, resect
-from ..geometry.se3 import Array
 from ..record import changed
 from ..types import Observations
 

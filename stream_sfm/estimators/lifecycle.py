@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import RobustConfig
-from ..geometry import se3
+from ..geometry import Array, se3
 from ..geometry.medians import median
 from ..geometry.resection import Resection
-from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..types import Observations, Solution, Status
 from .motion_model import Displaced, Doubts, MotionModel

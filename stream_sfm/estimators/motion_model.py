@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..config import MotionConfig
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 
 
 class Displaced(NamedTuple):

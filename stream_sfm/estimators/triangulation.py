@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import se3
+from ..geometry import Array, se3
 from ..geometry.linear import matvec, symmetric
-from ..geometry.se3 import Array
 from ..geometry.stereo import KNOWN_DEPTH_SIGMAS, StereoProjection, clamp_depth, information_of_views
 from ..types import Observations
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..record import record
 from .relative import Interval, band, relative_errors, span_ratio, spans_up_to
 from .settings import SETTINGS

@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import se3
+from ..geometry import Array, se3
 from ..geometry.linear import mahalanobis2
-from ..geometry.se3 import Array
 from ..motion import Motion
 from ..types import FrameEstimate, Trajectory
 from .association import matched

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..camera.lens import project_into_image
 from ..camera.models import Camera
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..geometry.stereo import MIN_DEPTH
 from ..record import record
 from ..types import FrameEstimate

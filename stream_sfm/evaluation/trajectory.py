@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..geometry import se3
+from ..geometry import Array, se3
 from ..geometry.linear import scaled_cholesky
-from ..geometry.se3 import Array
 from .settings import SETTINGS
 
 

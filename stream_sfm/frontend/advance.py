@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from ..geometry import se3
+from ..geometry import Array, se3
 from ..geometry.resection import Resection, SecondMotion
-from ..geometry.se3 import Array
 from ..record import changed, record, rows_of
 from .alignment import learn_noise
 from .depth_order import may_be_scene

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..record import record
 from .alignment import WIDE
 from .prepared import PreparedImages

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ..config import Config, FrontendConfig
 from ..config.point_rules import TemplateRules
+from ..geometry import Array
 from ..geometry.resection import Resection
-from ..geometry.se3 import Array
 from ..record import changed, record
 from .noise import ViewNoise
 from .prepared import GreyImage, PreparedImages

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..config.rules import MotionRules
-from ..geometry import se3
+from ..geometry import Array, se3
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion
-from ..geometry.se3 import Array
 from ..record import changed, record
 from .tracks import Tracks
 

@@ -7,7 +7,7 @@ resection that knows nothing of that sees two rigid motions.
 import numpy as np
 
 from .. import core
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record
 from ..rig_model.estimate import RigEstimate

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config.rules import EchoRules
+from ..config.image_rules import EchoRules
 from ..record import changed, record
 from .prepared import Image
 

@@ -8,7 +8,7 @@ sensor whose even rows are brighter than its odd ones is distinguished from this
 
 import numpy as np
 
-from ..config.rules import FieldRules
+from ..config.image_rules import FieldRules
 from ..record import changed, record
 from .still_check import Line, Lines
 

@@ -4,7 +4,7 @@ In the first frame of a map it is not known how its points moved. What a late ca
 views, and what its rows say, is taken in with the second frame.
 """
 
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..geometry.stereo import StereoProjection
 from ..record import changed
 from .state import FrontEndState

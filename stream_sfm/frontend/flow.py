@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..config.rules import FlowRules
-from ..geometry.se3 import Array
+from ..geometry import Array
 from .alignment import WIDE, TemplateAligner
 from .prepared import Image, PreparedImages
 

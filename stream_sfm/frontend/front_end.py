@@ -12,9 +12,9 @@ import numpy as np
 from ..camera.rectification import Rectifier
 from ..camera.rig import StereoRig
 from ..config import Config
+from ..geometry import Array
 from ..geometry.medians import median
 from ..geometry.resection import SecondMotion
-from ..geometry.se3 import Array
 from ..record import changed
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel

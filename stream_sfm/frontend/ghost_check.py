@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config.rules import GhostRules
-from ..geometry.se3 import Array
+from ..config.image_rules import GhostRules
+from ..geometry import Array
 from ..record import changed, record
 from .patches import View, at_least, share_of
 

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from ..config.rules import ImageRules
+from ..config.image_rules import ImageRules
 from .prepared import Image, PreparedImages
 
 

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..geometry import se3
+from ..geometry import Array, se3
 from ..geometry.medians import median
 from ..geometry.point_views import PointViews
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, expected, judged, refine
-from ..geometry.se3 import Array
 from ..record import changed
 from .seen import Seen
 from .state import FrontEndState

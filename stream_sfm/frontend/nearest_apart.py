@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..config.rules import StartRules
+from ..geometry import Array
 from ..geometry.medians import median
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine, resect
-from ..geometry.se3 import Array
 from ..record import changed
 from .depth_order import is_behind
 from .seen import Seen

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS
 from ..record import changed
 from .alignment import WIDE

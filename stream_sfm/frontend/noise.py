@@ -9,8 +9,8 @@ factor for all views.
 import numpy as np
 
 from ..config.rules import ErrorRules
+from ..geometry import Array
 from ..geometry.medians import MEMORY_FRAMES
-from ..geometry.se3 import Array
 from ..record import changed, record
 
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..config.rules import PairRules
+from ..geometry import Array
 from ..geometry.point_views import PointViews
 from ..geometry.resection import MANY_VIEWS, Resection
-from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, clamp_depth
 from ..record import changed, record
 from .image_checks import frozen

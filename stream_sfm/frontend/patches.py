@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..record import record
 from .prepared import Image
 

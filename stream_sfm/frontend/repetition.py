@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config.rules import RepetitionRules
-from ..geometry import se3
+from ..geometry import Array, se3
 from ..geometry.point_views import PointViews
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, SecondMotion, resect
-from ..geometry.se3 import Array
 from ..record import changed
 from .prepared import Image
 from .rough_motion import RoughMotion, find_rough_motion

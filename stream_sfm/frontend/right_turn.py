@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from .. import core
 from ..config import RobustConfig
 from ..config.rules import TurnRules
+from ..geometry import Array
 from ..geometry.linear import symmetric
 from ..geometry.medians import MEMORY_FRAMES
 from ..geometry.point_views import PointViews
-from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, places_over_image
 from ..record import changed, record
 from ..rig_model.estimate import RigEstimate

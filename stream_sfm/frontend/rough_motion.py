@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from ..geometry import Array
 from ..geometry.gates import chi2_gate
 from ..geometry.medians import median
 from ..geometry.resection import MANY_VIEWS, SecondMotion
-from ..geometry.se3 import Array
 from ..record import record
 from .alignment import Aligners
 from .flow import as_exposed, track, track_wide

@@ -12,9 +12,9 @@ import numpy as np
 from .. import core
 from ..config import Config
 from ..config.rules import RowRules
+from ..geometry import Array
 from ..geometry.linear import symmetric_inverse
 from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
-from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection, velocities
 from ..record import changed, record
 from ..rig_model.field import LEAST_PX, Field, field_over

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
+from ..geometry import Array
 from ..geometry.point_views import PointViews
-from ..geometry.se3 import Array
 from ..record import changed, record
 from ..rig_model.terms import by_turn
 from .aligned_views import AlignedViews

@@ -23,9 +23,9 @@ compared with those of the frame before, grows with their contrast.
 import numpy as np
 
 from .. import core
-from ..config.rules import SmearRules
+from ..config.image_rules import SmearRules
+from ..geometry import Array
 from ..geometry.medians import median
-from ..geometry.se3 import Array
 from ..record import changed, record
 from .ghost_check import SHOWS_THROUGH
 from .patches import RADIUS_PX, View, at_least, patches_of, share_of

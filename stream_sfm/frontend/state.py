@@ -11,8 +11,7 @@ from .. import core
 from ..camera.pixels import FEWEST_BITS
 from ..config import Config
 from ..config.rules import Rules
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
 from ..record import changed, record
 from ..rig_model.terms import by_turn

@@ -10,8 +10,8 @@ frames count as before, and their poses may be off by the step.
 import numpy as np
 
 from ..config.rules import StepRules
+from ..geometry import Array
 from ..geometry.medians import median
-from ..geometry.se3 import Array
 from ..record import record
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config.rules import StillRules
+from ..config.image_rules import StillRules
 from ..record import changed, record
 
 Line = NDArray[np.int16]

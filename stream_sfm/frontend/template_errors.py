@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..config.rules import ErrorRules
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..record import changed, record
 
 _LAG = 5  # frames over which the decay is measured: most tracks live as long
@@ -100,7 +100,7 @@ class TemplateErrors:
 
     def with_new(self, ids: NDArray[np.int64], apart_px: Array) -> "TemplateErrors":
         """Return the same with new points (n,), whose whole patch and inner half were matched (n,) apart."""
-        return self.joined(TemplateErrors(begun=ids, stds_px=np.hypot(self.least_px, apart_px)))
+        return self.joined(TemplateErrors(self.sums, begun=ids, stds_px=np.hypot(self.least_px, apart_px)))
 
     def joined(self, later: "TemplateErrors") -> "TemplateErrors":
         """Return the same with the points of a later one, too."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..config.point_rules import TemplateRules
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..record import record
 from .prepared import GreyImage
 

@@ -11,7 +11,7 @@ from .. import core
 from ..camera.over_image import ExposedRows
 from ..camera.refinement import KnownTiming
 from ..config import RigConfig
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..geometry.stereo import StereoProjection
 from ..record import changed, record
 

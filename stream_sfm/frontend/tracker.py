@@ -5,8 +5,8 @@ Depths come from the right image, or from the parallax of one camera (`mono/para
 
 from collections.abc import Callable
 
+from ..geometry import Array
 from ..geometry.resection import Resection, resect
-from ..geometry.se3 import Array
 from ..record import changed
 from ..types import ExpectedMotion
 from .advance import Followed, advance, learn

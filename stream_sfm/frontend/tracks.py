@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..config.rules import MotionRules
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection, velocities
 from ..record import changed, columns_at, record
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..config.rules import MotionRules
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..record import record
 
 

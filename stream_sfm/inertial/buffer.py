@@ -9,7 +9,7 @@ from copy import copy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..record import record
 from .samples import ImuCalibration, ImuSamples
 from .settings import SETTINGS

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError, FrameError
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 
 _SHAPES = "stamps_ns (n,) of integers, gyro_rad_s (n, 3) and accel_m_s2 (n, 3)"
 

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry import se3
+from ..geometry import Array, se3
 from ..geometry.linear import symmetric
-from ..geometry.se3 import Array
 
 # Columns: the camera's right, down and forward in the axes of a body, REP 103: x forward, y left, z up.
 BODY_FROM_CAMERA_AXES = se3.from_rotation_translation([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])

@@ -19,8 +19,8 @@ from ..camera.rig import StereoRig
 from ..config import Config
 from ..frontend.pair_check import rows_problem
 from ..frontend.rows import Rows
+from ..geometry import Array
 from ..geometry.medians import MAD_TO_STD, median
-from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..record import changed, record
 from ..recording.rig import REMEDY, right_is_left

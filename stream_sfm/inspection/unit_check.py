@@ -5,7 +5,7 @@ from itertools import islice
 
 import numpy as np
 
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..inertial.buffer import SampleBuffer
 from ..inertial.samples import ImuCalibration
 from ..inertial.settings import SETTINGS

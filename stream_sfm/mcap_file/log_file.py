@@ -23,8 +23,7 @@ from .definitions import Definitions
 from .index import read_index
 from .message import Contents, Damage, Message, Source
 from .records import MAGIC, BrokenRecord, RecordTooLarge, ends_with_magic, parse_record, split_records
-from .search import MESSAGE_HEAD
-from .walk import READ, Record, Walk
+from .walk import MESSAGE_HEAD, READ, Record, Walk
 
 
 class LogFile(Source):
@@ -98,8 +97,26 @@ class LogFile(Source):
         # The index's definitions serve where the chunk that first described a channel is damaged.
         definitions = self.index.definitions.copy() if self.index else Definitions()
         parser = _Parser(definitions, topics, damage, lambda: self._definitions_anywhere)
+        allowance, trusted = Allowance(), self.index is not None and self.index.checksummed
         try:
-            yield from self._messages(parser, damage, topics)
+            with self._open() as stream:
+                walk = Walk(self.path, stream, self.size_bytes, damage, parser.knows_channel)
+                for record in walk:
+                    if record.opcode not in READ or self._can_skip(record, topics):
+                        continue
+                    where = f"{self.path} at byte {record.offset}"
+                    try:
+                        body = walk.body(record)
+                        # A chunk has a checksum. Other definitions that contradict earlier ones are damaged themselves.
+                        parser.may_redefine = record.opcode == Opcode.CHUNK or (damage.complete and not trusted)
+                        for opcode, inner in _records_in(record, body, allowance):
+                            if (message := parser.parse(opcode, inner, where)) is not None:
+                                yield message
+                    except BrokenRecord as error:
+                        if record.whole:  # else the cut has been noted
+                            kind = "chunk" if record.opcode == Opcode.CHUNK else "record"
+                            damage.add(f"{where}: a damaged {kind} of {record.length} bytes was skipped: {error}")
+                            walk.reject(record)
         except OSError as error:
             damage.add(self._reading_failed(damage, error))
         if damage.complete and self.index is not None:
@@ -107,27 +124,6 @@ class LogFile(Source):
                 topic, read = self.index.definitions.channels[number].topic, parser.read[number]
                 if (topics is None or topic in topics) and read < count:
                     damage.add(f"{self.path}: {read} of {count} messages of {topic} could be read")
-
-    def _messages(self, parser: "_Parser", damage: Damage, topics: frozenset[str] | None) -> Iterator[Message]:
-        allowance, trusted = Allowance(), self.index is not None and self.index.checksummed
-        with self._open() as stream:
-            walk = Walk(self.path, stream, self.size_bytes, damage, parser.knows_channel)
-            for record in walk:
-                if record.opcode not in READ or self._can_skip(record, topics):
-                    continue
-                where = f"{self.path} at byte {record.offset}"
-                try:
-                    body = walk.body(record)
-                    # A chunk has a checksum. Other definitions that contradict earlier ones are damaged themselves.
-                    parser.may_redefine = record.opcode == Opcode.CHUNK or (damage.complete and not trusted)
-                    for opcode, inner in _records_in(record, body, allowance):
-                        if (message := parser.parse(opcode, inner, where)) is not None:
-                            yield message
-                except BrokenRecord as error:
-                    if record.whole:  # else the cut has been noted
-                        kind = "chunk" if record.opcode == Opcode.CHUNK else "record"
-                        damage.add(f"{where}: a damaged {kind} of {record.length} bytes was skipped: {error}")
-                        walk.reject(record)
 
     @cached_property
     def _definitions_anywhere(self) -> Definitions:
@@ -239,14 +235,11 @@ class _Parser:
 def _records_in(
     record: Record, body: bytes, allowance: Allowance, verify: bool = True
 ) -> Iterator[tuple[int, bytes | memoryview]]:
-    """The records in a chunk, or the one record that is not a chunk. Raises BrokenRecord."""
+    """Return the records in a chunk, or the one record that is not a chunk. Raises BrokenRecord, also on the way."""
     if record.opcode == Opcode.CHUNK:
         records = decompress_chunk(body, record.whole, allowance, verify)
-        for opcode, inner in split_records(memoryview(records)):
-            allowance.take_record()
-            yield opcode, inner
-    elif record.whole:
-        yield record.opcode, body
+        return split_records(memoryview(records), allowance.take_record)
+    return iter([(record.opcode, body)] if record.whole else [])
 
 
 def _collect(found: Definitions, record: Record, body: bytes, allowance: Allowance) -> bool:

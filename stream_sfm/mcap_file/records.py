@@ -34,8 +34,8 @@ def parse_record(reader: Callable[..., Any], body: bytes | memoryview) -> Any:
         raise BrokenRecord(f"{type(error).__name__} {error}".strip()) from None
 
 
-def split_records(data: memoryview) -> Iterator[tuple[int, memoryview]]:
-    """Yield (opcode, body) of the records that follow each other in `data`.
+def split_records(data: memoryview, count: Callable[[], None] = lambda: None) -> Iterator[tuple[int, memoryview]]:
+    """Yield (opcode, body) of the records that follow each other in `data`; `count` is called before each.
 
     Raises BrokenRecord where their lengths do not add up.
     """
@@ -47,6 +47,7 @@ def split_records(data: memoryview) -> Iterator[tuple[int, memoryview]]:
         position += RECORD_HEAD.size
         if length > len(data) - position:
             raise BrokenRecord(f"it has a record of {length} bytes where {len(data) - position} are left")
+        count()
         yield opcode, data[position : position + length]
         position += length
 

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from ..geometry import se3
+from ..geometry import Array, se3
 from ..geometry.linear import symmetric
-from ..geometry.se3 import Array
 from ..motion import UNSEEN, Motion
 from ..types import FrameEstimate, Status
 from .settings import SETTINGS

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError
-from ..geometry import se3
+from ..geometry import Array, se3
 from ..geometry.linear import symmetric
-from ..geometry.se3 import Array
 from ..motion import Motion
 from ..record import record
 from .chain import LEAST_VARIANCE, positive

@@ -24,8 +24,7 @@ from ..camera.rig import MonoRig, StereoRig
 from ..camera.unseen_errors import PhysicalAxes
 from ..config import Config
 from ..errors import ConfigError
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..motion import UNSEEN, Motion
 from ..types import Frame, FrameEstimate, Trajectory
 from .chain import Chain

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..frontend.templates import TemplateAtlas
-from ..geometry import se3
+from ..geometry import Array, se3
 from ..geometry.linear import Cholesky
 from ..geometry.point_views import PointViews
 from ..geometry.resection import Resection, resect
-from ..geometry.se3 import Array
 from ..geometry.stereo import MIN_DEPTH, StereoProjection
 from ..motion import Motion
 from ..record import record

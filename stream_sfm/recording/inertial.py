@@ -74,20 +74,26 @@ def with_imu(rig: StereoRig | MonoRig, imu: ImuCalibration | None) -> StereoRig 
     return replace(rig, imu=imu)
 
 
-def with_samples(frames: Iterator[RecordedFrame], source: Source, topics: ImuTopics) -> Iterator[RecordedFrame]:
-    """Yield frames with their samples: all since the frame before, and one beyond."""
-    samples = samples_of(source, topics)
-    coming = next(samples, None)
-    first, given_ns = True, None  # and the stamp of the sample given last
-    for frame in frames:
+class SamplesOfFrames:
+    """The samples of one reading of a log, which are given to its frames."""
+
+    def __init__(self, source: Source, topics: ImuTopics) -> None:
+        self._samples = samples_of(source, topics)
+        self._coming: ImuMessage | None = None
+        self._given_ns: int | None = None  # the stamp of the sample given last
+        self._begun = False
+
+    def added_to(self, frame: RecordedFrame) -> RecordedFrame:
+        """Return the next frame with its samples: all since the frame before, and one beyond."""
         taken: deque[ImuMessage] = deque(maxlen=_MOST)
+        coming, given_ns = self._coming if self._begun else next(self._samples, None), self._given_ns
         # By the coming one, too: a stamp that jumps ahead keeps back none that follow.
         while coming is not None and (given_ns is None or min(given_ns, coming.stamp_ns) <= frame.stamp_ns):
-            if not first or coming.stamp_ns > frame.stamp_ns - _BEFORE_NS:
+            if self._begun or coming.stamp_ns > frame.stamp_ns - _BEFORE_NS:
                 taken.append(coming)
-            given_ns, coming = coming.stamp_ns, next(samples, None)
-        first = False
-        yield replace(frame, imu=joined_samples(taken))
+            given_ns, coming = coming.stamp_ns, next(self._samples, None)
+        self._begun, self._coming, self._given_ns = True, coming, given_ns
+        return replace(frame, imu=joined_samples(taken))
 
 
 def joined_samples(taken: Sequence[ImuMessage]) -> ImuSamples:

@@ -1,6 +1,6 @@
 """The two camera topics of a log as pairs of undecoded images, with counts of what was read and lost."""
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 
@@ -77,6 +77,9 @@ class PairReader:
         self._pairer: Pairer[ImageMessage] = Pairer(source.in_order)
         self._began_ns: int | None = None  # the time at which the first left image was recorded
         self._last_ns: int | None = None  # the stamp of the latest pair
+        self._unchecked = {left_topic, right_topic}  # whose encoding is not known
+        self._by_log_time: bool | None = None  # whether the stamps are the log times; None: not known
+        self._first: list[tuple[ImageMessage, int]] = []  # images that wait for this, with their log times
         self._problem = ""  # of the first message that could not be decoded
         self.stats = ReadStats(bytes_total=source.size_bytes)
 
@@ -87,9 +90,11 @@ class PairReader:
         where the images are of a kind that is not supported, or where nothing could be paired.
         """
         try:
-            for image in self._stamped(self._images()):
-                for side in (side for side in (0, 1) if self._topics[side] == image.topic):
-                    yield from map(self._pair, self._pairer.push(side, image.stamp_ns, image, len(image.data)))
+            messages = self._source.messages(self._damage, frozenset((*self._topics, *self._in_force)))
+            for message in chain(messages, (None,)):
+                for image in self._stamped(message):
+                    for side in [side for side in (0, 1) if self._topics[side] == image.topic]:
+                        yield from map(self._pair, self._pairer.push(side, image.stamp_ns, image, len(image.data)))
             yield from map(self._pair, self._pairer.finish())
         finally:
             self._finish()
@@ -118,27 +123,25 @@ class PairReader:
         self._last_ns = pair.stamp_ns
         return pair
 
-    def _images(self) -> Iterator[tuple[ImageMessage, int]]:
-        """The images of both topics, each with the time at which it was recorded."""
-        unchecked = set(self._topics)
-        for message in self._source.messages(self._damage, frozenset((*self._topics, *self._in_force))):
-            if message.channel.topic in self._in_force:
-                if self._began_ns is not None:
-                    self._hear(message)
-                continue
-            try:
-                image = self._decoder.image(message)
-            except UndecodableMessage as error:
-                self.stats.undecodable += 1
-                self._problem = self._problem or str(error)
-                continue
-            if image.topic in unchecked:
-                check_encoding(image, self._source.path)
-                unchecked.remove(image.topic)
-            if self._began_ns is None and image.topic == self._topics[0]:
-                self._began_ns = message.log_time_ns
-            calibration = self._in_force.get(self._calibrated_by.get(image.topic, ""))
-            yield replace(image, calibration=calibration), message.log_time_ns
+    def _image(self, message: Message) -> ImageMessage | None:
+        """Return the image in a message; None for a calibration, which is heard, and for what cannot be decoded."""
+        if message.channel.topic in self._in_force:
+            if self._began_ns is not None:
+                self._hear(message)
+            return None
+        try:
+            image = self._decoder.image(message)
+        except UndecodableMessage as error:
+            self.stats.undecodable += 1
+            self._problem = self._problem or str(error)
+            return None
+        if image.topic in self._unchecked:
+            check_encoding(image, self._source.path)
+            self._unchecked.remove(image.topic)
+        if self._began_ns is None and image.topic == self._topics[0]:
+            self._began_ns = message.log_time_ns
+        calibration = self._in_force.get(self._calibrated_by.get(image.topic, ""))
+        return replace(image, calibration=calibration)
 
     def _hear(self, message: Message) -> None:
         """Take a calibration sent between images; if it differs, it is in force from here on.
@@ -164,23 +167,30 @@ class PairReader:
                 f"changes ({', '.join(changes)})"
             )
 
-    def _stamped(self, images: Iterator[tuple[ImageMessage, int]]) -> Iterator[ImageMessage]:
-        """The images with their own stamps, or with their log times where a driver leaves all stamps at zero.
+    def _stamped(self, message: Message | None) -> list[ImageMessage]:
+        """Return the images whose stamps are known with the next message, which is None after the last one.
 
-        Two zeros on one side decide it: a single one may be the start of a simulated clock.
+        They are their own, or their log times where a driver leaves all stamps at zero. Two zeros on one side decide
+        it: a single one may be the start of a simulated clock.
         """
-        first: list[tuple[ImageMessage, int]] = []
-        for image, log_time_ns in images:
-            first.append((image, log_time_ns))
-            if sum(other.topic == image.topic for other, _ in first) == 2:
-                break
-        topics = [image.topic for image, _ in first if image.stamp_ns == 0]
-        by_log_time = len(topics) > len(set(topics))
-        if by_log_time:
-            where = f"{self._source.path}: the images on {topics[-1]}"
-            self.stats.warnings.append(f"{where} have no stamps (all are zero): their recording times are used")
-        for image, log_time_ns in chain(first, images):
-            yield replace(image, stamp_ns=log_time_ns) if by_log_time else image
+        if message is not None:
+            if (image := self._image(message)) is None:
+                return []
+            self._first.append((image, message.log_time_ns))
+            if self._by_log_time is None:
+                zeros = [other.stamp_ns == 0 for other, _ in self._first if other.topic == image.topic]
+                if len(zeros) < 2:
+                    return []
+                self._by_log_time = all(zeros)
+                if self._by_log_time:
+                    where = f"{self._source.path}: the images on {image.topic}"
+                    self.stats.warnings.append(
+                        f"{where} have no stamps (all are zero): their recording times are used"
+                    )
+        known, self._first = self._first, []
+        return [
+            replace(image, stamp_ns=log_time_ns) if self._by_log_time else image for image, log_time_ns in known
+        ]
 
     def _finish(self) -> None:
         """Bring `stats` up to date, wherever the reading ended."""

@@ -156,36 +156,43 @@ class Pairer(Generic[T]):
         held = 0 if in_order else _WINDOW
         self._sides: tuple[_Side[T], _Side[T]] = (_Side(held), _Side(held))
         self._unpaired_since = [0, 0]  # the last pair
+        self._pushed = 0  # the side of the latest frame
         self._finished = False
 
     def push(self, side: int, stamp_ns: int, item: T, size_bytes: int = 0) -> Iterator[tuple[T, T]]:
-        """Add a frame of `side` (0 left, 1 right); yield the pairs that are certain now."""
+        """Add a frame of `side` (0 left, 1 right); return an iterator of the pairs that are certain now."""
         self.counts.read[side] += 1
-        mine, other = self._sides[side], self._sides[1 - side]
-        mine.push(_Frame(stamp_ns, size_bytes, item))
-        yield from self._merge()
-        while mine.full and other.window and not other.queue:
-            # The other side is silent: what it still holds back to be sorted must not be missed.
-            other.release()
-            yield from self._merge()
-        while mine.full:
-            self._drop(side)
+        self._sides[side].push(_Frame(stamp_ns, size_bytes, item))
+        self._pushed = side
+        return iter(self._next, None)
 
     def finish(self) -> Iterator[tuple[T, T]]:
-        """Yield the pairs still waiting; the frames left over are unpaired."""
+        """Return an iterator of the pairs still waiting; the frames left over are unpaired."""
         for side in self._sides:
             while side.window:
                 side.release()
         self._finished = True
-        yield from self._merge()
-        for number, side in enumerate(self._sides):
-            self.counts.unpaired[number] += len(side.queue)
-            self._unpaired_since[number] += len(side.queue)
-            side.queue.clear()
-        left, right = self._sides
-        self._count_parted(_FEWEST if left.segment != right.segment else _PARTED)
+        return iter(self._next, None)
 
-    def _merge(self) -> Iterator[tuple[T, T]]:
+    def _next(self) -> tuple[T, T] | None:
+        """Return the next pair, None where no other one is certain now: then what cannot wait is dropped."""
+        pair = self._match()
+        mine, other = self._sides[self._pushed], self._sides[1 - self._pushed]
+        while pair is None and mine.full and other.window and not other.queue:
+            # The other side is silent: what it still holds back to be sorted must not be missed.
+            other.release()
+            pair = self._match()
+        if pair is not None:
+            return pair
+        for number, side in enumerate(self._sides):
+            while (self._finished and side.queue) or (side is mine and side.full):
+                self._drop(number)
+        if self._finished:
+            self._count_parted(_FEWEST if mine.segment != other.segment else _PARTED)
+        return None
+
+    def _match(self) -> tuple[T, T] | None:
+        """Return the next pair of those in order, and drop frames before it that have no partner."""
         counts = self.counts
         counts.disordered = [side.dropped for side in self._sides]
         lefts, rights = (side.queue for side in self._sides)
@@ -199,7 +206,7 @@ class Pairer(Generic[T]):
                 early = 0 if left.stamp_ns < right.stamp_ns else 1
                 queue, other = self._sides[early].queue, self._sides[1 - early].queue
                 if len(queue) < 2 and not self._finished and not self._sides[1 - early].full:
-                    return  # the next frame of the early side may fit better
+                    return None  # the next frame of the early side may fit better
                 following = queue[1] if len(queue) > 1 and queue[1].segment == queue[0].segment else None
                 nearer = following is not None and abs(following.stamp_ns - other[0].stamp_ns) < offset_ns
                 periods_ns = [period for side in self._sides if (period := side.period_ns()) is not None]
@@ -214,7 +221,8 @@ class Pairer(Generic[T]):
             self._unpaired_since = [0, 0]
             counts.paired += 1
             counts.largest_offset_ns = max(counts.largest_offset_ns, offset_ns)
-            yield lefts.popleft().item, rights.popleft().item
+            return lefts.popleft().item, rights.popleft().item
+        return None
 
     def _drop(self, side: int) -> None:
         self._sides[side].queue.popleft()

@@ -21,7 +21,7 @@ from ..types import Selection, Trajectory
 from ..wording import counted
 from .frames import FrameDecoder, RecordedFrame
 from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_truth, truth_topic
-from .inertial import find_topics, mounted, with_imu, with_samples
+from .inertial import SamplesOfFrames, find_topics, mounted, with_imu
 from .messages import CalibrationMessage, MessageDecoder, decoded
 from .pair_reader import PairReader, ReadStats, StereoPair
 from .rig import FoundRig, check_rig, find_rig, rig_of_messages
@@ -241,7 +241,7 @@ class StereoLog:
             with closing(decoder.frames(pairs)) as decoded_frames:
                 frames: Iterator[RecordedFrame] = decoded_frames
                 if self.imu_topics is not None:
-                    frames = with_samples(frames, self._source, self.imu_topics)
+                    frames = map(SamplesOfFrames(self._source, self.imu_topics).added_to, frames)
                 for delivered, frame in enumerate(frames, start=1):
                     yield frame
                     if delivered == selection.max_frames:

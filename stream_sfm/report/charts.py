@@ -13,8 +13,7 @@ from ..evaluation.association import matched
 from ..evaluation.drift import KINDS
 from ..evaluation.figures import NEES_INTERVAL, LengthUnit
 from ..evaluation.trajectory import distances_m, from_first_camera, nees_pose
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..methods import REFERENCE
 from ..record import record
 from ..types import Trajectory

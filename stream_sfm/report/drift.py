@@ -16,7 +16,7 @@ from ..evaluation.figures import NEES_INTERVAL
 from ..evaluation.relative import enough_known, known_frames
 from ..evaluation.relative_consistency import against_truth
 from ..evaluation.trajectory import from_first_camera, nees_pose
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..methods import REFERENCE, STEPWISE, key_of
 from ..record import record
 from ..types import Trajectory

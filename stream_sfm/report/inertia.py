@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..inertial.state import ACCEL_BIAS, AXES, CLOCK, FIXED, GYRO_BIAS, SCALE
 from ..inertial.upright import Upright
 from ..rig_model.estimate import in_words, is_certain

@@ -17,8 +17,8 @@ from ..evaluation.figures import NIS, TIME, Figure
 from ..evaluation.relative_consistency import RelativeRecord
 from ..evaluation.structure import StructureComparison
 from ..evaluation.trajectory import path_length_m
+from ..geometry import Array
 from ..geometry.medians import median as median_of_finite
-from ..geometry.se3 import Array
 from ..inertial.upright import Upright
 from ..methods import REFERENCE, key_of
 from ..motion import Odometry

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import RosConfig
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..motion import Odometry
 from ..types import FrameEstimate, Status
 from . import ros_messages as ros

@@ -23,7 +23,7 @@ from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
 from ..errors import OutputError
 from ..files import PartFile, json_bytes
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..types import Frame, FrameEstimate
 from .estimate_messages import TOPICS, RosMessages, Stamped
 from .own_messages import SCHEMA_VERSION

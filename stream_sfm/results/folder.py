@@ -12,7 +12,7 @@ from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
 from ..errors import OutputError
 from ..files import PartFile, json_bytes, make_folder, write_whole
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..outputs import RESULTS, TRAJECTORIES, only_writer
 from ..types import Frame, FrameEstimate, Trajectory
 from .estimates_writer import EstimatesWriter

@@ -7,8 +7,7 @@ is the base at the start, so that z is up as far as it is for the robot.
 import numpy as np
 
 from ..config import RosConfig
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..inertial.upright import BODY_FROM_CAMERA_AXES
 
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg
 
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..recording.ros import Types
 from .own_messages import DEFINITIONS
 

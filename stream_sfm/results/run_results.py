@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from ..config import Config, read_config
 from ..errors import ConfigError, InputError, LogError
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..types import FrameEstimate, Trajectory
 from .estimates_reader import read_clouds, read_estimates
 from .frames import RosFrames

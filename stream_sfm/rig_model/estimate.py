@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..camera.refinement import LENS_TERMS, Refinement
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..record import record
 from .terms import CAUSES, TERMS, Group, at
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import core
-from ..geometry.se3 import Array
+from ..geometry import Array
 
 LEAST_PX = 1e-3  # σ: a field of σ 0 would have no amplitudes
 

@@ -7,7 +7,7 @@ from .. import core
 from ..camera.over_image import ExposedRows, FocalEffect
 from ..camera.refinement import KnownTiming, Refinement
 from ..config import RigConfig
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..geometry.stereo import StereoProjection, places_over_image
 from ..record import changed, record
 from .estimate import CERTAIN, Amplitudes, RigEstimate

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..record import changed, record
 from .terms import AT_TURNING, TERMS
 

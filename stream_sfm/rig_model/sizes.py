@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import core
 from ..config import RigConfig
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..record import filled, record
 from .terms import CAUSES, FOCAL, TERMS
 

@@ -17,7 +17,7 @@ import numpy as np
 from .. import core
 from ..camera.refinement import LENS_TERMS
 from ..config import RigConfig
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..geometry.stereo import StereoProjection, places_over_image
 from .field import NO_FIELD
 

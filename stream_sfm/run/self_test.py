@@ -23,9 +23,8 @@ from ..config import Config
 from ..errors import StreamSfmError
 from ..estimators import make_estimator
 from ..evaluation.relative_consistency import OF_WINDOW, factors
-from ..geometry import se3
+from ..geometry import Array, se3
 from ..geometry.linear import mahalanobis2
-from ..geometry.se3 import Array
 from ..geometry.stereo import StereoProjection
 from ..interrupts import Interruption
 from ..motion import Motion

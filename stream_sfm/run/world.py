@@ -7,7 +7,7 @@ import numpy as np
 from ..config import MotionConfig
 from ..estimators.lifecycle import lost_solution
 from ..estimators.motion_model import MotionModel
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..motion import in_world
 from ..record import Kind, with_changes
 from ..types import FrameEstimate, Observations, Solution, Status

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..inertial.state import GRAVITY
 from ..inertial.upright import BODY_FROM_CAMERA_AXES, Upright
 from ..record import About, Kind

@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.se3 import Array
+from ..geometry import Array
 from ..inertial.samples import ImuCalibration, ImuSamples
 from ..record import About, Kind
 from ..rig_model.model import RigModel

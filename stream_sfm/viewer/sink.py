@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from ..camera.lens import project_into_image
 from ..camera.rig import MonoRig, StereoRig
 from ..evaluation.settings import SETTINGS
-from ..geometry import se3
-from ..geometry.se3 import Array
+from ..geometry import Array, se3
 from ..sources.image_header import image_format
 from ..types import Frame, FrameEstimate, InertialEstimate, Picture, Status, Trajectory
 from . import layout

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.config.rules import ImageRules
+from stream_sfm.config.image_rules import ImageRules
 from stream_sfm.estimators.motion_model import Displaced, Doubts, MotionModel
 from stream_sfm.evaluation.association import matched
 from stream_sfm.evaluation.trajectory import nees_pose

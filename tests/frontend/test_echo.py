@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.config.rules import EchoRules
+from stream_sfm.config.image_rules import EchoRules
 from stream_sfm.frontend.echo_check import EchoCheck, middle
 from tests.helpers.places import ROOM
 

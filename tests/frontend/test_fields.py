@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.config.rules import FieldRules, StillRules
+from stream_sfm.config.image_rules import FieldRules, StillRules
 from stream_sfm.frontend.field_check import FieldCheck, combed
 from stream_sfm.frontend.still_check import Lines
 from tests.helpers.places import ROOM

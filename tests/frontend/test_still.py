@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.config.rules import StillRules
+from stream_sfm.config.image_rules import StillRules
 from stream_sfm.frontend.still_check import Lines, StillCheck
 from tests.helpers.places import ROOM
 

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection
-from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...types import Observations, Solution, Status
 from ..initial_motion import initial_motion

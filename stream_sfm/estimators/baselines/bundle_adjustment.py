@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.linear import Cholesky, matvec, symmetric
-from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_DEPTH, StereoProjection, information_of_views
 from ...record import record
 

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...config import Config
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.linear import matvec, symmetric
-from ...geometry.se3 import Array
 from ...geometry.stereo import MIN_DEPTH, StereoProjection, clamp_depth
 from ...record import changed
 from ...types import Observations, Solution

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.linear import symmetric
-from ...geometry.se3 import Array
 from ...types import Observations, Solution
 from ..lifecycle import LostError, WorldPoints, frame_status, solution_of, too_few_inliers
 from ..triangulation import compose_cov, points_to_world, triangulate, usable_births

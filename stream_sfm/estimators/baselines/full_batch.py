@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...camera.refinement import LENS_TERMS
-from ...geometry import se3
-from ...geometry.se3 import Array
+from ...geometry import Array, se3
 from ...geometry.stereo import StereoProjection
 from ...record import record
 from ...types import Observations

@@ -18,9 +18,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.gates import chi2_gates
-from ...geometry.se3 import Array
 from ...record import changed, record
 from ...types import Observations, Solution
 from ..lifecycle import WorldPoints, frame_status, solution_of

@@ -7,9 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.linear import symmetric
-from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...record import record
 from .bundle_adjustment import PointPriors, Problem, WeightedViews, residuals_and_jacobians

@@ -4,10 +4,9 @@ from dataclasses import field
 
 import numpy as np
 
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.linear import Cholesky, scaled_cholesky
 from ...geometry.resection import Resection
-from ...geometry.se3 import Array
 from ...record import changed, record
 
 

@@ -13,9 +13,9 @@ them apart; so the pose is as uncertain as the way of the focal length makes it.
 import numpy as np
 
 from ...config import RigConfig
+from ...geometry import Array
 from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection, refine
-from ...geometry.se3 import Array
 from ...record import changed, record
 
 

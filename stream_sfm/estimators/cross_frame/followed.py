@@ -10,9 +10,8 @@ it is beyond half of the filter's own σ. What is left is known, and counts in t
 import numpy as np
 
 from ...config import WindowConfig
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.linear import mahalanobis2
-from ...geometry.se3 import Array
 from .marginals import Marginals
 
 

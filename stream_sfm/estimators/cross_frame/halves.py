@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...config import WindowConfig
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.linear import Cholesky, mahalanobis2
 from ...geometry.medians import median
-from ...geometry.se3 import Array
 from ...record import record
 from .inverse_depth import State
 from .map import Map

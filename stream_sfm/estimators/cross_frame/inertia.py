@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from ...config import Config
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.linear import symmetric
 from ...geometry.resection import Resection, SecondMotion
-from ...geometry.se3 import Array
 from ...inertial.buffer import SampleBuffer
 from ...inertial.samples import ImuCalibration, ImuSamples
 from ...inertial.state import ACCEL_BIAS, AXES, CLOCK, FIXED, GRAVITY, GYRO_BIAS, SCALE, STATE, VELOCITY

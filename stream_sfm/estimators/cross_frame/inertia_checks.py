@@ -9,8 +9,8 @@ import numpy as np
 
 from ...config import RigConfig
 from ...config.inertia_rules import InertiaRules
+from ...geometry import Array
 from ...geometry.linear import mahalanobis2
-from ...geometry.se3 import Array
 from ...inertial.state import ACCEL_BIAS, FIXED, GRAVITY, GRAVITY_M_S2
 from ...record import changed, record
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from ... import core
 from ...config.inertia_rules import InertiaRules
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.linear import Cholesky, scaled_cholesky, symmetric
-from ...geometry.se3 import Array
 from ...inertial.state import GRAVITY, GRAVITY_M_S2, STATE, VELOCITY
 from .interval import JOINT, OF_LEAVING, Interval, Intervals, Known, Leaving
 from .layout import Layout, layout

@@ -6,9 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import core
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.linear import symmetric
-from ...geometry.se3 import Array
 from ...inertial.buffer import Samples
 from ...inertial.samples import ImuCalibration
 from ...inertial.state import ACCEL_BIAS, AXES, BIASES, CLOCK, GRAVITY, GYRO_BIAS, STATE, VELOCITY

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
-from ...geometry.se3 import Array
+from ...geometry import Array
 from ...geometry.stereo import StereoProjection
 from ...record import changed, columns_at, record
 from ...rig_model.model import FIELD_MOVES, RigModel

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...config import WindowConfig
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.gates import chi2_gate
 from ...geometry.linear import symmetric
 from ...geometry.resection import Resection
-from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...inertial.state import GRAVITY
 from ...record import changed, rows_of

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.linear import symmetric
-from ...geometry.se3 import Array
 from ...geometry.stereo import KNOWN_DEPTH_SIGMAS
 from ...record import changed, filled, record
 from ..lifecycle import WorldPoints

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
+from ...geometry import Array
 from ...geometry.linear import Cholesky, Elimination, matvec, product
-from ...geometry.se3 import Array
 from ...record import rows_of
 from .interval import JOINT
 from .layout import layout

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...config import WindowConfig
+from ...geometry import Array
 from ...geometry.medians import median
-from ...geometry.se3 import Array
 from .inverse_depth import WhitenedViews
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from ...geometry import Array
 from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection
-from ...geometry.se3 import Array
 from ...record import changed
 from ...rig_model.terms import FOCAL, TERMS
 from .inverse_depth import WhitenedViews

@@ -24,9 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.linear import Elimination, product, scaled_cholesky
-from ...geometry.se3 import Array
 from ...inertial.state import BIASES, GRAVITY, STATE, VELOCITY
 from ...record import changed, filled, record
 from .interval import JOINT, OF_LEAVING, Leaving

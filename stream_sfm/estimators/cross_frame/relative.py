@@ -6,9 +6,8 @@ the window has it directly, eq. (74), with all that the two poses have in common
 
 import numpy as np
 
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.linear import product
-from ...geometry.se3 import Array
 from ...rig_model.estimate import RigEstimate
 from ...types import CommonErrors, RelativeMotions
 from .interval import JOINT

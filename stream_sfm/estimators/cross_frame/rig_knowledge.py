@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import RigConfig
+from ...geometry import Array
 from ...geometry.linear import Cholesky, symmetric
-from ...geometry.se3 import Array
 from ...record import changed, record
 from ...rig_model.estimate import Amplitudes, RigEstimate
 from ...rig_model.field import LEAST_PX

@@ -11,8 +11,8 @@ during the run; what that does to the views, by delay and readout as they are kn
 import numpy as np
 
 from ... import core
+from ...geometry import Array
 from ...geometry.medians import MEMORY_FRAMES, median
-from ...geometry.se3 import Array
 from ...record import record
 
 _LATER = 3  # frames after which the velocity of a frame does not become more certain

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import WindowConfig
-from ...geometry.se3 import Array
+from ...geometry import Array
 from ...record import record
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
+from ...geometry import Array
 from ...geometry.linear import scaled_cholesky
-from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection, clamp_depth
 from ...record import changed
 from ...rig_model.estimate import CERTAIN

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...config import Config, RigConfig
-from ...geometry import se3
+from ...geometry import Array, se3
 from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection
-from ...geometry.se3 import Array
 from ...geometry.stereo import StereoProjection
 from ...record import changed
 from ...rig_model.terms import DELAY, TERMS

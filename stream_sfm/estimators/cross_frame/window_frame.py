@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ... import core
-from ...geometry.se3 import Array
+from ...geometry import Array
 from ...geometry.stereo import StereoProjection
 from ...rig_model.model import RigModel
 from ...rig_model.terms import by_turn

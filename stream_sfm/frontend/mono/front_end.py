@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config, RigConfig
-from ...geometry import se3
-from ...geometry.se3 import Array
+from ...geometry import Array, se3
 from ...geometry.stereo import KNOWN_DEPTH_SIGMAS, StereoProjection
 from ...rig_model.estimate import RigEstimate
 from ...types import ExpectedMotion, LastingErrors, MapStart, Observations

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from ...geometry import se3
-from ...geometry.se3 import Array
+from ...geometry import Array, se3
 from ...record import changed
 from ..advance import Followed
 from ..aligned_views import align

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from ...geometry import se3
-from ...geometry.se3 import Array
+from ...geometry import Array, se3
 from ...geometry.stereo import MIN_DEPTH, StereoProjection
 from ..tracks import Tracks
 

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config.rules import MonoRules
-from ...geometry import se3
-from ...geometry.se3 import Array
+from ...geometry import Array, se3
 from ...geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS
 from ...record import record
 from .parallax import depths_from_motion, directions
@@ -52,8 +51,6 @@ class TwoView:
 def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float, rules: MonoRules) -> TwoView | None:
     """The motion that rays (n, 2) = (X/Z, Y/Z) of the same points show, those of both views with deviation `std_ray`;
     None where there is none."""
-    from scipy.optimize import least_squares  # a quarter of a second, spent only where there is one camera
-
     if len(rays_first) < 8:  # five for the minimal solver, and some to distinguish its solutions
         return None
     cv2.setRNGSeed(0)  # the same rays give the same answer
@@ -71,8 +68,25 @@ def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float, rules: M
     _, rotation, t, *_ = cv2.recoverPose(
         essential, rays_first, rays_now, np.eye(3), distanceThresh=1e6, mask=inliers.copy()
     )
-    start, inlier = se3.from_rotation_translation(rotation, t[:, 0]), inliers[:, 0] > 0
-    across = np.linalg.svd(t.T)[2][1:]  # two directions across t
+    inlier = inliers[:, 0] > 0
+    start = se3.from_rotation_translation(rotation, t[:, 0])
+    pose, cov = _refined(start, rays_first[inlier], rays_now[inlier], std_ray, rules)
+    rho, var_rho = depths_from_motion(pose, rays_first, rays_now, 2 * std_ray**2 * np.eye(2))  # of both views
+    depth_now = directions(pose, rays_first)[:, 2] + pose[2, 3] * rho  # of what is at depth 1 in the first camera
+    agree = (np.abs(_sampson(pose, rays_first, rays_now) / std_ray) < rules.gate_sigmas) & (
+        rho > MIN_INVERSE_DEPTH_SIGMAS * np.sqrt(var_rho)
+    )
+    agree &= depth_now > rules.min_depth
+    return TwoView(pose, cov, agree, rho, var_rho, rules)
+
+
+def _refined(
+    start: Array, rays_first: Array, rays_now: Array, std_ray: float, rules: MonoRules
+) -> tuple[Array, Array]:
+    """Return the motion (4, 4) near a first one that fits the rays best, and its covariance (6, 6)."""
+    from scipy.optimize import least_squares  # a quarter of a second, spent only where there is one camera
+
+    across = np.linalg.svd(start[:3, 3:].T)[2][1:]  # two directions across t
 
     def moved(x: Array) -> Array:
         direction = start[:3, 3] + x[3:] @ across
@@ -80,30 +94,18 @@ def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float, rules: M
             se3.exp_so3(x[:3]) @ start[:3, :3], direction / np.linalg.norm(direction)
         )
 
-    def distances(x: Array, first: Array, now: Array) -> Array:
-        return _sampson(moved(x), first, now) / std_ray
+    def distances(x: Array) -> Array:
+        return _sampson(moved(x), rays_first, rays_now) / std_ray
 
-    found = least_squares(
-        distances,
-        np.zeros(5),
-        loss="huber",
-        f_scale=rules.huber_sigmas,
-        args=(rays_first[inlier], rays_now[inlier]),
-    )
+    found = least_squares(distances, np.zeros(5), loss="huber", f_scale=rules.huber_sigmas)
     pose = moved(found.x)
-    rho, var_rho = depths_from_motion(pose, rays_first, rays_now, 2 * std_ray**2 * np.eye(2))  # of both views
-    depth_now = directions(pose, rays_first)[:, 2] + pose[2, 3] * rho  # of what is at depth 1 in the first camera
-    agree = (np.abs(distances(found.x, rays_first, rays_now)) < rules.gate_sigmas) & (
-        rho > MIN_INVERSE_DEPTH_SIGMAS * np.sqrt(var_rho)
-    )
-    agree &= depth_now > rules.min_depth
     # R' = Exp(w) R, t' = t + a·across is Exp(−ξ) applied on the left, ξ = (w × t − a·across, −w)
     by_x = np.zeros((6, 5))
     by_x[:3, :3], by_x[:3, 3:], by_x[3:, :3] = -se3.skew(pose[:3, 3]), -across.T, -np.eye(3)
     cov = by_x @ np.linalg.pinv(found.jac.T @ found.jac) @ by_x.T
     # |t| is exact; the depths that carry the unit on agree with it about as well as they fix its direction
     cov[:3, :3] += np.linalg.eigvalsh(cov[:3, :3])[-1] * np.outer(pose[:3, 3], pose[:3, 3])
-    return TwoView(pose, cov, agree, rho, var_rho, rules)
+    return pose, cov
 
 
 def _sampson(now_from_first: Array, rays_first: Array, rays_now: Array) -> Array:
