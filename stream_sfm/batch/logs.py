@@ -85,7 +85,7 @@ def _logs_below(folder: Path, skipped: list[str]) -> Iterator[Path]:
 
 
 def size_bytes(log: Path) -> int:
-    """How large a recording is on disk, with all files of a folder; 0 where it cannot be told."""
+    """How large a recording is on disk, with all files of a folder; 0 where that is not known."""
     if not os.path.isdir(log):
         return os.path.getsize(log) if os.path.isfile(log) else 0
     return sum(os.path.getsize(file) for file in log.rglob("*") if os.path.isfile(file))

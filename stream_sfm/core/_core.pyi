@@ -425,7 +425,7 @@ class WindowViews(Protocol):
     @property
     def moves(self) -> Array: ...
 
-class RigKnowledge(Protocol):
+class RigState(Protocol):
     # Information (m, m) about errors of the rig, and weighted sums (m,) of their amplitudes.
     @property
     def information(self) -> Array: ...
@@ -442,7 +442,7 @@ class Prior(Protocol):
     @property
     def modes(self) -> Array: ...
     @property
-    def rig(self) -> RigKnowledge: ...
+    def rig(self) -> RigState: ...
 
 class NormalBlocks(tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array]):
     # The normal equations of all views, eq. (26): blocks of the frames, of the points, and between them. A frame

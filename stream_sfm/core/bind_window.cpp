@@ -13,7 +13,7 @@ errors (m,); amplitudes (F, e) of each frame's own.)");
 σ = 1 that each frame has of its own move a view by own (V, 4, e). Errors of the rig move it by terms (V, 4, t), of
 which those of delay and readout get timing (V, 4, 2) added, or (V, 4, 0), and by the parts of a field: moves (4, p)
 ⊗ field (V, K), m = t + p K.)");
-    describe_taken<RigKnowledge>(m, R"(Information (m, m) about errors of the rig, and weighted sums (m,) of their amplitudes.)");
+    describe_taken<RigState>(m, R"(Information (m, m) about errors of the rig, and weighted sums (m,) of their amplitudes.)");
     describe_taken<PriorViews>(m, R"(Points of a prior (N,): mean (N, 3), D (N, 3, 3) and modes F (N, 3, k), of which the last m are those of the rig's
 errors.)");
     describe_returned<NormalBlocks>(m, R"(The normal equations of all views, eq. (26): blocks of the frames, of the points, and between them.

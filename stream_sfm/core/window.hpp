@@ -65,15 +65,15 @@ PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, 
                             int parts);
 
 // elimination.cpp
-struct RigKnowledge {  // information about its errors, and the weighted sums of their amplitudes
+struct RigState {  // information about its errors, and the weighted sums of their amplitudes
     Matrix information;
     Vector weighted;
-    RECORD(RigKnowledge, information, weighted)
+    RECORD(RigState, information, weighted)
 };
 struct PriorViews {
     Matrix mean;
     Matrices cov, modes;
-    RigKnowledge rig;
+    RigState rig;
     RECORD(Prior, mean, cov, modes, rig)
 };
 struct EliminatedPoints {

@@ -157,13 +157,13 @@ def _of_all_frames(log: StereoLog, config: Config, selection: Selection | None, 
         lane = Lane(config, observer, None, None)
         fused = _Fused(log, config, observer.rectifier)
     with deferred_interrupts() as interruption:
-        course = run(log, lane, [fused, *sinks], selection=selection or Selection(), interruption=interruption)
+        outcome = run(log, lane, [fused, *sinks], selection=selection or Selection(), interruption=interruption)
     if lane.error is not None:
-        course.end(lane.error)
-    if course.error is not None:
-        raise course.error
+        outcome.end(lane.error)
+    if outcome.error is not None:
+        raise outcome.error
     fusion, record = fused.fusion, lane.record
-    mesh, problems = fusion.mesh(), [*course.warnings, *record.warnings()]
+    mesh, problems = fusion.mesh(), [*outcome.warnings, *record.warnings()]
     if record.count(Status.LOST):
         problems.append("lost frames are left out, and parts of the surface seen after them may be displaced")
     if not len(mesh.faces):
@@ -176,8 +176,8 @@ def _of_all_frames(log: StereoLog, config: Config, selection: Selection | None, 
         fusion.voxel_m,
         path,
         list(dict.fromkeys([*log.stats.warnings, *(fused.problems or []), *problems])),
-        course.complete and log.stats.complete,
-        course.interrupted,
+        outcome.complete and log.stats.complete,
+        outcome.interrupted,
     )
 
 

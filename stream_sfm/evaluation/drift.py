@@ -91,18 +91,18 @@ def _line(
     errors, errors_of_halves = errors_over(span, methods), errors_over(span, of_halves)
     line: dict[str, Any] = {"frames": span, "methods": {}}
     for name in methods:
-        told = (True, True)
+        decided = (True, True)
         if name != reference and reference in methods:
-            told = tells(methods[name], methods[reference], span)
+            decided = tells(methods[name], methods[reference], span)
         of: dict[str, Any] = {}
         for k, (kind, unit) in enumerate(zip(KINDS, ("m", "rad"), strict=True)):
-            source = errors if told[k] else errors_of_halves
+            source = errors if decided[k] else errors_of_halves
             ratio = None
             if name != reference and name in source and reference in source:
                 ratio = span_ratio(source[name][k], source[reference][k], span)
             of[f"{kind}_rms_{unit}"] = _rms(errors[name][k])
             of[f"{kind}_over_{reference}"] = of_interval(ratio)
-            of[f"{kind}_from_halves"] = not told[k]
+            of[f"{kind}_from_halves"] = not decided[k]
         line["methods"][name] = of
     return line
 

@@ -62,7 +62,7 @@ def find_rig(
 
 
 def first_size(source: Source, topic: str) -> tuple[int, int] | None:
-    """The size of the first image of a topic that can be told, for calibrations that do not contain it."""
+    """The size of the first image of a topic where it is known, for calibrations that do not contain it."""
     sizes = map(image_size, decoded(source, [topic], MessageDecoder.image))
     return next((size for size in sizes if size is not None), None)
 

@@ -43,7 +43,7 @@ def _codec(source: Source, topic: Topic) -> str | None:
     try:
         first = next(decoded(source, [topic.name], MessageDecoder.image), None)
     except LogError:
-        return None  # whoever needs the topic is told
+        return None  # whoever needs the topic gets an error
     return codec_of(first.encoding) if first is not None and first.compressed else None
 
 

@@ -25,7 +25,7 @@ from .records import Comparison, RunRecord
 from .tables import of_method
 
 _LEVEL = 1.02  # two errors whose ratio is less are called alike
-_MOST_NAMED = 3  # methods whose covariances do not hold, each with its figure; of more the range is told
+_MOST_NAMED = 3  # methods whose covariances do not hold, each with its figure; of more the range is given
 
 
 @record
@@ -212,8 +212,8 @@ def _crossing(content: dict[str, Any], mine: str, theirs: str) -> tuple[int, int
     a, b = (np.array([x[0] for x in methods[key]["position_rms_m"]], float) for key in (mine, theirs))
     if content["against"] == "truth":  # spans over which it cannot tell are left out
         of_mine = ((line["frames"], line["methods"].get(mine, {})) for line in content["table"])
-        told = frames > max((span for span, of in of_mine if of.get("position_from_halves")), default=0)
-        frames, a, b = frames[told], a[told], b[told]
+        decided = frames > max((span for span, of in of_mine if of.get("position_from_halves")), default=0)
+        frames, a, b = frames[decided], a[decided], b[decided]
     behind, ahead = a > _LEVEL * b, b > _LEVEL * a
     before = int(frames[: int(np.argmin(np.append(behind, False)))].max(initial=0))
     last = len(frames) - int(np.argmin(np.append(ahead[::-1], False)))

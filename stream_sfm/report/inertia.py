@@ -67,7 +67,7 @@ def _axes(values: list[float], per_unit: float) -> str:
 
 
 def inertial_rows(imu: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the rows of a table about what the samples of an inertial unit have told."""
+    """Yield the rows of a table about what the samples of an inertial unit have shown."""
     yield "inertia", f"{imu['frames']} frames, {imu['dead_reckoned']} of them by the IMU alone"
     tilt, lengths = 1e3 * imu["std_tilt_rad"], imu["std_scale_percent"]
     yield "", f"tilt σ {tilt:.2g} mrad, lengths {imu['scale_percent']:+.2f} %, σ {lengths:.2g} %"

@@ -364,7 +364,7 @@ class Comparison:
     """Everything that the report of a comparison is made from.
 
     `inspection` as `inspect_log` returns it, or empty; `self_test`: the result of that, if it was done;
-    `calibration`: what the images have told about it, as in summary.json; `loops` (n, 2, 3): ends of the lines between
+    `calibration`: what the images say about it, as in summary.json; `loops` (n, 2, 3): ends of the lines between
     places that were seen again. `halves`: of methods by name, where they were estimated from halves of the tracks, too.
     `as_is`: each method had the calibration of the log.
     """

@@ -5,5 +5,5 @@ rotation, the focal length, the delay of the right camera, the readout of a roll
 is fixed in the image (`field.py`), for all that no physical term follows. `model.py` puts them together, `sizes.py`
 learns how large each is.
 
-Not here: who estimates the errors (`estimators/cross_frame/rig_knowledge.py`, `frontend/rows.py`).
+Not here: who estimates the errors (`estimators/cross_frame/rig_state.py`, `frontend/rows.py`).
 """

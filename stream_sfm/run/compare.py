@@ -31,7 +31,7 @@ from ..report.records import AddedMotions, Comparison, FrontRecord, HalvesRecord
 from ..results.folder import close_all
 from ..types import FrameEstimate, Selection, Sink
 from .lane import Lane
-from .loop import Check, Course, run
+from .loop import Check, RunOutcome, run
 from .self_test import MOST_FRAMES, Halves, SelfTest
 from .stored import StoredObservations
 from .summary import summarise
@@ -151,12 +151,12 @@ class _Comparing:
             from ..places import place_map  # as in a replay
 
             places = [place_map.PlaceMap(log.stereo_rig, lanes[0].config, wait=True)]
-        course = self._observe(counter)
-        if course.error is not None and not course.frames:
-            raise course.error
+        outcome = self._observe(counter)
+        if outcome.error is not None and not outcome.frames:
+            raise outcome.error
         stats = log.stats
-        self._estimate(course, [*places, *sinks], [found.front, *tests, *added, counter])
-        self._fill_in(course, stats, added, places)
+        self._estimate(outcome, [*places, *sinks], [found.front, *tests, *added, counter])
+        self._fill_in(outcome, stats, added, places)
         found.self_test = next((test.result() for test in tests), None)
         if not found.interrupted and needs_halves(found):
             found.halves = self._halves()
@@ -167,11 +167,11 @@ class _Comparing:
                 if lane.folder is not None:
                     lane.folder.write_summary(summary)
             write_report(found, report, self._folder)
-        if course.error is not None:
-            raise course.error
+        if outcome.error is not None:
+            raise outcome.error
         return ComparisonResult(report, self._folder, found)
 
-    def _observe(self, counter: "_Counter") -> Course:
+    def _observe(self, counter: "_Counter") -> RunOutcome:
         """The first pass: all observations, and the errors of the calibration."""
         checks = (self._stored, counter)
         with deferred_interrupts() as interruption:
@@ -189,19 +189,19 @@ class _Comparing:
         """What the methods are given."""
         return iter(self._stored) if self._found.as_is else self._stored.calibrated(self._finder.observer)
 
-    def _estimate(self, course: Course, sinks: Sequence[Sink], checks: Sequence[Check]) -> None:
+    def _estimate(self, outcome: RunOutcome, sinks: Sequence[Sink], checks: Sequence[Check]) -> None:
         """The second pass: every method, beside each other, on what was observed."""
         lanes, frames = self._lanes, iter(self._log.frames(self._selection) if sinks else ())
         first = lanes[0].record.name
         for lane in lanes:
             lane.record.refused = self._finder.record.refused
             lane.record.first_refusal = self._finder.record.first_refusal
-        observed_frames, course.frames = course.frames, 0
+        observed_frames, outcome.frames = outcome.frames, 0
         try:
             with deferred_interrupts() as interruption, ThreadPoolExecutor(os.cpu_count()) as pool:
                 for observed in interruption.until_requested(self._observed()):
                     estimates = _taken(observed, lanes, pool)
-                    course.frames += 1
+                    outcome.frames += 1
                     for check in checks:
                         check.add(observed, estimates)
                     if sinks and first in estimates:
@@ -212,21 +212,21 @@ class _Comparing:
                     if not estimates:
                         break
         except BaseException as error:
-            course.end(error)
-        if course.frames < observed_frames and interruption.requested:
-            course.interrupt()
-        with course.deferred_error():
+            outcome.end(error)
+        if outcome.frames < observed_frames and interruption.requested:
+            outcome.interrupt()
+        with outcome.deferred_error():
             close_all([*(lane.folder for lane in lanes if lane.folder is not None), *sinks])
 
     def _fill_in(
-        self, course: Course, stats: ReadStats, added: Sequence[AddedMotions], places: "Sequence[PlaceMap]"
+        self, outcome: RunOutcome, stats: ReadStats, added: Sequence[AddedMotions], places: "Sequence[PlaceMap]"
     ) -> None:
         """Add what both passes have found, with the first method's poses corrected by its map."""
         found, rig = self._found, self._finder.record.rig
-        warnings = [*stats.warnings, self._depth.problem, *map(str, self._stored.changes), *course.warnings]
+        warnings = [*stats.warnings, self._depth.problem, *map(str, self._stored.changes), *outcome.warnings]
         warnings += [place_map.problem for place_map in places]
         found.warnings = list(dict.fromkeys(filter(None, warnings)))
-        found.complete, found.interrupted = stats.complete and course.complete, course.interrupted
+        found.complete, found.interrupted = stats.complete and outcome.complete, outcome.interrupted
         found.calibration = None if rig is None else describe(self._finder.observer.projection, rig)
         found.runs = [lane.record for lane in self._lanes]
         if found.truth.poses is not None:

@@ -1,7 +1,7 @@
 """The one loop: frames of a log, an observer, the estimator of a lane, then sinks and checks.
 
 Ctrl-C, SIGTERM and SIGHUP end a run after the current frame; a log that breaks off, a full disk or a defect end it
-where they occur. In each case the estimates so far are written, and the `Course` says how it went.
+where they occur. In each case the estimates so far are written, and the `RunOutcome` says how it went.
 """
 
 import time
@@ -40,7 +40,7 @@ class Check(Protocol):
 
 
 @dataclass(slots=True)
-class Course:
+class RunOutcome:
     """How a run went: the number of frames used, the warnings, and the error to raise once everything is written."""
 
     frames: int = 0
@@ -83,14 +83,14 @@ def run(
     interruption: Interruption,
     all_calibrations: bool = False,
     to_end: bool = False,
-) -> Course:
+) -> RunOutcome:
     """Feed the selected frames to a lane through its observer, and say how it went; errors are in the result.
 
     `sinks` are given the estimate of each frame, and are closed at the end. `all_calibrations`: where the log has
     another one the lane starts anew with it; otherwise the run ends there. `to_end`: the checks are given all frames,
     even where the lane fails on the way.
     """
-    course = Course()
+    outcome = RunOutcome()
     try:
         recorded = log.frames(selection, all_calibrations=all_calibrations)
         with closing(recorded), closing(_by_rig(lane, log.rig, recorded)) as frames:
@@ -100,7 +100,7 @@ def run(
                 except FrameError as error:
                     lane.record.refuse(error)
                     continue
-                course.frames += 1
+                outcome.frames += 1
                 if estimate is None:
                     if to_end:
                         continue
@@ -108,15 +108,15 @@ def run(
                 for sink in sinks:
                     sink.write(estimate, frame)
     except BaseException as error:
-        course.end(error)
+        outcome.end(error)
     refusal = lane.record.first_refusal
-    if not course.frames and refusal is not None and course.error is None:
-        course.error = LogError(f"{log.path}: no frame could be used: {refusal}")
+    if not outcome.frames and refusal is not None and outcome.error is None:
+        outcome.error = LogError(f"{log.path}: no frame could be used: {refusal}")
     if interruption.requested:
-        course.interrupt()
-    with course.deferred_error():
+        outcome.interrupt()
+    with outcome.deferred_error():
         close_all([*([] if lane.folder is None else [lane.folder]), *sinks])
-    return course
+    return outcome
 
 
 def _by_rig(lane: Lane, rig: StereoRig | MonoRig, frames: Iterator[RecordedFrame]) -> PreparedFrames:

@@ -25,7 +25,7 @@ from ..report.calibration import describe
 from ..report.records import RunRecord, Truth
 from ..types import Frame, FrameEstimate, InertialEstimator, Selection, Sink, Trajectory
 from .lane import Lane
-from .loop import Course, run
+from .loop import RunOutcome, run
 from .self_test import SelfTestOfRun
 from .summary import peak_rss_mib, summarise
 from .there_and_back import drift_there_and_back
@@ -120,7 +120,7 @@ def replay(
     if with_map:
         replayed.find_places(known_map, map_file, sinks)
     with deferred_interrupts() as interruption:
-        course = run(
+        outcome = run(
             log,
             replayed.lane,
             [*replayed.sinks, *sinks],
@@ -129,11 +129,11 @@ def replay(
             interruption=interruption,
             all_calibrations=replayed.starts_anew,
         )
-        result = replayed.result(course, truth, interruption)
+        result = replayed.result(outcome, truth, interruption)
     if interruption.requested:
         raise ReplayInterrupted(result)
-    if course.error is not None:
-        raise course.error
+    if outcome.error is not None:
+        raise outcome.error
     return result
 
 
@@ -179,36 +179,36 @@ class _Replay:
             if isinstance(sink, MapSink):
                 sink.show_map(places)
 
-    def result(self, course: Course, truth: Truth, interruption: Interruption) -> ReplayResult:
-        """Write the summary; a failure of this is the error of the course unless there is one already."""
+    def result(self, outcome: RunOutcome, truth: Truth, interruption: Interruption) -> ReplayResult:
+        """Write the summary; a failure of this is the error of the outcome unless there is one already."""
         record, folder = self.lane.record, self.lane.folder
         if self.lane.error is not None:
-            course.end(self.lane.error)
-        truth, problems = self._with_poses(truth, course)
-        if not course.interrupted and (problem := record.problem(one_wanted=self._selection.max_frames == 1)):
+            outcome.end(self.lane.error)
+        truth, problems = self._with_poses(truth, outcome)
+        if not outcome.interrupted and (problem := record.problem(one_wanted=self._selection.max_frames == 1)):
             problems.insert(0, f"{self._log.path}: {problem}")
-        in_gravity = _upright_trajectory(record, course) if self._config.ros.gravity else None
-        further = self._further(course, interruption) | {"problems": self._calibration.problems or problems}
+        in_gravity = _upright_trajectory(record, outcome) if self._config.ros.gravity else None
+        further = self._further(outcome, interruption) | {"problems": self._calibration.problems or problems}
         corrected = None
         if self._places is not None and len(record):
-            corrected, further["map"] = self._corrected(self._places, course, truth)
+            corrected, further["map"] = self._corrected(self._places, outcome, truth)
         stats = self._log.stats
-        complete, warnings = course.complete and stats.complete, [*stats.warnings, *course.warnings]
+        complete, warnings = outcome.complete and stats.complete, [*stats.warnings, *outcome.warnings]
         if self._depth is not None and self._depth.problem:
             warnings.append(self._depth.problem)
         summary = summarise(self._log, stats, self.lane, self._selection, truth, complete, warnings, further)
-        with course.deferred_error():
+        with outcome.deferred_error():
             if folder is not None:
                 folder.write_summary(summary)
                 for name, trajectory in ((MAP_TRAJECTORY, corrected), (GRAVITY_TRAJECTORY, in_gravity)):
                     if trajectory is not None:
                         folder.write_trajectory(name, trajectory)
-        with course.deferred_error():
+        with outcome.deferred_error():
             if self._places is not None and self._save_map is not None and corrected is not None:
                 self._places.save(self._save_map)
         return ReplayResult(summary, None if folder is None else folder.path, record.trajectory(), in_gravity)
 
-    def _further(self, course: Course, interruption: Interruption) -> dict[str, Any]:
+    def _further(self, outcome: RunOutcome, interruption: Interruption) -> dict[str, Any]:
         """Return what the summary says beside the estimates: cost, latency, the rig, and the checks of this run."""
         record = self.lane.record
         further: dict[str, Any] = {"cpu_s": time.process_time() - self._began_cpu_s, "peak_rss_mib": peak_rss_mib()}
@@ -219,35 +219,35 @@ class _Replay:
         for test in self.checks:
             with closing(test):
                 further["self_test"] = test.result(interruption)
-        if self._there_and_back and not course.interrupted and len(record):
+        if self._there_and_back and not outcome.interrupted and len(record):
             there, further["there_and_back"] = record.trajectory(), None
             try:  # what is already estimated is not lost where the way back fails
                 back = drift_there_and_back(self._log, self._config, self._selection, there, interruption)
                 further["there_and_back"] = back
             except (ConfigError, InputError) as error:
-                course.warnings.append(f"there and back: {error}")
+                outcome.warnings.append(f"there and back: {error}")
         return further
 
     def _corrected(
-        self, places: "PlaceMap", course: Course, truth: Truth
+        self, places: "PlaceMap", outcome: RunOutcome, truth: Truth
     ) -> tuple[Trajectory | None, dict[str, Any]]:
         """Return the run's poses in the world of its map, None where the map has failed, and its findings."""
         found: dict[str, Any] = {"keyframes": len(places), "loops": len(places.loops), "problem": places.problem}
         if places.problem:
-            course.warnings.append(places.problem)
+            outcome.warnings.append(places.problem)
             return None, found
         corrected = places.corrected(self.lane.record.trajectory())
         if truth.poses is not None:
             found["ground_truth"] = evaluate(corrected, truth.poses)
         return corrected, found
 
-    def _with_poses(self, truth: Truth, course: Course) -> tuple[Truth, list[str]]:
+    def _with_poses(self, truth: Truth, outcome: RunOutcome) -> tuple[Truth, list[str]]:
         """Return the truth with its poses at the frames of the run, and why they are refused, if they are."""
         stamps_ns = self.lane.record.stamps_ns
         try:
             poses = self._log.ground_truth() if len(stamps_ns) else None
         except InputError as error:
-            course.warnings.append(f"ground truth is not compared: {error}")
+            outcome.warnings.append(f"ground truth is not compared: {error}")
             return truth, []
         if poses is None:
             return truth, []
@@ -275,10 +275,10 @@ def _check_gravity(log: StereoLog, lane: Lane, with_map: bool) -> None:
         raise ConfigError(f"the world cannot be made upright by gravity: {why}")
 
 
-def _upright_trajectory(record: RunRecord, course: Course) -> Trajectory | None:
+def _upright_trajectory(record: RunRecord, outcome: RunOutcome) -> Trajectory | None:
     """Return the poses of a run in a world that is upright by its last samples, and warn where there were none."""
     if record.upright is None:
-        course.warnings.append("no frame had usable inertial samples: it is not known which way is up")
+        outcome.warnings.append("no frame had usable inertial samples: it is not known which way is up")
         return None
     known = record.trajectory()
     assert known.cov_pose is not None  # of every record

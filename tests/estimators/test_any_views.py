@@ -8,7 +8,7 @@ import pytest
 from stream_sfm.config import Config, RigConfig, WindowConfig
 from stream_sfm.config.rules import TurnRules
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
+from stream_sfm.estimators.cross_frame.rig_state import RigState
 from stream_sfm.estimators.cross_frame.window import CrossFrame
 from stream_sfm.geometry import se3
 from stream_sfm.rig_model.model import RigModel
@@ -84,7 +84,7 @@ def test_any_views_give_finite_estimates_or_a_reason(seed: int) -> None:
 def test_a_map_that_cannot_go_on_forgets_what_was_known_of_the_rig(size: float) -> None:
     """Otherwise every further map would begin with the same wrong rig, and end in its second frame."""
     estimator = CrossFrame(SEQUENCE.projection, Config())
-    wrong = RigKnowledge.unknown(np.full(len(TERMS), 1e-3), sizes_unknown=False)
+    wrong = RigState.unknown(np.full(len(TERMS), 1e-3), sizes_unknown=False)
     estimator.rig = replace(wrong, mean=wrong.mean + size * np.random.default_rng(0).normal(size=len(TERMS)))
     status = [estimator.step(replace(o, rig=RigView(MODEL, 0.01))).status for o in SEQUENCE.observations]
     assert Status.LOST in status[:3]

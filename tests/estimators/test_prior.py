@@ -11,7 +11,7 @@ from stream_sfm.estimators.cross_frame.inverse_depth import State, linearise
 from stream_sfm.estimators.cross_frame.marginals import Marginals
 from stream_sfm.estimators.cross_frame.normal_equations import CovariancePart, System
 from stream_sfm.estimators.cross_frame.prior import Prior
-from stream_sfm.estimators.cross_frame.rig_knowledge import RigKnowledge
+from stream_sfm.estimators.cross_frame.rig_state import RigState
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.estimators import in_reference, point_blocks, q_from_homogeneous, window_views, without_own
@@ -41,7 +41,7 @@ def prior() -> Prior:
         world_from_ref=se3.exp(rng.normal(size=6)),
         world_modes=1e-3 * rng.normal(size=(6, K)),
         rig=replace(
-            RigKnowledge.unknown(np.ones(M)),
+            RigState.unknown(np.ones(M)),
             mean=rng.normal(size=M),
             information=np.linalg.inv([[0.53, 0.08], [0.08, 0.16]]),
             size=np.ones(M),
@@ -362,7 +362,7 @@ def _joint(system: System, part: CovariancePart, alone: float = 1.0) -> tuple[np
 def test_the_information_of_the_window_about_the_rig_counts_by_its_share_in_the_result(size: float) -> None:
     """Along the axes where the prior has 1 and the window λ, it counts as λ²/(1 + λ), and says the same as before."""
     rng, m = np.random.default_rng(3), 5
-    rig = replace(RigKnowledge.unknown(np.ones(m)), weighted=rng.normal(size=m))
+    rig = replace(RigState.unknown(np.ones(m)), weighted=rng.normal(size=m))
     axes, own = np.linalg.qr(rng.normal(size=(m, m)))[0], size * rng.uniform(0.5, 2, m)  # λ
     said = rng.normal(size=m)  # by the window, along the axes
     before = axes.T @ rig.weighted

@@ -31,7 +31,7 @@ from .marginals import Marginals
 from .normal_equations import System
 from .outliers import RejectionCounts
 from .prior import Prior
-from .rig_knowledge import RigKnowledge
+from .rig_state import RigState
 from .timing import Exposures
 from .window_frame import WindowFrame
 
@@ -55,7 +55,7 @@ class Map:
         views: WhitenedViews,
         corrected_px: Array,
         first: Solution,
-        rig: RigKnowledge,
+        rig: RigState,
         rules: WindowConfig,
     ) -> None:
         """Begin a map in the camera of `frame`, which becomes the reference.
@@ -127,7 +127,7 @@ class Map:
         return core.points_alone(blocks.v, blocks.w, blocks.g_point, blocks.rig_point, state.q, rig_step)
 
     @property
-    def rig_left(self) -> RigKnowledge:
+    def rig_left(self) -> RigState:
         """What the next map begins with: a focal length that has changed is whatever it is."""
         return self.prior.rig.refocused()[0] if self.focus.moves else self.prior.rig
 
@@ -347,7 +347,7 @@ class Map:
         self.prior = self.prior.with_field(n)
         self.amplitudes = np.concatenate([self.amplitudes, np.zeros(n)])
 
-    def change_rig(self, change: Callable[[RigKnowledge], tuple[RigKnowledge, Array, Array]]) -> None:
+    def change_rig(self, change: Callable[[RigState], tuple[RigState, Array, Array]]) -> None:
         """Take it that the errors of the rig have changed since the newest frame, by what `change` makes of them.
 
         Earlier views were seen with the errors as they were, so the window is emptied.

@@ -5,7 +5,7 @@ Points that were seen from the same uncertain cameras err together. The prior ke
     q_i = mean_i + F_i y + e_i,   ω = F_w y,   y ~ N(0, I_k),   e_i ~ N(0, D_i) independent,
 
 with common modes F and their amplitudes y; the last m of the modes are ∂q and ∂ω by the rig's errors, whose amplitudes
-are the errors themselves, as far as they are off the mean (`rig_knowledge.py`). Once the few amplitudes are given,
+are the errors themselves, as far as they are off the mean (`rig_state.py`). Once the few amplitudes are given,
 points are independent of each other: a window of any number of points is solved with one small dense system, the drift
 of a patch over its surface just adds to D_i, and a point that is no longer seen is marginalised by dropping its row.
 Each frame that is absorbed brings the six modes of its unknown pose; modes that no longer matter beside the points' own
@@ -30,7 +30,7 @@ from ...inertial.state import BIASES, GRAVITY, STATE, VELOCITY
 from ...record import changed, filled, record
 from .interval import JOINT, OF_LEAVING, Leaving
 from .layout import Layout, layout
-from .rig_knowledge import NO_RIG, RigKnowledge
+from .rig_state import NO_RIG, RigState
 from .window_frame import WindowFrame
 
 # Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
@@ -60,7 +60,7 @@ class Prior:
     modes: Array
     world_from_ref: Array
     world_modes: Array
-    rig: RigKnowledge
+    rig: RigState
     state: Array = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
@@ -73,7 +73,7 @@ class Prior:
         by_rig: Array,
         world_from_ref: Array,
         cov_pose: Array,
-        rig: RigKnowledge,
+        rig: RigState,
     ) -> "Prior":
         """Begin a map: points seen by the reference camera, whose own pose has `cov_pose` (6, 6).
 
@@ -285,8 +285,8 @@ class Prior:
         world_modes = np.concatenate([self.world_modes, np.zeros((len(self.world_modes), n))], axis=1)
         return changed(self, modes=modes, world_modes=world_modes, rig=self.rig.with_field(n))
 
-    def with_rig_change(self, change: tuple[RigKnowledge, Array, Array]) -> "Prior":
-        """Return the prior after the errors of the rig have changed, eq. (72e); `change` as in `RigKnowledge.changed`.
+    def with_rig_change(self, change: tuple[RigState, Array, Array]) -> "Prior":
+        """Return the prior after the errors of the rig have changed, eq. (72e); `change` as in `RigState.changed`.
 
         Points and world stay where they are, with as many modes more: they have met the errors as they were.
         """

@@ -41,7 +41,7 @@ from .minimise import minimise
 from .own_focus import end_refocusing, judge_focus, own_at_first, place_focus
 from .relative import common_errors, newest_motion, relative_motions
 from .reported import reported
-from .rig_knowledge import NO_RIG, RigKnowledge, impossible
+from .rig_state import NO_RIG, RigState, impossible
 from .track_noise import TrackNoise
 from .velocities import cov_of_timing, expect, renew_timing
 from .window_frame import WindowFrame, views_of
@@ -58,7 +58,7 @@ class CrossFrame(TakesSamples):
         self.inertia = Inertia(config)
         self.motion = InertialMotionModel(config, self.inertia)
         self.map: Map | None = None
-        self.rig: RigKnowledge | None = None  # of the latest map
+        self.rig: RigState | None = None  # of the latest map
         self.waiting = False  # for tracks of the map to return, since a frame without any view
         self._std_acceleration = np.array(config.motion.std_acceleration)
         self._has_field = False
@@ -86,7 +86,7 @@ class CrossFrame(TakesSamples):
         frame = WindowFrame(observations.frame_index, stamp_ns, model, std_turn_rad, misfit=observations.misfit)
         views = views_of(observations, self.projection, age_s)
         if observations.rig is not None and observations.rig.change_root is not None:
-            self._change_rig(partial(RigKnowledge.changed, root=observations.rig.change_root))
+            self._change_rig(partial(RigState.changed, root=observations.rig.change_root))
         current = self.map
         if current is not None:
             end_refocusing(current)
@@ -142,7 +142,7 @@ class CrossFrame(TakesSamples):
         iterations = minimise(current, self.config.window, self.config.robust.gate_probability)
         return self._report(current, observations, motion, iterations)
 
-    def _change_rig(self, change: Callable[[RigKnowledge], tuple[RigKnowledge, Array, Array]]) -> None:
+    def _change_rig(self, change: Callable[[RigState], tuple[RigState, Array, Array]]) -> None:
         """Take it that the rig's errors have changed since the last frame: earlier views have the old ones."""
         if self.map is not None:
             self.map.change_rig(change)
@@ -306,12 +306,12 @@ def _with_note(observations: Observations, note: str) -> Observations:
     return replace(observations, note=f"{observations.note}; {note}" if observations.note else note)
 
 
-def _unknown_rig(observations: Observations, rules: RigConfig) -> RigKnowledge:
+def _unknown_rig(observations: Observations, rules: RigConfig) -> RigState:
     """Return what is known about the rig before any view."""
     if observations.rig is None:
         return NO_RIG
     mean, size, learnt = observations.rig.model.before_views()
-    return RigKnowledge.unknown(size, learnt, observations.stamp_ns, mean, rules)
+    return RigState.unknown(size, learnt, observations.stamp_ns, mean, rules)
 
 
 def _corrected(observations: Observations, views: WhitenedViews, rig_error: Array) -> Observations:

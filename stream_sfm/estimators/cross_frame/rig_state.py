@@ -27,7 +27,7 @@ _RULES = RigConfig()
 
 
 @record
-class RigKnowledge:
+class RigState:
     """c = `mean` (m,) + a, with a of the `information` Λ (m, m) and the `weighted` sum Λ E[a] (m,).
 
     `mean` is where the points of the prior are given; a are the amplitudes of its last modes. `held` (m,): where the
@@ -62,7 +62,7 @@ class RigKnowledge:
         since_ns: int = 0,
         mean: Array | float = 0.0,
         rules: RigConfig | None = None,
-    ) -> "RigKnowledge":
+    ) -> "RigState":
         """Return the prior: m errors of σ `size` (m,) about a mean."""
         m, rules = len(size), rules or _RULES
         size, mean = size.copy(), np.zeros(m) + mean
@@ -93,7 +93,7 @@ class RigKnowledge:
         counted = Cholesky(by_window + shared @ self.information).inverse()
         return self.mean + counted @ (by_window @ (mean - self.mean) + shared @ self.weighted), counted
 
-    def contradicted(self, mean: Array, cov: Array) -> "RigKnowledge":
+    def contradicted(self, mean: Array, cov: Array) -> "RigState":
         """Return the knowledge that has seen how far N(`mean`, `cov`) by all views is from what it expected, eq. (72j).
 
         What a window adds about a term is of N(0, C₀ − C) where the term is the same as ever, and its σ right. Neither
@@ -114,7 +114,7 @@ class RigKnowledge:
         growth[: len(TERMS)] = np.sqrt(np.maximum(self.innovation2, 1.0))
         return growth
 
-    def judged(self, mean: Array, cov: Array, agreement: Agreement | None) -> tuple["RigKnowledge", Mixture]:
+    def judged(self, mean: Array, cov: Array, agreement: Agreement | None) -> tuple["RigState", Mixture]:
         """Return the knowledge that holds c at the mixture which N(`mean`, `cov`) from all views leads to.
 
         `agreement`: of the run's parts.
@@ -130,12 +130,12 @@ class RigKnowledge:
         size[len(TERMS) :] = max(field_std_px, LEAST_PX)
         return size
 
-    def with_part(self, counts: bool) -> "RigKnowledge":
+    def with_part(self, counts: bool) -> "RigState":
         """Return the knowledge after a frame has left the window, which `counts` as one more of the run's parts."""
         weighted = self.weighted + self.information @ self.mean
         return changed(self, parts=self.parts.after(self.information, weighted, self.size, counts))
 
-    def informed(self, more: Array, weighted: Array) -> "RigKnowledge":
+    def informed(self, more: Array, weighted: Array) -> "RigState":
         """Return the knowledge with so much `more` information (m,) about each error, and its weighted sums (m,).
 
         Information may be negative, eq. (72b).
@@ -143,7 +143,7 @@ class RigKnowledge:
         information = self.information + np.diag(more)
         return changed(self, information=information, weighted=self.weighted + weighted - more * self.mean)
 
-    def changed(self, root: Array) -> tuple["RigKnowledge", Array, Array]:
+    def changed(self, root: Array) -> tuple["RigState", Array, Array]:
         """Return the knowledge after the errors have changed by N(0, `root` rootᵀ), root (m, j), eq. (72e).
 
         And what the amplitudes of before are, G a' + H y, with G (m, m), a' the new ones and y ~ N(0, I), of which the
@@ -164,7 +164,7 @@ class RigKnowledge:
         )
         return knowledge, kept, apart
 
-    def refocused(self, share: float = 0.0) -> tuple["RigKnowledge", Array, Array]:
+    def refocused(self, share: float = 0.0) -> tuple["RigState", Array, Array]:
         """Return what `changed` does for a focal length that has changed by about such a `share`, eq. (72l).
 
         The other errors are what they were, and their sizes go on being learnt.
@@ -183,7 +183,7 @@ class RigKnowledge:
         )
         return after, kept, apart
 
-    def with_field(self, n: int) -> "RigKnowledge":
+    def with_field(self, n: int) -> "RigState":
         """Return the knowledge with n more errors, of a field of which nothing has been seen."""
         m, none, least = len(self), np.zeros(n), np.full(n, LEAST_PX)
         apart = np.zeros((m, n))
@@ -199,7 +199,7 @@ class RigKnowledge:
         )
 
 
-NO_RIG = RigKnowledge.unknown(np.zeros(0))
+NO_RIG = RigState.unknown(np.zeros(0))
 """What is known about a rig without errors."""
 
 
