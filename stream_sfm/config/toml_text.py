@@ -12,7 +12,7 @@ from typing import Annotated, Any, get_origin, get_type_hints
 import msgspec
 from msgspec import Meta
 
-from ..errors import ConfigError
+from ..errors import ConfigError, as_error
 from ..inputs import LIMITS, parse_toml, read_small
 from ..wording import invalid_setting
 from .section import Section
@@ -28,12 +28,11 @@ def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] 
     where = ""
     if path is not None:
         where = f" in {path}"
-        try:
+        with (
+            as_error(ConfigError, f"cannot read configuration {path}", OSError),
+            as_error(ConfigError, f"configuration {path} is not TOML", ValueError, RecursionError),
+        ):
             data = parse_toml(read_small(path, LIMITS.settings_bytes).decode("utf-8-sig"))
-        except OSError as error:
-            raise ConfigError(f"cannot read configuration {path}: {error.strerror}") from None
-        except (ValueError, RecursionError) as error:
-            raise ConfigError(f"configuration {path} is not TOML: {error}") from None
     for override in overrides:
         _apply(override, data)
     expert = data.pop("expert", {})

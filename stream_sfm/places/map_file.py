@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from .. import __version__
-from ..errors import InputError
+from ..errors import InputError, as_error
 from ..geometry.stereo import StereoProjection
 from ..inputs import INT64
 from ..mcap_file.log_file import LogFile
@@ -120,10 +120,8 @@ def load_map(
     path: str | Path, projection: StereoProjection, rect_from_cam: NDArray[np.float64]
 ) -> tuple[list[Keyframe], GraphState]:
     """Read a map of this rig. Raises InputError for any other file, and for one that is damaged."""
-    try:
+    with as_error(InputError, f"{path} cannot be used as a map", ValueError, msgspec.MsgspecError):
         return _loaded(list(_records(Path(path))), projection, rect_from_cam)
-    except (ValueError, msgspec.MsgspecError) as error:
-        raise InputError(f"{path} cannot be used as a map: {error}") from None
 
 
 def _records(path: Path) -> Iterator[Record]:

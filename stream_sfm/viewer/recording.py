@@ -12,7 +12,7 @@ from typing import IO
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ..errors import ConfigError, OutputError
+from ..errors import ConfigError, OutputError, as_error
 
 _LOCAL = "127.0.0.1"  # a viewer listens on every interface unless it is given one
 _WAIT_S = 30.0  # for a viewer to listen (seconds on a loaded machine), and for the last data on a slow disk
@@ -75,10 +75,8 @@ class _File:
 
     def __init__(self, path: str | Path) -> None:
         self.path, self._problem = path, ""
-        try:
+        with as_error(OutputError, f"cannot write {path}", OSError):
             file = open(path, "wb", buffering=0)  # noqa: SIM115 the thread closes it
-        except OSError as error:
-            raise OutputError(f"cannot write {path}: {error.strerror}") from None
         source, self.sink_fd = os.pipe()
         self._thread = threading.Thread(target=self._copy, args=(source, file), daemon=True)
         self._thread.start()
