@@ -143,7 +143,7 @@ class StereoFrontEnd:
         if followed is not None and (suspected or not before.pair.problem):
             change = before.change_to(followed.cam_from_previous, stamp_ns)
         if followed is not None and followed.found is not None:
-            fit = PairFit.of(followed.found, projection, config)
+            fit = PairFit.of(followed.found, projection, config, before.pair.missing)
         factor = state.aligners[1].noise.factor
         problem = self.problem or problem_of(images, state.previous, fit, state.rows, factor, config.rules.pair)
         pair, start_anew = state.pair.after(problem, fit, state.next_id)

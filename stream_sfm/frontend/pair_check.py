@@ -4,12 +4,17 @@ A frozen camera, one that was knocked, cameras exchanged or not triggered togeth
 move rigidly, and the motion that it shows need not be the camera's. What gives it away is the right image. Nearly all
 points whose left side agrees with the motion should be found in the right image, where their depth predicts them. Where
 half of them are not, the motion is ambiguous until points from before are found in both images again, or until
-everything has long fitted together anew: then all tracks are dropped, and a new map begins.
+everything has long fitted together anew: then all tracks are dropped, and a new map begins. Points vanish from the
+right image one after the other, too, where something near hides what the left camera still sees: those that were
+missing in the frame before, when nothing was wrong, are no evidence.
 """
+
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..config.rules import PairRules
@@ -22,6 +27,10 @@ from .image_checks import frozen
 from .prepared import PreparedImages
 from .rows import Rows
 from .tracks import Tracks
+
+
+def _none() -> NDArray[np.int64]:
+    return np.empty(0, np.int64)
 
 
 @record
@@ -39,28 +48,32 @@ class Found:
 @record
 class PairFit:
     """Of the tracks `ids` (n,) that were found in a frame and should be in the right image, too: which agree with its
-    motion in the `left` image (n,), and which in `both` (n,); `has_samples`: as in `Found`."""
+    motion in the `left` image (n,), and which in `both` (n,); `has_samples`: as in `Found`; `missing` (k,): ids of
+    those that were not found there."""
 
     ids: NDArray[np.int64]
     left: NDArray[np.bool_]
     both: NDArray[np.bool_]
     has_samples: bool = False
+    missing: NDArray[np.int64] = field(default_factory=_none)
 
     @classmethod
-    def of(cls, found: Found, projection: StereoProjection, config: Config) -> "PairFit":
-        """Of what was found in a frame."""
-        motion, before = found.motion, found.before
+    def of(cls, found: Found, projection: StereoProjection, config: Config, missed: NDArray[np.int64]) -> "PairFit":
+        """Of what was found in a frame; `missed` (k,): ids of tracks that were missing in the right image before."""
+        motion, before, has_right = found.motion, found.before, np.isfinite(found.z_px[:, 2])
         right_px = projection.project_homogeneous(clamp_depth(before.points @ motion.cam_from_ref.T))[:, 2]
         margin_px = 2 * before.scale * config.frontend.window_radius_px
         inside = (right_px > margin_px) & (right_px < projection.width - 1 - margin_px)
-        left, both = motion.accepted, motion.accepted & np.isfinite(found.z_px[:, 2])
+        left, both = motion.accepted, motion.accepted & has_right
         if np.count_nonzero(both & inside) < config.rules.pair.good_share * np.count_nonzero(inside):
             points = before.points, before.cov_points(projection)
             left_px = np.where([True, True, False, False], found.z_px, np.nan)
             views = PointViews(projection, *points, left_px, found.cov_px, config.robust)
             root, _ = views.linearise(motion.cam_from_ref)
             left = left | (views.squared_residuals(motion.cam_from_ref, root) < motion.spread * views.gate)
-        return cls(before.ids[inside], left[inside], both[inside], found.has_samples)
+        missing = before.ids[inside & ~has_right]
+        counts = inside & ~core.among(before.ids, np.intersect1d(missing, missed))
+        return cls(before.ids[counts], left[counts], both[counts], found.has_samples, missing)
 
 
 @record
@@ -68,12 +81,13 @@ class PairCheck:
     """What the frames so far have shown: `problem` says what is wrong, or is empty.
 
     `first_id`: of the tracks that began while something was wrong; None while nothing is. `good_frames`: since, in a
-    row.
+    row. `missing` (k,): ids of tracks that were not found in the right image in the last frame without a problem.
     """
 
     problem: str = ""
     first_id: int | None = None
     good_frames: int = 0
+    missing: NDArray[np.int64] = field(default_factory=_none)
     rules: PairRules = PairRules()
 
     def after(self, problem: str, fit: PairFit | None, next_id: int) -> tuple["PairCheck", bool]:
@@ -85,13 +99,15 @@ class PairCheck:
         rules = self.rules
         if problem:
             first_id = next_id if self.first_id is None else self.first_id
-            return PairCheck(problem, first_id, rules=rules), False
-        if self.first_id is None or fit is None:
+            return changed(self, problem=problem, first_id=first_id, good_frames=0), False
+        if fit is None:
             return self, False
+        if self.first_id is None:
+            return changed(self, missing=fit.missing), False
         old = fit.ids < self.first_id
         # as many points from before the problem as no body has by chance, and half of the survivors
         if (old & fit.both).sum() >= max(rules.fewest_old, rules.fit * (old & fit.left).sum()):
-            return PairCheck(rules=rules), False
+            return PairCheck(missing=fit.missing, rules=rules), False
         good_frames = self.good_frames + 1 if fit.both.sum() > rules.good_share * len(fit.both) else 0
         if good_frames < rules.good_frames:
             return changed(self, good_frames=good_frames), False

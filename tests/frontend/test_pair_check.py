@@ -9,11 +9,13 @@ from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config
 from stream_sfm.config.rules import PairRules
-from stream_sfm.frontend.pair_check import PairCheck, PairFit, problem_of, resolution_problem
+from stream_sfm.frontend.pair_check import Found, PairCheck, PairFit, problem_of, resolution_problem
 from stream_sfm.frontend.prepared import PreparedImages
 from stream_sfm.frontend.rows import Rows
 from stream_sfm.geometry import se3
+from stream_sfm.geometry.resection import Resection
 from stream_sfm.geometry.stereo import StereoProjection
+from tests.helpers.tracks import tracks_at
 
 PROJECTION = StereoProjection(300.0, 160.0, 160.0, 120.0, 0.1, 320, 240)
 
@@ -77,6 +79,32 @@ def test_right_sides_that_are_missing_are_a_problem_until_old_points_are_back():
     run.show(fit(1000, 95, 95))  # tracks that began meanwhile do not end it
     assert run.problem
     assert not run.show(fit(0, 40, 35))
+    assert run.problem == ""
+
+
+def found(in_right: int, n: int = 100) -> Found:
+    """Tracks at rest that all agree in the left image, of which the last ones are found in the right image, too."""
+    tracks = tracks_at(np.full(n, 4.0))
+    z_px = PROJECTION.project_homogeneous(tracks.points)
+    z_px[: n - in_right, 2:] = np.nan
+    motion = Resection(np.eye(4), np.eye(6), np.full(n, True), 0.0, 3 * n, 1.0, True, np.zeros(n), 1.0)
+    return Found(tracks, z_px, np.tile(0.01 * np.eye(4), (n, 1, 1)), motion)
+
+
+@pytest.mark.parametrize(
+    ("in_right", "is_problem"),
+    [((95, 75, 55, 40, 30, 20), False), ((95, 20), True)],
+    ids=["a few a frame", "at once"],
+)
+def test_what_something_near_hides_bit_by_bit_is_no_problem(in_right: tuple[int, ...], is_problem: bool):
+    """The left camera still sees it; a camera that has been knocked or stopped loses nearly all points at once."""
+    run = Run()
+    for n in in_right:
+        run.show(PairFit.of(found(n), PROJECTION, Config(), run.check.missing))
+    assert bool(run.problem) == is_problem
+    run.show(PairFit.of(found(20), PROJECTION, Config(), run.check.missing))
+    assert bool(run.problem) == is_problem  # what went missing with a problem does not end it
+    run.show(PairFit.of(found(95), PROJECTION, Config(), run.check.missing))
     assert run.problem == ""
 
 
