@@ -718,7 +718,7 @@ def rig_mixture(
     is_zero: Mask,
     log_prior: Array,
     counts: float,
-    trusted: float,
+    counts_of_lenses: float,
     share_alone: float,
     known_wrong: bool,
 ) -> Mixture: ...

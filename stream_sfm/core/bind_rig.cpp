@@ -30,9 +30,9 @@ The right side of a view has the error, and so has the inverse depth of its poin
 
 N(`mean` (m,), `cov` (m, m)) by all views, with the sizes (m,) so far. The first `lenses` terms are of lenses; the
 next n may be 0 in the combinations `is_zero` (c, n) of log probability `log_prior` (c,), for which the share
-`counts` of their information counts, and `trusted` of it where they stand beside lenses; the others are of a field,
+`counts` of their information counts, and `counts_of_lenses` of that about lenses; the others are of a field,
 which goes with the lenses, of which a `share_alone` errs in one term only. `known_wrong`: lenses have errors. Raises LinAlgError where the arguments are not finite.)",
-        "mean"_a, "cov"_a, "size"_a, "lenses"_a, "is_zero"_a, "log_prior"_a, "counts"_a, "trusted"_a, "share_alone"_a, "known_wrong"_a);
+        "mean"_a, "cov"_a, "size"_a, "lenses"_a, "is_zero"_a, "log_prior"_a, "counts"_a, "counts_of_lenses"_a, "share_alone"_a, "known_wrong"_a);
     def<&velocities>(m, "velocities", R"(Return how views of homogeneous points (n, 4) move (n, 4), px/s, with `twists` (n, 6), or (1, 6) for all.)",
         "pinholes"_a, "points_in_cam"_a, "twists"_a);
     def<&timed_views>(m, "timed_views", R"(Return what delay and readout do to views of homogeneous points (n, 4): (n, 4, 2) px/s, eqs. (70a) and (70c).

@@ -118,13 +118,15 @@ Numbers at(const Numbers& values, const Which& which) {
 }
 
 // The log odds that lenses have errors rather than none, given the others: in all terms, or in any one of them alone.
-double log_odds_given(const Gaussian& lenses, const Numbers& size, double share_alone) {
+double log_odds_given(const Gaussian& lenses, const Numbers& size, double counts, double share_alone) {
     std::size_t n = lenses.size();
     Gaussian information = information_of(lenses);
     Numbers alone;
-    for (std::size_t i = 0; i < n; i++)
-        alone.push_back(log_evidence(std::max(information.cov[i * n + i] - 1 / (size[i] * size[i]), 0.0), information.mean[i]));
-    double together = log_odds_wrong(information, size, 1.0), largest = together, sum = 0;
+    for (std::size_t i = 0; i < n; i++) {
+        double by_views = std::max(information.cov[i * n + i] - 1 / (size[i] * size[i]), 0.0);
+        alone.push_back(log_evidence(counts * by_views, counts * information.mean[i]));
+    }
+    double together = log_odds_wrong(information, size, counts), largest = together, sum = 0;
     for (double one : alone) largest = std::max(largest, one);
     for (double one : alone) sum += std::exp(one - largest);
     return largest + std::log((1 - share_alone) * std::exp(together - largest) + share_alone * sum / static_cast<double>(n));
@@ -149,15 +151,16 @@ double log_sum(const Numbers& of) {
 // The log odds that lenses have errors rather than none, eq. (72m): those given each combination of what is 0, by how
 // probable that is of lenses without errors, `own`.
 double log_odds_lenses(const Gaussian& all, const Gaussian& own, const Numbers& sizes, const Which& of_lenses,
-                       const std::vector<Which>& zeros, const double* log_prior, double trusted, double share_alone) {
+                       const std::vector<Which>& zeros, const double* log_prior, double counts, double counts_of_lenses,
+                       double share_alone) {
     std::size_t lenses = of_lenses.size();
     Numbers size_of_lenses = at(sizes, of_lenses), size(sizes.begin() + static_cast<std::ptrdiff_t>(lenses), sizes.end());
     Numbers none, wrong;
     for (std::size_t i = 0; i < zeros.size(); i++) {
-        none.push_back(log_prior[i] - log_odds_wrong(information_of(part(own, zeros[i])), at(size, zeros[i]), trusted));
+        none.push_back(log_prior[i] - log_odds_wrong(information_of(part(own, zeros[i])), at(size, zeros[i]), counts));
         Which zero = zeros[i];
         for (std::size_t& k : zero) k += lenses;
-        wrong.push_back(none[i] + log_odds_given(without(all, zero, of_lenses), size_of_lenses, share_alone));
+        wrong.push_back(none[i] + log_odds_given(without(all, zero, of_lenses), size_of_lenses, counts_of_lenses, share_alone));
     }
     return log_sum(wrong) - log_sum(none);
 }
@@ -203,7 +206,7 @@ Array<double, 2> log_evidence(Vector information, Vector weighted, Vector varian
 }
 
 Mixture rig_mixture(Vector mean, Matrix cov, Vector size, std::size_t lenses, View<bool, 2> is_zero, Vector log_prior,
-                    double counts, double trusted, double share_alone, bool known_wrong) {
+                    double counts, double counts_of_lenses, double share_alone, bool known_wrong) {
     std::size_t m = mean.shape[0], terms = lenses + is_zero.shape[1];
     require_shape(cov, {m, m}, "cov");
     require_shape(size, {m}, "size");
@@ -218,7 +221,8 @@ Mixture rig_mixture(Vector mean, Matrix cov, Vector size, std::size_t lenses, Vi
     auto zeros = zeros_of(is_zero);
     Gaussian all{Numbers(mean.data, mean.data + m), Numbers(cov.data, cov.data + m * m)}, wrong = all;
     Gaussian own = without(all, lens_and_field, considered);
-    double log_odds = log_odds_lenses(all, own, sizes, of_lenses, zeros, log_prior.data, trusted, share_alone);
+    double log_odds =
+        log_odds_lenses(all, own, sizes, of_lenses, zeros, log_prior.data, counts, counts_of_lenses, share_alone);
     require_definite(std::isfinite(log_odds), "the errors of the rig are not determined");
     double p = 1 / (1 + std::exp(-log_odds));
     Mixture result{{m}, {m, m}, known_wrong ? 1.0 : p};

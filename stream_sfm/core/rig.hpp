@@ -44,6 +44,6 @@ struct Mixture {
 };
 Array<double, 2> log_evidence(Vector information, Vector weighted, Vector variances);
 Mixture rig_mixture(Vector mean, Matrix cov, Vector size, std::size_t lenses, View<bool, 2> is_zero, Vector log_prior,
-                    double counts, double trusted, double share_alone, bool known_wrong);
+                    double counts, double counts_of_lenses, double share_alone, bool known_wrong);
 
 }  // namespace core

@@ -23,6 +23,7 @@ _COMBINATIONS = list(product((False, True), repeat=len(CAUSES)))
 _IS_ZERO = np.array(  # (32, 7): which terms are 0 in each combination
     [[zero for group, zero in zip(CAUSES, zeros, strict=True) for _ in group.terms] for zeros in _COMBINATIONS]
 )
+_FOCAL_IS_ZERO = _IS_ZERO[:, 0]
 _THERE = np.sum(~np.array(_COMBINATIONS), axis=1)  # how many are not 0
 
 
@@ -52,15 +53,23 @@ def likely_sizes(mean: Array, cov: Array, size: Array) -> Array:
 
 
 def mixture(
-    mean: Array, cov: Array, size: Array, rules: RigConfig, known_wrong: bool = False, spread: float = 1.0
+    mean: Array,
+    cov: Array,
+    size: Array,
+    rules: RigConfig,
+    known_wrong: bool = False,
+    spread: float = 1.0,
+    refocused: bool = False,
 ) -> Mixture:
     """Return the errors by N(`mean`, `cov`), where lenses with their field, or each of the other terms, may have none.
 
     What turns show of the focal length or of a delay, noise shows, too: until one is probable, it counts in the
-    covariance in full. `spread`: how many σ parts of the run are apart about these terms.
+    covariance in full. `spread`: how many σ parts of the run are apart about these terms; `refocused`: the focal length
+    is known to be another one.
     """
-    trusted = spread**-2.0
-    counts = min(rules.counts, trusted)
+    counts, of_lenses = min(rules.counts, spread**-2.0), rules.counts
     log_prior, alone = np.log(rules.odds) * _THERE, rules.share_alone
-    found = core.rig_mixture(mean, cov, size, _FOCAL, _IS_ZERO, log_prior, counts, trusted, alone, known_wrong)
+    if refocused:
+        log_prior[_FOCAL_IS_ZERO] = -np.inf
+    found = core.rig_mixture(mean, cov, size, _FOCAL, _IS_ZERO, log_prior, counts, of_lenses, alone, known_wrong)
     return filled(Mixture, found)

@@ -9,6 +9,7 @@ from scipy.stats import chi2, norm
 from stream_sfm.camera.refinement import KnownTiming
 from stream_sfm.config import Config, RigConfig, WindowConfig
 from stream_sfm.estimators import make_estimator
+from stream_sfm.estimators.cross_frame.rig_state import RigState
 from stream_sfm.estimators.cross_frame.window import CrossFrame
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
@@ -204,6 +205,22 @@ def test_a_focal_length_that_jumps_is_found_in_its_frame_and_one_that_does_not_i
         assert not any(moves[:at])
         assert moves[at] == (jump > 0)
     assert not moves[-1]
+
+
+@pytest.mark.parametrize("changes", [False, True])
+def test_a_focal_length_that_has_changed_is_held_there_and_not_as_calibrated(changes: bool) -> None:
+    """What views say at 3 σ may be noise of an exact calibration, but not of a lens that has zoomed."""
+    at, share, std_focal = TERMS.index(FOCAL), 0.01, RigConfig().std_focal
+    rig = RigState.unknown(np.ones(len(TERMS)))
+    if changes:
+        rig = rig.refocused(share)[0]
+    information, weighted = np.zeros((2, len(TERMS)))
+    information[at], weighted[at] = 1.0, share / std_focal
+    rig = rig.informed(information, weighted)
+    cov = np.linalg.inv(rig.information)
+    knowledge, _ = rig.judged(rig.mean + cov @ rig.weighted, cov, None)
+    held = knowledge.held[at] * std_focal
+    assert abs(held - share) < 1e-9 if changes else abs(held) < 0.1 * share
 
 
 def test_what_is_found_of_an_exact_rig_is_no_common_error_of_all_runs_in_the_shortest_window_either() -> None:

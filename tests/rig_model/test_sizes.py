@@ -45,22 +45,25 @@ MAY_BE_ZERO = ((FOCAL,), (DELAY,), (READOUT,), TURNING, (FOCUSING,))
 ODDS = 0.05  # of each, that it is not
 
 
-def considered(views: "Views", size: Array, trusted: bool) -> tuple[Array, Array]:
+def considered(views: "Views", size: Array, trusted: bool, refocused: bool) -> tuple[Array, Array]:
     """Errors of these sizes; each combination of the terms that may be 0 by its own likelihood. They count in full."""
     mean, cov = views.posterior(size)
-    weights, sizes = combinations(views, size, trusted)
+    weights, sizes = combinations(views, size, trusted, refocused)
     held = np.average([views.posterior(without)[0] for without in sizes], axis=0, weights=weights)
     return held, cov + np.outer(mean - held, mean - held)
 
 
-def combinations(views: "Views", size: Array, trusted: bool) -> tuple[list[float], list[Array]]:
-    """How probable each combination of terms is that may be 0, as before if not `trusted`; sizes of all errors then."""
+def combinations(views: "Views", size: Array, trusted: bool, refocused: bool) -> tuple[list[float], list[Array]]:
+    """How probable each combination of terms is that may be 0, as before if not `trusted`; sizes of all errors then.
+
+    The focal length is not 0 if it has `refocused`.
+    """
     weights, sizes = [], []
     for zero in product((False, True), repeat=len(MAY_BE_ZERO)):
         at = [TERMS.index(name) for names, none in zip(MAY_BE_ZERO, zero, strict=True) if none for name in names]
         without, free = size.copy(), size.copy()
         without[at], free[at] = 0.0, 1.0
-        prior = ODDS ** zero.count(False)
+        prior = 0.0 if refocused and zero[0] else ODDS ** zero.count(False)
         evidence = views.log_evidence(without) - views.log_evidence(free)
         weights.append(prior * np.exp(evidence if trusted else 0.0))
         sizes.append(without)
@@ -104,32 +107,50 @@ def test_a_likely_size_does_not_depend_on_the_size_so_far() -> None:
     assert small == pytest.approx(large, rel=1e-6)
 
 
+@pytest.mark.parametrize(("std", "errors"), [(0.5, 0.02), (2.0, 0.3), (4.0, 0.5), (8.0, 1.0)])
+def test_a_quarter_of_what_views_say_counts_for_all_odds(std: float, errors: float) -> None:
+    """As though their noise had twice the σ; so views that claim too much do not accuse the lenses."""
+    true = errors * SIZE * np.random.default_rng(6).normal(size=M)
+    views = Views(1, true, std)
+    quarter, all_of_it = (
+        mixture(views.mean, views.cov, SIZE, RigConfig(counts=share)).p_wrong for share in (0.25, 1.0)
+    )
+    views.noise = 4 * views.noise
+    doubled = mixture(*views.posterior(SIZE), SIZE, RigConfig(counts=1.0)).p_wrong
+    assert quarter == pytest.approx(doubled, rel=0.02)
+    assert abs(all_of_it - doubled) > 0.04 * doubled
+
+
+@pytest.mark.parametrize("refocused", [True, False])
 @pytest.mark.parametrize("trusted", [True, False])
 @pytest.mark.parametrize(("std", "errors"), [(0.5, 1.0), (8.0, 0.0), (30.0, 1.0), (0.5, 0.0)])
-def test_a_mixture_has_the_moments_of_its_two_halves(std: float, errors: float, trusted: bool) -> None:
+def test_a_mixture_has_the_moments_of_its_two_halves(
+    std: float, errors: float, trusted: bool, refocused: bool
+) -> None:
     """A calibration that is wrong with the probability of its likelihood, and otherwise has no errors but timing.
 
     Wrong lenses err in all terms, or, one in twenty, in one alone; judged over all combinations of the other terms.
-    Where parts of a run disagree entirely, views say nothing of which of these are there.
+    Where parts of a run disagree entirely, views say nothing of which of these are there; a focal length that has
+    changed is.
     """
     rules = RigConfig(counts=1.0)  # views whose σ is right
     true = errors * SIZE * np.random.default_rng(6).normal(size=M)
     views = Views(7, true, std)
     spread = 1.0 if trusted else 1e6
-    found = mixture(views.mean, views.cov, SIZE, rules, spread=spread)
+    found = mixture(views.mean, views.cov, SIZE, rules, spread=spread, refocused=refocused)
     k = np.arange(M)
-    weights, sizes = combinations(views, np.where((k >= AT_FOCAL) & (k < T), SIZE, 0.0), trusted)
+    weights, sizes = combinations(views, np.where((k >= AT_FOCAL) & (k < T), SIZE, 0.0), trusted, refocused)
     odds = [lens_odds(views, np.where(k < T, size, SIZE)) for size in sizes]
     average = logsumexp(odds, b=np.array(weights) / np.sum(weights))
     assert found.p_wrong == pytest.approx(1 / (1 + np.exp(-average)), rel=1e-5)
     halves = []
     for lenses, p in ((1.0, found.p_wrong), (0.0, 1 - found.p_wrong)):
         size = SIZE * np.where(np.arange(M) < AT_FOCAL, lenses, 1.0) * np.where(np.arange(M) < T, 1.0, lenses)
-        held, cov = considered(views, size, trusted)
+        held, cov = considered(views, size, trusted, refocused)
         halves.append((p, held, cov + np.outer(held, held)))
     mean = sum(p * m for p, m, _ in halves)
     cov = sum(p * second for p, _, second in halves) - np.outer(mean, mean)
     assert np.abs(found.mean - mean).max() < 1e-6
     assert np.abs(found.cov - cov).max() < 1e-6
-    known = mixture(views.mean, views.cov, SIZE, rules, known_wrong=True, spread=spread)
+    known = mixture(views.mean, views.cov, SIZE, rules, known_wrong=True, spread=spread, refocused=refocused)
     assert known.p_wrong == 1 and np.abs(known.mean - halves[0][1]).max() < 1e-6

@@ -34,8 +34,8 @@ class RigState:
     window holds c, the mean of the mixture, and `cov_held` (m, m): its covariance. `size` (m,): σ of each error before
     any view, which is learnt where `sizes_unknown`.
     `steady`: the errors have not changed; once they have, no prior can be exchanged, and the calibration is wrong.
-    `zooms`: a focal length has changed by itself. `since_ns`: from when on errors have grown, if they do. `parts`: what
-    parts of the run say, since the last change.
+    `zooms`: a focal length changes by itself; `has_refocused`: it has, and rests, so that it is not the calibrated one.
+    `since_ns`: from when on errors have grown, if they do. `parts`: what parts of the run say, since the last change.
     `innovation2` (t,): mean square of what windows added about each term, in σ of that, over the last of `frames`.
     """
 
@@ -48,6 +48,7 @@ class RigState:
     sizes_unknown: NDArray[np.bool_] | bool = True
     steady: bool = True
     zooms: bool = False
+    has_refocused: bool = False
     since_ns: int = 0
     parts: Parts = Parts()
     innovation2: Array = field(default_factory=lambda: np.ones(len(TERMS)))
@@ -120,7 +121,7 @@ class RigState:
         `agreement`: of the run's parts.
         """
         spread = 1.0 if agreement is None else float(agreement.spread[_FOCAL:].max())
-        found = mixture(mean, cov, self.size, self.rules, not self.steady, spread)
+        found = mixture(mean, cov, self.size, self.rules, not self.steady, spread, self.has_refocused)
         knowledge = changed(self, held=found.mean, cov_held=found.cov)
         return knowledge, Mixture(found.mean, found.cov * np.outer(self.growth, self.growth), found.p_wrong)
 
@@ -180,6 +181,7 @@ class RigState:
             size=np.hypot(after.size, root[:, 0]),
             steady=self.steady,
             zooms=True,
+            has_refocused=True,
         )
         return after, kept, apart
 
