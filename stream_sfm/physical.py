@@ -1,6 +1,7 @@
 """From a solution in rectified axes to the estimate of a frame in axes of the physical left camera."""
 
 from dataclasses import field, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,40 +71,17 @@ class PhysicalEstimates:
         observations = observed.observations
         solution = solution if solution.inertial is None else _in_metres(solution, solution.inertial.scale)
         axes = self._axes_with(solution.inertial)
-        n_old = len(observations.track_ids) - observations.n_new
-        shown = np.flatnonzero(~core.among(solution.track_ids, observations.track_ids[n_old:]))
-        ids, world_from_cam = solution.track_ids[shown], solution.world_from_cam
-        std_shared = self._std_shared(observed.errors, ids)
-        in_cam, in_world = (
-            axes.points(rows_of(points, shown), rows_of(cov, shown), std_shared, frame_from_cam)
-            for points, cov, frame_from_cam in (
-                (solution.points_in_cam, solution.cov_points, np.eye(4)),
-                (solution.points_in_world, solution.cov_points_in_world, world_from_cam),
-            )
-        )
-        ended = axes.points(
-            solution.ended_points_in_world,
-            solution.ended_cov_points_in_world,
-            self._std_shared(observed.errors, solution.ended_ids),
-            solution.window_world_from_cam[0],  # an ended point was seen last about when the window begins
-        )
         weights = None if solution.common is None else solution.common.weights(len(TERMS))
         by_common = None if solution.common is None else solution.common.jacobian
-        pose = _motions(axes, world_from_cam[None], solution.cov_pose[None], by_common, weights)
+        pose = _motions(axes, solution.world_from_cam[None], solution.cov_pose[None], by_common, weights)
         values = {f.name: getattr(solution, f.name) for f in fields(Solution)}  # those that have no axes stay
         return FrameEstimate(
             **values
+            | self._structure(axes, observed, solution)
             | {
                 "world_from_cam": pose[0][0],
                 "cov_pose": pose[1][0],
-                "track_ids": ids,
-                "points_in_cam": in_cam[0],
-                "cov_points": in_cam[1],
-                "points_in_world": in_world[0],
-                "cov_points_in_world": in_world[1],
                 "window_world_from_cam": axes.poses(solution.window_world_from_cam),
-                "ended_points_in_world": ended[0],
-                "ended_cov_points_in_world": ended[1],
                 "rig": self._frontend.rig_in_px(observed.turn_rad, solution.rig),
                 "relative": self._relative(axes, solution.relative, weights),
                 "common": self._common(solution, pose[2][0], observed.turned_at),
@@ -112,7 +90,7 @@ class PhysicalEstimates:
             frame_index=observations.frame_index,
             stamp_ns=int(observations.stamp_ns),
             counts={
-                "tracked": n_old,
+                "tracked": len(observations.track_ids) - observations.n_new,
                 "new": observations.n_new,
                 "used": len(solution.track_ids),
                 "rejected": len(solution.rejected_ids),
@@ -121,6 +99,35 @@ class PhysicalEstimates:
             unscaled=self._unscaled,
             rig_change=None if observations.rig is None else observations.rig.change,
         )
+
+    def _structure(self, axes: PhysicalAxes, observed: Observed, solution: Solution) -> dict[str, NDArray[Any]]:
+        """Return the fields of an estimate that are points: those in view that are reported, and those that ended."""
+        seen = observed.observations
+        new_ids = seen.track_ids[len(seen.track_ids) - seen.n_new :]
+        shown = np.flatnonzero(~core.among(solution.track_ids, new_ids))
+        std_shared = self._std_shared(observed.errors, solution.track_ids[shown])
+        in_cam, in_world = (
+            axes.points(rows_of(points, shown), rows_of(cov, shown), std_shared, frame_from_cam)
+            for points, cov, frame_from_cam in (
+                (solution.points_in_cam, solution.cov_points, np.eye(4)),
+                (solution.points_in_world, solution.cov_points_in_world, solution.world_from_cam),
+            )
+        )
+        ended = axes.points(
+            solution.ended_points_in_world,
+            solution.ended_cov_points_in_world,
+            self._std_shared(observed.errors, solution.ended_ids),
+            solution.window_world_from_cam[0],  # an ended point was seen last about when the window begins
+        )
+        return {
+            "track_ids": solution.track_ids[shown],
+            "points_in_cam": in_cam[0],
+            "cov_points": in_cam[1],
+            "points_in_world": in_world[0],
+            "cov_points_in_world": in_world[1],
+            "ended_points_in_world": ended[0],
+            "ended_cov_points_in_world": ended[1],
+        }
 
     def prediction(self, found: Prediction) -> Prediction:
         """Turn a prediction in rectified axes into axes of the physical left camera."""

@@ -10,8 +10,10 @@ import os
 import resource
 import sys
 import tempfile
+import threading
 import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -87,28 +89,35 @@ def spread(times_ms: list[float]) -> dict[str, float]:
     return {"p50": float(np.percentile(kept, 50)), "p95": float(np.percentile(kept, 95))}
 
 
+class AfterFrame:
+    """A sink that calls a function with each estimate, when it has been written."""
+
+    def __init__(self, call: Callable[[Any], None]) -> None:
+        self._call = call
+
+    def write(self, estimate: Any, frame: Any) -> None:
+        """Call it."""
+        self._call(estimate)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
 def run_replay(path: str, overrides: list[str]) -> dict[str, Any]:
     """The whole job of `stream-sfm replay`: read, decode, estimate, write."""
     from stream_sfm import FrameEstimate, read_config, replay
-    from stream_sfm.types import Frame
 
     times_ms = timed()
     steps_ms: list[float] = []
 
-    class NextFrame:
-        """A sink that begins a new entry of every stage with each frame."""
-
-        def write(self, estimate: FrameEstimate, frame: Frame) -> None:
-            steps_ms.append(sum(estimate.timings_ms.values()))
-            for times in times_ms.values():
-                times.append(0.0)
-
-        def close(self) -> None:
-            pass
+    def next_frame(estimate: FrameEstimate) -> None:
+        steps_ms.append(sum(estimate.timings_ms.values()))
+        for times in times_ms.values():
+            times.append(0.0)
 
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        summary = replay(path, folder, read_config(None, overrides), sinks=[NextFrame()]).summary
+        summary = replay(path, folder, read_config(None, overrides), sinks=[AfterFrame(next_frame)]).summary
         wall_s = time.perf_counter() - began
     frames = summary["frames"]["estimated"] + summary["frames"]["lost"] + summary["frames"]["degraded"]
     thirds = np.array_split(np.array(steps_ms[WARM_UP:]), 3)
@@ -195,7 +204,7 @@ def run_step(path: str, overrides: list[str]) -> dict[str, Any]:
 def run_calls(path: str, overrides: list[str]) -> dict[str, Any]:
     """How often a step calls the compiled core, and functions of the package in Python; the most frequent of both.
 
-    A generator counts each time it goes on, a comprehension not at all.
+    A generator counts each time it goes on, a comprehension not at all. And how many files a frame enters in `replay`.
     """
     import stream_sfm
     from stream_sfm import Engine, Selection, core, open_log, read_config
@@ -233,7 +242,43 @@ def run_calls(path: str, overrides: list[str]) -> dict[str, Any]:
     return {
         name: {"a_frame": c.total() / stepped, "most": {k: v / stepped for k, v in c.most_common(30)}}
         for name, c in counts.items()
-    }
+    } | {"files": files_entered(path, overrides)}
+
+
+def files_entered(path: str, overrides: list[str]) -> dict[str, float]:
+    """How many files of the package a frame enters in `replay`: mean of what is called between two written estimates.
+
+    A file is `entered` if one of its functions is called, in any thread, and is `on_the_way` if one of these calls a
+    function of another file: the others are helpers, at which a reader need not look.
+    """
+    import stream_sfm
+    from stream_sfm import Selection, read_config, replay
+
+    package = os.path.dirname(stream_sfm.__file__)
+    entered: set[str] = set()
+    on_the_way: set[str] = set()
+    counts: list[tuple[int, int]] = []
+
+    def see(stack: FrameType, event: str, _: Any) -> None:
+        name, caller = stack.f_code.co_filename, stack.f_back
+        if event == "call" and name.startswith(package):
+            entered.add(name)
+            if caller is not None and caller.f_code.co_filename not in (name, __file__):
+                on_the_way.add(caller.f_code.co_filename)
+
+    def next_frame(_: Any) -> None:
+        counts.append((len(entered), len(entered & on_the_way)))
+        entered.clear()
+        on_the_way.clear()
+
+    selection = Selection(max_frames=WARM_UP + 50)
+    with tempfile.TemporaryDirectory() as folder:
+        threading.setprofile(see)
+        sys.setprofile(see)
+        replay(path, folder, read_config(None, overrides), selection, sinks=[AfterFrame(next_frame)])
+        sys.setprofile(None)
+    means = np.mean(counts[WARM_UP:], axis=0)
+    return {"entered": float(means[0]), "on_the_way": float(means[1])}
 
 
 def run_window(_: str, overrides: list[str]) -> dict[str, Any]:

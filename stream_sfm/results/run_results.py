@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import Config, read_config
-from ..errors import ConfigError, InputError, LogError
+from ..errors import ConfigError, InputError, LogError, as_error
 from ..geometry import Array, se3
 from ..types import FrameEstimate, Trajectory
 from .estimates_reader import read_clouds, read_estimates
@@ -146,10 +146,8 @@ def _estimates_of(folder: Path) -> Path:
 
 
 def _summary(path: Path) -> dict[str, Any]:
-    try:
+    with as_error(InputError, f"cannot read {path}", OSError, ValueError):
         content = json.loads(path.read_bytes())
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path} cannot be read: {error}") from None
     if not isinstance(content, dict):
         raise InputError(f"{path} is not the summary of a run")
     return content

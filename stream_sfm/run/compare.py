@@ -91,10 +91,7 @@ def compare(
     """
     config, selection = config or Config(), selection or Selection()
     config.needs_scale("compare")
-    if methods is not None and not methods:
-        raise ConfigError("no method is named: give those to compare, such as cross-frame and ekf")
-    for name in methods or ():
-        check_method(name)
+    _check_names(methods)
     truth = Truth(None, checked_ranges(ignore_ground_truth), std_truth)
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration)
@@ -102,20 +99,33 @@ def compare(
     folder = None if out_dir is None else Path(out_dir)
     if folder is not None:
         refuse_overwriting(outputs(folder, methods), [log.path])
+    found = _begun(log, config, truth, inspection or {}, as_is)
+    with closing(_Comparing(log, selection, methods, folder, found)) as comparing:
+        return comparing.run(self_test, loops, sinks, _Counter(on_frame))
+
+
+def _check_names(methods: Sequence[str] | None) -> None:
+    """Raise ConfigError where methods are named that there are not, or none of them."""
+    if methods is not None and not methods:
+        raise ConfigError("no method is named: give those to compare, such as cross-frame and ekf")
+    for name in methods or ():
+        check_method(name)
+
+
+def _begun(log: StereoLog, config: Config, truth: Truth, inspection: dict[str, Any], as_is: bool) -> Comparison:
+    """Return what is known of a comparison before its first frame, with the poses of the ground truth."""
     if (poses := log.ground_truth()) is not None:
         check_rigid(poses)
-    found = Comparison(
+    return Comparison(
         log=log.path.absolute().name,  # which "." has too
         rig=log.stereo_rig,
         config=config,
         runs=[],
         front=FrontRecord(),
         truth=truth._replace(poses=poses),
-        inspection=inspection or {},
+        inspection=inspection,
         as_is=as_is,
     )
-    with closing(_Comparing(log, selection, methods, folder, found)) as comparing:
-        return comparing.run(self_test, loops, sinks, _Counter(on_frame))
 
 
 class _Comparing:

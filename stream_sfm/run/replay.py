@@ -119,22 +119,7 @@ def replay(
         _check_gravity(log, replayed.lane, with_map)
     if with_map:
         replayed.find_places(known_map, map_file, sinks)
-    with deferred_interrupts() as interruption:
-        outcome = run(
-            log,
-            replayed.lane,
-            [*replayed.sinks, *sinks],
-            replayed.checks,
-            selection=selection,
-            interruption=interruption,
-            all_calibrations=replayed.starts_anew,
-        )
-        result = replayed.result(outcome, truth, interruption)
-    if interruption.requested:
-        raise ReplayInterrupted(result)
-    if outcome.error is not None:
-        raise outcome.error
-    return result
+    return replayed.run(sinks, truth)
 
 
 class _Replay:
@@ -155,15 +140,15 @@ class _Replay:
         with one_thread:
             observer = Observer(log.rig, config)
             self.lane = Lane(config, observer, self._depth, folder)
-        self.checks = [SelfTestOfRun(self.lane)] if self_test else []
+        self._checks = [SelfTestOfRun(self.lane)] if self_test else []
         self._calibration = CalibrationSink(log)
         self._places: PlaceMap | None = None
         self._save_map: Path | None = None
         # Where the calibration changes; not with one camera, whose unit of length would change, too.
         self._there_and_back = there_and_back
-        self.starts_anew = not (config.mono or self_test or there_and_back)
+        self._starts_anew = not (config.mono or self_test or there_and_back)
         self._latency = _Latency(log)
-        self.sinks: list[Sink] = [self._latency] if config.mono else [self._calibration, self._latency]
+        self._sinks: list[Sink] = [self._latency] if config.mono else [self._calibration, self._latency]
 
     def find_places(self, known: str | Path | None, save: Path | None, sinks: Sequence[Sink]) -> None:
         """Make a map beside the estimates, starting from the file `known` if one is given."""
@@ -171,15 +156,34 @@ class _Replay:
 
         places = PlaceMap(self._log.rig, self._config, wait=True, known=known)
         self._places, self._save_map = places, save
-        self.starts_anew = False
-        self.sinks.append(places)
+        self._starts_anew = False
+        self._sinks.append(places)
         if self.lane.folder is not None:
             self.lane.folder.map_from_world = lambda: places.world_from_odom
         for sink in sinks:
             if isinstance(sink, MapSink):
                 sink.show_map(places)
 
-    def result(self, outcome: RunOutcome, truth: Truth, interruption: Interruption) -> ReplayResult:
+    def run(self, sinks: Sequence[Sink], truth: Truth) -> ReplayResult:
+        """Do the run and write its results. Raises what ended it early."""
+        with deferred_interrupts() as interruption:
+            outcome = run(
+                self._log,
+                self.lane,
+                [*self._sinks, *sinks],
+                self._checks,
+                selection=self._selection,
+                interruption=interruption,
+                all_calibrations=self._starts_anew,
+            )
+            result = self._result(outcome, truth, interruption)
+        if interruption.requested:
+            raise ReplayInterrupted(result)
+        if outcome.error is not None:
+            raise outcome.error
+        return result
+
+    def _result(self, outcome: RunOutcome, truth: Truth, interruption: Interruption) -> ReplayResult:
         """Write the summary; a failure of this is the error of the outcome unless there is one already."""
         record, folder = self.lane.record, self.lane.folder
         if self.lane.error is not None:
@@ -216,7 +220,7 @@ class _Replay:
             further["live"] = self._latency.summary()
         if record.rig is not None:
             further["rig"] = describe(self.lane.observer.projection, record.rig)
-        for test in self.checks:
+        for test in self._checks:
             with closing(test):
                 further["self_test"] = test.result(interruption)
         if self._there_and_back and not outcome.interrupted and len(record):

@@ -11,6 +11,7 @@ from stream_sfm.config.point_rules import PointRules, TemplateRules
 from stream_sfm.config.rules import ErrorRules, RowRules
 from stream_sfm.core import _core as core
 from stream_sfm.geometry.resection import Wanted
+from stream_sfm.rig_model.terms import TERMS
 
 RNG = np.random.default_rng(0)
 IMAGE = RNG.uniform(0, 255, (60, 80)).astype(np.float32)
@@ -179,7 +180,7 @@ CALLS = {
     "resect": (OF_VIEWS, np.eye(4), np.ones(N), RULES, Wanted(True, False, False, False), np.eye(4)),
     "motion_of_flow": (PINHOLES, TRACKS, np.ones(N), STARTS, np.ones(N, bool), np.eye(4), 0.5, 9.0, RULES),
     "fit_turn": (but(OF_VIEWS, shared=SHARED[..., :0]), np.eye(4), np.eye(3), Record(std_rad=0.1, steps=12)),
-    "rig_effects": (PINHOLES, np.eye(20), GRID, VIEWS, np.ones(N)),
+    "rig_effects": (PINHOLES, np.eye(len(TERMS)), GRID, VIEWS, np.ones(N)),
     "expected_views": (PINHOLES, STATE, SEEN, SLOTS > 2, VIEWS),
     "timing_of_views": (PINHOLES, EXPOSED, STATE, SEEN, VIEWS, np.ones((2, 2, 6)), np.ones(2)),
     "field_basis": (GRID, STARTS),

@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 from stream_sfm.config import RigConfig
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.rig_model.sizes import likely_sizes, mixture
-from stream_sfm.rig_model.terms import DELAY, FOCAL, FOCUSING, READOUT, TERMS, TURNING
+from stream_sfm.rig_model.terms import CAUSES, FOCAL, TERMS
 
 T = len(TERMS)
 M = T + 3  # with some amplitudes of a field
@@ -41,8 +41,8 @@ class Views:
         return float(multivariate_normal.logpdf(self.z, np.zeros(len(self.z)), self.evidence_cov(size)))
 
 
-MAY_BE_ZERO = ((FOCAL,), (DELAY,), (READOUT,), TURNING, (FOCUSING,))
-ODDS = 0.05  # of each, that it is not
+MAY_BE_ZERO = tuple(group.terms for group in CAUSES)
+ODDS = RigConfig().odds  # of each, that it is not
 
 
 def considered(views: "Views", size: Array, trusted: bool, refocused: bool) -> tuple[Array, Array]:
