@@ -244,7 +244,7 @@ class StereoFrontEnd:
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
         """Take in what an estimator has found out about the rig with the latest frame, in units of σ."""
         step_px = self.setup.config.rig.disparity_step_px
-        state = changed(state, disparity=DisparityError.of(self.rig, self.rig.in_units(estimate), step_px))
+        state = changed(state, disparity=DisparityError.of(self.rig, estimate, step_px))
         return learn_timing(self.setup.projection, state, *self.rig.timing(estimate))
 
     def rig_in_px(self, turn_rad: Array, estimate: RigEstimate | None) -> RigEstimate | None:

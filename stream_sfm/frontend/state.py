@@ -14,7 +14,6 @@ from ..config.rules import Rules
 from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
 from ..record import changed, record
-from ..rig_model.terms import by_turn
 from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
@@ -141,13 +140,11 @@ class FrontEndState:
     @property
     def turn_root(self) -> Array:
         """A root (3, e) of the covariance of turns that the right camera has from frame to frame, radians."""
-        root = np.zeros((3, 0)) if self.turn_watch is None else np.linalg.cholesky(self.turn_watch.real)
-        return np.asarray(root, np.float64)
+        return np.zeros((3, 0)) if self.turn_watch is None else self.turn_watch.root
 
     def with_turn(self, z_px: Array, cov_px: Array) -> Array:
         """Return covariances (n, 4, 4) of views (n, 4) as measurements of depth, which a turn of their frame moves."""
-        moved = by_turn(self.rows.projection, z_px, self.turn_root)
-        return np.asarray(cov_px + moved @ np.swapaxes(moved, 1, 2))
+        return core.with_turn(self.rows.projection, z_px, cov_px, self.turn_root)
 
     @property
     def rows_with_delay(self) -> Rows:

@@ -148,6 +148,12 @@ class RigModel:
         at, unit = AT_TIMING, self.root[AT_TIMING, AT_TIMING]
         return unit @ known.mean[at], unit @ (known.cov[at, at] + LEAST_VARIANCE * np.eye(2)) @ unit.T
 
+    def disparity(self, estimate: RigEstimate) -> tuple[Array, Array]:
+        """Return mean (6,) and covariance (6, 6) of the disparity's error, px, as `in_units` does of all errors."""
+        t = len(TERMS)
+        root = (growth(self.projection, estimate.age_s) @ self.root)[DISPARITY]
+        return self.known[DISPARITY] + root @ estimate.mean[:t], root @ estimate.cov[:t, :t] @ root.T
+
     def before_views(self) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Return mean and σ of all amplitudes (m,) before any view, and of which (m,) the size is to be learnt."""
         mean, size, learnt = np.zeros(len(self)), np.ones(len(self)), np.full(len(self), not self.refined)
