@@ -15,13 +15,11 @@ from .camera.rig import MonoRig, StereoRig
 from .checked import check_arguments, check_images, checked_stamp, used_cameras
 from .config import Config
 from .errors import FrameError
-from .frontend.echo_check import middle
 from .frontend.front_end import StereoFrontEnd
 from .frontend.image_checks import are_one_image
 from .frontend.mono.front_end import MonoFrontEnd
 from .frontend.prepared import PreparedImages
 from .frontend.state import FrontEndState
-from .frontend.still_check import Lines
 from .geometry.stereo import StereoProjection
 from .inertial.samples import ImuSamples
 from .physical import Observed as Observed
@@ -54,8 +52,9 @@ class Observer:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self.state: FrontEndState = self._frontend.start
         self._smoothing_px, self._rules = config.frontend.smoothing_px, config.rules
-        used = config.rules.images, config.rules.still, config.rules.echo, config.rules.flow
-        self._made_by = f"{self.rectifier.fingerprint} {self._smoothing_px} {used}"
+        self._made_by = (
+            f"{self.rectifier.fingerprint} {self._smoothing_px} {config.rules.images} {config.rules.flow}"
+        )
         self.physical = PhysicalEstimates(self.rectifier, self._frontend, config.rig, self.rig.unscaled)
         imu = self.rig.imu if isinstance(self.rig, StereoRig) and config.imu.enabled else None
         self._imu = None if imu is None else imu.mounted_in(self.rectifier.rect_from_cam[:3, :3])
@@ -150,14 +149,9 @@ class Observer:
         done = self._smoothing_px, frame.stamp_ns, bits, self._made_by
         prepared = PreparedImages.of(rectified[0], rectified[-1], *done, self._rules.flow)
         if len(sides) > 1:
-            rules, masks = self._rules, [camera.mask for camera in self.rig.cameras.values()]
-            left, right = (Lines.of(side, rules.still, mask) for side, mask in zip(sides, masks, strict=True))
-            prepared = replace(
-                prepared,
-                one_image=are_one_image(sides[0], sides[1], rules.images),
-                lines=(left, right),
-                middles=(middle(sides[0], rules.echo), middle(sides[1], rules.echo)),
-            )
+            left, right = sides
+            one_image = are_one_image(left, right, self._rules.images)
+            prepared = replace(prepared, one_image=one_image, delivered=(left, right))
         if frame_index is not None:
             self._frontend.prepare(prepared, frame_index)
         return prepared

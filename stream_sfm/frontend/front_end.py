@@ -56,6 +56,7 @@ class StereoFrontEnd:
         projection, in_right = rectifier.projection, rectifier.valid_in_right
         radius_px, rules = config.frontend.window_radius_px, config.rules
         self.setup = Setup(projection, config, None if in_right is None else valid_area(in_right, radius_px))
+        self.masks = [camera.mask for camera in rig.cameras.values()]
         self.problem = resolution_problem(rig, rules.pair)  # what is wrong with the calibration in any frame
         self.rig = RigModel.of(
             projection, config.rig, rig.refinement, rectifier.rows_of, rig.timing, rectifier.by_focal
@@ -96,7 +97,7 @@ class StereoFrontEnd:
         if expected is not None and expected.since_ns != state.previous_ns:
             expected = None  # it is of another frame than the one that is followed from
         state, change = self._take_out_turn(state)
-        state = changed(state, suspicions=state.suspicions.after_images(images))
+        state = changed(state, suspicions=state.suspicions.after_images(images, self.masks, state.frame_index))
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
         unconfirmed = bool(before.start.problem) and state.start.is_over and state.start.doubted
         state, start_anew = self._check(before, state, images, stamp_ns, followed)

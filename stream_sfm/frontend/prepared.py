@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..config.rules import FlowRules
-from .still_check import Lines
 
 Image = NDArray[np.uint8]
 GreyImage = NDArray[np.uint8] | NDArray[np.float32]
@@ -21,7 +20,7 @@ class PreparedImages:
     """The two smoothed images (h, w) of one frame, and the left one at half the size, for flow; `rectified`: both as
     they came. Of the frame they were made of: `stamp_ns`, and `grey_bits`: how many bits of 16-bit images were taken to
     be used, None of other images; `made_by`: equal where the same was done to images; `one_image`: both cameras have
-    delivered the same; `lines` and `middles`: of both as they came, None of one camera. Other forms are computed when
+    delivered the same; `delivered`: both as they came, of 8 bits, None of one camera. Other forms are computed when
     they are first asked for."""
 
     left: Image
@@ -32,8 +31,7 @@ class PreparedImages:
     grey_bits: int | None = None
     made_by: str = ""
     one_image: bool = False
-    lines: tuple[Lines, Lines] | None = None
-    middles: tuple[Image, Image] | None = None
+    delivered: tuple[Image, Image] | None = None
     rules: FlowRules = _RULES
 
     @classmethod
@@ -92,7 +90,7 @@ class PreparedImages:
 
     def shrunk(self) -> "PreparedImages":
         """The same without the large forms that only the newest frame needs."""
-        kept = replace(self)
+        kept = replace(self, delivered=None)
         forms = ("quarter_grey", "quarter_flow", "exposure")
         kept.__dict__.update({name: self.__dict__[name] for name in forms if name in self.__dict__})
         return kept
