@@ -21,8 +21,9 @@ class GhostRules(Section, frozen=True, kw_only=True):
     noise_grey: Annotated[float, expert("least σ of what is left of a patch", 0.1, 1000)] = 1.0
     least_square: Annotated[float, expert("least square of a change of a patch", 1e-12, 1e6)] = 1e-3
     remembered: Annotated[int, expert("frames that are judged together", 1, 10_000)] = 40
+    every: Annotated[int, expert("frames from one examined to the next, after the first ones", 1, 10_000)] = 2
     # Without new evidence, which there is none of while the camera stands or moves steadily.
-    lasting_frames: Annotated[int, expert("frames that a suspicion lasts", 1, 10_000)] = 100
+    lasting_frames: Annotated[int, expert("frames that a suspicion lasts", 1, 10_000)] = 60
     # Sound logs, real and rendered, some blurred, dark, encoded or with a pattern of the sensor, have shares of at most
     # 0.01, which are at most 4.1 σ above zero. In the first frames a share is large, and uncertain.
     share: Annotated[float, expert("least share of the image before in one, less its uncertainty", 0, 1)] = 0.0033

@@ -37,12 +37,13 @@ _NOTHING = np.zeros((1, 2, 5))
 
 @record
 class GhostCheck:
-    """What the frames so far have shown: the latest views, and `sums` (n, 2, 5) of each of the latest frames: over
-    all patches, of p = r_I·(r_P − r_O), s = r_P², p², p s and s², and of the same with p = r_I·r_P − r_J·r_N. `lasts`:
-    for how many frames a ghost is still suspected."""
+    """What the frames so far have shown: the latest views, and `sums` (n, 2, 5) of each of the latest that were
+    looked at: over all patches, of p = r_I·(r_P − r_O), s = r_P², p², p s and s², and of the same with p = r_I·r_P −
+    r_J·r_N; `waited`: frames since the last one. `lasts`: for how many frames a ghost is still suspected."""
 
     views: tuple[View, ...] = ()
     sums: Array = field(default_factory=lambda: np.empty((0, 2, 5)))
+    waited: int = 0
     lasts: int = 0
     rules: GhostRules = GhostRules()
 
@@ -61,8 +62,10 @@ class GhostCheck:
         """Return the check after a frame: its smoothed left image, and where its tracks are in it."""
         rules = self.rules
         views = (*self.views, view)[-rules.back_frames - 1 :]
+        if len(self.sums) == rules.remembered and self.waited + 1 < rules.every:
+            return changed(self, views=views, waited=self.waited + 1, lasts=max(0, self.lasts - 1))
         sums = np.concatenate([self.sums, _sums(views, rules)])[-rules.remembered :]
-        check = changed(self, views=views, sums=sums)
+        check = changed(self, views=views, sums=sums, waited=0)
         shown = at_least(*check.share, rules.sigmas) > rules.share
         return changed(check, lasts=rules.lasting_frames if shown else max(0, self.lasts - 1))
 
