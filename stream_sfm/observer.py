@@ -103,7 +103,7 @@ class Observer:
         if images.grey_bits not in (None, grey_bits):
             images = self._prepared(frame, index, grey_bits)
         rectified = time.perf_counter()
-        state, view = replace(self.state, grey_bits=grey_bits), self.inertial_view(frame)
+        state, view = changed(self.state, grey_bits=grey_bits), self.inertial_view(frame)
         expected = None if view is None or expect is None else expect(stamp_ns, view)
         self.state, observations = self._frontend.step(state, images, stamp_ns, expected)
         if view is not None:

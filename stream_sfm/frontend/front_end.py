@@ -6,6 +6,7 @@ which the background is hidden: the next ones are followed from the last good fr
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -105,7 +106,7 @@ class StereoFrontEnd:
             state, observed = self._start_over(state, images, stamp_ns, wait=not start_anew)
         else:
             state, observed = self._go_on(state, images, stamp_ns, followed)
-            observed = replace(observed, unconfirmed=unconfirmed)
+            observed = replace(observed, unconfirmed=True) if unconfirmed else observed
         if change is not None and observed.rig is not None:
             rig = replace(
                 observed.rig, change=change, change_root=self.rig.root_of_turn(self.setup.rules.turn.std_rad)
@@ -164,20 +165,20 @@ class StereoFrontEnd:
         z_px = np.concatenate([followed.z_px, z_new])
         cov_px = np.concatenate([followed.cov_px, cov_new])
         note, state = self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px)
-        state, observed = self._observed(state, stamp_ns, z_px, cov_px, note or state.suspicions.problem)
-        return state, replace(
-            observed,
+        f_px, drifts_px = self.setup.projection.f_px, np.concatenate([drift_px, np.zeros(len(z_new))])
+        return self._observed(
+            state,
+            stamp_ns,
+            z_px,
+            cov_px,
+            note or state.suspicions.problem,
+            std_slides=(drifts_px, turn_of_slides(drift_px, f_px, self.setup.rules.errors.alike)),
             cam_from_previous=followed.cam_from_previous,
             n_new=len(z_new),
             ambiguity=_ambiguity(followed.second, state),
             settled=followed.settled,
             may_step=state.steps.suspected_px is not None,
-            stepped_rad=state.steps.confirmed_px / self.setup.projection.f_px,
-            lasting=replace(
-                observed.lasting,
-                std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))]),
-                std_turn_rad=turn_of_slides(drift_px, self.setup.projection.f_px, self.setup.rules.errors.alike),
-            ),
+            stepped_rad=state.steps.confirmed_px / f_px,
         )
 
     def _start_over(
@@ -198,14 +199,25 @@ class StereoFrontEnd:
         jumped = wait and state.previous is not None and are_alike(images, state.previous, rules.images.alike)
         if jumped:
             note = note or _JUMPED
-        state, observed = self._observed(_seen(anew, images, stamp_ns, z_px), stamp_ns, z_px, cov_px, note)
-        return state, replace(observed, n_new=len(z_px), jumped=jumped)
+        seen = _seen(anew, images, stamp_ns, z_px)
+        return self._observed(seen, stamp_ns, z_px, cov_px, note, n_new=len(z_px), jumped=jumped)
 
     def _observed(
-        self, state: FrontEndState, stamp_ns: int, z_px: Array, cov_px: Array, note: str
+        self,
+        state: FrontEndState,
+        stamp_ns: int,
+        z_px: Array,
+        cov_px: Array,
+        note: str,
+        std_slides: tuple[Array, float] | None = None,
+        **others: Any,
     ) -> tuple[FrontEndState, Observations]:
-        """Observations of all tracks, views (n, 4) with covariances (n, 4, 4), or of none."""
+        """Observations of all tracks, views (n, 4) with covariances (n, 4, 4), or of none.
+
+        `std_slides`: σ of their templates' drifts (n,) px and of the turn that these feign; `others`: further fields.
+        """
         n = len(z_px)
+        std_drift_px, std_turn_rad = (np.zeros(n), 0.0) if std_slides is None else std_slides
         ids, points = state.tracks.ids[:n], state.tracks.points[:n]
         errors, timing = state.errors.after(ids, z_px, cov_px), state.timing
         timing_px = np.zeros((n, 4)) if timing.twist is None else timing.taken_out(points, timing.twist)
@@ -216,11 +228,11 @@ class StereoFrontEnd:
             z_px=self.rig.corrected(z_px),
             cov_px=cov_px,
             note=self._turn_note(state.turn_watch) or note or _misfit(state),
-            ambiguity=_ambiguity(None, state),
-            lasting=LastingErrors(np.zeros(n), errors.inflation),
+            lasting=LastingErrors(std_drift_px, errors.inflation, std_turn_rad),
             rig=None
             if self.setup.config.rig.exact
             else RigView(self.rig, state.rows.field_std_px, timing_px, state.rows.delay, state.turn_root),
+            **{"ambiguity": _ambiguity(None, state)} | others,
         )
         return changed(state, errors=errors), observed
 
