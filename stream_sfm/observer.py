@@ -145,13 +145,18 @@ class Observer:
         deep = any(image.dtype == np.uint16 for image in images)
         bits = bits_used(*images) if deep and grey_bits is None else grey_bits
         sides = [to_uint8(image, bits or FEWEST_BITS) for image in images]
-        rectified = self.rectifier.rectify(*sides)
-        done = self._smoothing_px, frame.stamp_ns, bits, self._made_by
-        prepared = PreparedImages.of(rectified[0], rectified[-1], *done, self._rules.flow)
-        if len(sides) > 1:
-            left, right = sides
-            one_image = are_one_image(left, right, self._rules.images)
-            prepared = replace(prepared, one_image=one_image, delivered=(left, right))
+        rectified, pair = self.rectifier.rectify(*sides), len(sides) > 1
+        prepared = PreparedImages.of(
+            rectified[0],
+            rectified[-1],
+            self._smoothing_px,
+            stamp_ns=frame.stamp_ns,
+            grey_bits=bits,
+            made_by=self._made_by,
+            one_image=pair and are_one_image(sides[0], sides[1], self._rules.images),
+            delivered=(sides[0], sides[1]) if pair else None,
+            rules=self._rules.flow,
+        )
         if frame_index is not None:
             self._frontend.prepare(prepared, frame_index)
         return prepared

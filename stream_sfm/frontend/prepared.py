@@ -1,7 +1,8 @@
 """Rectified images of one frame in the forms that the front-end's steps need."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -35,21 +36,12 @@ class PreparedImages:
     rules: FlowRules = _RULES
 
     @classmethod
-    def of(
-        cls,
-        left: Image,
-        right: Image,
-        sigma_px: float,
-        stamp_ns: int | None = None,
-        grey_bits: int | None = None,
-        made_by: str = "",
-        rules: FlowRules = _RULES,
-    ) -> "PreparedImages":
-        """Prepare rectified images: smooth them by a Gaussian of `sigma_px` and derive the other forms."""
+    def of(cls, left: Image, right: Image, sigma_px: float, **others: Any) -> "PreparedImages":
+        """Prepare rectified images: smooth them by a Gaussian of `sigma_px`; `others`: fields beside the images."""
         same, rectified = left is right, (left, right)
         left = _smoothed(left, sigma_px)
         right = left if same else _smoothed(right, sigma_px)
-        return cls(left, right, _halved(left), rectified, stamp_ns, grey_bits, made_by, rules=rules)
+        return cls(left, right, _halved(left), rectified, **others)
 
     @cached_property
     def coarse(self) -> tuple[Image, Image]:
@@ -90,9 +82,10 @@ class PreparedImages:
 
     def shrunk(self) -> "PreparedImages":
         """The same without the large forms that only the newest frame needs."""
-        kept = replace(self, delivered=None)
-        forms = ("quarter_grey", "quarter_flow", "exposure")
-        kept.__dict__.update({name: self.__dict__[name] for name in forms if name in self.__dict__})
+        kept = object.__new__(PreparedImages)  # some times quicker than `replace` of a frozen record
+        kept.__dict__.update(self.__dict__, delivered=None)
+        for form in ("coarse", "corner_strength"):
+            kept.__dict__.pop(form, None)
         return kept
 
     @property

@@ -65,7 +65,7 @@ class Setup:
             return np.zeros(len(z_px), bool)
         return ~core.inside_area(self.right_area, z_px[:, 2:].copy())
 
-    @property
+    @cached_property
     def std_acceleration(self) -> Array:
         """σ (6,) of the acceleration, m/s², and of the angular one, rad/s², that the camera may have."""
         return np.array(self.config.motion.std_acceleration)

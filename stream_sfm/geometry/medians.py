@@ -1,6 +1,5 @@
 """Robust statistics of a few numbers: medians, their values for Gaussian noise, and the width of robust weights."""
 
-
 from .. import core
 from .se3 import Array
 
