@@ -15,13 +15,11 @@ from .camera.rig import MonoRig, StereoRig
 from .checked import check_arguments, check_images, checked_stamp, used_cameras
 from .config import Config
 from .errors import FrameError
-from .frontend.echo_check import middle
 from .frontend.front_end import StereoFrontEnd
 from .frontend.image_checks import are_one_image
 from .frontend.mono.front_end import MonoFrontEnd
 from .frontend.prepared import PreparedImages
 from .frontend.state import FrontEndState
-from .frontend.still_check import Lines
 from .geometry.stereo import StereoProjection
 from .inertial.samples import ImuSamples
 from .physical import Observed as Observed
@@ -54,8 +52,9 @@ class Observer:
             self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
         self.state: FrontEndState = self._frontend.start
         self._smoothing_px, self._rules = config.frontend.smoothing_px, config.rules
-        used = config.rules.images, config.rules.still, config.rules.echo, config.rules.flow
-        self._made_by = f"{self.rectifier.fingerprint} {self._smoothing_px} {used}"
+        self._made_by = (
+            f"{self.rectifier.fingerprint} {self._smoothing_px} {config.rules.images} {config.rules.flow}"
+        )
         self.physical = PhysicalEstimates(self.rectifier, self._frontend, config.rig, self.rig.unscaled)
         imu = self.rig.imu if isinstance(self.rig, StereoRig) and config.imu.enabled else None
         self._imu = None if imu is None else imu.mounted_in(self.rectifier.rect_from_cam[:3, :3])
@@ -69,25 +68,7 @@ class Observer:
         the wrong kind.
         """
         check_images(self.rig.cameras, frame, "the frame")
-        images = [to_grey(image) for image in frame.images[: len(self.rig.cameras)]]
-        deep = any(image.dtype == np.uint16 for image in images)
-        bits = bits_used(*images) if deep and grey_bits is None else grey_bits
-        sides = [to_uint8(image, bits or FEWEST_BITS) for image in images]
-        rectified = self.rectifier.rectify(*sides)
-        done = self._smoothing_px, frame.stamp_ns, bits, self._made_by
-        prepared = PreparedImages.of(rectified[0], rectified[-1], *done, self._rules.flow)
-        if len(sides) > 1:
-            rules, masks = self._rules, [camera.mask for camera in self.rig.cameras.values()]
-            left, right = (Lines.of(side, rules.still, mask) for side, mask in zip(sides, masks, strict=True))
-            prepared = replace(
-                prepared,
-                one_image=are_one_image(sides[0], sides[1], rules.images),
-                lines=(left, right),
-                middles=(middle(sides[0], rules.echo), middle(sides[1], rules.echo)),
-            )
-        if frame_index is not None:
-            self._frontend.prepare(prepared, frame_index)
-        return prepared
+        return self._prepared(frame, frame_index, grey_bits)
 
     def inertial_view(self, frame: Frame) -> InertialView | None:
         """Return the inertial samples of a frame, where they are used, with their calibration in rectified axes."""
@@ -117,12 +98,12 @@ class Observer:
         if prepared is not None and (problem := self._prepared_problem(frame, prepared)):
             raise FrameError(f"{where}: prepared {problem}; give what `prepare` returned for this frame")
         began = time.perf_counter()
-        images = self.prepare(frame, index) if prepared is None else prepared
+        images = self._prepared(frame, index) if prepared is None else prepared
         grey_bits = max(self.state.grey_bits, images.grey_bits or 0)
         if images.grey_bits not in (None, grey_bits):
-            images = self.prepare(frame, index, grey_bits)
+            images = self._prepared(frame, index, grey_bits)
         rectified = time.perf_counter()
-        state, view = replace(self.state, grey_bits=grey_bits), self.inertial_view(frame)
+        state, view = changed(self.state, grey_bits=grey_bits), self.inertial_view(frame)
         expected = None if view is None or expect is None else expect(stamp_ns, view)
         self.state, observations = self._frontend.step(state, images, stamp_ns, expected)
         if view is not None:
@@ -157,6 +138,28 @@ class Observer:
             timing = replace(self._frontend.start.timing, mean=mean_s, cov=cov_s2)
             z_px -= timing.taken_out(*observed.moving)
         return changed(observed, observations=replace(seen, z_px=z_px, rig=None))
+
+    def _prepared(self, frame: Frame, frame_index: int | None, grey_bits: int | None = None) -> PreparedImages:
+        """As `prepare`, of images that have been checked."""
+        images = [to_grey(image) for image in frame.images[: len(self.rig.cameras)]]
+        deep = any(image.dtype == np.uint16 for image in images)
+        bits = bits_used(*images) if deep and grey_bits is None else grey_bits
+        sides = [to_uint8(image, bits or FEWEST_BITS) for image in images]
+        rectified, pair = self.rectifier.rectify(*sides), len(sides) > 1
+        prepared = PreparedImages.of(
+            rectified[0],
+            rectified[-1],
+            self._smoothing_px,
+            stamp_ns=frame.stamp_ns,
+            grey_bits=bits,
+            made_by=self._made_by,
+            one_image=pair and are_one_image(sides[0], sides[1], self._rules.images),
+            delivered=(sides[0], sides[1]) if pair else None,
+            rules=self._rules.flow,
+        )
+        if frame_index is not None:
+            self._frontend.prepare(prepared, frame_index)
+        return prepared
 
     def _prepared_problem(self, frame: Frame, prepared: object) -> str:
         """Why something is not what `prepare` returned for a frame; empty where it is."""

@@ -21,8 +21,9 @@ class GhostRules(Section, frozen=True, kw_only=True):
     noise_grey: Annotated[float, expert("least σ of what is left of a patch", 0.1, 1000)] = 1.0
     least_square: Annotated[float, expert("least square of a change of a patch", 1e-12, 1e6)] = 1e-3
     remembered: Annotated[int, expert("frames that are judged together", 1, 10_000)] = 40
+    every: Annotated[int, expert("frames from one examined to the next, after the first ones", 1, 10_000)] = 2
     # Without new evidence, which there is none of while the camera stands or moves steadily.
-    lasting_frames: Annotated[int, expert("frames that a suspicion lasts", 1, 10_000)] = 100
+    lasting_frames: Annotated[int, expert("frames that a suspicion lasts", 1, 10_000)] = 60
     # Sound logs, real and rendered, some blurred, dark, encoded or with a pattern of the sensor, have shares of at most
     # 0.01, which are at most 4.1 σ above zero. In the first frames a share is large, and uncertain.
     share: Annotated[float, expert("least share of the image before in one, less its uncertainty", 0, 1)] = 0.0033
@@ -68,6 +69,8 @@ class StillRules(Section, frozen=True, kw_only=True):
 
     # Of every row and column it would take eight times as long, and edges are longer than that.
     spacing_px: Annotated[int, expert("spacing of the rows and columns that are looked at, px", 1, 1000)] = 8
+    # What is drawn stays for longer.
+    every: Annotated[int, expert("frames from one that is looked at to the next", 1, 100)] = 2
     # Well above noise.
     edge_grey: Annotated[int, expert("difference of grey values two pixels apart at an edge", 1, 255)] = 16
     # Of another encoding of the same pixels.
@@ -78,7 +81,7 @@ class StillRules(Section, frozen=True, kw_only=True):
     apart_frames: Annotated[int, expert("frames back to an earlier image that edges are compared with", 1, 100)] = 4
     # With fewer edges moving the camera stands, and what is drawn does not show.
     moving: Annotated[float, expert("share of edges that must change for a frame to be judged", 0, 1)] = 0.2
-    remembered: Annotated[int, expert("frames that are judged together", 1, 10_000)] = 10
+    remembered: Annotated[int, expert("frames looked at that are judged together", 1, 10_000)] = 5
     fewest: Annotated[int, expert("edges that it takes to say anything", 1, 10**9)] = 500
     # Sound logs, rendered and real, have up to 0.0033; overlays that lead estimates astray have from 0.02 on.
     drawn: Annotated[float, expert("least share of edges that stay, left and right", 0, 1)] = 0.008
@@ -96,9 +99,9 @@ class FieldRules(Section, frozen=True, kw_only=True):
     # Images without texture have less.
     least_grey2: Annotated[float, expert("least row difference that counts, grey values squared", 1e-3, 1e6)] = 1.0
     # Each costs a fifth of a millisecond.
-    every: Annotated[int, expert("frames from one that is looked at to the next", 1, 10_000)] = 4
+    every: Annotated[int, expert("one of so many frames of which still.every takes lines", 1, 10_000)] = 2
     # What stands is not combed.
-    lasting_frames: Annotated[int, expert("frames that a suspicion lasts", 1, 10_000)] = 30
+    lasting_frames: Annotated[int, expert("such frames that a suspicion lasts", 1, 10_000)] = 15
 
 
 class EchoRules(Section, frozen=True, kw_only=True):

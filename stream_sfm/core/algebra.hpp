@@ -138,15 +138,17 @@ inline bool solve_positive(double* a, double* b, std::size_t n) {
     return true;
 }
 
-// Eigenvalues of a symmetric matrix A (n, n), which become its diagonal, and its axes as columns (n, n): Jacobi's rotations.
-inline void diagonalise(double* a, double* axes, std::size_t n) {
+// Eigenvalues of a symmetric matrix A (n, n), which become its diagonal, and its axes as columns (n, n): Jacobi's rotations,
+// until the squares of all other elements add up to rounding, or to what is `left`.
+inline void diagonalise(double* a, double* axes, std::size_t n, double left = 0) {
     for (std::size_t i = 0; i < n * n; i++) axes[i] = i % (n + 1) == 0 ? 1.0 : 0.0;
     for (int sweep = 0; sweep < 30; sweep++) {  // matrices of up to 20 take six
         double off = 0, on = 0;
         for (std::size_t i = 0; i < n; i++)
             for (std::size_t j = 0; j < n; j++) (i == j ? on : off) += a[i * n + j] * a[i * n + j];
-        if (!(off > on * ROUNDING)) break;
-        double least = on * ROUNDING / static_cast<double>(n * n);  // all elements below it together end the sweeps
+        double end = std::max(on * ROUNDING, left);
+        if (!(off > end)) break;
+        double least = end / static_cast<double>(n * n);  // all elements below it together end the sweeps
         for (std::size_t i = 0; i < n; i++)
             for (std::size_t j = i + 1; j < n; j++) {
                 if (!(a[i * n + j] * a[i * n + j] > least)) continue;

@@ -35,6 +35,12 @@ the `votes` (n,) of what was found. Start (4, 4); `gate` of squared residuals.)"
         "pinholes"_a, "tracks"_a, "votes"_a, "left_px"_a, "found"_a, "cam_from_previous"_a, "std_flow_px"_a, "gate"_a, "rules"_a);
     def<&effects_of_turn>(m, "effects_of_turn", R"(Return what a turn of the right camera does at positions (n, 2) in its image: (n, 2, 3) px per radian.)",
         "pinholes"_a, "right_px"_a);
+    def<&views_by_turn>(m, "views_by_turn", R"(Return what amplitudes of a turn of the right camera do to views (n, 4): (n, 4, e) px, eq. (36b).
+
+Its covariance is `root` (3, e) times its transpose, rad². A missing right side has zeros.)",
+        "pinholes"_a, "z_px"_a, "root"_a);
+    def<&with_turn>(m, "with_turn", R"(Return covariances (n, 4, 4) of views (n, 4) with that of a turn of the right camera, as of `views_by_turn`.)",
+        "pinholes"_a, "z_px"_a, "cov_px"_a, "root"_a);
     def<&fit_turn>(m, "fit_turn", R"(Return the turn of the right camera (3,) rad that views show, and which (n,) agree, eq. (72d).
 
 By a few steps of reweighting, together with the motion (4, 4). And by how much likelier it is a knock of

@@ -90,6 +90,8 @@ struct FittedTurn {
     FIELDS(rad, cov, agree, log_odds, squared)
 };
 Array<double, 3> effects_of_turn(const Pinholes& pinholes, Matrix right);
+Array<double, 3> views_by_turn(const Pinholes& pinholes, Matrix z, Matrix root);
+Array<double, 3> with_turn(const Pinholes& pinholes, Matrix z, Matrices cov, Matrix root);
 FittedTurn fit_turn(const PointViews& views, Matrix motion, Matrix usual, const TurnRules& rules);
 
 }  // namespace core

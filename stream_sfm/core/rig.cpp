@@ -355,10 +355,11 @@ WIDER Array<double, 2> principal_components(Matrix errors) {
     add_product({errors.data, k}, k, {errors.data, k}, k, n, k, products.data());
     for (std::size_t a = 0; a < k; a++)
         for (std::size_t b = 0; b < a; b++) products[a * k + b] = products[b * k + a];
-    diagonalise(products.data(), axes.data(), k);
+    const double least = 1e-2;  // px², of all views: the variance of a good one
+    diagonalise(products.data(), axes.data(), k, 1e-12 * least * least);  // any axes at right angles give the same errors
     std::size_t kept = 0;
     for (std::size_t a = 0; a < k; a++) {
-        if (!(products[a * k + a] > 1e-2)) continue;  // px², of all views: the variance of a good one
+        if (!(products[a * k + a] > least)) continue;
         for (std::size_t b = 0; b < k; b++) axes[b * k + kept] = axes[b * k + a];  // the first columns
         kept++;
     }

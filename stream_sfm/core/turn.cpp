@@ -111,6 +111,32 @@ Array<double, 3> effects_of_turn(const Pinholes& pinholes, Matrix right) {
                 [&](const double* at, double* out) { by_turn(pinholes, at[0], at[1], out); });
 }
 
+Array<double, 3> views_by_turn(const Pinholes& pinholes, Matrix z, Matrix root) {
+    std::size_t n = z.shape[0], e = root.shape[1];
+    require_shape(z, {n, 4}, "z_px");
+    require_shape(root, {3, e}, "root");
+    Array<double, 3> result(n, 4, e);
+    for (std::size_t i = 0; i < n; i++) {
+        if (!std::isfinite(z[i][2])) continue;
+        double turned[6];
+        by_turn(pinholes, z[i][2], z[i][3], turned);
+        for (std::size_t c = 0; c < 6; c++) add(turned[c], root[c % 3], e, result[i] + (2 + c / 3) * e);
+    }
+    return result;
+}
+
+Array<double, 3> with_turn(const Pinholes& pinholes, Matrix z, Matrices cov, Matrix root) {
+    std::size_t n = z.shape[0], e = root.shape[1];
+    require_shape(cov, {n, 4, 4}, "cov_px");
+    Array<double, 3> moved = views_by_turn(pinholes, z, root), result(n, 4, 4);
+    for (std::size_t i = 0; i < n; i++)
+        for (std::size_t c = 0; c < 16; c++) {
+            const double *a = moved[i] + c / 4 * e, *b = moved[i] + c % 4 * e;
+            result[i][c] = std::inner_product(a, a + e, b, cov[i][c]);
+        }
+    return result;
+}
+
 FittedTurn fit_turn(const PointViews& views, Matrix motion, Matrix usual, const TurnRules& rules) {
     std::size_t n = views.points.shape[0];
     require_shape(motion, {4, 4}, "cam_from_ref");

@@ -25,12 +25,11 @@ class DisparityError:
 
     @classmethod
     def of(cls, rig: RigModel, found: RigEstimate | None = None, step_px: float = 0.0) -> "DisparityError":
-        """Return what is known beforehand, or of what an estimator has `found`, in units, for a step of σ `step_px`."""
+        """Return what is known beforehand, or of what an estimator has `found`, for a step of σ `step_px`."""
         mean, root = rig.known[DISPARITY], rig.root[DISPARITY, DISPARITY]
         if found is not None:
-            mean = found.mean[DISPARITY]
-            cov = found.cov[DISPARITY, DISPARITY] + step_px**2 * np.eye(len(mean))
-            root = np.asarray(np.linalg.cholesky(cov), np.float64)
+            mean, cov = rig.disparity(found)
+            root = np.asarray(np.linalg.cholesky(cov + step_px**2 * np.eye(len(mean))), np.float64)
         return cls(rig.projection, mean, root)
 
     def effects(self, points: Array, cam_from_previous: Array, z_px: Array) -> tuple[Array, Array]:

@@ -40,10 +40,11 @@ class EchoCheck:
         )
 
     def after(self, left: Image, right: Image) -> "EchoCheck":
-        """Return the check after a frame, by the middles of its images as they came."""
+        """Return the check after a frame, by the middles of its images (h, w) as they came."""
         rules = self.rules
         if len(self.cepstra) >= rules.remembered and self.waited + 1 < rules.every:
             return changed(self, waited=self.waited + 1)
+        left, right = _middle(left, rules), _middle(right, rules)
         if min(left.shape) < 4 * rules.largest_px or left.shape != right.shape:
             return self
         shown = np.minimum(_cepstrum(left, rules), _cepstrum(right, rules))
@@ -51,11 +52,11 @@ class EchoCheck:
         return changed(self, cepstra=cepstra, waited=0, at_px=_echo(np.mean(cepstra, axis=0), rules))
 
 
-def middle(image: Image, rules: EchoRules) -> Image:
-    """Return a copy of the middle of an image (h, w), at most so large, its sides even."""
+def _middle(image: Image, rules: EchoRules) -> Image:
+    """Return the middle of an image (h, w), at most so large, its sides even."""
     h, w = (min(n, rules.middle_px) // 2 * 2 for n in image.shape)
     y, x = (image.shape[0] - h) // 2, (image.shape[1] - w) // 2
-    return image[y : y + h, x : x + w].copy()
+    return image[y : y + h, x : x + w]
 
 
 def _cepstrum(image: Image, rules: EchoRules) -> Cepstrum:

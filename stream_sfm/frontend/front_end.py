@@ -6,6 +6,7 @@ which the background is hidden: the next ones are followed from the last good fr
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -56,6 +57,7 @@ class StereoFrontEnd:
         projection, in_right = rectifier.projection, rectifier.valid_in_right
         radius_px, rules = config.frontend.window_radius_px, config.rules
         self.setup = Setup(projection, config, None if in_right is None else valid_area(in_right, radius_px))
+        self.masks = [camera.mask for camera in rig.cameras.values()]
         self.problem = resolution_problem(rig, rules.pair)  # what is wrong with the calibration in any frame
         self.rig = RigModel.of(
             projection, config.rig, rig.refinement, rectifier.rows_of, rig.timing, rectifier.by_focal
@@ -96,7 +98,7 @@ class StereoFrontEnd:
         if expected is not None and expected.since_ns != state.previous_ns:
             expected = None  # it is of another frame than the one that is followed from
         state, change = self._take_out_turn(state)
-        state = changed(state, suspicions=state.suspicions.after_images(images))
+        state = changed(state, suspicions=state.suspicions.after_images(images, self.masks, state.frame_index))
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
         unconfirmed = bool(before.start.problem) and state.start.is_over and state.start.doubted
         state, start_anew = self._check(before, state, images, stamp_ns, followed)
@@ -104,7 +106,7 @@ class StereoFrontEnd:
             state, observed = self._start_over(state, images, stamp_ns, wait=not start_anew)
         else:
             state, observed = self._go_on(state, images, stamp_ns, followed)
-            observed = replace(observed, unconfirmed=unconfirmed)
+            observed = replace(observed, unconfirmed=True) if unconfirmed else observed
         if change is not None and observed.rig is not None:
             rig = replace(
                 observed.rig, change=change, change_root=self.rig.root_of_turn(self.setup.rules.turn.std_rad)
@@ -163,20 +165,20 @@ class StereoFrontEnd:
         z_px = np.concatenate([followed.z_px, z_new])
         cov_px = np.concatenate([followed.cov_px, cov_new])
         note, state = self._note(state, images, z_px), _seen(state, images, stamp_ns, z_px)
-        state, observed = self._observed(state, stamp_ns, z_px, cov_px, note or state.suspicions.problem)
-        return state, replace(
-            observed,
+        f_px, drifts_px = self.setup.projection.f_px, np.concatenate([drift_px, np.zeros(len(z_new))])
+        return self._observed(
+            state,
+            stamp_ns,
+            z_px,
+            cov_px,
+            note or state.suspicions.problem,
+            std_slides=(drifts_px, turn_of_slides(drift_px, f_px, self.setup.rules.errors.alike)),
             cam_from_previous=followed.cam_from_previous,
             n_new=len(z_new),
             ambiguity=_ambiguity(followed.second, state),
             settled=followed.settled,
             may_step=state.steps.suspected_px is not None,
-            stepped_rad=state.steps.confirmed_px / self.setup.projection.f_px,
-            lasting=replace(
-                observed.lasting,
-                std_drift_px=np.concatenate([drift_px, np.zeros(len(z_new))]),
-                std_turn_rad=turn_of_slides(drift_px, self.setup.projection.f_px, self.setup.rules.errors.alike),
-            ),
+            stepped_rad=state.steps.confirmed_px / f_px,
         )
 
     def _start_over(
@@ -197,14 +199,25 @@ class StereoFrontEnd:
         jumped = wait and state.previous is not None and are_alike(images, state.previous, rules.images.alike)
         if jumped:
             note = note or _JUMPED
-        state, observed = self._observed(_seen(anew, images, stamp_ns, z_px), stamp_ns, z_px, cov_px, note)
-        return state, replace(observed, n_new=len(z_px), jumped=jumped)
+        seen = _seen(anew, images, stamp_ns, z_px)
+        return self._observed(seen, stamp_ns, z_px, cov_px, note, n_new=len(z_px), jumped=jumped)
 
     def _observed(
-        self, state: FrontEndState, stamp_ns: int, z_px: Array, cov_px: Array, note: str
+        self,
+        state: FrontEndState,
+        stamp_ns: int,
+        z_px: Array,
+        cov_px: Array,
+        note: str,
+        std_slides: tuple[Array, float] | None = None,
+        **others: Any,
     ) -> tuple[FrontEndState, Observations]:
-        """Observations of all tracks, views (n, 4) with covariances (n, 4, 4), or of none."""
+        """Observations of all tracks, views (n, 4) with covariances (n, 4, 4), or of none.
+
+        `std_slides`: σ of their templates' drifts (n,) px and of the turn that these feign; `others`: further fields.
+        """
         n = len(z_px)
+        std_drift_px, std_turn_rad = (np.zeros(n), 0.0) if std_slides is None else std_slides
         ids, points = state.tracks.ids[:n], state.tracks.points[:n]
         errors, timing = state.errors.after(ids, z_px, cov_px), state.timing
         timing_px = np.zeros((n, 4)) if timing.twist is None else timing.taken_out(points, timing.twist)
@@ -215,11 +228,11 @@ class StereoFrontEnd:
             z_px=self.rig.corrected(z_px),
             cov_px=cov_px,
             note=self._turn_note(state.turn_watch) or note or _misfit(state),
-            ambiguity=_ambiguity(None, state),
-            lasting=LastingErrors(np.zeros(n), errors.inflation),
+            lasting=LastingErrors(std_drift_px, errors.inflation, std_turn_rad),
             rig=None
             if self.setup.config.rig.exact
             else RigView(self.rig, state.rows.field_std_px, timing_px, state.rows.delay, state.turn_root),
+            **{"ambiguity": _ambiguity(None, state)} | others,
         )
         return changed(state, errors=errors), observed
 
@@ -244,7 +257,7 @@ class StereoFrontEnd:
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
         """Take in what an estimator has found out about the rig with the latest frame, in units of σ."""
         step_px = self.setup.config.rig.disparity_step_px
-        state = changed(state, disparity=DisparityError.of(self.rig, self.rig.in_units(estimate), step_px))
+        state = changed(state, disparity=DisparityError.of(self.rig, estimate, step_px))
         return learn_timing(self.setup.projection, state, *self.rig.timing(estimate))
 
     def rig_in_px(self, turn_rad: Array, estimate: RigEstimate | None) -> RigEstimate | None:

@@ -16,6 +16,7 @@ sampling changes fine texture are the same in both directions; a ghost is of the
 is less evidence counts.
 """
 
+from dataclasses import field
 from operator import itemgetter
 
 import numpy as np
@@ -31,17 +32,18 @@ SHOWS_THROUGH = (
     "earlier images show through: is noise reduction over time on in the cameras, or were frames blended? "
     "Positions lag behind"
 )
-_NOTHING = np.zeros((2, 5))
+_NOTHING = np.zeros((1, 2, 5))
 
 
 @record
 class GhostCheck:
-    """What the frames so far have shown: the latest views, and `sums` (2, 5) of each of the latest frames: over all
-    patches, of p = r_I·(r_P − r_O), s = r_P², p², p s and s², and of the same with p = r_I·r_P − r_J·r_N. `lasts`: for
-    how many frames a ghost is still suspected."""
+    """What the frames so far have shown: the latest views, and `sums` (n, 2, 5) of each of the latest that were
+    looked at: over all patches, of p = r_I·(r_P − r_O), s = r_P², p², p s and s², and of the same with p = r_I·r_P −
+    r_J·r_N; `waited`: frames since the last one. `lasts`: for how many frames a ghost is still suspected."""
 
     views: tuple[View, ...] = ()
-    sums: tuple[Array, ...] = ()
+    sums: Array = field(default_factory=lambda: np.empty((0, 2, 5)))
+    waited: int = 0
     lasts: int = 0
     rules: GhostRules = GhostRules()
 
@@ -49,7 +51,7 @@ class GhostCheck:
     def share(self) -> tuple[float, float]:
         """How much of each image is the one before it, and this in σ, of the control by which it is least; zero where
         nothing is known."""
-        return min(map(share_of, np.sum(self.sums, axis=0) if self.sums else _NOTHING), key=itemgetter(1))
+        return min(map(share_of, self.sums.sum(axis=0)), key=itemgetter(1))
 
     @property
     def problem(self) -> str:
@@ -60,7 +62,10 @@ class GhostCheck:
         """Return the check after a frame: its smoothed left image, and where its tracks are in it."""
         rules = self.rules
         views = (*self.views, view)[-rules.back_frames - 1 :]
-        check = changed(self, views=views, sums=(*self.sums, _sums(views, rules))[-rules.remembered :])
+        if len(self.sums) == rules.remembered and self.waited + 1 < rules.every:
+            return changed(self, views=views, waited=self.waited + 1, lasts=max(0, self.lasts - 1))
+        sums = np.concatenate([self.sums, _sums(views, rules)])[-rules.remembered :]
+        check = changed(self, views=views, sums=sums, waited=0)
         shown = at_least(*check.share, rules.sigmas) > rules.share
         return changed(check, lasts=rules.lasting_frames if shown else max(0, self.lasts - 1))
 
@@ -81,7 +86,7 @@ def _sums(views: tuple[View, ...], rules: GhostRules) -> Array:
         return _NOTHING
     rows = rows[:: -(-len(rows) // rules.patches)]
     at_px = now.left_px[rows], last_px[rows], first.of(now.ids)[rows]
-    return core.ghost_sums(now.image, before.image, first.image, *at_px, rules.noise_grey, rules.least_square)
+    return core.ghost_sums(now.image, before.image, first.image, *at_px, rules.noise_grey, rules.least_square)[None]
 
 
 def _oldest(views: tuple[View, ...], now: View, usable: NDArray[np.bool_]) -> tuple[View, NDArray[np.bool_]]:

@@ -40,8 +40,8 @@ class ViewNoise:
         frames = self.frames + 1
         gain = 1 / min(frames + 1, MEMORY_FRAMES)
         factor = self.factor * (1 + gain * (chi2 / dof - 1))
-        factor = np.clip(factor, self.rules.least_factor, self.rules.most_factor)
-        return changed(self, factor=float(factor), frames=frames)
+        factor = min(max(factor, self.rules.least_factor), self.rules.most_factor)
+        return changed(self, factor=factor, frames=frames)
 
     def typical_cov(self, n: int) -> Array:
         """Covariances (n, 2, 2) px² of left positions where nothing has been measured yet."""

@@ -1,7 +1,8 @@
 """Rectified images of one frame in the forms that the front-end's steps need."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -9,7 +10,6 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..config.rules import FlowRules
-from .still_check import Lines
 
 Image = NDArray[np.uint8]
 GreyImage = NDArray[np.uint8] | NDArray[np.float32]
@@ -21,7 +21,7 @@ class PreparedImages:
     """The two smoothed images (h, w) of one frame, and the left one at half the size, for flow; `rectified`: both as
     they came. Of the frame they were made of: `stamp_ns`, and `grey_bits`: how many bits of 16-bit images were taken to
     be used, None of other images; `made_by`: equal where the same was done to images; `one_image`: both cameras have
-    delivered the same; `lines` and `middles`: of both as they came, None of one camera. Other forms are computed when
+    delivered the same; `delivered`: both as they came, of 8 bits, None of one camera. Other forms are computed when
     they are first asked for."""
 
     left: Image
@@ -32,26 +32,16 @@ class PreparedImages:
     grey_bits: int | None = None
     made_by: str = ""
     one_image: bool = False
-    lines: tuple[Lines, Lines] | None = None
-    middles: tuple[Image, Image] | None = None
+    delivered: tuple[Image, Image] | None = None
     rules: FlowRules = _RULES
 
     @classmethod
-    def of(
-        cls,
-        left: Image,
-        right: Image,
-        sigma_px: float,
-        stamp_ns: int | None = None,
-        grey_bits: int | None = None,
-        made_by: str = "",
-        rules: FlowRules = _RULES,
-    ) -> "PreparedImages":
-        """Prepare rectified images: smooth them by a Gaussian of `sigma_px` and derive the other forms."""
+    def of(cls, left: Image, right: Image, sigma_px: float, **others: Any) -> "PreparedImages":
+        """Prepare rectified images: smooth them by a Gaussian of `sigma_px`; `others`: fields beside the images."""
         same, rectified = left is right, (left, right)
         left = _smoothed(left, sigma_px)
         right = left if same else _smoothed(right, sigma_px)
-        return cls(left, right, _halved(left), rectified, stamp_ns, grey_bits, made_by, rules=rules)
+        return cls(left, right, _halved(left), rectified, **others)
 
     @cached_property
     def coarse(self) -> tuple[Image, Image]:
@@ -92,9 +82,10 @@ class PreparedImages:
 
     def shrunk(self) -> "PreparedImages":
         """The same without the large forms that only the newest frame needs."""
-        kept = replace(self)
-        forms = ("quarter_grey", "quarter_flow", "exposure")
-        kept.__dict__.update({name: self.__dict__[name] for name in forms if name in self.__dict__})
+        kept = object.__new__(PreparedImages)  # some times quicker than `replace` of a frozen record
+        kept.__dict__.update(self.__dict__, delivered=None)
+        for form in ("coarse", "corner_strength"):
+            kept.__dict__.pop(form, None)
         return kept
 
     @property

@@ -58,7 +58,8 @@ def with_turn(rig: RigModel, estimate: RigEstimate, rad: Array) -> RigEstimate:
 @record
 class TurnWatch:
     """Statistics of a run's turns, learnt from so many `frames`: the covariance `usual` (3, 3) of ordinary ones as they
-    are measured, and `real` (3, 3), without the noise of the measurement. `settings`: of the gate of its views.
+    are measured, and `real` (3, 3), without the noise of the measurement, which is `root` times its transpose.
+    `settings`: of the gate of its views.
 
     `unusual`: the turns (3,) of the frames in a row, up to the latest, that were not usual.
     """
@@ -68,6 +69,7 @@ class TurnWatch:
     settings: RobustConfig
     usual: Array
     real: Array
+    root: Array
     frames: int
     unusual: tuple[Array, ...] = ()
 
@@ -76,7 +78,7 @@ class TurnWatch:
         """Return the watch before any frame."""
         guess = np.eye(3) * rules.first_guess_rad**2
         settings = RobustConfig(gate_probability=rules.gate)
-        return cls(projection, rules, settings, guess, guess, rules.guess_frames)
+        return cls(projection, rules, settings, guess, guess, _root(guess), rules.guess_frames)
 
     @property
     def lasting_rad(self) -> Array | None:
@@ -129,14 +131,22 @@ class TurnWatch:
         """
         square, counts = np.outer(rad, rad), 1.0 if chi2 < self.rules.limit else self.rules.limit / chi2
         if stands_out:
-            return changed(self, usual=self.usual + square, real=self.real + square, unusual=())
+            real = self.real + square
+            return changed(self, usual=self.usual + square, real=real, root=_root(real), unusual=())
         frames = min(self.frames + 1, MEMORY_FRAMES)
         gain = np.linalg.solve(self.real + cov, self.real).T
         expected = symmetric(counts * gain @ square @ gain.T + self.real - gain @ self.real)
+        real = self.real + (expected - self.real) / frames
         return changed(
             self,
             usual=self.usual + (counts * square - self.usual) / frames,
-            real=self.real + (expected - self.real) / frames,
+            real=real,
+            root=_root(real),
             frames=frames,
             unusual=(),
         )
+
+
+def _root(cov: Array) -> Array:
+    """Return a root (3, 3) of a covariance (3, 3)."""
+    return np.asarray(np.linalg.cholesky(cov), np.float64)

@@ -6,7 +6,6 @@ the size of patches.
 """
 
 from collections.abc import Iterator
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +53,7 @@ def _found(step: Step, aligners: Aligners, tracks: Tracks) -> Iterator[RoughMoti
     # where half of the view is covered, mean and contrast change, and the exposure does not
     before_halves = [exposed] if exposed is previous.left_half else [exposed, previous.left_half]
     attempts = _attempts(config.frontend.pyramid_levels, tracks, step)
-    for (start, levels, zoom), before_half in product(attempts, before_halves):
+    for start, levels, zoom, before_half in ((*attempt, half) for attempt in attempts for half in before_halves):
         at_px = projection.project_homogeneous(tracks.points @ start.T)[:, :2].copy()
         found = np.zeros(len(tracks), bool)
         for scale, aligner in aligners.items():

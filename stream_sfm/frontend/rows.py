@@ -95,11 +95,11 @@ class Rows:
         cov = self.cov.copy()
         cov[range(_POLYNOMIAL), range(_POLYNOMIAL)] += self.rules.step_px**2
         before = symmetric_inverse(cov)
-        mean: Array = self.mean
+        mean, right_before = self.mean, before @ self.mean
         for _ in range(self.rules.reweightings):  # earlier frames keep their weight
             residual = (difference_px - terms @ mean) / self.scatter_px
             weighted = terms.T * (1 / (1 + (residual / CAUCHY_WIDTH) ** 2) / self.scatter_px**2)
-            information, right = before + weighted @ terms, before @ self.mean + weighted @ difference_px
+            information, right = before + weighted @ terms, right_before + weighted @ difference_px
             mean = np.asarray(np.linalg.solve(information, right), np.float64)
         frames = self.frames + 1
         scatter = MAD_TO_STD * median(np.abs(difference_px - terms @ mean))

@@ -14,7 +14,6 @@ from ..config.rules import Rules
 from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
 from ..record import changed, record
-from ..rig_model.terms import by_turn
 from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
@@ -66,7 +65,7 @@ class Setup:
             return np.zeros(len(z_px), bool)
         return ~core.inside_area(self.right_area, z_px[:, 2:].copy())
 
-    @property
+    @cached_property
     def std_acceleration(self) -> Array:
         """σ (6,) of the acceleration, m/s², and of the angular one, rad/s², that the camera may have."""
         return np.array(self.config.motion.std_acceleration)
@@ -141,13 +140,11 @@ class FrontEndState:
     @property
     def turn_root(self) -> Array:
         """A root (3, e) of the covariance of turns that the right camera has from frame to frame, radians."""
-        root = np.zeros((3, 0)) if self.turn_watch is None else np.linalg.cholesky(self.turn_watch.real)
-        return np.asarray(root, np.float64)
+        return np.zeros((3, 0)) if self.turn_watch is None else self.turn_watch.root
 
     def with_turn(self, z_px: Array, cov_px: Array) -> Array:
         """Return covariances (n, 4, 4) of views (n, 4) as measurements of depth, which a turn of their frame moves."""
-        moved = by_turn(self.rows.projection, z_px, self.turn_root)
-        return np.asarray(cov_px + moved @ np.swapaxes(moved, 1, 2))
+        return core.with_turn(self.rows.projection, z_px, cov_px, self.turn_root)
 
     @property
     def rows_with_delay(self) -> Rows:

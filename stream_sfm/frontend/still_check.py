@@ -3,8 +3,8 @@
 A time or a frame shown on the display, a grid, a hot or a bright column: points on it are in both images and never
 move, as if the camera stood and saw them at one distance. Where they are many, they may outvote the scene. What a
 standing camera sees has a disparity, and points at infinity move with every turn, so that of the edges of real images
-under 1 in 200 are at the same pixels with the same grey values in both images, in the one before and in one some frames
-earlier, while others move.
+under 1 in 200 are at the same pixels with the same grey values in both images, in those looked at before and in those
+some frames earlier, while others move.
 """
 
 from typing import NamedTuple
@@ -38,8 +38,8 @@ class Lines(NamedTuple):
 
 @record
 class StillCheck:
-    """What the frames so far have shown: the left lines of the latest ones, and of each of the latest how many edges
-    there are, and how many of them are drawn over both images."""
+    """What the frames that were looked at have shown: the left lines of the latest ones, and of each of the latest how
+    many edges there are, and how many of them are drawn over both images."""
 
     lefts: tuple[Lines, ...] = ()
     counts: tuple[tuple[int, int], ...] = ()
@@ -59,11 +59,12 @@ class StillCheck:
     def after(self, left: Lines, right: Lines) -> "StillCheck":
         """Return the check after a frame, by lines of its images."""
         rules, lefts = self.rules, self.lefts
+        apart = max(1, rules.apart_frames // rules.every)
         shapes = [line.shape for line in left]
         if [line.shape for line in right] != shapes or (lefts and [line.shape for line in lefts[-1]] != shapes):
             return changed(self, lefts=(left,))
-        lefts = (*lefts, left)[-rules.apart_frames - 1 :]
-        if len(lefts) <= rules.apart_frames:
+        lefts = (*lefts, left)[-apart - 1 :]
+        if len(lefts) <= apart:
             return changed(self, lefts=lefts)
         limits = rules.edge_grey, rules.same_grey, rules.same_step_grey
         lines = zip(left, lefts[-2], lefts[0], right, strict=True)

@@ -3,7 +3,11 @@
 Each check has a file of its own, and returns what it is `after` a frame; its `problem` says what is wrong, or nothing.
 """
 
+from collections.abc import Sequence
 from dataclasses import field
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..config.rules import Rules
 from ..record import changed, record
@@ -13,7 +17,9 @@ from .ghost_check import GhostCheck
 from .patches import View
 from .prepared import PreparedImages
 from .smear_check import SmearCheck
-from .still_check import StillCheck
+from .still_check import Lines, StillCheck
+
+Masks = Sequence[NDArray[np.bool_] | None]  # (h, w) of each camera, None where all of its image shows the scene
 
 
 @record
@@ -47,12 +53,17 @@ class Suspicions:
         checks = self.ghosts, self.smears, self.still, self.echo, self.fields
         return next(filter(None, (check.problem for check in checks)), "")
 
-    def after_images(self, images: PreparedImages) -> "Suspicions":
-        """Return the checks after images as they came, whatever is found in them."""
-        now = self
-        if images.lines is not None:
-            now = changed(now, still=now.still.after(*images.lines), fields=now.fields.after(*images.lines))
-        return now if images.middles is None else changed(now, echo=now.echo.after(*images.middles))
+    def after_images(self, images: PreparedImages, masks: Masks, frame_index: int) -> "Suspicions":
+        """Return the checks after images as they came, whatever is found in them; `masks`: of what they show."""
+        if images.delivered is None:
+            return self
+        still, fields = self.still, self.fields
+        if frame_index % still.rules.every == 0:
+            left, right = (
+                Lines.of(image, still.rules, mask) for image, mask in zip(images.delivered, masks, strict=True)
+            )
+            still, fields = still.after(left, right), fields.after(left, right)
+        return changed(self, still=still, fields=fields, echo=self.echo.after(*images.delivered))
 
     def after_views(self, view: View) -> "Suspicions":
         """Return the checks after a frame that was followed."""

@@ -70,7 +70,8 @@ class TemplateErrors:
         """Of the lasting part, per frame."""
         product, later = self.sums[3:5]
         ratio = later / product if product > 0 else 0.0
-        return float(np.clip(max(ratio, 0.0) ** (1 / (_LAG - 1)), self.rules.least_decay, self.rules.most_decay))
+        decay = float(max(ratio, 0.0)) ** (1 / (_LAG - 1))
+        return min(max(decay, self.rules.least_decay), self.rules.most_decay)
 
     @property
     def parts(self) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from .se3 import Array
 
 def symmetric(a: Array) -> Array:
     """Return (A + Aᵀ)/2 of matrices (…, n, n)."""
-    return np.asarray(0.5 * (a + np.swapaxes(a, -1, -2)))
+    return np.asarray(0.5 * (a + a.swapaxes(-1, -2)))
 
 
 def symmetric_inverse(a: Array) -> Array:

@@ -1,7 +1,5 @@
 """Robust statistics of a few numbers: medians, their values for Gaussian noise, and the width of robust weights."""
 
-import numpy as np
-
 from .. import core
 from .se3 import Array
 
@@ -14,5 +12,6 @@ MEMORY_FRAMES = 20
 
 def median(values: Array) -> float:
     """Return the median of finite values (n,), of one at least; NumPy's own takes eight times as long."""
-    ordered, n = np.sort(values), len(values)
+    ordered, n = values.copy(), len(values)
+    ordered.sort()
     return 0.5 * float(ordered[(n - 1) // 2] + ordered[n // 2])

@@ -90,8 +90,9 @@ def point_in_source_jacobian(points_in_source: Array) -> Array:
 
     ξ is the right perturbation of target_from_source.
     """
-    minus_eye = np.broadcast_to(-_EYE, (*points_in_source.shape, 3))
-    return np.concatenate([minus_eye, skew(points_in_source)], axis=-1)
+    jacobian: Array = np.empty((*points_in_source.shape, 6))
+    jacobian[..., :3], jacobian[..., 3:] = -_EYE, skew(points_in_source)
+    return jacobian
 
 
 ROUNDED = 1e-2  # of R Rᵀ from the identity, where poses were written with three digits

@@ -16,6 +16,7 @@ from .terms import AT_TIMING, DISPARITY, FOCAL, FOCUSING, TERMS, columns, growth
 
 _FOCAL, _FOCUSING = TERMS.index(FOCAL), TERMS.index(FOCUSING)
 LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
+_LEAST_COV = LEAST_VARIANCE * np.eye(2)
 # What the three parts of the field move of a view (u_left, v_left, u_right, v_right): the disparity, and u and v of
 # both sides alike. Without the last two, halves of the image differ by up to 2.4 σ on euroc_mh01, with them by 1.7.
 FIELD_MOVES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -76,7 +77,7 @@ class RigModel:
     @property
     def units_of_timing(self) -> Array:
         """Seconds (2,) per amplitude of delay and of readout."""
-        return np.diag(self.root)[AT_TIMING]
+        return self.root.diagonal()[AT_TIMING]
 
     def without_field(self) -> "RigModel":
         """Return the terms alone."""
@@ -146,7 +147,13 @@ class RigModel:
     def timing(self, known: Amplitudes | RigEstimate) -> tuple[Array, Array]:
         """Return mean (2,) and covariance (2, 2) of delay and readout, seconds, by what is known of all amplitudes."""
         at, unit = AT_TIMING, self.root[AT_TIMING, AT_TIMING]
-        return unit @ known.mean[at], unit @ (known.cov[at, at] + LEAST_VARIANCE * np.eye(2)) @ unit.T
+        return unit @ known.mean[at], unit @ (known.cov[at, at] + _LEAST_COV) @ unit.T
+
+    def disparity(self, estimate: RigEstimate) -> tuple[Array, Array]:
+        """Return mean (6,) and covariance (6, 6) of the disparity's error, px, as `in_units` does of all errors."""
+        t = len(TERMS)
+        root = (growth(self.projection, estimate.age_s) @ self.root)[DISPARITY]
+        return self.known[DISPARITY] + root @ estimate.mean[:t], root @ estimate.cov[:t, :t] @ root.T
 
     def before_views(self) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Return mean and σ of all amplitudes (m,) before any view, and of which (m,) the size is to be learnt."""

@@ -134,11 +134,7 @@ def by_turn(projection: StereoProjection, z_px: Array, root: Array) -> Array:
 
     Eq. (36b), to views (n, 4): (n, 4, e) px; 0 for a missing side.
     """
-    moved = np.zeros((len(z_px), 4, root.shape[1]))
-    seen = np.flatnonzero(np.isfinite(z_px[:, 2]))
-    if root.size and len(seen):
-        moved[seen, 2:] = core.effects_of_turn(projection, z_px[seen, 2:]) @ root
-    return moved
+    return core.views_by_turn(projection, z_px, root)
 
 
 @lru_cache(maxsize=8)

@@ -214,6 +214,8 @@ CALLS = {
     ),
     "place_new_points": (RIGHT_SIDES, TIMING, VIEWS, COV, 1.0, -2.0, 9.0),
     "effects_of_turn": (PINHOLES, STARTS),
+    "views_by_turn": (PINHOLES, VIEWS, np.eye(3)),
+    "with_turn": (PINHOLES, VIEWS, COV, np.eye(3)),
     "point_motions": (MOTIONS, np.arange(N) / 10),
     "velocities": (PINHOLES, POINTS, RNG.normal(size=(N, 6))),
     "timed_views": (PINHOLES, EXPOSED, POINTS, np.ones((2, 6)), np.ones(2), VIEWS),

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.config.image_rules import EchoRules
-from stream_sfm.frontend.echo_check import EchoCheck, middle
+from stream_sfm.frontend.echo_check import EchoCheck
 from tests.helpers.places import ROOM
 
 SHARE = 0.3  # of the copy in the image
@@ -26,7 +25,7 @@ def textured(seed: int, size: tuple[int, int] = (256, 320)) -> np.ndarray:
 
 
 def checked(left: np.ndarray, right: np.ndarray) -> EchoCheck:
-    return EchoCheck().after(*(middle(image, EchoRules()) for image in (left, right)))
+    return EchoCheck().after(left, right)
 
 
 @pytest.mark.parametrize("at_px", [(8, 0), (0, 11), (17, 5), (-9, 20)])

@@ -54,7 +54,7 @@ def test_a_scene_is_not(speed: float, disparity: int) -> None:
 def test_what_is_far_is_not_where_the_camera_hardly_turns() -> None:
     """Its edges are where they were in the image before, nearly, in both images; but not some frames earlier."""
     now, before = StillCheck(), StillCheck(rules=StillRules(apart_frames=1))
-    for n in range(12):
+    for n in range(0, 24, now.rules.every):
         turned = cv2.warpAffine(TEXTURE, np.float32([[1, 0, -100 - 0.5 * n], [0, 1, 0]]), (400, 300))
         left, right = turned.copy(), turned.copy()
         left[100:], right[100:] = scene(5 * n, 0)[100:], scene(5 * n, 12)[100:]
