@@ -10,7 +10,7 @@ from .types import Estimator, ExpectedMotion, FrameEstimate, InertialEstimator, 
 class BareLane:
     """Makes estimates of what an observer observes, frame by frame; without record and files.
 
-    `solution`: of the latest frame, None where the estimator failed; `rig`: what it has found out about the rig so far;
+    `solution`: of the latest frame, None if the estimator failed; `rig`: what it has found out about the rig so far;
     `spent_s`: the CPU time of the estimator.
     """
 
@@ -21,7 +21,7 @@ class BareLane:
         self.spent_s = 0.0
 
     def expect(self, stamp_ns: int, view: InertialView) -> ExpectedMotion | None:
-        """Return the motion up to a frame that its inertial samples predict; None where the method takes none."""
+        """Return the motion up to a frame that its inertial samples predict; None if the method takes none."""
         return self.estimator.expect(stamp_ns, view) if isinstance(self.estimator, InertialEstimator) else None
 
     def estimate(self, observed: Observed) -> FrameEstimate:

@@ -39,7 +39,7 @@ class JobResult(msgspec.Struct, frozen=True, kw_only=True):
     """How a job ended; the file job.json in its folder has the same content.
 
     `status`: done; incomplete (only a part of the log could be read, and that part is estimated); failed;
-    interrupted. `key` is equal for equal content of the log, configuration, selection and software, and empty where
+    interrupted. `key` is equal for equal content of the log, configuration, selection and software, and empty if
     no replay was started. `reused`: an earlier batch had already done this job.
     """
 
@@ -118,12 +118,12 @@ def _run(job: Job, key: str) -> JobResult:
 
 
 def read_summary(folder: Path) -> dict[str, Any] | None:
-    """The content of the summary.json of a replay, None where there is none."""
+    """The content of the summary.json of a replay, None if there is none."""
     return _decoded(folder / "summary.json", dict[str, Any])
 
 
 def _decoded(path: Path, kind: type[T]) -> T | None:
-    """The content of a JSON file; None where there is none of this kind."""
+    """The content of a JSON file; None if there is none of this kind."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=kind)
     except (OSError, msgspec.DecodeError):

@@ -126,7 +126,7 @@ def _unused(name: str, taken: set[str]) -> str:
 def truth_files(given: Path, names: Mapping[Path, str]) -> dict[Path, Path]:
     """The file for each log; `names`: of the logs, as in the batch. Logs without one keep their own ground truth.
 
-    Raises ConfigError where it does not exist, or where a folder has a file for none of the logs.
+    Raises ConfigError if it does not exist, or where a folder has a file for none of the logs.
     """
     if not given.is_dir():
         if not given.is_file():

@@ -90,7 +90,7 @@ def _numbers(name: str, value: object) -> Array:
 
 
 def _matrix_problem(k: Array, longer_edge: int) -> str:
-    """What is wrong with a camera matrix of images with this longer edge, and the cure; empty where it is right."""
+    """What is wrong with a camera matrix of images with this longer edge, and the cure; empty if it is right."""
     if k.shape != (3, 3) or not np.isfinite(k).all():
         return f"must be 3×3 and finite, got shape {k.shape}: {k.tolist()}"
     if k[0, 0] > 0 and k[1, 1] > 0 and np.allclose(k[:, 2], (0, 0, 1)) and k[2, :2].any():

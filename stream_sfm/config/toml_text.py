@@ -119,7 +119,7 @@ def _section_lines(name: str, section: Section, keys: list[str]) -> list[str]:
     if not keys:
         return []
     metas = _keys(type(section))
-    purpose = (type(section).__doc__ or "").partition("\n")[0]  # empty where Python has removed docstrings (-OO)
+    purpose = (type(section).__doc__ or "").partition("\n")[0]  # empty if Python has removed docstrings (-OO)
     lines = ["", f"[{name}]  # {purpose}"] if name else []
     for key in keys:
         lines += [f"# {metas[key].description}", f"{key} = {json.dumps(getattr(section, key), ensure_ascii=False)}"]

@@ -121,7 +121,7 @@ def surface(
     `frame` counts the selected frames, from 0; its surface is in axes of its left camera, a fused one in the world.
     `left`, `right`, `calibration`: as in `open_log`. `sinks` take the estimates of a fused surface, and are closed at
     the end. Lost frames are left out; where the log breaks off, or on Ctrl-C, the surface is that of the frames so far.
-    Raises ConfigError where there is no such frame, LogError where no frame could be read or none shows a surface.
+    Raises ConfigError where there is no such frame, LogError if no frame could be read or none shows a surface.
     """
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration)

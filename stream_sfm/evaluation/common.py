@@ -46,7 +46,7 @@ class Common(NamedTuple):
         return moved
 
     def in_words(self) -> str:
-        """Say what all methods share; empty where that is nothing."""
+        """Say what all methods share; empty if that is nothing."""
         start, turn = (float(np.degrees(np.linalg.norm(rad))) for rad in (self.start_rad, self.turn_rad))
         length = f"lengths that are {100 * abs(self.scale):.2g} % too {'long' if self.scale > 0 else 'short'}"
         found = [

@@ -123,7 +123,7 @@ def tells(method: Compared, reference: Compared, span: int) -> tuple[bool, bool]
 
 
 def of_interval(ratio: Interval | None) -> dict[str, Any] | None:
-    """A ratio as in report.json; its interval is None where there are too few blocks of frames for one."""
+    """A ratio as in report.json; its interval is None if there are too few blocks of frames for one."""
     if ratio is None:
         return None
     known = bool(np.isfinite(ratio.low))

@@ -79,7 +79,7 @@ def band(errors: Array) -> Interval:
 
 
 def span_ratio(mine: Array, theirs: Array, span: int) -> Interval | None:
-    """Return the ratio of the RMS errors (n,) of two methods over one span; None where one has none.
+    """Return the ratio of the RMS errors (n,) of two methods over one span; None if one has none.
 
     The interval, as that of `paired_ratio`, is of blocks that share no motion, and NaN where these are too few. It lies
     about the ratio of all spans, which are more than those within blocks.
@@ -153,7 +153,7 @@ def _in_blocks(squares: Array, span: int, edges: NDArray[np.intp]) -> Array:
 def _exchange_ratio(mine: Array, theirs: Array, confidence: float) -> Interval:
     """Return the ratio of RMS errors from their squares (spans, blocks), with the interval of an exchange test.
 
-    If the methods were equal but for a factor, each block of one could be exchanged with that of the other, however
+    If the methods were equal except for a factor, each block of one could be exchanged with that of the other, however
     large the errors in it. The interval contains the factors for which the observed ratio is not among the most extreme
     of all exchanges.
     """

@@ -61,7 +61,7 @@ class RelativeRecord:
         self._numbers.frombytes(numbers.tobytes())
 
     def _over(self, span: int, end: int) -> Motion | None:
-        """Return the motion over a span, of as few motions of the window as possible; None where one is missing."""
+        """Return the motion over a span, of as few motions of the window as possible; None if one is missing."""
         motion = None
         for piece in reversed((*OF_WINDOW, *_CHAINED)):
             while span >= piece and piece in self._recent.get(end, {}):

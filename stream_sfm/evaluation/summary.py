@@ -19,7 +19,7 @@ FIGURES = (  # against ground truth, of every run
 def evaluate(
     estimate: Trajectory, truth: Trajectory, structure: StructureComparison | None = None
 ) -> dict[str, Any]:
-    """Compute all figures against ground truth; a figure is None where it is not defined.
+    """Compute all figures against ground truth; a figure is None if it is not defined.
 
     That is the case for a short path, a camera that stands still, or a log without depth images. `frames_compared` is
     the number of estimates that have a truth. The NEES is given only if the first frame of the estimate has a truth,
@@ -67,7 +67,7 @@ def evaluate_unscaled(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]
     """Compute the figures of a trajectory from one camera, after an alignment that includes scale.
 
     `ate_rmse_sim3_m`, and the same in per cent of the true path, `ate_sim3_percent`; `metres_per_unit` is the scale
-    of the alignment. They are None where the camera stands still or fewer than two frames have a truth.
+    of the alignment. They are None if the camera stands still or fewer than two frames have a truth.
     """
     rows, true = matched(estimate, truth)
     e, t = estimate.world_from_cam[rows], true.world_from_cam
@@ -85,7 +85,7 @@ def _or_none(value: Any) -> Any:
 
 
 def end_pose(trajectory: Trajectory) -> dict[str, Any] | None:
-    """Return the last position and heading with their σ; None where there is no frame.
+    """Return the last position and heading with their σ; None if there is no frame.
 
     The heading is the direction of the optical axis in the plane of the first camera's x and z, from z towards x.
     """

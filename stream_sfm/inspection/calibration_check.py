@@ -67,7 +67,7 @@ class CalibrationCheck:
 
     `vertical_px`: median of left minus right row, with `vertical_spread_px`; `negative_share`: of the matches whose
     disparity is negative, as none can be where left is left. `rows_problem`: why the front-end cannot
-    work with these rows; empty where it can.
+    work with these rows; empty if it can.
     """
 
     matches: int

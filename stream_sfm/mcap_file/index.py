@@ -23,7 +23,7 @@ _CHUNK_HEAD = struct.Struct("<QQQ")  # first and last log time, uncompressed siz
 class Index:
     """The content of the summary: schemas and channels, message counts by channel id, the span of log times.
 
-    `counts` is empty where the summary does not tell. `chunk_channels`: offset of each chunk, ascending -> ids of the
+    `counts` is empty if the summary does not tell. `chunk_channels`: offset of each chunk, ascending -> ids of the
     channels in it (None: unknown). It lists only chunks that lie where the index says, and none where skipping one
     would be unsafe: there is no checksum, or there are more chunks than any recording has.
     """
@@ -38,7 +38,7 @@ class Index:
 
 
 def read_index(stream: IO[bytes], damage: Damage) -> Index | None:
-    """Read the summary; None where the file has none, or one at a wrong place, which is added to `damage`.
+    """Read the summary; None if the file has none, or one at a wrong place, which is added to `damage`.
 
     Raises BrokenRecord where it cannot be trusted.
     """

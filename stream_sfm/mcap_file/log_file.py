@@ -29,7 +29,7 @@ from .walk import MESSAGE_HEAD, READ, Record, Walk
 class LogFile(Source):
     """One MCAP file, opened anew for every reading, so that readings do not disturb each other.
 
-    `index`: None where the file has none that can be trusted, as `damage` says. `copy`: where the content is, if not at
+    `index`: None if the file has none that can be trusted, as `damage` says. `copy`: where the content is, if not at
     `path`; `release` is called when this object ends. Raises LogError for what cannot be opened, is empty or not MCAP.
     """
 
@@ -59,7 +59,7 @@ class LogFile(Source):
                 self.index = None
                 self.damage.note(f"its index is not used: {error}")
         found = self._records(Header, Opcode.HEADER, Damage(), LIMITS.header_bytes, first_only=True)
-        header = next((header for header, *_ in found), None)  # None where it is damaged
+        header = next((header for header, *_ in found), None)  # None if it is damaged
         self.profile, self.library = (header.profile, header.library) if header else (None, None)
 
     def _open(self) -> IO[bytes]:

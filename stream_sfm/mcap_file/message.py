@@ -16,7 +16,7 @@ from ..wording import LISTED
 class Channel:
     """What describes the bytes of a message: its topic, its encoding and its schema, by the names of MCAP.
 
-    `schema_name` is empty where there is no schema. Channels are compared by identity: a topic of several files, or
+    `schema_name` is empty if there is no schema. Channels are compared by identity: a topic of several files, or
     of several publishers, has several. `metadata`: what a recorder says of the channel.
     """
 

@@ -88,7 +88,7 @@ class Walk:
         self._second_looks = size
 
     def __iter__(self) -> Iterator[Record]:
-        """Yield the records. Raises OSError where the file cannot be read."""
+        """Yield the records. Raises OSError if the file cannot be read."""
         while (at := self._at) is not None:
             self._damage.bytes_read = self._size if self._data_ended else at
             start, left = self._peek(at), self._size - at - RECORD_HEAD.size
@@ -146,7 +146,7 @@ class Walk:
         return int(Opcode.CHUNK), found
 
     def _problem(self, opcode: int, length: int, left: int, start: bytes) -> str:
-        """Why there is no record; empty where there is one."""
+        """Why there is no record; empty if there is one."""
         if left < 0:
             return "the recording was not closed"
         if opcode == 0:
@@ -244,7 +244,7 @@ class Search:
 
 
 def chunk_length(body: bytes) -> int | None:
-    """The length of the body of a chunk by the fields in its first bytes; None where they cannot be that."""
+    """The length of the body of a chunk by the fields in its first bytes; None if they cannot be that."""
     if len(body) < CHUNK_HEAD.size:
         return None
     start_ns, end_ns, size, _, name_length = CHUNK_HEAD.unpack_from(body)

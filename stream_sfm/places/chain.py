@@ -14,7 +14,7 @@ LEAST_VARIANCE = 1e-12  # m² and rad²: of a motion that is known by definition
 class Chain:
     """Follows the frames of a run, and says when the next keyframe is due and how the camera has moved since the last.
 
-    `link` is the motion from the last keyframe to the newest frame; None where it is not known.
+    `link` is the motion from the last keyframe to the newest frame; None if it is not known.
     """
 
     def __init__(self) -> None:

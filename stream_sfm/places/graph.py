@@ -64,7 +64,7 @@ class PoseGraph:
 
     Of the nodes (n), in the order they came: their `numbers`, ascending; `segments`, and `homes`, those in whose worlds
     they are; world from camera, `poses` (n, 4, 4). `links`: odometry between nodes, by their numbers. `shared`: factor
-    on the variance of loops, where several of them have the same errors. Raises ConfigError where GTSAM is missing.
+    on the variance of loops, where several of them have the same errors. Raises ConfigError if GTSAM is missing.
     """
 
     def __init__(self, shared: float = 1.0) -> None:
@@ -192,7 +192,7 @@ class PoseGraph:
         return motions, covs
 
     def between(self, first: int, second: int) -> Motion | None:
-        """The motion between two nodes as predicted, with all of its covariance; None where it is not known."""
+        """The motion between two nodes as predicted, with all of its covariance; None if it is not known."""
         (motion,), (cov,) = self.predicted(second, np.array([self._row(first)]))
         return Motion(motion, cov) if np.isfinite(cov).all() else None
 

@@ -149,7 +149,7 @@ def _loaded(
         raise ValueError("it is not a file that PlaceMap.save has written")
     rig = [*heads[0].rectified, *heads[0].rect_from_cam]
     ours = [*_numbers(projection), *rect_from_cam.ravel()]
-    if len(rig) != len(ours) or not np.allclose(rig, ours, rtol=0, atol=1e-9):  # px, m and rad: but for rounding
+    if len(rig) != len(ours) or not np.allclose(rig, ours, rtol=0, atol=1e-9):  # px, m and rad: except for rounding
         raise ValueError("it was made with another calibration; use the one it was made with")
     if (len(frames), len(motions)) != (heads[0].keyframes, heads[0].motions) or not frames:
         raise ValueError("it is not complete")
@@ -177,7 +177,7 @@ def _loaded(
 
 
 def _check_connected(numbers: list[int], homes: list[int], pairs: list[tuple[int, int]]) -> None:
-    """Raise a ValueError where no motion says how keyframes of one world lie to each other: no solution has them."""
+    """Raise a ValueError if no motion says how keyframes of one world lie to each other: no solution has them."""
     rows = np.searchsorted(numbers, np.array(pairs, np.int64).reshape(-1, 2))
     near = coo_array((np.ones(len(rows)), (rows[:, 0], rows[:, 1])), shape=2 * (len(numbers),))
     _, parts = connected_components(near, directed=False)

@@ -61,12 +61,12 @@ class PlaceMap:
     keyframe is finished before the next one is taken. Without it, as live, a keyframe that comes while two are waiting
     is taken later. At most `max_keyframes` are kept, of which those go first that lie closest to others. `config`: that
     of the engine. `known`: a file of `save`: the camera is looked for in its world, and this run goes on with it.
-    Raises ConfigError where GTSAM is not installed, or for one camera; InputError where `known` is no map of this rig.
+    Raises ConfigError if GTSAM is not installed, or for one camera; InputError where `known` is no map of this rig.
 
     `world_from_odom` (4, 4): the latest correction; multiplied with an estimate's `world_from_cam` it is the pose in
     the map. `located`: whether the camera's place in the map's world is known; not after a loss, until an old place is
     seen. Both are what a call of `write` has left. `problem`: why the map has ended before the run, as where GTSAM has
-    given up, and then `poses` are as far as it came; empty where it has not.
+    given up, and then `poses` are as far as it came; empty if it has not.
     """
 
     def __init__(
@@ -222,7 +222,7 @@ class PlaceMap:
     def _take(
         self, estimate: FrameEstimate, images: tuple[NDArray[Any], ...], link: Motion | None, path_m: float
     ) -> _Found | None:
-        """Make a keyframe of a frame, moved by `link` since the last one; None where the map has ended."""
+        """Make a keyframe of a frame, moved by `link` since the last one; None if the map has ended."""
         if self.problem:
             return None
         try:

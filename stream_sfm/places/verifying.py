@@ -40,7 +40,7 @@ class Verifier:
         self._matrix = np.array([[p.f_px, 0, p.cx_left_px], [0, p.f_px, p.cy_px], [0, 0, 1]])
 
     def motion(self, old: Keyframe, new: Seen, predicted: Array | None = None) -> Motion | None:
-        """The motion from the old keyframe to the new one, in rectified axes; None where they do not show the same.
+        """The motion from the old keyframe to the new one, in rectified axes; None if they do not show the same.
 
         Where too few features match, the patches are warped by the motion `predicted`, if there is one.
         """

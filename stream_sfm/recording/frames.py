@@ -47,7 +47,7 @@ class FrameDecoder:
         self.problem = ""
 
     def frames(self, pairs: Iterator[StereoPair]) -> Generator[RecordedFrame, None, None]:
-        """Yield the frame of each pair. Raises LogError where images have another size than the calibration."""
+        """Yield the frame of each pair. Raises LogError if images have another size than the calibration."""
         with ThreadPoolExecutor(2, thread_name_prefix="decode") as pool:
             pending: deque[tuple[StereoPair, list[Future[Grey]]]] = deque()
             ahead = all(camera.width * camera.height <= MANY_PIXELS for camera in self._cameras)

@@ -37,7 +37,7 @@ def truth_topic(survey: Survey) -> str | None:
 
 
 def read_truth(source: Source, topic: str, camera_frame: str, warnings: list[str]) -> Trajectory | None:
-    """Return the poses on `topic` as `world_from_cam`, ascending; None, with a warning, where none can be used."""
+    """Return the poses on `topic` as `world_from_cam`, ascending; None, with a warning, if none can be used."""
     stamps_ns, poses = array("q"), array("d")  # not objects: a tracker at 1 kHz gives millions an hour
     other_frames: set[str] = set()
 

@@ -22,7 +22,7 @@ from ..sources import image_header
 from ..sources.image_header import COMPRESSED_FORMATS, PNG_CHUNK, PNG_SIGNATURE
 from .messages import ImageMessage, UndecodableMessage
 
-# colours of a pixel -> (channels, OpenCV's conversions to grey and to red, green, blue; None where they are so already)
+# colours of a pixel -> (channels, OpenCV's conversions to grey and to red, green, blue; None if they are so already)
 _COLOURS: dict[str, tuple[int, int | None, int | None]] = {
     "rgb": (3, cv2.COLOR_RGB2GRAY, None), "bgr": (3, cv2.COLOR_BGR2GRAY, cv2.COLOR_BGR2RGB),
     "rgba": (4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2RGB), "bgra": (4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2RGB),
@@ -55,14 +55,14 @@ class UndecodableImage(UndecodableMessage):
 
 
 def image_size(message: ImageMessage) -> tuple[int, int] | None:
-    """Width and height, pixels, without decoding; None where the header of a compressed image is damaged."""
+    """Width and height, pixels, without decoding; None if the header of a compressed image is damaged."""
     if not message.compressed:
         return message.width, message.height
     return image_header.image_size(message.data)
 
 
 def check_encoding(message: ImageMessage, path: object) -> None:
-    """Raise LogError where images of this encoding are not supported at all, whatever their bytes."""
+    """Raise LogError if images of this encoding are not supported at all, whatever their bytes."""
     where = f"{path}: topic {message.topic}"
     if not message.compressed:
         name = message.encoding.lower()
@@ -143,7 +143,7 @@ def decode_plain_png(data: bytes) -> Grey | None:
 
 
 def _png_content(whole: bytes) -> bytes | memoryview | None:
-    """The compressed pixels; None where a checksum is wrong, or a chunk is there that says how to take them."""
+    """The compressed pixels; None if a checksum is wrong, or a chunk is there that says how to take them."""
     data, at = memoryview(whole), len(PNG_SIGNATURE)
     parts: list[memoryview] = []
     while at + PNG_CHUNK.size < len(data):
@@ -162,7 +162,7 @@ def _png_content(whole: bytes) -> bytes | memoryview | None:
 
 
 def decode_rgb(message: ImageMessage) -> NDArray[np.uint8] | None:
-    """Decode an image of 8 bits to red, green, blue (h, w, 3); None where it is grey, deeper, or luma only.
+    """Decode an image of 8 bits to red, green, blue (h, w, 3); None if it is grey, deeper, or luma only.
 
     `decode_grey` must have accepted the message. Raises as it does.
     """

@@ -35,7 +35,7 @@ class ImuTopics:
 
 
 def find_topics(survey: Survey) -> ImuTopics | None:
-    """Return the topics of the inertial unit; of several units the first by name. None where there is none.
+    """Return the topics of the inertial unit; of several units the first by name. None if there is none.
 
     RealSense sends the gyroscope and the accelerometer on topics of their own.
     """
@@ -84,7 +84,7 @@ class SamplesOfFrames:
         self._begun = False
 
     def added_to(self, frame: RecordedFrame) -> RecordedFrame:
-        """Return the next frame with its samples: all since the frame before, and one beyond."""
+        """Return the next frame with its samples: all since the previous frame, and one beyond."""
         taken: deque[ImuMessage] = deque(maxlen=_MOST)
         coming, given_ns = self._coming if self._begun else next(self._samples, None), self._given_ns
         # By the coming one, too: a stamp that jumps ahead keeps back none that follow.

@@ -86,7 +86,7 @@ class CalibrationMessage:
 
 @record
 class PoseMessage:
-    """One pose, `parent_from_child` (4, 4) at `stamp_ns`; `child` is empty where the message names none."""
+    """One pose, `parent_from_child` (4, 4) at `stamp_ns`; `child` is empty if the message names none."""
 
     stamp_ns: int
     parent: str
@@ -183,7 +183,7 @@ def decoded(
 ) -> Iterator[T]:
     """Yield what `decode` makes of each message on some topics; what it cannot decode is skipped.
 
-    `tell` is called with the reason of the first one. Raises LogError where a topic as a whole cannot be read.
+    `tell` is called with the reason of the first one. Raises LogError if a topic as a whole cannot be read.
     """
     decoder = MessageDecoder(source.path)
     for message in source.messages(Damage(), frozenset(topics)):

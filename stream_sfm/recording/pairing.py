@@ -175,7 +175,7 @@ class Pairer(Generic[T]):
         return iter(self._next, None)
 
     def _next(self) -> tuple[T, T] | None:
-        """Return the next pair, None where no other one is certain now: then what cannot wait is dropped."""
+        """Return the next pair, None if no other one is certain now: then what cannot wait is dropped."""
         pair = self._match()
         mine, other = self._sides[self._pushed], self._sides[1 - self._pushed]
         while pair is None and mine.full and other.window and not other.queue:

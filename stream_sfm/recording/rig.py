@@ -68,7 +68,7 @@ def first_size(source: Source, topic: str) -> tuple[int, int] | None:
 
 
 def check_rig(source: Source, rig: StereoRig | MonoRig) -> None:
-    """Raise LogError where the images of a log cannot be used with this rig, whatever they show."""
+    """Raise LogError if the images of a log cannot be used with this rig, whatever they show."""
     if isinstance(rig, StereoRig) and (distance_m := right_is_left(rig)) is not None:
         raise _error(
             f"{source.path}: by its calibration the right camera stands {distance_m:.4g} m to the left of the left "
@@ -82,7 +82,7 @@ def check_rig(source: Source, rig: StereoRig | MonoRig) -> None:
 
 
 def right_is_left(rig: StereoRig) -> float | None:
-    """How far the right camera stands to the left of the left one, metres; None where it stands on its right."""
+    """How far the right camera stands to the left of the left one, metres; None if it stands on its right."""
     x, y, _ = se3.inverse(rig.right_from_left)[:3, 3]
     return float(-x) if x < 0 and abs(x) > abs(y) else None
 

@@ -131,7 +131,7 @@ def _is_number(element: Nodetype, what: Any) -> bool:
 
 
 def _refuse_endless(types: dict[str, Any]) -> None:
-    """Raise ValueError where rosbags would write code for very many elements, or read elements of no bytes.
+    """Raise ValueError if rosbags would write code for very many elements, or read elements of no bytes.
 
     No ROS message of a camera, a pose or a transform has such a type.
     """

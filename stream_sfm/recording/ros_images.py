@@ -40,7 +40,7 @@ class RosImages:
         return sum(counts.unpaired) + sum(counts.disordered)
 
     def put(self, side: int, message: Any) -> None:
-        """Take the next message of the left (0) or right (1) camera. Raises FrameError where it cannot be an image."""
+        """Take the next message of the left (0) or right (1) camera. Raises FrameError if it cannot be an image."""
         with as_error(FrameError, "", UndecodableMessage, LogError, ValueError, TypeError):
             image = image_of(_SIDES[side], message)
             check_encoding(image, "the camera")
@@ -55,7 +55,7 @@ class RosImages:
     def take(self, timeout_s: float | None = None) -> RecordedFrame | None:
         """Wait for the next pair, and return it decoded; None after a time without one, and after `clear`.
 
-        Raises FrameError where an image is damaged or not of the calibrated size; the next one may be sound.
+        Raises FrameError if an image is damaged or not of the calibrated size; the next one may be sound.
         """
         with self._news:
             clears = self._clears

@@ -45,7 +45,7 @@ def open_log(
     `left`, `right`: topics, found by schema and name if not given. `calibration`, in place of the log's own: a rig, or
     any calibration that `StereoRig.from_calibration` reads. `mono`: use the left camera alone. `ground_truth`, in place
     of the log's own: a trajectory of the left camera, or its file. `rate_hz`: of a folder of images without stamps; 10
-    if not given. Raises LogError where the log cannot be used, ConfigError for the calibration.
+    if not given. Raises LogError if the log cannot be used, ConfigError for the calibration.
     """
     source = open_source(path, calibration is not None, rate_hz, mono)
     try:
@@ -155,7 +155,7 @@ def choose_cameras(
 def _image_topics(
     source: Source, survey: Survey, left: str | None, right: str | None, notes: Sequence[str]
 ) -> dict[str, int | None]:
-    """Image topic -> number of messages. Raises LogError where there can be no images."""
+    """Image topic -> number of messages. Raises LogError if there can be no images."""
     videos = survey.of_kind("video")
     images = survey.of_kind("image")
     if any(t in videos for t in (left, right)) or (not images and videos):
@@ -172,7 +172,7 @@ class StereoLog:
     """A recording whose cameras and calibration are known. Each reading starts anew and renews `stats`.
 
     `rig`: the cameras it is read with, two or one. `expected_frames`: images on the left topic, `duration_s`: span of
-    the recorder's clock; both None where no index tells.
+    the recorder's clock; both None if no index tells.
     """
 
     def __init__(self, source: Source, survey: Survey, choice: PairChoice, found: FoundRig) -> None:
@@ -209,7 +209,7 @@ class StereoLog:
 
     @property
     def stereo_rig(self) -> StereoRig:
-        """The rig of both cameras. Raises ConfigError where the log was opened for one."""
+        """The rig of both cameras. Raises ConfigError if the log was opened for one."""
         if not isinstance(self.rig, StereoRig):
             raise ConfigError(f"{self.path} was opened for one camera (mono): what is asked for needs two")
         return self.rig
@@ -302,7 +302,7 @@ class StereoLog:
             raise LogError(f"{self.path}: no frame lies after {start_s or 0:g} s{until}; {read}")
 
     def _changed_rig(self, sent: Sequence[CalibrationMessage], usable: bool) -> StereoRig | MonoRig:
-        """The rig from a change of calibration on. Raises InputError where frames with it are not to be read."""
+        """The rig from a change of calibration on. Raises InputError if frames with it are not to be read."""
         if not usable:
             raise LogError("their calibration is another one: start there, and give it")
         for message, camera in zip(sent, self.rig.cameras.values(), strict=True):
@@ -313,7 +313,7 @@ class StereoLog:
         return with_imu(rig, self.rig.imu if isinstance(self.rig, StereoRig) else None)
 
     def ground_truth(self) -> Trajectory | None:
-        """`world_from_cam` of the physical left camera, given or the log's own; None where none can be used."""
+        """`world_from_cam` of the physical left camera, given or the log's own; None if none can be used."""
         if self._given_truth is not None:
             if self._read_span_ns is not None:
                 warning = time_warning(self._given_truth, self._given_truth_name, *self._read_span_ns)
@@ -336,7 +336,7 @@ class StereoLog:
         self._source.close()
 
     def use_ground_truth(self, truth: str | Path | GroundTruthFile | Trajectory) -> None:
-        """Use this ground truth from now on. Raises LogError where the file cannot be read, ConfigError."""
+        """Use this ground truth from now on. Raises LogError if the file cannot be read, ConfigError."""
         if isinstance(truth, Trajectory):
             self._given_truth, self._given_truth_name = truth, "given by the caller"
             return

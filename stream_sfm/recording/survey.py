@@ -9,7 +9,7 @@ from .messages import kind_of
 
 @dataclass(slots=True)
 class Topic:
-    """One topic. `kind` as in `messages.kind_of`; `count` of messages, None where it is not known."""
+    """One topic. `kind` as in `messages.kind_of`; `count` of messages, None if it is not known."""
 
     name: str
     kind: str
@@ -32,7 +32,7 @@ class Survey:
         return {t.name: t.count for t in self.topics.values() if t.kind in kinds}
 
     def add(self, channel: Channel, count: int | None, damage: Damage) -> Topic | None:
-        """Add messages of a channel to its topic; None where it is beyond the limits."""
+        """Add messages of a channel to its topic; None if it is beyond the limits."""
         name = channel.topic
         if (topic := self.topics.get(name)) is None:
             if len(self.topics) >= LIMITS.named or max(len(name), len(channel.schema_name)) > LIMITS.name:

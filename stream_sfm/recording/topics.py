@@ -124,7 +124,7 @@ def _form_rank(topic: str) -> tuple[bool, bool, bool]:
 
 
 def choose_calibration(image_topic: str, side: int, calibration_topics: Iterable[str]) -> str | None:
-    """The calibration topic of an image topic: of the same side, and closest by name; None where there is none."""
+    """The calibration topic of an image topic: of the same side, and closest by name; None if there is none."""
     sided = set(side_keys(image_topic, side))
     image_words = _words(image_topic)
     ranked = []

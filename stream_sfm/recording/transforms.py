@@ -14,7 +14,7 @@ from .survey import Survey
 def fixed_transform(source: Source, survey: Survey, target: str, origin: str) -> Array | None:
     """`target_from_origin` (4, 4), metres, along transforms that stay the same through the whole log.
 
-    None where no chain of them leads from one frame to the other. Raises LogError where a topic cannot be read.
+    None if no chain of them leads from one frame to the other. Raises LogError if a topic cannot be read.
     """
     topics = frozenset(survey.of_kind("transform"))
     static = frozenset(t for t in topics if t.endswith("tf_static"))

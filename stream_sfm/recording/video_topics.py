@@ -39,7 +39,7 @@ def _may_be_video(topic: Topic) -> bool:
 
 
 def _codec(source: Source, topic: Topic) -> str | None:
-    """Return the codec of such a topic by its first message: h264 or h265; None where it is neither or unreadable."""
+    """Return the codec of such a topic by its first message: h264 or h265; None if it is neither or unreadable."""
     try:
         first = next(decoded(source, [topic.name], MessageDecoder.image), None)
     except LogError:

@@ -42,7 +42,7 @@ class Trace:
 
 
 def _trace_of(estimate: Trajectory, truth: Trajectory) -> Trace | None:
-    """The trace of a trajectory; None where fewer than two frames have a ground truth."""
+    """The trace of a trajectory; None if fewer than two frames have a ground truth."""
     rows, true = matched(estimate, truth)
     if len(rows) < 2:
         return None

@@ -48,7 +48,7 @@ def whole_runs(c: Comparison) -> list[RunRecord]:
 
 
 def truth_in_a_row(c: Comparison) -> Against | None:
-    """Return what methods are compared with; None where few frames have a truth."""
+    """Return what methods are compared with; None if few frames have a truth."""
     whole = whole_runs(c)
     if not whole or c.truth.poses is None:
         return None
@@ -97,7 +97,7 @@ def _add_factors(table: list[dict[str, Any]], c: Comparison, against: Against) -
 
 
 def common_in_numbers(common: Common) -> dict[str, Any] | None:
-    """What all methods share, as in report.json; None where that is nothing."""
+    """What all methods share, as in report.json; None if that is nothing."""
     if not common.any:
         return None
     return {
@@ -162,7 +162,7 @@ def in_words(content: dict[str, Any], methods: dict[str, Any]) -> str:
 
 
 def _who_is_ahead(content: dict[str, Any]) -> str:
-    """Compare the window with the reference; empty where one of them is missing or the log is too short."""
+    """Compare the window with the reference; empty if one of them is missing or the log is too short."""
     mine, theirs = key_of(REFERENCE), content["reference"]
     lines = [
         (line["frames"], ratio, of["position_from_halves"])

@@ -260,7 +260,7 @@ def _median(values: list[float | None]) -> float | None:
 
 
 def _path(title: str, folder: Path) -> Markup:
-    """The path of a run seen from above, empty where there is no file of it."""
+    """The path of a run seen from above, empty if there is no file of it."""
     try:
         t = read_tum(folder / "trajectory.tum").world_from_cam[:, :3, 3]
     except InputError:

@@ -43,7 +43,7 @@ class RunRecord:
     """What is kept of one method, some 1500 bytes per frame. Columns and arrays have one row per frame.
 
     `statuses`, and `reasons` of them; `depth_rows`: (frame, RMS depth error, RMS estimated σ) of the frames with a
-    depth image, and `structure` their sum, None where a depth image could not be read; `failure`: why the method
+    depth image, and `structure` their sum, None if a depth image could not be read; `failure`: why the method
     stopped early; `rig`: the latest estimate of the errors of the calibration, in pixels.
     """
 
@@ -233,7 +233,7 @@ OF_RUN = (
 
 
 def median(values: ArrayLike) -> float | None:
-    """The median of the finite values; None where there are none."""
+    """The median of the finite values; None if there are none."""
     finite = np.asarray(values, float)
     finite = finite[np.isfinite(finite)]
     return median_of_finite(finite) if len(finite) else None
@@ -287,13 +287,13 @@ class HalvesRecord:
 
     @property
     def nees_mean(self) -> float | None:
-        """The mean of the NEES, 6 expected; None where there is none."""
+        """The mean of the NEES, 6 expected; None if there is none."""
         nees = np.array(self._nees)
         return float(np.nanmean(nees)) if np.isfinite(nees).any() else None
 
 
 def quantiles(values: Any) -> dict[str, float] | None:
-    """Median, 95th percentile and maximum of some values; None where there are none."""
+    """Median, 95th percentile and maximum of some values; None if there are none."""
     if not len(values):
         return None
     ordered = np.sort(values)  # np.quantile imports masked arrays
@@ -349,7 +349,7 @@ class FrontRecord:
 
 
 class Truth(NamedTuple):
-    """What estimates are compared with: `poses`, None where there are none and NaN where they are not to be used.
+    """What estimates are compared with: `poses`, None if there are none and NaN where they are not to be used.
 
     `ignored`: ranges [first, end) of frames without their truth, as asked for; `std`: σ of the truth itself, m and rad.
     """

@@ -72,7 +72,7 @@ def read_clouds(
 
 
 def recorded_rig(path: str | Path) -> StereoRig | MonoRig:
-    """The rig of an `estimates.mcap`, from the calibration attached to it. Raises LogError where there is none."""
+    """The rig of an `estimates.mcap`, from the calibration attached to it. Raises LogError if there is none."""
     for attachment in LogFile(path).attachments(Damage()):
         if attachment.name == "calibration.toml":
             kind = StereoRig if b"[right" in attachment.data else MonoRig
@@ -128,7 +128,7 @@ def _decoded(stored: Message, topic: str) -> Any:
 
 
 def _check_it_is_ours(path: Path, topic: str) -> None:
-    """Raise LogError where a file has messages, but none of a run: a topic of ours may be empty, as in a short run."""
+    """Raise LogError if a file has messages, but none of a run: a topic of ours may be empty, as in a short run."""
     few = 100  # messages, enough to recognise it
     topics = {message.channel.topic for message in islice(LogFile(path).messages(Damage()), few)}
     ours = any(name.startswith(_OURS) for name in topics) and topic.startswith(_OURS)

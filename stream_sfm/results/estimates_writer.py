@@ -47,7 +47,7 @@ _LATCHED = """\
 
 
 class EstimatesWriter:
-    """A sink that writes estimates. Raises OutputError where the file cannot be written.
+    """A sink that writes estimates. Raises OutputError if the file cannot be written.
 
     `map_from_world`: of a map of places, as of RosMessages.
     """

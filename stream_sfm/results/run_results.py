@@ -49,7 +49,7 @@ class RunResults:
     - `statuses` (n,) and `reasons` (n,): text.
     - `table`: a column per quantity, a row per frame, as in `trajectory.csv`.
     - `config`, and `summary`: the content of summary.json, empty if the run did not end.
-    - `warnings`: what could not be read of a damaged file or of one that a killed run has left; empty where nothing is
+    - `warnings`: what could not be read of a damaged file or of one that a killed run has left; empty if nothing is
       missing. All frames and points that are whole are read.
     """
 
@@ -129,7 +129,7 @@ def read_results(folder: str | Path) -> RunResults:
     """Read the folder of a run: of `replay`, of a log of `batch`, or of one method of `compare`.
 
     The results of a killed run or a damaged file contain everything that is whole, and their `warnings` say what is
-    missing. Raises InputError where there are no results, LogError where no frame can be read.
+    missing. Raises InputError where there are no results, LogError if no frame can be read.
     """
     return RunResults(folder)
 

@@ -135,7 +135,7 @@ def _step(
 ) -> FrameEstimate | None:
     """Pass one frame through the observer, and its observations through the lane and all checks.
 
-    Returns None where the lane has failed. Raises FrameError where the front-end refuses the frame.
+    Returns None if the lane has failed. Raises FrameError if the front-end refuses the frame.
     """
     with one_thread:
         observed = lane.observer.observe(frame, prepared, lane.expect)

@@ -90,7 +90,7 @@ class _Latest:
 
 
 def timing_of(estimates: Sequence[RigEstimate], config: Config) -> KnownTiming | None:
-    """Return delay and readout by independent runs; None where no run is certain of either."""
+    """Return delay and readout by independent runs; None if no run is certain of either."""
     values, certain = [], False
     for term in (TERMS.index(DELAY), TERMS.index(READOUT)):
         mean, var = np.array([(e.mean[term], e.cov[term, term]) for e in estimates]).T

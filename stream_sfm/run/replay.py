@@ -102,7 +102,7 @@ def replay(
     whose world the camera is looked for, and `save_map`, a file to write the map to at the end. `std_truth`: σ of the
     ground truth itself, in metres and radians. `sinks` are given each estimate and its frame after the files have
     been written, and are closed at the end. Memory grows by some 1500 bytes per frame, not with the images of the
-    log. Raises ConfigError, LogError where not one frame could be estimated, OutputError, ReplayInterrupted.
+    log. Raises ConfigError, LogError if not one frame could be estimated, OutputError, ReplayInterrupted.
     """
     config, selection = config or Config(), selection or Selection()
     if self_test or there_and_back:
@@ -231,7 +231,7 @@ class _Replay:
     def _corrected(
         self, places: "PlaceMap", outcome: RunOutcome, truth: Truth
     ) -> tuple[Trajectory | None, dict[str, Any]]:
-        """Return the run's poses in the world of its map, None where the map has failed, and its findings."""
+        """Return the run's poses in the world of its map, None if the map has failed, and its findings."""
         found: dict[str, Any] = {"keyframes": len(places), "loops": len(places.loops), "problem": places.problem}
         if places.problem:
             outcome.warnings.append(places.problem)
@@ -259,7 +259,7 @@ class _Replay:
 
 
 def _check_gravity(log: StereoLog, lane: Lane, with_map: bool) -> None:
-    """Raise a ConfigError where no samples can tell which way is up."""
+    """Raise a ConfigError if no samples can tell which way is up."""
     config, why = lane.config, ""
     if with_map:
         why = "a map of places has a world of its own: leave out one of the two"

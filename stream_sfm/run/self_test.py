@@ -99,7 +99,7 @@ class SelfTestOfRun:
         self._stored = None if lane.config.rig.exact else StoredObservations(lane)
 
     def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
-        """Estimate the next frame from each half. Raises OutputError where the disk is full."""
+        """Estimate the next frame from each half. Raises OutputError if the disk is full."""
         if self._stored is not None:
             self._stored.add(observed, estimates)
         self._by_themselves.add(observed, estimates)
@@ -124,8 +124,9 @@ class SelfTestOfRun:
 class Halves:
     """Takes observations frame by frame, for one method on the even tracks and on the odd ones.
 
-    What it errs, and whether its covariances hold, without any truth: but for what all tracks of a frame share, above
-    all the calibration. If the estimator fails on either half, `record` ends there.
+    This gives its errors, and whether its covariances are consistent, without ground truth; except for errors that
+    all tracks of a frame share, above all the calibration. If the estimator fails on either half, `record` ends
+    there.
     """
 
     def __init__(self, projection: StereoProjection, config: Config) -> None:

@@ -39,7 +39,7 @@ class StoredObservations:
         return self._frames
 
     def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
-        """Keep the next frame. Raises OutputError where the disk is full."""
+        """Keep the next frame. Raises OutputError if the disk is full."""
         seen = observed.observations
         if not self._found or (seen.rig is not None and seen.rig.change is not None):
             self._found.append((seen.frame_index, None, 0))

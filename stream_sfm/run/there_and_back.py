@@ -29,7 +29,7 @@ _MOST_BYTES = 2**30  # of recorded images that are kept to be read backwards
 def drift_there_and_back(
     log: StereoLog, config: Config, selection: Selection, there: Trajectory, interruption: Interruption
 ) -> dict[str, Any] | None:
-    """Return how far from its beginning the way there and back ends; None where it was interrupted.
+    """Return how far from its beginning the way there and back ends; None if it was interrupted.
 
     `there`: the poses of the way there. `over_sigma` is 1 where the covariances of both ways hold. Raises ConfigError
     where the frames take too much memory.

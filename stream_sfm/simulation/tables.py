@@ -52,7 +52,7 @@ _OF_ESTIMATORS = (
 class StudyTable:
     """A table: names of each row, and its values; `whole` is for files only, where it has too many rows to be read.
 
-    `best`: the value that is best in all cells; None where there is no one.
+    `best`: the value that is best in all cells; None if there is no one.
     """
 
     title: str

@@ -65,7 +65,7 @@ class CameraSource(Source):
                 damage.add(f"{self.path}: {grabber.error}")
 
     def age_s(self, stamp_ns: int) -> float | None:
-        """Seconds since the pair of this stamp has come; None where it is not one of the last ones."""
+        """Seconds since the pair of this stamp has come; None if it is not one of the last ones."""
         came_s = None if self._grabber is None else self._grabber.came_s.get(stamp_ns)
         return None if came_s is None else time.monotonic() - came_s
 

@@ -76,7 +76,7 @@ class Layout(NamedTuple):
 
 
 def open_folder(folder: Path, given: Given) -> Source | None:
-    """Return the recording in a folder; None where no layout fits. Raises LogError, ConfigError."""
+    """Return the recording in a folder; None if no layout fits. Raises LogError, ConfigError."""
     if (layout := next((layout for layout in LAYOUTS if layout.fits(folder)), None)) is not None:
         return layout.open(folder, layout, given)
     return _open_videos(folder, given) or _open_images(folder, given)

@@ -249,7 +249,7 @@ OPEN: dict[str, Callable[[CameraOptions], Device]] = {"realsense": _realsense, "
 
 
 def _package(name: str, extra: str) -> Any:
-    """A package of a maker. Raises ConfigError where it is not installed."""
+    """A package of a maker. Raises ConfigError if it is not installed."""
     try:
         return import_module(name)
     except ImportError:

@@ -59,7 +59,7 @@ def image_format(data: bytes) -> str | None:
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height in pixels of a compressed image; None where its header is damaged or of another format."""
+    """Width and height in pixels of a compressed image; None if its header is damaged or of another format."""
     try:
         if data.startswith(b"\x89PNG"):
             width, height = struct.unpack_from(">II", data, 16)
@@ -74,7 +74,7 @@ def image_size(data: bytes) -> tuple[int, int] | None:
 
 
 def problem(data: bytes) -> str:
-    """Say why a compressed image must not be handed to a decoder; empty where it may.
+    """Say why a compressed image must not be handed to a decoder; empty if it may.
 
     Decoders reserve the memory that a PNG's chunk declares before they look whether it is there, and go over a JPEG
     as often as it has scans.

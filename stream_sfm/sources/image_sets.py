@@ -73,7 +73,7 @@ def _stamped(times: Sequence[int], files: Sequence[Path]) -> list[ImageFile]:
 
 
 def first_image(patterns: str | Sequence[str]) -> Path | None:
-    """Return one file of a side, which gives the size of all; None where there is none."""
+    """Return one file of a side, which gives the size of all; None if there is none."""
     try:
         return _matches("left", patterns)[0]
     except LogError:
@@ -87,7 +87,7 @@ def images_in(folder: Path) -> list[Path]:
 
 
 def _matches(side: str, patterns: str | Sequence[str]) -> list[Path]:
-    """Files in natural order: image_2 before image_10. Raises LogError where there is none."""
+    """Files in natural order: image_2 before image_10. Raises LogError if there is none."""
     found: set[Path] = set()
     for pattern in [patterns] if isinstance(patterns, str) else patterns:
         if os.path.isdir(pattern):
@@ -104,7 +104,7 @@ def _matches(side: str, patterns: str | Sequence[str]) -> list[Path]:
 
 
 def named_stamps(files: Sequence[Path]) -> list[int] | None:
-    """Return the stamps by which the files are named, ascending; None where the names are not stamps."""
+    """Return the stamps by which the files are named, ascending; None if the names are not stamps."""
     stamps = []
     for file in files:
         name = file.stem

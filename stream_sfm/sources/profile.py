@@ -24,7 +24,7 @@ _MODELS = {"none": "plumb_bob", "equidistant": "kannala_brandt"}  # other names 
 
 
 class ProfileEncoder:
-    """Encodes one log; `rig` is None where the calibration is not known."""
+    """Encodes one log; `rig` is None if the calibration is not known."""
 
     def __init__(self, rig: StereoRig | None) -> None:
         self.images = tuple(_channel(f"/camera/{side}/image", "CompressedImage") for side in _SIDES)
@@ -46,7 +46,7 @@ class ProfileEncoder:
         return _encoded(self.images[side], message, stamp_ns)
 
     def raw_image(self, side: int | None, stamp_ns: int, image: Grey) -> Message:
-        """One image of `side`, None where it holds both; grey (h, w) with 8 or 16 bits, not compressed."""
+        """One image of `side`, None if it holds both; grey (h, w) with 8 or 16 bits, not compressed."""
         channel = self.both_images if side is None else self.raw_images[side]
         return raw_message(channel, _FRAME_IDS[side or 0], stamp_ns, image)
 

@@ -47,7 +47,7 @@ def supported() -> str:
 def open_source(
     path: str | Path, calibrated: bool = False, rate_hz: float | None = None, mono: bool = False
 ) -> Source:
-    """Open the recording at `path`. Raises LogError where it cannot be read or is not a recording.
+    """Open the recording at `path`. Raises LogError if it cannot be read or is not a recording.
 
     `calibrated`: the calibration in a folder is not used, and may be broken; `rate_hz`: of images without stamps;
     `mono`: one camera will do. Raises ConfigError for a rate where there are stamps.
@@ -117,7 +117,7 @@ def _recordings_in(folder: Path) -> list[Path]:
 
 
 def _visible(folder: Path) -> list[Path]:
-    """What is in a folder but for hidden entries and results; nothing where it cannot be read."""
+    """What is in a folder except for hidden entries and results; nothing if it cannot be read."""
     with suppress(OSError):
         return [p for p in sorted(folder.iterdir()) if not p.name.startswith(".") and p.name != _RESULT]
     return []

@@ -32,9 +32,9 @@ _BY_MESSAGE = re.compile(r"^ *compression_mode: *[\"']?message\b", re.MULTILINE 
 
 
 def bag_files(folder: Path) -> list[Path]:
-    """The files that make up the bag in a folder without metadata.yaml, in natural order; empty where there is none.
+    """The files that make up the bag in a folder without metadata.yaml, in natural order; empty if there is none.
 
-    Raises LogError where their names show that they are several recordings: those of one differ in one number, as in
+    Raises LogError if their names show that they are several recordings: those of one differ in one number, as in
     `walk_0.mcap`, `walk_1.mcap`.
     """
     for suffix in _SUFFIXES:
@@ -48,7 +48,7 @@ def bag_files(folder: Path) -> list[Path]:
 
 
 def open_rosbag2(folder: Path) -> Source:
-    """Open a folder with metadata.yaml, or with bag files. Raises LogError where none of its files can be read."""
+    """Open a folder with metadata.yaml, or with bag files. Raises LogError if none of its files can be read."""
     names, by_message, notes = _read_metadata(folder)
     files = [folder / name for name in names] or bag_files(folder)
     if not files:

@@ -60,7 +60,7 @@ class VideoStream(Generic[T]):
     """
 
     def __init__(self, codec: str, frames: Iterator[tuple[T, bytes]]) -> None:
-        """Raises LogError where OpenCV has no FFmpeg that reads from a stream."""
+        """Raises LogError if OpenCV has no FFmpeg that reads from a stream."""
         quiet_ffmpeg()
         if cv2.CAP_FFMPEG not in cv2.videoio_registry.getStreamBufferedBackends():
             raise LogError("this OpenCV cannot decode video in a log: install opencv-python-headless")

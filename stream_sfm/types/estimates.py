@@ -147,8 +147,8 @@ class Solution:
     - `window_frame_indices` (b,), `window_world_from_cam` (b, 4, 4): all poses of the window, the oldest first.
     - `rejected_ids`: points whose views in this frame were judged to be outliers. `iterations`: of the solver.
     - `nis`, `nis_dof`: whitened squared innovation of the accepted views, and its degrees of freedom.
-    - `rig`: the estimated errors of the calibration; None where it is taken as exact.
-    - `relative`: the motions between this frame and those of the window, for fusion. None where the method has no joint
+    - `rig`: the estimated errors of the calibration; None if it is taken as exact.
+    - `relative`: the motions between this frame and those of the window, for fusion. None if the method has no joint
       covariance of them, or where left and right image are inconsistent.
     - `common`: the errors that all poses and motions share, and their effect on `world_from_cam`, for fusion. None
       where the rig is taken as exact, where the pose is only predicted, and in the first frame of a map.

@@ -20,7 +20,7 @@ class StereoFrame:
     Images are uint8 or uint16: grey (h, w) or (h, w, 1), or colour as OpenCV has it, blue first: (h, w, 3), (h, w, 4).
 
     `pictures`, if given, are what a viewer shows: the same images, for instance as the JPEG bytes they arrived in.
-    `imu`: the inertial samples since the frame before, and one beyond, if there are any.
+    `imu`: the inertial samples since the previous frame, and one beyond, if there are any.
     """
 
     stamp_ns: int
@@ -89,7 +89,7 @@ class Selection:
         return self == Selection()
 
     def count(self, frames: int | None) -> int | None:
-        """Return how many of a log's frames are used at most; None where that is not known."""
+        """Return how many of a log's frames are used at most; None if that is not known."""
         if self.start_s is not None or self.end_s is not None or frames is None:
             return self.max_frames
         used = -(-frames // self.stride)

@@ -34,8 +34,8 @@ class LastingErrors:
     """Temporally correlated view errors of a frame (n).
 
     `std_drift_px` (n,): how far a patch may have slid over its surface since the previous frame, where it is seen from
-    a changing direction; None where points are exact. `inflation` (n, 2): factors on the variances of left and right
-    side for an estimator that adds up the views of a track as if they were independent; None where they are.
+    a changing direction; None if points are exact. `inflation` (n, 2): factors on the variances of left and right
+    side for an estimator that adds up the views of a track as if they were independent; None if they are.
     `std_turn_rad`: σ about each axis of the turn since the previous frame that patches feign which slide alike.
     """
 
@@ -161,16 +161,16 @@ class Observations:
     - `cam_from_previous` (4, 4): the front-end's own robust motion since the previous frame, as a start value; or
       None.
     - `note`: what the front-end noticed, such as "image is black"; or empty.
-    - `ambiguity`: why the motion may not be the camera's; None where nothing says so.
+    - `ambiguity`: why the motion may not be the camera's; None if nothing says so.
     - `jumped`: all of the view has changed at once, and no velocity says where the camera is.
     - `settled`: of the two motions of the frames before, the one that was followed was the camera's.
     - `unconfirmed`: a misfit since the map began has ended, and nothing has shown that the motion was the camera's.
     - `may_step`: both images may be displaced at once in this frame; the next one tells.
-    - `stepped_rad`: the turn of the camera that it looks like if they were displaced in the frame before; 0 if not.
+    - `stepped_rad`: the turn of the camera that it looks like if they were displaced in the previous frame; 0 if not.
     - `lasting`: errors that the views share with those of earlier frames.
-    - `rig`: what errors of the rig do to the views; None where the calibration is exact.
+    - `rig`: what errors of the rig do to the views; None if the calibration is exact.
     - `start`: with one camera, what a map can start from, as soon as depths are known.
-    - `inertial`: samples of an inertial unit since the frame before, and how it is mounted.
+    - `inertial`: samples of an inertial unit since the previous frame, and how it is mounted.
     """
 
     frame_index: int

@@ -26,13 +26,13 @@ class InertialEstimator(Protocol):
 
     @property
     def inertial_problem(self) -> str:
-        """Why samples that have come are not used; empty where they are."""
+        """Why samples that have come are not used; empty if they are."""
 
     def expect(self, stamp_ns: int, view: InertialView | None) -> ExpectedMotion | None:
         """Return the motion since the latest estimate up to a stamp, with the samples that come with that frame."""
 
     def predict(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
-        """Return pose and state later on, with further samples, which are not kept; None where none lead there."""
+        """Return pose and state later on, with further samples, which are not kept; None if none lead there."""
 
 
 class Sink(Protocol):

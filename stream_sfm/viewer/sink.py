@@ -111,7 +111,7 @@ class RerunSink:
         self._places = places
 
     def close(self) -> None:
-        """Write all buffered data. Raises OutputError where the file is incomplete."""
+        """Write all buffered data. Raises OutputError if the file is incomplete."""
         if self._places is not None and self._recording.watched:
             *ways, joined = self._places.lines()
             for path, way in zip((layout.LOOPS_BEFORE, layout.LOOPS_AFTER), ways, strict=True):

@@ -138,7 +138,7 @@ def test_a_trajectory_of_tartanair(tmp_path, names):
     assert len(list(log.frames())) == 3 and log.rig.baseline_m == 0.25
     assert log.rig.left.K[0].tolist() == [320, 0, 32]
     np.testing.assert_allclose(log.ground_truth().world_from_cam, expected, atol=1e-9)
-    assert not log.stats.warnings[1:]  # but for the missing stamps
+    assert not log.stats.warnings[1:]  # except for the missing stamps
     text = (tmp_path / "P001" / names[2]).read_text()
     for name in names[:2]:  # the images cut short of their poses, at the front
         next((tmp_path / "P001" / name).glob("000000_*")).unlink()

@@ -148,7 +148,7 @@ def _fit_coefficients(model: str, given: tuple[float, ...]) -> tuple[float, ...]
 
 
 def load(content: bytes, name: str | Path) -> Document:
-    """The document in the content of a file. Raises ConfigError where it is in no language that is known."""
+    """The document in the content of a file. Raises ConfigError if it is in no language that is known."""
     name = str(name)
     if len(content) > LIMITS.small_bytes:
         raise ConfigError(f"calibration {name} has {len(content) / 1e6:.1f} MB: it is not a calibration file")

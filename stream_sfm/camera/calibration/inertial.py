@@ -30,7 +30,7 @@ def _table(data: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def imu_of(document: Document, cam_from_imu: Array | None, noise: Mapping[str, float]) -> ImuCalibration | None:
-    """Return a unit mounted so, with the numbers that are known; None where its mounting is not. Raises ConfigError."""
+    """Return a unit mounted so, with the numbers that are known; None if its mounting is not. Raises ConfigError."""
     if cam_from_imu is None:
         return None
     with document.naming():

@@ -40,7 +40,7 @@ def nearest_fisheye(
 ) -> Camera:
     """The camera of K (3, 3), the parameters of one of `MODELS` and, of omni, radtan coefficients `d`.
 
-    Raises ConfigError where no fisheye is the same over the image.
+    Raises ConfigError if no fisheye is the same over the image.
     """
     theta = np.repeat(np.linspace(0.01, SETTINGS.widest_rad, SETTINGS.rings), SETTINGS.spokes)
     phi = np.tile(np.linspace(0, 2 * np.pi, SETTINGS.spokes, endpoint=False), SETTINGS.rings)

@@ -105,7 +105,7 @@ def _kitti_pose(document: Document, _: Document, size: Size | None) -> Array:
 
 
 def _kitti_key(data: Mapping[str, Any], number: int) -> str:
-    """The name of P = K [I | t] of a camera, in calib.txt or calib_cam_to_cam.txt; empty where it is not there."""
+    """The name of P = K [I | t] of a camera, in calib.txt or calib_cam_to_cam.txt; empty if it is not there."""
     return next((name for name in (f"P{number}", f"P_rect_0{number}") if name in data), "")
 
 

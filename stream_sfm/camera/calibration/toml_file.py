@@ -98,7 +98,7 @@ def _known(document: Document) -> tuple[Refinement | None, KnownTiming | None]:
 
 
 def _section(document: Document, name: str, keys: Sequence[str]) -> dict[str, Any] | None:
-    """A section with some of these keys; None where it is missing."""
+    """A section with some of these keys; None if it is missing."""
     if (table := document.data.get(name)) is None:
         return None
     if not isinstance(table, dict):

@@ -1,6 +1,6 @@
-"""Files that are recordings, but for MCAP: one module each, whose `CONTAINER` says how such files are known and opened.
+"""Recordings in a single file, other than MCAP: one module each, whose `CONTAINER` says how to recognise and open them.
 
-A further kind is one further file: `containers()` finds the modules of this folder.
+To add a kind, add a file: `containers()` finds the modules of this folder.
 """
 
 from collections.abc import Callable

@@ -81,7 +81,7 @@ class _Index:
 
 
 class Ros1BagSource(Source):
-    """The messages of one bag, in file order. Raises LogError where it cannot be read."""
+    """The messages of one bag, in file order. Raises LogError if it cannot be read."""
 
     format, profile = "ROS 1 bag", "ros1"
 
@@ -161,7 +161,7 @@ class Ros1BagSource(Source):
             damage.add(f"{self.path} has no index: the recording was not closed, its end may be missing")
 
     def _read_index(self, stream: IO[bytes]) -> _Index | None:
-        """The index; None where the bag was not closed. Raises BrokenRecord where it cannot be trusted."""
+        """The index; None if the bag was not closed. Raises BrokenRecord where it cannot be trusted."""
         header = _read_record(stream, len(MAGIC))
         if header.kind != _Kind.BAG_HEADER:
             raise BrokenRecord("the bag header is missing")

@@ -27,7 +27,7 @@ _STEP, _FREE_STEPS, _STEPS_PER_BYTE = 1_000, 100_000_000, 10
 
 
 class SqliteBagSource(Source):
-    """The messages of one `.db3` file, in the order of recording. Raises LogError where it is not a bag."""
+    """The messages of one `.db3` file, in the order of recording. Raises LogError if it is not a bag."""
 
     format, profile = "ROS 2 bag (SQLite)", "ros2"
 
@@ -110,7 +110,7 @@ class SqliteBagSource(Source):
         return channels
 
     def contents(self) -> Contents | None:
-        """Counted in the table of messages, without reading their images; None where it is damaged."""
+        """Counted in the table of messages, without reading their images; None if it is damaged."""
         counts: dict[int, int] = {}
         spans_ns: list[int] = []
         query = (
