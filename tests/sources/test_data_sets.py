@@ -169,7 +169,7 @@ def test_names_that_are_times_are_the_stamps(tmp_path, names, stamps_ns, sides):
     log = sfm.open_log(tmp_path, calibration=camera_pair())
     assert tuple(f.stamp_ns for f in log.frames()) == stamps_ns
     assert [w for w in log.stats.warnings if "no stamps" in w] == (
-        ["no stamps and no rate were given: frames are put 0.1 s apart"] if stamps_ns[0] == 0 else []
+        ["no stamps and no rate were given: frames are 0.1 s apart"] if stamps_ns[0] == 0 else []
     )
 
 

@@ -13,9 +13,9 @@ from ...mcap_file.message import Source
 
 
 class Container(NamedTuple):
-    """A kind of file that is a recording: how it is opened, how its bytes start, and what such files are called.
+    """A kind of recording in a single file: how to open it, its first bytes, and its name.
 
-    `start`: a regular expression. `suffix`: by which a file in a folder is one; `name`: in messages.
+    `start`: a regular expression. `suffix`: marks such files in a folder; `name`: used in messages.
     """
 
     open: Callable[[Path], Source]
