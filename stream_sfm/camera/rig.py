@@ -95,7 +95,7 @@ class StereoRig:
         return replace(self, left=_masked(self.left, left), right=_masked(self.right, right))
 
     def to_toml(self) -> str:
-        """The text of a calibration file that `from_calibration` reads back unchanged, except for masks."""
+        """Return the text of a calibration file that `from_calibration` reads back unchanged, except for masks."""
         return toml_file.text(self.cameras, self.right_from_left, self.refinement, self.timing, self.imu)
 
 
@@ -133,7 +133,7 @@ class MonoRig:
         return MonoRig(_masked(self.left, left))
 
     def to_toml(self) -> str:
-        """The text of a calibration file that `from_calibration` reads back unchanged, except for masks."""
+        """Return the text of a calibration file that `from_calibration` reads back unchanged, except for masks."""
         return toml_file.text(self.cameras)
 
 

@@ -133,7 +133,7 @@ def surface(
 
 
 def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Selection | None) -> Surface:
-    """The surface that one frame shows, in the axes of its physical left camera."""
+    """Return the surface that one frame shows, in the axes of its physical left camera."""
     read, frame = 0, None
     for read, frame in enumerate(islice(log.frames(selection), number + 1), 1):  # noqa: B007 the last one counts
         pass
@@ -151,7 +151,7 @@ def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Select
 
 
 def _of_all_frames(log: StereoLog, config: Config, selection: Selection | None, sinks: Sequence[Sink]) -> Surface:
-    """The surface that all selected frames show, in the world frame: as far as the log goes, or until Ctrl-C."""
+    """Return the surface that all selected frames show, in the world frame: as far as the log goes, or until Ctrl-C."""
     with one_thread:
         observer = Observer(log.stereo_rig, config)
         lane = Lane(config, observer, None, None)

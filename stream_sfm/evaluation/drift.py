@@ -31,11 +31,11 @@ class Compared:
 
     @classmethod
     def of_halves(cls, halves: Array) -> "Compared":
-        """The poses (2, n, 4, 4) of two halves."""
+        """Return the poses (2, n, 4, 4) of two halves."""
         return cls(halves[0], halves[1], SETTINGS.of_halves)
 
     def until(self, frames: int) -> "Compared":
-        """The same of more frames, of the last of which nothing is known."""
+        """Return the same of more frames, of the last of which nothing is known."""
         more = np.full((frames - len(self.truth), 4, 4), np.nan)
         return Compared(np.concatenate([self.poses, more]), np.concatenate([self.truth, more]), self.share)
 
@@ -87,7 +87,7 @@ def table(
 def _line(
     span: int, methods: Mapping[str, Compared], reference: str, of_halves: Mapping[str, Compared]
 ) -> dict[str, Any]:
-    """What the methods err over one span."""
+    """Return what the methods err over one span."""
     errors, errors_of_halves = errors_over(span, methods), errors_over(span, of_halves)
     line: dict[str, Any] = {"frames": span, "methods": {}}
     for name in methods:
@@ -123,7 +123,7 @@ def tells(method: Compared, reference: Compared, span: int) -> tuple[bool, bool]
 
 
 def of_interval(ratio: Interval | None) -> dict[str, Any] | None:
-    """A ratio as in report.json; its interval is None if there are too few blocks of frames for one."""
+    """Return a ratio as in report.json; its interval is None if there are too few blocks of frames for one."""
     if ratio is None:
         return None
     known = bool(np.isfinite(ratio.low))

@@ -87,7 +87,7 @@ def unit_for(*lengths_m: ArrayLike) -> LengthUnit:
 
 
 def units_of(runs: Sequence[Mapping[str, Any]], figures: Sequence[Figure]) -> dict[str, LengthUnit]:
-    """The unit of each family of lengths among the figures of some runs, the same wherever they are shown."""
+    """Return the unit of each family of lengths among the figures of some runs, the same wherever they are shown."""
     return {
         family: unit_for(
             [x for run in runs for f in figures if f.unit == family and (x := run.get(f.key)) is not None]
@@ -97,6 +97,6 @@ def units_of(runs: Sequence[Mapping[str, Any]], figures: Sequence[Figure]) -> di
 
 
 def number_text(value: float, factor: float = 1.0) -> str:
-    """A number with three significant digits, or all before the point; the minus is that of a keyboard."""
+    """Return a number with three significant digits, or all before the point; the minus is that of a keyboard."""
     x = factor * value
     return (f"{x:.0f}" if 1000 <= abs(x) < 1e6 else f"{x:#.3g}").rstrip(".")

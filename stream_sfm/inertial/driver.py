@@ -23,7 +23,7 @@ class DriverSamples:
         self._lock = threading.Lock()
 
     def __getstate__(self) -> list[Any]:
-        """The samples, without the lock, which belongs to this process."""
+        """Return the samples, without the lock, which belongs to this process."""
         return self._waiting
 
     def __setstate__(self, state: list[Any]) -> None:

@@ -47,7 +47,7 @@ class Allowance:
 
 
 def decompress_chunk(body: bytes, whole: bool, allowance: Allowance, verify: bool = True) -> bytes | memoryview:
-    """The records in the body of a chunk; where it is cut off (not `whole`), the bytes before the cut.
+    """Return the records in the body of a chunk; where it is cut off (not `whole`), the bytes before the cut.
 
     `verify`: compare the checksum, where there is one and nothing is missing. Raises BrokenRecord.
     """

@@ -25,7 +25,7 @@ class Definitions:
         self._bytes = 0
 
     def copy(self) -> "Definitions":
-        """A copy with dictionaries of its own."""
+        """Return a copy with dictionaries of its own."""
         other = copy(self)
         other.schemas, other.channels, other._described = dict(self.schemas), dict(self.channels), {}
         return other
@@ -51,7 +51,7 @@ class Definitions:
         known[record.id] = record
 
     def channel(self, channel_id: int) -> Channel:
-        """A channel with its schema; the same object as long as neither is described anew."""
+        """Return a channel with its schema; the same object as long as neither is described anew."""
         found = self.channels[channel_id]
         schema = self.schemas.get(found.schema_id)
         known = self._described.get(channel_id)

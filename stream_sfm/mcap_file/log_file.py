@@ -180,7 +180,7 @@ class LogFile(Source):
             damage.add(self._reading_failed(damage, error))
 
     def _reading_failed(self, damage: Damage, error: OSError) -> str:
-        """What to say of a failing disk, a network share that went away, a file that became shorter."""
+        """Return what to say of a failing disk, a network share that went away, a file that became shorter."""
         return f"{self.path}: reading failed after byte {damage.bytes_read}: {error.strerror}"
 
 
@@ -200,7 +200,7 @@ class _Parser:
         self._find_definitions: Callable[[], Definitions] | None = find_definitions  # None: called already
 
     def parse(self, opcode: int, body: bytes | memoryview, where: str) -> Message | None:
-        """The message in a record, if it is of a wanted topic. Raises BrokenRecord."""
+        """Return the message in a record, if it is of a wanted topic. Raises BrokenRecord."""
         if opcode == Opcode.MESSAGE:
             return self._message(body, where)
         if opcode in (Opcode.CHANNEL, Opcode.SCHEMA):

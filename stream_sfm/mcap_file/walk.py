@@ -118,7 +118,7 @@ class Walk:
                 yield Record(at, opcode, length, length)
 
     def body(self, record: Record) -> bytes:
-        """The available bytes of the record that was yielded last. Raises OSError."""
+        """Return the available bytes of the record that was yielded last. Raises OSError."""
         return self._read(record.offset + RECORD_HEAD.size, record.available)
 
     def reject(self, record: Record) -> None:
@@ -131,7 +131,7 @@ class Walk:
                 self._at, self._unconfirmed = found, None
 
     def _as_chunk(self, at: int, opcode: int, length: int, left: int, body: bytes) -> tuple[int, int]:
-        """The kind and the length of a record, that of a chunk where its content shows that they are wrong."""
+        """Return the kind and the length of a record, that of a chunk where its content shows that they are wrong."""
         found = chunk_length(body) if length or opcode else None
         if found is None or found > left or (opcode, length) == (Opcode.CHUNK, found):
             return opcode, length
@@ -146,7 +146,7 @@ class Walk:
         return int(Opcode.CHUNK), found
 
     def _problem(self, opcode: int, length: int, left: int, start: bytes) -> str:
-        """Why there is no record; empty if there is one."""
+        """Return why there is no record; empty if there is one."""
         if left < 0:
             return "the recording was not closed"
         if opcode == 0:
@@ -173,7 +173,7 @@ class Walk:
             self._damage.add(f"{self._path} is damaged at byte {at}: {problem}; read on at byte {found}")
 
     def _wanted(self, at: int) -> Wanted:
-        """What can be behind damage at `at`."""
+        """Return what can be behind damage at `at`."""
         if self._has_chunks is None:
             self._has_chunks = self._search.find(at, self._size, Wanted.CHUNKS) is not None
         if not self._has_chunks:
@@ -205,7 +205,7 @@ class Search:
         self._candidates_left = _MAX_CANDIDATES
 
     def find(self, start: int, stop: int, wanted: Wanted) -> int | None:
-        """The offset of the first record of a wanted kind that begins in [start, stop)."""
+        """Return the offset of the first record of a wanted kind that begins in [start, stop)."""
         for at in self._candidates(start, stop, wanted.value):
             if self._is_record(at):
                 return at
@@ -244,7 +244,7 @@ class Search:
 
 
 def chunk_length(body: bytes) -> int | None:
-    """The length of the body of a chunk by the fields in its first bytes; None if they cannot be that."""
+    """Return the length of the body of a chunk by the fields in its first bytes; None if they cannot be that."""
     if len(body) < CHUNK_HEAD.size:
         return None
     start_ns, end_ns, size, _, name_length = CHUNK_HEAD.unpack_from(body)

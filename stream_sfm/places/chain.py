@@ -81,7 +81,7 @@ class Chain:
 
 
 def _motion(estimate: FrameEstimate, frame_index: int) -> Motion:
-    """One of the relative motions without what no view shows, which is no error between motions and loops."""
+    """Return one of the relative motions without what no view shows, which is no error between motions and loops."""
     motion = Motion.to_frame(frame_index, estimate.relative, estimate.common)
     assert motion is not None
     seen = slice(UNSEEN, None)

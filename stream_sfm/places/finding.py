@@ -28,7 +28,7 @@ def nearest_poses(poses: Array, pose: Array, depth_m: float) -> NDArray[np.intp]
 
 
 def may_overlap(olds_from_new: Array, covs: Array, depth_m: float, sigmas: float) -> NDArray[np.bool_]:
-    """Which keyframes (n,) may show what a new one does, by motions (n, 4, 4) and their covariances (n, 6, 6).
+    """Return which keyframes (n,) may show what a new one does, by motions (n, 4, 4) and their covariances (n, 6, 6).
 
     `sigmas`: by how many σ they may be nearer than predicted.
     """
@@ -45,7 +45,7 @@ def stds(covs: Array) -> tuple[Array, Array]:
 
 
 def apart(numbers: Iterable[int], count: int, distance: int) -> list[int]:
-    """The first `count` numbers that differ by at least `distance`: keyframes in a row show the same."""
+    """Return the first `count` numbers that differ by at least `distance`: keyframes in a row show the same."""
     chosen: list[int] = []
     for number in numbers:
         if all(abs(number - other) >= distance for other in chosen):
@@ -92,7 +92,7 @@ class Words:
         return [numbers[row] for row in np.argsort(-score, kind="stable").tolist()]
 
     def _bag(self, descriptors: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """How often each word occurs (words,), with a norm of 1."""
+        """Return how often each word occurs (words,), with a norm of 1."""
         assert self._words is not None
         counts = np.zeros(SETTINGS.words, np.float32)
         if len(descriptors):

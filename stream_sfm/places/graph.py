@@ -96,19 +96,19 @@ class PoseGraph:
         return self.poses[self._row(number)]
 
     def segment(self, number: int) -> int:
-        """The segment of one node."""
+        """Return the segment of one node."""
         return int(self.segments[self._row(number)])
 
     def home(self, number: int) -> int:
-        """The segment in whose world a node's pose is."""
+        """Return the segment in whose world a node's pose is."""
         return int(self.homes[self._row(number)])
 
     def in_world_of(self, number: int) -> NDArray[np.bool_]:
-        """Which nodes (n,) are in the same world as one."""
+        """Return which nodes (n,) are in the same world as one."""
         return np.asarray(self.homes == self.home(number))
 
     def state(self) -> GraphState:
-        """What is to be kept of the graph."""
+        """Return what is to be kept of the graph."""
         j = self._jacobian
         return GraphState(
             list(self.numbers),
@@ -121,7 +121,7 @@ class PoseGraph:
         )
 
     def _whole(self, link: Motion) -> Motion:
-        """The same motion whose common errors are its own."""
+        """Return the same motion whose common errors are its own."""
         known = link.given(self._mean, self._cov_common)
         return Motion(known.earlier_from_newest, known.cov)
 
@@ -192,7 +192,7 @@ class PoseGraph:
         return motions, covs
 
     def between(self, first: int, second: int) -> Motion | None:
-        """The motion between two nodes as predicted, with all of its covariance; None if it is not known."""
+        """Return the motion between two nodes as predicted, with all of its covariance; None if it is not known."""
         (motion,), (cov,) = self.predicted(second, np.array([self._row(first)]))
         return Motion(motion, cov) if np.isfinite(cov).all() else None
 
@@ -288,7 +288,7 @@ class PoseGraph:
         return factors, values, sure
 
     def _factor(self, first: int, second: int, link: Motion, spread: float = 1.0) -> Any:
-        """A motion between nodes, whose σ is `spread` times as large; its common errors count as its own."""
+        """Return a motion between nodes, whose σ is `spread` times as large; its common errors count as its own."""
         motion = link.given(self._mean, self._cov_common)
         cov = spread**2 * motion.cov + LEAST_VARIANCE * np.eye(6)
         noise = gtsam.noiseModel.Gaussian.Covariance(symmetric(cov)[np.ix_(_ORDER, _ORDER)])
@@ -327,7 +327,7 @@ class PoseGraph:
         return covs
 
     def _by_common(self) -> Array:
-        """How all poses, loops being as they are, follow the common errors: (n, 6, m) (Schmidt 1966)."""
+        """Return how all poses, loops being as they are, follow the common errors: (n, 6, m) (Schmidt 1966)."""
         mean, solutions = self._mean, []
         for change in (np.zeros_like(mean), *np.eye(len(mean))):
             self._mean = mean + change

@@ -83,7 +83,7 @@ def make_keyframe(
 
 
 def smoothed(image: Image) -> NDArray[np.float32]:
-    """The image (h, w) as patches are cut from it and aligned with it.
+    """Return the image (h, w) as patches are cut from it and aligned with it.
 
     Smoothed as in the front-end: else interpolation shifts patches towards whole pixels.
     """
@@ -101,7 +101,7 @@ def _decoded(jpeg: bytes) -> NDArray[np.uint8] | None:
 
 
 def templates(keyframe: Keyframe) -> TemplateAtlas:
-    """The patches around the points, ready to be warped."""
+    """Return the patches around the points, ready to be warped."""
     grey = (
         np.asarray(_decoded(keyframe.patches), np.float32)
         .reshape(-1, _SIDE_PX, _COLUMNS, _SIDE_PX)
@@ -111,7 +111,7 @@ def templates(keyframe: Keyframe) -> TemplateAtlas:
 
 
 def _mosaic(image: NDArray[np.float32], px: Array) -> bytes:
-    """The JPEG of patches around sub-pixel positions (n, 2)."""
+    """Return the JPEG of patches around sub-pixel positions (n, 2)."""
     mosaic = np.zeros((max(1, -(-len(px) // _COLUMNS)), _COLUMNS, _SIDE_PX, _SIDE_PX), np.uint8)
     for k, at in enumerate(px.tolist()):
         mosaic[divmod(k, _COLUMNS)] = np.rint(cv2.getRectSubPix(image, (_SIDE_PX, _SIDE_PX), at))

@@ -111,7 +111,7 @@ class PlaceMap:
         self._jobs: list[Future[_Found | None]] = []
 
     def __len__(self) -> int:
-        """How many keyframes there are."""
+        """Return how many keyframes there are."""
         return len(self._nodes)
 
     @property
@@ -173,7 +173,7 @@ class PlaceMap:
         save_map(path, self._rectifier.projection, self._rectifier.rect_from_cam, keyframes, self._graph.state())
 
     def poses(self) -> Trajectory:
-        """The poses of this run's keyframes in the world of the map, with their covariances; after `close`."""
+        """Return the poses of this run's keyframes in the world of the map, with their covariances; after `close`."""
         stamps_ns, _, rows = self._own()
         poses = self._graph.poses[rows].copy()
         in_rect = self._rect_from_cam @ poses @ self._rect_from_cam.T
@@ -181,7 +181,7 @@ class PlaceMap:
         return Trajectory(stamps_ns, poses, self._covs[rows] + unseen)
 
     def corrected(self, trajectory: Trajectory) -> Trajectory:
-        """The poses of a run in the world of the map, by those of its keyframes before and after; after `close`.
+        """Return the poses of a run in the world of the map, by those of its keyframes before and after; after `close`.
 
         Covariances are those of the nearest keyframe.
         """
@@ -296,7 +296,7 @@ class PlaceMap:
         self._close_doubtful([loop for loop in found if loop is not None])
 
     def _by_detour(self, number: int) -> NDArray[np.bool_]:
-        """Which nodes (n,) the camera has come from by a detour."""
+        """Return which nodes (n,) the camera has come from by a detour."""
         nodes, new, graph = self._nodes, self._nodes[number], self._graph
         path_m = new.path_m - np.array([nodes[old].path_m for old in graph.numbers])
         straight_m = offsets_m(graph.poses, graph.pose(number))

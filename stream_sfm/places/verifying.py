@@ -40,7 +40,7 @@ class Verifier:
         self._matrix = np.array([[p.f_px, 0, p.cx_left_px], [0, p.f_px, p.cy_px], [0, 0, 1]])
 
     def motion(self, old: Keyframe, new: Seen, predicted: Array | None = None) -> Motion | None:
-        """The motion from the old keyframe to the new one, in rectified axes; None if they do not show the same.
+        """Return the motion from the old keyframe to the new one, in rectified axes; None if they do not show the same.
 
         Where too few features match, the patches are warped by the motion `predicted`, if there is one.
         """
@@ -92,7 +92,7 @@ class Verifier:
     def _refined(
         self, old: Keyframe, atlas: TemplateAtlas, images: Sequence[NDArray[np.float32]], new_from_old: Array
     ) -> tuple[PointViews, Resection] | None:
-        """The views and the motion by patches that are warped as a rough motion has it."""
+        """Return the views and the motion by patches that are warped as a rough motion has it."""
         p = self._projection
         points = old.points.astype(float)
         here = se3.transform(new_from_old, points)

@@ -26,7 +26,7 @@ class RecordedFrame(StereoFrame):
 
 
 def recorded_frame(pair: StereoPair, images: list[NDArray[np.uint8]]) -> RecordedFrame:
-    """The frame of a pair and its decoded images; a viewer gets compressed images as they were recorded."""
+    """Return the frame of a pair and its decoded images; a viewer gets compressed images as they were recorded."""
     left, right = images[0], images[-1]
     pictures = [m.data if m.compressed else image for m, image in zip(pair.images, (left, right), strict=True)]
     return RecordedFrame(pair.stamp_ns, left, right, (pictures[0], pictures[1]), recorded=pair)

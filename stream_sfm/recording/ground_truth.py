@@ -31,7 +31,7 @@ _LEFT_CAMERA = re.compile(r"(?<![a-z])(left|cam_?0|camera_?0|camera|cam)(?![a-z]
 
 
 def truth_topic(survey: Survey) -> str | None:
-    """The topic of ground-truth poses, or None."""
+    """Return the topic of ground-truth poses, or None."""
     topics = [t for t, count in survey.of_kind("pose", "transform").items() if _TRUTH.search(t) and count != 0]
     return min(topics, key=lambda t: ("pose" not in t.lower(), len(t), t), default=None)
 
@@ -64,7 +64,7 @@ def read_truth(source: Source, topic: str, camera_frame: str, warnings: list[str
 
 
 def depth_topic(survey: Survey) -> str | None:
-    """The topic of depth images, or None."""
+    """Return the topic of depth images, or None."""
     images = survey.of_kind("image")
     return next((t for t in _DEPTH_TOPICS if images.get(t, 0) != 0), None)
 
@@ -97,7 +97,7 @@ class DepthImages:
         self.problem = ""
 
     def at(self, stamp_ns: int) -> Depth | None:
-        """The depth image of this moment (within 1 ms, to which stamps may be rounded), or None."""
+        """Return the depth image of this moment (within 1 ms, to which stamps may be rounded), or None."""
         with self._lock:
             first_ns = stamp_ns - SETTINGS.same_stamp_ns
             while not self._exhausted and (self._current is None or self._current[0] < first_ns):

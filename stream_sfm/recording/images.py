@@ -143,7 +143,7 @@ def decode_plain_png(data: bytes) -> Grey | None:
 
 
 def _png_content(whole: bytes) -> bytes | memoryview | None:
-    """The compressed pixels; None if a checksum is wrong, or a chunk is there that says how to take them."""
+    """Return the compressed pixels; None if a checksum is wrong, or a chunk is there that says how to take them."""
     data, at = memoryview(whole), len(PNG_SIGNATURE)
     parts: list[memoryview] = []
     while at + PNG_CHUNK.size < len(data):
@@ -201,7 +201,7 @@ def _raw_pixels(message: ImageMessage) -> tuple[Any, int | None, int | None]:
 
 
 def raw_rows(message: ImageMessage, pixel_bytes: int) -> NDArray[np.uint8]:
-    """The bytes of a raw image, (h, w · pixel_bytes) uint8, without row padding. Raises UndecodableImage."""
+    """Return the bytes of a raw image, (h, w · pixel_bytes) uint8, without row padding. Raises UndecodableImage."""
     width, height = message.width, message.height
     row = width * pixel_bytes
     step = message.step or row

@@ -198,7 +198,7 @@ def decoded(
 
 
 def image_of(topic: str, m: Any) -> ImageMessage:
-    """The image in a message that has the fields of one. Raises UndecodableMessage, ValueError, TypeError."""
+    """Return the image in a message that has the fields of one. Raises UndecodableMessage, ValueError, TypeError."""
     known = topic, _stamp_ns(m), _frame_id(m)
     data = _bytes(_get(m, "data"))
     if _has(m, "format") or _has(m, "pts"):  # the latter of ffmpeg_image_transport, with width and height, too
@@ -249,7 +249,7 @@ def same_numbers(a: Any, b: Any) -> bool:
 
 
 def _by_definition(channel: Channel) -> Decoder | None:
-    """The decoder of protobuf or ROS, of which a log has one: the library of the other is not imported."""
+    """Return the decoder of protobuf or ROS, of which a log has one: the library of the other is not imported."""
     if channel.message_encoding == MessageEncoding.Protobuf:
         from .protobuf import protobuf_decoder
 
@@ -317,7 +317,7 @@ def _bytes(data: Any) -> bytes:
 
 
 def _matrix(values: Any, rows: int, columns: int) -> Array:
-    """A matrix as sent; all zeros where nothing was sent."""
+    """Return a matrix as sent; all zeros where nothing was sent."""
     found = np.array([float(x) for x in values], dtype=float)
     if found.size not in (0, rows * columns):
         raise ValueError(f"a calibration matrix has {found.size} numbers instead of {rows * columns}")

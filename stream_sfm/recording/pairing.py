@@ -115,7 +115,7 @@ class _Side(Generic[T]):
         self._drop([f for f in self.window if f.overtaken > _WINDOW or f.stamp_ns == first.stamp_ns])
 
     def period_ns(self) -> float | None:
-        """The median period of the frames released last; None before the second one."""
+        """Return the median period of the frames released last; None before the second one."""
         periods = [b - a for a, b in pairwise(self._recent)]
         return median(periods) if periods else None
 

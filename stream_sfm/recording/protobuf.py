@@ -15,7 +15,7 @@ from ..mcap_file.message import Channel
 
 
 def protobuf_decoder(channel: Channel) -> Decoder | None:
-    """A function from the bytes of a message to an object with its fields; None for other schemas.
+    """Return a function from the bytes of a message to an object with its fields; None for other schemas.
 
     Both raise what the library raises, where the definition cannot be read or bytes do not fit.
     """

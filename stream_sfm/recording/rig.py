@@ -41,7 +41,7 @@ class FoundRig:
 def find_rig(
     source: Source, survey: Survey, choice: PairChoice, calibration: Where | StereoRig | MonoRig | None, mono: bool
 ) -> FoundRig:
-    """The rig of the two cameras, of the left one alone if `mono`; `calibration` as in `open_log`.
+    """Return the rig of the two cameras, of the left one alone if `mono`; `calibration` as in `open_log`.
 
     Raises LogError naming the file, the topic and what to do; ConfigError for `calibration`.
     """
@@ -62,7 +62,7 @@ def find_rig(
 
 
 def first_size(source: Source, topic: str) -> tuple[int, int] | None:
-    """The size of the first image of a topic where it is known, for calibrations that do not contain it."""
+    """Return the size of the first image of a topic where it is known, for calibrations that do not contain it."""
     sizes = map(image_size, decoded(source, [topic], MessageDecoder.image))
     return next((size for size in sizes if size is not None), None)
 
@@ -82,20 +82,20 @@ def check_rig(source: Source, rig: StereoRig | MonoRig) -> None:
 
 
 def right_is_left(rig: StereoRig) -> float | None:
-    """How far the right camera stands to the left of the left one, metres; None if it stands on its right."""
+    """Return how far the right camera stands to the left of the left one, metres; None if it stands on its right."""
     x, y, _ = se3.inverse(rig.right_from_left)[:3, 3]
     return float(-x) if x < 0 and abs(x) > abs(y) else None
 
 
 def _error(problem: str, *hints: str) -> LogError:
-    """The error of a calibration in a log that cannot be used: giving another one always helps."""
+    """Return the error of a calibration in a log that cannot be used: giving another one always helps."""
     return LogError(f"{problem}; {REMEDY}", hint=(*hints, "calibration"))
 
 
 def rig_of_messages(
     source: Source, survey: Survey, sent: Sequence[CalibrationMessage], rectified: bool
 ) -> FoundRig:
-    """The rig by what its one or two cameras have `sent`; `rectified`: their images. Raises LogError."""
+    """Return the rig by what its one or two cameras have `sent`; `rectified`: their images. Raises LogError."""
     origin = " and ".join(message.topic for message in sent)
     try:
         if len(sent) == 1:

@@ -71,7 +71,7 @@ class Types(Typestore):
 
 @lru_cache(maxsize=32)  # a log is opened several times, and rosbags takes tens of milliseconds for a definition
 def ros_decoder(message_encoding: str, schema_encoding: str, schema_name: str, definition: bytes) -> Decoder | None:
-    """A function from the bytes of a message to an object with its fields; None for messages that are not ROS's.
+    """Return a function from the bytes of a message to an object with its fields; None for messages that are not ROS's.
 
     Both raise what rosbags raises, where the definition cannot be read or bytes do not fit.
     """

@@ -302,7 +302,7 @@ class StereoLog:
             raise LogError(f"{self.path}: no frame lies after {start_s or 0:g} s{until}; {read}")
 
     def _changed_rig(self, sent: Sequence[CalibrationMessage], usable: bool) -> StereoRig | MonoRig:
-        """The rig from a change of calibration on. Raises InputError if frames with it are not to be read."""
+        """Return the rig from a change of calibration on. Raises InputError if frames with it are not to be read."""
         if not usable:
             raise LogError("their calibration is another one: start there, and give it")
         for message, camera in zip(sent, self.rig.cameras.values(), strict=True):
@@ -356,5 +356,5 @@ class StereoLog:
             yield from read_depths(self._source, topic, self.stats.warnings)
 
     def depth_images(self) -> DepthImages:
-        """The images of `depths`, looked up by the stamps of frames."""
+        """Return the images of `depths`, looked up by the stamps of frames."""
         return DepthImages(self.depths())

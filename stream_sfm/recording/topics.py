@@ -84,7 +84,7 @@ def choose_one(path: Path, image_topics: Mapping[str, int | None], left: str | N
 
 
 def _cameras(image_topics: Mapping[str, int | None]) -> list[str]:
-    """The topics of cameras that have sent something."""
+    """Return the topics of cameras that have sent something."""
     return [t for t, count in image_topics.items() if is_camera(t) and count != 0]
 
 
@@ -124,7 +124,7 @@ def _form_rank(topic: str) -> tuple[bool, bool, bool]:
 
 
 def choose_calibration(image_topic: str, side: int, calibration_topics: Iterable[str]) -> str | None:
-    """The calibration topic of an image topic: of the same side, and closest by name; None if there is none."""
+    """Return the calibration topic of an image topic: of the same side, and closest by name; None if there is none."""
     sided = set(side_keys(image_topic, side))
     image_words = _words(image_topic)
     ranked = []

@@ -87,7 +87,7 @@ def _of_sensor(path: Path) -> Array:
 
 
 def time_warning(truth: Trajectory, path: str | Path, first_ns: int, last_ns: int) -> str | None:
-    """What to say where no pose lies within the time of the frames."""
+    """Return what to say where no pose lies within the time of the frames."""
     begin_ns, end_ns = int(truth.stamps_ns[0]), int(truth.stamps_ns[-1])
     if begin_ns <= last_ns and end_ns >= first_ns:
         return None

@@ -20,7 +20,7 @@ from .survey import Survey, Topic
 
 
 def with_videos(source: Source, survey: Survey) -> tuple[Source, Survey]:
-    """The recording with its video topics as topics of images; as given where it has none.
+    """Return the recording with its video topics as topics of images; as given where it has none.
 
     Videos also come as ROS's CompressedImage, which their first message tells. What is neither H.264 nor H.265 stays
     video. Of very many topics the first ones are looked at, as each costs a reading.
@@ -86,7 +86,7 @@ class _Decoded(Derived):
                 damage.add(f"{where}: {counted(stream.lost, 'frame')} of video could not be decoded")
 
     def _frames(self, topic: str, damage: Damage) -> Iterator[tuple[tuple[ImageMessage, int], bytes]]:
-        """Each frame without its bytes, with its log time; and its bytes."""
+        """Yield each frame without its bytes, with its log time; and its bytes."""
         decoder = MessageDecoder(self.path)
         for message in self.source.messages(damage, frozenset([topic])):
             try:

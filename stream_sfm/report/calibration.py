@@ -12,7 +12,7 @@ from ..rig_model.terms import CAUSES
 
 
 def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, Any]:
-    """The section `rig` of summary.json: errors of the given calibration, and what they mean."""
+    """Return the section `rig` of summary.json: errors of the given calibration, and what they mean."""
     error_px, std_px = disparity_over_image(projection, estimate, (5, 9))  # rows and columns of places
     refined, rms_px = estimate.refined, float(np.sqrt((error_px**2).mean()))
     within_px = float(np.hypot(error_px, std_px).max())  # anywhere in the image

@@ -42,7 +42,7 @@ class Trace:
 
 
 def _trace_of(estimate: Trajectory, truth: Trajectory) -> Trace | None:
-    """The trace of a trajectory; None if fewer than two frames have a ground truth."""
+    """Return the trace of a trajectory; None if fewer than two frames have a ground truth."""
     rows, true = matched(estimate, truth)
     if len(rows) < 2:
         return None
@@ -85,7 +85,7 @@ def path(poses: Mapping[str, Array], traces: Traces, looks: Looks = of_method, l
 def _of_traces(
     traces: Traces, looks: Looks, y: Callable[[Trace], Array], x: Callable[[Trace], Array]
 ) -> list[Series]:
-    """A line of each trace, broken where frames have no truth."""
+    """Return a line of each trace, broken where frames have no truth."""
     series = []
     for name, t in traces.items():
         cuts = np.flatnonzero(np.diff(t.frames) > 1) + 1
@@ -178,7 +178,7 @@ def structure(runs: Sequence[RunRecord], unit: LengthUnit) -> Markup:
 
 
 def lives(front: FrontRecord) -> Markup:
-    """The lives of the tracks, the paper's Figure 3: one line per point, in order of the first frame."""
+    """Return the lives of the tracks, the paper's Figure 3: one line per point, in order of the first frame."""
     spans = list(front.lives.values())
     if not spans:
         return Markup('<p class="none">No point was tracked.</p>')
@@ -194,7 +194,7 @@ def _per_frame(run: RunRecord, y: Array) -> Series:
 
 
 def masks(rig: StereoRig | MonoRig) -> list[Markup]:
-    """A picture of the mask of each camera that has one: what of its images is left out."""
+    """Return a picture of the mask of each camera that has one: what of its images is left out."""
     return [_mask(side, camera.mask) for side, camera in rig.cameras.items() if camera.mask is not None]
 
 

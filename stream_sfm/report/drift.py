@@ -43,7 +43,7 @@ class Against:
 
 
 def whole_runs(c: Comparison) -> list[RunRecord]:
-    """The runs that have an estimate of every frame."""
+    """Return the runs that have an estimate of every frame."""
     return [run for run in c.runs if 0 < len(run) == len(c.front)]
 
 
@@ -67,7 +67,7 @@ def reference_of(c: Comparison) -> str:
 
 
 def drift_of(c: Comparison, against: Against | None) -> dict[str, Any]:
-    """The section `drift` of report.json."""
+    """Return the section `drift` of report.json."""
     halves = {run.key: Compared.of_halves(c.halves[run.name].poses) for run in c.runs if run.name in c.halves}
     reference, methods = reference_of(c), halves
     if against is not None:
@@ -97,7 +97,7 @@ def _add_factors(table: list[dict[str, Any]], c: Comparison, against: Against) -
 
 
 def common_in_numbers(common: Common) -> dict[str, Any] | None:
-    """What all methods share, as in report.json; None if that is nothing."""
+    """Return what all methods share, as in report.json; None if that is nothing."""
     if not common.any:
         return None
     return {

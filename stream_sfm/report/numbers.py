@@ -75,7 +75,7 @@ def numbers(c: Comparison) -> dict[str, Any]:
 
 
 def figures_of(content: dict[str, Any]) -> tuple[Figure, ...]:
-    """The figures of a comparison that come first, on its page and in the terminal; `content` of report.json."""
+    """Return the figures of a comparison that come first, on its page and in the terminal; `content` of report.json."""
     if not content["frames_with_ground_truth"]:
         return WITHOUT_TRUTH
     if not content["drift"]["truth_tells"]:
@@ -84,7 +84,7 @@ def figures_of(content: dict[str, Any]) -> tuple[Figure, ...]:
 
 
 def _of_run(run: RunRecord) -> dict[str, Any]:
-    """The figures of a method that need no ground truth."""
+    """Return the figures of a method that need no ground truth."""
     end = end_pose(run.trajectory()) or {}
     return {of.figure.key: of.value(run) for of in OF_RUN} | {
         "estimator_ms": quantiles(run.column("estimator")),
@@ -98,7 +98,7 @@ def _of_run(run: RunRecord) -> dict[str, Any]:
 
 
 def _against_truth(run: RunRecord, truth: Truth, against: Against | None) -> dict[str, Any]:
-    """The figures of a whole run; RPE, growth and turning spans only where most frames in a row have a truth."""
+    """Return the figures of a whole run; RPE, growth and turning spans only where most frames in a row have a truth."""
     if truth.poses is None:
         return {}
     result = evaluate_run(run.trajectory(), run.relative, truth.poses, truth.std, run.structure)

@@ -131,7 +131,7 @@ def _charts(c: Comparison, content: dict[str, Any], traces: Traces, unit: Length
 
 
 def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:
-    """What a reader must know before looking at the figures."""
+    """Return what a reader must know before looking at the figures."""
     notes = []
     frames, known = content["frames"], content["frames_with_ground_truth"]
     if c.truth.poses is not None and known < frames:
@@ -235,7 +235,7 @@ def _name_of(log: dict[str, Any], href: str = "") -> Name:
 
 
 def _row_of(summary: dict[str, Any]) -> dict[str, Any]:
-    """The figures of a summary in one level."""
+    """Return the figures of a summary in one level."""
     return summary | summary.get("ground_truth", {}) | {"frames": summary["frames"]["estimated"]}
 
 
@@ -244,7 +244,7 @@ def _costs_of(s: dict[str, Any]) -> dict[str, Any]:
 
 
 def conclusion(content: dict[str, Any]) -> str:
-    """A sentence that says how many logs were completed, and what became of the others."""
+    """Return a sentence that says how many logs were completed, and what became of the others."""
     counts = content["counts"]
     parts = [f"{counts.get('done', 0)} of {counted(len(content['logs']), 'log')} done"]
     parts += [f"{counts[status]} {words}" for status, words in _NOT_DONE.items() if counts.get(status)]
@@ -254,13 +254,13 @@ def conclusion(content: dict[str, Any]) -> str:
 
 
 def _median(values: list[float | None]) -> float | None:
-    """The median of what is known, of two logs at least."""
+    """Return the median of what is known, of two logs at least."""
     known = [value for value in values if value is not None]
     return median(known) if len(known) > 1 else None
 
 
 def _path(title: str, folder: Path) -> Markup:
-    """The path of a run seen from above, empty if there is no file of it."""
+    """Return the path of a run seen from above, empty if there is no file of it."""
     try:
         t = read_tum(folder / "trajectory.tum").world_from_cam[:, :3, 3]
     except InputError:

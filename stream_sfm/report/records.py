@@ -128,7 +128,7 @@ class RunRecord:
         return np.array(self._rows).reshape(-1, _WIDTH)
 
     def column(self, name: str) -> Array:
-        """One of the numbers of each frame (n,): a stage in ms, or another of `_NUMBERS`."""
+        """Return one of the numbers of each frame (n,): a stage in ms, or another of `_NUMBERS`."""
         return self._table[:, _COV.stop + _NUMBERS.index(name)]
 
     @property
@@ -138,11 +138,11 @@ class RunRecord:
         return np.where(dof > 0, self.column("nis") / np.maximum(dof, 1), np.nan)
 
     def trajectory(self) -> Trajectory:
-        """All poses with their covariances."""
+        """Return all poses with their covariances."""
         return Trajectory(self.stamps_ns, self.poses, self._table[:, _COV].reshape(-1, 6, 6))
 
     def with_poses(self, name: str, trajectory: Trajectory) -> "RunRecord":
-        """The same run with other poses, and covariances, under another name."""
+        """Return the same run with other poses, and covariances, under another name."""
         record, rows = copy(self), self._table
         rows[:, _POSE] = trajectory.world_from_cam.reshape(-1, 16)
         rows[:, _COV] = np.asarray(trajectory.cov_pose).reshape(-1, 36)
@@ -189,7 +189,7 @@ class RunRecord:
         return ""
 
     def summary(self) -> dict[str, Any]:
-        """The part of summary.json that follows from the estimates: statuses, durations, lengths."""
+        """Return the part of summary.json that follows from the estimates: statuses, durations, lengths."""
         wall_s = float(self.column("total").sum()) / 1e3
         return {
             "statuses": {status.value: self.count(status) for status in Status},
@@ -233,7 +233,7 @@ OF_RUN = (
 
 
 def median(values: ArrayLike) -> float | None:
-    """The median of the finite values; None if there are none."""
+    """Return the median of the finite values; None if there are none."""
     finite = np.asarray(values, float)
     finite = finite[np.isfinite(finite)]
     return median_of_finite(finite) if len(finite) else None
@@ -260,7 +260,7 @@ class AddedMotions:
         self._rows.frombytes(np.concatenate([now.odom_from_cam, now.cov], axis=None).tobytes())
 
     def trajectory(self) -> Trajectory:
-        """All poses with their covariances."""
+        """Return all poses with their covariances."""
         table = np.array(self._rows).reshape(-1, _COV.stop)
         poses = table[:, _POSE].reshape(-1, 4, 4)
         return Trajectory(np.array(self._stamps_ns, np.int64), poses, table[:, _COV].reshape(-1, 6, 6))
@@ -336,7 +336,7 @@ class FrontRecord:
                 self.local_difference_m.append(float(np.median(apart_m)))
 
     def tracks(self) -> dict[str, Any]:
-        """How many points were tracked, and over how many frames."""
+        """Return how many points were tracked, and over how many frames."""
         lengths = np.array([last - first + 1 for first, last in self.lives.values()])
         if not len(lengths):
             return {"count": 0, "mean_frames": None, "median_frames": None, "longest_frames": None}

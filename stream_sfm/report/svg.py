@@ -68,7 +68,7 @@ class Row(NamedTuple):
 
 
 def draw(chart: Chart) -> Markup:
-    """A `<figure>` with the chart and the names of its lines, or with a sentence where there is no data."""
+    """Return a `<figure>` with the chart and the names of its lines, or with a sentence where there is no data."""
     usable = [(s, drawn) for s in chart.series if (drawn := _drawn(chart, s)).any()]
     if not usable:
         return figure(chart.title, chart.note, Markup('<p class="none">No data.</p>'))
@@ -107,7 +107,7 @@ def _add_bands_and_slopes(axes: Any, chart: Chart, series: Sequence[Series]) -> 
 
 
 def intervals(title: str, x_label: str, rows: Sequence[Row], note: str = "") -> Markup:
-    """A `<figure>` with a value and its interval in each row, on a logarithmic axis; the line is at 1."""
+    """Return a `<figure>` with a value and its interval in each row, on a logarithmic axis; the line is at 1."""
     canvas, axes = _axes(x_label, "", (True, False), height_px=max(_HEIGHT_PX, 60 + 20 * len(rows)))
     axes.axvline(1.0, color=_COLOUR["axis"], lw=1, ls="--")
     for k, row in enumerate(rows):
@@ -122,7 +122,7 @@ def intervals(title: str, x_label: str, rows: Sequence[Row], note: str = "") -> 
 
 
 def lifetimes(title: str, spans: Sequence[Sequence[int]], note: str) -> Markup:
-    """A `<figure>` with one line per span [first, last], in order."""
+    """Return a `<figure>` with one line per span [first, last], in order."""
     canvas, axes = _axes("frame", "points, by first frame", (False, False), 2 * _WIDTH_PX)
     x = np.array([[first, max(last, first + 0.15), np.nan] for first, last in spans]).ravel()
     axes.plot(x, np.repeat(np.arange(len(spans)), 3), color=_COLOUR["c1"], lw=max(0.5, min(2.0, 170 / len(spans))))
@@ -145,7 +145,7 @@ def figure(
 
 
 def _drawn(chart: Chart, s: Series) -> NDArray[np.bool_]:
-    """Which points of a line can be drawn."""
+    """Return which points of a line can be drawn."""
     x, y = np.asarray(s.x, float), np.asarray(s.y, float)
     return np.isfinite(x) & np.isfinite(y) & ((x > 0) | (not chart.log_x)) & ((y > 0) | (not chart.log_y))
 
@@ -153,7 +153,7 @@ def _drawn(chart: Chart, s: Series) -> NDArray[np.bool_]:
 def _axes(
     x_label: str, y_label: str, log: tuple[bool, bool], width_px: int = _WIDTH_PX, height_px: int = _HEIGHT_PX
 ) -> tuple[Any, Any]:
-    """A figure of one point per px, and its axes."""
+    """Return a figure of one point per px, and its axes."""
     from matplotlib.figure import Figure
 
     canvas = Figure(figsize=(width_px / 72, height_px / 72), dpi=72, layout="constrained")
@@ -170,7 +170,7 @@ def _axes(
 
 
 def _svg(canvas: Any, title: str) -> Markup:
-    """The figure as SVG that takes its colours and its font from the page; equal figures give equal bytes."""
+    """Return the figure as SVG that takes its colours and its font from the page; equal figures give equal bytes."""
     from matplotlib import rc_context
     from matplotlib.ticker import LogLocator, MaxNLocator, StrMethodFormatter
 

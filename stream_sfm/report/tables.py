@@ -37,7 +37,7 @@ def table(
     units: dict[str, LengthUnit],
     compared: bool = True,
 ) -> Table:
-    """The figures of some runs, a row each, without those that no run has.
+    """Return the figures of some runs, a row each, without those that no run has.
 
     The best of several values is marked where the runs are `compared`: those of different logs are not.
     """
@@ -63,7 +63,7 @@ def _mark(figure: Figure, value: Any, least: float | None) -> str:
 
 
 def text_of(value: Any, factor: float = 1.0) -> str:
-    """A number with three significant digits, or all before the point; integers and texts as they are.
+    """Return a number with three significant digits, or all before the point; integers and texts as they are.
 
     A ratio with its interval is written as ×1.42 [1.1, 1.8], and None as a dash.
     """
@@ -91,7 +91,7 @@ _OF_VARIANTS = {"-loops": "with loops", "-added": "motions added"}  # of a metho
 
 
 def of_method(name: str) -> Look:
-    """How a method is named and drawn."""
+    """Return how a method is named and drawn."""
     name = name.replace("_", "-")
     for ending, words in _OF_VARIANTS.items():
         if name.endswith(ending):
@@ -100,7 +100,7 @@ def of_method(name: str) -> Look:
 
 
 def of_runs(names: Sequence[str]) -> Looks:
-    """How runs are drawn, by the names of their folders: in the colours of the methods one after the other."""
+    """Return how runs are drawn, by the names of their folders: in the colours of the methods one after the other."""
     last = [Path(name).name for name in names]
     shown = [name if last.count(name) == 1 else whole for name, whole in zip(last, names, strict=True)]
     return {name: Look(shown[k], f"c{k % _COLOURS + 1}") for k, name in enumerate(names)}.__getitem__
@@ -126,5 +126,5 @@ def _environment() -> Environment:
 
 
 def breakable(name: str) -> Markup:
-    """A long name, which a browser may break after its separators."""
+    """Return a long name, which a browser may break after its separators."""
     return Markup(re.sub(r"([/._-]+)", r"\1<wbr>", str(escape(name))))

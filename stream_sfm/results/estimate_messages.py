@@ -134,7 +134,7 @@ class RosMessages:
             yield self._path_now(head)
 
     def _numbers(self, odometry: Odometry, pose: Array, covariance: Array) -> dict[str, float]:
-        """The numbers to plot of a frame whose pose (4, 4) in the world has ROS's covariance (6, 6)."""
+        """Return the numbers to plot of a frame whose pose (4, 4) in the world has ROS's covariance (6, 6)."""
         estimate, moved, seconds = odometry.estimate, odometry.from_previous, odometry.seconds or np.nan
         distance = float(np.linalg.norm(moved[:3, 3]))
         self._path_length += distance

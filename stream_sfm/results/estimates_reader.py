@@ -72,7 +72,7 @@ def read_clouds(
 
 
 def recorded_rig(path: str | Path) -> StereoRig | MonoRig:
-    """The rig of an `estimates.mcap`, from the calibration attached to it. Raises LogError if there is none."""
+    """Return the rig of an `estimates.mcap`, from the calibration attached to it. Raises LogError if there is none."""
     for attachment in LogFile(path).attachments(Damage()):
         if attachment.name == "calibration.toml":
             kind = StereoRig if b"[right" in attachment.data else MonoRig

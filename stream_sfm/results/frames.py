@@ -24,7 +24,7 @@ def fixed_axis_covariance(rotation: Array, cov_pose: Array) -> Array:
 
 
 def _carried(by: Array, cov: Array) -> Array:
-    """A covariance (6, 6) carried over by a matrix (6, 6); NaN if it is not finite."""
+    """Return a covariance (6, 6) carried over by a matrix (6, 6); NaN if it is not finite."""
     return by @ cov @ by.T if np.isfinite(cov).all() else np.full((6, 6), np.nan)
 
 

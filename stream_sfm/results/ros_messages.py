@@ -63,7 +63,7 @@ _PART = "=" * 80  # between a definition and those of its parts
 
 @cache
 def type_store() -> Any:
-    """The types of ROS 2 and our own. The first call takes 20 ms: it had better not be in a frame."""
+    """Return the types of ROS 2 and our own. The first call takes 20 ms: it had better not be in a frame."""
     store, standard = Types("serialize_cdr_le"), (line.split(": ", 1) for line in _STANDARD.splitlines())
     for name, fields in standard:
         store.fielddefs |= get_types_from_msg(fields.replace(", ", "\n"), name.replace("/", "/msg/"))
@@ -76,7 +76,7 @@ def type_store() -> Any:
 
 @cache
 def _arrays(name: str) -> Mapping[str, str]:
-    """The fields of a type that are arrays of numbers, and of which."""
+    """Return the fields of a type that are arrays of numbers, and of which."""
     lists = (Nodetype.ARRAY, Nodetype.SEQUENCE)
     elements = {field: of[0] for field, (kind, of) in type_store().fielddefs[name][1] if kind in lists}
     numbers = {field: base[0] for field, (kind, base) in elements.items() if kind == Nodetype.BASE}

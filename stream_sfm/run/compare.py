@@ -283,6 +283,6 @@ def compared_on(log: StereoLog, config: Config) -> tuple[str, ...]:
 
 
 def outputs(folder: Path, methods: Sequence[str]) -> list[Path]:
-    """All files that a comparison writes."""
+    """Return all files that a comparison writes."""
     results = [folder / key_of(method) / name for method in methods for name in RESULTS]
     return [*results, *(folder / name for name in REPORT)]

@@ -88,7 +88,7 @@ class Lane(BareLane):
             self.record.depth_rows.append((estimate.frame_index, rms_m, sigma_m))
 
     def _reprojection_px(self, solution: Solution, observations: Observations) -> float:
-        """The RMS residual of the current views against the current points, pixels; NaN without points."""
+        """Return the RMS residual of the current views against the current points, pixels; NaN without points."""
         rows = np.flatnonzero(core.among(observations.track_ids, solution.track_ids))
         points = solution.points_in_cam[core.among(solution.track_ids, observations.track_ids)]
         front = points[:, 2] > 1e-3
@@ -99,7 +99,7 @@ class Lane(BareLane):
 
 
 def _median_sigma_m(estimate: FrameEstimate) -> float:
-    """The median σ of the points along their rays."""
+    """Return the median σ of the points along their rays."""
     rays = estimate.points_in_cam / np.maximum(np.linalg.norm(estimate.points_in_cam, axis=1, keepdims=True), 1e-9)
     variance = np.einsum("ni,nij,nj->n", rays, estimate.cov_points, rays)
     return float(np.sqrt(median(np.maximum(variance, 0))))

@@ -73,7 +73,7 @@ def _frame_counts(stats: ReadStats, selection: Selection, record: RunRecord) -> 
 
 
 def peak_rss_mib() -> float:
-    """The largest resident memory of this process so far, MiB."""
+    """Return the largest resident memory of this process so far, MiB."""
     try:  # Linux; getrusage would count what the process that started this one had needed
         lines = Path("/proc/self/status").read_text().splitlines()
         return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM:")) / 2**10

@@ -65,7 +65,7 @@ class JoinedSource(Source):
         damage.notes += self._notes
         for note in self._missing:
             damage.add(note)
-        own = [Damage(notes=damage.notes) for _ in self._parts]  # one list, whose limit applies to the whole reading
+        own = [Damage(notes=damage.notes) for _ in self._parts]  # one list: its limit is that of the whole reading
         waiting, starts = deque(range(len(self._parts))), self._contents
         # log time, number of the part, message, the rest
         heads: list[tuple[int, int, Message, Iterator[Message]]] = []

@@ -192,7 +192,7 @@ class RerunSink:
 
 
 def _picture(picture: Picture) -> rr.EncodedImage | rr.Image:
-    """A picture to show: as it was compressed already, else as JPEG, which is a tenth of its size."""
+    """Return a picture to show: as it was compressed already, else as JPEG, which is a tenth of its size."""
     if isinstance(picture, bytes):
         kind = image_format(picture)
         return rr.EncodedImage(contents=picture, media_type=kind and f"image/{kind}")
