@@ -22,7 +22,7 @@ from ..types import Trajectory
 
 _UNIT_NORMS = (0.9, 1.1)  # accepted norms of a quaternion: some files have only four digits
 _KITTI = "a pose of 12 numbers"
-_NANOSECOND_DIGITS = 13  # a whole number with this many digits is in nanoseconds: in seconds it would be the year 31690
+_NANOSECOND_DIGITS = 13  # of a whole number in nanoseconds: in seconds it would be the year 31690
 
 
 def read_text(path: Path, what: str) -> str:

@@ -19,7 +19,7 @@ from ..mcap_file.message import Channel, Message
 _SIDES = ("left", "right")
 _IMU_FRAME = "imu"
 _FRAME_IDS = ("left_camera_optical_frame", "right_camera_optical_frame")
-_CALIBRATION_PERIOD_NS = 1_000_000_000  # calibrations are repeated, so that a part of the log can be read on its own
+_CALIBRATION_PERIOD_NS = 1_000_000_000  # calibrations are repeated, so that each part of the log has one
 _MODELS = {"none": "plumb_bob", "equidistant": "kannala_brandt"}  # different names in Foxglove's CameraCalibration
 
 
