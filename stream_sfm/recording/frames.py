@@ -1,4 +1,4 @@
-"""Frames of a log: images decoded with the messages they come from, both sides in parallel and one frame ahead."""
+"""Frames of a log: decoded images with their messages, both sides in parallel and one frame ahead."""
 
 from collections import deque
 from collections.abc import Generator, Iterator
@@ -20,7 +20,7 @@ from .pair_reader import StereoPair
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RecordedFrame(StereoFrame):
-    """A StereoFrame with the recorded pair it was decoded from; with one camera, left and right are the same."""
+    """A StereoFrame with the recorded pair from which it was decoded; with one camera, left and right are the same."""
 
     recorded: StereoPair = field(kw_only=True)
 
@@ -35,7 +35,8 @@ def recorded_frame(pair: StereoPair, images: list[NDArray[np.uint8]]) -> Recorde
 class FrameDecoder:
     """Decodes the images of one reading; pairs that cannot be decoded are skipped.
 
-    The first images decide whether the sizes fit the calibration at all. `skipped`: pairs; `problem`: of the first.
+    The first images decide whether the sizes fit the calibration at all. `skipped`: number of skipped pairs;
+    `problem`: that of the first one.
     """
 
     def __init__(self, path: Path, rig: StereoRig | MonoRig) -> None:
@@ -62,7 +63,7 @@ class FrameDecoder:
                     yield frame
 
     def _fits(self, pair: StereoPair) -> bool:
-        """Whether both sizes are the calibrated ones; before decoding, so that a header cannot ask for gigabytes."""
+        """Check before decoding whether both sizes are the calibrated ones, so that no header can demand gigabytes."""
         for message, camera in zip(pair.images, self._cameras, strict=False):
             size = image_size(message)
             if size is None:

@@ -1,4 +1,4 @@
-"""What a log holds, found before anything is estimated: topics, counts, duration."""
+"""The content of a log before anything is estimated: topics, counts, duration."""
 
 from dataclasses import dataclass
 
@@ -25,7 +25,7 @@ class Survey:
     topics: dict[str, Topic]
     start_ns: int = 0
     end_ns: int = 0
-    whole: bool = True  # false: the scan ended early, counts and span are lower bounds
+    whole: bool = True  # false: the scan ended early, so counts and span are lower bounds
 
     def of_kind(self, *kinds: str) -> dict[str, int | None]:
         """Topic -> count for the topics of these kinds."""
@@ -46,7 +46,7 @@ class Survey:
 
 
 def survey_log(source: Source, damage: Damage) -> Survey:
-    """Survey a log by its index where it has one that can be trusted, else by reading it in order."""
+    """Survey a log by its index if that can be trusted, else by reading it in order."""
     if (contents := source.contents()) is None:
         return _scan(source, damage)
     survey = Survey({}, contents.start_ns, contents.end_ns)
