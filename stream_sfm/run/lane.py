@@ -22,9 +22,9 @@ from .world import World
 class Lane(BareLane):
     """One method: its estimator, its `record`, and its result `folder`, if results are written.
 
-    With `depth`, points are compared with these images; `in_detail`, the record has the figures of all points, too.
+    With `depth`, points are compared with these images; with `in_detail`, the record has the figures of all points.
 
-    If the estimator fails, however, the lane ends there: `error` and `record.failure` say why, and other lanes go on.
+    If the estimator fails in any way, its lane ends: `error` and `record.failure` say why. Other lanes continue.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Lane(BareLane):
         return estimate
 
     def _compare_depth(self, estimate: FrameEstimate) -> None:
-        """Compare the points with the depth image of their moment, if there is one."""
+        """Compare the points with the depth image of the same moment, if there is one."""
         if self._depth is None:
             return
         errors = self._structure.add(estimate, self._depth.at(estimate.stamp_ns))
