@@ -154,7 +154,7 @@ class RunRecord:
         return self.statuses.count(status)
 
     def warnings(self) -> list[str]:
-        """Return sentences about wrong or changed calibrations, refused, lost and many degraded frames, and early ends."""
+        """Return sentences about wrong calibrations, refused, lost and many degraded frames, and early ends."""
         notes = [str(change) for change in self.rig_changes]
         applied = self.rig is not None and self.rig.applied  # until the end: otherwise it was a mistake
         if applied and self._corrected_from is not None and self._corrected_from[0] > _AT_THE_START:

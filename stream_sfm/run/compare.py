@@ -1,4 +1,4 @@
-"""Compares methods on one log: a pass that finds observations and calibration errors, one with all methods, a report."""
+"""Compares methods on one log: a pass for observations and calibration errors, one with all methods, a report."""
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -105,7 +105,7 @@ class SelfTestOfRun:
         self._by_themselves.add(observed, estimates)
 
     def result(self, interruption: Interruption) -> dict[str, list[dict[str, Any]]]:
-        """Return the result of a `SelfTest`, `tracks_calibrated` and `image_calibrated`; empty if interrupted or exact."""
+        """Return `SelfTest.result` with `tracks_calibrated` and `image_calibrated`: empty if interrupted or exact."""
         exact = msgspec.structs.replace(self._lane.config.rig, exact=True)
         calibrated = SelfTest(self._lane.observer.projection, msgspec.structs.replace(self._lane.config, rig=exact))
         if self._stored is not None and not interruption.requested:
