@@ -1,6 +1,6 @@
-"""Linear algebra in one thread: the same bytes on every machine, and for matrices of this size the fastest.
+"""Linear algebra in one thread: it gives the same bytes on every machine, and is fastest for matrices of this size.
 
-How many threads share a product decides in which order its sums are formed, and so the last digit of the result.
+The number of threads decides the order of the sums in a product, and so the last digit of the result.
 """
 
 import sys
@@ -18,9 +18,9 @@ class OneThread:
         self.begun_so = False  # set before the process loaded any library: there is nothing to do
         self._lock = threading.Lock()
         self._inside = 0
-        self._libraries: list[Any] = []  # found late: it takes milliseconds
+        self._libraries: list[Any] = []  # found late, as that takes milliseconds
         self._with_scipy = False
-        self._before: list[tuple[Any, int]] = []  # libraries that had another number, and which
+        self._before: list[tuple[Any, int]] = []  # libraries that had another number of threads, with that number
 
     def __enter__(self) -> None:
         if self.begun_so:
@@ -29,7 +29,7 @@ class OneThread:
 
         with self._lock:
             self._inside += 1
-            with_scipy = "scipy.linalg" in sys.modules  # it brings a library of its own, a fifth of a second
+            with_scipy = "scipy.linalg" in sys.modules  # it loads its own library, which takes a fifth of a second
             if not self._libraries or with_scipy != self._with_scipy:
                 self._libraries = ThreadpoolController().select(user_api="blas").lib_controllers
                 self._with_scipy = with_scipy
@@ -51,7 +51,7 @@ class OneThread:
 
 
 def _set_threads(library: Any, number: int) -> None:
-    """Set the number from this thread, which threadpoolctl else leaves to the thread that has set it first."""
+    """Set the number from this thread, which threadpoolctl otherwise leaves to the first thread that set it."""
     if clear := getattr(library, "clear_controlling_thread", None):
         clear(force=True)
     library.set_num_threads(number)

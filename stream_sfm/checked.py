@@ -1,4 +1,4 @@
-"""What is given to an engine is checked here; what is wrong is an error that says what was given and what is wanted."""
+"""Checks of what is given to an engine; each error says what was given and what is wanted."""
 
 import logging
 from collections.abc import Mapping
@@ -15,13 +15,13 @@ from .inputs import INT64
 from .types import Frame, MonoFrame, StereoFrame
 from .wording import described
 
-# Between two frames: no camera is faster, and stamps at arrival are further apart. Closer ones seem to count
-# milliseconds or frames; σ of a prediction would then be far too small.
+# Time between two frames: no camera is faster, and stamps on arrival are further apart. Closer stamps probably
+# count milliseconds or frames; σ of a prediction would then be far too small.
 _MIN_INTERVAL_NS = 10_000
 
 
 def used_cameras(rig: StereoRig | MonoRig, config: Config) -> StereoRig | MonoRig:
-    """Return the rig to estimate with. Only here is `Config.mono` asked; everything else asks the rig."""
+    """Return the rig to estimate with. `Config.mono` is read only here; everything else asks the rig."""
     rig = config.masked(rig)
     if config.mono:
         if isinstance(rig, StereoRig) and rig.timing is not None:
@@ -35,7 +35,7 @@ def used_cameras(rig: StereoRig | MonoRig, config: Config) -> StereoRig | MonoRi
 
 
 def check_arguments(rig: object, config: object) -> None:
-    """Raise a ConfigError that says what was given and what is wanted."""
+    """Raise a ConfigError if rig or configuration is of the wrong kind."""
     if not isinstance(rig, StereoRig | MonoRig):
         example = repr(str(rig)) if isinstance(rig, str | Path) else "'calibration.toml'"
         raise ConfigError(
@@ -50,7 +50,7 @@ def check_arguments(rig: object, config: object) -> None:
 
 
 def check_images(cameras: Mapping[str, Camera], frame: Frame, where: str) -> None:
-    """Raise a FrameError where the images are not those of the cameras; `where`: which frame it is."""
+    """Raise a FrameError if the images are not those of the cameras; `where`: which frame it is."""
     if not isinstance(frame, StereoFrame | MonoFrame):
         raise FrameError(f"{where} is {described(frame)}; give a StereoFrame(stamp_ns, left, right)")
     where = f"{where} (stamp {frame.stamp_ns} ns)"
@@ -68,7 +68,7 @@ def check_images(cameras: Mapping[str, Camera], frame: Frame, where: str) -> Non
 
 
 def checked_stamp(frame: Frame, where: str, last_ns: int | None, is_second: bool) -> int:
-    """Return the stamp as a Python integer. Raises FrameError where it is not one after that of the last frame."""
+    """Return the stamp as a Python integer. Raises FrameError if it is not one after that of the last frame."""
     if isinstance(frame.stamp_ns, bool) or not isinstance(frame.stamp_ns, int | np.integer):
         raise FrameError(f"{where}: stamp_ns is {described(frame.stamp_ns)}; {_stamp_fix(frame.stamp_ns)}")
     stamp_ns = int(frame.stamp_ns)  # differences of small NumPy types overflow

@@ -1,4 +1,4 @@
-"""`zlib`, by ISA-L where there is one for the machine: it decompresses and sums three times as fast."""
+"""`zlib`, by ISA-L where available: it decompresses and computes checksums three times as fast."""
 
 import zlib as _standard
 from typing import Any

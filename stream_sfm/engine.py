@@ -1,7 +1,7 @@
 """The page to read first: one stereo frame in, one estimate out. Nothing is read, written or printed here.
 
-frame -> observer (rectification and front-end) -> observations -> estimator -> solution -> observer -> the estimate in
-the axes of the physical left camera. A run takes the same three steps, with record and files (`run/loop.py`).
+frame -> observer (rectification and front-end) -> observations -> estimator -> solution -> the estimate in the axes of
+the physical left camera. A run takes the same steps, with record and files (`run/loop.py`).
 """
 
 import copy
@@ -33,16 +33,17 @@ from .types import Estimator, Frame, FrameEstimate, InertialEstimator, Observati
 class Engine:
     """Estimates the camera's motion and the structure in view, frame by frame, in bounded time and memory.
 
-    One engine belongs to one thread: `step` refuses a second thread while another is in it. `prepare` may run in any
-    thread. Linear algebra is done in one thread meanwhile (`blas.py`), so that estimates are the same to the byte
-    whatever the environment sets. With `Config.mono` only the left camera of a rig is used. Raises ConfigError for a
-    rig or configuration that cannot work; a baseline that is hardly in metres is a warning of the logger `stream_sfm`.
+    One engine belongs to one thread: `step` refuses a second thread while another is in it. `prepare` may run in
+    any thread. Linear algebra runs in one thread meanwhile (`blas.py`), so that estimates are the same, to the
+    byte, whatever the environment sets. With `Config.mono` only the left camera of a rig is used. Raises
+    ConfigError for a rig or configuration that cannot work; the logger `stream_sfm` warns if a baseline is probably
+    not in metres.
 
-    An engine can be copied (`copy.copy`, `copy.deepcopy`) and pickled between two steps; the copy goes on with the same
-    estimates, to the byte.
+    An engine can be copied (`copy.copy`, `copy.deepcopy`) and pickled between two steps; the copy continues with
+    the same estimates, to the byte.
 
-    `estimator` makes a method of your own from the rectified pair and the configuration, in place of `config.method`.
-    It is kept for `reset`: to be pickled with the engine it is a class or a function of a module.
+    `estimator` makes your own method from the rectified pair and the configuration, in place of `config.method`. It
+    is kept for `reset`. To be pickled with the engine, it must be a class or a function of a module.
     """
 
     def __init__(
@@ -57,7 +58,7 @@ class Engine:
             self._make = partial(make_estimator, self.config.method) if estimator is None else estimator
             self.lane = BareLane(self.observer, self._make(self.observer.projection, self.config))
         self._samples = DriverSamples()
-        # Of the first frame since a reset; None: that frame is the world.
+        # The pose of the first frame since a reset; None: that frame is the world.
         self._world_from_first: Array | None = None
         self.observations: Observations | None = None  # of the latest frame, in axes of the rectified pair
         self._stepping = threading.Lock()
@@ -66,15 +67,15 @@ class Engine:
 
     @property
     def rig(self) -> StereoRig | MonoRig:
-        """The cameras that the estimates are made with."""
+        """The cameras from which the estimates are made."""
         return self.observer.rig
 
     def prepare(self, frame: Frame, frame_index: int | None = None) -> PreparedImages:
         """Do the work on the images that depends on no other frame, for `step` to use.
 
         Another thread can do this one frame ahead: it changes nothing, and may be called at any time, in any order,
-        also for frames that are never stepped. With the `frame_index` of the coming estimate (frames count from 0)
-        more of the work is done here; the estimates are the same. Raises FrameError for images of the wrong kind.
+        also for frames that are never stepped. With the `frame_index` of the coming estimate (counted from 0), more
+        of the work is done here; the estimates are the same. Raises FrameError for images of the wrong kind.
         """
         with one_thread:
             return self.observer.prepare(frame, frame_index)
@@ -94,10 +95,10 @@ class Engine:
             return estimate if self._world_from_first is None else in_world(estimate, self._world_from_first)
 
     def reset(self, world_from_cam: ArrayLike | None = None) -> None:
-        """Begin anew: the next frame is the first one, as of a new engine, whatever its stamp is.
+        """Start over: the next frame is the first one, as for a new engine, whatever its stamp is.
 
-        `world_from_cam` (4, 4): where the camera is then, as somebody else knows it; None: that frame is the world.
-        Raises ConfigError for what is no pose, and EngineBusyError while another thread is in `step`.
+        `world_from_cam` (4, 4): the pose of the camera then, known from elsewhere; None: that frame is the world.
+        Raises ConfigError for an invalid pose, and EngineBusyError while another thread is in `step`.
         """
         pose = None if world_from_cam is None else checked_pose(world_from_cam, "world_from_cam")
         with self._exclusively(), one_thread:
@@ -110,17 +111,17 @@ class Engine:
         return f"<Engine {self.lane.estimator.name}, {self.observer.state.frame_index} frames, {self.rig!r}>"
 
     def add_imu(self, stamp_ns: int, gyro_rad_s: ArrayLike, accel_m_s2: ArrayLike) -> None:
-        """Take one inertial sample (3,) and (3,), as a driver delivers them: it is kept for the frame it belongs to.
+        """Take one inertial sample (3,) and (3,) from a driver, and keep it for the frame to which it belongs.
 
-        Samples come in order of time, from any thread. `step` gives a frame all that have come by then, and waits for
-        none. A frame that has samples of its own needs no others. Raises FrameError for what is not a sample.
+        Samples must come in order of time; any thread may call this. `step` gives a frame all samples so far, and does
+        not wait for more. A frame with its own samples needs no others. Raises FrameError for invalid samples.
         """
         self._samples.add(stamp_ns, gyro_rad_s, accel_m_s2)
 
     def predict(self, stamp_ns: int) -> Prediction | None:
-        """Predict pose, velocity and covariance at a time after the latest frame by the inertial samples taken so far.
+        """Predict pose, velocity and covariance at a time after the latest frame from the inertial samples so far.
 
-        At the rate of the samples; those of `add_imu` count at once. None without inertial samples that lead there.
+        It may be called for every sample; those of `add_imu` count at once. None if no samples reach this time.
         """
         if not isinstance(self.lane.estimator, InertialEstimator):
             return None
@@ -134,7 +135,7 @@ class Engine:
             return replace(found, world_from_cam=se3.orthonormalise(self._world_from_first @ found.world_from_cam))
 
     def __copy__(self) -> "Engine":
-        """Return an engine that goes on from here by itself, as `copy.deepcopy` does."""
+        """Return an engine that continues independently from here, as `copy.deepcopy` does."""
         other = type(self).__new__(type(self))
         other.__setstate__(self.__getstate__())
         return other
@@ -143,9 +144,9 @@ class Engine:
         return self.__copy__()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Copies of everything but the lock, which belongs to this process: a step may begin before they are written.
+        """Return copies of everything but the lock of this process, as a step may begin before they are written.
 
-        Raises EngineBusyError within a step, of which a copy would hold a half.
+        Raises EngineBusyError within a step, when a copy would be inconsistent.
         """
         with self._exclusively("copied"):
             return copy.deepcopy({name: value for name, value in vars(self).items() if name != "_stepping"})
@@ -155,7 +156,7 @@ class Engine:
 
     @contextmanager
     def _exclusively(self, wanted: str = "") -> Iterator[None]:
-        """Refuse a second thread: two frames at the same time would leave a wrong pose behind."""
+        """Refuse a second thread: two frames at the same time would leave a wrong pose."""
         if not self._stepping.acquire(blocking=False):
             raise EngineBusyError(
                 f"the engine was {wanted} within a step: copy and pickle it between two steps"

@@ -1,4 +1,4 @@
-"""Every exception that this package raises on purpose, and the exit codes of the command line.
+"""Every exception that this package raises deliberately, and the exit codes of the command line.
 
     StreamSfmError
     ├── ConfigError        a setting, a calibration file or an argument is wrong      (exit code 2)
@@ -19,19 +19,19 @@ from enum import IntEnum
 
 
 class ExitCode(IntEnum):
-    """The code that a command ends with."""
+    """The exit code of a command."""
 
     DONE = 0
     DEFECT = 1  # a defect of stream_sfm itself
     USAGE = 2  # usage or configuration
     INPUT = 3  # input unreadable, unsuitable or only partly read; output that cannot be written
-    INTERRUPTED = 130  # Ctrl-C, SIGTERM or SIGHUP; everything up to then has been written
+    INTERRUPTED = 130  # Ctrl-C, SIGTERM or SIGHUP; everything so far has been written
 
 
 class StreamSfmError(Exception):
     """The base class of all errors of this package.
 
-    `exit_code` is what the command line returns. `hint` names the arguments of the call, or functions of this
+    `exit_code` is the exit code of the command line. `hint` names the arguments of the call, or functions of this
     package, that would help, such as "calibration" or "inspect"; the command line shows them as its own options and
     commands.
     """
@@ -74,12 +74,12 @@ class OutputError(StreamSfmError):
 
 
 class EngineBusyError(StreamSfmError):
-    """`Engine.step` was called while another thread was in it; that other call is not affected."""
+    """`Engine.step` was called while another thread was in it; the other call is not affected."""
 
 
 @contextmanager
 def as_error(kind: type[StreamSfmError], what: str, *caught: type[Exception]) -> Iterator[None]:
-    """Within the context an exception of the kinds `caught` becomes a `kind` that says `what` failed, and why."""
+    """Within the context, an exception of the kinds `caught` becomes a `kind` that says what failed, and why."""
     try:
         yield
     except caught as error:

@@ -1,4 +1,4 @@
-"""Files that get their name only when they are complete, and JSON as every file of the package holds it."""
+"""Files that get their name only when they are complete, and the JSON of all files of the package."""
 
 import errno
 import os
@@ -14,7 +14,7 @@ from .outputs import try_lock
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder and those above it, unless it is there. Raises OutputError."""
+    """Create a folder and its parents if they do not exist. Raises OutputError."""
     with as_error(OutputError, f"cannot make the folder {path}", OSError):
         path.mkdir(parents=True, exist_ok=True)
 
@@ -22,11 +22,11 @@ def make_folder(path: Path) -> None:
 class PartFile:
     """A binary file that is written as `<name>.part` and renamed to `<name>` by `close`.
 
-    If the process is killed, what was flushed is left under the temporary name. Raises OutputError naming the file if
-    the disk refuses; the file then takes no more data and keeps its temporary name, so that a file under its final
-    name never has a gap. The temporary file is always a new one: what an ended run has left there is removed, a link
-    is not followed, and where another run is writing it, an OutputError says so. Without `keep`, for files of which a
-    part is of no use, a failure removes it.
+    If the process is killed, flushed data remains under the temporary name. If writing fails, an OutputError names
+    the file; it then takes no more data and keeps its temporary name, so that a file under its final name never has
+    a gap. The temporary file is always new: the remains of an ended run are removed, links are not followed, and if
+    another run is writing the file, an OutputError says so. Without `keep`, for files of which a part is useless, a
+    failure removes it.
     """
 
     def __init__(self, path: str | Path, *, keep: bool = True) -> None:
@@ -61,11 +61,11 @@ class PartFile:
                 self._check_it_is_ours()
                 os.replace(self.part_path, self.path)
         finally:
-            with suppress(OSError):  # a second failure to flush the same bytes
+            with suppress(OSError):  # flushing the same bytes may fail a second time
                 self._file.close()
 
     def discard(self) -> None:
-        """Remove what was written, unless it has its name already."""
+        """Remove what was written, unless it already has its final name."""
         if self._file.closed:
             return
         with suppress(OSError):
@@ -78,7 +78,7 @@ class PartFile:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Close the file, or discard it where an error ends the context."""
+        """Close the file, or discard it if an error ends the context."""
         if kind is None:
             self.close()
         else:
@@ -104,7 +104,7 @@ class PartFile:
 
 
 def _create(path: Path) -> IO[bytes]:
-    """A new file, locked while it is open."""
+    """Create a file that is locked while it is open."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
     try:
         descriptor = os.open(path, flags, 0o666)
@@ -116,7 +116,7 @@ def _create(path: Path) -> IO[bytes]:
 
 
 def _remove_left_over(path: Path) -> None:
-    """Remove what stands in the way of a temporary file, unless it is being written."""
+    """Remove a file under the name of a temporary file, unless it is being written."""
     if not path.is_symlink() and path.is_file():
         descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
         try:
@@ -128,7 +128,7 @@ def _remove_left_over(path: Path) -> None:
 
 
 def write_whole(path: str | Path, *parts: bytes) -> None:
-    """Write a file in one go. Raises OutputError naming it."""
+    """Write a file at once. Raises OutputError naming it."""
     file = PartFile(path)
     for part in parts:
         file.write(part)

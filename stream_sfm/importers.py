@@ -1,6 +1,6 @@
-"""Copies in MCAP: data sets and folders of images as logs (docs/log-profile.md), and what is readable of damaged files.
+"""Copies to MCAP: from data sets and folders of images (docs/log-profile.md), and from damaged files.
 
-The data sets themselves are read in `sources/`, which `open_log` uses too: an import copies the messages of a source.
+The data sets are read in `sources/`, which `open_log` also uses: an import copies the messages of a source.
 """
 
 from collections import Counter
@@ -24,7 +24,7 @@ from .sources.image_sets import first_image, open_images
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """What was written: the number of images on each side, of ground-truth poses, and what to know about it."""
+    """What was written: the number of images on each side and of ground-truth poses, with warnings."""
 
     path: Path
     left: int
@@ -37,7 +37,7 @@ class Imported:
 class Recovered:
     """What was copied to `path`: messages by topic, attachments and metadata records.
 
-    `complete`: nothing was lost, as far as the file tells; `warnings` say what is wrong with it, and where.
+    `complete`: nothing was lost, as far as the file shows; `warnings` say what is wrong with it, and where.
     """
 
     path: Path
@@ -53,9 +53,9 @@ def import_kitti(
 ) -> Imported:
     """Convert one sequence of KITTI odometry to a log at `out`.
 
-    `poses`: ground truth, 12 numbers per line; without it `poses.txt` in the folder and the data set's own place
-    (`../../poses/NN.txt`) are looked at. `overwrite`: a file at `out` may be replaced. Raises InputError, ConfigError,
-    OutputError.
+    `poses`: ground truth, 12 numbers per line; without it, `poses.txt` in the folder and the usual place in the
+    data set (`../../poses/NN.txt`) are tried. `overwrite`: a file at `out` may be replaced. Raises InputError,
+    ConfigError, OutputError.
     """
     source = open_data_set(Path(folder), "KITTI", Given(poses=poses))
     return _copy_to_log(source, out, overwrite=overwrite, expects_poses=True)
@@ -84,7 +84,7 @@ def import_images(
 
     Each side is one or several files, folders or globs; `calibration` as in `StereoRig.from_calibration`. `stamps`: a
     file with one time per line, seconds with a decimal point or integer nanoseconds; without it names that are
-    stamps are used, else the frames are put `rate_hz` apart. `overwrite`: a file at `out` may be replaced. Raises
+    stamps are used, otherwise frames follow at `rate_hz`. `overwrite`: a file at `out` may be replaced. Raises
     InputError, ConfigError, OutputError.
     """
     image = first_image(left)
@@ -96,8 +96,8 @@ def recover(log: str | Path, out: str | Path, *, overwrite: bool = False) -> Rec
     """Copy every readable message, attachment and metadata record of an MCAP file to `out`, in the order of the file.
 
     The messages are not decoded: their bytes, times and sequence numbers, and the definitions of their channels, are
-    those of the log. `out` appears when it is whole; its folder is made if need be. `overwrite`: a file that is there
-    may be replaced, but not the log. Raises LogError where the log has no readable message, and OutputError.
+    those of the log. `out` appears when it is complete; its folder is created if needed. `overwrite`: a file that
+    is there may be replaced, but not the log. Raises LogError if the log has no readable message, and OutputError.
     """
     out, source = Path(out), LogFile(log)
     _check_free(out, [source.path], overwrite)
@@ -121,10 +121,10 @@ def recover(log: str | Path, out: str | Path, *, overwrite: bool = False) -> Rec
 def _copy_to_log(
     source: ImageFilesSource, out: str | Path, *, overwrite: bool = False, expects_poses: bool = False
 ) -> Imported:
-    """Write all messages of a source to `out`, whose folder is made if need be.
+    """Write all messages of a source to `out`, whose folder is created if needed.
 
-    `overwrite`: a file that is there may be replaced, but no file of the source. `expects_poses`: the lack of ground
-    truth is worth a warning. Raises InputError for an image that cannot be read, OutputError.
+    `overwrite`: an existing file may be replaced, but no file of the source. `expects_poses`: missing ground truth
+    gives a warning. Raises InputError for an image that cannot be read, OutputError.
     """
     _check_free(Path(out), [source.path, *(image.path for side in source.images for image in side)], overwrite)
     damage = Damage()
@@ -133,12 +133,12 @@ def _copy_to_log(
             if not damage.complete:
                 break
             log.write(message)
-        if not damage.complete:  # what a replay would skip is not left out of a copy
+        if not damage.complete:  # a copy must not omit what a replay would skip
             raise InputError(damage.notes[-1])
     rig = source.rig
     warnings = [*source.notes, *(baseline_warnings(rig) if rig is not None else ())]
     if isinstance(rig, StereoRig) and (rig.refinement is not None or rig.timing is not None):
-        warnings.append("a log does not hold [refinement] and [timing]: give the calibration to its replay, too")
+        warnings.append("a log does not hold [refinement] and [timing]: also give the calibration to its replay")
     if source.without_partner:
         warnings.append(f"{source.without_partner} images have no partner of the same stamp on the other side")
     if expects_poses and not source.poses:
@@ -148,7 +148,7 @@ def _copy_to_log(
 
 
 def _check_free(out: Path, inputs: Iterable[Path], overwrite: bool) -> None:
-    """Make the folder of `out`. Raises OutputError where something is there that is not to be replaced."""
+    """Create the folder of `out`. Raises OutputError if something is there that must not be replaced."""
     refuse_existing(out, overwrite)
     refuse_overwriting([out], inputs)
     make_folder(out.parent)

@@ -1,7 +1,7 @@
-"""Files from outside: regular ones only, small ones read up to a limit, and bounded before a parser sees them.
+"""Files from outside: only regular ones are opened, small ones are read up to a limit, and bounded before parsing.
 
-A parser that recurses can be ended by brackets alone, and one that builds what it reads can be filled by dots or
-aliases. The limits are far above what a person or a tool writes.
+Brackets alone can crash a recursive parser, and dots or aliases can fill the memory of a parser that builds objects.
+The limits are far above what a person or a tool writes.
 """
 
 import os
@@ -25,7 +25,7 @@ _KINDS = {
 
 
 class Limits(NamedTuple):
-    """What a file may ask for. No real one reaches them, and one of kilobytes costs no gigabytes."""
+    """Limits on the content of a file. No real file reaches them, and a file of kilobytes cannot cost gigabytes."""
 
     record_bytes: int = 128 * 2**20  # of a record, of a decompressed chunk, of a message; writers use 1–4 MiB
     small_bytes: int = 2**20  # of a parsed schema, a message with lists, an attachment: elements become objects
@@ -48,18 +48,18 @@ class Limits(NamedTuple):
     settings_bytes: int = 2**18  # of TOML or YAML, which take the parser seconds; real ones have kilobytes
     raw_image_bytes: int = 2**25  # several are in memory at a time: as recorded, decompressed, and as a message
     jpeg_scans: int = 64  # progressive images have about ten, and each costs a pass over the whole image
-    # A log without an index is scanned this far at most, once cameras and calibrations have been met: some seconds of
-    # reading, and enough for calibrations that are sent every few seconds.
+    # A log without an index is scanned at most this far after cameras and calibrations have been found: some
+    # seconds of reading, and enough for calibrations that are sent every few seconds.
     scanned_bytes: int = 2**28
-    decoders: int = 64  # held; channels of one topic may each have a schema of their own
-    # Of an array of messages or strings, for each of which rosbags generates code; those of a camera, a pose or a
-    # transform have none.
+    decoders: int = 64  # held at a time; each channel of a topic may have its own schema
+    # Elements of an array of messages or strings, for each of which rosbags generates code; those of a camera, a
+    # pose or a transform have none.
     array_elements: int = 64
     depth: int = 32  # of brackets; settings and calibrations need four
     indent: int = 128  # spaces in front of a line, each of which may be a level in YAML
-    dots: int = 100  # in a line: a 4×4 matrix has 16
-    merges: int = 8  # `<<` of YAML, which may double what there is
-    values: int = 100_000  # those that are repeated by an alias counted each time
+    dots: int = 100  # per line: a 4×4 matrix has 16
+    merges: int = 8  # `<<` of YAML, each of which may double the content
+    values: int = 100_000  # including each repetition by an alias
 
 
 LIMITS = Limits()
@@ -73,13 +73,13 @@ _DOTTED_LINE = re.compile(rf"^(?:[^.\n]*\.){{{LIMITS.dots}}}", re.MULTILINE)
 
 
 def open_regular(path: str | Path, buffering: int = -1) -> IO[bytes]:
-    """Open a file for reading. Raises OSError where that fails or the file is not a regular one; `strerror` says why.
+    """Open a file for reading. Raises OSError if that fails or the file is not a regular one; `strerror` says why.
 
-    A pipe or a device might never end, or never begin; a log is read more than once besides.
+    A pipe or a device might never end, or never begin; besides, a log is read more than once.
     """
     try:
         _check_regular(os.stat(path).st_mode)
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # it may have become a pipe by now
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # it may have become a pipe since
     except ValueError:
         raise OSError(EINVAL, "its name holds a NUL character") from None
     except FileNotFoundError:
@@ -100,12 +100,12 @@ def _check_regular(mode: int) -> None:
 
 
 def reading(what: object) -> AbstractContextManager[None]:
-    """Within the context an OSError becomes a LogError that names what is read."""
+    """Within the context, an OSError becomes a LogError that names what is read."""
     return as_error(LogError, f"cannot read {what}", OSError)
 
 
 def read_small(path: str | Path, max_bytes: int) -> bytes:
-    """The content of a file of at most `max_bytes`. Raises OSError as `open_regular`, and where it is larger."""
+    """Return the content of a file of at most `max_bytes`. Raises OSError as `open_regular`, or if it is larger."""
     with open_regular(path) as stream:
         content = stream.read(max_bytes + 1)
     if len(content) > max_bytes:
@@ -114,7 +114,7 @@ def read_small(path: str | Path, max_bytes: int) -> bytes:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """The content of TOML. Raises ValueError or RecursionError where it is none, or none that a person would write."""
+    """Parse TOML. Raises ValueError or RecursionError if it is invalid, or beyond what a person would write."""
     import tomllib
 
     check_text(text)
@@ -124,7 +124,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def check_text(text: str) -> None:
-    """Raise ValueError where a text in TOML, YAML, JSON or XML is nested too deeply for a parser that recurses."""
+    """Raise ValueError if a text in TOML, YAML, JSON or XML is nested too deeply for a parser that recurses."""
     depth = 0
     for step in _STEP.finditer(text):
         depth += 1 if step["opens"] else -1
@@ -139,7 +139,7 @@ def check_text(text: str) -> None:
 
 
 def check_values(data: Any) -> None:
-    """Raise ValueError where parsed content holds too many values, or a whole number beyond 64 bits."""
+    """Raise ValueError if parsed content holds too many values, or a whole number beyond 64 bits."""
     todo, count = [data], 0
     while todo:
         value = todo.pop()
@@ -155,7 +155,7 @@ def check_values(data: Any) -> None:
 
 
 def bounded(decoder: Decoder) -> Decoder:
-    """A decoder for a definition with repeated fields; it raises ValueError for messages over the bound.
+    """Wrap a decoder of a definition with repeated fields, so that it raises ValueError for messages over the bound.
 
     Each element of a byte or two becomes an object of about a hundred bytes. The pixels of an image are one field.
     """

@@ -1,7 +1,7 @@
-"""Ctrl-C, SIGTERM and SIGHUP as data: a run checks between two frames whether to end, and then ends in order.
+"""Ctrl-C, SIGTERM and SIGHUP as data: a run checks between two frames whether to end, and then ends cleanly.
 
-A signal that is ignored when the process starts, as under nohup or in the background of a script, stays ignored. The
-wait for a frame that does not come is bounded too, because it would delay that check.
+A signal that is ignored when the process starts, as under nohup or in the background of a script, stays ignored.
+Waiting for a frame is bounded as well, because it would delay this check.
 """
 
 import signal
@@ -13,8 +13,8 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-GRACE_S = 1.0  # for the current frame; most take a tenth
-_TERMINATION = (signal.SIGTERM, signal.SIGHUP)  # with the last one a terminal is closed or a connection lost
+GRACE_S = 1.0  # time for the current frame; most take a tenth of it
+_TERMINATION = (signal.SIGTERM, signal.SIGHUP)  # the last one means a closed terminal or a lost connection
 ENDING = (signal.SIGINT, *_TERMINATION)
 
 
@@ -26,7 +26,7 @@ class Interruption:
     _waiting: bool = False
 
     def until_requested(self, items: Iterable[T]) -> Iterator[T]:
-        """Yield the items until the run is asked to end; an item that is being waited for then has `GRACE_S` to arrive.
+        """Yield the items until the run is asked to end; a pending item then has `GRACE_S` to arrive.
 
         Raises KeyboardInterrupt if not even the first one arrived. Uses the alarm of the process.
         """
@@ -53,7 +53,7 @@ class Interruption:
                 signal.setitimer(signal.ITIMER_REAL, 0)
 
     def request(self) -> None:
-        """Ask the run to end: called where a signal is handled."""
+        """Ask the run to end, as the signal handlers do."""
         self.requested = True
         if self._waiting:
             signal.signal(signal.SIGALRM, _interrupt)
@@ -68,7 +68,7 @@ def _interrupt(*_: Any) -> None:
 def termination_as_interrupt() -> Iterator[None]:
     """Make SIGTERM and SIGHUP raise KeyboardInterrupt within the context, as Ctrl-C does, so that a run cleans up.
 
-    Where a signal has a handler already, and in other threads than the main one, nothing changes.
+    Signals that already have a handler do not change, and nothing changes in threads other than the main one.
     """
     main = threading.current_thread() is threading.main_thread()
     own = [number for number in _TERMINATION if main and signal.getsignal(number) is signal.SIG_DFL]
@@ -85,7 +85,7 @@ def termination_as_interrupt() -> Iterator[None]:
 def deferred_interrupts() -> Iterator[Interruption]:
     """Make the first ending signal within the context only set `requested`; a second one acts as usual.
 
-    Signals can be handled in the main thread only; in another thread nothing changes. Ignored ones stay ignored.
+    Only the main thread can handle signals; in another thread nothing changes. Ignored signals stay ignored.
     """
     interruption = Interruption()
     if threading.current_thread() is not threading.main_thread():

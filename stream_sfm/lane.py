@@ -8,9 +8,9 @@ from .types import Estimator, ExpectedMotion, FrameEstimate, InertialEstimator, 
 
 
 class BareLane:
-    """Makes estimates of what an observer observes, frame by frame; without record and files.
+    """Makes estimates from the observations of an observer, frame by frame, without record and files.
 
-    `solution`: of the latest frame, None where the estimator failed; `rig`: what it has found out about the rig so far;
+    `solution`: that of the latest frame, None if the estimator failed; `rig`: its estimate of the rig so far;
     `spent_s`: the CPU time of the estimator.
     """
 
@@ -21,13 +21,13 @@ class BareLane:
         self.spent_s = 0.0
 
     def expect(self, stamp_ns: int, view: InertialView) -> ExpectedMotion | None:
-        """Return the motion up to a frame that its inertial samples predict; None where the method takes none."""
+        """Return the motion up to a frame as its inertial samples predict it; None if the method takes none."""
         return self.estimator.expect(stamp_ns, view) if isinstance(self.estimator, InertialEstimator) else None
 
     def estimate(self, observed: Observed) -> FrameEstimate:
         """Return the estimate of the next frame, in axes of the physical left camera."""
         self.solution = None
-        began_s = time.thread_time()  # CPU: other lanes run beside this one
+        began_s = time.thread_time()  # CPU time, as other lanes run beside this one
         solution = self.estimator.step(observed.observations)
         took_s = time.thread_time() - began_s
         self.spent_s += took_s

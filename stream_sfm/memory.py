@@ -1,10 +1,10 @@
-"""Memory that the system refuses: how libraries say so, and whether there is enough to begin with."""
+"""Memory that the system refuses: how libraries report it, and whether there is enough to start."""
 
 import errno
 import mmap
 
-# What Python, NumPy and OpenCV map when they are imported, and the buffers of two threads: measured 350 MiB at least.
-# OpenBLAS ends the process itself where it is refused its buffer.
+# Python, NumPy and OpenCV map this much on import, with the buffers of two threads: measured 350 MiB at least.
+# OpenBLAS ends the process itself if it is refused its buffer.
 _NEEDED_BYTES = 352 * 2**20
 _OPENCV_NO_MEMORY = -4
 _BY_LOADER = ("failed to map segment", "cannot allocate memory", "Cannot allocate memory")
@@ -13,7 +13,7 @@ _BY_LOADER = ("failed to map segment", "cannot allocate memory", "Cannot allocat
 def is_enough() -> bool:
     """Whether the process may have the address space that its libraries need."""
     try:
-        with mmap.mmap(-1, _NEEDED_BYTES, flags=mmap.MAP_PRIVATE, prot=mmap.PROT_READ):  # only address space
+        with mmap.mmap(-1, _NEEDED_BYTES, flags=mmap.MAP_PRIVATE, prot=mmap.PROT_READ):  # address space only
             return True
     except OSError:
         return False
@@ -29,5 +29,5 @@ def is_refused(error: BaseException) -> bool:
         case ImportError():
             return any(words in str(error) for words in _BY_LOADER)
         case RuntimeError():
-            return "can't start new thread" in str(error)  # for whose stack there is no room
+            return "can't start new thread" in str(error)  # there is no room for its stack
     return type(error).__module__ == "cv2" and getattr(error, "code", 0) == _OPENCV_NO_MEMORY

@@ -1,12 +1,12 @@
-"""The methods by name: the one list that estimators, commands, pages and simulations read. It imports nothing."""
+"""The list of methods by name, for estimators, commands, pages and simulations. It imports nothing."""
 
 from typing import NamedTuple
 
 
 class Method(NamedTuple):
-    """A class, by its module in `estimators/`, and how pages name it.
+    """A class, by its module in `estimators/`, and its name on pages.
 
-    `frames` of its window, None: as configured; `compared`: whether `compare` runs it if no method is named;
+    `frames` in its window, None: as configured; `compared`: whether `compare` runs it if no method is named;
     `inertial`: whether it uses inertial samples, if it can.
     """
 
@@ -18,13 +18,14 @@ class Method(NamedTuple):
     inertial: bool = True
 
 
-REFERENCE = "cross-frame"  # the method of this package, over whose errors others are given
-STEPWISE = "frame-to-frame"  # the method whose errors accumulate by construction, over which drift is shown
+REFERENCE = "cross-frame"  # the method of this package, by whose errors those of others are divided
+STEPWISE = "frame-to-frame"  # the method whose errors accumulate by construction, with which drift is compared
 METHODS = {
     REFERENCE: Method("cross_frame.window", "CrossFrame", "cross-frame"),
     "ekf": Method("baselines.ekf", "Ekf", "EKF"),
     # Gauss-Newton on one frame's views and the joint prior is the iterated update (Bell and Cathey, The iterated Kalman
-    # filter update as a Gauss-Newton method, 1993); the world is one more pose, about which iterating tells nothing.
+    # filter update as a Gauss-Newton method, 1993); the world is one more pose, for which iterating changes
+    # nothing.
     "iterated-ekf": Method("cross_frame.window", "CrossFrame", "iterated EKF", frames=1),
     STEPWISE: Method("baselines.frame_to_frame", "FrameToFrame", "frame-to-frame"),
     "cross-frame-wc": Method("baselines.per_point", "CrossFrameWC", "per-point WC"),
@@ -35,7 +36,7 @@ METHODS = {
     ),
     "depth-filter": Method("baselines.per_point", "CrossFrameWC", "depth filter", frames=1, compared=False),
 }
-WITHOUT_IMU = "cross-frame-no-imu"  # which `compare` runs where a log has samples
+WITHOUT_IMU = "cross-frame-no-imu"  # `compare` runs it if a log has samples
 METHODS[WITHOUT_IMU] = METHODS[REFERENCE]._replace(label="cross-frame without IMU", compared=False, inertial=False)
 COMPARED = tuple(name for name, method in METHODS.items() if method.compared)
 

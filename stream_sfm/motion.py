@@ -1,7 +1,7 @@
-"""Motions between two frames, their errors split into own ones and those common to all motions of a run, eq. (74a).
+"""Motions between two frames, with own errors and errors common to all motions of a run, eq. (74a).
 
-And the paths that they make in a row: chains of independent motions, to be fused, and odometry, which is continuous,
-where the pose in the world may be corrected.
+Also the paths made of them: chains of independent motions for fusion, and odometry, which is continuous where the
+pose in the world may be corrected.
 """
 
 import logging
@@ -17,7 +17,7 @@ from .geometry.linear import symmetric
 from .record import Kind, with_changes
 from .types import CommonErrors, FrameEstimate, RelativeMotions, Status
 
-# Common errors that come first: no view shows those of lengths and axes, and no change of the rig ends them.
+# The first common errors, of lengths and axes: no view shows them, and no change of the rig ends them.
 UNSEEN = 3
 
 
@@ -27,9 +27,9 @@ class Motion:
 
     `earlier_from_newest` (4, 4): where it is with common errors c = `mean` (m,). truth = earlier_from_newest·
     Exp(`common_jacobian` (c − mean) + own), with own ~ N(0, `cov_own` (6, 6)) and c as known, N(`mean`, `cov_common`).
-    m is 0 where nothing is known to be common. It leads from frame `earlier` to frame `newest`; None where it was made
-    without saying so. `common_since`: the frame from which these common errors have been those of the rig.
-    `predicted`: no view shows it; it is what the motion before lets expect, with a covariance to match.
+    m is 0 if nothing is known to be common. It leads from frame `earlier` to frame `newest`; None if they were not
+    given. `common_since`: the frame from which these common errors have been those of the rig. `predicted`: no view
+    shows it; it is extrapolated from the previous motion, with a matching covariance.
     """
 
     earlier_from_newest: Array
@@ -44,7 +44,7 @@ class Motion:
 
     @classmethod
     def of(cls, estimate: FrameEstimate, frames: int = 1) -> "Motion | None":
-        """Return the motion since `frames` frames before; None where there is none, as in the first frame."""
+        """Return the motion since `frames` frames ago; None if there is none, as in the first frame."""
         if estimate.status == Status.LOST:
             return None
         index = estimate.frame_index
@@ -58,7 +58,7 @@ class Motion:
         common: CommonErrors | None,
         newest: int | None = None,
     ) -> "Motion | None":
-        """Return the motion of a frame, `newest`, to the one with an index; None where there is none."""
+        """Return the motion from the frame `newest` to that of an index; None if there is none."""
         if relative is None or frame_index not in relative.frame_indices:
             return None
         row = int(np.flatnonzero(relative.frame_indices == frame_index)[0])
@@ -72,7 +72,7 @@ class Motion:
     def predicted_between(cls, before: FrameEstimate, after: FrameEstimate) -> "Motion":
         """Return the motion between the poses of two estimates; its covariance is the growth of the pose's.
 
-        It is what the engine expects where tracking was lost and a new map began; nothing in it is common.
+        It is what the engine predicts after tracking was lost and a new map began; it has no common errors.
         """
         moved = se3.orthonormalise(se3.inverse(before.world_from_cam) @ after.world_from_cam)
         ad = se3.adjoint(se3.inverse(moved))
@@ -83,13 +83,13 @@ class Motion:
     def then(self, later: "Motion") -> "Motion":
         """Return the motion over this one and a `later` one, which begins where this one ends, eq. (74b).
 
-        Raises ConfigError where it begins at another frame. Where the rig has changed between them, what is known of
-        the errors of the former rig ends there.
+        Raises ConfigError if it begins at another frame. If the rig has changed between them, the errors of the
+        former rig end there.
         """
         if None not in (self.newest, later.earlier) and self.newest != later.earlier:
             raise ConfigError(
                 f"a motion ends at frame {self.newest}, and the next one begins at frame {later.earlier}: what lies "
-                "between them is missing, such as frames that were lost; sfm.chain finds motions without gaps"
+                "between them is missing, such as lost frames; sfm.chain finds motions without gaps"
             )
         known = later if len(later.mean) else self
         changed = len(self.mean) and len(later.mean) and self.common_since != later.common_since
@@ -148,13 +148,13 @@ class Motion:
 
 
 def chain(estimates: Iterable[FrameEstimate], to: Collection[int] = ()) -> list[Motion]:
-    """Return motions in a row from the first to the last of the estimates, which share no frames but their ends.
+    """Return consecutive motions from the first to the last of the estimates, which share only their end frames.
 
     They are as few as possible, and end at each of the frames `to` that a motion reaches: those at which another
-    sensor measures, for example. They cross a loss wherever the window does. Where nothing does, the motion is
-    `predicted`, and the logger `stream_sfm` warns: its covariance is that of what the camera may have done in the
-    meantime. Added up, by `functools.reduce(Motion.then, motions)`, they are the motion over the whole run. Raises
-    ConfigError where no estimate has a motion, as with one camera, whose lengths have no scale.
+    sensor measures, for example. They cross a loss wherever the window does. Otherwise the motion is `predicted`, and
+    the logger `stream_sfm` warns: its covariance allows for what the camera may have done in the meantime.
+    `functools.reduce(Motion.then, motions)` combines them into the motion over the whole run. Raises ConfigError
+    if no estimate has a motion, as with one camera, whose lengths have no scale.
     """
     frames = {estimate.frame_index: estimate for estimate in estimates}
     if len(frames) > 1 and all(e.relative is None or e.unscaled for e in frames.values()):
@@ -177,13 +177,13 @@ def chain(estimates: Iterable[FrameEstimate], to: Collection[int] = ()) -> list[
 
 
 def _ways(frames: dict[int, FrameEstimate], wanted: list[int]) -> dict[int, int | None]:
-    """Return from which earlier frame the best way to each one comes; None for the first.
+    """Return the earlier frame from which the best way to each frame comes; None for the first.
 
-    Best is what has the fewest predictions, then what misses the fewest `wanted` frames, then the fewest motions.
+    The best way has the fewest predictions, then misses the fewest `wanted` frames, then has the fewest motions.
     """
     costs: dict[int, tuple[int, int, int]] = {}
     came_from: dict[int, int | None] = {}
-    last = None  # frame that was not lost, or is wanted: what is predicted begins there
+    last = None  # a frame that was not lost, or is wanted: predictions start there
     for index, estimate in frames.items():
         seen = [] if estimate.relative is None else estimate.relative.frame_indices.tolist()
         known = [] if estimate.status == Status.LOST else [earlier for earlier in seen if earlier in costs]
@@ -200,15 +200,15 @@ def _ways(frames: dict[int, FrameEstimate], wanted: list[int]) -> dict[int, int 
 
 
 def _motion(earlier: FrameEstimate, newest: FrameEstimate) -> Motion:
-    """Return the motion between two frames, predicted where none was estimated."""
+    """Return the motion between two frames, predicted if none was estimated."""
     known = Motion.of(newest, newest.frame_index - earlier.frame_index)
     return Motion.predicted_between(earlier, newest) if known is None else known
 
 
 def in_world(estimate: FrameEstimate, world_from_map: Array, cov: Array | None = None) -> FrameEstimate:
-    """Return an estimate, whose world is a map's, in the world where that map lies at `world_from_map` (4, 4).
+    """Return an estimate in the world of a map, moved to the world where that map is at `world_from_map` (4, 4).
 
-    `cov` (6, 6): of the perturbation on the right of world_from_map; None where it is exact.
+    `cov` (6, 6): of the perturbation on the right of world_from_map; None if it is exact.
     """
     r = world_from_map[:3, :3]
     cov = np.zeros((6, 6)) if cov is None else cov
@@ -236,13 +236,13 @@ def in_world(estimate: FrameEstimate, world_from_map: Array, cov: Array | None =
 class Odometry:
     """The path as the chain of motions from each frame to the next, and the velocity (REP 105, eq. (74c)).
 
-    `odom_from_cam` (4, 4) is continuous: what later views or a corrected calibration change of earlier motions is in
-    `world_from_odom` (4, 4) alone, and `world_from_cam` is the product of both. `cov` (6, 6): of the perturbation on
+    `odom_from_cam` (4, 4) is continuous. Later corrections of earlier motions, by views or by the calibration, are
+    in `world_from_odom` (4, 4) alone; `world_from_cam` is the product of both. `cov` (6, 6): of the perturbation on
     the right of odom_from_cam, translation first. `from_previous` (4, 4): the motion since the previous frame,
     `seconds` ago; it carries points of the newest camera into the previous one. `twist` (6,): linear and angular
-    velocity in axes of the camera, m/s and rad/s, the mean since the previous frame, with `cov_twist` (6, 6);
-    both are None where no motion was estimated: in the first frame of a map, in lost frames, and of a method
-    without covariances of motions. There odom_from_cam goes on as world_from_cam does.
+    velocity in axes of the camera, m/s and rad/s, the mean since the previous frame, with `cov_twist` (6, 6); both
+    are None if no motion was estimated: in the first frame of a map, in lost frames, and with a method without
+    covariances of motions. odom_from_cam then continues as world_from_cam does.
     """
 
     odom_from_cam: Array
@@ -256,7 +256,7 @@ class Odometry:
 
     @classmethod
     def after(cls, before: "Odometry | None", estimate: FrameEstimate) -> "Odometry":
-        """Return the odometry of a frame from that of the one before it, which is None for the first one."""
+        """Return the odometry of a frame from that of the previous frame, which is None for the first one."""
         if before is None:
             return cls(estimate.world_from_cam, estimate.cov_pose, estimate)
         last = before.estimate
@@ -290,7 +290,7 @@ class Odometry:
 
     @property
     def world_from_odom(self) -> Array:
-        """What later estimates have corrected since the motions were added up, (4, 4)."""
+        """Return what later estimates have corrected since the motions were added up, (4, 4)."""
         return se3.orthonormalise(self.estimate.world_from_cam @ se3.inverse(self.odom_from_cam))
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""Where a run may write: never over its inputs, and into a folder that no other run writes to."""
+"""Where a run may write: never over its inputs, and only into a folder that no other run writes to."""
 
 import fcntl
 import os
@@ -10,30 +10,30 @@ from pathlib import Path
 
 from .errors import OutputError, as_error
 
-# What a result folder holds. A file of these names is written as `<name>.part` first.
+# The files of a result folder. Each is first written as `<name>.part`.
 RESULTS = (
     "estimates.mcap", "trajectory.tum", "trajectory.kitti", "trajectory.csv", "summary.json", "config.toml",
     "metadata.yaml",
 )  # fmt: skip
-MAP_TRAJECTORY = "trajectory_map.tum"  # and of a replay with loops
-GRAVITY_TRAJECTORY = "trajectory_gravity.tum"  # and of one whose world is upright
+MAP_TRAJECTORY = "trajectory_map.tum"  # of a replay with loops
+GRAVITY_TRAJECTORY = "trajectory_gravity.tum"  # of a replay with an upright world
 TRAJECTORIES = (MAP_TRAJECTORY, GRAVITY_TRAJECTORY)
 _FileId = tuple[int, int]  # device and inode: equal for all names and links of a file
 
 
 def refuse_existing(output: str | Path, overwrite: bool) -> None:
-    """Raise an OutputError where something has this name and is not to be replaced."""
+    """Raise an OutputError if something has this name and must not be replaced."""
     if os.path.lexists(output) and not overwrite:
         problem = f"{output} exists already: choose another name, or allow it to be replaced"
         raise OutputError(problem, hint=("overwrite",))
 
 
 def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
-    """Raise an OutputError where an output, or the temporary file it is written to, is an input or another output.
+    """Raise an OutputError if an output, or the temporary file it is written to, is an input or another output.
 
-    Files are compared by inode, so that links do not matter; of a folder, every file in it and below is an input,
-    except in folders of results. An output that exists must be a regular file, since anything else is not replaced
-    but written to.
+    Files are compared by inode, so that links do not matter. In an input folder, every file in it and below counts,
+    except in folders of results. An existing output must be a regular file, since anything else would not be
+    replaced but written to.
     """
     outputs = list(outputs)
     for path in outputs:
@@ -61,12 +61,12 @@ def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
 def _stat(path: Path) -> os.stat_result | None:
     try:
         return path.stat()
-    except (OSError, ValueError):  # there is none; what else is wrong is found when it is opened
+    except (OSError, ValueError):  # it does not exist; anything else is found when it is opened
         return None
 
 
 def _files(given: Path) -> Iterator[_FileId]:
-    """The files that an input stands for."""
+    """Return the files that an input stands for."""
     found = _stat(given)
     if found is None:
         return
@@ -84,9 +84,9 @@ def _files(given: Path) -> Iterator[_FileId]:
 
 @contextmanager
 def only_writer(folder: Path) -> Iterator[None]:
-    """Be the only run that writes to a folder, which exists. Raises OutputError where another one is at it.
+    """Be the only run that writes to an existing folder. Raises OutputError if another run is writing there.
 
-    The system forgets the lock with the process that holds it, however that ends. A file system without locks (some
+    The system releases the lock when the process ends, however it ends. A file system without locks (some
     network shares) gives no protection.
     """
     with as_error(OutputError, f"cannot write to {folder}", OSError):
@@ -101,7 +101,7 @@ def only_writer(folder: Path) -> Iterator[None]:
 
 
 def try_lock(descriptor: int) -> bool:
-    """Lock an open file or folder; False where another one holds the lock."""
+    """Lock an open file or folder; False if another one holds the lock."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:  # or a file system without locks

@@ -1,4 +1,4 @@
-"""From a solution in rectified axes to the estimate of a frame in axes of the physical left camera."""
+"""Turns a solution in rectified axes into the estimate of a frame in axes of the physical left camera."""
 
 from dataclasses import field, fields, replace
 from typing import Any
@@ -31,11 +31,11 @@ from .types import (
 
 @record
 class Observed:
-    """The observations of one frame, and what else it takes to make estimates of them.
+    """The observations of one frame, and what else is needed to make estimates from them.
 
-    `timings_ms`: of each stage that led to them. What the front-end knows with this frame: `errors` that the views of a
-    point share; `turn_rad` (3,), by which right views are corrected since frame `turned_at`; `moving`: the homogeneous
-    points (n, 4) in view and their twist (6,), None before there was a motion.
+    `timings_ms`: of each stage that led to them. From the front-end, as of this frame: `errors` that the views of a
+    point share; `turn_rad` (3,), by which right views are corrected since frame `turned_at`; `moving`: the
+    homogeneous points (n, 4) in view and their twist (6,), None before the first motion.
     """
 
     observations: Observations
@@ -47,9 +47,9 @@ class Observed:
 
 
 class PhysicalEstimates:
-    """Makes estimates in physical axes, where lengths and axes have errors that no view shows.
+    """Makes estimates in physical axes, including the errors of lengths and axes that no view shows.
 
-    `frontend`: gives the errors of the rig in pixels; `unscaled`: there is one camera.
+    `frontend` gives the errors of the rig in pixels; `unscaled`: there is one camera.
     """
 
     def __init__(
@@ -65,8 +65,9 @@ class PhysicalEstimates:
     def estimate(self, observed: Observed, solution: Solution, estimator_ms: float) -> FrameEstimate:
         """Turn the solution of an observed frame, in rectified axes, into axes of the physical left camera.
 
-        The covariance of each point gets the disparity error that all its views share. Points seen for the first time
-        are not reported yet: one match of left and right may be wrong, and only a second view can tell.
+        The covariance of each point includes the disparity error that all its views share. Points seen for the
+        first time are not yet reported: one match of left and right may be wrong, which only a second view can
+        show.
         """
         observations = observed.observations
         solution = solution if solution.inertial is None else _in_metres(solution, solution.inertial.scale)
@@ -74,7 +75,7 @@ class PhysicalEstimates:
         weights = None if solution.common is None else solution.common.weights(len(TERMS))
         by_common = None if solution.common is None else solution.common.jacobian
         pose = _motions(axes, solution.world_from_cam[None], solution.cov_pose[None], by_common, weights)
-        values = {f.name: getattr(solution, f.name) for f in fields(Solution)}  # those that have no axes stay
+        values = {f.name: getattr(solution, f.name) for f in fields(Solution)}  # fields without axes stay unchanged
         return FrameEstimate(
             **values
             | self._structure(axes, observed, solution)
@@ -117,7 +118,7 @@ class PhysicalEstimates:
             solution.ended_points_in_world,
             solution.ended_cov_points_in_world,
             self._std_shared(observed.errors, solution.ended_ids),
-            solution.window_world_from_cam[0],  # an ended point was seen last about when the window begins
+            solution.window_world_from_cam[0],  # an ended point was last seen at about the beginning of the window
         )
         return {
             "track_ids": solution.track_ids[shown],
@@ -137,14 +138,14 @@ class PhysicalEstimates:
         return Prediction(found.stamp_ns, poses[0], cov[0], self._turned(found.inertial))
 
     def _axes_with(self, inertial: InertialEstimate | None) -> PhysicalAxes:
-        """The physical axes, with lengths as uncertain as inertia leaves them."""
+        """Return the physical axes, with lengths as uncertain as inertia leaves them."""
         if inertial is None or self._exact:
             return self._axes
         std_scale = float(np.sqrt(inertial.cov_of(SCALE)[0, 0]))
         return PhysicalAxes(self._rect_from_cam, std_scale, self._std_axes_rad)
 
     def _turned(self, inertial: InertialEstimate) -> InertialEstimate:
-        """The inertial state in axes of the physical camera."""
+        """Return the inertial state in axes of the physical camera."""
         cam_from_rect = self._rect_from_cam[:3, :3].T
         turn = np.eye(len(inertial.cov))
         for k in range(0, 12, 3):
@@ -159,7 +160,7 @@ class PhysicalEstimates:
     def _relative(
         self, axes: PhysicalAxes, relative: RelativeMotions | None, weights: Array | None
     ) -> RelativeMotions | None:
-        """Relative motions in axes of the physical camera, with the errors that no view shows."""
+        """Return relative motions in axes of the physical camera, with the errors that no view shows."""
         if relative is None:
             return None
         seen = relative.frame_from_newest, relative.cov, relative.common_jacobian
@@ -167,7 +168,7 @@ class PhysicalEstimates:
         return RelativeMotions(relative.frame_indices, poses, cov, None if self._exact else by_common)
 
     def _common(self, solution: Solution, jacobian: Array, since: int) -> CommonErrors | None:
-        """The errors that all frames `since` one share, and those that no view shows; they move the pose (6, m)."""
+        """Return the errors that all frames `since` one share, and those that no view shows; both move the pose."""
         if self._exact or solution.status in (Status.INITIALISING, Status.LOST):
             return None
         if solution.common is None:
@@ -188,15 +189,15 @@ def _motions(
 ) -> tuple[Array, Array, Array]:
     """Poses (n, 4, 4), covariances and perturbations by common errors, as `PhysicalAxes.motions` turns them.
 
-    Of the rig's errors, by which they are moved (…, 6, m), the physical terms count: the field over the image is
-    what these tell of it, by `weights` (m, t); the rest is the motion's own.
+    Of the rig errors, which move the motions by (…, 6, m), the physical terms count as common. They predict the
+    field over the image by `weights` (m, t); the rest of the field is an own error of the motion.
     """
     of_terms = None if by_rig is None or weights is None else (by_rig @ weights).reshape(len(poses), 6, -1)
     return axes.motions(poses, cov, of_terms)
 
 
 def _in_metres(solution: Solution, scale: float) -> Solution:
-    """Return a solution whose lengths by images are too short by a share of themselves in metres."""
+    """Return in metres a solution whose lengths from images are too short by a share `scale`."""
     if not scale:
         return solution
     k = 1 + scale

@@ -72,7 +72,7 @@ class About(NamedTuple):
 
 
 def about(described: Field[Any]) -> About:
-    """Return the description of a field, empty where there is none."""
+    """Return the description of a field, empty if there is none."""
     return next((x for x in getattr(described.type, "__metadata__", ()) if isinstance(x, About)), About())
 
 

@@ -21,10 +21,10 @@ _PATH = re.compile(r" - at `\$\.?(.*)`$")
 
 
 def printable(text: str) -> str:
-    """A text in one line whose every character can be seen: others, such as escapes of terminals, by their code.
+    """Return a text on one line in visible characters; others, such as terminal escapes, appear as their codes.
 
-    Names of topics, encodings and files may hold anything, and what reads them (a terminal, a header of lines) would
-    take it as a command.
+    Names of topics, encodings and files may hold anything, which a terminal or a parser of lines would take as a
+    command.
     """
     return "".join(c if c.isprintable() else c.encode("unicode_escape", "backslashreplace").decode() for c in text)
 
@@ -40,7 +40,7 @@ def described(value: object) -> str:
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
-    """A sentence that a name is not known, with the nearest known one, or else with all of them."""
+    """Say that a name is not known, with the nearest known name, or else with all of them."""
     known = list(known)
     nearest = get_close_matches(name, known, n=1, cutoff=0.7)  # one letter wrong in four
     cure = f"did you mean {nearest[0]}?" if nearest else f"known are {', '.join(known)}"
@@ -48,23 +48,23 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def some_of(names: Sequence[str], separator: str = ", ") -> str:
-    """Names in a sentence: all of them, or the first and how many more there are."""
+    """Return names for a sentence: all of them, or the first ones and how many more there are."""
     more = len(names) - LISTED
     return separator.join(names[:LISTED]) + (f"{separator}and {more} more" if more > 0 else "")
 
 
 def in_a_row(names: Sequence[str]) -> str:
-    """Return names, at least one, as a sentence lists them."""
+    """Return at least one name as a list within a sentence."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def counted(n: int, thing: str) -> str:
-    """A number of things: 1 frame, 2 frames."""
+    """Return a number of things: 1 frame, 2 frames."""
     return f"{n} {thing}{'' if n == 1 else 's'}"
 
 
 def invalid_setting(problem: str, data: Mapping[str, Any], known: Mapping[str, Any]) -> str:
-    """What msgspec's `problem` with the content `data` of a file says, in plain words.
+    """Return what msgspec's `problem` with the content `data` of a file means, in plain words.
 
     `known` has the structure of valid content: sections are mappings, settings anything else.
     """
@@ -80,7 +80,7 @@ def invalid_setting(problem: str, data: Mapping[str, Any], known: Mapping[str, A
 
 
 def expected(problem: str) -> str:
-    """The kind and the bounds of a valid value, from msgspec's `problem` with a value."""
+    """Return the kind and the bounds of a valid value, from msgspec's `problem` with a value."""
     found = _EXPECTED.match(problem)
     if found is None:
         return problem

@@ -299,7 +299,7 @@ def test_a_copied_engine_goes_on_with_the_same_bytes(frames, changed: dict[str, 
 
 
 def test_a_copy_within_a_step_is_refused(frames) -> None:
-    """By the estimator here, as by another thread: half of the state is that of the frame before."""
+    """By the estimator here, as by another thread: half of the state is that of the previous frame."""
     engine = sfm.Engine(rig(0.03))
     engine.step(frames[0])
     step, refused = engine.lane.estimator.step, []

@@ -50,7 +50,7 @@ Figures = dict[str, float | None]
 class Metric:
     """A figure: what is better, and by how much it may get worse, as a share of the baseline and in its own unit.
 
-    `target`: the value that is best; None where less is better. `of_machine`: it depends on who computes it.
+    `target`: the value that is best; None if less is better. `of_machine`: it depends on who computes it.
     """
 
     title: str

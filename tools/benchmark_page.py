@@ -107,7 +107,7 @@ def _cell(now: float | None, before: float | None, factor: float, form: str) -> 
 
 
 def _others(rows: dict[str, Any], peers: dict[str, Any]) -> list[str]:
-    """A table of other systems on the same frames, the best of each figure in bold; nothing where none is known."""
+    """A table of other systems on the same frames, the best of each figure in bold; nothing if none is known."""
     lines = []
     for name, figures in rows.items():
         for key, heading, factor, form in _COLUMNS:

@@ -70,7 +70,7 @@ def follow(log: StereoLog, selection: Selection | None = None) -> Loop:
 
 
 def _motion(before: Images, left: NDArray[np.uint8], p: StereoProjection) -> tuple[Array, float]:
-    """The motion since the frame before, and the share of inliers."""
+    """The motion since the previous frame, and the share of inliers."""
     corners = cv2.goodFeaturesToTrack(before[0], CORNERS, QUALITY, APART_PX)
     if corners is None:
         return np.eye(4), 0.0
@@ -135,7 +135,7 @@ def not_ok(statuses: dict[str, int]) -> int:
 
 
 def verdict(median_inliers: float, frames: int, bad: int) -> str:
-    """Say that a log is followed by the loop, and degraded with us; empty where it is not so."""
+    """Say that a log is followed by the loop, and degraded with us; empty if it is not so."""
     if median_inliers > FOLLOWED and bad > FEW_DEGRADED * frames:
         return f"FOLLOWED by the loop, degraded with us: {bad} of {frames}"
     return ""

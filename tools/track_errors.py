@@ -116,7 +116,7 @@ class Slides:
         return in_cam @ self._engine.observer.rectifier.rect_from_cam.T
 
     def spread_px(self) -> list[float | None]:
-        """Over `AGES`; None where no track was seen."""
+        """Over `AGES`; None if no track was seen."""
         found = [np.abs(np.array(self._errors[age])) for age in AGES]
         return [_ROBUST * float(np.nanmedian(errors)) if errors.size else None for errors in found]
 

@@ -62,7 +62,7 @@ _OFF = 0.2  # of a drawn size: a stated one that errs by more, and by more than 
 
 @dataclass(frozen=True, slots=True)
 class Stated:
-    """A term of the rig that a run states with certainty; `drawn`: its true size, None where none is known."""
+    """A term of the rig that a run states with certainty; `drawn`: its true size, None if none is known."""
 
     term: str
     value: float
@@ -191,7 +191,7 @@ def run_log(path: Path, config: Config, faults: dict[str, Fault]) -> Run:
 
 
 def _motion_beyond(estimate: FrameEstimate, true: np.ndarray) -> bool:
-    """Whether the motion since the frame before is wrong by more than 5 σ; False where there is none."""
+    """Whether the motion since the frame before is wrong by more than 5 σ; False if there is none."""
     motion, i = Motion.of(estimate), estimate.frame_index
     if motion is None:
         return False
@@ -223,7 +223,7 @@ def stated(estimates: Sequence[FrameEstimate], faults: dict[str, Fault]) -> list
 
 
 def drawn_sizes(faults: dict[str, Fault]) -> dict[str, float | None]:
-    """The terms that faults make: their sizes in units of the rig's terms, None where a size cannot be told."""
+    """The terms that faults make: their sizes in units of the rig's terms, None if a size cannot be told."""
     sizes: dict[str, float | None] = {}
     for name, fault in faults.items():
         if fault.right_late_s:

@@ -39,7 +39,7 @@ class JobResult(msgspec.Struct, frozen=True, kw_only=True):
     """How a job ended; the file job.json in its folder has the same content.
 
     `status`: done; incomplete (only a part of the log could be read, and that part is estimated); failed;
-    interrupted. `key` is equal for equal content of the log, configuration, selection and software, and empty where
+    interrupted. `key` is equal for equal content of the log, configuration, selection and software, and empty if
     no replay was started. `reused`: an earlier batch had already done this job.
     """
 
@@ -87,7 +87,7 @@ def run_job(job: Job) -> JobResult:
 
 
 def _done_before(job: Job, key: str) -> JobResult | None:
-    """The result of an earlier job that did the same, or a refusal where the folder is not ours; else None."""
+    """Return the result of an earlier job that did the same, or a refusal where the folder is not ours; else None."""
     own: JobResult | None = _decoded(job.folder / _RECORD, JobResult)
     if own is None:
         foreign = [name for name in RESULTS if os.path.lexists(job.folder / name)]
@@ -118,12 +118,12 @@ def _run(job: Job, key: str) -> JobResult:
 
 
 def read_summary(folder: Path) -> dict[str, Any] | None:
-    """The content of the summary.json of a replay, None where there is none."""
+    """Return the content of the summary.json of a replay, None if there is none."""
     return _decoded(folder / "summary.json", dict[str, Any])
 
 
 def _decoded(path: Path, kind: type[T]) -> T | None:
-    """The content of a JSON file; None where there is none of this kind."""
+    """Return the content of a JSON file; None if there is none of this kind."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=kind)
     except (OSError, msgspec.DecodeError):

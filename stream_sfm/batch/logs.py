@@ -40,7 +40,7 @@ def find_logs(arguments: Sequence[str], skipped: list[str] | None = None) -> dic
 
 
 def _matching(pattern: str, skipped: list[str]) -> Iterator[str]:
-    """The paths that a pattern stands for.
+    """Yield the paths that a pattern stands for.
 
     Below `**` links to folders are not followed: they may lead back, so that paths have no end.
     """
@@ -85,14 +85,14 @@ def _logs_below(folder: Path, skipped: list[str]) -> Iterator[Path]:
 
 
 def size_bytes(log: Path) -> int:
-    """How large a recording is on disk, with all files of a folder; 0 where that is not known."""
+    """Return how large a recording is on disk, with all files of a folder; 0 where that is not known."""
     if not os.path.isdir(log):
         return os.path.getsize(log) if os.path.isfile(log) else 0
     return sum(os.path.getsize(file) for file in log.rglob("*") if os.path.isfile(file))
 
 
 def names_for(logs: Mapping[Path, int], reserved: Sequence[str] = ()) -> dict[Path, str]:
-    """A unique name for each log: its file name without the suffix, after as many parent folders as needed.
+    """Return a unique name for each log: its file name without the suffix, after as many parent folders as needed.
 
     `logs` as `find_logs` returns them. Each is a plain name: no dots in front, so that it cannot be `..` and is not
     hidden, and no control characters. Upper and lower case count as equal; names that are still equal get a number.
@@ -126,7 +126,7 @@ def _unused(name: str, taken: set[str]) -> str:
 def truth_files(given: Path, names: Mapping[Path, str]) -> dict[Path, Path]:
     """The file for each log; `names`: of the logs, as in the batch. Logs without one keep their own ground truth.
 
-    Raises ConfigError where it does not exist, or where a folder has a file for none of the logs.
+    Raises ConfigError if it does not exist, or where a folder has a file for none of the logs.
     """
     if not given.is_dir():
         if not given.is_file():

@@ -99,7 +99,7 @@ def replay_batch(
 
 
 def _finished(job: Job, result: JobResult) -> dict[str, Any]:
-    """A log in batch.json; its page is written where it has been estimated."""
+    """Return a log in batch.json; its page is written where it has been estimated."""
     log = msgspec.to_builtins(result) | {"summary": read_summary(job.folder) if result.key else None}
     if log["summary"]:
         write_whole(job.folder / PAGE_OF_LOG, render_log(log, job.folder).encode())
@@ -109,7 +109,7 @@ def _finished(job: Job, result: JobResult) -> dict[str, Any]:
 def _options(
     left: str | None, right: str | None, rate_hz: float | None, chosen: Selection, truth: GroundTruthFile | None
 ) -> list[str]:
-    """What was chosen, as options of the command `replay`, which the process of each log runs."""
+    """Return what was chosen, as options of the command `replay`, which the process of each log runs."""
     frame = truth.frame if truth is not None else None
     if frame is not None and os.path.isfile(frame):
         frame = os.path.abspath(frame)  # for a process in another folder
@@ -134,7 +134,7 @@ def _run_jobs(
     stop: Path,
     on_done: Callable[[JobResult], None] | None,
 ) -> tuple[list[JobResult], bool]:
-    """The results in the order of the jobs, and whether a signal ended the batch."""
+    """Return the results in the order of the jobs, and whether a signal ended the batch."""
     results: dict[Job, JobResult] = {}
     with deferred_interrupts() as interruption:
         futures = {executor.submit(run_job, job): job for job in jobs}

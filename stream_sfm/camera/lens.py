@@ -1,4 +1,4 @@
-"""Where a point appears in the image as delivered, and what a pixel looks at: the pinhole camera with its lens.
+"""Projects points into the recorded image, and pixels to rays: the pinhole camera with its lens.
 
 OpenCV's models and coefficient order: plumb_bob (k1 k2 p1 p2 k3), rational_polynomial (… k4 k5 k6), equidistant
 (Kannala–Brandt, θ polynomial).
@@ -12,12 +12,12 @@ from .models import Camera
 
 
 def distortion(camera: Camera) -> tuple[bool, Array]:
-    """Whether the lens is a fisheye (also one whose coefficients are all zero), and its coefficients for OpenCV."""
+    """Return whether the lens is a fisheye (even with all coefficients zero), and its coefficients for OpenCV."""
     return camera.distortion_model == "equidistant", np.array(camera.D if any(camera.D) else (0.0,) * 4)
 
 
 def project_into_image(camera: Camera, points_in_cam: Array) -> Array:
-    """Project points (n, 3), Z > 0, into the image as delivered: pixels (n, 2)."""
+    """Project points (n, 3), Z > 0, into the recorded image: pixels (n, 2)."""
     if not len(points_in_cam):
         return np.empty((0, 2))
     fisheye, d = distortion(camera)
@@ -27,7 +27,7 @@ def project_into_image(camera: Camera, points_in_cam: Array) -> Array:
 
 
 def rays_of(camera: Camera, pixels: Array) -> Array:
-    """The rays (n, 3), Z = 1, of pixels (n, 2); not finite where the lens model has no solution."""
+    """Return the rays (n, 3), Z = 1, of pixels (n, 2); not finite where the lens model has no solution."""
     fisheye, d = distortion(camera)
     rays = (cv2.fisheye if fisheye else cv2).undistortPoints(pixels[:, None], camera.K, d)[:, 0]
     return np.concatenate([rays, np.ones((len(pixels), 1))], axis=1)

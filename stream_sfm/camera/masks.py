@@ -1,4 +1,4 @@
-"""Masks: which pixels of a camera never show the scene, because they are of the robot, or dirt on the lens."""
+"""Masks: pixels of a camera that never show the scene, because they show the robot or dirt on the lens."""
 
 import struct
 from pathlib import Path
@@ -14,13 +14,13 @@ _PNG, _HEADER_BYTES = b"\x89PNG\r\n\x1a\n", 24
 
 
 def checked_mask(mask: object, width: int, height: int) -> Mask:
-    """Return a mask (h, w), true where pixels show the scene, of an array of numbers. Raises ConfigError."""
+    """Return a mask (h, w), true where pixels show the scene, from an array of numbers. Raises ConfigError."""
     given = np.asarray(mask)
     seen = np.asarray(given.any(axis=2) if given.ndim == 3 else given != 0)
     if seen.shape != (height, width):
-        raise ConfigError(f"the mask has shape {seen.shape}, the images of its camera have ({height}, {width})")
+        raise ConfigError(f"the mask has shape {seen.shape}, but the images of its camera have ({height}, {width})")
     if not seen.any():
-        raise ConfigError("the mask leaves no pixel: it is 0 (black) where pixels are left out, and not elsewhere")
+        raise ConfigError("the mask leaves no pixel: make it 0 (black) only where pixels are left out")
     seen.flags.writeable = False
     return seen
 
@@ -33,9 +33,9 @@ def read_mask(path: str | Path, width: int, height: int) -> Mask:
         raise ConfigError(f"the mask {path} is not a PNG: save it as one, black where pixels are left out")
     size = struct.unpack(">II", data[16:_HEADER_BYTES])  # before decoding: a header can ask for gigabytes
     if size != (width, height):
-        problem = f"the mask {path} is {size[0]}×{size[1]}, the images of its camera are {width}×{height}"
+        problem = f"the mask {path} is {size[0]}×{size[1]}, but the images of its camera are {width}×{height}"
         raise ConfigError(f"{problem}: give one of the size of the images as recorded, not rectified")
-    import cv2  # late: most runs have no mask, and many commands no image
+    import cv2  # late, as most runs have no mask, and many commands no images
 
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
     if image is None:

@@ -1,4 +1,4 @@
-"""Camera models: one pinhole camera with its lens, as a calibration describes it."""
+"""The camera model: one pinhole camera with its lens, as a calibration describes it."""
 
 from dataclasses import dataclass
 
@@ -8,14 +8,14 @@ from ..errors import ConfigError
 from ..geometry import Array
 from .masks import Mask, checked_mask
 
-MAX_PIXELS = 12_500_000  # of an image: a run with sensors of 12 megapixels stays below a gigabyte
-MANY_PIXELS = 2**22  # of an image: nothing is done ahead of larger ones, for which there would be no memory
-_MIN_EDGE_PX = 16  # of an image: smaller ones hold no patch
-_MAX_EDGE_PX = 2**15 - 1  # of an image: OpenCV's maps count in 16 bits
-_MAX_K_PX = 1e6  # of any number in K: a telescope on the largest image has a tenth of it
-_MIN_FOCAL_FRACTION = 0.05  # of the longer edge: a pinhole sees 168° then, and a fisheye more than there is
-_MAX_SKEW_PX = 0.1  # of K: OpenCV's lens models have none, and this much moves no pixel by a tenth of one
-# How many coefficients each lens model takes, in OpenCV's order.
+MAX_PIXELS = 12_500_000  # per image: a run with sensors of 12 megapixels stays below a gigabyte
+MANY_PIXELS = 2**22  # per image: nothing is computed ahead for larger ones, which would take too much memory
+_MIN_EDGE_PX = 16  # smaller images hold no patch
+_MAX_EDGE_PX = 2**15 - 1  # OpenCV's maps have 16 bits
+_MAX_K_PX = 1e6  # per element of K: a telescope on the largest image has a tenth of it
+_MIN_FOCAL_FRACTION = 0.05  # of the longer edge: a pinhole then sees 168°, and a fisheye more than the full sphere
+_MAX_SKEW_PX = 0.1  # OpenCV's lens models have no skew; this much moves no pixel by a tenth of a pixel
+# Numbers of coefficients of each lens model, in OpenCV's order.
 DISTORTION_COEFFICIENTS = {"none": (0,), "plumb_bob": (0, 4, 5), "rational_polynomial": (8,), "equidistant": (4,)}
 # Other names of these models.
 DISTORTION_MODELS = {
@@ -27,11 +27,11 @@ DISTORTION_MODELS = {
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Camera:
-    """One pinhole camera as delivered, before rectification.
+    """One pinhole camera before rectification.
 
     `K` (3, 3) pixels; `D` distortion coefficients in OpenCV's order; `distortion_model` one of none, plumb_bob
-    (4 or 5), rational_polynomial (8), equidistant (4), or what others call these. `mask` (h, w): false (0) where images
-    always show the robot itself, or dirt on the lens. Raises ConfigError for impossible values.
+    (4 or 5), rational_polynomial (8), equidistant (4), or other names of these. `mask` (h, w): false (0) where
+    images always show the robot itself or dirt on the lens. Raises ConfigError for impossible values.
     """
 
     width: int
@@ -73,7 +73,7 @@ class Camera:
 
 
 def _pixels(edge: object) -> int:
-    """An edge of the image as a whole number. Raises ConfigError."""
+    """Return an edge of the image as a whole number. Raises ConfigError."""
     if isinstance(edge, int | float | np.integer | np.floating) and edge == edge // 1:
         return int(edge)
     given = "an array" if isinstance(edge, np.ndarray | list | tuple) else repr(edge)
@@ -90,7 +90,7 @@ def _numbers(name: str, value: object) -> Array:
 
 
 def _matrix_problem(k: Array, longer_edge: int) -> str:
-    """What is wrong with a camera matrix of images with this longer edge, and the cure; empty where it is right."""
+    """Say what is wrong with a camera matrix for images with this longer edge, and the fix; empty if it is valid."""
     if k.shape != (3, 3) or not np.isfinite(k).all():
         return f"must be 3×3 and finite, got shape {k.shape}: {k.tolist()}"
     if k[0, 0] > 0 and k[1, 1] > 0 and np.allclose(k[:, 2], (0, 0, 1)) and k[2, :2].any():
@@ -109,7 +109,7 @@ def _matrix_problem(k: Array, longer_edge: int) -> str:
 
 
 def _coefficients_problem(model: str, d: tuple[float, ...]) -> str:
-    """The sentence about coefficients that the model does not have."""
+    """Say that the model does not take these coefficients; empty if it does."""
     counts = " or ".join(str(n) for n in DISTORTION_COEFFICIENTS[model] if n > 0) or "no"
     text = f"distortion model {model} takes {counts} finite coefficients, got {list(d)}"
     if any(d[8:]):

@@ -1,7 +1,7 @@
-"""What is known about the errors of a stereo calibration: a smooth field of disparity, the lenses, and the timing.
+"""Known errors of a stereo calibration: a smooth field of disparity, the lenses, and the timing.
 
 A calibration with a refinement is used like any other: views are corrected by it before any estimator sees them, and
-what is left of its uncertainty goes on being considered. docs/mathematics.md, section 13.
+its remaining uncertainty is taken into account. docs/mathematics.md, section 13.
 """
 
 from collections.abc import Sequence
@@ -12,9 +12,9 @@ import numpy as np
 from ..errors import ConfigError
 from ..geometry import Array
 
-# Six of the disparity, x and y from the image's middle in half widths and half heights. Then what both lenses share, in
-# pixels as far from their middle as the corner: radial of third and of fifth order, principal point, tangential. Last,
-# how much more the right lens errs radially than the left one.
+# Six terms of the disparity, with x and y from the middle of the image in half widths and half heights. Then errors
+# that both lenses share, in pixels at the distance of the corner: radial of third and fifth order, principal point,
+# tangential. Last, the radial errors of the right lens minus those of the left one.
 LENS_TERMS = (
     *("1", "x", "y", "xx", "xy", "yy"),
     *("radial 3", "radial 5", "centre x", "centre y", "tangential x", "tangential y", "radial difference"),
@@ -25,7 +25,7 @@ LENS_TERMS = (
 class Refinement:
     """Errors `error_px` (m,) of a calibration, by the m `LENS_TERMS`, with covariance `cov_px2` (m, m).
 
-    Raises ConfigError for numbers that are no errors with a covariance.
+    Raises ConfigError for invalid errors or covariances.
     """
 
     error_px: Array
@@ -45,7 +45,7 @@ class Refinement:
 
     @property
     def std_px(self) -> Array:
-        """Standard deviation (m,) of each error."""
+        """The standard deviation (m,) of each error."""
         return np.sqrt(np.diag(self.cov_px2))
 
     def __repr__(self) -> str:
@@ -54,9 +54,9 @@ class Refinement:
 
 @dataclass(frozen=True, slots=True)
 class KnownTiming:
-    """Delay of the right camera, and time in which both shutters read out an image from the top down; each with its σ.
+    """Delay of the right camera, and readout time of both shutters from the top down; each with its σ, in seconds.
 
-    Seconds. Raises ConfigError for values that are not finite, and for a σ that is not positive.
+    Raises ConfigError for values that are not finite, and for a σ that is not positive.
     """
 
     delay_s: float
@@ -67,14 +67,14 @@ class KnownTiming:
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):
             value = getattr(self, name)
-            if not -1 <= value <= 1:  # larger ones are milliseconds given as seconds
+            if not -1 <= value <= 1:  # larger values are milliseconds given as seconds
                 raise ConfigError(f"{name} is {value!r}: give seconds, at most 1")
             if name.startswith("std") and value <= 0:
-                raise ConfigError(f"{name} is {value!r}: give the σ of what is known, above 0")
+                raise ConfigError(f"{name} is {value!r}: give a σ above 0")
 
     @property
     def mean(self) -> Array:
-        """Delay and readout (2,)."""
+        """Values of delay and readout (2,)."""
         return np.array([self.delay_s, self.readout_s])
 
     @property
@@ -84,9 +84,9 @@ class KnownTiming:
 
 
 def combine(refinements: Sequence[Refinement], priors_std_px: Array, prior_std_px: Array) -> Refinement:
-    """The joint refinement of n independent runs that began with errors of `priors_std_px` (n, m) about zero.
+    """Return the joint refinement of n independent runs, whose priors had σ `priors_std_px` (n, m) about zero.
 
-    The result has the prior `prior_std_px` (m,) in place of these, which are what each run guessed.
+    In the result, the prior `prior_std_px` (m,) replaces these, which each run learnt for itself.
     """
     information, weighted = np.diag(prior_std_px**-2.0), np.zeros(len(prior_std_px))
     for refinement, std_px in zip(refinements, priors_std_px, strict=True):
@@ -98,7 +98,7 @@ def combine(refinements: Sequence[Refinement], priors_std_px: Array, prior_std_p
 
 
 def disparity_rms_px(error_px: Array) -> float:
-    """Root mean square of the disparity's error over the image, without what the lenses add."""
+    """Return the root mean square disparity error over the image, without the lens terms."""
     x, y = (a.ravel() for a in np.meshgrid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21)))
     field = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1) @ error_px[:6]
     return float(np.sqrt((field**2).mean()))

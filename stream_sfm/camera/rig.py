@@ -1,4 +1,4 @@
-"""Rigs: what the images of a log or a program come from, two cameras or one."""
+"""Rigs: the two cameras, or one, from which images come."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,15 +18,15 @@ from .refinement import KnownTiming, Refinement
 from .settings import SETTINGS
 
 MaskOrFile = Mask | str | Path
-_ADDED = {"refinement": Refinement, "timing": KnownTiming, "imu": ImuCalibration}  # which a rig need not have
+_ADDED = {"refinement": Refinement, "timing": KnownTiming, "imu": ImuCalibration}  # optional parts of a rig
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class StereoRig:
     """Two cameras and `right_from_left` (4, 4), metres: carries points of the left camera into the right one.
 
-    `refinement`: known errors of this calibration; `timing`: what is known of delay and readout; `imu`: how an inertial
-    unit is mounted. `unscaled`: whether lengths have no unit. Raises ConfigError for what cannot be a stereo pair.
+    `refinement`: known errors of this calibration; `timing`: known delay and readout; `imu`: how an inertial unit
+    is mounted. `unscaled`: whether lengths have no unit. Raises ConfigError if this cannot be a stereo pair.
     """
 
     unscaled: ClassVar[bool] = False
@@ -46,13 +46,13 @@ class StereoRig:
         if (self.left.width, self.left.height) != (self.right.width, self.right.height):
             sizes = [f"{camera.width}×{camera.height}" for camera in self.cameras.values()]
             raise ConfigError(f"left images are {sizes[0]}, right ones {sizes[1]}: both must have one size")
-        if self.baseline_m < 1e-4:  # a tenth of a millimetre: less is a P without baseline, not a pair
+        if self.baseline_m < 1e-4:  # 0.1 mm: less means a P without baseline, not a pair
             cure = "give right_from_left in metres; in ROS, P[3] of the right camera must not be zero"
             raise ConfigError(f"the baseline is {self.baseline_m:g} m: {cure}")
 
     @property
     def cameras(self) -> dict[str, Camera]:
-        """Name -> camera, in the order of a frame's images."""
+        """Name -> camera, in the order of the images of a frame."""
         return {"left": self.left, "right": self.right}
 
     def __repr__(self) -> str:
@@ -68,9 +68,9 @@ class StereoRig:
         """Read a calibration. Raises ConfigError naming file and key.
 
         `path` is a file, the two files of left and right, or the folder they are in, in any format of docs/formats.md.
-        `image_size` (width, height) serves formats that do not tell it.
+        `image_size` (width, height) is for formats that do not contain it.
         """
-        from .calibration.read import documents_at, pair_of  # all formats, which few runs need
+        from .calibration.read import documents_at, pair_of  # late, as few runs need all formats
 
         return cls._of_pair(pair_of(documents_at(path), image_size), path)
 
@@ -89,19 +89,19 @@ class StereoRig:
     def masked(self, left: MaskOrFile | None, right: MaskOrFile | None = None) -> "StereoRig":
         """Return the rig with masks: no point is followed where images always show the robot, or dirt.
 
-        `left`, `right`: PNG files of the images' size, black there, or arrays (h, w) that are 0 there; None: no mask.
-        Raises ConfigError.
+        `left`, `right`: PNG files of the size of the images, black in these places, or arrays (h, w) that are 0
+        there; None: no mask. Raises ConfigError.
         """
         return replace(self, left=_masked(self.left, left), right=_masked(self.right, right))
 
     def to_toml(self) -> str:
-        """The text of a calibration file that `from_calibration` reads back unchanged, but for masks."""
+        """Return the text of a calibration file that `from_calibration` reads back unchanged, except for masks."""
         return toml_file.text(self.cameras, self.right_from_left, self.refinement, self.timing, self.imu)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MonoRig:
-    """One camera: the scale of what it sees is not observable (`Config.mono`)."""
+    """One camera: the scale of the scene is not observable (`Config.mono`)."""
 
     unscaled: ClassVar[bool] = True
     left: Camera
@@ -116,7 +116,7 @@ class MonoRig:
 
     @classmethod
     def from_calibration(cls, path: Where, image_size: tuple[int, int] | None = None) -> "MonoRig":
-        """Read the left camera of a calibration, which need not have another. As `StereoRig.from_calibration`."""
+        """Read the left camera of a calibration, which may be the only one, as `StereoRig.from_calibration`."""
         from .calibration.read import documents_at, left_of
 
         return cls(left_of(documents_at(path), image_size))
@@ -133,12 +133,12 @@ class MonoRig:
         return MonoRig(_masked(self.left, left))
 
     def to_toml(self) -> str:
-        """The text of a calibration file that `from_calibration` reads back unchanged, but for masks."""
+        """Return the text of a calibration file that `from_calibration` reads back unchanged, except for masks."""
         return toml_file.text(self.cameras)
 
 
 def _masked(camera: Camera, mask: MaskOrFile | None) -> Camera:
-    """The camera with a mask from a file or an array; as it is where there is none."""
+    """Return the camera with a mask from a file or an array; unchanged without one."""
     if mask is None:
         return camera
     if isinstance(mask, str | Path):
@@ -147,17 +147,17 @@ def _masked(camera: Camera, mask: MaskOrFile | None) -> Camera:
 
 
 def baseline_warnings(rig: StereoRig | MonoRig) -> list[str]:
-    """Return questions about a baseline that is probably not in metres: one, or none."""
+    """Return at most one question, about a baseline that is probably not in metres."""
     low_m, high_m = SETTINGS.usual_baseline_m
     if isinstance(rig, MonoRig) or low_m <= rig.baseline_m <= high_m:
         return []
     unit = "millimetres" if rig.baseline_m > high_m else "another unit"
     question = f"the baseline of the calibration is {rig.baseline_m:.4g} m: are these {unit}?"
-    return [f"{question} Lengths must be in metres, and all estimated lengths follow from it"]
+    return [f"{question} Lengths must be in metres, because all estimated lengths depend on the baseline"]
 
 
 def checked_pose(given: object, name: str = "right_from_left") -> Array:
-    """A pose (4, 4) in metres as an array with an exact rotation. Raises ConfigError, which calls it `name`."""
+    """Return a pose (4, 4) in metres as an array with an exact rotation. Raises ConfigError, which calls it `name`."""
     wanted = f"{name} must be a 4×4 pose in metres"
     try:
         pose: Array = np.array(given, dtype=float)
@@ -165,7 +165,7 @@ def checked_pose(given: object, name: str = "right_from_left") -> Array:
         raise ConfigError(
             f"{wanted}, got {short(given, 120)}; of rotation and translation it is [[R, t], [0, 1]]"
         ) from None
-    if pose.shape != (4, 4) or not (np.abs(pose) < 1e6).all():  # metres; more is a damaged file, and so is NaN
+    if pose.shape != (4, 4) or not (np.abs(pose) < 1e6).all():  # metres; larger values and NaN mean a damaged file
         raise ConfigError(f"{wanted}, got {pose.tolist()}")
     if not np.allclose(pose[3], (0, 0, 0, 1)):
         turned = "; it is transposed" if np.allclose(pose[:, 3], (0, 0, 0, 1)) else ""
@@ -177,5 +177,5 @@ def checked_pose(given: object, name: str = "right_from_left") -> Array:
 
 def checked_paths(calibration: Where) -> list[Path]:
     """Return the absolute paths of a calibration for other processes. Raises ConfigError, once for all logs."""
-    StereoRig.from_calibration(calibration, image_size=(1000, 1000))  # pixels: any will do
+    StereoRig.from_calibration(calibration, image_size=(1000, 1000))  # pixels: any size will do
     return [Path(p).resolve() for p in ([calibration] if isinstance(calibration, str | Path) else calibration)]

@@ -1,4 +1,4 @@
-"""What all sections of the settings are: frozen, checked when they are made, each setting with its meaning and ends."""
+"""The base of all sections of settings: frozen and checked, each setting with its meaning and bounds."""
 
 from functools import cache
 
@@ -11,12 +11,12 @@ from ..wording import expected
 
 
 def number(description: str, least: float, most: float) -> Meta:
-    """What a number means, and its ends, which are accepted."""
+    """Return the meaning of a number and its bounds, which are inclusive."""
     return Meta(description=description, ge=least, le=most)
 
 
 def expert(description: str, least: float | None = None, most: float | None = None) -> Meta:
-    """The same of a setting that few runs need, which is printed in a section such as [expert.frontend]."""
+    """Return the same for a setting that few runs need, printed in a section such as [expert.frontend]."""
     return Meta(description=description, ge=least, le=most, extra={"expert": True})
 
 

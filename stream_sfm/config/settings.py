@@ -51,12 +51,12 @@ class Config(Section, frozen=True, kw_only=True):
             raise ConfigError(f"method {self.method} needs two cameras: with mono the method is cross-frame")
 
     def masked(self, rig: Rig) -> Rig:
-        """Return a StereoRig or MonoRig with the masks that are set here. Raises ConfigError where they do not fit."""
+        """Return a StereoRig or MonoRig with the masks of this configuration. Raises ConfigError if they do not fit."""
         if not (self.mask_left or self.mask_right):
             return rig
         return rig.masked(self.mask_left or None, self.mask_right or None)
 
     def needs_scale(self, what: str) -> None:
-        """Raise a ConfigError if `what` is to be done with one camera."""
+        """Raise a ConfigError if `what` was requested with one camera."""
         if self.mono:
             raise ConfigError(f"{what} needs two cameras: leave mono out of the configuration")

@@ -47,7 +47,7 @@ def read_config(path: str | Path | None, overrides: list[str] | tuple[str, ...] 
 
 
 def _merge(expert: dict[str, Any], data: dict[str, Any], path: str, where: str) -> None:
-    """Add the settings of sections such as [expert.frontend] to [frontend], which may be there as well."""
+    """Add the settings of sections such as [expert.frontend] to [frontend], which may also be present."""
     for key, value in expert.items():
         known = data.get(key)
         if isinstance(value, dict) and isinstance(known, dict):
@@ -59,7 +59,7 @@ def _merge(expert: dict[str, Any], data: dict[str, Any], path: str, where: str) 
 
 
 def _apply(override: str, data: dict[str, Any]) -> None:
-    """Set what an override such as `window.frames=12` says in the content of a TOML file."""
+    """Apply an override such as `window.frames=12` to the content of a TOML file."""
     key, sign, text = override.partition("=")
     if not sign:
         raise ConfigError(f"setting {override!r} has no value: write KEY=VALUE, for example window.frames=12")
@@ -87,7 +87,7 @@ def config_to_toml(config: Config, expert: bool = True) -> str:
     """
     lines = ["# stream_sfm configuration; every setting may be left out"]
     if not expert:
-        lines.append("# settings that few runs need are left out; they have sections such as [expert.frontend]")
+        lines.append("# settings that few runs need are omitted; they are in sections such as [expert.frontend]")
     for name, section in _sections(config):
         metas = _keys(type(section))
         plain = [key for key, meta in metas.items() if not (meta.extra or {}).get("expert")]
@@ -101,7 +101,7 @@ def config_to_toml(config: Config, expert: bool = True) -> str:
 
 
 def _sections(section: Section, name: str = "") -> Iterator[tuple[str, Section]]:
-    """Names and sections; the first has no name: settings in none."""
+    """Return names and sections; the first has no name and holds the settings outside any section."""
     yield name, section
     for key in section.__struct_fields__:
         if isinstance(value := getattr(section, key), Section):
@@ -110,7 +110,7 @@ def _sections(section: Section, name: str = "") -> Iterator[tuple[str, Section]]
 
 @cache
 def _keys(kind: type[Section]) -> dict[str, Meta]:
-    """The settings of a kind of section, without its own sections."""
+    """Return the settings of a kind of section, without its subsections."""
     hints = get_type_hints(kind, include_extras=True)
     return {key: hint.__metadata__[0] for key, hint in hints.items() if get_origin(hint) is Annotated}
 
@@ -119,7 +119,7 @@ def _section_lines(name: str, section: Section, keys: list[str]) -> list[str]:
     if not keys:
         return []
     metas = _keys(type(section))
-    purpose = (type(section).__doc__ or "").partition("\n")[0]  # empty where Python has removed docstrings (-OO)
+    purpose = (type(section).__doc__ or "").partition("\n")[0]  # empty if Python has removed docstrings (-OO)
     lines = ["", f"[{name}]  # {purpose}"] if name else []
     for key in keys:
         lines += [f"# {metas[key].description}", f"{key} = {json.dumps(getattr(section, key), ensure_ascii=False)}"]

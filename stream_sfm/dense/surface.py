@@ -121,7 +121,7 @@ def surface(
     `frame` counts the selected frames, from 0; its surface is in axes of its left camera, a fused one in the world.
     `left`, `right`, `calibration`: as in `open_log`. `sinks` take the estimates of a fused surface, and are closed at
     the end. Lost frames are left out; where the log breaks off, or on Ctrl-C, the surface is that of the frames so far.
-    Raises ConfigError where there is no such frame, LogError where no frame could be read or none shows a surface.
+    Raises ConfigError where there is no such frame, LogError if no frame could be read or none shows a surface.
     """
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration)
@@ -133,7 +133,7 @@ def surface(
 
 
 def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Selection | None) -> Surface:
-    """The surface that one frame shows, in the axes of its physical left camera."""
+    """Return the surface that one frame shows, in the axes of its physical left camera."""
     read, frame = 0, None
     for read, frame in enumerate(islice(log.frames(selection), number + 1), 1):  # noqa: B007 the last one counts
         pass
@@ -151,7 +151,7 @@ def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Select
 
 
 def _of_all_frames(log: StereoLog, config: Config, selection: Selection | None, sinks: Sequence[Sink]) -> Surface:
-    """The surface that all selected frames show, in the world frame: as far as the log goes, or until Ctrl-C."""
+    """Return the surface that all selected frames show, in the world frame: as far as the log goes, or until Ctrl-C."""
     with one_thread:
         observer = Observer(log.stereo_rig, config)
         lane = Lane(config, observer, None, None)

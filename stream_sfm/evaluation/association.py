@@ -74,7 +74,7 @@ def truth_of_frames(stamps_ns: NDArray[np.int64], truth: Trajectory) -> Array:
 
 
 def checked_ranges(ranges: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Return the ranges [first, end) of frames. Raises ConfigError where one of them is not a range."""
+    """Return the ranges [first, end) of frames. Raises ConfigError if one of them is not a range."""
     for given in ranges:
         if len(given) != 2 or not all(isinstance(n, int) for n in given) or not 0 <= given[0] < given[1]:
             raise ConfigError(f"{given!r} is not a range of frames: give (first, end) with 0 <= first < end")

@@ -1,8 +1,8 @@
-"""Errors that all methods share against the truth: a turn of its first pose, a turn of the axes, a factor of lengths.
+"""Errors that all methods share relative to the truth: a rotation of its first pose, a rotation of axes, and scale.
 
-A truth that begins with a wrong heading or belongs to other axes than the camera's, or a baseline that is off, makes
-every method err alike, and beside that nothing can be seen of what distinguishes them. So these are fitted to all
-methods together, and taken out. A statement needs evidence from parts: ten blocks of the log must agree on it.
+A truth with a wrong initial heading or in other axes than the camera's, or a wrong baseline, gives every method the
+same error, which hides the differences between methods. These errors are therefore fitted to all methods together and
+removed. This takes evidence from parts: ten blocks of the log must agree.
 """
 
 from collections.abc import Sequence
@@ -18,10 +18,10 @@ from .settings import SETTINGS
 
 
 class Common(NamedTuple):
-    """What all methods share; an error that does not differ from zero by its σ is zero.
+    """The errors that all methods share; an insignificant error is zero.
 
-    The camera's axes are those of the truth turned by `turn_rad` (3,); lengths are 1 + `scale` times the true ones;
-    the world is that of the truth turned by `start_rad` (3,) about its first position.
+    The axes of the camera are those of the truth turned by `turn_rad` (3,); lengths are 1 + `scale` times the true
+    ones; the world is that of the truth turned by `start_rad` (3,) about its first position.
     """
 
     turn_rad: Array
@@ -34,7 +34,7 @@ class Common(NamedTuple):
         return bool(self.turn_rad.any() or self.scale or self.start_rad.any())
 
     def applied(self, truth: Array) -> Array:
-        """Return the truth (n, 4, 4) with these errors, which begins with the identity; NaN stay NaN."""
+        """Return the truth (n, 4, 4), which begins with the identity, with these errors added; NaN stay NaN."""
         known = np.flatnonzero(known_frames(truth))
         if not self.any or not len(known):
             return truth
@@ -46,7 +46,7 @@ class Common(NamedTuple):
         return moved
 
     def in_words(self) -> str:
-        """Say what all methods share; empty where that is nothing."""
+        """Say which errors all methods share; empty if there are none."""
         start, turn = (float(np.degrees(np.linalg.norm(rad))) for rad in (self.start_rad, self.turn_rad))
         length = f"lengths that are {100 * abs(self.scale):.2g} % too {'long' if self.scale > 0 else 'short'}"
         found = [
@@ -63,7 +63,7 @@ NONE = Common(np.zeros(3), 0.0, np.zeros(3))
 def common_errors(methods: Sequence[Array], truth: Array) -> Common:
     """Return what all methods' poses (n, 4, 4) have in common against the truth (n, 4, 4).
 
-    Only what reduces the errors of every method, those of motions or those of positions.
+    Only corrections that reduce the errors of every method, of motions or of positions, are kept.
     """
     span = max(1, int(known_frames(truth).sum()) // (2 * SETTINGS.blocks))
     known = np.logical_and.reduce([known_frames(poses) for poses in (truth, *methods)])
@@ -75,7 +75,7 @@ def common_errors(methods: Sequence[Array], truth: Array) -> Common:
 
 
 def _of_motions(methods: Sequence[Array], truth: Array, rows: NDArray[np.intp], span: int) -> Common:
-    """Return turn of the axes and scale, by the motions from `rows` over a span: Gauss-Newton from nothing."""
+    """Return rotation of the axes and scale from the motions from `rows` over a span: Gauss-Newton from zero."""
     estimated = [se3.inverse(poses[rows]) @ poses[rows + span] for poses in methods]
     x, var = np.zeros(4), np.zeros((4, 4))
     for _ in range(SETTINGS.fits):
@@ -101,9 +101,9 @@ def _of_motions(methods: Sequence[Array], truth: Array, rows: NDArray[np.intp], 
 
 
 def _with_start(common: Common, methods: Sequence[Array], truth: Array, rows: NDArray[np.intp]) -> Common:
-    """Return the same with the turn of the first true pose, by the positions in `rows` as seen from the first one.
+    """Add the rotation of the first true pose, from the positions in `rows` relative to the first one.
 
-    Such a turn is in all rotations, too. Where these say otherwise, it is the drift of the methods.
+    Such a rotation also appears in all attitudes. If these disagree, it is drift of the methods.
     """
     moved = common.applied(truth)
     true, *estimated = (se3.inverse(poses[rows[0]]) @ poses[rows] for poses in (moved, *methods))
@@ -128,7 +128,7 @@ def _with_start(common: Common, methods: Sequence[Array], truth: Array, rows: ND
 
 
 def _certain(x: Array, var: Array) -> bool:
-    """Whether x (3,) is not zero, by its covariance."""
+    """Whether x (3,) differs significantly from zero, by its covariance."""
     size = float(np.linalg.norm(x))
     return size > 0 and size**2 > CERTAIN**2 * float(x @ var @ x) / size**2
 
@@ -136,7 +136,8 @@ def _certain(x: Array, var: Array) -> bool:
 def _fitted(by_error: Array, apart: Array) -> tuple[Array, Array]:
     """Return the least-squares errors (m,) of `apart` (n, k) by `by_error` (n, k, m), and their covariance (m, m).
 
-    The covariance is that of leaving out one block each. What is not known, as a turn about the only motion, is 0.
+    The covariance comes from leaving out one block each. Unobservable errors, as a turn about the only motion, are
+    0.
     """
     blocks = np.array_split(np.arange(len(apart)), SETTINGS.blocks)
     normals = np.stack([np.einsum("nij,nik->jk", by_error[b], by_error[b]) for b in blocks])

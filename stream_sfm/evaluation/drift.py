@@ -1,7 +1,7 @@
-"""How errors of relative motions grow with the span, of several methods: the curves, and over some spans their ratios.
+"""How errors of relative motions grow with the span, for several methods: curves, and ratios over some spans.
 
-Errors are those against the truth, or where there is none, or where it errs more than the methods differ, half of what
-estimates from two halves of the tracks are apart: each half has twice the variance of the whole.
+Errors are measured against the truth. Without a truth, or if its errors exceed the differences of the methods, they are
+half the difference of estimates from two halves of the tracks: each half has twice the variance of the whole.
 """
 
 from collections.abc import Mapping
@@ -20,9 +20,9 @@ KINDS = ("position", "rotation")
 
 @record
 class Compared:
-    """Poses (n, 4, 4) of one method, and what they are compared with (n, 4, 4): NaN where one of them is not known.
+    """Poses (n, 4, 4) of one method and their reference (n, 4, 4): NaN where one of them is unknown.
 
-    `share`: of their difference, which is the error.
+    `share`: the share of their difference that is the error.
     """
 
     poses: Array
@@ -31,24 +31,24 @@ class Compared:
 
     @classmethod
     def of_halves(cls, halves: Array) -> "Compared":
-        """The poses (2, n, 4, 4) of two halves."""
+        """Return the poses (2, n, 4, 4) of two halves."""
         return cls(halves[0], halves[1], SETTINGS.of_halves)
 
     def until(self, frames: int) -> "Compared":
-        """The same of more frames, of the last of which nothing is known."""
+        """Return the same for more frames, the last of which are unknown."""
         more = np.full((frames - len(self.truth), 4, 4), np.nan)
         return Compared(np.concatenate([self.poses, more]), np.concatenate([self.truth, more]), self.share)
 
     def errors(self, span: int) -> tuple[Array, Array]:
-        """Errors of position (m) and of rotation (rad) over a span, (n − span,) each."""
+        """Return errors of position (m) and rotation (rad) over a span, (n − span,) each."""
         position, rotation = relative_errors(self.poses, self.truth, span)
         return self.share * position, self.share * rotation
 
 
 def errors_over(span: int, methods: Mapping[str, Compared]) -> dict[str, Array]:
-    """Errors of position (m) and rotation (rad), (2, n) of each method, of the same motions: NaN where one has none.
+    """Return errors of position (m) and rotation (rad), (2, n) per method, of the same motions: NaN where one has none.
 
-    A method that knows less than half of the motions, as one that failed early, takes none from the others.
+    A method with less than half of the motions, such as one that failed early, removes none from the others.
     """
     if not methods:
         return {}
@@ -76,9 +76,9 @@ def curves(methods: Mapping[str, Compared]) -> dict[str, Any]:
 def table(
     methods: Mapping[str, Compared], reference: str, of_halves: Mapping[str, Compared] | None = None
 ) -> list[dict[str, Any]]:
-    """Return for each of the `SPANS` that fit four times into the log what the methods err, and over the reference.
+    """Return errors and ratios to the reference for each of the `SPANS` that fit four times into the log.
 
-    Where a method and the reference are too close together for the truth to tell, their ratio is that of `of_halves`.
+    If the truth cannot separate a method from the reference, their ratio comes from `of_halves`.
     """
     longest = max((len(m.truth) for m in methods.values()), default=0) // 4
     return [_line(span, methods, reference, of_halves or {}) for span in SPANS if span <= longest]
@@ -87,7 +87,7 @@ def table(
 def _line(
     span: int, methods: Mapping[str, Compared], reference: str, of_halves: Mapping[str, Compared]
 ) -> dict[str, Any]:
-    """What the methods err over one span."""
+    """Return the errors of the methods over one span."""
     errors, errors_of_halves = errors_over(span, methods), errors_over(span, of_halves)
     line: dict[str, Any] = {"frames": span, "methods": {}}
     for name in methods:
@@ -108,9 +108,9 @@ def _line(
 
 
 def tells(method: Compared, reference: Compared, span: int) -> tuple[bool, bool]:
-    """Whether the truth can tell two methods apart over a span, in position and in rotation.
+    """Whether the truth can separate two methods over a span, in position and in rotation.
 
-    Where their difference is small against their errors, these are mostly the truth's own.
+    If their difference is small compared with their errors, these are mostly errors of the truth.
     """
     if method.share < 1:
         return True, True
@@ -123,7 +123,7 @@ def tells(method: Compared, reference: Compared, span: int) -> tuple[bool, bool]
 
 
 def of_interval(ratio: Interval | None) -> dict[str, Any] | None:
-    """A ratio as in report.json; its interval is None where there are too few blocks of frames for one."""
+    """Return a ratio as in report.json; its interval is None if there are too few blocks of frames for one."""
     if ratio is None:
         return None
     known = bool(np.isfinite(ratio.low))

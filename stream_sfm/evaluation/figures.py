@@ -1,4 +1,4 @@
-"""The figures that terminal and pages show, by their keys in summary.json and report.json: one list for both."""
+"""The figures on the terminal and on pages, by their keys in summary.json and report.json: one list for both."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -6,14 +6,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-NEES_INTERVAL = (1.24, 14.45)  # 95 % of one pose, 6 expected: poses of a log share their errors and say hardly more
+NEES_INTERVAL = (1.24, 14.45)  # 95 % of one pose, 6 expected: poses of a log share their errors
 ERRORS, STRUCTURE = "errors", "structure"  # families of lengths, whose unit depends on their size
 
 
 class Figure(NamedTuple):
     """A figure by its key.
 
-    `unit`: of a family of lengths the unit is chosen when it is shown; `best`: whether the smallest value is marked;
+    `unit`: for a family of lengths, the unit is chosen on display; `best`: whether the smallest value is marked;
     `expected`: values above this range are marked.
     """
 
@@ -31,12 +31,12 @@ ACCURACY = (
     Figure("r_rel_deg_per_100m", "r_rel", "°/100 m", best=True),
 )
 CONSISTENCY = (Figure("nees_pose_mean", "NEES", "6 expected", expected=NEES_INTERVAL),)
-# Of a comparison, where errors that all methods share are taken out.
+# Figures of a comparison, without the errors that all methods share.
 CONSISTENCY_COMPARED = (
     Figure("nees_pose_mean_without_common", "NEES", "6 expected", expected=NEES_INTERVAL),
     Figure("nees_pose_mean", "NEES, with what all share", "6 expected"),
 )
-# Where the truth errs more than the methods differ.
+# Figures if the errors of the truth exceed the differences of the methods.
 CONSISTENCY_UNTOLD = (
     Figure("sigma_factor", "σ would have to grow by", "from halves of the tracks"),
     Figure("nees_pose_mean_without_common", "NEES, of the truth's errors", "6 expected"),
@@ -71,7 +71,7 @@ OF_COMPARISON = (
 
 
 class LengthUnit(NamedTuple):
-    """A unit of length: its name, and how many of them are a metre."""
+    """A unit of length: its name, and how many of it make a metre."""
 
     name: str
     per_m: float
@@ -81,13 +81,13 @@ METRES, MILLIMETRES = LengthUnit("m", 1.0), LengthUnit("mm", 1e3)
 
 
 def unit_for(*lengths_m: ArrayLike) -> LengthUnit:
-    """Millimetres where all of a family of lengths that are known are below a metre, else metres."""
+    """Return millimetres if all known lengths of a family are below a metre, else metres."""
     known = np.concatenate([np.empty(0), *(np.asarray(x, float).ravel() for x in lengths_m)])
     return METRES if (abs(known) >= 1).any() else MILLIMETRES
 
 
 def units_of(runs: Sequence[Mapping[str, Any]], figures: Sequence[Figure]) -> dict[str, LengthUnit]:
-    """The unit of each family of lengths among the figures of some runs, the same wherever they are shown."""
+    """Return the unit of each family of lengths among the figures of some runs, the same wherever they are shown."""
     return {
         family: unit_for(
             [x for run in runs for f in figures if f.unit == family and (x := run.get(f.key)) is not None]
@@ -97,6 +97,6 @@ def units_of(runs: Sequence[Mapping[str, Any]], figures: Sequence[Figure]) -> di
 
 
 def number_text(value: float, factor: float = 1.0) -> str:
-    """A number with three significant digits, or all before the point; the minus is that of a keyboard."""
+    """Return a number with three significant digits, or all before the point; the minus is that of a keyboard."""
     x = factor * value
     return (f"{x:.0f}" if 1000 <= abs(x) < 1e6 else f"{x:#.3g}").rstrip(".")

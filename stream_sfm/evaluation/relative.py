@@ -1,9 +1,9 @@
 """Errors of relative motions over spans of frames, eq. (57): RPE, its growth with the span, ratios between methods.
 
-Every frame is the start of a span, so that no figure depends on a single end point. Spans overlap and errors differ in
-size from one part of a log to another; intervals therefore come from contiguous blocks, each at least twice as long as
-the longest span (docs/mathematics.md, section 10). Frames without a truth are NaN, and no span begins or ends there.
-Under equal methods intervals exclude equality as often as they say; `tests/evaluation/test_relative.py`.
+Every frame starts a span, so that no figure depends on a single end point. Spans overlap, and the size of errors varies
+along a log; intervals therefore come from contiguous blocks, each at least twice as long as the longest span
+(docs/mathematics.md, section 10). Frames without a truth are NaN, and no span begins or ends there. For equal methods,
+intervals exclude equality as rarely as they should (`tests/evaluation/test_relative.py`).
 """
 
 from collections.abc import Callable
@@ -50,14 +50,14 @@ def relative_errors(estimate: Array, truth: Array, span: int) -> tuple[Array, Ar
 
 
 def spans_up_to(longest: int) -> list[int]:
-    """Return spans from one frame to the longest, evenly spaced in the logarithm."""
+    """Return logarithmically spaced spans from one frame to the longest."""
     return sorted({round(s) for s in np.geomspace(1, longest, SETTINGS.most_spans)}) if longest else []
 
 
 def tested_spans(frames: int) -> list[int]:
-    """Return the spans for figures with intervals, from 1 to a twentieth of the frames, so that there are many.
+    """Return the spans for figures with intervals, from 1 to a twentieth of the frames, so that there are many of each.
 
-    The longest one fits twice into a block, so that few spans reach from one block into the next.
+    The longest one fits twice into a block, so that few spans cross from one block into the next.
     """
     return spans_up_to(frames // (2 * SETTINGS.blocks))
 
@@ -65,7 +65,7 @@ def tested_spans(frames: int) -> list[int]:
 def band(errors: Array) -> Interval:
     """Return the RMS of errors (n,) over one span with its 95 % interval, NaN where that is not known.
 
-    Of this log's errors, as if their size were everywhere the same: a band for a chart. It does not tell methods apart.
+    The band, for a chart, assumes that errors have the same size along the log. It cannot separate methods.
     """
     squares = errors[np.isfinite(errors)] ** 2
     if not squares.any():
@@ -79,10 +79,10 @@ def band(errors: Array) -> Interval:
 
 
 def span_ratio(mine: Array, theirs: Array, span: int) -> Interval | None:
-    """Return the ratio of the RMS errors (n,) of two methods over one span; None where one has none.
+    """Return the ratio of the RMS errors (n,) of two methods over one span; None if one has none.
 
-    The interval, as that of `paired_ratio`, is of blocks that share no motion, and NaN where these are too few. It lies
-    about the ratio of all spans, which are more than those within blocks.
+    As in `paired_ratio`, the interval comes from blocks that share no motion; it is NaN if these are too few. It is
+    centred on the ratio of all spans, which are more than those within blocks.
     """
     known = np.isfinite(mine) & np.isfinite(theirs)
     a, b = (np.where(known, x, 0.0) ** 2 for x in (mine, theirs))
@@ -103,10 +103,10 @@ def span_ratio(mine: Array, theirs: Array, span: int) -> Interval | None:
 def growth_exponents(estimate: Array, truth: Array) -> tuple[Interval, Interval] | None:
     """Return the exponents p in mean squared error ∝ frames^p; None below 60 frames or without any error.
 
-    Of position and of rotation; 1: a random walk, 2: a constant bias.
+    They are for position and rotation; 1: a random walk, 2: a constant bias.
     """
     spans = tested_spans(int(known_frames(truth).sum()))
-    if len(spans) < 3:  # two points are always on a line
+    if len(spans) < 3:  # two points always lie on a line
         return None
     pairs = [relative_errors(estimate, truth, s) for s in spans]
     if any(not np.nansum(p) or not np.nansum(r) for p, r in pairs):
@@ -146,19 +146,19 @@ def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Interva
 
 
 def _in_blocks(squares: Array, span: int, edges: NDArray[np.intp]) -> Array:
-    """Return the sum of squared errors of the spans within each block (blocks,); NaN count nothing."""
+    """Return the sum of squared errors of the spans within each block (blocks,), without NaN."""
     return np.array([np.nansum(squares[first : last - span + 1]) for first, last in pairwise(edges)])
 
 
 def _exchange_ratio(mine: Array, theirs: Array, confidence: float) -> Interval:
     """Return the ratio of RMS errors from their squares (spans, blocks), with the interval of an exchange test.
 
-    If the methods were equal but for a factor, each block of one could be exchanged with that of the other, however
-    large the errors in it. The interval contains the factors for which the observed ratio is not among the most extreme
+    If the methods are equal except for a factor, each block of one can be exchanged with that of the other, however
+    large its errors. The interval contains the factors for which the observed ratio is not among the most extreme
     of all exchanges.
     """
     blocks = mine.shape[1]
-    # Which blocks are exchanged (blocks, exchanges): none at first, and never the last, as only the size of a ratio
+    # The exchanged blocks (blocks, exchanges): none at first, and never the last block, as only the size of a ratio
     # counts.
     exchanges = (np.arange(2 ** (blocks - 1)) >> np.arange(blocks)[:, None] & 1).astype(float)
     kept, swapped = (np.stack([mine, theirs]) @ swaps for swaps in (1.0 - exchanges, exchanges))
@@ -196,11 +196,11 @@ def _jackknife(squares: Array) -> tuple[Array, Array]:
 def _interval(estimates: Array, shares: Array) -> Interval:
     """Return the value and the ends of its interval, from the estimate of all blocks and those without one block each.
 
-    Neighbouring blocks share the spans that reach from one into the next, so their covariance is counted where it is
-    positive. The interval is that of Student's t: blocks are few, and the fewer, the more of the error (`shares`) is
-    in some of them.
+    Neighbouring blocks share the spans that cross from one into the next, so their covariance is added if it is
+    positive. The interval is that of Student's t, as blocks are few, and effectively fewer the more of the error
+    (`shares`) is in some of them.
     """
-    from scipy.special import stdtrit  # here, as a replay needs no SciPy, which takes a while to import
+    from scipy.special import stdtrit  # late, as a replay does not need SciPy, which is slow to import
 
     value, off = estimates[0], estimates[1:] - estimates[1:].mean()
     neighbours = max(float(off[1:] @ off[:-1]), 0.0)

@@ -1,7 +1,7 @@
-"""Consistency of relative motions: by which factor their σ would have to change, over which spans, eq. (75).
+"""Consistency of relative motions: the factor by which their σ would have to change, for each span, eq. (75).
 
-The error of a pose in the world contains all drift since the start; that of a relative motion depends on its own frames
-only. It is compared with its covariance: against ground truth, which has its own σ, or without any truth between
+The error of a pose in the world contains all drift since the start; that of a relative motion depends only on its own
+frames. It is compared with its covariance, either against ground truth, which has its own σ, or without truth between
 estimates from disjoint parts of the observations (`run/self_test.py`).
 """
 
@@ -18,10 +18,10 @@ from ..types import FrameEstimate, Trajectory
 from .association import matched
 
 SPANS = (1, 2, 5, 8, 10, 20, 50, 100)
-OF_WINDOW = SPANS[:4]  # frames that the window's own covariance reaches
-_CHAINED = 20, 40  # composed of these once, of which longer spans are
+OF_WINDOW = SPANS[:4]  # frames within the window and its covariance
+_CHAINED = 20, 40  # composed of these; longer spans are composed of them
 _UPPER = np.triu_indices(6)
-_NUMBERS = 6 + len(_UPPER[0])  # of a motion and its covariance
+_NUMBERS = 6 + len(_UPPER[0])  # numbers of a motion and its covariance
 _LONGEST = max(SPANS)
 
 
@@ -34,18 +34,18 @@ class Motions(NamedTuple):
 
 
 class RelativeRecord:
-    """A sink's memory of relative motions: some 1700 bytes per frame, and more of the last hundred.
+    """Collects relative motions: some 1700 bytes per frame, and more for the last hundred.
 
-    `stamps_ns`, `frame_indices`: of all frames; some indices are missing where a file was damaged.
+    `stamps_ns`, `frame_indices`: of all frames; some indices are missing if a file was damaged.
     """
 
     def __init__(self) -> None:
         self.stamps_ns, self.frame_indices = array("q"), array("q")
-        self._numbers = array("d")  # of each frame: a row per span, NaN where there is no motion
-        self._recent: dict[int, dict[int, Motion | None]] = {}  # of the window, by the frame of the end and by span
+        self._numbers = array("d")  # per frame: a row per span, NaN without a motion
+        self._recent: dict[int, dict[int, Motion | None]] = {}  # those of the window, by end frame and span
 
     def add(self, estimate: FrameEstimate) -> None:
-        """Remember the motions of one estimate; where a span is longer than the window, composed of the window's."""
+        """Add the motions of one estimate; over spans longer than the window, motions of the window are composed."""
         end = estimate.frame_index
         self.stamps_ns.append(estimate.stamp_ns)
         self.frame_indices.append(end)
@@ -61,7 +61,7 @@ class RelativeRecord:
         self._numbers.frombytes(numbers.tobytes())
 
     def _over(self, span: int, end: int) -> Motion | None:
-        """Return the motion over a span, of as few motions of the window as possible; None where one is missing."""
+        """Return the motion over a span, composed of as few motions as possible; None if one is missing."""
         motion = None
         for piece in reversed((*OF_WINDOW, *_CHAINED)):
             while span >= piece and piece in self._recent.get(end, {}):
@@ -87,7 +87,7 @@ def against_truth(
     """Return the factors over all spans with a truth at both ends; `std_truth`: its own σ in m and rad."""
     stamps_ns, indices = (np.array(x, np.int64) for x in (record.stamps_ns, record.frame_indices))
     rows, true = matched(Trajectory(stamps_ns, np.broadcast_to(np.eye(4), (len(stamps_ns), 4, 4))), truth)
-    at = np.full(indices.max(initial=-1) + 1, -1)  # rows of the truth, by the index of the frame
+    at = np.full(indices.max(initial=-1) + 1, -1)  # rows of the truth by frame index
     at[indices[rows]] = np.arange(len(rows))
     cov_truth = 2 * np.diag(np.repeat(np.square(std_truth), 3))
     result = []
@@ -104,7 +104,8 @@ def against_truth(
 
 
 def factors(error: Array, cov: Array, poses: Array) -> dict[str, Any]:
-    """Return by which factor σ would have to change: altogether, of the length, and per axis (translation first).
+    """Return the factors by which σ would have to change: overall, for the length, and per axis (translation
+    first).
 
     `error` (n, 6) and `cov` (n, 6, 6) are of the perturbation on the right of `poses` (n, 4, 4).
     """

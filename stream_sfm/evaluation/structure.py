@@ -1,10 +1,10 @@
 """Errors of the local structure (CC) against measured or rendered depth images.
 
 Each estimated point is projected into the physical left image. Around that pixel a plane is fitted to the true
-inverse depth over 5×5 pixels (the inverse depth of a planar patch is exactly affine in the image); where the fit is off
-by more than 1 % anywhere, a depth edge is near and the point is left out. The error is the estimated depth minus the
-true depth along the same viewing ray, in metres. A depth image reveals errors along the viewing ray in full, but
-hardly any sideways error on a surface that faces the camera.
+inverse depth over 5×5 pixels (the inverse depth of a planar patch is exactly affine in the image). If the fit
+deviates by more than 1 % anywhere, a depth edge is near and the point is left out. The error is the estimated depth
+minus the true depth along the same viewing ray, in metres. A depth image shows errors along the viewing ray in
+full, but hardly any sideways error on a surface that faces the camera.
 """
 
 from array import array
@@ -43,7 +43,7 @@ class StructureErrors:
 def structure_errors(
     camera: Camera, points_in_cam: Array, cov_points: Array, true_depth_m: NDArray[np.floating]
 ) -> StructureErrors:
-    """Compare points (n, 3) with covariances (n, 3, 3) with a depth image (h, w), NaN where unknown.
+    """Compare points (n, 3) and their covariances (n, 3, 3) with a depth image (h, w), NaN where unknown.
 
     Depth is along the optical axis. Points outside the image, at depth edges or without depth around them are left out.
     """
@@ -80,7 +80,7 @@ def structure_errors(
 
 
 class StructureComparison:
-    """Keeps the depth errors of a run and their σ, eight bytes per point, but no depth images."""
+    """Collects the depth errors of a run and their σ, eight bytes per point, but no depth images."""
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
@@ -89,7 +89,7 @@ class StructureComparison:
     def add(self, estimate: FrameEstimate, true_depth_m: NDArray[np.floating] | None) -> StructureErrors | None:
         """Compare one frame with its depth image (h, w); None, and nothing is added, if they cannot be compared.
 
-        That is the case without a depth image, with one of another size than the camera's, or without any point.
+        That is the case without a depth image, with one of another size than the images, or without any point.
         """
         size = (self.camera.height, self.camera.width)
         if true_depth_m is None or true_depth_m.shape != size or len(estimate.points_in_cam) == 0:
@@ -103,8 +103,8 @@ class StructureComparison:
         """Return the figures of all points away from depth edges, NaN where nothing was compared.
 
         RMS and median depth errors in metres; RMS and median of error over estimated σ (consistent: 1 and 0.67); and
-        the percentage of points that are off by more than 3 σ (consistent: 0.27). One wrong point among thousands can
-        dominate an RMS; the median and the percentage show whether it does.
+        the percentage of points with errors of more than 3 σ (consistent: 0.27). One wrong point among thousands
+        can dominate an RMS; the median and the percentage show whether it does.
         """
         errors_m, sigmas_m = (np.abs(np.array(x, float)) for x in (self._errors_m, self._sigmas_m))
         ratios = errors_m[sigmas_m > 0] / sigmas_m[sigmas_m > 0]

@@ -10,7 +10,7 @@ from .association import check_rigid, matched
 from .relative_consistency import RelativeRecord, against_truth
 from .structure import STRUCTURE_FIGURES, StructureComparison
 
-FIGURES = (  # against ground truth, of every run
+FIGURES = (  # of every run, against ground truth
     "ate_rmse_m", "ate_rmse_aligned_m", "final_drift_percent", "t_rel_percent", "r_rel_deg_per_100m",
     "segment_lengths_m", "scale_error_percent", "nees_pose_mean", *STRUCTURE_FIGURES, "frames_compared",
 )  # fmt: skip
@@ -19,11 +19,12 @@ FIGURES = (  # against ground truth, of every run
 def evaluate(
     estimate: Trajectory, truth: Trajectory, structure: StructureComparison | None = None
 ) -> dict[str, Any]:
-    """Compute all figures against ground truth; a figure is None where it is not defined.
+    """Compute all figures against ground truth; a figure is None if it is not defined.
 
     That is the case for a short path, a camera that stands still, or a log without depth images. `frames_compared` is
-    the number of estimates that have a truth. The NEES is given only if the first frame of the estimate has a truth,
-    because covariances are relative to it. Raises LogError for a truth that is not made of rigid motions.
+    the number of estimates that have a truth. The NEES is given only if the first frame of the estimate has a
+    truth, because covariances are relative to that frame. Raises LogError if the truth is not made of rigid
+    motions.
     """
     check_rigid(truth)
     rows, true = matched(estimate, truth)
@@ -55,7 +56,7 @@ def evaluate_run(
     std_truth: tuple[float, float],
     structure: StructureComparison | None = None,
 ) -> dict[str, Any]:
-    """Compute the figures of `evaluate`, and whether the covariances of relative motions hold.
+    """Compute the figures of `evaluate`, and the consistency of the covariances of relative motions.
 
     `std_truth`: σ of the truth itself, metres and radians. Raises LogError as `evaluate`.
     """
@@ -67,7 +68,7 @@ def evaluate_unscaled(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]
     """Compute the figures of a trajectory from one camera, after an alignment that includes scale.
 
     `ate_rmse_sim3_m`, and the same in per cent of the true path, `ate_sim3_percent`; `metres_per_unit` is the scale
-    of the alignment. They are None where the camera stands still or fewer than two frames have a truth.
+    of the alignment. They are None if the camera stands still or fewer than two frames have a truth.
     """
     rows, true = matched(estimate, truth)
     e, t = estimate.world_from_cam[rows], true.world_from_cam
@@ -85,7 +86,7 @@ def _or_none(value: Any) -> Any:
 
 
 def end_pose(trajectory: Trajectory) -> dict[str, Any] | None:
-    """Return the last position and heading with their σ; None where there is no frame.
+    """Return the last position and heading with their σ; None if there is no frame.
 
     The heading is the direction of the optical axis in the plane of the first camera's x and z, from z towards x.
     """
@@ -94,7 +95,7 @@ def end_pose(trajectory: Trajectory) -> dict[str, Any] | None:
     pose, cov = trajectory.world_from_cam[-1], trajectory.cov_pose[-1]
     length_m = metrics.path_length_m(trajectory.world_from_cam)
     std_m = float(np.sqrt(np.trace(cov[:3, :3])))
-    up = pose[:3, :3].T @ (0, 1, 0)  # the axis that a change of heading turns about, in the camera
+    up = pose[:3, :3].T @ (0, 1, 0)  # the axis of a change of heading, in camera axes
     return {
         "position_m": pose[:3, 3].tolist(),
         "std_position_m": std_m,

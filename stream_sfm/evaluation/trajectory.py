@@ -21,7 +21,7 @@ def umeyama(target: Array, source: Array, with_scale: bool = False) -> tuple[flo
     """Find the scale s and rigid motion (4, 4) that minimise Σ‖target − (s·R·source + t)‖² over points (n, 3), n ≥ 1.
 
     S. Umeyama, PAMI 1991, eqs. 40–42; s = 1 without `with_scale`. Where the points do not determine the rotation
-    (on a line, or all in one place), one of the minimisers is returned; the residual is the same. The scale of a
+    (on a line, or all in one place), one of the minimisers is returned; all have the same residual. The scale of a
     source without extent is NaN.
     """
     mean_t, mean_s = target.mean(axis=0), source.mean(axis=0)
@@ -50,7 +50,7 @@ def ate_rmse_aligned_m(estimate: Array, truth: Array) -> float:
 def ate_rmse_sim3_m(estimate: Array, truth: Array) -> tuple[float, float]:
     """Return the RMS position error after the best similarity, eq. (67), and metres per unit of the estimate.
 
-    Only for one camera, which does not determine its scale.
+    This is for a single camera only, which does not determine the scale.
     """
     scale, truth_from_estimate = umeyama(truth[:, :3, 3], estimate[:, :3, 3], with_scale=True)
     return _rms(se3.transform(truth_from_estimate, scale * estimate[:, :3, 3]) - truth[:, :3, 3]), scale
@@ -112,7 +112,7 @@ def scale_error_percent(estimate: Array, truth: Array) -> float:
 
 
 class SegmentErrors(NamedTuple):
-    """Mean errors over all segments, NaN where there are none; `lengths_m`: for which there is at least one."""
+    """Mean errors over all segments, NaN if there are none; `lengths_m`: those with at least one segment."""
 
     t_rel_percent: float
     r_rel_deg_per_100m: float

@@ -39,7 +39,7 @@ def mahalanobis2(errors: Array, cov: Array) -> Array:
 
 
 def scaled_cholesky(covariance: Array) -> Array:
-    """Return L (n, n) with L Lᵀ = `covariance`, lower triangular. Raises LinAlgError where it is not definite."""
+    """Return L (n, n) with L Lᵀ = `covariance`, lower triangular. Raises LinAlgError if it is not definite."""
     scale = np.sqrt(np.diag(covariance))
     return np.asarray(scale[:, None] * np.linalg.cholesky(covariance / np.outer(scale, scale)))
 
@@ -50,7 +50,7 @@ class Cholesky:
     Only the lower triangle of A is read.
 
     With `repair`, a matrix that has lost definiteness to rounding gets the smallest diagonal increase that restores it.
-    Raises LinAlgError where A is not positive definite.
+    Raises LinAlgError if A is not positive definite.
     """
 
     def __init__(self, matrix: Array, repair: bool = True) -> None:

@@ -23,7 +23,7 @@ class DriverSamples:
         self._lock = threading.Lock()
 
     def __getstate__(self) -> list[Any]:
-        """The samples, without the lock, which belongs to this process."""
+        """Return the samples, without the lock, which belongs to this process."""
         return self._waiting
 
     def __setstate__(self, state: list[Any]) -> None:
@@ -53,7 +53,7 @@ class DriverSamples:
         return _samples_of(self._waiting.copy())
 
     def take_until(self, stamp_ns: int) -> ImuSamples | None:
-        """Return and forget the samples up to a stamp and one beyond it; None where none wait.
+        """Return and forget the samples up to a stamp and one beyond it; None if none wait.
 
         Samples beyond wait for the next frame, so that what an estimate is made from depends on stamps alone.
         """

@@ -71,7 +71,7 @@ class Upright:
 
 
 def _least_turn(up: Array) -> Array:
-    """The rotation (3, 3) by the least angle that carries a unit vector (3,) to z."""
+    """Return the rotation (3, 3) by the least angle that carries a unit vector (3,) to z."""
     sine = np.array([up[1], -up[0], 0.0])  # up × z
     length = float(np.linalg.norm(sine))
     if length < 1e-12:

@@ -67,7 +67,7 @@ class CalibrationCheck:
 
     `vertical_px`: median of left minus right row, with `vertical_spread_px`; `negative_share`: of the matches whose
     disparity is negative, as none can be where left is left. `rows_problem`: why the front-end cannot
-    work with these rows; empty where it can.
+    work with these rows; empty if it can.
     """
 
     matches: int
@@ -216,7 +216,7 @@ def calibration_findings(
 
 
 def images_of(frame: Frame) -> Images:
-    """The first and the last image of a frame of a log, which have 8 bits."""
+    """Return the first and the last image of a frame of a log, which have 8 bits."""
     images = [np.asarray(image, np.uint8) for image in frame.images]
     return images[0], images[-1]
 
@@ -271,7 +271,7 @@ class CalibrationSink:
 
 
 def stamp_warning(offset_ms: float, period_ms: float, right: str) -> str | None:
-    """What to say of stamps that differ, by the median `offset_ms`, by more than a small part of the period."""
+    """Return what to say of stamps that differ, by the median `offset_ms`, by more than a small part of the period."""
     if abs(offset_ms) <= max(_RULES.stamp_offset_ms, _RULES.stamp_offset_periods * period_ms):
         return None
     other_ms = offset_ms - np.sign(offset_ms) * period_ms

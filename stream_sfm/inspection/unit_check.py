@@ -45,9 +45,9 @@ class UnitCheck:
 
 
 def check_unit(source: Source, survey: Survey) -> UnitCheck | None:
-    """Look at the first samples of the unit that a replay would use; None where the log has none.
+    """Look at the first samples of the unit that a replay would use; None if the log has none.
 
-    Raises LogError where a topic cannot be read.
+    Raises LogError if a topic cannot be read.
     """
     topics = find_topics(survey)
     if topics is None:

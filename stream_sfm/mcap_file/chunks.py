@@ -1,4 +1,4 @@
-"""Decompression of chunks, of MCAP and of ROS 1 bags, whole or cut off, within the size that they declare."""
+"""Decompression of chunks of MCAP and ROS 1 bags, intact or cut off, within the size that they declare."""
 
 import bz2
 from contextlib import suppress
@@ -11,24 +11,25 @@ from ..deflate import zlib
 from ..inputs import LIMITS
 from .records import CHUNK_HEAD, BrokenRecord
 
-# What a chunk may unpack to by its bytes, more than real ones do: a record of a camera's log has thousands of bytes,
-# and black images are what compresses best. What all chunks of a reading may hold beyond that is some seconds of work.
+# Limits on unpacked records and bytes per stored byte, above those of real chunks: a record in a log of a camera
+# has thousands of bytes, and black images compress best. All chunks of a reading may exceed them by some seconds of
+# work.
 _RECORDS_PER_BYTE, _FREE_RECORDS = 1, 2**20
 _BYTES_PER_BYTE, _FREE_BYTES = 1000, 2**34
 
 
 class Allowance:
-    """How many records and bytes the chunks of one reading may unpack to. Raises BrokenRecord for those beyond it."""
+    """How many records and bytes the chunks of one reading may unpack to. Raises BrokenRecord beyond that."""
 
     def __init__(self, free_bytes: int | None = None) -> None:
-        self._records_left = 0  # which the current chunk may still hold by its bytes
-        self._free_records = _FREE_RECORDS  # of all chunks, beyond what is usual
+        self._records_left = 0  # that the current chunk may still hold
+        self._free_records = _FREE_RECORDS  # for all chunks, beyond the usual number
         self._free_bytes = _FREE_BYTES if free_bytes is None else free_bytes
 
     def begin(self, stored_bytes: int, declared_bytes: int) -> None:
-        """Begin a chunk, by its bytes as they are stored and those that it declares to unpack to."""
+        """Begin a chunk with its stored size and its declared unpacked size, bytes."""
         self._records_left = _RECORDS_PER_BYTE * stored_bytes
-        if declared_bytes > LIMITS.record_bytes:  # it will not be unpacked at all
+        if declared_bytes > LIMITS.record_bytes:  # it will not be unpacked
             return
         excess = max(declared_bytes - _BYTES_PER_BYTE * stored_bytes, 0)
         if excess > self._free_bytes:
@@ -47,9 +48,9 @@ class Allowance:
 
 
 def decompress_chunk(body: bytes, whole: bool, allowance: Allowance, verify: bool = True) -> bytes | memoryview:
-    """The records in the body of a chunk; where it is cut off (not `whole`), the bytes before the cut.
+    """Return the records in the body of a chunk; if it is cut off (not `whole`), the bytes before the cut.
 
-    `verify`: compare the checksum, where there is one and nothing is missing. Raises BrokenRecord.
+    `verify`: compare the checksum, if there is one and nothing is missing. Raises BrokenRecord.
     """
     if len(body) < CHUNK_HEAD.size:
         raise BrokenRecord("its header is cut off")
@@ -68,9 +69,9 @@ def decompress_chunk(body: bytes, whole: bool, allowance: Allowance, verify: boo
 
 
 def decompress(compression: bytes, data: bytes | memoryview, size: int, whole: bool) -> bytes | memoryview:
-    """Data of a chunk that declares to unpack to `size` bytes; of MCAP or of a ROS 1 bag, by the name it gives.
+    """Decompress a chunk of MCAP or a ROS 1 bag, with a declared `size` and a named compression.
 
-    Raises BrokenRecord; where the chunk is not `whole`, fewer bytes are no error.
+    Raises BrokenRecord; if the chunk is not `whole`, fewer bytes are not an error.
     """
     if size > LIMITS.record_bytes:
         raise BrokenRecord(f"it declares {size / 2**20:.0f} MiB, over {LIMITS.record_bytes / 2**20:.0f} MiB")
@@ -98,7 +99,7 @@ def _decompress_zstd(data: bytes | memoryview, size: int, whole: bool) -> bytes:
         if whole:
             return reader.read(size) if size else b""
         parts: list[Any] = []
-        with suppress(zstandard.ZstdError):  # little at a time, so that what comes before the cut is kept
+        with suppress(zstandard.ZstdError):  # in small steps, so that everything before the cut is kept
             while size > 0 and (part := reader.read(min(size, 2**14))):
                 parts.append(part)
                 size -= len(part)

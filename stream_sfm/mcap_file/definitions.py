@@ -1,6 +1,6 @@
 """The schemas and channels that a file declares, within the memory that a real recording can need.
 
-They are kept while a file is read, and a compressed chunk of some kilobytes can hold a hundred megabytes of them.
+They are kept while a file is read, and a compressed chunk of a few kilobytes can hold a hundred megabytes of them.
 """
 
 from copy import copy
@@ -25,16 +25,16 @@ class Definitions:
         self._bytes = 0
 
     def copy(self) -> "Definitions":
-        """A copy with dictionaries of its own."""
+        """Return a copy with its own dictionaries."""
         other = copy(self)
         other.schemas, other.channels, other._described = dict(self.schemas), dict(self.channels), {}
         return other
 
     def add(self, opcode: int, body: bytes | memoryview, replace: bool = True) -> None:
-        """Add the schema or channel of one record; one that is present already costs no memory.
+        """Add the schema or channel of one record; a known one costs no memory.
 
-        Raises BrokenRecord where it is damaged or, without `replace`, differs from one of the same number, and
-        RecordTooLarge where it exceeds the limits.
+        Raises BrokenRecord if it is damaged or, without `replace`, differs from one of the same number, and
+        RecordTooLarge if it exceeds the limits.
         """
         if len(body) > LIMITS.definition_bytes:
             raise RecordTooLarge(f"a schema or channel of {len(body) / 2**20:.0f} MiB")
@@ -51,7 +51,7 @@ class Definitions:
         known[record.id] = record
 
     def channel(self, channel_id: int) -> Channel:
-        """A channel with its schema; the same object as long as neither is described anew."""
+        """Return a channel with its schema; the same object as long as neither changes."""
         found = self.channels[channel_id]
         schema = self.schemas.get(found.schema_id)
         known = self._described.get(channel_id)
@@ -62,6 +62,6 @@ class Definitions:
         return known[2]
 
     def add_missing(self, others: "Definitions") -> None:
-        """Add those of other definitions whose numbers are not taken; they have been charged there."""
+        """Add other definitions with unused numbers; their memory is already counted there."""
         self.schemas = others.schemas | self.schemas
         self.channels = others.channels | self.channels

@@ -1,4 +1,4 @@
-"""The summary section at the end of an MCAP file, used as far as it can be verified."""
+"""The summary section at the end of an MCAP file, as far as it can be verified."""
 
 import os
 import struct
@@ -23,9 +23,9 @@ _CHUNK_HEAD = struct.Struct("<QQQ")  # first and last log time, uncompressed siz
 class Index:
     """The content of the summary: schemas and channels, message counts by channel id, the span of log times.
 
-    `counts` is empty where the summary does not tell. `chunk_channels`: offset of each chunk, ascending -> ids of the
-    channels in it (None: unknown). It lists only chunks that lie where the index says, and none where skipping one
-    would be unsafe: there is no checksum, or there are more chunks than any recording has.
+    `counts` is empty if the summary has none. `chunk_channels`: offset of each chunk, ascending -> ids of the
+    channels in it (None: unknown). It lists only chunks at their indexed places, and none if skipping one would be
+    unsafe: without a checksum, or with more chunks than any recording has.
     """
 
     definitions: Definitions
@@ -38,9 +38,9 @@ class Index:
 
 
 def read_index(stream: IO[bytes], damage: Damage) -> Index | None:
-    """Read the summary; None where the file has none, or one at a wrong place, which is added to `damage`.
+    """Read the summary; None if the file has none, or one at a wrong place, which is added to `damage`.
 
-    Raises BrokenRecord where it cannot be trusted.
+    Raises BrokenRecord if it cannot be trusted.
     """
     size = os.fstat(stream.fileno()).st_size
     tail = RECORD_HEAD.size + _FOOTER_BYTES + len(MAGIC)
@@ -83,7 +83,7 @@ def _parse(summary: bytes, stream: IO[bytes], size: int, checksummed: bool, dama
             chunk.message_index_offsets = {}
     schemas, channels = definitions.schemas, definitions.channels
     if not channels or statistics is None:
-        return None  # allowed by the specification, but of no use
+        return None  # allowed by the specification, but useless
     counts = dict(statistics.channel_message_counts)
     if any(c.schema_id and c.schema_id not in schemas for c in channels.values()):
         raise BrokenRecord("a channel's schema is missing")
@@ -102,7 +102,7 @@ def _parse(summary: bytes, stream: IO[bytes], size: int, checksummed: bool, dama
 
 
 def _has_chunk(stream: IO[bytes], size: int, chunk: ChunkIndex) -> bool:
-    """Whether the chunk of an index entry begins where it says."""
+    """Whether the chunk of an index entry begins at its indexed place."""
     length, offset = chunk.chunk_length - RECORD_HEAD.size, chunk.chunk_start_offset
     if length < _CHUNK_HEAD.size or not 0 < offset <= size - chunk.chunk_length:
         return False

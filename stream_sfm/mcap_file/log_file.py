@@ -1,7 +1,7 @@
-"""One MCAP file, read in file order: one path for whole, unindexed, damaged and cut-off files.
+"""One MCAP file, read in file order: one path for intact, unindexed, damaged and cut-off files.
 
-What is wrong is collected in `Damage`. Messages before the damage are delivered, and so are those behind it: `walk.py`
-finds the records that are whole, with the index or without it.
+Problems are collected in `Damage`. Messages before and after the damage are delivered: `walk.py` finds the intact
+records, with or without the index.
 """
 
 import os
@@ -27,10 +27,10 @@ from .walk import MESSAGE_HEAD, READ, Record, Walk
 
 
 class LogFile(Source):
-    """One MCAP file, opened anew for every reading, so that readings do not disturb each other.
+    """One MCAP file, opened again for every reading, so that readings do not disturb each other.
 
-    `index`: None where the file has none that can be trusted, as `damage` says. `copy`: where the content is, if not at
-    `path`; `release` is called when this object ends. Raises LogError for what cannot be opened, is empty or not MCAP.
+    `index`: None if the file has no trustworthy one, as `damage` says. `copy`: the place of the content, if not
+    `path`; `release` is called when this object ends. Raises LogError if it cannot be opened, is empty or is not MCAP.
     """
 
     format = "MCAP"
@@ -42,7 +42,7 @@ class LogFile(Source):
         self._content = copy or self.path
         if release is not None:
             weakref.finalize(self, release)
-        self.damage = Damage()  # of its beginning and of its index
+        self.damage = Damage()  # of its start and its index
         with reading(self.path), self._open() as stream:
             self.size_bytes = os.fstat(stream.fileno()).st_size
             start = stream.read(len(MAGIC))
@@ -59,7 +59,7 @@ class LogFile(Source):
                 self.index = None
                 self.damage.note(f"its index is not used: {error}")
         found = self._records(Header, Opcode.HEADER, Damage(), LIMITS.header_bytes, first_only=True)
-        header = next((header for header, *_ in found), None)  # None where it is damaged
+        header = next((header for header, *_ in found), None)  # None if it is damaged
         self.profile, self.library = (header.profile, header.library) if header else (None, None)
 
     def _open(self) -> IO[bytes]:
@@ -71,7 +71,7 @@ class LogFile(Source):
         return self.index is not None
 
     def contents(self) -> Contents | None:
-        """From the index, where there is one that can be trusted."""
+        """Return the contents from the index, if that can be trusted."""
         if (index := self.index) is None:
             return None
         known = index.definitions
@@ -79,7 +79,7 @@ class LogFile(Source):
         return Contents(channels, index.start_ns, index.end_ns)
 
     def drop_unverified_index(self) -> bool:
-        """See `Source`: where a recording seems unusable, such an index may be the cause."""
+        """Drop such an index, as `Source` says: it may be the reason why a recording seems unusable."""
         if self.index is None or self.index.checksummed:
             return False
         self.index = None
@@ -87,14 +87,14 @@ class LogFile(Source):
         return True
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
-        """Yield the messages of `topics` (None: all) in file order; what cannot be read is added to `damage`.
+        """Yield the messages of `topics` (None: all) in file order; unreadable parts are added to `damage`.
 
-        With `topics` given, chunks in which the index lists none of them are not even opened.
+        With `topics`, chunks in which the index lists none of them are not even opened.
         """
         damage.complete &= self.damage.complete
         for note in self.damage.notes:
             damage.note(f"{self.path}: {note}")
-        # The index's definitions serve where the chunk that first described a channel is damaged.
+        # The definitions in the index replace those in a damaged chunk that first described a channel.
         definitions = self.index.definitions.copy() if self.index else Definitions()
         parser = _Parser(definitions, topics, damage, lambda: self._definitions_anywhere)
         allowance, trusted = Allowance(), self.index is not None and self.index.checksummed
@@ -107,13 +107,14 @@ class LogFile(Source):
                     where = f"{self.path} at byte {record.offset}"
                     try:
                         body = walk.body(record)
-                        # A chunk has a checksum. Other definitions that contradict earlier ones are damaged themselves.
+                        # A chunk has a checksum. Definitions elsewhere that contradict earlier ones are damaged
+                        # themselves.
                         parser.may_redefine = record.opcode == Opcode.CHUNK or (damage.complete and not trusted)
                         for opcode, inner in _records_in(record, body, allowance):
                             if (message := parser.parse(opcode, inner, where)) is not None:
                                 yield message
                     except BrokenRecord as error:
-                        if record.whole:  # else the cut has been noted
+                        if record.whole:  # otherwise the cut has been noted
                             kind = "chunk" if record.opcode == Opcode.CHUNK else "record"
                             damage.add(f"{where}: a damaged {kind} of {record.length} bytes was skipped: {error}")
                             walk.reject(record)
@@ -127,7 +128,7 @@ class LogFile(Source):
 
     @cached_property
     def _definitions_anywhere(self) -> Definitions:
-        """The schemas and channels found in the whole file, the first of each number, even in damaged chunks."""
+        """Return the schemas and channels in the whole file, the first of each number, even in damaged chunks."""
         found, allowance = Definitions(), Allowance()
         with self._open() as stream:
             walk = Walk(self.path, stream, self.size_bytes, Damage(), lambda _: False)
@@ -151,7 +152,7 @@ class LogFile(Source):
             return
         for attachment, body, where in self._records(Attachment, Opcode.ATTACHMENT, damage, max_bytes):
             crc = int.from_bytes(body[-4:], "little")
-            if crc and crc != zlib.crc32(memoryview(body)[:-4]):  # some writers of old compute it differently
+            if crc and crc != zlib.crc32(memoryview(body)[:-4]):  # some old writers compute it differently
                 damage.note(f"{where}: the checksum of attachment {attachment.name!r} does not match its content")
             yield attachment
 
@@ -163,7 +164,7 @@ class LogFile(Source):
     def _records(
         self, kind: Any, opcode: Opcode, damage: Damage, max_bytes: int, first_only: bool = False
     ) -> Iterator[tuple[Any, bytes, str]]:
-        """Yield the records of one kind, each with its body and its place; `first_only`: look at one record."""
+        """Yield the records of one kind, each with its body and its place; `first_only`: examine one record."""
         try:
             with self._open() as stream:
                 walk = Walk(self.path, stream, self.size_bytes, damage, lambda _: False)
@@ -180,7 +181,7 @@ class LogFile(Source):
             damage.add(self._reading_failed(damage, error))
 
     def _reading_failed(self, damage: Damage, error: OSError) -> str:
-        """What to say of a failing disk, a network share that went away, a file that became shorter."""
+        """Describe a failing disk, a lost network share, or a file that became shorter."""
         return f"{self.path}: reading failed after byte {damage.bytes_read}: {error.strerror}"
 
 
@@ -197,10 +198,10 @@ class _Parser:
         self.may_redefine = True
         self.read: Counter[int] = Counter()  # messages of the wanted topics, by the number of their channel
         self._definitions, self._topics, self._damage = definitions, topics, damage
-        self._find_definitions: Callable[[], Definitions] | None = find_definitions  # None: called already
+        self._find_definitions: Callable[[], Definitions] | None = find_definitions  # None: already called
 
     def parse(self, opcode: int, body: bytes | memoryview, where: str) -> Message | None:
-        """The message in a record, if it is of a wanted topic. Raises BrokenRecord."""
+        """Return the message in a record, if it is of a wanted topic. Raises BrokenRecord."""
         if opcode == Opcode.MESSAGE:
             return self._message(body, where)
         if opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
@@ -211,7 +212,7 @@ class _Parser:
         return None
 
     def knows_channel(self, channel_id: int) -> bool:
-        """Whether a channel is described, before its messages or, where that was damaged, anywhere in the file."""
+        """Whether a channel is described, before its messages or, if that is damaged, anywhere in the file."""
         if channel_id not in self._definitions.channels and self._find_definitions is not None:
             find, self._find_definitions = self._find_definitions, None
             self._definitions.add_missing(find())
@@ -228,14 +229,14 @@ class _Parser:
         if self._topics is not None and channel.topic not in self._topics:
             return None
         self.read[number] += 1
-        data = bytes(body[MESSAGE_HEAD.size :])  # a copy: a view would keep its whole chunk in memory
+        data = bytes(body[MESSAGE_HEAD.size :])  # a copy, as a view would keep its whole chunk in memory
         return Message(channel, log_time_ns, data, publish_time_ns, sequence)
 
 
 def _records_in(
     record: Record, body: bytes, allowance: Allowance, verify: bool = True
 ) -> Iterator[tuple[int, bytes | memoryview]]:
-    """Return the records in a chunk, or the one record that is not a chunk. Raises BrokenRecord, also on the way."""
+    """Return the records in a chunk, or the one record that is not a chunk. May raise BrokenRecord at any record."""
     if record.opcode == Opcode.CHUNK:
         records = decompress_chunk(body, record.whole, allowance, verify)
         return split_records(memoryview(records), allowance.take_record)
@@ -243,8 +244,8 @@ def _records_in(
 
 
 def _collect(found: Definitions, record: Record, body: bytes, allowance: Allowance) -> bool:
-    """Add the definitions in a record that are not known by their number; return whether the record is sound."""
-    for part in (record, record._replace(available=0)):  # of a damaged chunk, what comes before the damage
+    """Add the definitions with unknown numbers in a record; return whether the record is intact."""
+    for part in (record, record._replace(available=0)):  # in a damaged chunk, the part before the damage
         new = Definitions()
         try:
             for opcode, inner in _records_in(part, body, allowance, verify=part is record):

@@ -11,10 +11,10 @@ from .message import Channel, Message
 
 
 class MessageWriter:
-    """Writes messages as they are; a context manager. Attachments and metadata go to its `writer` of the mcap library.
+    """Writes messages unchanged; a context manager. Attachments and metadata go to its `writer` of the mcap library.
 
-    The file appears under its name when it is finished; a run that fails leaves none, unless it is to `keep` what there
-    is. `compressed`: by zstd, for messages that are not compressed themselves. Raises OutputError.
+    The file appears under its name when it is finished; a failed run leaves no file, unless `keep` is set.
+    `compressed`: by zstd, for messages that are not compressed themselves. Raises OutputError.
     """
 
     def __init__(
@@ -24,7 +24,7 @@ class MessageWriter:
         self._channels: dict[Channel | tuple[object, ...], int] = {}  # by identity, and by content
         self._schemas: dict[tuple[str, str, bytes], int] = {("", "", b""): 0}
         self._file = PartFile(path, keep=keep)
-        # Images are compressed already, as a rule; only the index of chunks is worth having then.
+        # Images are usually compressed already; then only the index of the chunks is useful.
         compression = CompressionType.ZSTD if compressed else CompressionType.NONE
         self.writer = Writer(cast("IO[bytes]", self._file), compression=compression)
         self.writer.start(profile, f"stream_sfm {__version__}")

@@ -1,4 +1,4 @@
-"""Messages as they are stored, of MCAP and of every other container, what is lost, and the protocol of a source."""
+"""Stored messages of MCAP and every other container, their damage, and the protocol of a source."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -14,10 +14,10 @@ from ..wording import LISTED
 
 @record
 class Channel:
-    """What describes the bytes of a message: its topic, its encoding and its schema, by the names of MCAP.
+    """The description of the bytes of a message: topic, encoding and schema, by their names in MCAP.
 
-    `schema_name` is empty where there is no schema. Channels are compared by identity: a topic of several files, or
-    of several publishers, has several. `metadata`: what a recorder says of the channel.
+    `schema_name` is empty if there is no schema. Channels are compared by identity: a topic of several files, or
+    of several publishers, has several. `metadata`: what a recorder says about the channel.
     """
 
     topic: str
@@ -40,7 +40,7 @@ class Message(NamedTuple):
 
 @dataclass(slots=True)
 class Damage:
-    """`complete` becomes false once anything was lost; `notes` say for people what and where."""
+    """What a reading has lost: `complete` becomes false with any loss; `notes` say in words what and where."""
 
     complete: bool = True
     bytes_read: int = 0
@@ -52,14 +52,14 @@ class Damage:
         self.note(note)
 
     def note(self, note: str) -> None:
-        """Record that something is wrong that has cost nothing."""
+        """Record a problem that caused no loss."""
         if len(self.notes) < LISTED and note not in self.notes:
             self.notes.append(note)
 
 
 @dataclass(slots=True)
 class Contents:
-    """What an index contains: each channel with its number of messages (None: unknown), and the span of log times."""
+    """The content of an index: each channel with its number of messages (None: unknown), and the span of log times."""
 
     channels: Sequence[tuple[Channel, int | None]]
     start_ns: int = 0
@@ -67,9 +67,9 @@ class Contents:
 
 
 class Source(Protocol):
-    """A recording as it lies on disk. Each reading starts anew, so that readings do not disturb each other.
+    """A recording on disk. Each reading starts from the beginning, so that readings do not disturb each other.
 
-    `format`, `profile`, `library`: facts about the container, for people.
+    `format`, `profile`, `library`: facts about the container, for display.
     """
 
     path: Path
@@ -77,20 +77,20 @@ class Source(Protocol):
     format: str
     profile: str | None = None
     library: str | None = None
-    imu: ImuCalibration | None = None  # of its inertial unit, where files beside the samples say it
-    left_out: int = 0  # pairs of a camera that came faster than they were taken
-    in_order: bool = False  # messages come as they were stamped: nothing is held back to be sorted
+    imu: ImuCalibration | None = None  # of its inertial unit, if files beside the samples contain it
+    left_out: int = 0  # pairs of a live camera that were dropped because they came too fast
+    in_order: bool = False  # messages come in the order of their stamps: nothing is held back for sorting
 
     @property
     def indexed(self) -> bool:
-        """Whether what the recording holds is known without reading it."""
+        """Whether the content of the recording is known without reading it."""
         return True
 
     def contents(self) -> Contents | None:
-        """What the recording holds, where that is known without reading it; None: it has to be read."""
+        """Return the content of the recording if it is known without reading; None: it has to be read."""
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
-        """Yield the messages of `topics` (None: all), about in order of time; what is lost is added to `damage`."""
+        """Yield the messages of `topics` (None: all), roughly in order of time; losses are added to `damage`."""
 
     def attachments(self, damage: Damage) -> Iterator[Attachment]:
         """Yield the files attached to the recording, of at most 1 MiB each."""

@@ -1,8 +1,8 @@
-"""Goes through the records of an MCAP file, whole or damaged: behind damage at the next record that can be recognised.
+"""Goes through the records of an MCAP file, intact or damaged; after damage, at the next recognisable one.
 
 A record is recognised by its first bytes: a chunk gives its length twice, schemas, channels, attachments and metadata
-consist of fields whose lengths add up, and a message belongs to a channel that is known. That is enough to find them
-in noise. What is found twice is taken once, in bounded time: a file can make it look again at as many bytes as it has.
+consist of fields whose lengths add up, and a message belongs to a known channel. This is enough to find them
+in noise. Records found twice are used once, in bounded time: at most as many bytes as the file has are examined again.
 """
 
 import errno
@@ -23,10 +23,10 @@ from .records import CHUNK_HEAD, MAGIC, RECORD_HEAD, ends_with_magic
 READ = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHANNEL, Opcode.SCHEMA)
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel id, sequence, log time, publish time
-PEEK_BYTES = 64  # of a record: enough for the head of a chunk and its compression
+PEEK_BYTES = 64  # per record: enough for the head of a chunk and its compression
 _COMPRESSIONS = (b"", b"lz4", b"zstd")
 _KNOWN = range(Opcode.HEADER, Opcode.DATA_END + 1)
-# Bytes in front of the fields that begin with their length, the sizes of these lengths, and bytes behind.
+# Bytes before the fields that begin with their length, the sizes of these lengths, and bytes after them.
 _FIELDS: dict[int, tuple[int, tuple[int, ...], int]] = {
     Opcode.SCHEMA: (2, (4, 4, 4), 0),
     Opcode.CHANNEL: (4, (4, 4, 4), 0),
@@ -34,7 +34,7 @@ _FIELDS: dict[int, tuple[int, tuple[int, ...], int]] = {
     Opcode.METADATA: (0, (4, 4), 0),
 }
 _FIRST_BLOCK_BYTES, _BLOCK_BYTES = 2**12, 2**20
-_MAX_CANDIDATES = 2**20  # some seconds; bytes that mean something else give a few in a megabyte
+_MAX_CANDIDATES = 2**20  # some seconds; other bytes give a few candidates per megabyte
 _LENGTH = rb".{3}[\0-\x08]\0{4}"  # at most LIMITS.record_bytes, little-endian
 _CHUNK = rb"\x06" + _LENGTH + rb".{16}" + _LENGTH + rb".{4}(?:\0{4}|\x03\0{3}lz4|\x04\0{3}zstd)"
 _ATTACHED = rb"\x09" + _LENGTH + rb"|\x0c" + _LENGTH
@@ -43,9 +43,9 @@ _MESSAGE = rb"\x05" + _LENGTH
 
 
 class Wanted(Enum):
-    """What is looked for: attachments and metadata always, and chunks.
+    """The kinds of records that are sought: attachments and metadata always, and chunks.
 
-    In a damaged chunk that is not compressed, definitions and messages would be found that its checksum disowns.
+    In a damaged uncompressed chunk, the search would also find definitions and messages that its checksum disproves.
     """
 
     CHUNKS = re.compile(_CHUNK, re.DOTALL)
@@ -55,7 +55,7 @@ class Wanted(Enum):
 
 
 class Record(NamedTuple):
-    """A record in the file; fewer than `length` bytes are `available` where the file is cut off or damaged."""
+    """A record in the file; fewer than `length` bytes are `available` if the file is cut off or damaged."""
 
     offset: int
     opcode: int
@@ -64,31 +64,31 @@ class Record(NamedTuple):
 
     @property
     def whole(self) -> bool:
-        """Whether all of it is there."""
+        """Whether all of it is available."""
         return self.available == self.length
 
 
 class Walk:
-    """The records of a file in order; iterate once. What is wrong is added to `damage`.
+    """The records of a file in order; iterate once. Problems are added to `damage`.
 
-    `knows_channel`: whether a channel is described, asked where messages are looked for behind damage.
+    `knows_channel`: whether a channel is described, which is asked in the search for messages after damage.
     """
 
     def __init__(
         self, path: Path, stream: IO[bytes], size: int, damage: Damage, knows_channel: Callable[[int], bool]
     ) -> None:
         self._path, self._stream, self._size, self._damage = path, stream, size, damage
-        # Not a method: a cycle would keep the definitions of each reading until garbage is collected.
+        # Not a method, as a cycle would keep the definitions of each reading until the garbage is collected.
         self._read = partial(_read, stream)
         self._search = Search(self._read, size, knows_channel)
         self._at: int | None = len(MAGIC)  # None: the end
-        self._unconfirmed: int | None = None  # the record before `_at`, if nothing but what follows can confirm it
+        self._unconfirmed: int | None = None  # the record before `_at`, if only the next record can confirm it
         self._has_chunks: bool | None = None  # not known
         self._data_ended = False
         self._second_looks = size
 
     def __iter__(self) -> Iterator[Record]:
-        """Yield the records. Raises OSError where the file cannot be read."""
+        """Yield the records. Raises OSError if the file cannot be read."""
         while (at := self._at) is not None:
             self._damage.bytes_read = self._size if self._data_ended else at
             start, left = self._peek(at), self._size - at - RECORD_HEAD.size
@@ -98,8 +98,8 @@ class Walk:
                 self._damage.bytes_read = self._size
                 return
             if problem := self._problem(opcode, length, left, start):
-                # A chunk that is cut off with the file can be read as far as it goes. Anything else that claims so
-                # much is of no use, nor is a chunk that lacks bytes somewhere: its checksum cannot tell where.
+                # A chunk that is cut off with the file can be read up to the cut. Anything else that claims so much
+                # is of no use, nor is a chunk that lacks bytes somewhere: its checksum cannot tell where.
                 cut = 0 <= left < length and not ends_with_magic(self._stream)
                 if cut and opcode == Opcode.CHUNK and left <= LIMITS.record_bytes:
                     yield Record(at, opcode, length, left)
@@ -118,11 +118,11 @@ class Walk:
                 yield Record(at, opcode, length, length)
 
     def body(self, record: Record) -> bytes:
-        """The available bytes of the record that was yielded last. Raises OSError."""
+        """Return the available bytes of the record that was yielded last. Raises OSError."""
         return self._read(record.offset + RECORD_HEAD.size, record.available)
 
     def reject(self, record: Record) -> None:
-        """Look for records inside the one that was yielded last: its body is damaged, and so its length may be."""
+        """Look for records inside the one that was yielded last: its body is damaged, and so perhaps is its length."""
         end = record.offset + RECORD_HEAD.size + record.available
         if self._allows(end - record.offset):
             found = self._search.find(record.offset + 1, end, self._wanted(record.offset))
@@ -131,7 +131,7 @@ class Walk:
                 self._at, self._unconfirmed = found, None
 
     def _as_chunk(self, at: int, opcode: int, length: int, left: int, body: bytes) -> tuple[int, int]:
-        """The kind and the length of a record, that of a chunk where its content shows that they are wrong."""
+        """Return kind and length of a record; those of a chunk if its content shows that they are wrong."""
         found = chunk_length(body) if length or opcode else None
         if found is None or found > left or (opcode, length) == (Opcode.CHUNK, found):
             return opcode, length
@@ -146,7 +146,7 @@ class Walk:
         return int(Opcode.CHUNK), found
 
     def _problem(self, opcode: int, length: int, left: int, start: bytes) -> str:
-        """Why there is no record; empty where there is one."""
+        """Return the reason why there is no record; empty if there is one."""
         if left < 0:
             return "the recording was not closed"
         if opcode == 0:
@@ -158,22 +158,22 @@ class Walk:
         return ""
 
     def _resume(self, at: int, problem: str) -> None:
-        """Go on at the next record behind damage."""
+        """Resume at the next record after damage."""
         start = at + 1
         if self._unconfirmed is not None and self._allows(at - self._unconfirmed):
-            start = self._unconfirmed + 1  # it may have been taken for longer than it is
+            start = self._unconfirmed + 1  # its length may have been too large
         self._unconfirmed = None
         self._at = found = self._search.find(start, self._size, self._wanted(at))
         if found is None:
             if not self._data_ended:
                 share = f"{at / 1e6:.2f} of {self._size / 1e6:.2f} MB ({100 * at / self._size:.0f} %) could be read"
                 self._damage.add(f"{self._path} is cut off or damaged at byte {at}: {problem}; {share}")
-        elif not self._data_ended or self._peek(found)[0] not in _DEFINITIONS:  # a summary has them as well
+        elif not self._data_ended or self._peek(found)[0] not in _DEFINITIONS:  # a summary also has them
             self._data_ended = False
             self._damage.add(f"{self._path} is damaged at byte {at}: {problem}; read on at byte {found}")
 
     def _wanted(self, at: int) -> Wanted:
-        """What can be behind damage at `at`."""
+        """Return the kinds of records that may follow damage at `at`."""
         if self._has_chunks is None:
             self._has_chunks = self._search.find(at, self._size, Wanted.CHUNKS) is not None
         if not self._has_chunks:
@@ -181,7 +181,7 @@ class Walk:
         return Wanted.SUMMARY if self._data_ended else Wanted.TOP_LEVEL
 
     def _allows(self, count: int) -> bool:
-        """Whether so many bytes may be looked at a second time."""
+        """Whether this many bytes may be examined a second time."""
         self._second_looks -= count
         return self._second_looks >= 0
 
@@ -198,14 +198,14 @@ def _read(stream: IO[bytes], at: int, count: int) -> bytes:
 
 
 class Search:
-    """Finds records in `size` bytes. `read(at, count)` gives some; `knows_channel`: whether a channel is described."""
+    """Finds records in `size` bytes. `read(at, count)` returns some of them; `knows_channel`: is it described?"""
 
     def __init__(self, read: Callable[[int, int], bytes], size: int, knows_channel: Callable[[int], bool]) -> None:
         self._read_bytes, self._size, self._knows_channel = read, size, knows_channel
         self._candidates_left = _MAX_CANDIDATES
 
     def find(self, start: int, stop: int, wanted: Wanted) -> int | None:
-        """The offset of the first record of a wanted kind that begins in [start, stop)."""
+        """Return the offset of the first record of a wanted kind that begins in [start, stop)."""
         for at in self._candidates(start, stop, wanted.value):
             if self._is_record(at):
                 return at
@@ -217,7 +217,7 @@ class Search:
         while start < stop:
             count = min(2 * count, _BLOCK_BYTES, stop - start)
             block = self._read(start, count + PEEK_BYTES)
-            if block.count(0) < len(block):  # zeros are what some file systems leave of an open file: gigabytes
+            if block.count(0) < len(block):  # some file systems leave gigabytes of zeros of an open file
                 at = -1
                 while (match := pattern.search(block, at + 1)) is not None and (at := match.start()) < count:
                     if self._candidates_left <= 0:
@@ -244,7 +244,7 @@ class Search:
 
 
 def chunk_length(body: bytes) -> int | None:
-    """The length of the body of a chunk by the fields in its first bytes; None where they cannot be that."""
+    """Return the length of the body of a chunk by the fields in its first bytes; None if these are not valid."""
     if len(body) < CHUNK_HEAD.size:
         return None
     start_ns, end_ns, size, _, name_length = CHUNK_HEAD.unpack_from(body)
@@ -258,9 +258,9 @@ def chunk_length(body: bytes) -> int | None:
 
 
 def can_follow(start: bytes, left: int) -> bool:
-    """Whether bytes that follow a record begin another one; `left` of them are in the file.
+    """Whether the bytes after a record begin another one; `left` of them are in the file.
 
-    Where the file ends within the next record, that is no sign against it.
+    If the file ends within the next record, this is not evidence against it.
     """
     if len(start) < RECORD_HEAD.size:
         return True

@@ -1,8 +1,8 @@
-"""Places: keyframes of a run, what is seen again in them, and the poses that follow from it.
+"""Places: keyframes of a run, recognised places, and the corrected poses.
 
-`PlaceMap` is a sink: the engine does not know it, and who does not use it pays nothing. A keyframe goes through
-`keyframes.py` (what is kept of it), `finding.py` (which older ones may show the same place), `verifying.py` (how the
-camera has moved since, with covariance) and `graph.py` (all poses together); `place_map.py` is the way through these.
+`PlaceMap` is a sink: the engine does not know it, and a run without it pays nothing. A keyframe goes through
+`keyframes.py` (its content), `finding.py` (which older ones may show the same place), `verifying.py` (the motion
+of the camera since, with covariance) and `graph.py` (all poses together); `place_map.py` connects these steps.
 
-Not here: odometry, and the files of a run.
+Odometry and the files of a run are elsewhere.
 """

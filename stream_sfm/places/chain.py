@@ -8,13 +8,13 @@ from ..motion import UNSEEN, Motion
 from ..types import FrameEstimate, Status
 from .settings import SETTINGS
 
-LEAST_VARIANCE = 1e-12  # m² and rad²: of a motion that is known by definition, so that it can be inverted
+LEAST_VARIANCE = 1e-12  # m² and rad²: for a motion that is known by definition, so that it can be inverted
 
 
 class Chain:
-    """Follows the frames of a run, and says when the next keyframe is due and how the camera has moved since the last.
+    """Follows the frames of a run, decides when the next keyframe is due, and tracks the motion since the last one.
 
-    `link` is the motion from the last keyframe to the newest frame; None where it is not known.
+    `link` is the motion from the last keyframe to the newest frame; None if it is not known.
     """
 
     def __init__(self) -> None:
@@ -25,11 +25,11 @@ class Chain:
         self.link: Motion | None = None
 
     def step(self, estimate: FrameEstimate, eager: bool = False) -> bool:
-        """Take the next frame; whether it should be a keyframe, which an `eager` caller wants soon."""
+        """Take the next frame; return whether it should be a keyframe, sooner if `eager`."""
         self.link = self._link(estimate)
         self._previous = estimate
         if self.link is not None and self.link.cov[3:, 3:].trace() > SETTINGS.unknown_rad**2:
-            self.link = None  # later frames may know the way round this one
+            self.link = None  # later frames may bypass this one
         earliest = int(estimate.window_frame_indices[0]) if len(estimate.window_frame_indices) else 0
         for index in [i for i in self._links if i < earliest or estimate.status is Status.LOST]:
             del self._links[index]
@@ -45,11 +45,11 @@ class Chain:
 
     @property
     def is_cut(self) -> bool:
-        """Whether there is no way from the last keyframe to the newest frame, or to any later one."""
+        """Whether no motion connects the last keyframe with the newest frame, or with any later one."""
         return self.link is None and not self._links
 
     def set_keyframe(self, estimate: FrameEstimate) -> None:
-        """The newest frame has become a keyframe."""
+        """Record that the newest frame has become a keyframe."""
         self._links = {estimate.frame_index: Motion(np.eye(4), np.zeros((6, 6)))}
         self._keyframe, self._ids = estimate.frame_index, estimate.track_ids
 
@@ -63,7 +63,7 @@ class Chain:
         return bool(moved or turned or np.isin(estimate.track_ids, self._ids).mean() < SETTINGS.new_view)
 
     def _link(self, estimate: FrameEstimate) -> Motion | None:
-        """Over the earliest frame of the window whose way from the keyframe is known; None if there is none."""
+        """Return the link over the earliest frame of the window with a known link to the keyframe; None without one."""
         relative = estimate.relative
         if relative is not None:
             for row in np.argsort(relative.frame_indices):
@@ -74,14 +74,15 @@ class Chain:
             return None
         if estimate.status is Status.LOST:
             return None
-        # The method has no joint covariance: what the pose's own has grown by, which leaves out what both share.
+        # The method has no joint covariance: take the growth of the covariance of the pose, which excludes shared
+        # errors.
         motion = se3.inverse(before.world_from_cam) @ estimate.world_from_cam
         turn = se3.adjoint(se3.inverse(motion))
         return known.then(Motion(motion, positive(estimate.cov_pose - turn @ before.cov_pose @ turn.T)))
 
 
 def _motion(estimate: FrameEstimate, frame_index: int) -> Motion:
-    """One of the relative motions without what no view shows, which is no error between motions and loops."""
+    """Return a relative motion without errors that no view shows, as motions and loops share these."""
     motion = Motion.to_frame(frame_index, estimate.relative, estimate.common)
     assert motion is not None
     seen = slice(UNSEEN, None)

@@ -1,8 +1,8 @@
-"""Which older keyframes may show the same place: by the predicted pose with its covariance, or by what is seen.
+"""Which older keyframes may show the same place: by the predicted pose with its covariance, or by appearance.
 
-Where the pose is known, a gate by covariance comes first and the nearest predicted pose is best: recall of the three
-nearest was 1.0 on every log tried. After a loss a bag of binary words answers (Gálvez-López and Tardós 2012), with
-words of the run itself.
+With a known pose, a gate by covariance comes first, and the nearest predicted poses are best: the recall of the three
+nearest was 1.0 on every tested log. After a loss, a bag of binary words is used (Gálvez-López and Tardós 2012), with
+words from the run itself.
 """
 
 from collections.abc import Iterable, Set
@@ -21,16 +21,16 @@ def offsets_m(poses: Array, pose: Array) -> Array:
 
 
 def nearest_poses(poses: Array, pose: Array, depth_m: float) -> NDArray[np.intp]:
-    """Rows of up to `nearest` of poses (n, 4, 4), those nearest to one (4, 4) first."""
+    """Return rows of up to `nearest` of poses (n, 4, 4), starting with the nearest to one (4, 4)."""
     cosine = 0.5 * (poses[:, :3, :3].reshape(-1, 9) @ pose[:3, :3].ravel() - 1)
     apart = offsets_m(poses, pose) / depth_m + np.arccos(cosine.clip(-1, 1))
     return np.argsort(apart, kind="stable")[: SETTINGS.nearest]
 
 
 def may_overlap(olds_from_new: Array, covs: Array, depth_m: float, sigmas: float) -> NDArray[np.bool_]:
-    """Which keyframes (n,) may show what a new one does, by motions (n, 4, 4) and their covariances (n, 6, 6).
+    """Return which keyframes (n,) may overlap a new one, by motions (n, 4, 4) and their covariances (n, 6, 6).
 
-    `sigmas`: by how many σ they may be nearer than predicted.
+    `sigmas`: the number of σ by which they may be nearer than predicted.
     """
     offset = np.linalg.norm(olds_from_new[:, :3, 3], axis=1)
     angle = np.linalg.norm(se3.log_so3(olds_from_new[:, :3, :3]), axis=1)
@@ -40,12 +40,12 @@ def may_overlap(olds_from_new: Array, covs: Array, depth_m: float, sigmas: float
 
 
 def stds(covs: Array) -> tuple[Array, Array]:
-    """σ of position and rotation (n,) of covariances (n, 6, 6)."""
+    """Return σ of position and rotation (n,) from covariances (n, 6, 6)."""
     return tuple(np.sqrt(np.trace(covs[:, s, s], axis1=1, axis2=2)) for s in (slice(0, 3), slice(3, 6)))
 
 
 def apart(numbers: Iterable[int], count: int, distance: int) -> list[int]:
-    """The first `count` numbers that differ by at least `distance`: keyframes in a row show the same."""
+    """Return the first `count` numbers that differ by at least `distance`: consecutive keyframes show the same."""
     chosen: list[int] = []
     for number in numbers:
         if all(abs(number - other) >= distance for other in chosen):
@@ -58,7 +58,7 @@ def apart(numbers: Iterable[int], count: int, distance: int) -> list[int]:
 class Words:
     """A bag of binary words for each keyframe; keyframes are added and forgotten by their number.
 
-    Words are descriptors from all over the keyframes so far, chosen anew whenever there are four times as many.
+    Words are descriptors sampled from all keyframes so far, and chosen again whenever there are four times as many.
     """
 
     def __init__(self) -> None:
@@ -84,7 +84,7 @@ class Words:
         """Return the numbers of keyframes, most similar ones first."""
         numbers = sorted(among & self._bags.keys())
         if not numbers:
-            return sorted(among)  # too few for words to exist; any will do
+            return sorted(among)  # too few for words; any will do
         bags = np.array([self._bags[number] for number in numbers])
         rarity = np.log(len(bags) / np.maximum(1, (bags > 0).sum(axis=0))).astype(np.float32)
         norm = np.sqrt(bags**2 @ rarity**2)
@@ -92,7 +92,7 @@ class Words:
         return [numbers[row] for row in np.argsort(-score, kind="stable").tolist()]
 
     def _bag(self, descriptors: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """How often each word occurs (words,), with a norm of 1."""
+        """Return how often each word occurs (words,), with a norm of 1."""
         assert self._words is not None
         counts = np.zeros(SETTINGS.words, np.float32)
         if len(descriptors):

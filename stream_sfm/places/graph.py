@@ -1,12 +1,11 @@
 """All keyframes together: a pose graph of odometry and loops, solved by GTSAM.
 
-Nodes are numbered by the caller. Odometry is cut where frames were lost: what comes after is a segment of its own, at
-home in its own frame, until a loop joins it to an older one. Errors that all motions of a run have in common,
-those of the rig, add up as such in what is predicted. Loops do not estimate them: as one more variable they took up
-whatever else was wrong with a calibration, and kitti00_mid there and back was off by 20 % more than without a map.
-Between loops nothing has to be solved: iSAM2 is given what has come since with the next loop. Loops that came where the
-prediction could not exclude another place are judged together with all others by graduated non-convexity (Yang et al.
-2020).
+Nodes are numbered by the caller. Odometry is cut where frames were lost: the part after that is a separate segment,
+whose home is its own frame, until a loop joins it to an older one. Errors that all motions of a run have in common,
+those of the rig, accumulate as such in predictions. Loops do not estimate them: as a further variable they absorbed
+all other errors of a calibration, and kitti00_mid there and back had 20 % more error than without a map. Between
+loops nothing has to be solved: iSAM2 gets the new nodes with the next loop. Loops whose prediction could not
+exclude another place are judged together with all others by graduated non-convexity (Yang et al. 2020).
 """
 
 from bisect import bisect_left
@@ -25,20 +24,20 @@ from .chain import LEAST_VARIANCE, positive
 
 try:
     import gtsam
-except ImportError:  # said where a map is made
+except ImportError:  # reported when a map is made
     gtsam = None  # type: ignore[assignment]
 
 _ORDER = np.r_[3:6, 0:3]  # GTSAM has rotation before translation
-# Loops at ten times their σ first: GTSAM's annealing starts no flatter than residuals of 1000 σ, and true loops are
-# further off where the odometry is bad; of eight such graphs three lost every loop.
+# Loops first get ten times their σ: GTSAM's annealing starts with residuals of at most 1000 σ, which true loops
+# exceed after bad odometry; three of eight such graphs lost every loop.
 _SPREADS = (10.0, 1.0)
 _NO_WAY = Motion(np.eye(4), np.zeros((6, 6)))
-_OUTDATED = 0.5  # σ of a common error, as it was known, by which it has changed
+_OUTDATED = 0.5  # change of a common error, in units of its previous σ
 
 
 @record
 class Loop:
-    """A place seen again: `motion` carries points of node `new` to node `old`."""
+    """A recognised place: `motion` carries points of node `new` to node `old`."""
 
     old: int
     new: int
@@ -47,7 +46,7 @@ class Loop:
 
 @record
 class GraphState:
-    """A graph as it is kept in a file: of each node (n) its number, segment, home, pose (n, 4, 4) and the covariance
+    """A graph as stored in a file: for each node (n) its number, segment, home, pose (n, 4, 4) and the covariance
     (n, 6, 6) of its pose by odometry alone; odometry between nodes, and loops."""
 
     numbers: list[int]
@@ -60,11 +59,11 @@ class GraphState:
 
 
 class PoseGraph:
-    """Poses of nodes, in the world of the oldest segment that each is joined to.
+    """Poses of nodes, each in the world of the oldest segment to which it is joined.
 
-    Of the nodes (n), in the order they came: their `numbers`, ascending; `segments`, and `homes`, those in whose worlds
+    The nodes (n) in order have `numbers`, ascending; `segments`, and `homes`, the segments in whose worlds
     they are; world from camera, `poses` (n, 4, 4). `links`: odometry between nodes, by their numbers. `shared`: factor
-    on the variance of loops, where several of them have the same errors. Raises ConfigError where GTSAM is missing.
+    on the variance of loops, as several of them have the same errors. Raises ConfigError if GTSAM is missing.
     """
 
     def __init__(self, shared: float = 1.0) -> None:
@@ -77,38 +76,38 @@ class PoseGraph:
         self.links: dict[tuple[int, int], Motion] = {}
         self.segments = self.homes = np.zeros(0, np.int64)
         self.poses = np.zeros((0, 4, 4))
-        self._chain = np.zeros((0, 6, 6))  # own covariance of a pose in its segment by odometry alone
-        self._jacobian = np.zeros((0, 6, 0))  # of the same poses by the common errors
-        self._mean, self._cov_common = np.zeros(0), np.zeros((0, 0))  # what the engine knows of them
-        self._began: dict[int, tuple[Array, Array]] = {}  # of a segment: its first pose, with covariance
-        self._bridges: list[Loop] = []  # that joined segments, and the last one: ways of short covariance
+        self._chain = np.zeros((0, 6, 6))  # own covariances of poses in their segments from odometry alone
+        self._jacobian = np.zeros((0, 6, 0))  # Jacobians of the same poses by the common errors
+        self._mean, self._cov_common = np.zeros(0), np.zeros((0, 0))  # the engine's estimate of them
+        self._began: dict[int, tuple[Array, Array]] = {}  # first pose of each segment, with covariance
+        self._bridges: list[Loop] = []  # loops that joined segments, and the last one: short ways
         self._shared = shared
         self._isam: Any = None
         self._solved_with = np.zeros(0), np.zeros(0)  # mean and σ of the common errors in the solver's motions
         self._solved = 0  # nodes that the solver knows
-        self._asked: list[Loop] = []  # loops that it does not know
+        self._asked: list[Loop] = []  # loops that the solver does not know yet
 
     def _row(self, number: int) -> int:
         return bisect_left(self.numbers, number)
 
     def pose(self, number: int) -> Array:
-        """World from camera (4, 4) of one node."""
+        """Return world from camera (4, 4) of one node."""
         return self.poses[self._row(number)]
 
     def segment(self, number: int) -> int:
-        """The segment of one node."""
+        """Return the segment of one node."""
         return int(self.segments[self._row(number)])
 
     def home(self, number: int) -> int:
-        """The segment in whose world a node's pose is."""
+        """Return the segment in whose world the pose of a node is."""
         return int(self.homes[self._row(number)])
 
     def in_world_of(self, number: int) -> NDArray[np.bool_]:
-        """Which nodes (n,) are in the same world as one."""
+        """Return which nodes (n,) are in the same world as a given one."""
         return np.asarray(self.homes == self.home(number))
 
     def state(self) -> GraphState:
-        """What is to be kept of the graph."""
+        """Return the part of the graph that is stored."""
         j = self._jacobian
         return GraphState(
             list(self.numbers),
@@ -121,12 +120,12 @@ class PoseGraph:
         )
 
     def _whole(self, link: Motion) -> Motion:
-        """The same motion whose common errors are its own."""
+        """Return the same motion with its common errors counted as its own."""
         known = link.given(self._mean, self._cov_common)
         return Motion(known.earlier_from_newest, known.cov)
 
     def restore(self, state: GraphState) -> None:
-        """Begin with a graph that was kept; what is added next begins a segment."""
+        """Start with a stored graph; the next added node begins a segment."""
         self.numbers, self.segments = list(state.numbers), np.array(state.segments, np.int64)
         self.poses, self._chain, self._jacobian = state.poses, state.covs, np.zeros((len(state.numbers), 6, 0))
         self.homes = np.array(state.homes, np.int64)
@@ -136,9 +135,9 @@ class PoseGraph:
         self._bridges = [loop for loop in self.loops if self._joins(loop)]
 
     def add(self, number: int, pose: Array, link: Motion | None, cov: Array | None = None) -> None:
-        """Add a node after the last one, moved by `link` since; without it a segment begins, at `pose`.
+        """Add a node after the last one, moved by `link` since; without a link a segment begins, at `pose`.
 
-        `cov` (6, 6): of the pose where a segment begins, None: exact.
+        `cov` (6, 6): that of the pose at the beginning of a segment, None: exact.
         """
         chain, jacobian = np.zeros((6, 6)), np.zeros((6, len(self._mean)))
         if link is None or not self.numbers:
@@ -159,17 +158,17 @@ class PoseGraph:
         self._jacobian = np.concatenate([self._jacobian, jacobian[None]])
 
     def know(self, mean: Array, cov: Array) -> None:
-        """Take the engine's present knowledge of the errors c (m,) common to this run's motions."""
+        """Take the engine's current estimate of the errors c (m,) common to the motions of this run."""
         if len(mean) != len(self._mean):
             self._jacobian = np.zeros((len(self.numbers), 6, len(mean)))
-        elif not self.loops:  # else the next solution says how the poses change
+        elif not self.loops:  # otherwise the next solution moves the poses
             self.poses = se3.orthonormalise(self.poses @ se3.exp(self._jacobian @ (mean - self._mean)))
         self._mean, self._cov_common = mean, symmetric(cov)
 
     def predicted(self, number: int, rows: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Motions (k, 4, 4) from nodes in rows (k,) to this one, their covariances (k, 6, 6), infinite if unknown.
+        """Return motions (k, 4, 4) from nodes in rows (k,) to this one, and covariances (k, 6, 6), infinite if unknown.
 
-        The covariance is that of the best of few ways: odometry alone, or over one of the latest bridges between.
+        The covariance is that of the best of a few ways: odometry alone, or over one of the latest bridges.
         """
         motions = se3.inverse(self.poses[rows]) @ self.pose(number)
         covs = np.full((len(rows), 6, 6), np.inf)
@@ -192,13 +191,13 @@ class PoseGraph:
         return motions, covs
 
     def between(self, first: int, second: int) -> Motion | None:
-        """The motion between two nodes as predicted, with all of its covariance; None where it is not known."""
+        """Return the predicted motion between two nodes, with its whole covariance; None if it is not known."""
         (motion,), (cov,) = self.predicted(second, np.array([self._row(first)]))
         return Motion(motion, cov) if np.isfinite(cov).all() else None
 
     def _to(self, rows: NDArray[np.intp], to: int) -> tuple[Array, Array]:
-        """Of the motions from nodes to another one of their segment by odometry alone: own covariances (k, 6, 6), and
-        Jacobians (k, 6, m) by the common errors."""
+        """For the motions from nodes to another one of their segment by odometry alone: own covariances (k, 6, 6),
+        and Jacobians (k, 6, m) by the common errors."""
         motion = se3.inverse(self.poses[rows]) @ self.poses[to]
         turn = se3.adjoint(se3.inverse(motion))
         jacobian = self._jacobian[to] - turn @ self._jacobian[rows]
@@ -208,7 +207,7 @@ class PoseGraph:
         return positive(grown), jacobian
 
     def close(self, loops: Sequence[Loop], doubtful: bool) -> list[Loop]:
-        """Add loops and solve; `doubtful`: they may be false, and all are judged. Returns those that were refused."""
+        """Add loops and solve; `doubtful`: they may be false, so all are judged. Returns rejected loops."""
         joins = [loop for loop in loops if self._join(loop)]
         self.loops += loops
         self._asked += loops
@@ -243,16 +242,16 @@ class PoseGraph:
         return True
 
     def solve(self) -> None:
-        """Solve everything anew: where segments were joined, or nodes and loops have gone."""
+        """Solve everything again, because segments were joined, or nodes and loops were removed."""
         settings = gtsam.ISAM2Params()
-        settings.setFactorization("QR")  # σ of one graph differ by 10⁴
+        settings.setFactorization("QR")  # σ in one graph differ by 10⁴
         self._isam = gtsam.ISAM2(settings)
         self._solved, self._asked = 0, list(self.loops)
         self._solved_with = self._mean, np.sqrt(self._cov_common.diagonal())
         self._update()
 
     def _update(self) -> None:
-        """Give iSAM2 what is new since the last call, and take its poses."""
+        """Give iSAM2 everything new since the last call, and take its poses."""
         mean, std = self._solved_with
         outdated = len(mean) != len(self._mean) or (np.abs(self._mean - mean) > _OUTDATED * std).any()
         if self._isam is None or (self._solved and outdated):
@@ -266,9 +265,9 @@ class PoseGraph:
         self.poses = se3.orthonormalise(np.array([values.atPose3(number).matrix() for number in self.numbers]))
 
     def _problem(self, solved: int, loops: Sequence[Loop], spread: float = 1.0) -> tuple[Any, Any, int]:
-        """All factors and poses of the nodes after the first `solved`, and how many factors come before the loops.
+        """Return factors and poses of the nodes after the first `solved`, and the number of factors before the loops.
 
-        These have σ that are `spread` times as large. A world whose first node is new is held there.
+        The loops have σ that are `spread` times as large. A world whose first node is new is fixed there.
         """
         factors, values, new = gtsam.NonlinearFactorGraph(), gtsam.Values(), self.numbers[solved:]
         held = set(self.homes[:solved].tolist())
@@ -288,7 +287,7 @@ class PoseGraph:
         return factors, values, sure
 
     def _factor(self, first: int, second: int, link: Motion, spread: float = 1.0) -> Any:
-        """A motion between nodes, whose σ is `spread` times as large; its common errors count as its own."""
+        """Return a motion between nodes, whose σ is `spread` times as large; its common errors count as its own."""
         motion = link.given(self._mean, self._cov_common)
         cov = spread**2 * motion.cov + LEAST_VARIANCE * np.eye(6)
         noise = gtsam.noiseModel.Gaussian.Covariance(symmetric(cov)[np.ix_(_ORDER, _ORDER)])
@@ -310,13 +309,13 @@ class PoseGraph:
         return [loop for loop in self.loops if loop not in kept]
 
     def covariances(self) -> Array:
-        """Covariances (n, 6, 6) of all poses in the world of the first, of perturbations on their right.
+        """Return covariances (n, 6, 6) of all poses in the world of the first one, of right perturbations.
 
-        What is in another world is as uncertain as that one's beginning, too.
+        Those of poses in another world include the uncertainty of the beginning of that world.
         """
         if not self.numbers:
             return np.zeros((0, 6, 6))
-        self.solve()  # with what is known of the common errors now, of which the covariances are, too
+        self.solve()  # with the current estimate of the common errors, to which the covariances refer
         covs = np.array([self._isam.marginalCovariance(number) for number in self.numbers])
         by_common = self._by_common()
         covs = covs[:, _ORDER][:, :, _ORDER] + by_common @ self._cov_common @ np.swapaxes(by_common, 1, 2)
@@ -327,7 +326,7 @@ class PoseGraph:
         return covs
 
     def _by_common(self) -> Array:
-        """How all poses, loops being as they are, follow the common errors: (n, 6, m) (Schmidt 1966)."""
+        """Return the Jacobian (n, 6, m) of all poses by the common errors, with fixed loops (Schmidt 1966)."""
         mean, solutions = self._mean, []
         for change in (np.zeros_like(mean), *np.eye(len(mean))):
             self._mean = mean + change
@@ -338,7 +337,7 @@ class PoseGraph:
         return np.moveaxis(np.array(solutions[1:]).reshape(-1, len(self.numbers), 6) - np.array(solutions[0]), 0, 2)
 
     def remove(self, numbers: Iterable[int]) -> None:
-        """Remove nodes; the motions of each pass to its best-linked neighbour, by odometry or else by a loop."""
+        """Remove nodes; the motions of each pass to its best-linked neighbour, by odometry or else a loop."""
         for number in numbers:
             links = [Loop(*pair, link) for pair, link in self.links.items() if number in pair]
             ways = links or [loop for loop in self.loops if number in (loop.old, loop.new)]
@@ -347,7 +346,7 @@ class PoseGraph:
                 at_first = way.old == number
                 neighbour, onward = (way.new, way.motion) if at_first else (way.old, way.motion.back())
             else:
-                neighbour, onward = number, _NO_WAY  # nothing passes on
+                neighbour, onward = number, _NO_WAY  # no motion is passed on
             for link in links:
                 del self.links[link.old, link.new]
                 if (moved := _moved(link, number, neighbour, onward)) is not None:

@@ -1,7 +1,7 @@
-"""Keyframes: what is kept of a frame so that it can be found again, some 60 KB whatever the size of its images.
+"""Keyframes: the data of a frame for recognising its place, some 60 KB whatever the size of its images.
 
-A keyframe has ORB features with a depth from the right image, by which it is found from elsewhere, and patches around
-points that give the exact motion: those that the engine reports, and features where these are few, as on bare walls.
+A keyframe has ORB features with a depth from the right image, by which it is recognised from elsewhere, and patches
+around points that give the exact motion: points of the engine, and features if these are few, as on bare walls.
 """
 
 from collections.abc import Sequence
@@ -17,15 +17,15 @@ from ..record import record
 from .settings import SETTINGS
 
 Image = NDArray[np.uint8]
-# Edge of the patches that are kept, with room for warps, and the columns of their mosaic.
+# Edge of the stored patches, with room for warps, and the columns of their mosaic.
 _SIDE_PX, _COLUMNS = TemplateAtlas.empty(1, SETTINGS.radius_px).grey.shape[1], 10
 
 
 @record
 class Keyframe:
-    """What is kept of one frame; points, features and pixels are in axes of the rectified left camera.
+    """The data of one frame; points, features and pixels are in axes of the rectified left camera.
 
-    `frame_index`, `stamp_ns`; `odom_from_cam` (4, 4) as the engine had it, physical axes. `points` (n, 3) m with
+    `frame_index`, `stamp_ns`; `odom_from_cam` (4, 4) of the engine, in physical axes. `points` (n, 3) m with
     `cov_points` (n, 3, 3) and `patches`, the JPEG of a mosaic of patches around them. `feature_px` (m, 2),
     `feature_points` (m, 3) and `descriptors` (m, 32). `depth_m`: median of the points.
     """
@@ -52,7 +52,7 @@ def make_keyframe(
     cov_points: Array,
     valid: NDArray[np.bool_] | None = None,
 ) -> Keyframe:
-    """Describe a frame by its rectified images and the points (n, 3) with covariances that the engine reported.
+    """Make a keyframe from rectified images and the points (n, 3) with covariances of the engine.
 
     `valid` (h, w): pixels of the left image that show the scene; None: all.
     """
@@ -83,9 +83,9 @@ def make_keyframe(
 
 
 def smoothed(image: Image) -> NDArray[np.float32]:
-    """The image (h, w) as patches are cut from it and aligned with it.
+    """Return the image (h, w) from which patches are cut and with which they are aligned.
 
-    Smoothed as in the front-end: else interpolation shifts patches towards whole pixels.
+    It is smoothed as in the front-end; otherwise interpolation shifts patches towards whole pixels.
     """
     return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.0), np.float32)
 
@@ -101,7 +101,7 @@ def _decoded(jpeg: bytes) -> NDArray[np.uint8] | None:
 
 
 def templates(keyframe: Keyframe) -> TemplateAtlas:
-    """The patches around the points, ready to be warped."""
+    """Return the patches around the points, ready to be warped."""
     grey = (
         np.asarray(_decoded(keyframe.patches), np.float32)
         .reshape(-1, _SIDE_PX, _COLUMNS, _SIDE_PX)
@@ -111,25 +111,25 @@ def templates(keyframe: Keyframe) -> TemplateAtlas:
 
 
 def _mosaic(image: NDArray[np.float32], px: Array) -> bytes:
-    """The JPEG of patches around sub-pixel positions (n, 2)."""
+    """Return the JPEG of patches around sub-pixel positions (n, 2)."""
     mosaic = np.zeros((max(1, -(-len(px) // _COLUMNS)), _COLUMNS, _SIDE_PX, _SIDE_PX), np.uint8)
     for k, at in enumerate(px.tolist()):
         mosaic[divmod(k, _COLUMNS)] = np.rint(cv2.getRectSubPix(image, (_SIDE_PX, _SIDE_PX), at))
     picture = mosaic.transpose(0, 2, 1, 3).reshape(-1, _COLUMNS * _SIDE_PX)
-    # With this quality recall and errors are those of lossless patches.
+    # With this quality, recall and errors are the same as with lossless patches.
     return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
 
 
 def _features(
     images: Sequence[Image], projection: StereoProjection, z_px: Array, valid: NDArray[np.bool_] | None = None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
-    """ORB features that have a depth: pixels (m, 2), points (m, 3), descriptors (m, 32).
+    """Return ORB features with a depth: pixels (m, 2), points (m, 3), descriptors (m, 32).
 
-    Where they are in the right image is found by flow, from the disparity of the nearest point (n) with views `z_px`.
+    Flow finds them in the right image, starting from the disparity of the nearest point (n) with views `z_px`.
     """
     none = np.zeros((0, 2), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 32), np.uint8)
-    # Points of the engine alone gave a recall of 0.2 instead of 1.0 on a corridor; the usual threshold of 20 grey
-    # values leaves bare walls without features.
+    # With points of the engine alone, the recall in a corridor was 0.2 instead of 1.0. The usual threshold of 20
+    # grey values leaves bare walls without features.
     shown = None if valid is None else valid.astype(np.uint8)
     corners, descriptors = cv2.ORB.create(500, fastThreshold=10).detectAndCompute(images[0], shown)
     if not corners or not len(z_px):
@@ -156,6 +156,6 @@ def _features(
 
 
 def _cov_features(projection: StereoProjection, points: Array) -> Array:
-    """Covariances (k, 3, 3) of points (k, 3) that were triangulated; the flow from left to right has a σ of 0.3 px."""
+    """Return covariances (k, 3, 3) of triangulated points (k, 3); the flow from left to right has a σ of 0.3 px."""
     j = projection.jacobian(points.astype(float))
     return np.asarray(0.3**2 * np.linalg.inv(np.swapaxes(j, 1, 2) @ j))

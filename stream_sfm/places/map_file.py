@@ -1,7 +1,7 @@
-"""A map in a file: keyframes, and the motions between them, so that a later run can go on in its world.
+"""A map in a file: keyframes, and the motions between them, so that a later run can continue in its world.
 
-MCAP with messages in MessagePack, described by a JSON schema; arrays are the bytes of little-endian numbers, row by
-row. Topics: `/places/map`, once, and first; then `/places/keyframe` and `/places/motion` (docs/maps.md).
+The file is MCAP with messages in MessagePack, described by a JSON schema; arrays are the bytes of little-endian
+numbers, row by row. Topics: first `/places/map`, once; then `/places/keyframe` and `/places/motion` (docs/maps.md).
 """
 
 import json
@@ -31,7 +31,7 @@ SCHEMA_VERSION = 1
 
 
 class MapRecord(msgspec.Struct):
-    """What the whole file is: its numbers of messages, and the rectified pair that pixels and patches are of."""
+    """The head of the file: its numbers of messages, and the rectified pair to which pixels and patches refer."""
 
     schema_version: int
     software_version: str
@@ -42,13 +42,13 @@ class MapRecord(msgspec.Struct):
 
 
 class _AnyVersion(msgspec.Struct):
-    """What every version of a MapRecord has."""
+    """The fields that every version of a MapRecord has."""
 
     schema_version: Any = None
 
 
 class KeyframeRecord(msgspec.Struct):
-    """One keyframe; segments are pieces of way without a loss, and `home` is the one in whose world the pose is."""
+    """One keyframe; segments are parts of the path without a loss; the pose is in the world of segment `home`."""
 
     number: int
     segment: int
@@ -57,7 +57,7 @@ class KeyframeRecord(msgspec.Struct):
     stamp_ns: int
     depth_m: float  # median
     world_from_cam: bytes  # 4 × 4 float64
-    cov_odometry: bytes  # 6 × 6 float64, since the segment's beginning: m, rad
+    cov_odometry: bytes  # 6 × 6 float64, since the beginning of the segment: m, rad
     odom_from_cam: bytes  # 4 × 4 float64
     points: bytes  # n × 3 float32, m, rectified axes
     cov_points: bytes  # n × 3 × 3 float32
@@ -119,7 +119,7 @@ def save_map(
 def load_map(
     path: str | Path, projection: StereoProjection, rect_from_cam: NDArray[np.float64]
 ) -> tuple[list[Keyframe], GraphState]:
-    """Read a map of this rig. Raises InputError for any other file, and for one that is damaged."""
+    """Read a map of this rig. Raises InputError for any other or damaged file."""
     with as_error(InputError, f"{path} cannot be used as a map", ValueError, msgspec.MsgspecError):
         return _loaded(list(_records(Path(path))), projection, rect_from_cam)
 
@@ -149,12 +149,12 @@ def _loaded(
         raise ValueError("it is not a file that PlaceMap.save has written")
     rig = [*heads[0].rectified, *heads[0].rect_from_cam]
     ours = [*_numbers(projection), *rect_from_cam.ravel()]
-    if len(rig) != len(ours) or not np.allclose(rig, ours, rtol=0, atol=1e-9):  # px, m and rad: but for rounding
+    if len(rig) != len(ours) or not np.allclose(rig, ours, rtol=0, atol=1e-9):  # px, m and rad: except for rounding
         raise ValueError("it was made with another calibration; use the one it was made with")
     if (len(frames), len(motions)) != (heads[0].keyframes, heads[0].motions) or not frames:
         raise ValueError("it is not complete")
     numbers = [record.number for record in frames]
-    if numbers != sorted(set(numbers)) or not 0 <= numbers[0] <= numbers[-1] < INT64 // 2:  # later ones follow
+    if numbers != sorted(set(numbers)) or not 0 <= numbers[0] <= numbers[-1] < INT64 // 2:  # others follow
         raise ValueError("its keyframes are not numbered in order")
     segments, homes = [r.segment for r in frames], [r.home for r in frames]
     if min(segments + homes) < 0 or max(segments + homes) >= INT64 // 2 or not set(homes) <= set(segments):
@@ -177,7 +177,7 @@ def _loaded(
 
 
 def _check_connected(numbers: list[int], homes: list[int], pairs: list[tuple[int, int]]) -> None:
-    """Raise a ValueError where no motion says how keyframes of one world lie to each other: no solution has them."""
+    """Raise a ValueError if no motion connects keyframes of one world, so that there is no solution."""
     rows = np.searchsorted(numbers, np.array(pairs, np.int64).reshape(-1, 2))
     near = coo_array((np.ones(len(rows)), (rows[:, 0], rows[:, 1])), shape=2 * (len(numbers),))
     _, parts = connected_components(near, directed=False)

@@ -1,8 +1,8 @@
-"""A map of the places of a run: the sink that finds them again, and the world that follows.
+"""A map of the places of a run: the sink that recognises them, and the corrected world.
 
-The engine's world drifts and never jumps: here it is called odom. The world of the map is the first keyframe's, and
-`world_from_odom` is what later knowledge has changed; it may jump. A loop counts only if it agrees with the prediction
-by both covariances; where the prediction is so uncertain that another place could be meant, several loops must agree.
+The engine's world drifts and never jumps; here it is called odom. The world of the map is the first keyframe, and
+`world_from_odom` is the correction, which may jump. A loop counts only if it agrees with the prediction
+by both covariances; if the prediction is so uncertain that another place is possible, several loops must agree.
 """
 
 import logging
@@ -39,34 +39,34 @@ MAX_KEYFRAMES = 1000  # some 60 MB
 
 
 class _Found(NamedTuple):
-    """What a job has found: see PlaceMap."""
+    """The result of a job: see PlaceMap."""
 
     frame_index: int
     world_from_odom: Array
     located: bool
-    hopeful: bool  # some place looks as if it were known
+    hopeful: bool  # some place looks familiar
 
 
 class _Node(NamedTuple):
-    """A keyframe, and how far the camera had come by then."""
+    """A keyframe, and the distance travelled until then."""
 
     keyframe: Keyframe
     path_m: float
 
 
 class PlaceMap:
-    """A sink that keeps keyframes, finds places again and corrects the poses.
+    """A sink that keeps keyframes, recognises places and corrects the poses.
 
-    The work is done in a thread of its own. With `wait`, as in a replay, the result does not depend on its speed: each
-    keyframe is finished before the next one is taken. Without it, as live, a keyframe that comes while two are waiting
-    is taken later. At most `max_keyframes` are kept, of which those go first that lie closest to others. `config`: that
-    of the engine. `known`: a file of `save`: the camera is looked for in its world, and this run goes on with it.
-    Raises ConfigError where GTSAM is not installed, or for one camera; InputError where `known` is no map of this rig.
+    The work is done in a separate thread. With `wait`, as in a replay, the result does not depend on its speed: each
+    keyframe is finished before the next one is taken. Without it, as in live use, a keyframe that comes while two wait
+    is taken later. At most `max_keyframes` are kept; those closest to others are dropped first. `config`: that
+    of the engine. `known`: a file of `save`; the camera is located in its world, and this run extends it.
+    Raises ConfigError if GTSAM is not installed, or for one camera; InputError if `known` is not a map of this rig.
 
-    `world_from_odom` (4, 4): the latest correction; multiplied with an estimate's `world_from_cam` it is the pose in
-    the map. `located`: whether the camera's place in the map's world is known; not after a loss, until an old place is
-    seen. Both are what a call of `write` has left. `problem`: why the map has ended before the run, as where GTSAM has
-    given up, and then `poses` are as far as it came; empty where it has not.
+    `world_from_odom` (4, 4): the latest correction; its product with `world_from_cam` of an estimate is the pose in
+    the map. `located`: whether the place of the camera in the world of the map is known, which it is not after a loss
+    until an old place is seen. Both are as of the last call of `write`. `problem`: why the map has ended before the
+    run, for example because GTSAM gave up; `poses` then end there. It is empty otherwise.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class PlaceMap:
         config = config or Config()
         self._rectifier = Rectifier(config.masked(rig))
         self._rect_from_cam = se3.from_rotation_translation(self._rectifier.rect_from_cam, np.zeros(3))
-        self._gate = float(chdtri(6, 1 - config.robust.gate_probability))  # χ² of motions that are the same
+        self._gate = float(chdtri(6, 1 - config.robust.gate_probability))  # χ² of equal motions
         errors, rect_from_cam = config.rig, self._rectifier.rect_from_cam
         self._axes = self._axes_with_unseen = PhysicalAxes(rect_from_cam)
         if not errors.exact:
@@ -106,24 +106,26 @@ class PlaceMap:
                 self._words.add(number, keyframe.descriptors)
         self._number = self._first = max(self._nodes, default=-1) + 1
         self.world_from_odom, self.located = np.eye(4), False
-        self._hopeful, self._lost_until = False, -1  # frame: what is known of earlier ones is of the world before
+        self._hopeful, self._lost_until = False, -1  # frame: knowledge about earlier ones is of the previous world
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="places")
         self._jobs: list[Future[_Found | None]] = []
 
     def __len__(self) -> int:
-        """How many keyframes there are."""
+        """Return the number of keyframes."""
         return len(self._nodes)
 
     @property
     def loops(self) -> list[tuple[int, int]]:
-        """Stamps of the two keyframes of each of this run's loops in use, the older one first."""
+        """The stamps of the two keyframes of each used loop of this run, the older one first."""
         nodes, loops = self._nodes, self._graph.loops
         found = [loop for loop in loops if max(loop.old, loop.new) >= self._first]
         return [(nodes[loop.old].keyframe.stamp_ns, nodes[loop.new].keyframe.stamp_ns) for loop in found]
 
     def lines(self) -> tuple[Array, Array, NDArray[np.intp]]:
-        """The lines of a picture: paths of all keyframes before and after loops, each (n, 3) in metres, and the rows
-        (m, 2) that loops join; after `close`."""
+        """Return lines for a picture: paths of all keyframes before and after loops, and the rows that loops join.
+
+        The paths are (n, 3) in metres, the rows (m, 2); call it after `close`.
+        """
         graph, (_, odom_from_cam, rows) = self._graph, self._own()
         after = graph.poses[:, :3, 3].copy()
         before = np.concatenate([after[: rows.start], odom_from_cam[:, :3, 3]])
@@ -144,16 +146,16 @@ class PlaceMap:
             self.located, self._lost_until = False, estimate.frame_index
         if not due:
             return
-        if self._wait:  # only here: so the result depends on no clock
+        if self._wait:  # only here, so that the result does not depend on timing
             self._settle(True)
         if len(self._jobs) >= SETTINGS.waiting:
             return
-        images = tuple(np.array(image) for image in frame.images)  # a camera may write the next ones over them
+        images = tuple(np.array(image) for image in frame.images)  # a copy, as a camera may overwrite them
         self._jobs.append(self._pool.submit(self._take, estimate, images, self._chain.link, self._path_m))
         self._chain.set_keyframe(estimate)
 
     def close(self) -> None:
-        """Finish what is waiting, solve all anew with what is known by now, and compute the covariances."""
+        """Finish waiting jobs, solve everything again with the final knowledge, and compute the covariances."""
         self._settle(True)
         self._pool.shutdown()
         try:
@@ -168,12 +170,12 @@ class PlaceMap:
             self.world_from_odom = self._correction(newest)
 
     def save(self, path: str | Path) -> None:
-        """Write the map to a file, from which a later run goes on; after `close`. Raises OutputError."""
+        """Write the map to a file, with which a later run can continue; call it after `close`. Raises OutputError."""
         keyframes = [self._nodes[number].keyframe for number in self._graph.numbers]
         save_map(path, self._rectifier.projection, self._rectifier.rect_from_cam, keyframes, self._graph.state())
 
     def poses(self) -> Trajectory:
-        """The poses of this run's keyframes in the world of the map, with their covariances; after `close`."""
+        """Return the poses of the keyframes of this run in the world of the map, with covariances, after `close`."""
         stamps_ns, _, rows = self._own()
         poses = self._graph.poses[rows].copy()
         in_rect = self._rect_from_cam @ poses @ self._rect_from_cam.T
@@ -181,7 +183,7 @@ class PlaceMap:
         return Trajectory(stamps_ns, poses, self._covs[rows] + unseen)
 
     def corrected(self, trajectory: Trajectory) -> Trajectory:
-        """The poses of a run in the world of the map, by those of its keyframes before and after; after `close`.
+        """Return the poses of a run in the world of the map, from the keyframes around them; call it after `close`.
 
         Covariances are those of the nearest keyframe.
         """
@@ -204,7 +206,7 @@ class PlaceMap:
         return Trajectory(trajectory.stamps_ns, corrected, covs)
 
     def _own(self) -> tuple[NDArray[np.int64], Array, slice]:
-        """Stamps (n,) and odom from camera (n, 4, 4) of this run's keyframes, and their rows among all."""
+        """Return stamps (n,) and odom from camera (n, 4, 4) of the keyframes of this run, and their rows among all."""
         first = bisect_left(self._graph.numbers, self._first)
         own = [self._nodes[number].keyframe for number in self._graph.numbers[first:]]
         stamps_ns = np.array([keyframe.stamp_ns for keyframe in own], np.int64)
@@ -212,7 +214,7 @@ class PlaceMap:
         return stamps_ns, odom_from_cam, slice(first, None)
 
     def _settle(self, everything: bool) -> None:
-        """Take the results of jobs that are finished; wait for all if `everything` is to be."""
+        """Take the results of finished jobs; wait for all of them if `everything`."""
         while self._jobs and (everything or self._jobs[0].done()):
             found = self._jobs.pop(0).result()
             if found is not None and found.frame_index >= self._lost_until:
@@ -222,7 +224,7 @@ class PlaceMap:
     def _take(
         self, estimate: FrameEstimate, images: tuple[NDArray[Any], ...], link: Motion | None, path_m: float
     ) -> _Found | None:
-        """Make a keyframe of a frame, moved by `link` since the last one; None where the map has ended."""
+        """Make a keyframe of a frame, moved by `link` since the last one; None if the map has ended."""
         if self.problem:
             return None
         try:
@@ -233,7 +235,7 @@ class PlaceMap:
             return None
 
     def _end(self, where: str, error: Exception) -> None:
-        """Record why the map has ended: the first line of GTSAM's pages."""
+        """Record why the map has ended, with the first line of GTSAM's message."""
         what, _, _ = str(error).strip().partition("\n")
         self.problem = f"{where}: {what}"
         logging.getLogger("stream_sfm").warning(self.problem)
@@ -241,7 +243,7 @@ class PlaceMap:
     def _add(
         self, estimate: FrameEstimate, images: tuple[NDArray[Any], ...], link: Motion | None, path_m: float
     ) -> _Found:
-        """Make the next keyframe, and look whether its place is known."""
+        """Make the next keyframe, and check whether its place is known."""
         number, self._number, turn = self._number, self._number + 1, self._rectifier.rect_from_cam
         rectified = self._rectifier.rectify(*self._scaler.to_uint8(*(to_grey(image) for image in images)))
         keyframe = make_keyframe(
@@ -267,14 +269,14 @@ class PlaceMap:
         return _Found(estimate.frame_index, self._correction(number), located, hopeful)
 
     def _correction(self, number: int) -> Array:
-        """World from odom (4, 4) by one keyframe."""
-        if not self.loops:  # before there are any the engine's own poses are at least as good
+        """Return world from odom (4, 4) by one keyframe."""
+        if not self.loops:  # before that, the poses of the engine are at least as good
             return np.eye(4)
         odom_from_cam = self._nodes[number].keyframe.odom_from_cam
         return se3.orthonormalise(self._graph.pose(number) @ se3.inverse(odom_from_cam))
 
     def _find(self, number: int, seen: Seen) -> None:
-        """Look for older keyframes of the same place: by the predicted pose, and where that is not enough by words."""
+        """Look for older keyframes of the same place: by the predicted pose, and if that is not enough, by words."""
         graph, keyframe = self._graph, seen.keyframe
         rows = np.flatnonzero(graph.in_world_of(number) & self._by_detour(number))
         rows = rows[nearest_poses(graph.poses[rows], graph.pose(number), keyframe.depth_m)]
@@ -296,7 +298,7 @@ class PlaceMap:
         self._close_doubtful([loop for loop in found if loop is not None])
 
     def _by_detour(self, number: int) -> NDArray[np.bool_]:
-        """Which nodes (n,) the camera has come from by a detour."""
+        """Return from which nodes (n,) the camera has come by a detour."""
         nodes, new, graph = self._nodes, self._nodes[number], self._graph
         path_m = new.path_m - np.array([nodes[old].path_m for old in graph.numbers])
         straight_m = offsets_m(graph.poses, graph.pose(number))
@@ -312,7 +314,7 @@ class PlaceMap:
         return Loop(old, new, Motion(poses[0], covs[0]))
 
     def _close_doubtful(self, loops: list[Loop]) -> None:
-        """Keep a loop until others agree with it; then close them all. What looks like two places says nothing."""
+        """Keep a loop until others agree with it, then close them all; candidates for two places are ignored."""
         if not loops or any(self._are_rivals(loops[0], other) for other in loops[1:]):
             return
         loop = loops[0]
@@ -325,27 +327,27 @@ class PlaceMap:
         self._graph.close(chosen, doubtful=True)
 
     def _agree(self, a: Loop, b: Loop) -> bool:
-        """Whether two loops say the same, by the ways between their ends."""
+        """Whether two loops agree, by the motions between their ends."""
         olds, news = self._graph.between(a.old, b.old), self._graph.between(a.new, b.new)
         return olds is not None and news is not None and self._same(a.motion.then(news), olds.then(b.motion))
 
     def _are_rivals(self, a: Loop, b: Loop) -> bool:
-        """Whether two loops of one keyframe have it at different places."""
+        """Whether two loops of one keyframe put it at different places."""
         olds = self._graph.between(a.old, b.old)
         return olds is not None and not self._same(a.motion, olds.then(b.motion))
 
     def _same(self, one: Motion, other: Motion) -> bool:
-        """Whether two estimates of a motion, with independent errors, are the same by χ²."""
+        """Whether two estimates of a motion with independent errors agree by χ²."""
         error = se3.log(se3.inverse(one.earlier_from_newest) @ other.earlier_from_newest)
         return bool(error @ np.linalg.solve(one.cov + other.cov, error) < self._gate)
 
     def _is_ambiguous(self, cov: Array, depth_m: float) -> bool:
-        """Whether another place may lie within a prediction's covariance (6, 6), as far as the gate reaches."""
+        """Whether another place may lie within the covariance (6, 6) of a prediction, as far as the gate reaches."""
         (std_m,), (std_rad,) = np.sqrt(self._gate) * np.array(stds(cov[None]))
         return bool(std_m > SETTINGS.max_offset_depths * depth_m or std_rad > SETTINGS.max_angle_rad)
 
     def _thin(self) -> None:
-        """Let those keyframes go that lie closest to older ones."""
+        """Drop the keyframes that are closest to older ones."""
         numbers = self._graph.numbers[: -SETTINGS.apart]
         depth_m = np.median([self._nodes[number].keyframe.depth_m for number in numbers])
         poses = self._graph.poses[: len(numbers)]
@@ -353,8 +355,8 @@ class PlaceMap:
             [poses[:, :3, 3] / depth_m, poses[:, :3, :3].reshape(-1, 9) / np.sqrt(2)]
         )  # depths and rad
         distance, neighbour = (column[:, 1] for column in KDTree(where).query(where, 2))
-        distance[neighbour >= np.arange(len(numbers))] = np.inf  # of two that are close the newer one goes
-        too_many = len(self._nodes) - self._max_keyframes  # as in a map of a run that kept more
+        distance[neighbour >= np.arange(len(numbers))] = np.inf  # of two close ones, the newer one is dropped
+        too_many = len(self._nodes) - self._max_keyframes  # also those of a loaded map that kept more
         count = max(1, int(SETTINGS.thinned * self._max_keyframes), too_many)
         gone = [numbers[row] for row in np.argsort(distance, kind="stable")[:count].tolist()]
         self._graph.remove(gone)

@@ -1,8 +1,8 @@
-"""Whether two keyframes show the same place, and how the camera has moved between them, with covariance.
+"""Whether two keyframes show the same place, and the motion of the camera between them, with covariance.
 
 Features give a rough motion (PnP); patches warped by it give positions to hundredths of a pixel, as in the front-end;
-and the robust resection, which every estimator starts from, gives the motion and what it is worth. On a corridor the
-error of a loop is 13.6 mm after PnP, 6.8 mm with patches that are not warped, 2.6 mm with warped ones.
+the robust resection, from which every estimator starts, gives the motion and its covariance. In a corridor the
+error of a loop is 13.6 mm after PnP, 6.8 mm with unwarped patches, and 2.6 mm with warped ones.
 """
 
 from collections.abc import Sequence
@@ -40,9 +40,9 @@ class Verifier:
         self._matrix = np.array([[p.f_px, 0, p.cx_left_px], [0, p.f_px, p.cy_px], [0, 0, 1]])
 
     def motion(self, old: Keyframe, new: Seen, predicted: Array | None = None) -> Motion | None:
-        """The motion from the old keyframe to the new one, in rectified axes; None where they do not show the same.
+        """Return the motion from the old keyframe to the new one, in rectified axes; None if their places differ.
 
-        Where too few features match, the patches are warped by the motion `predicted`, if there is one.
+        If too few features match, the patches are warped by the motion `predicted`, if there is one.
         """
         start = self._rough(old, new.keyframe)
         if start is None and predicted is not None:
@@ -66,7 +66,7 @@ class Verifier:
         return Motion(motion, found.cov_pose * factor)
 
     def _rough(self, old: Keyframe, new: Keyframe) -> Array | None:
-        """New camera from old one, by PnP of features that match."""
+        """Return the new camera from the old one, by PnP of matched features."""
         pairs = matches(old.descriptors, new.descriptors)
         if len(pairs) < SETTINGS.min_views:
             return None
@@ -92,7 +92,7 @@ class Verifier:
     def _refined(
         self, old: Keyframe, atlas: TemplateAtlas, images: Sequence[NDArray[np.float32]], new_from_old: Array
     ) -> tuple[PointViews, Resection] | None:
-        """The views and the motion by patches that are warped as a rough motion has it."""
+        """Return views and motion from patches that are warped by a rough motion."""
         p = self._projection
         points = old.points.astype(float)
         here = se3.transform(new_from_old, points)
@@ -120,7 +120,7 @@ class Verifier:
         return (of_points, motion) if motion.ok and self._is_spread(views[motion.accepted]) else None
 
     def _old_from_new(self, points: Array, new_from_old: Array) -> Array:
-        """Warps (n, 3, 2) of pixel offsets of surfaces that face the old camera; none that fits where seen edge-on."""
+        """Return warps (n, 3, 2) of pixel offsets for surfaces that face the old camera; useless if seen edge-on."""
         step = points[:, 2] / self._projection.f_px
         shifted = np.stack([points, *(points + step[:, None] * axis for axis in np.eye(3)[:2])])
         here = se3.transform(new_from_old, shifted)
@@ -131,17 +131,17 @@ class Verifier:
         return np.concatenate([np.linalg.inv(new_from_old_px), np.zeros((len(points), 1, 2))], axis=1)
 
     def _is_spread(self, z_px: Array) -> bool:
-        """Whether views (n, 4) are over enough of the image."""
+        """Whether views (n, 4) cover enough of the image."""
         cells = (4 * z_px[:, :2] / (self._projection.width, self._projection.height)).astype(int)
         return len(np.unique(cells[:, 0] + 4 * cells[:, 1])) >= SETTINGS.min_cells
 
 
 def _halves_apart(views: PointViews, found: Resection) -> float:
-    """By how much motions of two halves of the views differ: the squared distance over the six expected.
+    """Return the squared distance of motions from two halves of the views over its expected value, six.
 
-    It is the largest of near and far, left and right, upper and lower ones: patches on slanted surfaces err alike in
-    one of these. With N and g the information and the right-hand side of a half, and M that of all, whose right-hand
-    side is zero, the distance is gᵀ (N − N M⁻¹ N)⁻¹ g.
+    It is the largest of near and far, left and right, upper and lower halves: patches on slanted surfaces share errors
+    within one of these. With N and g the information and the right-hand side of a half, and M that of all, whose
+    right-hand side is zero, the distance is gᵀ (N − N M⁻¹ N)⁻¹ g.
     """
     used = views.select(found.accepted)
     root, jacobian = used.linearise(found.cam_from_ref)
@@ -157,7 +157,7 @@ def _halves_apart(views: PointViews, found: Resection) -> float:
 
 
 def matches(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.intp]:
-    """Pairs (k, 2) of descriptors, of a with the nearest of b, if clearly nearer than the second; each once."""
+    """Return pairs (k, 2) of descriptors: of a with the nearest of b, if clearly nearer than the second; each once."""
     if len(a) < 2 or len(b) < 2:
         return np.zeros((0, 2), np.intp)
     bits, nearest = cv2.batchDistance(a, b, cv2.CV_32S, None, None, cv2.NORM_HAMMING, 2)

@@ -1,4 +1,4 @@
-"""Recordings of stereo cameras that give both images in one, beside or above each other: read as two topics."""
+"""Recordings of stereo cameras that deliver both images in one, side by side or stacked: read as two topics."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -19,7 +19,7 @@ from .survey import Survey
 def both_sides(
     source: Source, survey: Survey, calibration: Where | StereoRig | None
 ) -> tuple[Source, Survey, Where | StereoRig | None]:
-    """The recording with two image topics, where its one topic holds both sides of a calibrated pair; else as given."""
+    """Return the recording with two image topics if its only one holds both sides of a pair; else unchanged."""
     cameras = [t for t, count in survey.of_kind("image").items() if is_camera(t) and count != 0]
     if calibration is None or len(cameras) != 1 or (size := first_size(source, cameras[0])) is None:
         return source, survey, calibration
@@ -45,7 +45,7 @@ class _BothSides(Derived):
         self._topic, self._rig = topic, rig
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
-        """Yield the messages of `topics` (None: all); images that cannot be decoded are left out."""
+        """Yield the messages of `topics` (None: all); images that cannot be decoded are skipped."""
         encoder, decoder = ProfileEncoder(None), MessageDecoder(self.path)
         wanted = topics
         if topics is not None and topics & {channel.topic for channel in encoder.raw_images}:

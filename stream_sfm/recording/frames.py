@@ -1,4 +1,4 @@
-"""Frames of a log: images decoded with the messages they come from, both sides in parallel and one frame ahead."""
+"""Frames of a log: decoded images with their messages, both sides in parallel and one frame ahead."""
 
 from collections import deque
 from collections.abc import Generator, Iterator
@@ -20,13 +20,13 @@ from .pair_reader import StereoPair
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RecordedFrame(StereoFrame):
-    """A StereoFrame with the recorded pair it was decoded from; with one camera, left and right are the same."""
+    """A StereoFrame with the recorded pair from which it was decoded; with one camera, left and right are the same."""
 
     recorded: StereoPair = field(kw_only=True)
 
 
 def recorded_frame(pair: StereoPair, images: list[NDArray[np.uint8]]) -> RecordedFrame:
-    """The frame of a pair and its decoded images; a viewer gets compressed images as they were recorded."""
+    """Return the frame of a pair and its decoded images; a viewer gets compressed images as they were recorded."""
     left, right = images[0], images[-1]
     pictures = [m.data if m.compressed else image for m, image in zip(pair.images, (left, right), strict=True)]
     return RecordedFrame(pair.stamp_ns, left, right, (pictures[0], pictures[1]), recorded=pair)
@@ -35,7 +35,8 @@ def recorded_frame(pair: StereoPair, images: list[NDArray[np.uint8]]) -> Recorde
 class FrameDecoder:
     """Decodes the images of one reading; pairs that cannot be decoded are skipped.
 
-    The first images decide whether the sizes fit the calibration at all. `skipped`: pairs; `problem`: of the first.
+    The first images decide whether the sizes fit the calibration at all. `skipped`: number of skipped pairs;
+    `problem`: that of the first one.
     """
 
     def __init__(self, path: Path, rig: StereoRig | MonoRig) -> None:
@@ -47,7 +48,7 @@ class FrameDecoder:
         self.problem = ""
 
     def frames(self, pairs: Iterator[StereoPair]) -> Generator[RecordedFrame, None, None]:
-        """Yield the frame of each pair. Raises LogError where images have another size than the calibration."""
+        """Yield the frame of each pair. Raises LogError if images have another size than the calibration."""
         with ThreadPoolExecutor(2, thread_name_prefix="decode") as pool:
             pending: deque[tuple[StereoPair, list[Future[Grey]]]] = deque()
             ahead = all(camera.width * camera.height <= MANY_PIXELS for camera in self._cameras)
@@ -62,7 +63,7 @@ class FrameDecoder:
                     yield frame
 
     def _fits(self, pair: StereoPair) -> bool:
-        """Whether both sizes are the calibrated ones; before decoding, so that a header cannot ask for gigabytes."""
+        """Check before decoding whether both sizes are the calibrated ones, so that no header can demand gigabytes."""
         for message, camera in zip(pair.images, self._cameras, strict=False):
             size = image_size(message)
             if size is None:

@@ -1,7 +1,7 @@
 """Ground truth in a log: the poses of the physical left camera, and depth images.
 
-A topic is ground truth when its name says so. A message that names its child frame must name the left camera's:
-the pose of another body would be off by an unknown mounting, and is refused with a warning.
+A topic is ground truth if its name says so. If a message names its child frame, that must be the left camera: the
+pose of another body would be wrong by an unknown mounting, and is refused with a warning.
 """
 
 import re
@@ -31,14 +31,14 @@ _LEFT_CAMERA = re.compile(r"(?<![a-z])(left|cam_?0|camera_?0|camera|cam)(?![a-z]
 
 
 def truth_topic(survey: Survey) -> str | None:
-    """The topic of ground-truth poses, or None."""
+    """Return the topic of ground-truth poses, or None."""
     topics = [t for t, count in survey.of_kind("pose", "transform").items() if _TRUTH.search(t) and count != 0]
     return min(topics, key=lambda t: ("pose" not in t.lower(), len(t), t), default=None)
 
 
 def read_truth(source: Source, topic: str, camera_frame: str, warnings: list[str]) -> Trajectory | None:
-    """Return the poses on `topic` as `world_from_cam`, ascending; None, with a warning, where none can be used."""
-    stamps_ns, poses = array("q"), array("d")  # not objects: a tracker at 1 kHz gives millions an hour
+    """Return the poses on `topic` as `world_from_cam`, ascending; None, with a warning, if none can be used."""
+    stamps_ns, poses = array("q"), array("d")  # arrays, as a tracker at 1 kHz gives millions per hour
     other_frames: set[str] = set()
 
     def tell(problem: str) -> None:
@@ -64,7 +64,7 @@ def read_truth(source: Source, topic: str, camera_frame: str, warnings: list[str
 
 
 def depth_topic(survey: Survey) -> str | None:
-    """The topic of depth images, or None."""
+    """Return the topic of depth images, or None."""
     images = survey.of_kind("image")
     return next((t for t in _DEPTH_TOPICS if images.get(t, 0) != 0), None)
 
@@ -85,11 +85,11 @@ def read_depths(source: Source, topic: str, warnings: list[str]) -> Iterator[tup
 class DepthImages:
     """Looks up depth images by ascending stamps, and holds only one image at a time.
 
-    After one that cannot be read there are none, and `problem` says why. Several threads may ask.
+    After one that cannot be read there are no more, and `problem` says why. Several threads may call it.
     """
 
     def __init__(self, images: Iterator[tuple[int, Depth]]) -> None:
-        """`images`: as `StereoLog.depths` yields them."""
+        """Start with `images` as `StereoLog.depths` yields them."""
         self._images = images
         self._current: tuple[int, Depth] | None = None
         self._exhausted = False
@@ -97,7 +97,7 @@ class DepthImages:
         self.problem = ""
 
     def at(self, stamp_ns: int) -> Depth | None:
-        """The depth image of this moment (within 1 ms, to which stamps may be rounded), or None."""
+        """Return the depth image of this moment (within 1 ms, as stamps may be rounded), or None."""
         with self._lock:
             first_ns = stamp_ns - SETTINGS.same_stamp_ns
             while not self._exhausted and (self._current is None or self._current[0] < first_ns):

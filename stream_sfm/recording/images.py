@@ -1,6 +1,6 @@
-"""Decodes images of every recorded encoding to grey (h, w): uint8, or uint16 where the camera gave more bits.
+"""Decodes images of every recorded encoding to grey (h, w): uint8, or uint16 if the camera gave more bits.
 
-Depth images become metres: 16-bit PNG in units of 0.1 mm, and ROS's own (REP 118), raw or as `compressedDepth`.
+Depth images become metres: 16-bit PNG in units of 0.1 mm, and ROS's depth images (REP 118), raw or `compressedDepth`.
 """
 
 import re
@@ -22,7 +22,7 @@ from ..sources import image_header
 from ..sources.image_header import COMPRESSED_FORMATS, PNG_CHUNK, PNG_SIGNATURE
 from .messages import ImageMessage, UndecodableMessage
 
-# colours of a pixel -> (channels, OpenCV's conversions to grey and to red, green, blue; None where they are so already)
+# colours of a pixel -> (channels, OpenCV's conversions to grey and to red, green, blue; None if not needed)
 _COLOURS: dict[str, tuple[int, int | None, int | None]] = {
     "rgb": (3, cv2.COLOR_RGB2GRAY, None), "bgr": (3, cv2.COLOR_BGR2GRAY, cv2.COLOR_BGR2RGB),
     "rgba": (4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2RGB), "bgra": (4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2RGB),
@@ -38,7 +38,7 @@ _PLAIN |= {"mono8": (8, *_GREY), "8uc1": (8, *_GREY), "mono16": (16, *_GREY), "1
 _PLAIN |= {"8uc3": (8, *_COLOURS["bgr"]), "8uc4": (8, *_COLOURS["bgra"])}
 # which of the two bytes of a pixel is the luma
 _LUMA_BYTE = {"yuv422": 1, "uyvy": 1, "yuv422_uyvy": 1, "yuyv": 0, "yuv422_yuy2": 0, "yuy2": 0}
-_LUMA_PLANE = ("nv12", "nv21", "nv24", "i420", "yuv420")  # luma first, one byte a pixel
+_LUMA_PLANE = ("nv12", "nv21", "nv24", "i420", "yuv420")  # luma first, one byte per pixel
 
 _COMPRESSED = re.compile("|".join(("jpg", *COMPRESSED_FORMATS)))
 RAW_ENCODINGS = (*_PLAIN, *_LUMA_BYTE, *_LUMA_PLANE)
@@ -47,22 +47,22 @@ _ROS_UNIT_M = 1e-3  # of 16UC1 images: REP 118
 # compressed_depth_image_transport puts these before the PNG: format, and the two parameters of inverse depth
 _COMPRESSED_DEPTH = struct.Struct("<iff")
 _PNG_HEADER = struct.Struct(">8sI4sIIBBBBBI")  # up to the checksum of the first chunk
-_WITHOUT_PIXELS = (b"IHDR", b"pHYs", b"tEXt", b"tIME")  # chunks that no decoder obeys
+_WITHOUT_PIXELS = (b"IHDR", b"pHYs", b"tEXt", b"tIME")  # chunks that do not affect decoding
 
 
 class UndecodableImage(UndecodableMessage):
-    """The bytes of this image are damaged; the next one may be whole."""
+    """The bytes of this image are damaged; the next one may be intact."""
 
 
 def image_size(message: ImageMessage) -> tuple[int, int] | None:
-    """Width and height, pixels, without decoding; None where the header of a compressed image is damaged."""
+    """Return width and height, pixels, without decoding; None if the header of a compressed image is damaged."""
     if not message.compressed:
         return message.width, message.height
     return image_header.image_size(message.data)
 
 
 def check_encoding(message: ImageMessage, path: object) -> None:
-    """Raise LogError where images of this encoding are not supported at all, whatever their bytes."""
+    """Raise LogError if images of this encoding are not supported at all, whatever their bytes."""
     where = f"{path}: topic {message.topic}"
     if not message.compressed:
         name = message.encoding.lower()
@@ -82,7 +82,7 @@ def check_encoding(message: ImageMessage, path: object) -> None:
 
 
 def decode_grey(message: ImageMessage) -> Grey:
-    """Decode one image to grey (h, w): uint8, or uint16 unscaled where more bits were recorded.
+    """Decode one image to grey (h, w): uint8, or unscaled uint16 if more bits were recorded.
 
     `check_encoding` must have passed. Raises UndecodableImage for damaged bytes.
     """
@@ -105,7 +105,7 @@ def _decode_compressed(message: ImageMessage) -> Grey:
         raise UndecodableImage(f"{message.topic}: an image that is not decoded: {problem}")
     if (grey := decode_plain_png(message.data)) is not None:
         return grey
-    # An orientation tag is ignored: the calibration is of the pixels as they were recorded.
+    # An orientation tag is ignored, because the calibration refers to the pixels as recorded.
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     image = cv2.imdecode(np.frombuffer(message.data, np.uint8), flags)
     if image is None or image.dtype not in (np.uint8, np.uint16):
@@ -115,15 +115,15 @@ def _decode_compressed(message: ImageMessage) -> Grey:
 
 
 def decode_plain_png(data: bytes) -> Grey | None:
-    """Grey (h, w) of 8 or 16 bits of a PNG without interlacing, transparency or palette; None for all others.
+    """Decode a PNG without interlacing, transparency or palette to grey (h, w), 8 or 16 bits; None for all others.
 
-    None, too, where anything is damaged: another decoder may save or refuse it. `image_header.problem` must have
-    passed, and the size be one that memory has room for.
+    Damaged ones also give None: another decoder may rescue or refuse them. `image_header.problem` must have
+    passed, and the size must fit into memory.
     """
     if len(data) < _PNG_HEADER.size:
         return None
     signature, length, _, width, height, bits, *kind, _ = _PNG_HEADER.unpack_from(data)
-    # grey; compressed, filtered and ordered by the one way that the specification names first
+    # grey, with compression, filter and order of type 0
     usual = not any(kind)
     if signature != PNG_SIGNATURE or length != 13 or bits not in (8, 16) or not usual:
         return None
@@ -143,7 +143,7 @@ def decode_plain_png(data: bytes) -> Grey | None:
 
 
 def _png_content(whole: bytes) -> bytes | memoryview | None:
-    """The compressed pixels; None where a checksum is wrong, or a chunk is there that says how to take them."""
+    """Return the compressed pixels; None if a checksum is wrong, or a chunk changes how to interpret them."""
     data, at = memoryview(whole), len(PNG_SIGNATURE)
     parts: list[memoryview] = []
     while at + PNG_CHUNK.size < len(data):
@@ -162,9 +162,9 @@ def _png_content(whole: bytes) -> bytes | memoryview | None:
 
 
 def decode_rgb(message: ImageMessage) -> NDArray[np.uint8] | None:
-    """Decode an image of 8 bits to red, green, blue (h, w, 3); None where it is grey, deeper, or luma only.
+    """Decode an 8-bit image to red, green, blue (h, w, 3); None if it is grey, deeper, or luma only.
 
-    `decode_grey` must have accepted the message. Raises as it does.
+    `decode_grey` must have accepted the message. Raises the same errors.
     """
     if message.compressed:
         flags = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
@@ -182,7 +182,7 @@ def decode_rgb(message: ImageMessage) -> NDArray[np.uint8] | None:
 
 
 def _raw_pixels(message: ImageMessage) -> tuple[Any, int | None, int | None]:
-    """Pixels (h, w) or (h, w, channels), and OpenCV's conversions as in `_COLOURS`."""
+    """Return pixels (h, w) or (h, w, channels), and OpenCV's conversions as in `_COLOURS`."""
     name = message.encoding.lower()
     if len(message.data) > LIMITS.raw_image_bytes:
         raise UndecodableImage(f"{message.topic}: a raw image of {len(message.data) / 2**20:.0f} MiB")
@@ -201,7 +201,7 @@ def _raw_pixels(message: ImageMessage) -> tuple[Any, int | None, int | None]:
 
 
 def raw_rows(message: ImageMessage, pixel_bytes: int) -> NDArray[np.uint8]:
-    """The bytes of a raw image, (h, w · pixel_bytes) uint8, without row padding. Raises UndecodableImage."""
+    """Return the bytes of a raw image, (h, w · pixel_bytes) uint8, without row padding. Raises UndecodableImage."""
     width, height = message.width, message.height
     row = width * pixel_bytes
     step = message.step or row
@@ -213,7 +213,7 @@ def raw_rows(message: ImageMessage, pixel_bytes: int) -> NDArray[np.uint8]:
 
 
 def decode_depth_m(message: ImageMessage) -> NDArray[np.float32]:
-    """Depth (h, w) in metres, NaN where unknown. Raises UndecodableImage for other images and damaged bytes."""
+    """Decode depth (h, w) in metres, NaN where unknown. Raises UndecodableImage for other images and damaged bytes."""
     kind = message.encoding.lower()
     if message.compressed:
         return _compressed_depth_m(message) if "compresseddepth" in kind else _scaled(message, _PNG_UNIT_M)
@@ -225,7 +225,7 @@ def decode_depth_m(message: ImageMessage) -> NDArray[np.float32]:
 
 
 def _compressed_depth_m(message: ImageMessage) -> NDArray[np.float32]:
-    """Millimetres, or inverse depth where the camera gave 32FC1: near points keep their precision that way."""
+    """Decode millimetres, or inverse depth if the camera gave 32FC1, which keeps the precision of near points."""
     if len(message.data) < _COMPRESSED_DEPTH.size:
         raise UndecodableImage(f"{message.topic}: a compressed depth image of {len(message.data)} bytes")
     _, scale, shift = _COMPRESSED_DEPTH.unpack_from(message.data)

@@ -1,4 +1,4 @@
-"""The inertial unit of a log: its topics, how it is mounted, and the samples that belong to each frame."""
+"""The inertial unit of a log: its topics, its mounting, and the samples of each frame."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -17,13 +17,13 @@ from .messages import ImuMessage, MessageDecoder, decoded
 from .survey import Survey
 from .transforms import fixed_transform
 
-_BEFORE_NS = 200_000_000  # samples before the first frame that come with it
-_MOST = 20_000  # samples of one frame; more are a clock that jumped
+_BEFORE_NS = 200_000_000  # the first frame gets the samples of this time before it
+_MOST = 20_000  # samples per frame; more mean a clock that jumped
 
 
 @record
 class ImuTopics:
-    """Where a log has inertial samples: `gyro` and `accel`, which may be one topic."""
+    """The topics of inertial samples: `gyro` and `accel`, which may be the same."""
 
     gyro: str
     accel: str
@@ -35,9 +35,9 @@ class ImuTopics:
 
 
 def find_topics(survey: Survey) -> ImuTopics | None:
-    """Return the topics of the inertial unit; of several units the first by name. None where there is none.
+    """Return the topics of the inertial unit; of several units the first by name. None if there is none.
 
-    RealSense sends the gyroscope and the accelerometer on topics of their own.
+    RealSense sends gyroscope and accelerometer on separate topics.
     """
     topics = sorted(t for t, count in survey.of_kind("imu").items() if count != 0)
     gyro = next((t for t in topics if "gyro" in t.lower()), None)
@@ -51,7 +51,7 @@ def find_topics(survey: Survey) -> ImuTopics | None:
 
 
 def mounted(source: Source, survey: Survey, topics: ImuTopics, rig: StereoRig, left_frame: str) -> StereoRig:
-    """Return the rig with its inertial unit, placed by its calibration or by transforms. Raises LogError."""
+    """Return the rig with its inertial unit, mounted as its calibration or transforms say. Raises LogError."""
     if rig.imu is not None:
         return rig
     if source.imu is not None:
@@ -68,26 +68,26 @@ def mounted(source: Source, survey: Survey, topics: ImuTopics, rig: StereoRig, l
 
 
 def with_imu(rig: StereoRig | MonoRig, imu: ImuCalibration | None) -> StereoRig | MonoRig:
-    """Return a rig with a unit, unless it has one of its own."""
+    """Return a rig with a unit, unless it already has one."""
     if imu is None or not isinstance(rig, StereoRig) or rig.imu is not None:
         return rig
     return replace(rig, imu=imu)
 
 
 class SamplesOfFrames:
-    """The samples of one reading of a log, which are given to its frames."""
+    """Distributes the samples of one reading of a log to its frames."""
 
     def __init__(self, source: Source, topics: ImuTopics) -> None:
         self._samples = samples_of(source, topics)
         self._coming: ImuMessage | None = None
-        self._given_ns: int | None = None  # the stamp of the sample given last
+        self._given_ns: int | None = None  # the stamp of the latest sample that a frame got
         self._begun = False
 
     def added_to(self, frame: RecordedFrame) -> RecordedFrame:
-        """Return the next frame with its samples: all since the frame before, and one beyond."""
+        """Return the next frame with its samples: all since the previous frame, and one after it."""
         taken: deque[ImuMessage] = deque(maxlen=_MOST)
         coming, given_ns = self._coming if self._begun else next(self._samples, None), self._given_ns
-        # By the coming one, too: a stamp that jumps ahead keeps back none that follow.
+        # The next stamp is compared as well, so that a stamp that jumps ahead does not hold back later samples.
         while coming is not None and (given_ns is None or min(given_ns, coming.stamp_ns) <= frame.stamp_ns):
             if self._begun or coming.stamp_ns > frame.stamp_ns - _BEFORE_NS:
                 taken.append(coming)
@@ -97,7 +97,7 @@ class SamplesOfFrames:
 
 
 def joined_samples(taken: Sequence[ImuMessage]) -> ImuSamples:
-    """Return what messages have, as arrays."""
+    """Return the content of messages as arrays."""
     if not taken:
         return ImuSamples.joined([])
     return ImuSamples(
@@ -108,7 +108,7 @@ def joined_samples(taken: Sequence[ImuMessage]) -> ImuSamples:
 
 
 def samples_of(source: Source, topics: ImuTopics) -> Iterator[ImuMessage]:
-    """Yield the samples of a unit; of two topics those of the gyroscope, with interpolated accelerations."""
+    """Yield the samples of a unit; with two topics, those of the gyroscope with interpolated accelerations."""
     messages = decoded(source, topics.names, MessageDecoder.imu)
     if topics.gyro == topics.accel:
         yield from messages

@@ -33,7 +33,7 @@ _KINDS = {
 }  # fmt: skip
 
 _MISSING = object()
-_QUATERNION_NORMS = (0.5, 2.0)  # beyond any rounding error; outside it the numbers are not a rotation
+_QUATERNION_NORMS = (0.5, 2.0)  # beyond any rounding error; outside them the numbers are not a rotation
 
 
 class UndecodableMessage(Exception):
@@ -44,8 +44,8 @@ class UndecodableMessage(Exception):
 class ImageMessage:
     """One image as recorded, not decoded.
 
-    `encoding`: pixel layout of a raw image, format of a compressed one, whose `width`, `height`, `step` (bytes per row)
-    are 0.
+    `encoding`: pixel layout of a raw image, or format of a compressed one, whose `width`, `height` and `step`
+    (bytes per row) are 0.
     """
 
     topic: str
@@ -58,7 +58,7 @@ class ImageMessage:
     height: int = 0
     step: int = 0
     big_endian: bool = False
-    calibration: "CalibrationMessage | None" = None  # of its camera, in force then; None: not asked for
+    calibration: "CalibrationMessage | None" = None  # valid for its camera at that time; None: not requested
 
 
 @record
@@ -86,7 +86,7 @@ class CalibrationMessage:
 
 @record
 class PoseMessage:
-    """One pose, `parent_from_child` (4, 4) at `stamp_ns`; `child` is empty where the message names none."""
+    """One pose, `parent_from_child` (4, 4) at `stamp_ns`; `child` is empty if the message names none."""
 
     stamp_ns: int
     parent: str
@@ -106,7 +106,7 @@ class ImuMessage:
 
 
 def kind_of(schema_name: str) -> str:
-    """What messages of a schema are: image, video, calibration, pose, transform, or empty for everything else."""
+    """Return the kind of messages of a schema: image, video, calibration, pose, transform, or empty for others."""
     parts = schema_name.replace("/", ".").split(".")
     return _KINDS.get(parts[-1], "") if parts[0] in _PACKAGES else ""
 
@@ -128,7 +128,7 @@ class MessageDecoder:
             decoder = self._decoders[message.channel] = self._find(message.channel)
         try:
             return decoder(message.data)
-        except Exception as error:  # the decoders raise what their libraries raise: the bytes are damaged
+        except Exception as error:  # libraries raise many kinds of errors for damaged bytes
             what = f"{message.channel.topic}: a message of {len(message.data)} bytes"
             raise UndecodableMessage(f"{what} does not fit its schema ({type(error).__name__}: {error})") from None
 
@@ -143,7 +143,7 @@ class MessageDecoder:
                 raise ValueError(f"a definition of {len(channel.definition)} bytes")
             if (decoder := _by_definition(channel)) is not None:
                 return decoder
-        except Exception as error:  # a broken definition raises what its library raises
+        except Exception as error:  # libraries raise many kinds of errors for a broken definition
             problem = f"{error}".splitlines()[0] if f"{error}" else type(error).__name__
             raise LogError(f"{where}: its schema {channel.schema_name!r} cannot be read ({problem})") from None
         raise LogError(
@@ -181,9 +181,9 @@ def decoded(
     decode: Callable[[MessageDecoder, Message], T],
     tell: Callable[[str], object] | None = None,
 ) -> Iterator[T]:
-    """Yield what `decode` makes of each message on some topics; what it cannot decode is skipped.
+    """Yield the result of `decode` for each message on some topics; messages that it cannot decode are skipped.
 
-    `tell` is called with the reason of the first one. Raises LogError where a topic as a whole cannot be read.
+    `tell` is called with the reason for the first skipped one. Raises LogError if a topic as a whole cannot be read.
     """
     decoder = MessageDecoder(source.path)
     for message in source.messages(Damage(), frozenset(topics)):
@@ -198,10 +198,10 @@ def decoded(
 
 
 def image_of(topic: str, m: Any) -> ImageMessage:
-    """The image in a message that has the fields of one. Raises UndecodableMessage, ValueError, TypeError."""
+    """Return the image in a message with the fields of an image. Raises UndecodableMessage, ValueError, TypeError."""
     known = topic, _stamp_ns(m), _frame_id(m)
     data = _bytes(_get(m, "data"))
-    if _has(m, "format") or _has(m, "pts"):  # the latter of ffmpeg_image_transport, with width and height, too
+    if _has(m, "format") or _has(m, "pts"):  # pts: of ffmpeg_image_transport, which also has width and height
         return ImageMessage(*known, True, _text(_get(m, "format", "encoding")), data)
     width, height, step = (int(_get(m, name)) for name in ("width", "height", "step"))
     big_endian = bool(_get(m, "is_bigendian", default=0))
@@ -227,7 +227,7 @@ def _poses(topic: str, m: Any) -> list[PoseMessage]:
 
 
 def _imu(topic: str, m: Any) -> ImuMessage:
-    """ROS marks what a unit does not measure by −1 as the first number of its covariance."""
+    """Return a sample; ROS marks quantities that are not measured by −1 as the first number of the covariance."""
     values = []
     for name in ("angular_velocity", "linear_acceleration"):
         of, cov = _get(m, name), _get(m, f"{name}_covariance", default=())
@@ -237,19 +237,19 @@ def _imu(topic: str, m: Any) -> ImuMessage:
 
 
 def same_numbers(a: Any, b: Any) -> bool:
-    """Return whether two lists of numbers that were sent twice are equal up to rounding.
+    """Whether two lists of numbers that were sent twice are equal up to rounding.
 
-    That of a double sent as text is far smaller, and any change that matters far larger.
+    The rounding of a double sent as text is far smaller than the tolerance, and any change that matters is far larger.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     if a.shape != b.shape:
         return False
-    # nearly always the same bytes, with every frame; `allclose` takes fifty times as long to see it
+    # they nearly always have the same bytes; `allclose` takes fifty times as long to find this
     return a.tobytes() == b.tobytes() or np.allclose(a, b, rtol=1e-6, atol=1e-6, equal_nan=True)
 
 
 def _by_definition(channel: Channel) -> Decoder | None:
-    """The decoder of protobuf or ROS, of which a log has one: the library of the other is not imported."""
+    """Return the decoder of protobuf or of ROS; only the library that the log needs is imported."""
     if channel.message_encoding == MessageEncoding.Protobuf:
         from .protobuf import protobuf_decoder
 
@@ -261,8 +261,8 @@ def _by_definition(channel: Channel) -> Decoder | None:
 
 
 def _decode_json(data: bytes) -> Any:
-    """Parse JSON like `json.loads`. Raises ValueError for more values than any message has."""
-    values = sum(data.count(mark) for mark in (b",", b"[", b"{"))  # an upper bound: text may contain them too
+    """Parse JSON as `json.loads` does. Raises ValueError for more values than any message has."""
+    values = sum(data.count(mark) for mark in (b",", b"[", b"{"))  # an upper bound, as text may also contain them
     if values > LIMITS.json_values:
         raise ValueError(f"up to {values} values")
     if len(data) > LIMITS.json_text_bytes and not data.isascii():
@@ -300,7 +300,7 @@ def _frame_id(message: Any) -> str:
 
 
 def _text(value: Any) -> str:
-    """A name as Unicode that can be encoded: JSON may hold half a surrogate pair. Raises ValueError if too long."""
+    """Return a name as encodable Unicode: JSON may hold half a surrogate pair. Raises ValueError if it is too long."""
     if len(text := "" if value is None else str(value)) > LIMITS.name:  # JSON's null
         raise ValueError(f"a name of {len(text)} characters")
     return text.encode("utf-8", "backslashreplace").decode()
@@ -311,13 +311,13 @@ def _bytes(data: Any) -> bytes:
         return data
     if isinstance(data, str):
         return base64.b64decode(data, validate=True)
-    if isinstance(data, list | np.ndarray | array):  # the last one of rclpy
+    if isinstance(data, list | np.ndarray | array):  # array is that of rclpy
         return bytes(data)
-    raise ValueError(f"data of type {type(data).__name__}")  # bytes(n) of a number would be n zeros
+    raise ValueError(f"data of type {type(data).__name__}")  # bytes(n) with a number would give n zeros
 
 
 def _matrix(values: Any, rows: int, columns: int) -> Array:
-    """A matrix as sent; all zeros where nothing was sent."""
+    """Return a matrix as sent; all zeros where nothing was sent."""
     found = np.array([float(x) for x in values], dtype=float)
     if found.size not in (0, rows * columns):
         raise ValueError(f"a calibration matrix has {found.size} numbers instead of {rows * columns}")

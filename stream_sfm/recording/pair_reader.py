@@ -12,14 +12,14 @@ from .images import check_encoding
 from .messages import CalibrationMessage, ImageMessage, MessageDecoder, UndecodableMessage
 from .pairing import Pairer
 
-_MOST_REASONS = 3  # of each image that could not be used there may be one, and all say the same
+_MOST_REASONS = 3  # every unusable image may give one, and all say the same
 
 
 @record
 class StereoPair:
     """Two images of one moment as recorded, not decoded; with one camera, the same image twice.
 
-    `rig`: of the cameras that took them, if a `StereoLog` has asked for frames.
+    `rig`: the rig of the cameras then, if a `StereoLog` has asked for frames.
     """
 
     left: ImageMessage
@@ -33,13 +33,13 @@ class StereoPair:
 
     @property
     def stamp_ns(self) -> int:
-        """The stamp of the left image, nanoseconds: it is that of the pair."""
+        """The stamp of the left image, nanoseconds, which is that of the pair."""
         return self.left.stamp_ns
 
 
 @dataclass(slots=True)
 class ReadStats:
-    """What one reading met; final when its iterator has ended. `left_*` and `right_*` count single images."""
+    """Statistics of one reading; final when its iterator has ended. `left_*` and `right_*` count single images."""
 
     left_read: int = 0
     right_read: int = 0
@@ -48,20 +48,20 @@ class ReadStats:
     unpaired_left: int = 0
     unpaired_right: int = 0
     unpaired_within: int = 0  # of both sides, between two pairs
-    dropped_backwards: int = 0  # whose stamps repeat, go backwards, or are far from those around them
-    undecodable: int = 0  # messages, or pairs of which one image is damaged or of another size
-    largest_offset_ns: int = 0  # between the stamps of a pair
+    dropped_backwards: int = 0  # images whose stamps repeat, go backwards, or are far from their neighbours
+    undecodable: int = 0  # messages, or pairs with an image that is damaged or of another size
+    largest_offset_ns: int = 0  # largest difference of the stamps of a pair
     bytes_read: int = 0
     bytes_total: int = 0
-    complete: bool = True  # false: something of the file was not read
+    complete: bool = True  # false: part of the file was not read
     warnings: list[str] = field(default_factory=list)
 
 
 class PairReader:
     """Reads the pairs on two topics of a source, once: iterate `pairs`.
 
-    Where both topics are the same, every image is paired with itself. `calibrations`: messages of the cameras, in force
-    at the first image. Each image is given the one in force.
+    If both topics are the same, every image is paired with itself. `calibrations`: messages of the cameras, valid
+    at the first image. Each image gets the calibration that is valid then.
     """
 
     def __init__(
@@ -70,24 +70,24 @@ class PairReader:
         self._source, self._topics = source, (left_topic, right_topic)
         self._in_force = {message.topic: message for message in calibrations}
         self._calibrated_by = {image: sent.topic for image, sent in zip(self._topics, calibrations, strict=False)}
-        self._change, self._changes = "", 0  # the first one of the calibration, and how many
-        self._heard: dict[str, bytes] = {}  # calibrations as they were sent last, without stamps
+        self._change, self._changes = "", 0  # the first change of the calibration, and their number
+        self._heard: dict[str, bytes] = {}  # the latest calibrations, without stamps
         self._decoder = MessageDecoder(source.path)
         self._damage = Damage()
         self._pairer: Pairer[ImageMessage] = Pairer(source.in_order)
         self._began_ns: int | None = None  # the time at which the first left image was recorded
         self._last_ns: int | None = None  # the stamp of the latest pair
-        self._unchecked = {left_topic, right_topic}  # whose encoding is not known
+        self._unchecked = {left_topic, right_topic}  # topics whose encoding is not yet checked
         self._by_log_time: bool | None = None  # whether the stamps are the log times; None: not known
-        self._first: list[tuple[ImageMessage, int]] = []  # images that wait for this, with their log times
-        self._problem = ""  # of the first message that could not be decoded
+        self._first: list[tuple[ImageMessage, int]] = []  # images that wait for this, and log times
+        self._problem = ""  # that of the first message that could not be decoded
         self.stats = ReadStats(bytes_total=source.size_bytes)
 
     def pairs(self) -> Generator[StereoPair, None, None]:
-        """Yield all pairs, not decoded, in ascending order of stamps but where the clock of both cameras was set back.
+        """Yield all pairs, not decoded, in ascending order of stamps, unless the clock of both cameras was set back.
 
-        A log that is cut off or damaged gives what can be read; `stats` says in the end what was lost. Raises LogError
-        where the images are of a kind that is not supported, or where nothing could be paired.
+        From a log that is cut off or damaged, all readable pairs come; at the end, `stats` says what was lost. Raises
+        LogError if the images are of an unsupported kind, or if nothing could be paired.
         """
         try:
             messages = self._source.messages(self._damage, frozenset((*self._topics, *self._in_force)))
@@ -124,7 +124,7 @@ class PairReader:
         return pair
 
     def _image(self, message: Message) -> ImageMessage | None:
-        """Return the image in a message; None for a calibration, which is heard, and for what cannot be decoded."""
+        """Return the image in a message; None for a calibration, which is taken in, and for undecodable messages."""
         if message.channel.topic in self._in_force:
             if self._began_ns is not None:
                 self._hear(message)
@@ -144,9 +144,9 @@ class PairReader:
         return replace(image, calibration=calibration)
 
     def _hear(self, message: Message) -> None:
-        """Take a calibration sent between images; if it differs, it is in force from here on.
+        """Take a calibration sent between images; if it differs, it is valid from here on.
 
-        Most cameras send one with every image: the same bytes of ROS need not be decoded again.
+        Most cameras send one with every image: equal bytes of ROS need not be decoded again.
         """
         behind_stamp = 12  # bytes of ROS, before the frame; they differ from one message to the next
         content, topic = message.data[behind_stamp:], message.channel.topic
@@ -170,8 +170,8 @@ class PairReader:
     def _stamped(self, message: Message | None) -> list[ImageMessage]:
         """Return the images whose stamps are known with the next message, which is None after the last one.
 
-        They are their own, or their log times where a driver leaves all stamps at zero. Two zeros on one side decide
-        it: a single one may be the start of a simulated clock.
+        Stamps are replaced by log times if a driver leaves all of them at zero. Two zeros on one side decide
+        this, because a single one may be the start of a simulated clock.
         """
         if message is not None:
             if (image := self._image(message)) is None:
@@ -193,7 +193,7 @@ class PairReader:
         ]
 
     def _finish(self) -> None:
-        """Bring `stats` up to date, wherever the reading ended."""
+        """Complete `stats`, wherever the reading ended."""
         stats, damage, counts, path = self.stats, self._damage, self._pairer.counts, self._source.path
         stats.left_read, stats.right_read = counts.read
         stats.paired, stats.paired_exactly = counts.paired, counts.paired_exactly
@@ -215,7 +215,7 @@ class PairReader:
         if counts.parted:
             why = "because the two clocks differ for a time: was one set? Record again with one clock for both"
             stats.warnings.append(f"{path}: {counts.parted} images of each camera have no partner, {why}")
-        usual = 2  # without a partner: recorders start and stop between two images of a pair
+        usual = 2  # images without a partner: recorders start and stop between the two images of a pair
         if stats.unpaired_within or stats.unpaired_left + stats.unpaired_right > usual:
             alone = f"{stats.unpaired_left} left and {stats.unpaired_right} right images"
             stats.warnings.append(f"{alone} have no partner within half a frame period")

@@ -1,10 +1,10 @@
 """Pairs left and right frames by their own stamps: equal stamps first, else the nearest within half a frame.
 
-Works on streams, with bounded memory. Each side is put in order first: recorders swap neighbours, and clocks go wrong.
-Frames wait in a window, and the earliest one that is later than the last one released is released next. What cannot
-be put in order is dropped: stamps that repeat, and single stamps far from those around them. Where most of the window
-is earlier than what was released, the clock was set back: a new segment begins, in which stamps ascend again. Then both
-sides are merged; no stamp is ever used twice.
+It works on streams, with bounded memory. Each side is sorted first, because recorders swap neighbours and clocks go
+wrong. Frames wait in a window, and the earliest one that is later than the last released one is released next.
+Frames that cannot be sorted are dropped: stamps that repeat, and single stamps far from their neighbours. If most
+of the window is earlier than the released frames, the clock was set back: a new segment begins, in which stamps
+ascend again. Then both sides are merged; no stamp is ever used twice.
 """
 
 from collections import deque
@@ -17,21 +17,21 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 _PENDING_FRAMES = 128  # frames of one side waiting for the other: 4 s at 30 Hz, more than any writer buffers
-_UNKNOWN_PERIOD_NS = 10_000_000  # where a side has one frame only: 100 Hz, as fast as stereo cameras usually are
-# Frames held back to be sorted, so many that a few wrong stamps are never most of them; of large frames as many as
-# recorders with several threads swap. A frame that is overtaken by more later arrivals has a wrong stamp; as many
+_UNKNOWN_PERIOD_NS = 10_000_000  # for a side with one frame only: 100 Hz, as fast as stereo cameras usually are
+# Frames held back for sorting: so many that a few wrong stamps are never the majority, but of large frames only as
+# many as recorders with several threads swap. A frame that more later arrivals overtake has a wrong stamp. As many
 # released stamps are remembered, for the period and for repeats.
 _WINDOW, _WINDOW_OF_LARGE = 12, 4
-_LARGE_BYTES, _MAX_BYTES = 32 * 2**20, 128 * 2**20  # in the window: more are large, and are never held
-_FAR_NS = 60_000_000_000  # from the other frames, at the ends of a recording: the stamp is wrong
-_FEWEST = 3  # frames that show which stamps are wrong, or a clock set back
-# So many frames in a row of each camera, none of which has a partner: no loss of images does this, but clocks that
-# differ from then on.
+_LARGE_BYTES, _MAX_BYTES = 32 * 2**20, 128 * 2**20  # above, the window is shorter; the most it holds
+_FAR_NS = 60_000_000_000  # distance from the other frames at the ends of a recording at which a stamp is wrong
+_FEWEST = 3  # least number of frames that show wrong stamps, or a clock set back
+# This many consecutive frames of each camera without any partner mean that the clocks differ from then on: no loss
+# of images does this.
 _PARTED = 12
 
 
 def gaps_after(stamps_ns: Sequence[int]) -> list[int]:
-    """Return the frames behind which another one is missing."""
+    """Return the frames after which another one is missing."""
     periods = [b - a for a, b in pairwise(stamps_ns)]
     longest = 1.6 * median(periods) if periods else 0  # chosen by hand: a lost frame makes it 2
     return [n for n, period in enumerate(periods) if period > longest > 0]
@@ -39,13 +39,13 @@ def gaps_after(stamps_ns: Sequence[int]) -> list[int]:
 
 @dataclass(slots=True)
 class PairingCounts:
-    """What became of the frames; lists are (left, right)."""
+    """How many frames were paired or lost; lists are (left, right)."""
 
     read: list[int] = field(default_factory=lambda: [0, 0])
     paired: int = 0
     paired_exactly: int = 0
     unpaired: list[int] = field(default_factory=lambda: [0, 0])
-    unpaired_within: int = 0  # of these, between two pairs, not at the beginning or the end
+    unpaired_within: int = 0  # of these, the ones between two pairs, not at the beginning or the end
     disordered: list[int] = field(default_factory=lambda: [0, 0])
     parted: int = 0  # frames of each camera without a partner while the two clocks differed
     largest_offset_ns: int = 0
@@ -63,12 +63,12 @@ class _Frame(Generic[T]):
 
 
 class _Side(Generic[T]):
-    """The frames of one camera: those being put in order, as they have arrived, and those in order that wait."""
+    """The frames of one camera: those being sorted, in order of arrival, and the sorted ones that wait."""
 
     def __init__(self, held: int) -> None:
         self.window: list[_Frame[T]] = []
         self.queue: deque[_Frame[T]] = deque()
-        self.dropped = 0  # that have no place in the order
+        self.dropped = 0  # frames without a place in the order
         self._held, self.segment = held, 0  # how often the clock was set back
         self._last_ns: int | None = None
         self._recent: deque[int] = deque(maxlen=_WINDOW)
@@ -80,7 +80,7 @@ class _Side(Generic[T]):
         return len(self.queue) >= _PENDING_FRAMES or (len(self.queue) > 1 and size_bytes > _MAX_BYTES)
 
     def push(self, frame: _Frame[T]) -> None:
-        """Add the next frame to arrive, and release those whose turn has come."""
+        """Add the next frame, and release those whose turn has come."""
         if frame.stamp_ns in self._recent:
             self.dropped += 1
             return
@@ -90,7 +90,7 @@ class _Side(Generic[T]):
             self.release()
 
     def release(self) -> None:
-        """Release the next frame among those that have arrived, or several where the clock was set back."""
+        """Release the next of the frames that have arrived, or several if the clock was set back."""
         last_ns = self._before_first() if self._last_ns is None else self._last_ns
         self._last_ns = last_ns
         behind = [n for n, frame in enumerate(self.window) if frame.stamp_ns <= last_ns]
@@ -106,7 +106,7 @@ class _Side(Generic[T]):
             self._drop(self.window)
             return
         first = min(ahead, key=_stamp)
-        if first.overtaken and first.stamp_ns - last_ns > _FAR_NS:  # nothing before it has arrived for a while
+        if first.overtaken and first.stamp_ns - last_ns > _FAR_NS:  # no earlier frame has arrived for a while
             self._drop([first])
             return
         for frame in self.window[: self.window.index(first)]:
@@ -115,7 +115,7 @@ class _Side(Generic[T]):
         self._drop([f for f in self.window if f.overtaken > _WINDOW or f.stamp_ns == first.stamp_ns])
 
     def period_ns(self) -> float | None:
-        """The median period of the frames released last; None before the second one."""
+        """Return the median period of the frames released last; None before the second one."""
         periods = [b - a for a, b in pairwise(self._recent)]
         return median(periods) if periods else None
 
@@ -148,7 +148,7 @@ def _stamp(frame: _Frame[T]) -> int:
 class Pairer(Generic[T]):
     """Pairs two streams of frames: `push` takes the frames of both sides as they arrive and yields certain pairs.
 
-    Pairs come in ascending order of the left stamp, but where both clocks were set back. `in_order`: so do frames.
+    Pairs come in ascending order of the left stamp, unless both clocks were set back. `in_order`: so do frames.
     """
 
     def __init__(self, in_order: bool = False) -> None:
@@ -167,7 +167,7 @@ class Pairer(Generic[T]):
         return iter(self._next, None)
 
     def finish(self) -> Iterator[tuple[T, T]]:
-        """Return an iterator of the pairs still waiting; the frames left over are unpaired."""
+        """Return an iterator of the pairs that still wait; the remaining frames are unpaired."""
         for side in self._sides:
             while side.window:
                 side.release()
@@ -175,11 +175,11 @@ class Pairer(Generic[T]):
         return iter(self._next, None)
 
     def _next(self) -> tuple[T, T] | None:
-        """Return the next pair, None where no other one is certain now: then what cannot wait is dropped."""
+        """Return the next pair, or None if none is certain now; frames that can no longer wait are then dropped."""
         pair = self._match()
         mine, other = self._sides[self._pushed], self._sides[1 - self._pushed]
         while pair is None and mine.full and other.window and not other.queue:
-            # The other side is silent: what it still holds back to be sorted must not be missed.
+            # The other side is silent, so its frames that are still being sorted must not be missed.
             other.release()
             pair = self._match()
         if pair is not None:
@@ -192,7 +192,7 @@ class Pairer(Generic[T]):
         return None
 
     def _match(self) -> tuple[T, T] | None:
-        """Return the next pair of those in order, and drop frames before it that have no partner."""
+        """Return the next pair of the sorted frames, and drop earlier frames without a partner."""
         counts = self.counts
         counts.disordered = [side.dropped for side in self._sides]
         lefts, rights = (side.queue for side in self._sides)
@@ -230,6 +230,6 @@ class Pairer(Generic[T]):
         self._unpaired_since[side] += 1
 
     def _count_parted(self, fewest: int) -> None:
-        """Count the frames since the last pair where there are so many of both sides that their clocks differ."""
+        """Count the frames since the last pair if there are so many on both sides that the clocks must differ."""
         if (frames := min(self._unpaired_since)) >= fewest:
             self.counts.parted += frames

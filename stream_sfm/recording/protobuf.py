@@ -1,6 +1,6 @@
 """Decodes protobuf messages by the definition that the log carries.
 
-Only logs with such messages import it: the libraries take a twentieth of a second.
+Only logs with such messages import it, as its libraries take a twentieth of a second.
 """
 
 from typing import Any
@@ -15,9 +15,9 @@ from ..mcap_file.message import Channel
 
 
 def protobuf_decoder(channel: Channel) -> Decoder | None:
-    """A function from the bytes of a message to an object with its fields; None for other schemas.
+    """Return a function from the bytes of a message to an object with its fields; None for other schemas.
 
-    Both raise what the library raises, where the definition cannot be read or bytes do not fit.
+    Both raise the errors of the library if the definition cannot be read or bytes do not fit.
     """
     schema = Schema(1, channel.definition, channel.schema_encoding, channel.schema_name)
     decoder: Any = DecoderFactory().decoder_for(channel.message_encoding, schema)
@@ -32,7 +32,7 @@ def _has_repeated_fields(descriptor: Descriptor) -> bool:
     while left:
         one = left.pop()
         proto = DescriptorProto()
-        one.CopyToProto(proto)  # the descriptor itself has other names for it in each version of protobuf
+        one.CopyToProto(proto)  # the descriptor itself names it differently in each version of protobuf
         if any(field.label == FieldDescriptorProto.LABEL_REPEATED for field in proto.field):
             return True
         for field in one.fields:

@@ -1,9 +1,9 @@
-"""The rig that a log is read with: given by the user, attached to the log, or sent by its cameras, in this order.
+"""The rig of a log: given by the user, attached to the log, or sent by its cameras, in this order.
 
-An attachment precedes messages because somebody put it there on purpose, whereas drivers send CameraInfo of cameras
-that were never calibrated. Messages are in the ROS sense of K, D, R and P; what R and P say of the pose is in
-`camera/calibration/projections.py`. Where P gives no baseline, the transform between the frames of the two cameras
-does. Images that are rectified, by the name of their topic, are pinholes with P and neither D nor R.
+An attachment precedes messages because somebody added it deliberately, whereas drivers also send CameraInfo of cameras
+that were never calibrated. Messages have K, D, R and P in the ROS sense; `camera/calibration/projections.py` derives
+the pose from R and P. If P gives no baseline, the transform between the frames of the two cameras does. Images that
+are rectified according to their topic name are pinholes with P and neither D nor R.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ REMEDY = "give the calibration of these cameras"
 
 @record
 class FoundRig:
-    """A rig and, for people, where it comes from (`origin`); `sent`: the messages that it was made of, if it was."""
+    """A rig and its `origin` in words; `sent`: the messages from which it was made, if any."""
 
     rig: StereoRig | MonoRig
     origin: str
@@ -41,7 +41,7 @@ class FoundRig:
 def find_rig(
     source: Source, survey: Survey, choice: PairChoice, calibration: Where | StereoRig | MonoRig | None, mono: bool
 ) -> FoundRig:
-    """The rig of the two cameras, of the left one alone if `mono`; `calibration` as in `open_log`.
+    """Return the rig of the two cameras, of the left one alone if `mono`; `calibration` as in `open_log`.
 
     Raises LogError naming the file, the topic and what to do; ConfigError for `calibration`.
     """
@@ -62,13 +62,13 @@ def find_rig(
 
 
 def first_size(source: Source, topic: str) -> tuple[int, int] | None:
-    """The size of the first image of a topic where it is known, for calibrations that do not contain it."""
+    """Return the size of the first image of a topic if it is known, for calibrations that do not contain it."""
     sizes = map(image_size, decoded(source, [topic], MessageDecoder.image))
     return next((size for size in sizes if size is not None), None)
 
 
 def check_rig(source: Source, rig: StereoRig | MonoRig) -> None:
-    """Raise LogError where the images of a log cannot be used with this rig, whatever they show."""
+    """Raise LogError if the images of a log cannot be used with this rig, whatever they show."""
     if isinstance(rig, StereoRig) and (distance_m := right_is_left(rig)) is not None:
         raise _error(
             f"{source.path}: by its calibration the right camera stands {distance_m:.4g} m to the left of the left "
@@ -82,20 +82,20 @@ def check_rig(source: Source, rig: StereoRig | MonoRig) -> None:
 
 
 def right_is_left(rig: StereoRig) -> float | None:
-    """How far the right camera stands to the left of the left one, metres; None where it stands on its right."""
+    """Return how far the right camera stands to the left of the left one, metres; None if it stands on its right."""
     x, y, _ = se3.inverse(rig.right_from_left)[:3, 3]
     return float(-x) if x < 0 and abs(x) > abs(y) else None
 
 
 def _error(problem: str, *hints: str) -> LogError:
-    """The error of a calibration in a log that cannot be used: giving another one always helps."""
+    """Return the error about an unusable calibration in a log; its hint is to give another one."""
     return LogError(f"{problem}; {REMEDY}", hint=(*hints, "calibration"))
 
 
 def rig_of_messages(
     source: Source, survey: Survey, sent: Sequence[CalibrationMessage], rectified: bool
 ) -> FoundRig:
-    """The rig by what its one or two cameras have `sent`; `rectified`: their images. Raises LogError."""
+    """Return the rig from the messages `sent` by its cameras; `rectified`: their images are. Raises LogError."""
     origin = " and ".join(message.topic for message in sent)
     try:
         if len(sent) == 1:
@@ -120,7 +120,7 @@ def rig_of_messages(
 
 
 def _sent_messages(source: Source, survey: Survey, image_topics: Sequence[str]) -> list[CalibrationMessage]:
-    """The calibration of each topic that is in force at the first image of the first one, else the first sent later."""
+    """Return the calibration of each topic at the first image of the first one, else the first one sent later."""
     calibrations = [t for t, count in survey.of_kind("calibration").items() if count != 0]
     topics = []
     for side, image_topic in enumerate(image_topics):
@@ -149,7 +149,7 @@ def _sent_messages(source: Source, survey: Survey, image_topics: Sequence[str]) 
 
 
 def _rotation(message: CalibrationMessage) -> Array:
-    """R as a rotation; the identity where it was not sent. Raises ConfigError."""
+    """Return R as a rotation; the identity if it was not sent. Raises ConfigError."""
     if not message.R.any():
         return np.eye(3)
     if not se3.is_rotation(message.R):

@@ -1,4 +1,4 @@
-"""Decodes ROS messages by the definition that the log carries: ROS 1, ROS 2 with msg or with IDL."""
+"""Decodes ROS messages by the definition that the log carries: ROS 1, or ROS 2 with msg or IDL."""
 
 import re
 from collections.abc import Callable
@@ -19,9 +19,9 @@ from ..inputs import LIMITS, Decoder, bounded
 
 _SEPARATOR = re.compile(r"^={3,}[ \t]*$", re.MULTILINE)  # between the definitions of a type and of its parts
 _NOT_IDL = re.compile(r"^\s*(IDL:|#).*$", re.MULTILINE)  # the name of a part; preprocessor lines such as #include
-# rosbags generates Python code from a definition, so a hostile one could ask for any amount of it, or endless loops.
-# In IDL, of what is left without texts, comments and annotations. The time that rosbags takes for brackets in
-# brackets is exponential in their number, and numbers may grow without limit in a few lines of constants.
+# rosbags generates Python code from a definition, so a hostile one could demand any amount of it, or endless loops.
+# These patterns apply to IDL without texts, comments and annotations. The time that rosbags takes for nested
+# brackets is exponential in their number, and a few lines of constants can produce numbers without limit.
 _IDL_TEXT = re.compile(r'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 _IDL_ANNOTATION = re.compile(r"@[\w:]+\s*\([^()]*\)")
 _IDL_HOSTILE = (
@@ -46,17 +46,17 @@ _MAKERS: dict[str, Callable[..., Any]] = {
 
 
 class Types(Typestore):
-    """Types with some functions of `_MAKERS` only; what they decode has the fields of a message, and no class.
+    """Types with only the functions in `_MAKERS`; decoded objects have the fields of a message, and no class.
 
-    rosbags writes and compiles 13 for each type, also those that are never called: that takes four times as long.
+    rosbags generates and compiles 13 functions per type, even if they are never called: four times as slow.
     """
 
     def __init__(self, *functions: str) -> None:
-        super().__init__(empty)  # with times and durations, which ROS 1 does not define
+        super().__init__(empty)  # with times and durations, as ROS 1 does not define them
         self._functions = functions
 
     def get_msgdef(self, typename: str) -> Msgdef[object]:
-        """Return the functions of a type, all others of which are None."""
+        """Return the functions of a type; all others are None."""
         if typename not in self.cache:
             entries = [(normalize_fieldname(name), of) for name, of in self.fielddefs[typename][1]]
             made: dict[str, Any] = dict.fromkeys(Msgdef.__dataclass_fields__)
@@ -71,9 +71,9 @@ class Types(Typestore):
 
 @lru_cache(maxsize=32)  # a log is opened several times, and rosbags takes tens of milliseconds for a definition
 def ros_decoder(message_encoding: str, schema_encoding: str, schema_name: str, definition: bytes) -> Decoder | None:
-    """A function from the bytes of a message to an object with its fields; None for messages that are not ROS's.
+    """Return a function from the bytes of a message to an object with its fields; None for messages that are not ROS's.
 
-    Both raise what rosbags raises, where the definition cannot be read or bytes do not fit.
+    Both raise the errors of rosbags if the definition cannot be read or bytes do not fit.
     """
     if (message_encoding, schema_encoding) not in _SUPPORTED:
         return None
@@ -87,7 +87,7 @@ def ros_decoder(message_encoding: str, schema_encoding: str, schema_name: str, d
     store.fielddefs = types | store.fielddefs
     package, *_, short_name = schema_name.split("/")
     name = f"{package}/msg/{short_name}"
-    store.get_msgdef(name)  # here, so that what is missing is reported for the schema, not for every message
+    store.get_msgdef(name)  # here, so that missing parts are reported for the schema, not for every message
     deserialise = store.deserialize_ros1 if is_ros1 else store.deserialize_cdr
 
     def decode(data: bytes) -> Any:
@@ -109,7 +109,7 @@ def _parse_types(text: str, schema_name: str, idl: bool) -> dict[str, Any]:
 
 
 def _refuse_hostile_idl(text: str) -> None:
-    """Raise ValueError for IDL that would take a parser very long. No message of ROS has anything like it."""
+    """Raise ValueError for IDL that would take a parser very long. No ROS message contains anything like it."""
     bare = _IDL_ANNOTATION.sub(" ", _IDL_TEXT.sub(" ", text))
     for hostile, what in _IDL_HOSTILE:
         if hostile.search(bare):
@@ -117,7 +117,7 @@ def _refuse_hostile_idl(text: str) -> None:
 
 
 def _has_repeated_parts(types: dict[str, Any]) -> bool:
-    """Whether a type has a list of messages or of strings; a list of numbers becomes one array."""
+    """Whether a type has a list of messages or strings; a list of numbers becomes one array."""
     return any(
         kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) and not _is_number(*of[0])
         for _, fields in types.values()
@@ -131,7 +131,7 @@ def _is_number(element: Nodetype, what: Any) -> bool:
 
 
 def _refuse_endless(types: dict[str, Any]) -> None:
-    """Raise ValueError where rosbags would write code for very many elements, or read elements of no bytes.
+    """Raise ValueError if rosbags would generate code for very many elements, or read elements without bytes.
 
     No ROS message of a camera, a pose or a transform has such a type.
     """

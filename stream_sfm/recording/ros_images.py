@@ -1,4 +1,4 @@
-"""Images of two cameras as ROS messages, as they arrive: paired, decoded, and never many at a time."""
+"""Pairs and decodes live images of two cameras from ROS messages, and never holds many."""
 
 import threading
 from collections import deque
@@ -13,12 +13,13 @@ from .messages import ImageMessage, UndecodableMessage, image_of
 from .pair_reader import StereoPair
 from .pairing import Pairer
 
-_WAITING_PAIRS = 2  # that have not been taken; older ones are dropped, because a late estimate is of no use live
+_WAITING_PAIRS = 2  # pairs that wait; older ones are dropped, because a late estimate is useless in live use
 _SIDES = ("left", "right")
 
 
 class RosImages:
-    """Pairs images of a live stereo camera as a log's are paired: one thread puts messages, another takes frames.
+    """Pairs images of a live stereo camera in the same way as a log: one thread puts messages, another takes
+    frames.
 
     Messages are those of `sensor_msgs/Image` and `CompressedImage`, or anything with their fields, in every encoding
     that a log may have. Stamps ascend. `dropped` counts pairs that waited while newer ones came.
@@ -35,12 +36,12 @@ class RosImages:
 
     @property
     def unpaired(self) -> int:
-        """The number of images without a partner within half a frame period, or whose stamps do not increase."""
+        """The number of images without a partner within half a frame period, or with a stamp that does not increase."""
         counts = self._pairer.counts
         return sum(counts.unpaired) + sum(counts.disordered)
 
     def put(self, side: int, message: Any) -> None:
-        """Take the next message of the left (0) or right (1) camera. Raises FrameError where it cannot be an image."""
+        """Take the next message of the left (0) or right (1) camera. Raises FrameError if it cannot be an image."""
         with as_error(FrameError, "", UndecodableMessage, LogError, ValueError, TypeError):
             image = image_of(_SIDES[side], message)
             check_encoding(image, "the camera")
@@ -55,7 +56,7 @@ class RosImages:
     def take(self, timeout_s: float | None = None) -> RecordedFrame | None:
         """Wait for the next pair, and return it decoded; None after a time without one, and after `clear`.
 
-        Raises FrameError where an image is damaged or not of the calibrated size; the next one may be sound.
+        Raises FrameError if an image is damaged or does not have the calibrated size; the next one may be intact.
         """
         with self._news:
             clears = self._clears
@@ -74,7 +75,7 @@ class RosImages:
             return recorded_frame(pair, self._scaler.to_uint8(*map(decode_grey, pair.images)))
 
     def clear(self) -> None:
-        """Forget what waits, as after a clock was set back."""
+        """Drop waiting images, for example after a clock was set back."""
         with self._news:
             self._pairer = Pairer(in_order=True)
             self._waiting.clear()
@@ -83,5 +84,5 @@ class RosImages:
 
     @property
     def is_current(self) -> bool:
-        """Whether the frame taken last came after the last `clear`."""
+        """Whether the latest frame came after the last `clear`."""
         return self._clears_when_taken == self._clears

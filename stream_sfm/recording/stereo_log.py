@@ -42,10 +42,11 @@ def open_log(
 ) -> "StereoLog":
     """Open a recording as a stereo log.
 
-    `left`, `right`: topics, found by schema and name if not given. `calibration`, in place of the log's own: a rig, or
-    any calibration that `StereoRig.from_calibration` reads. `mono`: use the left camera alone. `ground_truth`, in place
-    of the log's own: a trajectory of the left camera, or its file. `rate_hz`: of a folder of images without stamps; 10
-    if not given. Raises LogError where the log cannot be used, ConfigError for the calibration.
+    `left`, `right`: topics, found by schema and name if not given. `calibration`, instead of that in the log: a
+    rig, or any calibration that `StereoRig.from_calibration` reads. `mono`: use the left camera alone.
+    `ground_truth`, instead of that in the log: a trajectory of the left camera, or its file. `rate_hz`: for a
+    folder of images without stamps; 10 if not given. Raises LogError if the log cannot be used, ConfigError for the
+    calibration.
     """
     source = open_source(path, calibration is not None, rate_hz, mono)
     try:
@@ -69,14 +70,14 @@ def open_camera(
     exposure_ms: float | None = None,
     overwrite: bool = False,
 ) -> "StereoLog":
-    """Open a stereo camera as a log whose frames are the pictures that it delivers from now on.
+    """Open a stereo camera as a log whose frames are the images that it delivers from now on.
 
-    `names`: `realsense`, `oak` or `zed`; for OpenCV one camera that gives both images beside or above each other, or
+    `names`: `realsense`, `oak` or `zed`; for OpenCV, one camera that delivers both images side by side or stacked, or
     left and right: numbers, device files, stream addresses; or a recording, played at its own pace. `calibration` as in
-    `open_log`; the default is the factory's, which cameras of OpenCV lack. `record`: a log of every picture, in grey,
-    whether or not it is estimated; it is complete when the frames end, however they do. `overwrite`: it may replace a
-    file. `size`, `rate_hz`, `serial` and `exposure_ms` default to those of the camera. Close the log in the end. Raises
-    LogError where the camera cannot be opened, ConfigError, OutputError.
+    `open_log`; the default is the factory calibration, which OpenCV cameras lack. `record`: a log of every image, in
+    grey, whether or not it is estimated; it is complete when the frames end, however they end. `overwrite`: it may
+    replace a file. `size`, `rate_hz`, `serial` and `exposure_ms` default to those of the camera. Close the log at the
+    end. Raises LogError if the camera cannot be opened, ConfigError, OutputError.
     """
     from ..mcap_file.log_writer import MessageWriter
     from ..sources.camera import CameraSource
@@ -97,14 +98,14 @@ def open_camera(
     rig = calibration or device.rig
     if rig is None:
         device.close()
-        problem = f"camera {' '.join(names)} has no calibration of its own: give one"
+        problem = f"camera {' '.join(names)} has no factory calibration: give one"
         raise ConfigError(problem, hint=("calibration",))
     recorder = None if record is None else MessageWriter(record, keep=True, compressed=True)
     return _open(CameraSource(" ".join(names), device, rig, recorder), None, None, rig, mono=False)
 
 
 def paced(log: "StereoLog") -> Callable[[], tuple[int, NDArray[np.uint8], NDArray[np.uint8]] | None]:
-    """Return a function that waits for the next frame of a log until it is due, as a camera's is; None at the end."""
+    """Return a function that waits until the next frame of a log is due, as with a camera; None at the end."""
     frames, began = log.frames(), list[float]()
 
     def grab() -> tuple[int, NDArray[np.uint8], NDArray[np.uint8]] | None:
@@ -129,7 +130,7 @@ def _open(
     elif isinstance(calibration, MonoRig):
         raise ConfigError("the calibration is of one camera: a pair is needed, or mono")
     else:
-        if calibration is not None:  # which `both_sides` needs; it takes some milliseconds to import
+        if calibration is not None:  # needed only here, and slow to import (some milliseconds)
             from .both_sides import both_sides
 
             source, survey, calibration = both_sides(source, survey, calibration)
@@ -142,7 +143,7 @@ def _open(
 def choose_cameras(
     source: Source, survey: Survey, left: str | None, right: str | None, notes: Sequence[str] = ()
 ) -> PairChoice:
-    """Choose the two camera topics. Raises LogError, with the `notes` of the survey where it found nothing."""
+    """Choose the two camera topics. Raises LogError, with the `notes` of the survey if it found nothing."""
     if source.format == "video" and len(survey.of_kind("image")) == 1:
         raise LogError(
             f"{source.path} is a video: give the calibration of its images, if each frame holds both; if it is of one "
@@ -155,7 +156,7 @@ def choose_cameras(
 def _image_topics(
     source: Source, survey: Survey, left: str | None, right: str | None, notes: Sequence[str]
 ) -> dict[str, int | None]:
-    """Image topic -> number of messages. Raises LogError where there can be no images."""
+    """Image topic -> number of messages. Raises LogError if there can be no images."""
     videos = survey.of_kind("video")
     images = survey.of_kind("image")
     if any(t in videos for t in (left, right)) or (not images and videos):
@@ -169,10 +170,10 @@ def _image_topics(
 
 
 class StereoLog:
-    """A recording whose cameras and calibration are known. Each reading starts anew and renews `stats`.
+    """A recording with known cameras and calibration. Each reading starts from the beginning and resets `stats`.
 
-    `rig`: the cameras it is read with, two or one. `expected_frames`: images on the left topic, `duration_s`: span of
-    the recorder's clock; both None where no index tells.
+    `rig`: its cameras, two or one. `expected_frames`: images on the left topic, `duration_s`: span of the recorder's
+    clock; both None without an index.
     """
 
     def __init__(self, source: Source, survey: Survey, choice: PairChoice, found: FoundRig) -> None:
@@ -190,7 +191,7 @@ class StereoLog:
         self._mount_imu()
         self._given_truth: Trajectory | None = None
         self._given_truth_name = ""
-        self._read_span_ns: tuple[int, int] | None = None  # of the pairs read last
+        self._read_span_ns: tuple[int, int] | None = None  # span of the latest reading
 
     def __repr__(self) -> str:
         frames = "" if self.expected_frames is None else f", {counted(self.expected_frames, 'frame')}"
@@ -198,7 +199,7 @@ class StereoLog:
         return f"<StereoLog {self.path.name}{frames}{span}, {self.rig!r}>"
 
     def _mount_imu(self) -> None:
-        """Give the rig the inertial unit of the log, or none of its samples where it is not known where that is."""
+        """Add the inertial unit of the log to the rig; without a known mounting, its samples are not used."""
         if self.imu_topics is None or not isinstance(self.rig, StereoRig):
             return
         try:
@@ -209,14 +210,14 @@ class StereoLog:
 
     @property
     def stereo_rig(self) -> StereoRig:
-        """The rig of both cameras. Raises ConfigError where the log was opened for one."""
+        """The rig of both cameras. Raises ConfigError if the log was opened for one."""
         if not isinstance(self.rig, StereoRig):
             raise ConfigError(f"{self.path} was opened for one camera (mono): what is asked for needs two")
         return self.rig
 
     @property
     def stats(self) -> ReadStats:
-        """What the latest reading met; final when its iterator has ended."""
+        """Statistics of the latest reading; final when its iterator has ended."""
         return self._reader.stats
 
     def pairs(self) -> Generator[StereoPair, None, None]:
@@ -227,11 +228,11 @@ class StereoLog:
     def frames(
         self, selection: Selection | None = None, *, all_calibrations: bool = False
     ) -> Generator[RecordedFrame, None, None]:
-        """Yield the selected frames, in ascending order of stamps. Raises as `pairs`, and LogError where there is none.
+        """Yield the selected frames, in ascending order of stamps. Raises as `pairs`, and LogError if there is none.
 
-        They end where the clock was set back: the rest is another recording, which a later start selects. They also end
-        where a camera sends another calibration; with `all_calibrations` they go on with it where the image size stays,
-        and `recorded.rig` of a frame is the rig in force.
+        They end if the clock is set back: the rest is another recording, which a later start selects. They also end
+        if a camera sends another calibration; with `all_calibrations` they continue with it if the image size stays,
+        and `recorded.rig` of a frame is the rig at that time.
         """
         selection = selection or Selection()
         decoder = FrameDecoder(self.path, self.rig)
@@ -247,7 +248,7 @@ class StereoLog:
                     if delivered == selection.max_frames:
                         break
         finally:
-            pairs.close()  # first: it completes `stats`
+            pairs.close()  # first, as it completes `stats`
             stats = self.stats
             stats.warnings += [*baseline_warnings(self.rig), *filter(None, [self.imu_problem])]
             stats.undecodable += decoder.skipped
@@ -262,7 +263,7 @@ class StereoLog:
         start_s, end_s = selection.start_s, selection.end_s
         start_ns = 0 if start_s is None else round(start_s * 1e9)
         end_ns = None if end_s is None else round(end_s * 1e9)
-        zero_ns = last_ns = None  # the stamp of which 0 s have passed, and that of the last pair
+        zero_ns = last_ns = None  # the stamp at 0 s, and that of the last pair
         since_ns = 0
         count = 0
         rig, sent = self.rig, self._sent
@@ -302,7 +303,7 @@ class StereoLog:
             raise LogError(f"{self.path}: no frame lies after {start_s or 0:g} s{until}; {read}")
 
     def _changed_rig(self, sent: Sequence[CalibrationMessage], usable: bool) -> StereoRig | MonoRig:
-        """The rig from a change of calibration on. Raises InputError where frames with it are not to be read."""
+        """Return the rig after a change of calibration. Raises InputError if frames with it must not be read."""
         if not usable:
             raise LogError("their calibration is another one: start there, and give it")
         for message, camera in zip(sent, self.rig.cameras.values(), strict=True):
@@ -313,7 +314,7 @@ class StereoLog:
         return with_imu(rig, self.rig.imu if isinstance(self.rig, StereoRig) else None)
 
     def ground_truth(self) -> Trajectory | None:
-        """`world_from_cam` of the physical left camera, given or the log's own; None where none can be used."""
+        """Return `world_from_cam` of the physical left camera, given or from the log; None if none can be used."""
         if self._given_truth is not None:
             if self._read_span_ns is not None:
                 warning = time_warning(self._given_truth, self._given_truth_name, *self._read_span_ns)
@@ -323,12 +324,12 @@ class StereoLog:
         return None if topic is None else read_truth(self._source, topic, self._left_frame, self.stats.warnings)
 
     def age_s(self, stamp_ns: int) -> float | None:
-        """Seconds since a live camera has delivered the pair of this stamp; None of a recording, and of an old pair."""
+        """Return the seconds since a live camera delivered the pair of a stamp; None for recordings and old pairs."""
         return self._source.age_s(stamp_ns)
 
     @property
     def left_out(self) -> int:
-        """How many pairs a live camera delivered while others waited, and which are not among the frames."""
+        """The number of pairs of a live camera that were dropped because others waited."""
         return self._source.left_out
 
     def close(self) -> None:
@@ -336,7 +337,7 @@ class StereoLog:
         self._source.close()
 
     def use_ground_truth(self, truth: str | Path | GroundTruthFile | Trajectory) -> None:
-        """Use this ground truth from now on. Raises LogError where the file cannot be read, ConfigError."""
+        """Use this ground truth from now on. Raises ConfigError, or LogError if the file cannot be read."""
         if isinstance(truth, Trajectory):
             self._given_truth, self._given_truth_name = truth, "given by the caller"
             return
@@ -346,15 +347,15 @@ class StereoLog:
 
     @cached_property
     def _left_frame(self) -> str:
-        """The coordinate frame that the left images name."""
+        """The coordinate frame named by the left images."""
         images = decoded(self._source, [self.left_topic], MessageDecoder.image)
         return next((image.frame_id for image in images), "")
 
     def depths(self) -> Iterator[tuple[int, Depth]]:
-        """Yield (stamp_ns, depth (h, w) float32 in metres, NaN where unknown) of ground truth, if there is any."""
+        """Yield the ground-truth depths, if any: (stamp_ns, depth (h, w) float32 in metres, NaN where unknown)."""
         if (topic := depth_topic(self.survey)) is not None:
             yield from read_depths(self._source, topic, self.stats.warnings)
 
     def depth_images(self) -> DepthImages:
-        """The images of `depths`, looked up by the stamps of frames."""
+        """Return the images of `depths`, looked up by the stamps of frames."""
         return DepthImages(self.depths())

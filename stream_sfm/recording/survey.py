@@ -1,4 +1,4 @@
-"""What a log holds, found before anything is estimated: topics, counts, duration."""
+"""The content of a log before anything is estimated: topics, counts, duration."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from .messages import kind_of
 
 @dataclass(slots=True)
 class Topic:
-    """One topic. `kind` as in `messages.kind_of`; `count` of messages, None where it is not known."""
+    """One topic. `kind` as in `messages.kind_of`; `count` of messages, None if it is not known."""
 
     name: str
     kind: str
@@ -25,14 +25,14 @@ class Survey:
     topics: dict[str, Topic]
     start_ns: int = 0
     end_ns: int = 0
-    whole: bool = True  # false: the scan ended early, counts and span are lower bounds
+    whole: bool = True  # false: the scan ended early, so counts and span are lower bounds
 
     def of_kind(self, *kinds: str) -> dict[str, int | None]:
         """Topic -> count for the topics of these kinds."""
         return {t.name: t.count for t in self.topics.values() if t.kind in kinds}
 
     def add(self, channel: Channel, count: int | None, damage: Damage) -> Topic | None:
-        """Add messages of a channel to its topic; None where it is beyond the limits."""
+        """Add messages of a channel to its topic; None if it is beyond the limits."""
         name = channel.topic
         if (topic := self.topics.get(name)) is None:
             if len(self.topics) >= LIMITS.named or max(len(name), len(channel.schema_name)) > LIMITS.name:
@@ -46,7 +46,7 @@ class Survey:
 
 
 def survey_log(source: Source, damage: Damage) -> Survey:
-    """Survey a log by its index where it has one that can be trusted, else by reading it in order."""
+    """Survey a log by its index if that can be trusted, else by reading it in order."""
     if (contents := source.contents()) is None:
         return _scan(source, damage)
     survey = Survey({}, contents.start_ns, contents.end_ns)

@@ -1,8 +1,8 @@
 """Chooses the topics of the left and the right camera, and the calibration that belongs to each.
 
-By schema first, then by name (sources/sides.py). Of several pairs that are one camera pair in several forms the order
-of preference is: rectified before raw images (the vendor's rectification fits the images even where R and D are
-missing), grey before colour, uncompressed before compressed. Anything else is the user's choice.
+The choice is by schema first, then by name (sources/sides.py). Among several forms of one camera pair, the order of
+preference is: rectified before raw images (the vendor's rectification fits the images even if R and D are missing),
+grey before colour, uncompressed before compressed. Anything else is the user's choice.
 """
 
 import re
@@ -29,7 +29,7 @@ class PairChoice:
 
 
 def is_rectified(topic: str) -> bool:
-    """Whether the name says, as ROS names do, that the images are rectified (`image_rect`, `rect_color` …)."""
+    """Whether the name says, in the manner of ROS, that the images are rectified (`image_rect`, `rect_color` …)."""
     return _RECTIFIED.search(topic) is not None
 
 
@@ -38,7 +38,7 @@ def choose_pair(
 ) -> PairChoice:
     """Choose the pair among `image_topics` (topic -> number of messages, None unknown).
 
-    Raises LogError, listing the candidates, where there is none or where the user has to choose.
+    Raises a LogError with the candidates if there is none, or if the user has to choose.
     """
     left, right = (None if topic is None else _transport(topic, image_topics) for topic in (left, right))
     _check_named(path, image_topics, left, right)
@@ -70,7 +70,7 @@ def choose_pair(
 
 
 def choose_one(path: Path, image_topics: Mapping[str, int | None], left: str | None = None) -> PairChoice:
-    """Choose one camera, as a pair of twice the same topic. Raises LogError as `choose_pair`.
+    """Choose one camera, as a pair of the same topic twice. Raises LogError as `choose_pair`.
 
     It is the one named, the only one, or the left one of the pair that `choose_pair` would choose.
     """
@@ -84,7 +84,7 @@ def choose_one(path: Path, image_topics: Mapping[str, int | None], left: str | N
 
 
 def _cameras(image_topics: Mapping[str, int | None]) -> list[str]:
-    """The topics of cameras that have sent something."""
+    """Return the topics of cameras that have sent messages."""
     return [t for t, count in image_topics.items() if is_camera(t) and count != 0]
 
 
@@ -101,7 +101,7 @@ def _no_pair(path: Path, cameras: list[str], image_topics: Iterable[str]) -> Log
 
 
 def _transport(topic: str, image_topics: Iterable[str]) -> str:
-    """The topic that carries the images called `topic`: itself, or its compressed form where only that is there."""
+    """Return the topic that carries the images of `topic`: itself, or its compressed form if only that exists."""
     compressed = f"{topic.rstrip('/')}/compressed"
     return compressed if topic not in image_topics and compressed in image_topics else topic
 
@@ -124,7 +124,7 @@ def _form_rank(topic: str) -> tuple[bool, bool, bool]:
 
 
 def choose_calibration(image_topic: str, side: int, calibration_topics: Iterable[str]) -> str | None:
-    """The calibration topic of an image topic: of the same side, and closest by name; None where there is none."""
+    """Return the calibration topic of an image topic: of the same side, with the closest name, or None."""
     sided = set(side_keys(image_topic, side))
     image_words = _words(image_topic)
     ranked = []

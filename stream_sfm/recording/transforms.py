@@ -1,4 +1,4 @@
-"""The pose between two coordinate frames, by the transforms that a log carries, as on `/tf_static`."""
+"""The pose between two coordinate frames from the transforms in a log, such as on `/tf_static`."""
 
 from itertools import chain
 
@@ -12,9 +12,9 @@ from .survey import Survey
 
 
 def fixed_transform(source: Source, survey: Survey, target: str, origin: str) -> Array | None:
-    """`target_from_origin` (4, 4), metres, along transforms that stay the same through the whole log.
+    """Return `target_from_origin` (4, 4), metres, along transforms that stay the same through the whole log.
 
-    None where no chain of them leads from one frame to the other. Raises LogError where a topic cannot be read.
+    None if no chain of them leads from one frame to the other. Raises LogError if a topic cannot be read.
     """
     topics = frozenset(survey.of_kind("transform"))
     static = frozenset(t for t in topics if t.endswith("tf_static"))
@@ -25,20 +25,20 @@ def fixed_transform(source: Source, survey: Survey, target: str, origin: str) ->
 
 
 def fixed_edges(source: Source, topics: frozenset[str]) -> dict[tuple[str, str], Array]:
-    """(parent, child) -> parent_from_child of the transforms on `topics` that never change."""
+    """Return (parent, child) -> parent_from_child of the transforms on `topics` that never change."""
     first: dict[tuple[str, str], Array] = {}
     moving: set[tuple[str, str]] = set()
     for pose in chain.from_iterable(decoded(source, topics, MessageDecoder.poses)):
         edge = (pose.parent, pose.child)
         if edge in first or len(first) < LIMITS.named:
             known = first.setdefault(edge, pose.parent_from_child)
-            if not same_numbers(known, pose.parent_from_child):  # it says nothing of how two cameras are mounted
+            if not same_numbers(known, pose.parent_from_child):  # it says nothing about how two cameras are mounted
                 moving.add(edge)
     return {edge: pose for edge, pose in first.items() if edge not in moving}
 
 
 def _chain(edges: dict[tuple[str, str], Array], target: str, origin: str) -> Array | None:
-    """target_from_origin by the fewest transforms, each used in either direction."""
+    """Return target_from_origin by the fewest transforms, each used in either direction."""
     neighbours: dict[str, list[tuple[str, Array]]] = {}  # frame -> (next frame, frame_from_next)
     for (parent, child), parent_from_child in edges.items():
         neighbours.setdefault(parent, []).append((child, parent_from_child))

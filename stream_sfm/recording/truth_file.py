@@ -1,4 +1,4 @@
-"""Ground truth from a file: a trajectory of the left camera, or of a body that carries it, in the time of a log."""
+"""Ground truth from a file: a trajectory of the left camera, or of a body that carries it, on the clock of a log."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,9 +19,9 @@ from .transforms import fixed_transform
 class GroundTruthFile:
     """Poses in a file: TUM, EuRoC's CSV, or KITTI with stamps.
 
-    `frame`: whose poses they are. None: the left camera's, or of EuRoC's CSV the body's, which `cam0/sensor.yaml` of
-    the recording places. Else the name of a frame that fixed transforms in the log connect with the left camera's, or
-    the path of a sensor.yaml. `offset_s` is added to the stamps.
+    `frame`: the frame of the poses. None: the left camera, or for EuRoC's CSV the body, on which `cam0/sensor.yaml`
+    of the recording gives the camera. Otherwise the name of a frame that fixed transforms in the log connect with
+    the left camera, or the path of a sensor.yaml. `offset_s` is added to the stamps.
     """
 
     path: str | Path
@@ -34,11 +34,11 @@ class GroundTruthFile:
 
     @property
     def of_left_camera(self) -> bool:
-        """Whether the poses are the left camera's, so that no recording is needed to place them."""
+        """Whether the poses are those of the left camera, so that no recording is needed to transform them."""
         return self.frame is None and not is_euroc_table(Path(self.path))
 
     def poses(self) -> Trajectory:
-        """Return the poses as the file has them, with stamps in the time of the log. Raises LogError."""
+        """Return the poses in the file, with stamps on the clock of the log. Raises LogError."""
         found, offset_ns = read_poses(Path(self.path)), round(self.offset_s * 1e9)
         if not all(-INT64 <= end_ns + offset_ns < INT64 for end_ns in found.stamps_ns[[0, -1]].tolist()):
             raise LogError(f"{self.path}: an offset of {self.offset_s:g} s leads beyond stamps of 64 bits")
@@ -46,7 +46,7 @@ class GroundTruthFile:
 
 
 def load_truth(truth: GroundTruthFile, source: Source, survey: Survey, camera_frame: str) -> Trajectory:
-    """`world_from_cam` of the physical left camera. Raises LogError for the file, ConfigError for the frame."""
+    """Return `world_from_cam` of the physical left camera. Raises LogError for the file, ConfigError for the frame."""
     poses = truth.poses()
     if truth.of_left_camera:
         return poses
@@ -87,7 +87,7 @@ def _of_sensor(path: Path) -> Array:
 
 
 def time_warning(truth: Trajectory, path: str | Path, first_ns: int, last_ns: int) -> str | None:
-    """What to say where no pose lies within the time of the frames."""
+    """Return a warning if no pose lies within the time of the frames."""
     begin_ns, end_ns = int(truth.stamps_ns[0]), int(truth.stamps_ns[-1])
     if begin_ns <= last_ns and end_ns >= first_ns:
         return None

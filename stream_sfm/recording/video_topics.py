@@ -1,6 +1,6 @@
 """Camera topics with H.264 or H.265, read as topics with raw images: their frames depend on each other.
 
-So they are decoded in order, whichever of them are wanted: a later `--start` sees the images it would see otherwise.
+They are therefore decoded in order, whichever of them are wanted, so that a later `--start` gets the same images.
 """
 
 import heapq
@@ -20,10 +20,10 @@ from .survey import Survey, Topic
 
 
 def with_videos(source: Source, survey: Survey) -> tuple[Source, Survey]:
-    """The recording with its video topics as topics of images; as given where it has none.
+    """Return the recording with its video topics as topics of images; unchanged if it has none.
 
-    Videos also come as ROS's CompressedImage, which their first message tells. What is neither H.264 nor H.265 stays
-    video. Of very many topics the first ones are looked at, as each costs a reading.
+    Videos also come as ROS's CompressedImage, as their first message shows. Other codecs than H.264 and H.265 stay
+    video. Among very many topics only the first are examined, as each costs a reading.
     """
     asked = (t for t in survey.topics.values() if t.count != 0 and _may_be_video(t) and is_camera(t.name))
     codecs = {topic.name: _codec(source, topic) for topic in islice(asked, LIMITS.compressed)}
@@ -39,24 +39,24 @@ def _may_be_video(topic: Topic) -> bool:
 
 
 def _codec(source: Source, topic: Topic) -> str | None:
-    """Return the codec of such a topic by its first message: h264 or h265; None where it is neither or unreadable."""
+    """Return the codec of such a topic by its first message: h264 or h265; None if it is neither or unreadable."""
     try:
         first = next(decoded(source, [topic.name], MessageDecoder.image), None)
     except LogError:
-        return None  # whoever needs the topic gets an error
+        return None  # a user of the topic gets an error
     return codec_of(first.encoding) if first is not None and first.compressed else None
 
 
 class _Decoded(Derived):
-    """A source whose videos, topic -> codec, are raw images."""
+    """A source that delivers its videos, topic -> codec, as raw images."""
 
     def __init__(self, source: Source, videos: dict[str, str]) -> None:
         super().__init__(source)
         self._videos = videos
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
-        """Yield the messages of `topics` (None: all); each video is read by itself, as its decoder asks for frames."""
-        parts = [damage, *(Damage(notes=damage.notes) for _ in self._videos)]  # one list of notes, for its limit
+        """Yield the messages of `topics` (None: all); each video is read separately, as its decoder asks for frames."""
+        parts = [damage, *(Damage(notes=damage.notes) for _ in self._videos)]  # one list of notes
         wanted = frozenset(self._videos if topics is None else self._videos.keys() & topics)
         readings = [self._pictures(name, part) for name, part in zip(sorted(wanted), parts[1:], strict=False)]
         if topics is None or topics - wanted:
@@ -86,7 +86,7 @@ class _Decoded(Derived):
                 damage.add(f"{where}: {counted(stream.lost, 'frame')} of video could not be decoded")
 
     def _frames(self, topic: str, damage: Damage) -> Iterator[tuple[tuple[ImageMessage, int], bytes]]:
-        """Each frame without its bytes, with its log time; and its bytes."""
+        """Yield each frame without its bytes, with its log time, and then its bytes."""
         decoder = MessageDecoder(self.path)
         for message in self.source.messages(damage, frozenset([topic])):
             try:

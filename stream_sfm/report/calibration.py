@@ -1,4 +1,4 @@
-"""The calibration error found in the images, as numbers and as a sentence."""
+"""The calibration error found in the images, in numbers and in a sentence."""
 
 from typing import Any
 
@@ -12,8 +12,8 @@ from ..rig_model.terms import CAUSES
 
 
 def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, Any]:
-    """The section `rig` of summary.json: errors of the given calibration, and what they mean."""
-    error_px, std_px = disparity_over_image(projection, estimate, (5, 9))  # rows and columns of places
+    """Return the section `rig` of summary.json: errors of the given calibration, and what they mean."""
+    error_px, std_px = disparity_over_image(projection, estimate, (5, 9))  # on a grid of places
     refined, rms_px = estimate.refined, float(np.sqrt((error_px**2).mean()))
     within_px = float(np.hypot(error_px, std_px).max())  # anywhere in the image
     if estimate.applied and refined is not None:
@@ -21,7 +21,7 @@ def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, A
             f"refined by {disparity_rms_px(refined):.2f} px of disparity, and corrected by "
             f"{disparity_rms_px(estimate.mean - refined):.2f} px more, as these images show"
         )
-    elif estimate.applied and not (estimate.agrees(LENS_TERMS) and rms_px > 0.005):  # less is 0.00 px in words
+    elif estimate.applied and not (estimate.agrees(LENS_TERMS) and rms_px > 0.005):  # less is printed as 0.00
         text = (
             f"corrected by {rms_px:.2f} px of disparity; the parts of the run do not yet agree on whether the "
             "calibration is wrong"

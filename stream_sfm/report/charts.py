@@ -21,7 +21,7 @@ from .records import NO_LOOPS, FrontRecord, RunRecord
 from .svg import Chart, Row, Series, draw, intervals, lifetimes
 from .tables import Look, Looks, of_method
 
-_CELLS = 64  # of the picture of a mask in a row; smaller parts are not seen on a page
+_CELLS = 64  # per row of the picture of a mask; smaller parts are not visible on a page
 
 
 @record
@@ -29,7 +29,7 @@ class Trace:
     """One method against ground truth, in the k frames that have one, first poses aligned.
 
     `position_m` (k,): lengths of the position errors; `rotation_deg` (k,): angles of the rotation errors; `nees` (k,):
-    NaN where the ground truth does not begin with the first frame.
+    NaN if the ground truth does not begin with the first frame.
     """
 
     frames: NDArray[np.int64]
@@ -42,7 +42,7 @@ class Trace:
 
 
 def _trace_of(estimate: Trajectory, truth: Trajectory) -> Trace | None:
-    """The trace of a trajectory; None where fewer than two frames have a ground truth."""
+    """Return the trace of a trajectory; None if fewer than two frames have a ground truth."""
     rows, true = matched(estimate, truth)
     if len(rows) < 2:
         return None
@@ -59,7 +59,7 @@ Traces = dict[str, Trace]
 
 
 def traces_of(runs: Iterable[tuple[str, Trajectory, Trajectory | None]]) -> Traces:
-    """The traces of runs (name, estimate, ground truth) by name, of those that can be compared with their truth."""
+    """Return the traces by name of those runs (name, estimate, ground truth) that can be compared with their truth."""
     found = ((name, _trace_of(estimate, truth)) for name, estimate, truth in runs if truth is not None)
     return {name: trace for name, trace in found if trace is not None}
 
@@ -69,7 +69,7 @@ def _line(look: Look, x: Array, y: Array, dots: bool = False) -> Series:
 
 
 def path(poses: Mapping[str, Array], traces: Traces, looks: Looks = of_method, loops: Array = NO_LOOPS) -> Markup:
-    """The paths seen from above, the true one first. `loops` (n, 2, 3): ends of lines between places seen again."""
+    """Return the paths seen from above, the true one first. `loops` (n, 2, 3): ends of the lines of loops."""
     found = {name: traces[name].estimate if name in traces else of_run for name, of_run in poses.items()}
     series = [_line(looks(name), shown[:, 0, 3], shown[:, 2, 3]) for name, shown in found.items()]
     if traces:
@@ -85,7 +85,7 @@ def path(poses: Mapping[str, Array], traces: Traces, looks: Looks = of_method, l
 def _of_traces(
     traces: Traces, looks: Looks, y: Callable[[Trace], Array], x: Callable[[Trace], Array]
 ) -> list[Series]:
-    """A line of each trace, broken where frames have no truth."""
+    """Return a line of each trace, broken where frames have no truth."""
     series = []
     for name, t in traces.items():
         cuts = np.flatnonzero(np.diff(t.frames) > 1) + 1
@@ -94,7 +94,7 @@ def _of_traces(
 
 
 def errors(traces: Traces, kind: int, unit: LengthUnit, looks: Looks = of_method) -> Markup:
-    """Errors of position (0, in `unit`) or rotation (1) over the distance travelled."""
+    """Return a chart of errors of position (0, in `unit`) or rotation (1) over the distance travelled."""
 
     def size(trace: Trace) -> Array:
         return unit.per_m * trace.position_m if kind == 0 else trace.rotation_deg
@@ -105,8 +105,8 @@ def errors(traces: Traces, kind: int, unit: LengthUnit, looks: Looks = of_method
 
 
 def nees(traces: Traces, gaps: Sequence[int] = (), looks: Looks = of_method) -> Markup:
-    """NEES of the pose over the frames."""
-    least = 0.1  # drawn: the first poses are exact by definition
+    """Return a chart of the NEES of the pose over the frames."""
+    least = 0.1  # the smallest drawn value, as the first poses are exact by definition
     series = _of_traces(traces, looks, lambda t: np.maximum(t.nees, least), lambda t: t.frames.astype(float))
     note = "shaded: 95 % where the covariance holds; above: too small"
     return draw(
@@ -115,7 +115,7 @@ def nees(traces: Traces, gaps: Sequence[int] = (), looks: Looks = of_method) -> 
 
 
 def ratios(content: dict[str, Any]) -> Markup:
-    """Errors of each method over those of the reference, with intervals; `content` of report.json."""
+    """Return a chart of errors over those of the reference, with intervals; `content` of report.json."""
     rows = []
     for key, found in content["error_over_cross_frame"].items():
         look = of_method(key)
@@ -126,14 +126,14 @@ def ratios(content: dict[str, Any]) -> Markup:
 
 
 def innovations(runs: Iterable[RunRecord], gaps: Sequence[int] = ()) -> Markup:
-    """Squared innovations per degree of freedom over the frames."""
+    """Return a chart of the squared innovations per degree of freedom over the frames."""
     series = [_per_frame(run, run.nis_over_dof) for run in runs]
     title = "Squared innovations per degree of freedom"
     return draw(Chart(title, "frame", "NIS / dof", series, "1 expected", zero=True, marks=gaps))
 
 
 def apart(runs: Sequence[RunRecord], gaps: Sequence[int], unit: LengthUnit) -> Markup:
-    """Distance of each method's positions from those of the reference, else of the first method."""
+    """Return a chart of the distance of positions from those of the reference, or else of the first method."""
     reference = next((r for r in runs if r.name == REFERENCE), runs[0])
     series = []
     for run in runs:
@@ -146,9 +146,9 @@ def apart(runs: Sequence[RunRecord], gaps: Sequence[int], unit: LengthUnit) -> M
 
 
 def drift(content: dict[str, Any], kind: int, unit: LengthUnit) -> Markup:
-    """RMS errors of relative motions over their span, of position (0, in `unit`) or rotation (1), with 95 % bands.
+    """Return a chart of RMS errors of relative motions over their span, position (0, in `unit`) or rotation (1).
 
-    `content`: the section `drift` of report.json. Thin lines have the slopes of a random walk and of a bias.
+    `content`: the section `drift` of report.json. Bands are 95 %; thin lines have the slopes of random walk and bias.
     """
     name, factor = (unit.name, unit.per_m) if kind == 0 else ("mrad", 1e3)
     key = f"{KINDS[kind]}_rms_{('m', 'rad')[kind]}"
@@ -166,7 +166,7 @@ def drift(content: dict[str, Any], kind: int, unit: LengthUnit) -> Markup:
 
 
 def structure(runs: Sequence[RunRecord], unit: LengthUnit) -> Markup:
-    """Error of the depths of local points over their σ where the log has depth images, else σ along the rays."""
+    """Chart the depth errors of local points over their σ if there are depth images, else σ along the rays."""
     found = {run.name: np.array(run.depth_rows).T for run in runs if run.depth_rows}
     if found:
         series = [_line(of_method(name), x, rms / np.maximum(std, 1e-12)) for name, (x, rms, std) in found.items()]
@@ -178,11 +178,11 @@ def structure(runs: Sequence[RunRecord], unit: LengthUnit) -> Markup:
 
 
 def lives(front: FrontRecord) -> Markup:
-    """The lives of the tracks, the paper's Figure 3: one line per point, in order of the first frame."""
+    """Return the lives of the tracks, the paper's Figure 3: one line per point, in order of the first frame."""
     spans = list(front.lives.values())
     if not spans:
         return Markup('<p class="none">No point was tracked.</p>')
-    most = 1200  # lines; more cannot be told apart
+    most = 1200  # lines; more are not distinguishable
     every = max(1, -(-len(spans) // most))
     shown = "one line each" if every == 1 else f"one line for {every}"
     note = f"{len(spans)} points, {shown}, seen in {front.tracks()['mean_frames']:.1f} frames in the mean"
@@ -194,7 +194,7 @@ def _per_frame(run: RunRecord, y: Array) -> Series:
 
 
 def masks(rig: StereoRig | MonoRig) -> list[Markup]:
-    """A picture of the mask of each camera that has one: what of its images is left out."""
+    """Return a picture of each camera's mask, with the parts of its images that are left out."""
     return [_mask(side, camera.mask) for side, camera in rig.cameras.items() if camera.mask is not None]
 
 

@@ -1,7 +1,7 @@
-"""Drift: errors of relative motions against their span, what the truth shares with no method, and a sentence of it all.
+"""Drift: errors of relative motions against their span, common errors against the truth, and a sentence about all.
 
-Without a truth, and over spans over which it errs more than the methods differ, errors are those that halves of the
-tracks show.
+Without a truth, and over spans for which its errors exceed the differences of the methods, errors come from halves of
+the tracks.
 """
 
 from typing import Any
@@ -24,13 +24,13 @@ from ..wording import counted, in_a_row
 from .records import Comparison, RunRecord
 from .tables import of_method
 
-_LEVEL = 1.02  # two errors whose ratio is less are called alike
-_MOST_NAMED = 3  # methods whose covariances do not hold, each with its figure; of more the range is given
+_LEVEL = 1.02  # two errors with a smaller ratio are called alike
+_MOST_NAMED = 3  # inconsistent methods that are named with their figures; for more, the range is given
 
 
 @record
 class Against:
-    """The truth of the frames in a row that have one: `row` of all frames, `poses` (n, 4, 4) with NaN, `common`."""
+    """The truth of consecutive frames: `row` among all frames, `poses` (n, 4, 4) with NaN, `common` errors."""
 
     row: slice
     poses: Array
@@ -38,17 +38,17 @@ class Against:
 
     @property
     def corrected(self) -> Array:
-        """The truth with the errors that motions of all methods share."""
+        """The truth with the errors that the motions of all methods share."""
         return self.common._replace(start_rad=np.zeros(3)).applied(self.poses)
 
 
 def whole_runs(c: Comparison) -> list[RunRecord]:
-    """The runs that have an estimate of every frame."""
+    """Return the runs that have an estimate of every frame."""
     return [run for run in c.runs if 0 < len(run) == len(c.front)]
 
 
 def truth_in_a_row(c: Comparison) -> Against | None:
-    """Return what methods are compared with; None where few frames have a truth."""
+    """Return the truth with which methods are compared; None if few frames have one."""
     whole = whole_runs(c)
     if not whole or c.truth.poses is None:
         return None
@@ -61,13 +61,13 @@ def truth_in_a_row(c: Comparison) -> Against | None:
 
 
 def reference_of(c: Comparison) -> str:
-    """The key of the method over whose errors those of the others are given, by span: that whose errors accumulate."""
+    """Return the key of the method by whose errors those of the others are divided: the one whose errors accumulate."""
     keys = [run.key for run in c.runs]
     return next((key for key in map(key_of, (STEPWISE, REFERENCE)) if key in keys), keys[0])
 
 
 def drift_of(c: Comparison, against: Against | None) -> dict[str, Any]:
-    """The section `drift` of report.json."""
+    """Return the section `drift` of report.json."""
     halves = {run.key: Compared.of_halves(c.halves[run.name].poses) for run in c.runs if run.name in c.halves}
     reference, methods = reference_of(c), halves
     if against is not None:
@@ -87,7 +87,7 @@ def drift_of(c: Comparison, against: Against | None) -> dict[str, Any]:
 
 
 def _add_factors(table: list[dict[str, Any]], c: Comparison, against: Against) -> None:
-    """Add to the table by which factor σ of relative motions would have to grow, where the truth can tell."""
+    """Add to the table the factor by which σ of relative motions would have to grow, if the truth can show it."""
     for run in whole_runs(c):
         truth = Trajectory(run.stamps_ns[against.row], against.corrected)
         factors = {f["frames"]: f["factor"] for f in against_truth(run.relative, truth, c.truth.std)}
@@ -97,7 +97,7 @@ def _add_factors(table: list[dict[str, Any]], c: Comparison, against: Against) -
 
 
 def common_in_numbers(common: Common) -> dict[str, Any] | None:
-    """What all methods share, as in report.json; None where that is nothing."""
+    """Return the errors that all methods share, as in report.json; None if there are none."""
     if not common.any:
         return None
     return {
@@ -109,7 +109,7 @@ def common_in_numbers(common: Common) -> dict[str, Any] | None:
 
 
 def _truth_tells(table: list[dict[str, Any]], reference: str) -> bool:
-    """Whether the truth tells methods from the reference, in most comparisons; true where there is nothing to tell."""
+    """Whether the truth separates methods from the reference in most comparisons; true without comparisons."""
     found = [
         not of["position_from_halves"] for line in table for key, of in line["methods"].items() if key != reference
     ]
@@ -117,7 +117,7 @@ def _truth_tells(table: list[dict[str, Any]], reference: str) -> bool:
 
 
 def needs_halves(c: Comparison) -> bool:
-    """Whether the methods have to be estimated from halves of the tracks, as the truth does not tell them apart."""
+    """Whether the methods must be estimated from halves of the tracks, because the truth does not separate them."""
     against = truth_in_a_row(c)
     if against is None:
         return bool(whole_runs(c))
@@ -126,9 +126,9 @@ def needs_halves(c: Comparison) -> bool:
 
 
 def consistency_of(c: Comparison, run: RunRecord, against: Against | None, truth_tells: bool) -> dict[str, Any]:
-    """By which factor σ of the pose would have to grow, and from what that is known.
+    """Return the factor by which σ of the pose would have to grow, and its source.
 
-    From halves of the tracks where there is no truth, or where its own errors are all that it shows.
+    The source is halves of the tracks if there is no truth, or if it shows only its own errors.
     """
     nees = None
     if c.truth.poses is not None:
@@ -149,7 +149,7 @@ def consistency_of(c: Comparison, run: RunRecord, against: Against | None, truth
 
 
 def in_words(content: dict[str, Any], methods: dict[str, Any]) -> str:
-    """The first line of page, terminal and report.json: who is ahead over which spans, and whose covariances hold."""
+    """Return the first line of page, terminal and report.json: who is ahead over which spans, with consistency."""
     said = [_who_is_ahead(content), _which_hold(methods, content["as_is"])]
     if content["common"] is not None:
         said.append(f"All methods share {content['common']['text']}, which is taken out here")
@@ -162,7 +162,7 @@ def in_words(content: dict[str, Any], methods: dict[str, Any]) -> str:
 
 
 def _who_is_ahead(content: dict[str, Any]) -> str:
-    """Compare the window with the reference; empty where one of them is missing or the log is too short."""
+    """Compare the window with the reference; empty if one of them is missing or the log is too short."""
     mine, theirs = key_of(REFERENCE), content["reference"]
     lines = [
         (line["frames"], ratio, of["position_from_halves"])
@@ -199,18 +199,18 @@ def _who_is_ahead(content: dict[str, Any]) -> str:
 
 
 def _source(of_halves: bool, content: dict[str, Any]) -> str:
-    """Say where a ratio comes from halves although there is a truth."""
+    """Say if a ratio comes from halves although there is a truth."""
     return " as halves of the tracks show, which the truth cannot tell" * (
         of_halves and content["against"] == "truth"
     )
 
 
 def _crossing(content: dict[str, Any], mine: str, theirs: str) -> tuple[int, int]:
-    """Up to which span the reference is ahead, and from which on the window is; 0 where there is none."""
+    """Return the span up to which the reference is ahead, and from which the window is; 0 if there is none."""
     curves, methods = content["curves"], content["curves"]["methods"]
     frames = np.array(curves["frames"])
     a, b = (np.array([x[0] for x in methods[key]["position_rms_m"]], float) for key in (mine, theirs))
-    if content["against"] == "truth":  # spans over which it cannot tell are left out
+    if content["against"] == "truth":  # spans over which the truth cannot separate them are left out
         of_mine = ((line["frames"], line["methods"].get(mine, {})) for line in content["table"])
         decided = frames > max((span for span, of in of_mine if of.get("position_from_halves")), default=0)
         frames, a, b = frames[decided], a[decided], b[decided]
@@ -231,7 +231,7 @@ def _times(ratio: dict[str, Any], inverse: bool = False) -> str:
 
 
 def _which_hold(methods: dict[str, Any], as_is: bool) -> str:
-    """Say of which methods the covariances hold, and how wrong those of the others are: of many, the range."""
+    """Say which covariances hold, and how wrong those of the other methods are; for many methods, give the range."""
     low, high = (np.sqrt(x / 6) for x in NEES_INTERVAL)
     factors = {key: factor for key, of in methods.items() if (factor := of["sigma_factor"]) is not None}
     hold = [of_method(key).name for key, factor in factors.items() if low <= factor <= high]
@@ -254,7 +254,7 @@ def _which_hold(methods: dict[str, Any], as_is: bool) -> str:
 
 
 def _off(*sizes: float) -> str:
-    """Say how many times too small or too large σ is."""
+    """Say by how much σ is too small or too large."""
     least, most = (
         (f"{float(f'{max(x, 1 / x):.2g}'):g}", "small" if x > 1 else "large") for x in (sizes[0], sizes[-1])
     )

@@ -1,4 +1,4 @@
-"""What a run has learnt about its inertial unit: figures, and sentences about its errors."""
+"""The findings of a run about its inertial unit: figures, and sentences about its errors."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -11,7 +11,7 @@ from ..inertial.upright import Upright
 from ..rig_model.estimate import in_words, is_certain
 from ..types import InertialEstimate
 
-# Of what does not change during a run: where it is in the state, per unit, and the sentence about a certain error.
+# Quantities that are constant during a run: place in the state, unit, and the sentence about a certain error.
 _FINDINGS = (
     (CLOCK, 1e3, "the clock of the IMU is {:.2f} ± {:.2f} ms {} that of the left camera", ("ahead of", "behind")),
     (AXES, 1e3, "the IMU is turned by {:.1f} ± {:.1f} mrad against its calibration", ("", "")),
@@ -20,13 +20,13 @@ _FINDINGS = (
 
 
 def fixed_error(last: InertialEstimate, part: slice) -> tuple[Array, Array]:
-    """Return one of the errors that do not change, scale, axes or clock (k,), and its covariance (k, k)."""
+    """Return one of the constant errors, scale, axes or clock (k,), and its covariance (k, k)."""
     fixed = np.r_[np.zeros(FIXED.start), last.scale, last.axes_rad, last.time_offset_s]
     return fixed[part], last.cov_of(part)
 
 
 def inertial_findings(last: InertialEstimate) -> Iterator[str]:
-    """Say what is certain of a unit: its clock, its axes, its noise, and the scale of the images that it shows."""
+    """Say what is certain about a unit: its clock, its axes, its noise, and the scale of lengths from images."""
     for part, per_unit, sentence, words in _FINDINGS:
         error, cov = fixed_error(last, part)
         if is_certain(error, cov):
@@ -39,7 +39,7 @@ def inertial_findings(last: InertialEstimate) -> Iterator[str]:
 
 
 def describe_inertia(upright: Upright, last: InertialEstimate) -> dict[str, Any]:
-    """Return the figures of summary.json by the latest estimate, and by where the world lies in an upright one."""
+    """Return the figures of summary.json from the latest estimate and from the orientation of the world."""
     std = np.sqrt(np.diag(last.cov))[6:]
     return {
         "up_in_world": upright.upright_from_world[2, :3].tolist(),
@@ -67,7 +67,7 @@ def _axes(values: list[float], per_unit: float) -> str:
 
 
 def inertial_rows(imu: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the rows of a table about what the samples of an inertial unit have shown."""
+    """Yield the rows of a table about the findings from the samples of an inertial unit."""
     yield "inertia", f"{imu['frames']} frames, {imu['dead_reckoned']} of them by the IMU alone"
     tilt, lengths = 1e3 * imu["std_tilt_rad"], imu["std_scale_percent"]
     yield "", f"tilt σ {tilt:.2g} mrad, lengths {imu['scale_percent']:+.2f} %, σ {lengths:.2g} %"

@@ -28,7 +28,7 @@ _AGAINST_TRUTH = (
     "rpe_position_rms_m", "rpe_rotation_rms_deg", "std_truth", "relative_consistency", "straight", "turning",
 )  # fmt: skip
 _NO_CONSISTENCY = dict.fromkeys(("nees_pose_mean_without_common", "sigma_factor", "sigma_factor_from"))
-_TURN_SPAN = 10  # frames over which the camera counts as straight or turning
+_TURN_SPAN = 10  # span in frames over which the camera counts as straight or turning
 
 
 def numbers(c: Comparison) -> dict[str, Any]:
@@ -55,14 +55,14 @@ def numbers(c: Comparison) -> dict[str, Any]:
         "conclusion": in_words(of_spans, methods),
         "frames": len(c.front),
         "frames_with_ground_truth": max(known),
-        "frames_in_doubt": [],  # nothing is judged; kept for programs that read it
+        "frames_in_doubt": [],  # no longer judged; kept for programs that read it
         "frames_ignored": [list(r) for r in c.truth.ignored],
         "gaps_before_frames": c.front.gaps,
         "methods": methods,
         "drift": of_spans,
         "ekf_over_cross_frame": ratios.get("ekf"),
         "error_over_cross_frame": ratios,
-        "there_and_back": None,  # not done any more; kept for programs that read it
+        "there_and_back": None,  # no longer computed; kept for programs that read it
         "self_test": c.self_test,
         "rig": c.calibration,
         "divergence_from_cross_frame_m": away,
@@ -75,7 +75,7 @@ def numbers(c: Comparison) -> dict[str, Any]:
 
 
 def figures_of(content: dict[str, Any]) -> tuple[Figure, ...]:
-    """The figures of a comparison that come first, on its page and in the terminal; `content` of report.json."""
+    """Return the main figures of a comparison, for its page and the terminal; `content` of report.json."""
     if not content["frames_with_ground_truth"]:
         return WITHOUT_TRUTH
     if not content["drift"]["truth_tells"]:
@@ -84,7 +84,7 @@ def figures_of(content: dict[str, Any]) -> tuple[Figure, ...]:
 
 
 def _of_run(run: RunRecord) -> dict[str, Any]:
-    """The figures of a method that need no ground truth."""
+    """Return the figures of a method that need no ground truth."""
     end = end_pose(run.trajectory()) or {}
     return {of.figure.key: of.value(run) for of in OF_RUN} | {
         "estimator_ms": quantiles(run.column("estimator")),
@@ -98,7 +98,7 @@ def _of_run(run: RunRecord) -> dict[str, Any]:
 
 
 def _against_truth(run: RunRecord, truth: Truth, against: Against | None) -> dict[str, Any]:
-    """The figures of a whole run; RPE, growth and turning spans only where most frames in a row have a truth."""
+    """Return the figures of a whole run; RPE, growth and turning spans only where most frames in a row have a truth."""
     if truth.poses is None:
         return {}
     result = evaluate_run(run.trajectory(), run.relative, truth.poses, truth.std, run.structure)
@@ -125,7 +125,7 @@ def _against_truth(run: RunRecord, truth: Truth, against: Against | None) -> dic
 
 
 def _over_cross_frame(whole: list[RunRecord], against: Against | None) -> dict[str, dict[str, Any]]:
-    """RMS relative error of each method over that of cross-frame: geometric mean over spans, with 95 % intervals."""
+    """Return RMS relative errors over those of cross-frame: geometric means over spans, with 95 % intervals."""
     by_name = {r.name: r for r in whole}
     reference = by_name.pop(REFERENCE, None)
     if reference is None or against is None:
@@ -141,7 +141,7 @@ def _over_cross_frame(whole: list[RunRecord], against: Against | None) -> dict[s
 
 
 def _divergence(whole: list[RunRecord]) -> dict[str, float]:
-    """RMS distance of each method's positions from cross-frame's (or the first method's), metres."""
+    """Return the RMS distance of positions from those of cross-frame (or the first method), metres."""
     reference = next((r for r in whole if r.name == REFERENCE), next(iter(whole), None))
     apart = {
         r.key: r.poses[:, :3, 3] - reference.poses[:, :3, 3] for r in whole if reference and r is not reference

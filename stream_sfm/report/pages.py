@@ -94,7 +94,7 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
 
 
 def _spans(content: dict[str, Any], names: Sequence[Name], runs: Sequence[RunRecord]) -> Table:
-    """The errors by span of the section `drift` of report.json, each with its ratio and the factor of σ below it."""
+    """Return the errors by span in the section `drift` of report.json, with their ratios and factors of σ below."""
     lines, unit = content["table"], _unit_of_spans(content)
     rows = []
     for name, run in zip(names, runs, strict=True):
@@ -121,7 +121,7 @@ def _unit_of_spans(content: dict[str, Any]) -> LengthUnit:
 
 
 def _charts(c: Comparison, content: dict[str, Any], traces: Traces, unit: LengthUnit) -> list[Markup]:
-    """Those that are always shown, beside the ones by span."""
+    """Return the charts that are always shown, beside those by span."""
     gaps, path = c.front.gaps, charts.path({r.name: r.poses for r in c.runs if len(r)}, traces, loops=c.loops)
     if not traces:
         further = charts.apart(c.runs, gaps, unit), charts.innovations(c.runs, gaps)
@@ -131,7 +131,7 @@ def _charts(c: Comparison, content: dict[str, Any], traces: Traces, unit: Length
 
 
 def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:
-    """What a reader must know before looking at the figures."""
+    """Return what a reader must know before reading the figures."""
     notes = []
     frames, known = content["frames"], content["frames_with_ground_truth"]
     if c.truth.poses is not None and known < frames:
@@ -141,7 +141,7 @@ def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:
             notes.append("The log has ground truth, but none at the time stamp of any frame.")
     if c.truth.ignored:
         where = ", ".join(f"{first} to {end - 1}" for first, end in c.truth.ignored)
-        notes.append(f"The ground truth of frames {where} was not used, as asked for.")
+        notes.append(f"The ground truth of frames {where} was not used, as requested.")
     if c.front.gaps:
         where = ", ".join(str(g) for g in c.front.gaps[:8])
         notes.append(f"Time gap before frame {where}{' …' if len(c.front.gaps) > 8 else ''}.")
@@ -167,7 +167,7 @@ class Evaluated(NamedTuple):
 
 
 def render_evaluation(runs: Sequence[Evaluated]) -> str:
-    """Render runs as HTML; one of a single camera, whose lengths have no unit, is in the table alone."""
+    """Render runs as HTML; one with a single camera, whose lengths have no unit, appears in the table only."""
     scaled = [run for run in runs if "ate_rmse_m" in run.figures]
     traces = traces_of((run.name, run.trajectory, run.truth) for run in scaled)
     unit = unit_for(*(trace.position_m for trace in traces.values()))
@@ -193,7 +193,7 @@ def render_batch(content: dict[str, Any], folder: Path) -> str:
     unfinished = [log for log in content["logs"] if log["status"] != "done"]
     names = [_name_of(log, f"{log['name']}/{PAGE_OF_LOG}") for log in estimated]
     rows = [_row_of(log["summary"]) for log in estimated]
-    # Lengths do not compare, as paths differ.
+    # Lengths are not comparable, as paths differ.
     compared = [f for f in _OF_BATCH[len(_EXTENT) :] if f.unit not in (ERRORS, STRUCTURE)]
     middle = [{f.key: _median([row.get(f.key) for row in rows]) for f in compared}] if len(rows) > 1 else []
     of_rows = [*names, *(Name("median") for _ in middle)]
@@ -235,7 +235,7 @@ def _name_of(log: dict[str, Any], href: str = "") -> Name:
 
 
 def _row_of(summary: dict[str, Any]) -> dict[str, Any]:
-    """The figures of a summary in one level."""
+    """Return the figures of a summary as one flat level."""
     return summary | summary.get("ground_truth", {}) | {"frames": summary["frames"]["estimated"]}
 
 
@@ -244,7 +244,7 @@ def _costs_of(s: dict[str, Any]) -> dict[str, Any]:
 
 
 def conclusion(content: dict[str, Any]) -> str:
-    """A sentence that says how many logs were completed, and what became of the others."""
+    """Return a sentence that says how many logs were completed, and what happened to the others."""
     counts = content["counts"]
     parts = [f"{counts.get('done', 0)} of {counted(len(content['logs']), 'log')} done"]
     parts += [f"{counts[status]} {words}" for status, words in _NOT_DONE.items() if counts.get(status)]
@@ -254,13 +254,13 @@ def conclusion(content: dict[str, Any]) -> str:
 
 
 def _median(values: list[float | None]) -> float | None:
-    """The median of what is known, of two logs at least."""
+    """Return the median of the known values of at least two logs."""
     known = [value for value in values if value is not None]
     return median(known) if len(known) > 1 else None
 
 
 def _path(title: str, folder: Path) -> Markup:
-    """The path of a run seen from above, empty where there is no file of it."""
+    """Return the path of a run seen from above; empty if its file is missing."""
     try:
         t = read_tum(folder / "trajectory.tum").world_from_cam[:, :3, 3]
     except InputError:

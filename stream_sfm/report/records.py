@@ -1,4 +1,4 @@
-"""What a run keeps, frame by frame, of each method and of what all methods share: for its summary and its pages."""
+"""The record of a run, frame by frame, of each method and of what all methods share, for summary and pages."""
 
 from array import array
 from collections.abc import Callable, Mapping, Sequence
@@ -30,21 +30,21 @@ from ..wording import counted
 from .inertia import describe_inertia
 
 STAGES = ("decode", "frontend", "estimator", "total")
-_OF_ESTIMATE = ("nis", "nis_dof")  # numbers of each frame that its estimate has
+_OF_ESTIMATE = ("nis", "nis_dof")  # numbers of each frame that are in its estimate
 _NUMBERS = (*STAGES, "sigma_local_m", "reprojection_px", *_OF_ESTIMATE)
-_POSE, _COV = slice(0, 16), slice(16, 52)  # places in the row of a frame; the numbers follow
+_POSE, _COV = slice(0, 16), slice(16, 52)  # places in the row of a frame, before the numbers
 _WIDTH = _COV.stop + len(_NUMBERS)
-# Frames; real calibrations are corrected within the first two or three, with little effect on the poses.
+# In frames; real calibrations are corrected within the first two or three, with little effect on the poses.
 _AT_THE_START = 10
 NO_LOOPS: Array = np.zeros((0, 2, 3))
 
 
 class RunRecord:
-    """What is kept of one method, some 1500 bytes per frame. Columns and arrays have one row per frame.
+    """The record of one method, some 1500 bytes per frame. Columns and arrays have one row per frame.
 
-    `statuses`, and `reasons` of them; `depth_rows`: (frame, RMS depth error, RMS estimated σ) of the frames with a
-    depth image, and `structure` their sum, None where a depth image could not be read; `failure`: why the method
-    stopped early; `rig`: the latest estimate of the errors of the calibration, in pixels.
+    `statuses` and their `reasons`; `depth_rows`: (frame, RMS depth error, RMS estimated σ) of the frames with a
+    depth image, and `structure` their total, None if a depth image could not be read; `failure`: why the method
+    stopped early; `rig`: the latest estimate of the calibration errors, in pixels.
     """
 
     def __init__(self, name: str, disparity_at_1m_px: float = 1.0) -> None:
@@ -59,8 +59,8 @@ class RunRecord:
         self.structure: StructureComparison | None = None
         self.relative = RelativeRecord()
         self.rig: RigEstimate | None = None
-        self._inertial: InertialEstimate | None = None  # of the latest frame that has it
-        self.upright: Upright | None = None  # where the world is by that frame
+        self._inertial: InertialEstimate | None = None  # the one of the latest frame that has it
+        self.upright: Upright | None = None  # the orientation of the world by that frame
         self.inertial_problem = ""  # why samples were not used
         self._inertial_frames = self._dead_reckoned = 0
         self.rig_changes: list[RigChange] = []
@@ -75,7 +75,7 @@ class RunRecord:
     def add(
         self, estimate: FrameEstimate, total_ms: float = 0.0, of_points: tuple[float, float] = (np.nan, np.nan)
     ) -> None:
-        """Keep one estimate; `total_ms`: from asking for the frame until its files were written.
+        """Add one estimate; `total_ms`: from the request for the frame until its files were written.
 
         `of_points`: the median σ of the points along their rays, metres, and the RMS reprojection error, pixels.
         """
@@ -99,7 +99,7 @@ class RunRecord:
             self._corrected_from = (estimate.frame_index, estimate.rig)
 
     def inertial(self) -> dict[str, Any] | None:
-        """Return what the run has learnt about its inertial unit; None without samples."""
+        """Return the findings of the run about its inertial unit; None without samples."""
         if self._inertial is None or self.upright is None:
             return None
         counts = {"frames": self._inertial_frames, "dead_reckoned": self._dead_reckoned}
@@ -128,21 +128,21 @@ class RunRecord:
         return np.array(self._rows).reshape(-1, _WIDTH)
 
     def column(self, name: str) -> Array:
-        """One of the numbers of each frame (n,): a stage in ms, or another of `_NUMBERS`."""
+        """Return one of the numbers of each frame (n,): a stage in ms, or another of `_NUMBERS`."""
         return self._table[:, _COV.stop + _NUMBERS.index(name)]
 
     @property
     def nis_over_dof(self) -> Array:
-        """Squared innovation per degree of freedom (n,), NaN where there is none."""
+        """Squared innovation per degree of freedom (n,); NaN without one."""
         dof = self.column("nis_dof")
         return np.where(dof > 0, self.column("nis") / np.maximum(dof, 1), np.nan)
 
     def trajectory(self) -> Trajectory:
-        """All poses with their covariances."""
+        """Return all poses with their covariances."""
         return Trajectory(self.stamps_ns, self.poses, self._table[:, _COV].reshape(-1, 6, 6))
 
     def with_poses(self, name: str, trajectory: Trajectory) -> "RunRecord":
-        """The same run with other poses, and covariances, under another name."""
+        """Return the same run with other poses, and covariances, under another name."""
         record, rows = copy(self), self._table
         rows[:, _POSE] = trajectory.world_from_cam.reshape(-1, 16)
         rows[:, _COV] = np.asarray(trajectory.cov_pose).reshape(-1, 36)
@@ -154,10 +154,9 @@ class RunRecord:
         return self.statuses.count(status)
 
     def warnings(self) -> list[str]:
-        """Sentences about a calibration that was wrong or has changed, about frames that are refused or lost, about
-        degraded ones where they are many, and about a method that stopped."""
+        """Return sentences about wrong calibrations, refused, lost and many degraded frames, and early ends."""
         notes = [str(change) for change in self.rig_changes]
-        applied = self.rig is not None and self.rig.applied  # to the end: otherwise it was a mistake
+        applied = self.rig is not None and self.rig.applied  # until the end: otherwise it was a mistake
         if applied and self._corrected_from is not None and self._corrected_from[0] > _AT_THE_START:
             frame, rig = self._corrected_from
             wrong_px = disparity_rms_px(rig.mean if rig.refined is None else rig.mean - rig.refined)
@@ -189,7 +188,7 @@ class RunRecord:
         return ""
 
     def summary(self) -> dict[str, Any]:
-        """The part of summary.json that follows from the estimates: statuses, durations, lengths."""
+        """Return the part of summary.json that follows from the estimates: statuses, durations, lengths."""
         wall_s = float(self.column("total").sum()) / 1e3
         return {
             "statuses": {status.value: self.count(status) for status in Status},
@@ -203,9 +202,9 @@ class RunRecord:
 
 
 class RunFigure(NamedTuple):
-    """A figure of a run that needs no ground truth: its `value` is in report.json under the key of `figure`.
+    """A figure of a run without ground truth: its `value` is in report.json under the key of `figure`.
 
-    `row`: what `replay` prints of it, filled in from summary.json, which has it then, and with the `length` unit.
+    `row`: the text that `replay` prints, filled in from summary.json, which then has it, and with the `length` unit.
     `further`: it is a column of the further figures on the page of `compare`.
     """
 
@@ -233,7 +232,7 @@ OF_RUN = (
 
 
 def median(values: ArrayLike) -> float | None:
-    """The median of the finite values; None where there are none."""
+    """Return the median of the finite values; None if there are none."""
     finite = np.asarray(values, float)
     finite = finite[np.isfinite(finite)]
     return median_of_finite(finite) if len(finite) else None
@@ -244,7 +243,7 @@ def _ratio(numerator: float, denominator: float) -> float | None:
 
 
 class AddedMotions:
-    """Keeps the path that the newest motions of the window make, added up one after the other."""
+    """Records the path of the newest motions of the window, added up."""
 
     def __init__(self) -> None:
         self._odometry: Odometry | None = None
@@ -260,20 +259,20 @@ class AddedMotions:
         self._rows.frombytes(np.concatenate([now.odom_from_cam, now.cov], axis=None).tobytes())
 
     def trajectory(self) -> Trajectory:
-        """All poses with their covariances."""
+        """Return all poses with their covariances."""
         table = np.array(self._rows).reshape(-1, _COV.stop)
         poses = table[:, _POSE].reshape(-1, 4, 4)
         return Trajectory(np.array(self._stamps_ns, np.int64), poses, table[:, _COV].reshape(-1, 6, 6))
 
 
 class HalvesRecord:
-    """What a method makes of two halves of the tracks: poses, NaN where it was lost, and how far apart in σ."""
+    """The results of a method from two halves of the tracks: poses, NaN where it was lost, and their distance in σ."""
 
     def __init__(self) -> None:
         self._poses, self._nees = array("d"), array("d")
 
     def add(self, poses: Array, nees: float) -> None:
-        """Keep the poses (2, 4, 4) of a frame, and the NEES of their difference."""
+        """Add the poses (2, 4, 4) of a frame, and the NEES of their difference."""
         self._poses.frombytes(np.ascontiguousarray(poses, float).tobytes())
         self._nees.append(nees)
 
@@ -282,18 +281,18 @@ class HalvesRecord:
 
     @property
     def poses(self) -> Array:
-        """Poses (2, n, 4, 4) of each half."""
+        """Poses (2, n, 4, 4) of the two halves."""
         return np.array(self._poses).reshape(-1, 2, 4, 4).swapaxes(0, 1)
 
     @property
     def nees_mean(self) -> float | None:
-        """The mean of the NEES, 6 expected; None where there is none."""
+        """The mean of the NEES, 6 expected; None if there is none."""
         nees = np.array(self._nees)
         return float(np.nanmean(nees)) if np.isfinite(nees).any() else None
 
 
 def quantiles(values: Any) -> dict[str, float] | None:
-    """Median, 95th percentile and maximum of some values; None where there are none."""
+    """Return median, 95th percentile and maximum of some values; None if there are none."""
     if not len(values):
         return None
     ordered = np.sort(values)  # np.quantile imports masked arrays
@@ -302,7 +301,7 @@ def quantiles(values: Any) -> dict[str, float] | None:
 
 
 class FrontRecord:
-    """Keeps, frame by frame, what all methods share.
+    """Records, frame by frame, what all methods share.
 
     `lives`: track id -> [first frame, last frame]; `local_difference_m`: median distance of CC and WC points per frame.
     """
@@ -318,11 +317,11 @@ class FrontRecord:
 
     @property
     def gaps(self) -> list[int]:
-        """Frames that follow a gap in time."""
+        """The frames that follow a gap in time."""
         return [frame + 1 for frame in gaps_after(self._stamps_ns)]
 
     def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
-        """Keep one frame; `estimates`: by method."""
+        """Add one frame; `estimates`: by method."""
         index = observed.observations.frame_index
         for stage, times in self.times_ms.items():
             times.append(observed.timings_ms[stage])
@@ -336,7 +335,7 @@ class FrontRecord:
                 self.local_difference_m.append(float(np.median(apart_m)))
 
     def tracks(self) -> dict[str, Any]:
-        """How many points were tracked, and over how many frames."""
+        """Return how many points were tracked, and over how many frames."""
         lengths = np.array([last - first + 1 for first, last in self.lives.values()])
         if not len(lengths):
             return {"count": 0, "mean_frames": None, "median_frames": None, "longest_frames": None}
@@ -349,9 +348,9 @@ class FrontRecord:
 
 
 class Truth(NamedTuple):
-    """What estimates are compared with: `poses`, None where there are none and NaN where they are not to be used.
+    """The truth for a comparison: `poses`, None if there are none, NaN where they must not be used.
 
-    `ignored`: ranges [first, end) of frames without their truth, as asked for; `std`: σ of the truth itself, m and rad.
+    `ignored`: ranges [first, end) of frames whose truth is ignored on request; `std`: σ of the truth itself, m and rad.
     """
 
     poses: Trajectory | None = None
@@ -361,11 +360,11 @@ class Truth(NamedTuple):
 
 @dataclass(slots=True, eq=False, repr=False)
 class Comparison:
-    """Everything that the report of a comparison is made from.
+    """Everything from which the report of a comparison is made.
 
-    `inspection` as `inspect_log` returns it, or empty; `self_test`: the result of that, if it was done;
-    `calibration`: what the images say about it, as in summary.json; `loops` (n, 2, 3): ends of the lines between
-    places that were seen again. `halves`: of methods by name, where they were estimated from halves of the tracks, too.
+    `inspection` as `inspect_log` returns it, or empty; `self_test`: its result, if it was run;
+    `calibration`: the findings of the images about it, as in summary.json; `loops` (n, 2, 3): ends of the lines of
+    loops. `halves`: by method, if they were also estimated from halves of the tracks.
     `as_is`: each method had the calibration of the log.
     """
 

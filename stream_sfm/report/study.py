@@ -1,4 +1,4 @@
-"""The page of a Monte-Carlo study: its tables in words, and charts of what they hold."""
+"""The page of a Monte Carlo study: its tables in words, and charts of their content."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -12,7 +12,7 @@ from ..simulation.tables import StudyTable, curve_in_words, in_words, tables, te
 from .svg import Chart, Row, Series, draw, intervals
 from .tables import Name, Table, of_method, render
 
-# Of figure 6: the batches are a picture.
+# Keys of figure 6 that are drawn as a picture.
 _CURVES = ("cross-frame", "ekf", "iterated-ekf", "frame-to-frame", "bound")
 _TITLES = {
     "efficiency": "how close each estimator comes to the Cramér–Rao bound",

@@ -1,7 +1,7 @@
 """Charts as inline SVG, drawn by matplotlib: lines, values with intervals, and the lives of tracks.
 
-Colours are CSS variables of page.css, so that one chart serves light mode, dark mode and print: matplotlib draws in
-colours that stand for them. It is imported when a page is drawn.
+Colours are CSS variables of page.css, so that one chart serves light mode, dark mode and print: matplotlib draws
+with placeholder colours. It is imported when a page is drawn.
 """
 
 import io
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..record import record
 
-_WIDTH_PX, _HEIGHT_PX, _TEXT_PX = 480, 280, 13  # a phone shows them at two thirds of that
+_WIDTH_PX, _HEIGHT_PX, _TEXT_PX = 480, 280, 13  # a phone shows them at two thirds of this size
 _VARIABLES = (*(f"c{k}" for k in range(1, 9)), "other", "truth", "soft", "axis", "line", "ok", "lost", "card")
 _COLOUR = {name: f"#1234{k:02x}" for k, name in enumerate(_VARIABLES)}
 
@@ -37,9 +37,9 @@ class Series:
 
 @record
 class Chart:
-    """One chart: `marks` (x) are vertical lines, `expected` the y between which values should be, shaded.
+    """One chart: `marks` (x) are vertical lines; `expected` is the shaded range of y in which values should be.
 
-    On a `path` both axes have the same scale, and the first series has its start and end marked. `slopes`: of thin
+    On a `path` both axes have the same scale, and start and end of the first series are marked. `slopes`: those of thin
     lines through the smallest value at the first x, on logarithmic axes.
     """
 
@@ -51,14 +51,14 @@ class Chart:
     log_x: bool = False
     log_y: bool = False
     path: bool = False
-    zero: bool = False  # y begins at zero
+    zero: bool = False  # the y axis starts at zero
     expected: tuple[float, float] | None = None
     marks: Sequence[float] = ()
     slopes: Sequence[float] = ()
 
 
 class Row(NamedTuple):
-    """A value with the ends of its interval, named at the left."""
+    """A value with its interval, and its name on the left."""
 
     name: str
     value: float
@@ -68,7 +68,7 @@ class Row(NamedTuple):
 
 
 def draw(chart: Chart) -> Markup:
-    """A `<figure>` with the chart and the names of its lines, or with a sentence where there is no data."""
+    """Return a `<figure>` with the chart and the names of its lines, or with a sentence if there is no data."""
     usable = [(s, drawn) for s in chart.series if (drawn := _drawn(chart, s)).any()]
     if not usable:
         return figure(chart.title, chart.note, Markup('<p class="none">No data.</p>'))
@@ -93,7 +93,7 @@ def draw(chart: Chart) -> Markup:
 
 
 def _add_bands_and_slopes(axes: Any, chart: Chart, series: Sequence[Series]) -> None:
-    """Draw them without changing what part of the plane is shown."""
+    """Draw them without changing the visible part of the plane."""
     limits = axes.get_xlim(), axes.get_ylim()
     for s in series:
         if s.band is not None:
@@ -107,7 +107,7 @@ def _add_bands_and_slopes(axes: Any, chart: Chart, series: Sequence[Series]) -> 
 
 
 def intervals(title: str, x_label: str, rows: Sequence[Row], note: str = "") -> Markup:
-    """A `<figure>` with a value and its interval in each row, on a logarithmic axis; the line is at 1."""
+    """Return a `<figure>` with a value and its interval in each row, on a logarithmic axis; the line is at 1."""
     canvas, axes = _axes(x_label, "", (True, False), height_px=max(_HEIGHT_PX, 60 + 20 * len(rows)))
     axes.axvline(1.0, color=_COLOUR["axis"], lw=1, ls="--")
     for k, row in enumerate(rows):
@@ -122,7 +122,7 @@ def intervals(title: str, x_label: str, rows: Sequence[Row], note: str = "") -> 
 
 
 def lifetimes(title: str, spans: Sequence[Sequence[int]], note: str) -> Markup:
-    """A `<figure>` with one line per span [first, last], in order."""
+    """Return a `<figure>` with one line per span [first, last], in order."""
     canvas, axes = _axes("frame", "points, by first frame", (False, False), 2 * _WIDTH_PX)
     x = np.array([[first, max(last, first + 0.15), np.nan] for first, last in spans]).ravel()
     axes.plot(x, np.repeat(np.arange(len(spans)), 3), color=_COLOUR["c1"], lw=max(0.5, min(2.0, 170 / len(spans))))
@@ -133,7 +133,7 @@ def lifetimes(title: str, spans: Sequence[Sequence[int]], note: str) -> Markup:
 def figure(
     title: str, note: str, content: Markup, names: Sequence[tuple[str, str]] = (), kind: str = "chart"
 ) -> Markup:
-    """A `<figure>` with its title, a note beside it, the `names` of lines with their colours, and what it shows."""
+    """Return a `<figure>` with title, note, the `names` of lines with their colours, and content."""
     small = Markup(" <span>{}</span>").format(note) if note else ""
     keys = Markup("").join(
         Markup('<span class="key"><i style="background:var(--{})"></i>{}</span>').format(colour, name)
@@ -145,7 +145,7 @@ def figure(
 
 
 def _drawn(chart: Chart, s: Series) -> NDArray[np.bool_]:
-    """Which points of a line can be drawn."""
+    """Return a mask of the points of a line that can be drawn."""
     x, y = np.asarray(s.x, float), np.asarray(s.y, float)
     return np.isfinite(x) & np.isfinite(y) & ((x > 0) | (not chart.log_x)) & ((y > 0) | (not chart.log_y))
 
@@ -153,7 +153,7 @@ def _drawn(chart: Chart, s: Series) -> NDArray[np.bool_]:
 def _axes(
     x_label: str, y_label: str, log: tuple[bool, bool], width_px: int = _WIDTH_PX, height_px: int = _HEIGHT_PX
 ) -> tuple[Any, Any]:
-    """A figure of one point per px, and its axes."""
+    """Return a figure with one point per px, and its axes."""
     from matplotlib.figure import Figure
 
     canvas = Figure(figsize=(width_px / 72, height_px / 72), dpi=72, layout="constrained")
@@ -170,16 +170,16 @@ def _axes(
 
 
 def _svg(canvas: Any, title: str) -> Markup:
-    """The figure as SVG that takes its colours and its font from the page; equal figures give equal bytes."""
+    """Return the figure as SVG with the colours and font of the page; equal figures give equal bytes."""
     from matplotlib import rc_context
     from matplotlib.ticker import LogLocator, MaxNLocator, StrMethodFormatter
 
     for axis in (canvas.axes[0].xaxis, canvas.axes[0].yaxis):
         if axis.get_scale() == "log":
             low, high = axis.get_view_interval()
-            if high < 5 * low:  # no numbers of a decade lie in it
+            if high < 5 * low:  # it contains no decade
                 axis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
-            else:  # of a wide one only powers of ten are named
+            else:  # on a wide one only powers of ten are labelled
                 axis.set_major_locator(LogLocator(subs=(1,) if high >= 300 * low else (1, 2, 5), numticks=9))
             axis.set_major_formatter(StrMethodFormatter("{x:g}"))
             axis.set_minor_formatter("")

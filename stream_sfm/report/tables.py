@@ -1,4 +1,4 @@
-"""How pages name methods and runs and write numbers, which values of a table are marked, and templates filled in."""
+"""Names of methods and runs, numbers and marked values in the tables of pages, and the filling of templates."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -15,7 +15,7 @@ from ..methods import COMPARED, METHODS
 
 
 class Name(NamedTuple):
-    """What a row is of: its name, a note below it, the colour of its lines (a variable of page.css), and a link."""
+    """The head of a row: its name, a note below it, the colour of its lines (a variable of page.css), and a link."""
 
     text: str
     note: str = ""
@@ -24,7 +24,7 @@ class Name(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Headings with their units, and rows of cells: text and its class, "best", "bad", "wrap" or empty."""
+    """Headings with units, and rows of cells: text and its class, "best", "bad", "wrap" or empty."""
 
     headings: list[tuple[str, str]]
     rows: list[tuple[Name, list[tuple[str, str]]]]
@@ -37,9 +37,9 @@ def table(
     units: dict[str, LengthUnit],
     compared: bool = True,
 ) -> Table:
-    """The figures of some runs, a row each, without those that no run has.
+    """Return the figures of some runs, a row each, without figures that no run has.
 
-    The best of several values is marked where the runs are `compared`: those of different logs are not.
+    The best of several values is marked if the runs are `compared`; runs of different logs are not.
     """
     headings, columns = [], []
     for figure in figures:
@@ -63,7 +63,7 @@ def _mark(figure: Figure, value: Any, least: float | None) -> str:
 
 
 def text_of(value: Any, factor: float = 1.0) -> str:
-    """A number with three significant digits, or all before the point; integers and texts as they are.
+    """Return a number with three significant digits, or all digits before the point; integers and text unchanged.
 
     A ratio with its interval is written as ×1.42 [1.1, 1.8], and None as a dash.
     """
@@ -87,11 +87,11 @@ class Look(NamedTuple):
 Looks = Callable[[str], Look]
 _COLOURS = 8  # c1 to c8 of page.css
 _LOOKS = {name: Look(METHODS[name].label, f"c{k}") for k, name in enumerate(COMPARED, 1)}
-_OF_VARIANTS = {"-loops": "with loops", "-added": "motions added"}  # of a method's name, and of its label
+_OF_VARIANTS = {"-loops": "with loops", "-added": "motions added"}  # suffixes of name and label
 
 
 def of_method(name: str) -> Look:
-    """How a method is named and drawn."""
+    """Return how a method is named and drawn."""
     name = name.replace("_", "-")
     for ending, words in _OF_VARIANTS.items():
         if name.endswith(ending):
@@ -100,7 +100,7 @@ def of_method(name: str) -> Look:
 
 
 def of_runs(names: Sequence[str]) -> Looks:
-    """How runs are drawn, by the names of their folders: in the colours of the methods one after the other."""
+    """Return how runs are drawn, by the names of their folders: with the colours of the methods in order."""
     last = [Path(name).name for name in names]
     shown = [name if last.count(name) == 1 else whole for name, whole in zip(last, names, strict=True)]
     return {name: Look(shown[k], f"c{k % _COLOURS + 1}") for k, name in enumerate(names)}.__getitem__
@@ -113,7 +113,7 @@ def render(template: str, /, **values: Any) -> str:
 
 @cache
 def _environment() -> Environment:
-    """Templates are compiled once per process: that takes longer than to fill them in."""
+    """Return the templates, compiled once per process, as that takes longer than filling them in."""
     environment = Environment(
         loader=PackageLoader("stream_sfm.report", "."),
         autoescape=True,
@@ -126,5 +126,5 @@ def _environment() -> Environment:
 
 
 def breakable(name: str) -> Markup:
-    """A long name, which a browser may break after its separators."""
+    """Return a long name that a browser may break after its separators."""
     return Markup(re.sub(r"([/._-]+)", r"\1<wbr>", str(escape(name))))

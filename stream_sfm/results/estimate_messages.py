@@ -28,23 +28,23 @@ TOPICS = {
     "/stream_sfm/timing": TIMING,
 }
 _LEVELS = {Status.OK: 0, Status.INITIALISING: 0, Status.DEGRADED: 1, Status.LOST: 2}  # of diagnostic_msgs
-_MAX_POSES = 4096  # of the path in one message; beyond it every other pose is dropped
+_MAX_POSES = 4096  # per path message; beyond it every other pose is dropped
 Stamped = Iterator[tuple[str, Any]]  # topic and message
 
 
 class RosMessages:
-    """Makes the messages of a run's estimates, given in order: for `estimates.mcap`, or for a node that publishes them.
+    """Makes messages from estimates in order: for `estimates.mcap`, or for a node that publishes them.
 
-    `topics`: the types of the messages by topic. Messages have the fields that ROS 2 gives them. `map_from_world`:
-    where a map of places has the world of the estimates by now (4, 4); messages in the world frame follow it, or,
-    with `ros.gravity`, the direction upwards as it is known by now.
+    `topics`: the types of the messages by topic. Messages have the fields of ROS 2. `map_from_world` (4, 4):
+    the current pose of the world of the estimates in a map of places; messages in the world frame follow it or,
+    with `ros.gravity`, the current estimate of the up direction.
     """
 
     def __init__(self, ros: RosConfig, map_from_world: Callable[[], Array] | None = None) -> None:
         type_store()
         self._frames = RosFrames(ros)
         self._gravity = ros.gravity and map_from_world is None
-        self._level, self._cov_level = np.eye(4), np.zeros((6, 6))  # of the world, by gravity, as known by now
+        self._level, self._cov_level = np.eye(4), np.zeros((6, 6))  # rotation of the world by the current gravity
         self._map_from_world = map_from_world or (lambda: self._level)
         self._path, self._path_length = PathSoFar(), 0.0
         self._odometry: Odometry | None = None
@@ -52,7 +52,7 @@ class RosMessages:
         self.topics = {topic: kind for topic, kind in TOPICS.items() if on_robot or topic != "/tf_static"}
 
     def of(self, estimate: FrameEstimate) -> Stamped:
-        """Yield topic and message of all that an estimate holds; at first also the camera's pose on the robot."""
+        """Yield topic and message of everything in an estimate; first also the pose of the camera on the robot."""
         stamp, frames, e = estimate.stamp_ns, self._frames, estimate
         if self._odometry is None and frames.base_from_cam is not None:
             mounting = ros.header(stamp, frames.moving), frames.camera, ros.pose_of(frames.base_from_cam)
@@ -81,7 +81,7 @@ class RosMessages:
         return None if self._odometry is None else self._odometry.estimate
 
     def end(self) -> Stamped:
-        """Yield what remains after the last frame: the whole path, and the map's points that are still in view."""
+        """Yield what remains after the last frame: the whole path, and the map points that are still in view."""
         if (last := self.last) is not None:
             yield self._path_now(ros.header(last.stamp_ns, self._frames.world))
             if len(last.track_ids):
@@ -103,7 +103,7 @@ class RosMessages:
         return ros.make("diagnostic_msgs/msg/DiagnosticArray", header=head, status=[status])
 
     def _upright_cov_pose(self, estimate: FrameEstimate) -> Array:
-        """Level the world by the gravity of a frame, if it has it, and return the covariance of its pose there."""
+        """Level the world by the gravity of a frame, if available, and return the covariance of its pose there."""
         if (found := estimate.upright(self._frames.fixed_from_world)) is not None:
             self._level = se3.inverse(self._frames.fixed_from_world) @ found.upright_from_world
             self._cov_level = found.cov
@@ -112,7 +112,7 @@ class RosMessages:
         return np.asarray(estimate.cov_pose + to_cam @ self._cov_level @ to_cam.T)
 
     def _pose(self, estimate: FrameEstimate, cov_pose: Array) -> Stamped:
-        """Every message that states where the moving frame is, camera or robot: in the world, and on its own path."""
+        """Yield the messages with the pose of the moving frame, camera or robot: in the world, and on its own path."""
         frames = self._frames
         self._odometry = now = Odometry.after(self._odometry, estimate)
         head, odom = ros.header(estimate.stamp_ns, frames.world), ros.header(estimate.stamp_ns, frames.odom)
@@ -134,7 +134,7 @@ class RosMessages:
             yield self._path_now(head)
 
     def _numbers(self, odometry: Odometry, pose: Array, covariance: Array) -> dict[str, float]:
-        """The numbers to plot of a frame whose pose (4, 4) in the world has ROS's covariance (6, 6)."""
+        """Return the numbers to plot of a frame whose pose (4, 4) in the world has ROS's covariance (6, 6)."""
         estimate, moved, seconds = odometry.estimate, odometry.from_previous, odometry.seconds or np.nan
         distance = float(np.linalg.norm(moved[:3, 3]))
         self._path_length += distance
@@ -180,7 +180,7 @@ class PathSoFar:
     def add(self, pose: Any) -> bool:
         """Add the next pose, and return whether a path is due."""
         if self._frames % self._stride == 0:
-            if len(self._kept) == _MAX_POSES:  # an even number: this frame belongs to the thinned ones, too
+            if len(self._kept) == _MAX_POSES:  # an even number: this frame is also among the thinned ones
                 del self._kept[1::2]
                 self._stride *= 2
             self._kept.append(pose)

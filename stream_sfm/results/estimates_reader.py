@@ -19,7 +19,7 @@ from ..types import FrameEstimate
 from .own_messages import SCHEMA_VERSION, estimate_of
 from .ros_messages import COVARIANCE_FIELDS, POINT_DTYPE
 
-_OURS = "/stream_sfm/"  # how most topics of a run's file begin
+_OURS = "/stream_sfm/"  # prefix of most topics in the file of a run
 _MATRIX_FROM_UPPER = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
 Result = TypeVar("Result")
 
@@ -33,7 +33,7 @@ class Cloud:
     track_ids: NDArray[np.int64]
     points: NDArray[np.float32]
     cov_points: NDArray[np.float32]
-    frame_index: int = -1  # of the frame in which it was written
+    frame_index: int = -1  # the frame with which it was written
 
     def __repr__(self) -> str:
         return f"<Cloud at {self.stamp_ns} ns in {self.frame_id}, {len(self.points)} points>"
@@ -42,11 +42,11 @@ class Cloud:
 def read_estimates(
     path: str | Path, warnings: list[str] | None = None, points: bool = False
 ) -> Iterator[FrameEstimate]:
-    """Yield the readable frames in order, as the run's sinks received them, as far as they are recorded.
+    """Yield the readable frames in order, as the sinks of the run received them, as far as they are recorded.
 
-    Left out are points in the world, those that have left the view, times per stage, and without `points` those in view
-    (`read_clouds`). What could not be read is added to `warnings`. Without such a list, it raises LogError after the
-    last frame, except in a `.part` file, which a killed run has left: its end is always missing.
+    Points in the world, points that have left the view and times per stage are omitted; so are points in view without
+    `points` (`read_clouds` has them). Damage is added to `warnings`. Without such a list, it raises LogError after the
+    last frame, except for a `.part` file of a killed run, whose end is always missing.
     """
     clouds = read_clouds(path, warnings=[]) if points else iter(())
     cloud = next(clouds, None)
@@ -72,7 +72,7 @@ def read_clouds(
 
 
 def recorded_rig(path: str | Path) -> StereoRig | MonoRig:
-    """The rig of an `estimates.mcap`, from the calibration attached to it. Raises LogError where there is none."""
+    """Return the rig of an `estimates.mcap`, from the calibration attached to it. Raises LogError if there is none."""
     for attachment in LogFile(path).attachments(Damage()):
         if attachment.name == "calibration.toml":
             kind = StereoRig if b"[right" in attachment.data else MonoRig
@@ -84,7 +84,7 @@ def _cloud(stored: Message, message: Any) -> Cloud:
     rows, stamp = np.frombuffer(message.data, POINT_DTYPE), message.header.stamp
     upper = np.stack([rows[name] for name in COVARIANCE_FIELDS], axis=-1)
     return Cloud(
-        # The log time is never negative, the stamp of a header has 32 bits.
+        # The log time is never negative; the stamp of a header has 32 bits.
         stored.log_time_ns or stamp.sec * 10**9 + stamp.nanosec,
         message.header.frame_id,
         rows["track_id"].astype(np.int64),
@@ -97,7 +97,7 @@ def _cloud(stored: Message, message: Any) -> Cloud:
 def _read(
     path: Path, topic: str, convert: Callable[[Message, Any], Result], warnings: list[str] | None
 ) -> Iterator[Result]:
-    """Yield what `convert` makes of each message of a topic. Raises LogError, also for a file that is not ours."""
+    """Yield each message of a topic through `convert`. Raises LogError, also if the file is not one of ours."""
     damage, found = Damage(), False
     for stored in LogFile(path).messages(damage, frozenset([topic])):
         found = True
@@ -128,7 +128,7 @@ def _decoded(stored: Message, topic: str) -> Any:
 
 
 def _check_it_is_ours(path: Path, topic: str) -> None:
-    """Raise LogError where a file has messages, but none of a run: a topic of ours may be empty, as in a short run."""
+    """Raise LogError if a file has messages, but none of a run. In a short run, a topic may be empty."""
     few = 100  # messages, enough to recognise it
     topics = {message.channel.topic for message in islice(LogFile(path).messages(Damage()), few)}
     ours = any(name.startswith(_OURS) for name in topics) and topic.startswith(_OURS)

@@ -1,7 +1,7 @@
-"""Writes `estimates.mcap`: everything a run estimates, as a bag that ROS 2, Foxglove, Rerun and PlotJuggler open.
+"""Writes `estimates.mcap`: all estimates of a run, as a bag that ROS 2, Foxglove, Rerun and PlotJuggler open.
 
-`docs/formats.md` lists the topics. All are CDR, because ROS 2 plays no bag that mixes serialisations. Frames and axes
-follow the settings `[ros]`; /stream_sfm/estimate does not: there the pose is of the left camera, in the first one.
+`docs/formats.md` lists the topics. All are CDR, because ROS 2 plays no bag with mixed serialisations. Frames and axes
+follow the settings `[ros]`, except in /stream_sfm/estimate, which has the pose of the left camera in the first one.
 
 Metadata `stream_sfm` (software_version, schema_version, method) and `configuration` (config.toml); attachment
 `calibration.toml`. All times of a message are the frame's stamp, its sequence the frame index; two runs differ
@@ -29,10 +29,10 @@ from .estimate_messages import TOPICS, RosMessages, Stamped
 from .own_messages import SCHEMA_VERSION
 from .ros_messages import encode, schema_text
 
-_CHUNK_NS = 500_000_000  # a chunk is closed after this much log time: what a killed process loses at most
+_CHUNK_NS = 500_000_000  # a chunk is closed after this much log time, which is the most that a killed process loses
 _CHUNK_FRAMES = 20  # and after this many frames, at the latest
-# Quality of service of /tf_static, without which subscribers do not get a message from before their time. The numbers
-# are those of ROS's enumerations: keep last, reliable, transient local, automatic. All versions of ROS 2 read them.
+# Quality of service of /tf_static, without which late subscribers do not get the message. The numbers are those of
+# ROS's enumerations: keep last, reliable, transient local, automatic. All versions of ROS 2 read them.
 _LATCHED = """\
 - history: 1
   depth: 1
@@ -47,9 +47,9 @@ _LATCHED = """\
 
 
 class EstimatesWriter:
-    """A sink that writes estimates. Raises OutputError where the file cannot be written.
+    """A sink that writes estimates. Raises OutputError if the file cannot be written.
 
-    `map_from_world`: of a map of places, as of RosMessages.
+    `map_from_world`: that of a map of places, as in RosMessages.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class EstimatesWriter:
     ) -> None:
         self._messages = RosMessages(config.ros, map_from_world)
         self._file = PartFile(path)
-        # a size of chunks that 20 frames of 200 points do not reach
+        # a chunk size that 20 frames of 200 points do not reach
         self._writer = writer = Writer(cast(IO[Any], self._file), chunk_size=2**22)
         writer.start("ros2", library=f"stream_sfm {__version__}, mcap {mcap.__version__}")
         about = {"software_version": __version__, "schema_version": str(SCHEMA_VERSION), "method": config.method}
@@ -81,7 +81,7 @@ class EstimatesWriter:
         }
         writer.flush()
         self._counts = dict.fromkeys(topics, 0)
-        self._times_ns = (2**63, 0)  # of the first and the last message
+        self._times_ns = (2**63, 0)  # times of the first and the last message
         self._chunk_began_ns = self._frames_in_chunk = 0
         self._closed = False
 
@@ -113,7 +113,7 @@ class EstimatesWriter:
     def metadata(self) -> bytes:
         """Return the content of metadata.yaml, which makes the folder a ROS 2 bag: for `ros2 bag play`, and evo.
 
-        It is written as JSON, which is YAML as well.
+        It is written as JSON, which is also YAML.
         """
         first_ns, last_ns = self._times_ns
         of_all = {

@@ -23,22 +23,22 @@ UNIT_WITHOUT_SCALE = "unscaled: the distance between the first two views that sh
 
 
 class ResultFolder:
-    """A sink that writes estimates.mcap with metadata.yaml, trajectories, config.toml, and at last summary.json.
+    """A sink that writes estimates.mcap with metadata.yaml, trajectories, config.toml, and finally summary.json.
 
-    The folder and its files are created with the first estimate, so that an unusable log leaves no folder behind. Only
-    one run may write to a folder at a time. A `with` statement finishes the files however it ends. Raises OutputError
+    The folder and its files are created with the first estimate, so that an unusable log leaves no folder. Only
+    one run may write to a folder at a time. A `with` statement completes the files however it ends. Raises OutputError
     naming the file or the folder.
     """
 
     def __init__(self, path: str | Path, rig: StereoRig | MonoRig, config: Config) -> None:
-        type_store()  # before the first frame, which would be late
+        type_store()  # before the first frame, which would otherwise wait
         self.path = Path(path)
         self._rig, self._config = rig, config
-        # Where a map of places has the world of the estimates.
+        # Pose of the world of the estimates in a map of places.
         self.map_from_world: Callable[[], Array] | None = None
         self._estimates: EstimatesWriter | None = None
         self._trajectories: list[PartFile] = []
-        self._lock = ExitStack()  # that of the folder, while it is written to
+        self._lock = ExitStack()  # holds the lock of the folder while it is written to
         self._closed = False
 
     def __enter__(self) -> "ResultFolder":
@@ -79,10 +79,10 @@ class ResultFolder:
 
     def close(self) -> None:
         """Finish all files and give them their names; the first failure is raised after all have been tried."""
-        self._closed = self._estimates is not None  # where nothing was written nothing is closed
+        self._closed = self._estimates is not None  # if nothing was written, nothing is closed
         try:
             close_all([*filter(None, [self._estimates]), *self._trajectories])
-            path = self.path / "metadata.yaml"  # which makes the folder a bag, unless it is one that is not ours
+            path = self.path / "metadata.yaml"  # makes the folder a bag, unless it already is another bag
             if self._estimates is not None and _may_be_written(path):
                 write_whole(path, self._estimates.metadata())
         finally:
@@ -92,11 +92,11 @@ class ResultFolder:
         make_folder(self.path)
         self._lock.enter_context(only_writer(self.path))
         for name in TRAJECTORIES:
-            (self.path / name).unlink(missing_ok=True)  # of an earlier run; this one may not have it
+            (self.path / name).unlink(missing_ok=True)  # from an earlier run; this one may not write it
         if self.path / "config.toml" in changed_results(self.path, self._config):
             write_whole(self.path / "config.toml", config_to_toml(self._config).encode())
         for name, text in zip(NAMES, first_lines(UNIT_WITHOUT_SCALE if self._config.mono else ""), strict=True):
-            # One by one: those that are open are closed where the next one fails.
+            # One by one, so that the open ones are closed if the next one fails.
             self._trajectories.append(PartFile(self.path / name))
             self._trajectories[-1].write(text.encode())
         return EstimatesWriter(self.path / "estimates.mcap", self._rig, self._config, self.map_from_world)
@@ -105,7 +105,7 @@ class ResultFolder:
 def changed_results(folder: Path, config: Config) -> list[Path]:
     """Return the files that a run changes: all but a config.toml that already holds just this configuration.
 
-    It may be the file that the run was configured with, as where a run is repeated.
+    That may be the file with which the run was configured, as when a run is repeated.
     """
     files = [folder / name for name in RESULTS]
     with suppress(OSError):
@@ -116,7 +116,7 @@ def changed_results(folder: Path, config: Config) -> list[Path]:
 
 
 def _may_be_written(metadata: Path) -> bool:
-    """Whether this file does not exist or is of an earlier run; the metadata of another bag must not be replaced."""
+    """Whether this file is missing or from an earlier run; the metadata of another bag must not be replaced."""
     try:
         content = json.loads(metadata.read_bytes())
         return bool(content["rosbag2_bagfile_information"]["relative_file_paths"] == ["estimates.mcap"])
@@ -127,7 +127,7 @@ def _may_be_written(metadata: Path) -> bool:
 
 
 class Closed(Protocol):
-    """Anything that is closed at the end."""
+    """Anything that must be closed at the end."""
 
     def close(self) -> None:
         """Finish."""
@@ -146,8 +146,8 @@ def close_all(sinks: Iterable[Closed]) -> None:
 
 
 def new_run_folder(log_path: str | Path, root: str | Path = "runs") -> Path:
-    """Return a name that is not in use, `<root>/<log>-<local time>`; the folder is not made."""
-    most = 60  # characters, which in UTF-8 fit the 255 bytes of file systems
+    """Return an unused name, `<root>/<log>-<local time>`; the folder is not created."""
+    most = 60  # characters, whose UTF-8 fits into the 255 bytes of file systems
     root, stem = Path(root), Path(log_path).stem[:most] or "log"
     name = f"{stem}-{time.strftime('%Y%m%d-%H%M%S')}"
     folder, number = root / name, 1
@@ -158,7 +158,7 @@ def new_run_folder(log_path: str | Path, root: str | Path = "runs") -> Path:
 
 
 def point_latest_to(folder: Path) -> None:
-    """Let the link `latest`, beside the folder, point to it, if the system has symbolic links."""
+    """Point the link `latest` beside the folder to it, if the system has symbolic links."""
     link = folder.parent / "latest"
     with suppress(OSError):
         if link.is_symlink():

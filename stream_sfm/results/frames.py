@@ -1,7 +1,7 @@
-"""Coordinate frames and covariances of ROS, made from the package's own, whose world is the first left camera.
+"""Coordinate frames and covariances of ROS, made from those of the package, whose world is the first left camera.
 
-REP 103: a body has x forward, y left, z up; a camera has z forward, x right, y down. With a base frame the fixed frame
-is the base at the start, so that z is up as far as it is for the robot.
+REP 103: a body has x forward, y left, z up; a camera has z forward, x right, y down. With a base frame, the fixed frame
+is the base at the start, so z is up if it is up for the robot.
 """
 
 import numpy as np
@@ -24,14 +24,15 @@ def fixed_axis_covariance(rotation: Array, cov_pose: Array) -> Array:
 
 
 def _carried(by: Array, cov: Array) -> Array:
-    """A covariance (6, 6) carried over by a matrix (6, 6); NaN if it is not finite."""
+    """Return a covariance (6, 6) transformed by a matrix (6, 6); NaN if it is not finite."""
     return by @ cov @ by.T if np.isfinite(cov).all() else np.full((6, 6), np.nan)
 
 
 class RosFrames:
     """Transforms poses, covariances and points into the frames that the settings name.
 
-    `fixed_from_world` (4, 4): the axes of the settings; `base_from_cam` (4, 4): the camera on the robot, None without.
+    `fixed_from_world` (4, 4): the axes of the settings; `base_from_cam` (4, 4): the camera on the robot, if there
+    is one.
     """
 
     def __init__(self, ros: RosConfig) -> None:
@@ -45,11 +46,11 @@ class RosFrames:
         self._carries = se3.adjoint(own)
 
     def pose(self, world_from_cam: Array) -> Array:
-        """Return the pose (4, 4) of the moving frame, base or camera, in the fixed one: world or odom."""
+        """Return the pose (4, 4) of the moving frame, base or camera, in the fixed frame, world or odom."""
         return np.asarray(self.fixed_from_world @ world_from_cam @ self._cam_from_moving)
 
     def pose_of_camera(self, fixed_from_moving: Array) -> Array:
-        """Return world_from_cam (4, 4) of a pose of the moving frame in the fixed one; the inverse of `pose`."""
+        """Return world_from_cam (4, 4) for a pose of the moving frame in the fixed one; the inverse of `pose`."""
         return np.asarray(self._world_from_fixed @ fixed_from_moving @ se3.inverse(self._cam_from_moving))
 
     def between(self, world_from_odom: Array) -> Array:
@@ -57,11 +58,11 @@ class RosFrames:
         return np.asarray(self.fixed_from_world @ world_from_odom @ self._world_from_fixed)
 
     def twist(self, twist: Array) -> Array:
-        """Return the twist (6,) of the moving frame in its own axes from that of the camera in its own."""
+        """Return the twist (6,) of the moving frame in its own axes from that of the camera in its axes."""
         return np.asarray(self._carries @ twist)
 
     def cov_pose(self, cov_pose: Array) -> Array:
-        """Return the covariance (6, 6) of a pose or twist, translation first, in the moving frame's own axes."""
+        """Return the covariance (6, 6) of a pose or twist, translation first, in axes of the moving frame."""
         return _carried(self._carries, cov_pose)
 
     def points(self, points_in_world: Array, cov_points: Array) -> tuple[Array, Array]:

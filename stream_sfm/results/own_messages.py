@@ -31,12 +31,12 @@ _NUMBERS = {int: "int64", float: "float64", bool: "bool"}
 
 @cache
 def _described(of: type) -> list[Field[Any]]:
-    """The fields of a record that are in a message as they are."""
+    """Return the fields of a record that are in a message as they are."""
     return [f for f in fields(of) if about(f).says]
 
 
 def _line(of: Field[Any], prefix: str = "") -> str:
-    """A field and its explanation."""
+    """Return a field and its explanation."""
     said, kind = about(of), _NUMBERS.get(plain_type(of), "string")
     if said.shape is not None:
         size = math.prod(said.shape) if all(isinstance(n, int) and n > 0 for n in said.shape) else ""
@@ -144,7 +144,7 @@ def _inertial_fields(of: InertialEstimate | None) -> dict[str, Any]:
 
 
 def _inertial(m: Any) -> InertialEstimate | None:
-    """The recorded inertial state; None where there is none, as in files of earlier versions."""
+    """Return the recorded inertial state; None where there is none, as in files of earlier versions."""
     s: Any = getattr(m, "inertial_state", ())
     if not len(s):
         return None
@@ -182,13 +182,13 @@ def estimate_of(m: Any, points: tuple[NDArray[Any], ...] | None = None) -> Frame
 
 
 def _shaped(value: Any, of: Field[Any], m: int = -1) -> Any:
-    """The value of a field from how a message has it, flat; `m` common errors."""
+    """Return the value of a field from how a message has it, flat; `m` common errors."""
     shape = about(of).shape
     return value if shape is None else value.reshape([m if size == "m" else size for size in shape])
 
 
 def _part(message: Any, prefix: str, kind: type[Part], m: int | None = None) -> Part | None:
-    """A part of an estimate; None where the message has nothing of it."""
+    """Return a part of an estimate; None where the message has nothing of it."""
     values: dict[str, Any] = {}
     for f in fields(kind):  # type: ignore[arg-type]
         name = f"{prefix}_{f.name}"
@@ -203,7 +203,7 @@ def _part(message: Any, prefix: str, kind: type[Part], m: int | None = None) -> 
 
 
 def _rig(message: Any) -> RigEstimate:
-    """The recorded errors of the rig; the smooth field and the prior are not recorded.
+    """Return the recorded errors of the rig; the smooth field and the prior are not recorded.
 
     An error that the file does not have is 0, with the σ that is assumed of it.
     """

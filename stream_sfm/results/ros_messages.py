@@ -23,14 +23,14 @@ TRANSFORMS = "tf2_msgs/msg/TFMessage"
 CLOUD = "sensor_msgs/msg/PointCloud2"
 PATH = "nav_msgs/msg/Path"
 COVARIANCE_FIELDS = ("cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz")
-# The layout of one point in a cloud: sigma_m is the square root of the covariance's trace.
+# The layout of one point in a cloud: sigma_m is the square root of the trace of the covariance.
 _FLOATS = ("x", "y", "z", "sigma_m", *COVARIANCE_FIELDS)
 POINT_DTYPE = np.dtype([*((name, "<f4") for name in _FLOATS), ("track_id", "<u4")])
-_KINDS = {"<f4": 7, "<u4": 6}  # numbers of PointField
-# −1 as ROS says that a quantity is not estimated; the rest for filters that do not ask, and take its amount.
+_KINDS = {"<f4": 7, "<u4": 6}  # type numbers of PointField
+# −1 means in ROS that a quantity is not estimated; the rest is for filters that use its absolute value unchecked.
 _UNKNOWN_TWIST = np.diag([-1.0, *5 * [1e6]])
 
-# Only what is used: rosbags has all types of ROS 2, but takes 60 ms and 5 MiB for them.
+# Only the types in use: rosbags has all types of ROS 2, but takes 60 ms and 5 MiB for them.
 _STANDARD = """\
 builtin_interfaces/Time: int32 sec, uint32 nanosec
 std_msgs/Header: builtin_interfaces/Time stamp, string frame_id
@@ -63,7 +63,7 @@ _PART = "=" * 80  # between a definition and those of its parts
 
 @cache
 def type_store() -> Any:
-    """The types of ROS 2 and our own. The first call takes 20 ms: it had better not be in a frame."""
+    """Return the types of ROS 2 and our own. The first call takes 20 ms, so it should not be within a frame."""
     store, standard = Types("serialize_cdr_le"), (line.split(": ", 1) for line in _STANDARD.splitlines())
     for name, fields in standard:
         store.fielddefs |= get_types_from_msg(fields.replace(", ", "\n"), name.replace("/", "/msg/"))
@@ -76,7 +76,7 @@ def type_store() -> Any:
 
 @cache
 def _arrays(name: str) -> Mapping[str, str]:
-    """The fields of a type that are arrays of numbers, and of which."""
+    """Return the fields of a type that are arrays of numbers, with their types."""
     lists = (Nodetype.ARRAY, Nodetype.SEQUENCE)
     elements = {field: of[0] for field, (kind, of) in type_store().fielddefs[name][1] if kind in lists}
     numbers = {field: base[0] for field, (kind, base) in elements.items() if kind == Nodetype.BASE}
@@ -84,7 +84,7 @@ def _arrays(name: str) -> Mapping[str, str]:
 
 
 def make(name: str, /, **fields: Any) -> Any:
-    """Make a message (package/msg/Name) of fields and parts, which are objects with fields, too; arrays become flat."""
+    """Make a message (package/msg/Name) from fields and parts, which also have fields; arrays become flat."""
     for field, number in _arrays(name).items():
         fields[field] = np.asarray(fields[field], number).ravel()
     return SimpleNamespace(__msgtype__=name, **fields)
@@ -96,13 +96,13 @@ def encode(message: Any) -> bytes:
 
 
 def schema_text(name: str) -> str:
-    """Return the definition of a message with those of all its parts; our own with an explanation of each field."""
+    """Return the definition of a message and of all its parts; our own explain each field."""
     own, *parts = type_store().generate_msgdef(name, ros_version=2)[0].split(_PART)
     return _PART.join([DEFINITIONS.get(name, own), *parts])
 
 
 def header(stamp_ns: int, frame_id: str) -> Any:
-    """Make a header; its seconds have 32 bits, and wrap around."""
+    """Make a header; its seconds have 32 bits and wrap around."""
     seconds, nanoseconds = divmod(stamp_ns, 10**9)
     stamp = SimpleNamespace(sec=(seconds + 2**31) % 2**32 - 2**31, nanosec=nanoseconds)
     return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id)

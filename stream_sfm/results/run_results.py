@@ -1,4 +1,4 @@
-"""`read_results`: everything that a run has written, as NumPy arrays."""
+"""`read_results` returns everything that a run has written, as NumPy arrays."""
 
 import json
 from collections.abc import Iterator
@@ -18,15 +18,15 @@ from .estimates_reader import read_clouds, read_estimates
 from .frames import RosFrames
 from .trajectory_files import Table, frame_table
 
-_ESTIMATES = ("estimates.mcap", "estimates.mcap.part")  # the second of a run that was killed
+_ESTIMATES = ("estimates.mcap", "estimates.mcap.part")  # the second is that of a killed run
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PointTable:
     """Points with their covariances, in one array per quantity.
 
-    `frame_indices` (m,): the frame that each belongs to; `track_ids` (m,); `points` (m, 3), metres; `cov_points`
-    (m, 3, 3), metres². float32, as they are stored.
+    `frame_indices` (m,): the frame of each point; `track_ids` (m,); `points` (m, 3), metres; `cov_points` (m, 3,
+    3), metres². The last two are float32, as stored.
     """
 
     frame_indices: NDArray[np.int64]
@@ -49,8 +49,8 @@ class RunResults:
     - `statuses` (n,) and `reasons` (n,): text.
     - `table`: a column per quantity, a row per frame, as in `trajectory.csv`.
     - `config`, and `summary`: the content of summary.json, empty if the run did not end.
-    - `warnings`: what could not be read of a damaged file or of one that a killed run has left; empty where nothing is
-      missing. All frames and points that are whole are read.
+    - `warnings`: what could not be read from a damaged file or the file of a killed run; empty if nothing is
+      missing. All intact frames and points are read.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -77,12 +77,12 @@ class RunResults:
 
     @cached_property
     def points(self) -> PointTable:
-        """The points in view in each frame (CC), in axes of the camera then. Raises LogError."""
+        """The points in view in each frame (CC), in axes of the camera at that frame. Raises LogError."""
         return self._points("/stream_sfm/points")
 
     @cached_property
     def map_points(self) -> PointTable:
-        """Every point once (WC), in the world, with the frame in which it left the view. Raises LogError."""
+        """Each point once (WC), in the world, with the frame in which it left the view. Raises LogError."""
         found = self._points("/stream_sfm/map")
         world_from_fixed = se3.inverse(RosFrames(self.config.ros).fixed_from_world)
         turned = world_from_fixed[:3, :3].astype(np.float32)
@@ -94,7 +94,7 @@ class RunResults:
         )
 
     def estimates(self) -> Iterator[FrameEstimate]:
-        """Yield the frames as live ones are given, without points."""
+        """Yield the estimates as in live use, without points."""
         yield from read_estimates(self.estimates_path, [])
 
     def to_pandas(self) -> Any:
@@ -128,8 +128,8 @@ class RunResults:
 def read_results(folder: str | Path) -> RunResults:
     """Read the folder of a run: of `replay`, of a log of `batch`, or of one method of `compare`.
 
-    The results of a killed run or a damaged file contain everything that is whole, and their `warnings` say what is
-    missing. Raises InputError where there are no results, LogError where no frame can be read.
+    The results of a killed run or a damaged file contain everything intact, and their `warnings` say what is
+    missing. Raises InputError if there are no results, LogError if no frame can be read.
     """
     return RunResults(folder)
 

@@ -1,6 +1,6 @@
 """Trajectories as text: TUM (`t x y z qx qy qz qw`), KITTI (the upper three rows of the 4×4 pose), and a CSV table.
 
-All contain `world_from_cam` of the left camera in metres; with one camera in units of the first baseline, which a
+All contain `world_from_cam` of the left camera in metres, or with one camera in units of the first baseline, as a
 comment in the TUM file says. The columns of the CSV are those of the table of `read_results`.
 """
 
@@ -16,9 +16,9 @@ from ..record import about, plain_type
 from ..types import FrameEstimate
 
 Table = dict[str, NDArray[Any]]
-_NUMBERS: dict[Any, type] = {int: np.int64, float: np.float64}  # columns of these types; all others are texts
+_NUMBERS: dict[Any, type] = {int: np.int64, float: np.float64}  # columns of these types; all others are text
 NAMES = ("trajectory.tum", "trajectory.kitti", "trajectory.csv")
-# Fields of an estimate that are columns as they are, and of which kind.
+# Fields of an estimate that become columns unchanged, and their types.
 _DESCRIBED = {f.name: _NUMBERS.get(plain_type(f), str) for f in fields(FrameEstimate) if about(f).column}
 
 
@@ -61,7 +61,7 @@ def _std_in_world(world_from_cam: Array, cov: Array) -> Array:
 
 
 def first_lines(comment: str = "") -> tuple[str, str, str]:
-    """Return what the files of these `NAMES` begin with."""
+    """Return the first lines of the files of these `NAMES`."""
     return f"# {comment}\n" if comment else "", "", ",".join(frame_table([])) + "\n"
 
 
@@ -79,11 +79,11 @@ def tum_line(stamp_ns: int, world_from_cam: Array) -> str:
 
 
 def _tum(stamp_ns: int, numbers: list[Any]) -> str:
-    """The seconds have nine decimals and are exact."""
+    """Return a line of TUM, whose seconds have nine decimals and are exact."""
     sign, ns = ("-", -stamp_ns) if stamp_ns < 0 else ("", stamp_ns)
     return f"{sign}{ns // 10**9}.{ns % 10**9:09d} {_text(numbers, ' ')}"
 
 
 def _text(values: list[Any], separator: str) -> str:
-    """Numbers with twelve digits; integers and texts as they are."""
+    """Return numbers with twelve digits; integers and text stay as they are."""
     return separator.join(f"{x:.12g}" if isinstance(x, float) else str(x) for x in values) + "\n"

@@ -1,5 +1,5 @@
-"""Logs through estimators: one loop, and its arrangements for one method, several methods.
+"""Runs of logs through estimators: one loop, for one method or for several.
 
-`loop.py` is the page to read; `replay.py` and `compare.py` arrange it; `refine.py` is replays that tell how a
-calibration errs. Not here: the records of a run and its pages (`report/`), its files (`results/`), batches (`batch/`).
+`loop.py` is the page to read; `replay.py` and `compare.py` use it; `refine.py` learns the errors of a
+calibration from replays. Elsewhere: records and pages (`report/`), files (`results/`), batches (`batch/`).
 """

@@ -1,4 +1,4 @@
-"""Compares methods on one log: a pass that observes and finds the calibration, one with all methods, the report."""
+"""Compares methods on one log: a pass for observations and calibration errors, one with all methods, a report."""
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -74,20 +74,20 @@ def compare(
 ) -> ComparisonResult:
     """Run several methods on the selected frames of a log and write results and report to `out_dir` (None: nowhere).
 
-    The first pass observes all frames and finds the errors of the calibration, by the window; the second gives every
-    method, the window too, the same observations without these errors, from the first frame on, as of a calibration
-    that is exact. With `rig.exact` none are sought. `as_is`: each method has the calibration of the log instead, and
-    finds its errors by itself, if it does that; the window is then in two rows, by its poses and by its newest motions
-    added up.
+    The first pass observes all frames and finds the calibration errors with the window. The second gives all
+    methods, the window included, the same observations without these errors from the first frame on, as if the
+    calibration were exact. With `rig.exact` no errors are sought. `as_is`: each method uses the calibration of the
+    log instead, and estimates its errors itself if it can; the window then has two rows, for its poses and for its
+    newest motions added up.
 
-    `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with a folder of its
-    own; None: those of `compared_on`.
-    `ignore_ground_truth`: ranges [first, end) of frames of this run whose ground truth is not compared.
-    `inspection`: what `inspect_log` found, for the report. `self_test`, `std_truth`: as in `replay`. `sinks` are given
-    the estimates of the first method, for which images are read a second time, and are closed at the end. `on_frame`
-    is called after each frame of each pass. `loops`: show the first method with loops closed, too, which need the extra
-    map. An interruption ends the first pass, and what was observed is still estimated; a second one ends that. Raises
-    LogError where no frame can be read, ConfigError for an unknown method, OutputError.
+    `left`, `right`, `calibration`: as in `open_log`. `methods`: names of METHODS, each with its own folder; None:
+    those of `compared_on`. `ignore_ground_truth`: ranges [first, end) of frames of this run whose ground truth is
+    not compared. `inspection`: the result of `inspect_log`, for the report. `self_test`, `std_truth`: as in
+    `replay`. `sinks` get the estimates of the first method, for which images are read a second time, and are closed
+    at the end. `on_frame` is called after each frame of each pass. `loops`: also show the first method with closed
+    loops, which needs the extra map. An interruption ends the first pass, and the observations so far are still
+    estimated; a second one ends that. Raises LogError if no frame can be read, ConfigError for an unknown method,
+    OutputError.
     """
     config, selection = config or Config(), selection or Selection()
     config.needs_scale("compare")
@@ -117,7 +117,7 @@ def _begun(log: StereoLog, config: Config, truth: Truth, inspection: dict[str, A
     if (poses := log.ground_truth()) is not None:
         check_rigid(poses)
     return Comparison(
-        log=log.path.absolute().name,  # which "." has too
+        log=log.path.absolute().name,  # so that "." has a name as well
         rig=log.stereo_rig,
         config=config,
         runs=[],
@@ -129,7 +129,7 @@ def _begun(log: StereoLog, config: Config, truth: Truth, inspection: dict[str, A
 
 
 class _Comparing:
-    """The passes of a comparison, which fill in what is `found`."""
+    """The passes of a comparison, which fill in `found`."""
 
     def __init__(
         self, log: StereoLog, selection: Selection, methods: Sequence[str], folder: Path | None, found: Comparison
@@ -152,7 +152,7 @@ class _Comparing:
         self._stored.close()
 
     def run(self, self_test: bool, loops: bool, sinks: Sequence[Sink], counter: "_Counter") -> ComparisonResult:
-        """Do all passes, and write the report."""
+        """Make all passes, and write the report."""
         found, lanes, log = self._found, self._lanes, self._log
         tests = [SelfTest(self._finder.observer.projection, lanes[0].config)] if self_test else []
         added = [AddedMotions()] if found.as_is and any(lane.config.method == REFERENCE for lane in lanes) else []
@@ -182,7 +182,7 @@ class _Comparing:
         return ComparisonResult(report, self._folder, found)
 
     def _observe(self, counter: "_Counter") -> RunOutcome:
-        """The first pass: all observations, and the errors of the calibration."""
+        """Make the first pass: all observations, and the calibration errors."""
         checks = (self._stored, counter)
         with deferred_interrupts() as interruption:
             return run(
@@ -196,11 +196,11 @@ class _Comparing:
             )
 
     def _observed(self) -> Iterator[Observed]:
-        """What the methods are given."""
+        """Yield the observations for the methods."""
         return iter(self._stored) if self._found.as_is else self._stored.calibrated(self._finder.observer)
 
     def _estimate(self, outcome: RunOutcome, sinks: Sequence[Sink], checks: Sequence[Check]) -> None:
-        """The second pass: every method, beside each other, on what was observed."""
+        """Make the second pass: all methods side by side on the observations."""
         lanes, frames = self._lanes, iter(self._log.frames(self._selection) if sinks else ())
         first = lanes[0].record.name
         for lane in lanes:
@@ -231,7 +231,7 @@ class _Comparing:
     def _fill_in(
         self, outcome: RunOutcome, stats: ReadStats, added: Sequence[AddedMotions], places: "Sequence[PlaceMap]"
     ) -> None:
-        """Add what both passes have found, with the first method's poses corrected by its map."""
+        """Add the findings of both passes, and the poses of the first method as corrected by its map."""
         found, rig = self._found, self._finder.record.rig
         warnings = [*stats.warnings, self._depth.problem, *map(str, self._stored.changes), *outcome.warnings]
         warnings += [place_map.problem for place_map in places]
@@ -256,7 +256,7 @@ class _Comparing:
                 found.loops = positions_m[joined]
 
     def _halves(self) -> dict[str, HalvesRecord]:
-        """A third pass: each method on halves of the tracks."""
+        """Make a third pass: each method on halves of the tracks."""
         projection = self._finder.observer.projection
         with one_thread, ThreadPoolExecutor(os.cpu_count()) as pool:
             halves = [Halves(projection, lane.config) for lane in self._lanes if lane.error is None]
@@ -272,27 +272,27 @@ class _Counter:
         self._on_frame = on_frame
 
     def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
-        """Count one."""
+        """Count one frame."""
         self._on_frame()
 
 
 def _taken(observed: Observed, lanes: Sequence[Lane], pool: ThreadPoolExecutor) -> dict[str, FrameEstimate]:
-    """What each lane that has not failed makes of a frame, by method. Those that take long begin first."""
+    """Return the estimate of a frame by each lane that has not failed. Slow methods start first."""
     with one_thread:
         coming = {lane: pool.submit(lane.take, observed) for lane in sorted(lanes, key=lambda lane: -lane.spent_s)}
-        wait(coming.values())  # all of them, whatever one of them raises
+        wait(coming.values())  # wait for all of them, even if one raises
         found = {lane.record.name: coming[lane].result() for lane in lanes}
     return {name: estimate for name, estimate in found.items() if estimate is not None}
 
 
 def compared_on(log: StereoLog, config: Config) -> tuple[str, ...]:
-    """Return the methods that are compared where none is named: with inertial samples the window without them, too."""
+    """Return the methods that are compared by default; with inertial samples, also the window without them."""
     if log.imu_topics is None or log.stereo_rig.imu is None or not config.imu.enabled:
         return COMPARED
     return (REFERENCE, WITHOUT_IMU, *(name for name in COMPARED if name != REFERENCE))
 
 
 def outputs(folder: Path, methods: Sequence[str]) -> list[Path]:
-    """All files that a comparison writes."""
+    """Return the files that a comparison writes."""
     results = [folder / key_of(method) / name for method in methods for name in RESULTS]
     return [*results, *(folder / name for name in REPORT)]

@@ -22,9 +22,9 @@ from .world import World
 class Lane(BareLane):
     """One method: its estimator, its `record`, and its result `folder`, if results are written.
 
-    With `depth`, points are compared with these images; `in_detail`, the record has the figures of all points, too.
+    With `depth`, points are compared with these images; with `in_detail`, the record has the figures of all points.
 
-    If the estimator fails, however, the lane ends there: `error` and `record.failure` say why, and other lanes go on.
+    If the estimator fails in any way, its lane ends: `error` and `record.failure` say why. Other lanes continue.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Lane(BareLane):
         return estimate
 
     def _compare_depth(self, estimate: FrameEstimate) -> None:
-        """Compare the points with the depth image of their moment, if there is one."""
+        """Compare the points with the depth image of the same moment, if there is one."""
         if self._depth is None:
             return
         errors = self._structure.add(estimate, self._depth.at(estimate.stamp_ns))
@@ -88,7 +88,7 @@ class Lane(BareLane):
             self.record.depth_rows.append((estimate.frame_index, rms_m, sigma_m))
 
     def _reprojection_px(self, solution: Solution, observations: Observations) -> float:
-        """The RMS residual of the current views against the current points, pixels; NaN without points."""
+        """Return the RMS residual of the current views against the current points, pixels; NaN without points."""
         rows = np.flatnonzero(core.among(observations.track_ids, solution.track_ids))
         points = solution.points_in_cam[core.among(solution.track_ids, observations.track_ids)]
         front = points[:, 2] > 1e-3
@@ -99,7 +99,7 @@ class Lane(BareLane):
 
 
 def _median_sigma_m(estimate: FrameEstimate) -> float:
-    """The median σ of the points along their rays."""
+    """Return the median σ of the points along their rays."""
     rays = estimate.points_in_cam / np.maximum(np.linalg.norm(estimate.points_in_cam, axis=1, keepdims=True), 1e-9)
     variance = np.einsum("ni,nij,nj->n", rays, estimate.cov_points, rays)
     return float(np.sqrt(median(np.maximum(variance, 0))))

@@ -1,7 +1,7 @@
 """The one loop: frames of a log, an observer, the estimator of a lane, then sinks and checks.
 
-Ctrl-C, SIGTERM and SIGHUP end a run after the current frame; a log that breaks off, a full disk or a defect end it
-where they occur. In each case the estimates so far are written, and the `RunOutcome` says how it went.
+Ctrl-C, SIGTERM and SIGHUP end a run after the current frame; a broken log, a full disk or a defect end it
+at once. In each case the estimates so far are written, and the `RunOutcome` says how the run went.
 """
 
 import time
@@ -32,16 +32,16 @@ PreparedFrames = Generator[tuple[RecordedFrame, PreparedImages | None, float], N
 
 
 class Check(Protocol):
-    """Takes the observations of all frames, and what was made of them."""
+    """Takes the observations and the estimates of all frames."""
 
     def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
-        """Take the next frame; `estimates`: by method, of those that have not failed."""
+        """Take the next frame; `estimates`: by method, without failed ones."""
         ...
 
 
 @dataclass(slots=True)
 class RunOutcome:
-    """How a run went: the number of frames used, the warnings, and the error to raise once everything is written."""
+    """How a run went: the number of frames used, the warnings, and the error to raise when everything is written."""
 
     frames: int = 0
     complete: bool = True
@@ -55,7 +55,7 @@ class RunOutcome:
         self.warnings.append(f"interrupted after {counted(self.frames, 'frame')}")
 
     def end(self, error: BaseException) -> None:
-        """End the run early; a log that breaks off is no error if part of it was read."""
+        """End the run early; a log that breaks off is not an error if part of it was read."""
         self.complete = False
         if not isinstance(error, InputError):
             self.warnings.append(f"the run was ended by {type(error).__name__}: {error}")
@@ -66,7 +66,7 @@ class RunOutcome:
 
     @contextmanager
     def deferred_error(self) -> Iterator[None]:
-        """Keep an error of what is done at the end, unless there is one already: the rest is still to be written."""
+        """Keep an error in the final steps, unless there is one already, so that the other steps are still done."""
         try:
             yield
         except Exception as error:
@@ -86,9 +86,9 @@ def run(
 ) -> RunOutcome:
     """Feed the selected frames to a lane through its observer, and say how it went; errors are in the result.
 
-    `sinks` are given the estimate of each frame, and are closed at the end. `all_calibrations`: where the log has
-    another one the lane starts anew with it; otherwise the run ends there. `to_end`: the checks are given all frames,
-    even where the lane fails on the way.
+    `sinks` get the estimate of each frame, and are closed at the end. `all_calibrations`: if the calibration of the
+    log changes, the lane starts over with the new one; otherwise the run ends there. `to_end`: the checks get all
+    frames, even if the lane fails.
     """
     outcome = RunOutcome()
     try:
@@ -120,7 +120,7 @@ def run(
 
 
 def _by_rig(lane: Lane, rig: StereoRig | MonoRig, frames: Iterator[RecordedFrame]) -> PreparedFrames:
-    """Yield the frames as `prepared_ahead` does; where their rig changes, the lane has begun anew with it."""
+    """Yield the frames as `prepared_ahead` does; when their rig changes, the lane starts over with it."""
     for now, group in groupby(frames, key=lambda frame: frame.recorded.rig):
         if now is not None and now is not rig:
             rig = now
@@ -135,7 +135,7 @@ def _step(
 ) -> FrameEstimate | None:
     """Pass one frame through the observer, and its observations through the lane and all checks.
 
-    Returns None where the lane has failed. Raises FrameError where the front-end refuses the frame.
+    Returns None if the lane has failed. Raises FrameError if the front-end refuses the frame.
     """
     with one_thread:
         observed = lane.observer.observe(frame, prepared, lane.expect)
@@ -151,9 +151,9 @@ def _step(
 def prepared_ahead(observer: Observer, frames: Iterator[RecordedFrame]) -> PreparedFrames:
     """Yield each frame with what `Observer.prepare` returned for it, or None if that failed: `observe` says why.
 
-    OpenCV works on the next images while NumPy works on the current ones. Very large images are not prepared ahead. If
-    the log ends in an InputError, all frames that were read before it are yielded first. The third value is how long
-    the run waited for the frame, milliseconds.
+    OpenCV works on the next images while NumPy works on the current ones. Very large images are not prepared ahead.
+    If the log ends in an InputError, all earlier frames are yielded first. The third value is the time that the run
+    waited for the frame, milliseconds.
     """
     large = any(camera.width * camera.height > MANY_PIXELS for camera in observer.rig.cameras.values())
     coming: deque[tuple[RecordedFrame, Future[PreparedImages] | None]] = deque()

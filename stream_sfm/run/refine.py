@@ -1,4 +1,4 @@
-"""Refines the calibration of a rig from logs, by combining what a replay of each has learnt about its errors."""
+"""Refines the calibration of a rig by combining the errors that a replay of each log has found."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ from .replay import replay
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RefinedRig:
-    """The `rig` with its refinement, and what each log has shown (None: nothing), of the inertial unit in sentences."""
+    """The `rig` with its refinement, the result of each log (None: nothing), and sentences about the inertial unit."""
 
     rig: StereoRig
     estimates: tuple[RigEstimate | None, ...]
@@ -42,9 +42,9 @@ def refine(
 ) -> RefinedRig:
     """Refine the calibration that the logs share, or the given one. Their cameras must be the same.
 
-    A refinement that the calibration already has is ignored: what is learnt replaces it. What inertial samples show for
-    certain of their clock, their axes, and the scale of the images goes into the calibration itself.
-    Raises ConfigError; LogError also where the images show errors that are not learnt, such as exchanged cameras.
+    A refinement in the calibration is ignored, because the new one replaces it. Certain findings of inertial
+    samples about their clock, their axes, and the scale of lengths go into the calibration itself. Raises
+    ConfigError, and LogError also if the images show errors that are not estimated, such as swapped cameras.
     """
     config = config or Config()
     config.needs_scale("refine")
@@ -57,7 +57,7 @@ def refine(
         if replace(log.stereo_rig, refinement=None, timing=None).to_toml() != rig.to_toml():
             raise ConfigError(
                 f"{log.path} has other cameras, or another calibration, than {opened[0].path}: "
-                "logs that refine one calibration must have it in common"
+                "all logs that refine a calibration must have this calibration"
             )
         latest = _Latest()
         result = replay(open_log(log.path, calibration=rig), None, config, selection, sinks=[latest])
@@ -76,7 +76,7 @@ def refine(
 
 
 class _Latest:
-    """A sink that keeps the latest estimates of the rig's errors and of its inertial unit."""
+    """A sink that keeps the latest estimates of the rig errors and of the inertial unit."""
 
     rig: RigEstimate | None = None
     unit: InertialEstimate | None = None
@@ -90,7 +90,7 @@ class _Latest:
 
 
 def timing_of(estimates: Sequence[RigEstimate], config: Config) -> KnownTiming | None:
-    """Return delay and readout by independent runs; None where no run is certain of either."""
+    """Return delay and readout from independent runs; None if no run is certain of either."""
     values, certain = [], False
     for term in (TERMS.index(DELAY), TERMS.index(READOUT)):
         mean, var = np.array([(e.mean[term], e.cov[term, term]) for e in estimates]).T
@@ -105,9 +105,9 @@ def timing_of(estimates: Sequence[RigEstimate], config: Config) -> KnownTiming |
 
 
 def with_unit(rig: StereoRig, units: Sequence[InertialEstimate]) -> StereoRig:
-    """Return a rig with what independent runs are certain of: clock and axes of its unit, and its baseline by the unit.
+    """Return a rig with the certain findings of independent runs: clock and axes of its unit, and its baseline.
 
-    The unit measures in metres: where lengths by the images alone are too short, so is the baseline.
+    The unit measures in metres, so if lengths from images alone are too short, so is the baseline.
     """
     if rig.imu is None:
         return rig

@@ -1,4 +1,4 @@
-"""Replays a log: a run with one lane, and its summary. What was computed is never lost."""
+"""Replays a log: a run with one lane, and its summary. Computed results are never lost."""
 
 import time
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ class ReplayResult:
 
     @property
     def problems(self) -> list[str]:
-        """Why the results cannot be trusted at all; empty for a normal run."""
+        """The reasons why the results cannot be trusted at all; empty for a normal run."""
         problems: list[str] = self.summary["problems"]
         return problems
 
@@ -58,7 +58,7 @@ class ReplayResult:
 
 @runtime_checkable
 class MapSink(Protocol):
-    """A sink that shows the map of a run, if one is made: it is closed after the map, and can then ask for it."""
+    """A sink that shows the map of a run, if there is one: it is closed after the map, and can then read it."""
 
     def show_map(self, places: "PlaceMap") -> None:
         """Take the map, before the first frame."""
@@ -94,15 +94,15 @@ def replay(
     """Estimate the selected frames of a log and write the results to `out_dir` (None: nowhere).
 
     `left`, `right`, `calibration`: as in `open_log`. `ignore_ground_truth`: ranges [first, end) of frames of this
-    run whose ground truth is not compared, because it is wrong. `self_test`: estimate from
-    disjoint halves of the tracks, too, and tell in the summary how large their difference is in σ, with the calibration
-    that each half finds and with the one that the run has found. `there_and_back`:
-    estimate the frames once more, backwards, and tell how far from its beginning that ends. `loops`: find
-    places again beside the engine, and write the poses that follow, trajectory_map.tum; so do `known_map`, a file in
-    whose world the camera is looked for, and `save_map`, a file to write the map to at the end. `std_truth`: σ of the
-    ground truth itself, in metres and radians. `sinks` are given each estimate and its frame after the files have
-    been written, and are closed at the end. Memory grows by some 1500 bytes per frame, not with the images of the
-    log. Raises ConfigError, LogError where not one frame could be estimated, OutputError, ReplayInterrupted.
+    run whose ground truth is not compared, because it is wrong. `self_test`: also estimate from disjoint halves of
+    the tracks, and report their difference in σ, with the calibration errors that each half finds and with those
+    that the run has found. `there_and_back`: also estimate the frames backwards, and report the distance between
+    start and end. `loops`: recognise places beside the engine, and write the corrected poses, trajectory_map.tum;
+    so do `known_map`, the file of a map in which the camera is located, and `save_map`, a file for the map at the
+    end. `std_truth`: σ of the ground truth itself, in metres and radians. `sinks` get each estimate and its frame
+    after the files have been written, and are closed at the end. Memory grows by some 1500 bytes per frame, not
+    with the images. Raises ConfigError, LogError if not one frame could be estimated, OutputError,
+    ReplayInterrupted.
     """
     config, selection = config or Config(), selection or Selection()
     if self_test or there_and_back:
@@ -144,15 +144,15 @@ class _Replay:
         self._calibration = CalibrationSink(log)
         self._places: PlaceMap | None = None
         self._save_map: Path | None = None
-        # Where the calibration changes; not with one camera, whose unit of length would change, too.
+        # Places maps if the calibration changes; not with one camera, as its unit of length would also change.
         self._there_and_back = there_and_back
         self._starts_anew = not (config.mono or self_test or there_and_back)
         self._latency = _Latency(log)
         self._sinks: list[Sink] = [self._latency] if config.mono else [self._calibration, self._latency]
 
     def find_places(self, known: str | Path | None, save: Path | None, sinks: Sequence[Sink]) -> None:
-        """Make a map beside the estimates, starting from the file `known` if one is given."""
-        from ..places.place_map import PlaceMap  # OpenCV's features and GTSAM, for runs that want them
+        """Make a map beside the estimates, starting from the file `known` if given."""
+        from ..places.place_map import PlaceMap  # late, as few runs need OpenCV's features and GTSAM
 
         places = PlaceMap(self._log.rig, self._config, wait=True, known=known)
         self._places, self._save_map = places, save
@@ -213,7 +213,7 @@ class _Replay:
         return ReplayResult(summary, None if folder is None else folder.path, record.trajectory(), in_gravity)
 
     def _further(self, outcome: RunOutcome, interruption: Interruption) -> dict[str, Any]:
-        """Return what the summary says beside the estimates: cost, latency, the rig, and the checks of this run."""
+        """Return the rest of the summary: cost, latency, the rig, and the checks of this run."""
         record = self.lane.record
         further: dict[str, Any] = {"cpu_s": time.process_time() - self._began_cpu_s, "peak_rss_mib": peak_rss_mib()}
         if self._latency.ages_ms:
@@ -225,7 +225,7 @@ class _Replay:
                 further["self_test"] = test.result(interruption)
         if self._there_and_back and not outcome.interrupted and len(record):
             there, further["there_and_back"] = record.trajectory(), None
-            try:  # what is already estimated is not lost where the way back fails
+            try:  # estimates are not lost if the way back fails
                 back = drift_there_and_back(self._log, self._config, self._selection, there, interruption)
                 further["there_and_back"] = back
             except (ConfigError, InputError) as error:
@@ -235,7 +235,7 @@ class _Replay:
     def _corrected(
         self, places: "PlaceMap", outcome: RunOutcome, truth: Truth
     ) -> tuple[Trajectory | None, dict[str, Any]]:
-        """Return the run's poses in the world of its map, None where the map has failed, and its findings."""
+        """Return the poses of the run in the world of its map, None if the map has failed, and its findings."""
         found: dict[str, Any] = {"keyframes": len(places), "loops": len(places.loops), "problem": places.problem}
         if places.problem:
             outcome.warnings.append(places.problem)
@@ -246,7 +246,7 @@ class _Replay:
         return corrected, found
 
     def _with_poses(self, truth: Truth, outcome: RunOutcome) -> tuple[Truth, list[str]]:
-        """Return the truth with its poses at the frames of the run, and why they are refused, if they are."""
+        """Return the truth with its poses at the frames of the run, and why they are refused, if so."""
         stamps_ns = self.lane.record.stamps_ns
         try:
             poses = self._log.ground_truth() if len(stamps_ns) else None
@@ -263,7 +263,7 @@ class _Replay:
 
 
 def _check_gravity(log: StereoLog, lane: Lane, with_map: bool) -> None:
-    """Raise a ConfigError where no samples can tell which way is up."""
+    """Raise a ConfigError if there are no samples to show which way is up."""
     config, why = lane.config, ""
     if with_map:
         why = "a map of places has a world of its own: leave out one of the two"
@@ -280,24 +280,24 @@ def _check_gravity(log: StereoLog, lane: Lane, with_map: bool) -> None:
 
 
 def _upright_trajectory(record: RunRecord, outcome: RunOutcome) -> Trajectory | None:
-    """Return the poses of a run in a world that is upright by its last samples, and warn where there were none."""
+    """Return the poses of a run in a world that is upright by its last samples, and warn if there were none."""
     if record.upright is None:
         outcome.warnings.append("no frame had usable inertial samples: it is not known which way is up")
         return None
     known = record.trajectory()
-    assert known.cov_pose is not None  # of every record
+    assert known.cov_pose is not None  # every record has it
     return Trajectory(known.stamps_ns, *record.upright.poses(known.world_from_cam, known.cov_pose))
 
 
 class _Latency:
-    """A sink that notes how old the pictures of a live camera are when their estimates have been written."""
+    """A sink that records the age of the images of a live camera when their estimates have been written."""
 
     def __init__(self, log: StereoLog) -> None:
         self._log = log
         self.ages_ms: list[float] = []
 
     def write(self, estimate: FrameEstimate, frame: Frame) -> None:
-        """Note the age of a frame's pictures."""
+        """Record the age of the images of a frame."""
         if (age_s := self._log.age_s(frame.stamp_ns)) is not None:
             self.ages_ms.append(1e3 * age_s)
 
@@ -305,6 +305,6 @@ class _Latency:
         """Nothing is open."""
 
     def summary(self) -> dict[str, Any]:
-        """`latency_ms` from picture to estimate, and how many pairs were `left_out`."""
+        """Return `latency_ms` from image to estimate, and the number of skipped pairs, `left_out`."""
         p50, p99, most = np.percentile(self.ages_ms, [50, 99, 100]).tolist()
         return {"latency_ms": {"p50": p50, "p99": p99, "max": most}, "left_out": self._log.left_out}

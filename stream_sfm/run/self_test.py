@@ -1,13 +1,13 @@
-"""A test of covariances without any truth: estimates from disjoint halves of the observations must agree within them.
+"""A test of covariances without ground truth: estimates from disjoint halves of the observations must agree.
 
-Even against odd tracks; and tracks born in the left half of the image against those of the right half, which sees also
-what neighbouring tracks share. The errors of the rig are one for both halves, so they are given alike to both, and what
-is left must agree; what both share altogether, above all the baseline, no such test can see. Each half is estimated by
-a window of its own, from the front-end's one set of observations.
+One test compares even with odd tracks. The other compares tracks that start in the left and right half of the image,
+which also shows errors that neighbouring tracks share. Both halves have the same rig, so they get the same estimate of
+its errors, and the rest must agree. No such test can show errors that both halves share entirely, above all that of the
+baseline. Each half is estimated by its own window, from the same observations of the front-end.
 
-Halves that find the errors of the rig by themselves may contradict each other about these, above all the sides of the
-image. So the test is made a second time on the observations without the errors that the run has found in the end:
-what halves with one calibration differ by is the error of their tracks alone.
+Halves that estimate the rig errors themselves may contradict each other about these, above all the sides of the image.
+The test is therefore repeated on observations without the errors that the run has found in the end: the difference of
+halves with the same calibration is the error of their tracks alone.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,7 +35,7 @@ from .lane import Lane
 from .stored import StoredObservations
 
 TESTS = ("tracks", "image")
-MOST_FRAMES = 200  # of `Halves`: enough for spans of fifty, and bounded time
+MOST_FRAMES = 200  # for `Halves`: enough for spans of fifty, in bounded time
 Mask = NDArray[np.bool_]
 
 
@@ -46,7 +46,7 @@ class SelfTest:
         self._middle_px = (projection.width - 1) / 2
         self._pairs = {test: _pair("cross-frame", projection, config) for test in TESTS}
         self._apart: dict[tuple[str, int], list[tuple[Array, Array, Array]]] = {}
-        self._born_left: dict[int, bool] = {}  # of the tracks in view
+        self._born_left: dict[int, bool] = {}  # for the tracks in view
 
     def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
         """Estimate the next frame from each half."""
@@ -63,9 +63,9 @@ class SelfTest:
                 self._compare(test, o.frame_index, a, b)
 
     def _compare(self, test: str, frame_index: int, a: Solution, b: Solution) -> None:
-        """Record how far apart the motions of both halves are over each span, given their joint knowledge of c.
+        """Record the distance between the motions of both halves over each span, given their joint estimate of c.
 
-        Given c their errors are independent; what of c is not known counts as far as it moves them apart.
+        Given c, their errors are independent; the uncertainty of c counts as far as it moves them apart.
         """
         for span in OF_WINDOW:
             one, other = (Motion.to_frame(frame_index - span, half.relative, half.common) for half in (a, b))
@@ -82,7 +82,7 @@ class SelfTest:
             self._apart.setdefault((test, span), []).append((error, cov, poses[0]))
 
     def result(self) -> dict[str, list[dict[str, Any]]]:
-        """Test -> for each span with motions of both halves: `frames`, `count`, `factor`, `factor_axes` …"""
+        """Return test -> for each span with motions of both halves: `frames`, `count`, `factor`, `factor_axes` …"""
         found: dict[str, list[dict[str, Any]]] = {test: [] for test in TESTS}
         for test, span in sorted(self._apart, key=lambda key: key[1]):
             error, cov, poses = (np.stack(part) for part in zip(*self._apart[test, span], strict=True))
@@ -91,7 +91,7 @@ class SelfTest:
 
 
 class SelfTestOfRun:
-    """The check of a run: both tests with halves that find the rig's errors, and with those that the run has found."""
+    """The check of a run: both tests, with the rig errors that each half finds and with those of the run."""
 
     def __init__(self, lane: Lane) -> None:
         self._lane = lane
@@ -99,13 +99,13 @@ class SelfTestOfRun:
         self._stored = None if lane.config.rig.exact else StoredObservations(lane)
 
     def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
-        """Estimate the next frame from each half. Raises OutputError where the disk is full."""
+        """Estimate the next frame from each half. Raises OutputError if the disk is full."""
         if self._stored is not None:
             self._stored.add(observed, estimates)
         self._by_themselves.add(observed, estimates)
 
     def result(self, interruption: Interruption) -> dict[str, list[dict[str, Any]]]:
-        """As of a `SelfTest`, and `tracks_calibrated` and `image_calibrated`: empty if interrupted or the rig exact."""
+        """Return `SelfTest.result` with `tracks_calibrated` and `image_calibrated`: empty if interrupted or exact."""
         exact = msgspec.structs.replace(self._lane.config.rig, exact=True)
         calibrated = SelfTest(self._lane.observer.projection, msgspec.structs.replace(self._lane.config, rig=exact))
         if self._stored is not None and not interruption.requested:
@@ -124,8 +124,9 @@ class SelfTestOfRun:
 class Halves:
     """Takes observations frame by frame, for one method on the even tracks and on the odd ones.
 
-    What it errs, and whether its covariances hold, without any truth: but for what all tracks of a frame share, above
-    all the calibration. If the estimator fails on either half, `record` ends there.
+    This gives its errors, and whether its covariances are consistent, without ground truth; except for errors that
+    all tracks of a frame share, above all the calibration. If the estimator fails on either half, `record` ends
+    there.
     """
 
     def __init__(self, projection: StereoProjection, config: Config) -> None:
@@ -149,7 +150,7 @@ class Halves:
 
 
 def _nees(one: Solution, other: Solution) -> float:
-    """The difference of two poses in their joint covariance, 6 expected; NaN where they have none, as at the start."""
+    """Return the NEES of the difference of two poses, 6 expected; NaN without covariances, as at the start."""
     cov = one.cov_pose + other.cov_pose
     if not (np.isfinite(cov).all() and (np.diag(cov) > 0).all()):
         return float("nan")
@@ -162,7 +163,7 @@ def _pair(method: str, projection: StereoProjection, config: Config) -> list[Est
 
 
 def _stepped(pair: Sequence[Estimator], observations: Observations, first: Mask) -> list[Solution]:
-    """The next frame from the tracks that are `first`, and from the others."""
+    """Estimate the next frame from the tracks that are `first`, and from the others."""
     return [e.step(_part_of(observations, rows)) for e, rows in zip(pair, (first, ~first), strict=True)]
 
 

@@ -1,6 +1,6 @@
-"""The observations of a run on disk, so that methods can take them one after the other, whatever comes out on the way.
+"""The observations of a run on disk, so that methods can read them again after the whole run.
 
-Some 100 kB per frame in a file without a name, which the system removes however the run ends.
+They take some 100 kB per frame in a file without a name, which the system removes however the run ends.
 """
 
 import pickle
@@ -20,9 +20,9 @@ from .lane import Lane
 
 
 class StoredObservations:
-    """A check of a run that keeps the observations of each frame, and what the `lane` has found about the rig.
+    """A check of a run that stores the observations of each frame, and the rig estimate of the `lane`.
 
-    Iterating gives the frames as they were observed; `calibrated` as an exact calibration would have shown them.
+    Iterating gives the frames as observed; `calibrated` gives them as with an exact calibration.
     """
 
     def __init__(self, lane: Lane) -> None:
@@ -31,15 +31,15 @@ class StoredObservations:
         self._model: RigModel | None = None  # the same in all frames
         self._newest_id = -1
         self._frames = 0
-        self.changes: list[RigChange] = []  # of the rig, as by a knock
-        # (first frame, what was known at the end, of the stamp): one for each time that the right camera was knocked
+        self.changes: list[RigChange] = []  # changes of the rig, such as by a knock
+        # (first frame, final estimate, its stamp): one more each time that the right camera is knocked
         self._found: list[tuple[int, RigEstimate | None, int]] = []
 
     def __len__(self) -> int:
         return self._frames
 
     def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
-        """Keep the next frame. Raises OutputError where the disk is full."""
+        """Store the next frame. Raises OutputError if the disk is full."""
         seen = observed.observations
         if not self._found or (seen.rig is not None and seen.rig.change is not None):
             self._found.append((seen.frame_index, None, 0))
@@ -65,7 +65,7 @@ class StoredObservations:
         self._frames += 1
 
     def __iter__(self) -> Iterator[Observed]:
-        """Yield the frames as they were observed; one iteration at a time."""
+        """Yield the frames as observed; only one iteration at a time."""
         self._file.seek(0)
         errors: TemplateErrors | None = None
         for _ in range(self._frames):
@@ -77,7 +77,7 @@ class StoredObservations:
             yield changed(observed, observations=seen, errors=errors)
 
     def calibrated(self, observer: Observer) -> Iterator[Observed]:
-        """Yield the frames without the errors of the rig, by what was known of them at the end."""
+        """Yield the frames without the rig errors, as known at the end."""
         found = iter(self._found)
         _, errors, known_ns = next(found)
         coming = next(found, None)
@@ -86,7 +86,7 @@ class StoredObservations:
             if coming is not None and seen.frame_index == coming[0]:
                 (_, errors, known_ns), coming = coming, next(found, None)
             if errors is not None:
-                age_s = max(0.0, errors.age_s - (known_ns - seen.stamp_ns) / 1e9)  # of errors that grow
+                age_s = max(0.0, errors.age_s - (known_ns - seen.stamp_ns) / 1e9)  # for errors that grow
                 yield observer.calibrated(observed, changed(errors, age_s=age_s))
             else:
                 yield observer.calibrated(observed, None)

@@ -24,7 +24,8 @@ def summarise(
     warnings: list[str],
     further: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The content of summary.json of a lane; `stats`: of the reading of the log; `complete`, `warnings`: of the run.
+    """Return the content of summary.json of a lane; `stats`: of reading the log; `complete`, `warnings`: of the
+    run.
 
     `further` fields come before those of the ground truth.
     """
@@ -49,13 +50,13 @@ def summarise(
         figures = evaluate_unscaled(trajectory, truth.poses)
     else:
         figures = evaluate_run(trajectory, record.relative, truth.poses, truth.std, record.structure)
-    # frames_in_doubt: nothing is judged; kept for programs that read it
+    # frames_in_doubt: no longer judged; kept for programs that read it
     summary["ground_truth"] = figures | {"frames_in_doubt": [], "frames_ignored": [list(r) for r in truth.ignored]}
     return summary
 
 
 def _frame_counts(stats: ReadStats, selection: Selection, record: RunRecord) -> dict[str, int]:
-    """`frames` of the summary.
+    """Return the section `frames` of the summary.
 
     `read`: left images read; `paired`: stereo frames among them, or of the selection if it is a part of the log;
     `estimated`: frames with an estimate of any status, `degraded`, `lost` among them; `dropped`:
@@ -73,8 +74,8 @@ def _frame_counts(stats: ReadStats, selection: Selection, record: RunRecord) -> 
 
 
 def peak_rss_mib() -> float:
-    """The largest resident memory of this process so far, MiB."""
-    try:  # Linux; getrusage would count what the process that started this one had needed
+    """Return the largest resident memory of this process so far, MiB."""
+    try:  # Linux; getrusage would include the memory of the parent process
         lines = Path("/proc/self/status").read_text().splitlines()
         return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM:")) / 2**10
     except (OSError, StopIteration):

@@ -1,8 +1,8 @@
-"""Drift without ground truth: the frames once more from the last to the first, by an engine of its own.
+"""Drift without ground truth: a second engine estimates the frames again, from the last to the first.
 
-The way back ends where the way there began. What is between them is drift that both ways do not share: a wrong scale or
-baseline cancels, as does all else that shortens both alike. Each way learns the errors of the rig for itself, because
-a delay of the right camera has the other sign when time runs backwards.
+The way back ends where the way there began. The distance between both ends is drift that the two ways do not share: a
+wrong scale or baseline cancels, as does everything else that shortens both alike. Each way estimates the rig errors
+itself, because a delay of the right camera changes its sign when time runs backwards.
 """
 
 from collections.abc import Iterator
@@ -23,16 +23,16 @@ from ..recording.pair_reader import StereoPair
 from ..recording.stereo_log import StereoLog
 from ..types import FrameEstimate, Selection, Status, StereoFrame, Trajectory
 
-_MOST_BYTES = 2**30  # of recorded images that are kept to be read backwards
+_MOST_BYTES = 2**30  # recorded images that are kept for reading backwards
 
 
 def drift_there_and_back(
     log: StereoLog, config: Config, selection: Selection, there: Trajectory, interruption: Interruption
 ) -> dict[str, Any] | None:
-    """Return how far from its beginning the way there and back ends; None where it was interrupted.
+    """Return the distance between start and end of the way there and back; None if it was interrupted.
 
-    `there`: the poses of the way there. `over_sigma` is 1 where the covariances of both ways hold. Raises ConfigError
-    where the frames take too much memory.
+    `there`: the poses of the way there. `over_sigma` is 1 if the covariances of both ways are consistent. Raises
+    ConfigError if the frames take too much memory.
     """
     engine, lost = Engine(log.rig, config), 0
     last: FrameEstimate | None = None
@@ -41,7 +41,7 @@ def drift_there_and_back(
             return None
         try:
             last = engine.step(frame)
-        except FrameError:  # refused on the way there as well
+        except FrameError:  # also refused on the way there
             continue
         lost += last.status is Status.LOST
     if last is None or there.cov_pose is None or len(there) < 2:
@@ -62,8 +62,8 @@ def drift_there_and_back(
 
 
 def _backwards(log: StereoLog, selection: Selection) -> Iterator[StereoFrame]:
-    """Yield the frames from the last to the first, as if time had been mirrored in the last one."""
-    log = copy(log)  # a reading of its own, which leaves `stats` as they are
+    """Yield the frames from the last to the first, with time mirrored at the last one."""
+    log = copy(log)  # a separate reading, which does not change `stats`
     pairs, size_bytes = list[StereoPair](), 0
     with closing(log.frames(selection)) as frames:
         for frame in frames:

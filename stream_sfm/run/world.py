@@ -1,4 +1,4 @@
-"""One world for a run whose calibration changes: each new map is placed where the camera was predicted."""
+"""One world for a run whose calibration changes: each new map is placed at the predicted pose of the camera."""
 
 from dataclasses import fields, replace
 
@@ -16,21 +16,21 @@ _REASON = "the calibration has changed: a new map begins at the predicted pose"
 
 
 class World:
-    """Places estimates one after the other. Those of the first calibration stay as they are.
+    """Places estimates in order. Those of the first calibration are unchanged.
 
-    The first frame of each further one is lost, with the pose that the motion before predicts. All that follows is
-    relative to that frame, and has its uncertainty, too.
+    The first frame of each further calibration is lost, with the pose that the previous motion predicts. All later
+    frames are relative to it and include its uncertainty.
     """
 
     def __init__(self, config: MotionConfig) -> None:
         self._motion = MotionModel(config)
         self._begins = False
-        self._from_map: Array | None = None  # world_from_map: that of the first camera of the latest map
+        self._from_map: Array | None = None  # world_from_map: the pose of the first camera of the latest map
         self._cov = np.zeros((6, 6))  # of the perturbation on its right
         self._first_frame = self._first_id = self._next_id = 0
 
     def begin_anew(self, frames: int) -> None:
-        """Expect the first estimate of a new estimator, which follows `frames` of the one before."""
+        """Expect the first estimate of a new estimator, after `frames` of the previous one."""
         self._begins = self._motion.started
         self._first_frame, self._first_id = self._first_frame + frames, self._next_id
 
@@ -49,7 +49,7 @@ class World:
         return estimate
 
     def _moved(self, estimate: FrameEstimate, from_map: Array) -> FrameEstimate:
-        """Return an estimate of the latest map in this world: `stream_sfm.types` says of what kind its fields are."""
+        """Return an estimate of the latest map in this world; `stream_sfm.types` says how each field transforms."""
         return with_changes(
             in_world(estimate, from_map, self._cov),
             {

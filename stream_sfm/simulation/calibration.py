@@ -104,7 +104,7 @@ def _nees_rig(solution: Solution, error: Array) -> float:
 def condition(
     scene: Scene, wrong_rig: bool, frames: tuple[int, ...] = (10, 15, 20, 25, 30), share: float = 1.0
 ) -> Condition:
-    """A condition of this study."""
+    """Return a condition of this study."""
     trial = partial(measure, scene=scene, wrong_rig=wrong_rig, frames=frames)
     return Condition(trial, share, scene=scene, frames=frames)
 
@@ -120,7 +120,7 @@ CONDITIONS = {
 
 
 def _over_bound(entry: dict[str, Array], data: Measured) -> Report:
-    """The variance of a window over the bound, and its normalised errors."""
+    """Return the variance of a window over the bound, and its normalised errors."""
     known = {q: mean(entry[q]) for q in ("nees_pose", "nees_rig") if np.isfinite(entry[q]).any()}
     return {"over_bound": {q: ratio(entry[q], data["bound"][q]) for q in QUANTITIES}, **known}
 

@@ -21,7 +21,7 @@ _BOUND_FRACTION = 0.08  # of the trials: the bound is costly, and varies little 
 
 
 def _run(motion: str, length: int, frames: range) -> Condition:
-    """A sequence of the table: exponents are fitted over `frames`."""
+    """Return a sequence of the table: exponents are fitted over `frames`."""
     scene = Scene(frames=frames[-1] + 1, motion=MOTIONS[motion], track_length=length)
     return judged(scene, tuple(frames), READINGS)
 

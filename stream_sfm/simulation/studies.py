@@ -165,7 +165,7 @@ def judged(
     bound: bool = True,
     share: float = 1.0,
 ) -> Condition:
-    """A condition in which methods are judged, with the bound or not."""
+    """Return a condition in which methods are judged, with the bound or not."""
     trial = partial(measure, scene=scene, methods=methods, frames=frames, bound=bound)
     return Condition(trial, share, scene=scene, frames=frames)
 
@@ -180,7 +180,7 @@ CONDITIONS = {
 
 
 def _efficiency(entry: dict[str, Array], data: Measured) -> Report:
-    """The variance of an estimator over that of the default, paired, and over the bound."""
+    """Return the variance of an estimator over that of the default, paired, and over the bound."""
     over = {"over_reference": {q: ratio(entry[q], data[REFERENCE][q]) for q in QUANTITIES}}
     if "bound_rotation" in entry:
         over["over_bound"] = {q: ratio(entry[q], entry[f"bound_{q}"]) for q in QUANTITIES}
@@ -188,7 +188,7 @@ def _efficiency(entry: dict[str, Array], data: Measured) -> Report:
 
 
 def _consistency(entry: dict[str, Array], data: Measured) -> Report:
-    """The mean normalised squared errors of an estimator."""
+    """Return the mean normalised squared errors of an estimator."""
     return {name: mean(entry[name]) for name in NORMALISED}
 
 

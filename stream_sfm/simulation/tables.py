@@ -52,7 +52,7 @@ _OF_ESTIMATORS = (
 class StudyTable:
     """A table: names of each row, and its values; `whole` is for files only, where it has too many rows to be read.
 
-    `best`: the value that is best in all cells; None where there is no one.
+    `best`: the value that is best in all cells; None if there is no one.
     """
 
     title: str
@@ -84,7 +84,7 @@ def to_csv(report: Report) -> str:
 
 
 def to_latex(report: Report) -> str:
-    """The tables that are shown, for the package booktabs."""
+    """Return the tables that are shown, for the package booktabs."""
     parts = []
     for table in (table for table in tables(report) if not table.whole):
         head = " & ".join(map(_escaped, (*table.names, *table.columns)))
@@ -99,7 +99,7 @@ def to_latex(report: Report) -> str:
 
 
 def text_of(value: Value) -> str:
-    """A number, with its 95 % interval if it has one."""
+    """Return a number, with its 95 % interval if it has one."""
     if value is None:
         return "–"
     if isinstance(value, Interval):
@@ -108,12 +108,12 @@ def text_of(value: Value) -> str:
 
 
 def in_words(key: str) -> str:
-    """What a key of a report is called."""
+    """Return what a key of a report is called."""
     return _WORDS.get(key, key.replace("_", " "))
 
 
 def _of_conditions(report: Report) -> Iterator[StudyTable]:
-    """A table for each kind of figure, with the conditions and their estimators as rows."""
+    """Yield a table for each kind of figure, with the conditions and their estimators as rows."""
     entries = [
         ((in_words(name), estimator), entry)
         for name, part in report.get("conditions", {}).items()
@@ -163,7 +163,7 @@ def _of_rates(report: Report) -> Iterator[StudyTable]:
 
 
 def curve_in_words(label: str) -> str:
-    """What a curve of figure 6 is called: cc_b4 is CC, anchored, b = 4."""
+    """Return what a curve of figure 6 is called: cc_b4 is CC, anchored, b = 4."""
     kind, _, frames = label.partition("_b")
     return f"{KINDS[kind][1]}, b = {frames}" if kind in KINDS and frames else in_words(label)
 
@@ -187,7 +187,7 @@ def _of_figure6(report: Report) -> Iterator[StudyTable]:
 
 
 def _value(found: Any) -> Value:
-    """An interval as results.json or a report has it."""
+    """Return an interval as results.json or a report has it."""
     if isinstance(found, Mapping):
         return Interval(found["value"], found["low"], found["high"])
     return found if isinstance(found, Interval | float | None) else float(found)

@@ -1,6 +1,6 @@
 """A camera as a recording that grows while it is read: messages of the log profile, as they would be recorded.
 
-So live estimates are made exactly as in a replay, and the recording made beside them replays to the same bytes.
+Live estimates are therefore made exactly as in a replay, and the recording made meanwhile replays to the same bytes.
 """
 
 import threading
@@ -19,19 +19,19 @@ from ..mcap_file.message import Contents, Damage, Message, Source
 from .devices import WAIT_S, Device
 from .profile import ProfileEncoder
 
-WAITING_PAIRS = 4  # pairs of pictures that wait; older ones are left out, because a late estimate is of no use live
+WAITING_PAIRS = 4  # waiting pairs of images; older ones are dropped, because a late estimate is useless in live use
 
-_REMEMBERED = 64  # pairs whose arrival is known: more than wait, and are worked on ahead
+_REMEMBERED = 64  # pairs whose arrival is known: more than those that wait or are processed ahead
 
 
 class CameraSource(Source):
-    """The pictures of an open device from the moment they are read; each reading goes on where the last one ended.
+    """The images of an open device from the moment of reading; each reading continues where the last one ended.
 
-    `recorder`, if there is one, gets every picture that the camera delivers. Pictures that come faster than they are
-    taken are left out, which the damage of a reading tells.
+    `recorder`, if there is one, gets every image that the camera delivers. Images that arrive faster than they are
+    taken are dropped, and the damage of a reading says so.
     """
 
-    in_order = True  # left, then right, and stamps ascend: nothing need be held back to be sorted
+    in_order = True  # left, then right, with ascending stamps: nothing has to be held back for sorting
     format = "live camera"
 
     def __init__(self, name: str, device: Device, rig: StereoRig, recorder: MessageWriter | None = None) -> None:
@@ -40,7 +40,7 @@ class CameraSource(Source):
         self._grabber: _Grabber | None = None
 
     def contents(self) -> Contents | None:
-        """The topics; how many messages there will be is not known."""
+        """Return the topics; the number of messages is not known in advance."""
         encoder = ProfileEncoder(self._rig)
         return Contents([(channel, None) for channel in (*encoder.raw_images, *encoder.calibrations)])
 
@@ -48,7 +48,7 @@ class CameraSource(Source):
         """Yield the messages of `topics` (None: all) as the camera delivers them."""
         encoder = ProfileEncoder(self._rig)
         if topics is not None and not topics >= {channel.topic for channel in encoder.raw_images}:
-            for side in (0, 1):  # the calibration is known without a picture
+            for side in (0, 1):  # the calibration is known before the first image
                 yield from (m for m in encoder.due_calibration(side, 0) if m.channel.topic in topics)
             return
         self._grabber = grabber = _Grabber(self._device, encoder, self._recorder)
@@ -65,12 +65,12 @@ class CameraSource(Source):
                 damage.add(f"{self.path}: {grabber.error}")
 
     def age_s(self, stamp_ns: int) -> float | None:
-        """Seconds since the pair of this stamp has come; None where it is not one of the last ones."""
+        """Return the seconds since the pair of this stamp arrived; None if it is not one of the last ones."""
         came_s = None if self._grabber is None else self._grabber.came_s.get(stamp_ns)
         return None if came_s is None else time.monotonic() - came_s
 
     def close(self) -> None:
-        """Give the camera back, and finish what it is recorded in."""
+        """Release the camera, and finish its recording."""
         try:
             self._device.close()
         finally:
@@ -79,7 +79,7 @@ class CameraSource(Source):
 
 
 class _Grabber:
-    """A thread that takes every picture as it comes, records it, and keeps the newest ones for the reader."""
+    """A thread that takes and records every image as it arrives, and keeps the newest ones for the reader."""
 
     def __init__(self, device: Device, encoder: ProfileEncoder, recorder: MessageWriter | None) -> None:
         self._device, self._encoder, self._recorder = device, encoder, recorder
@@ -93,17 +93,17 @@ class _Grabber:
         self._thread.start()
 
     def next(self) -> list[Message] | None:
-        """Wait for the next pair; None after the last one. Raises what the recorder has raised."""
+        """Return the next pair, waiting for it; None after the last one. Raises the errors of the recorder."""
         with self._news:
             self._news.wait_for(lambda: self._waiting or self._ended)
             if self._waiting:
                 return self._waiting.popleft()
         if isinstance(self.error, StreamSfmError) and not isinstance(self.error, LogError):
-            raise self.error  # a full disk: not the camera's end
+            raise self.error  # a full disk, not the end of the camera
         return None
 
     def stop(self) -> None:
-        """End after the current picture."""
+        """Stop after the current image."""
         self._stopped = True
         self._thread.join(WAIT_S + 1)
 
@@ -111,7 +111,7 @@ class _Grabber:
         try:
             while not self._stopped and (taken := self._device.grab()) is not None:
                 self._take(*taken)
-        except Exception as error:  # of the maker's package, of any kind
+        except Exception as error:  # the manufacturer's package may raise any kind
             self.error = error
         with self._news:
             self._ended = True
@@ -119,7 +119,7 @@ class _Grabber:
 
     def _take(self, stamp_ns: int, *images: np.ndarray) -> None:
         if self._stopped or (self._last_ns is not None and stamp_ns <= self._last_ns):
-            return  # the camera answered only after the recording was finished, or with the same picture once more
+            return  # the camera answered after the recording was finished, or with the same image again
         self._last_ns = stamp_ns
         self.came_s = dict([*self.came_s.items(), (stamp_ns, time.monotonic())][-_REMEMBERED:])
         messages: list[Message] = []

@@ -1,7 +1,7 @@
 """Recordings that are folders: KITTI, EuRoC, TartanAir, folders of images or videos of left and right.
 
-A data set is recognised by the folders of its two cameras and by files that it has beside them; any other folder by
-what its folders or files are called. To add a data set: a line in `LAYOUTS`, and the function that opens it.
+A data set is recognised by the folders of its two cameras and by files beside them; any other folder by the names
+of its folders or files. To add a data set, add a line in `LAYOUTS` and the function that opens it.
 """
 
 import os
@@ -49,16 +49,17 @@ _CONTENTS = {
 _STAMPS = ("times.txt", "stamps.txt", "timestamps.txt")
 _EUROC_FILES = ("cam0/sensor.yaml", "cam1/sensor.yaml", "cam0/data.csv", "cam1/data.csv")
 _EUROC_TRUTHS = ("state_groundtruth_estimate0/data.csv", "mocap0/data.csv", "gt/data.csv")
-_EUROC_CALIBRATIONS = ("", "..", "../dso", "../calibration")  # folders from mav0, where one for all cameras may be
+_EUROC_CALIBRATIONS = ("", "..", "../dso", "../calibration")  # relative to mav0, where one for all cameras may be
 _VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm")
 # All cameras of TartanAir are identical and parallel.
 _TARTANAIR_F_PX, _TARTANAIR_BASELINE_M = 320.0, 0.25
-# Columns: the camera's right, down and forward in the axes of TartanAir's poses, x forward, y right, z down.
+# The columns are right, down and forward of the camera in the axes of TartanAir's poses: x forward, y right, z
+# down.
 _BODY_FROM_CAM = se3.from_rotation_translation([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [0, 0, 0])
 
 
 class Layout(NamedTuple):
-    """A layout of a recording: folders of left and right, and files of which one is there; `also`: another data set."""
+    """A layout of a recording: folders of left and right, one of the files is present; `also`: another data set."""
 
     name: str
     open: Callable[[Path, "Layout", Given], ImageFilesSource]
@@ -67,23 +68,23 @@ class Layout(NamedTuple):
     also: str = ""
 
     def has_sides(self, folder: Path) -> bool:
-        """Return whether a folder has those of left and right."""
-        return all(isdir(folder / side) for side in self.sides)  # that of a Path raises OSError for too long a name
+        """Whether a folder contains the folders of left and right."""
+        return all(isdir(folder / side) for side in self.sides)  # Path.is_dir raises OSError if a name is too long
 
     def fits(self, folder: Path) -> bool:
-        """Whether a folder is laid out so."""
+        """Whether a folder has this layout."""
         return self.has_sides(folder) and any(exists(folder / name) for name in self.files)
 
 
 def open_folder(folder: Path, given: Given) -> Source | None:
-    """Return the recording in a folder; None where no layout fits. Raises LogError, ConfigError."""
+    """Return the recording in a folder; None if no layout fits. Raises LogError, ConfigError."""
     if (layout := next((layout for layout in LAYOUTS if layout.fits(folder)), None)) is not None:
         return layout.open(folder, layout, given)
     return _open_videos(folder, given) or _open_images(folder, given)
 
 
 def known_data_sets() -> list[str]:
-    """Return the data sets by name."""
+    """Return the names of the known data sets."""
     return list(dict.fromkeys(name for layout in LAYOUTS for name in (layout.name.split()[0], layout.also) if name))
 
 
@@ -94,7 +95,7 @@ def is_data_set(folder: Path) -> bool:
 
 
 def open_data_set(folder: Path, name: str, given: Given) -> ImageFilesSource:
-    """The recording in a folder that must be laid out like KITTI or EuRoC. Raises LogError, ConfigError."""
+    """Return the recording in a folder that must have the layout of KITTI or EuRoC. Raises LogError, ConfigError."""
     for layout in LAYOUTS:
         if layout.name.startswith(name) and layout.has_sides(folder):
             if layout.fits(folder):
@@ -122,7 +123,7 @@ def _open_kitti(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
     except ConfigError:
         if not given.calibrated:
             raise
-    known = rig is not None or re.match("image_0?0", layout.sides[0])  # of camera 0, whose poses they are
+    known = rig is not None or re.match("image_0?0", layout.sides[0])  # of camera 0, to which the poses belong
     notes, truth = list[str](), list[tuple[int, Array]]()
     truth_file = _kitti_truth(folder) if given.poses is None else Path(given.poses)
     if truth_file is not None and not known:
@@ -139,7 +140,7 @@ def _open_kitti(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
 
 
 def _kitti_rig(folder: Path, layout: Layout, size: tuple[int, int]) -> tuple[StereoRig, Array]:
-    """The rig, and the pose (4, 4) of the left camera in camera 0. Raises ConfigError."""
+    """Return the rig, and the pose (4, 4) of the left camera in camera 0. Raises ConfigError."""
     document = read_document(next(folder / name for name in layout.files if exists(folder / name)))
     cameras = [int(re.findall(r"\d+", side)[0]) for side in layout.sides]
     left_from_cam0, right_from_cam0 = (cam_from_cam0(document, number, size) for number in cameras)
@@ -156,7 +157,7 @@ def _kitti_truth(folder: Path) -> Path | None:
 
 
 def _read_dates(path: Path) -> list[int]:
-    """The stamps of a file of KITTI's raw data, nanoseconds, ascending: a date with nanoseconds per line."""
+    """Return the stamps in a file of KITTI's raw data, nanoseconds, ascending: each line is a date with nanoseconds."""
     stamps = []
     for number, line in enumerate(read_text(path, "times").split("\n"), start=1):
         if line.strip():
@@ -169,7 +170,7 @@ def _read_dates(path: Path) -> list[int]:
 
 
 def _open_euroc(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
-    """Ground truth is the body in the world; it is carried into the left camera where a calibration says how."""
+    """Open a recording. Ground truth of the body is moved to the left camera if a calibration says how."""
     cameras = [folder / side for side in layout.sides]
     poses, notes = list[tuple[int, Array]](), list[str]()
     mav, images = cameras[0].parent, (_euroc_images(cameras[0], notes), _euroc_images(cameras[1], notes))
@@ -194,7 +195,7 @@ def _open_euroc(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
 def _euroc_imu(
     folder: Path, cam_from_body: Array, notes: list[str]
 ) -> tuple[list[tuple[int, Array]], ImuCalibration] | None:
-    """The samples of the inertial unit, which is the body, and its noise, as far as a file says it."""
+    """Return the samples of the inertial unit, which is the body, and its noise if a file contains it."""
     if not (path := folder / "data.csv").is_file():
         return None
     try:
@@ -209,9 +210,9 @@ def _euroc_imu(
 
 
 def _euroc_rig(mav: Path, cameras: Sequence[Path]) -> tuple[StereoRig | None, Array | None]:
-    """The rig, and the pose of the left camera on the body, as far as files say it.
+    """Return the rig, and the pose of the left camera on the body, as far as files contain them.
 
-    Each camera may have a file (sensor.yaml), or one for all of them may say where the IMU is (Kalibr's, Basalt's).
+    Each camera may have a file (sensor.yaml), or one file for all may have the pose of the IMU (Kalibr, Basalt).
     """
     sensors = [camera / "sensor.yaml" for camera in cameras]
     if any(sensor.is_file() for sensor in sensors):
@@ -220,14 +221,14 @@ def _euroc_rig(mav: Path, cameras: Sequence[Path]) -> tuple[StereoRig | None, Ar
     for place in (mav / name for name in _EUROC_CALIBRATIONS):
         files = sorted(p for p in place.glob("*.*") if p.suffix in (".yaml", ".yml", ".json") and is_calibration(p))
         for file in files:
-            with suppress(ConfigError):  # a file may be of something else
+            with suppress(ConfigError):  # a file may be something else
                 rig = StereoRig.from_calibration(file)
                 return rig, body_from_left(read_document(file))
     return None, None
 
 
 def _euroc_images(folder: Path, notes: list[str]) -> list[ImageFile]:
-    """The images of a camera by its table; without one, their names are the stamps."""
+    """Return the images of a camera in its table; without a table, their names are the stamps."""
     path, data = folder / "data.csv", folder / "data"
     files = images_in(data) if isdir(data) else []
     if path.is_file():
@@ -250,10 +251,10 @@ def _euroc_images(folder: Path, notes: list[str]) -> list[ImageFile]:
 
 
 def _open_tartanair(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
-    """Its images are numbered, as are the lines of its poses; there may be fewer of either."""
+    """Open a recording whose images and lines of poses are numbered; there may be fewer of either."""
     poses = folder / layout.files[0]
     if not poses.is_file() and has_calibration(folder) and (own := _open_images(folder, given)) is not None:
-        return own  # the images of somebody else, who calls them so
+        return own  # other images with the same names
     left, right = (str(folder / side) for side in layout.sides)
     source = open_images(left, right, None, rate_hz=given.rate_hz, path=folder)
     width, height = source.images[0][0].size()
@@ -275,7 +276,7 @@ def _open_tartanair(folder: Path, layout: Layout, given: Given) -> ImageFilesSou
 
 
 def _open_images(folder: Path, given: Given) -> ImageFilesSource | None:
-    """Images by the names of their folders or their own, with stamps and a calibration if there are any beside them."""
+    """Open images by the names of their folders or their own, with stamps and calibration beside them, if any."""
     sides = image_sides(folder)
     if sides is None and given.mono and images_in(folder):
         sides = ImageSides(str(folder), ())
@@ -290,14 +291,14 @@ def _open_images(folder: Path, given: Given) -> ImageFilesSource | None:
 
 
 def _rig_in(folder: Path, given: Given, size: Callable[[], tuple[int, int]]) -> StereoRig | None:
-    """The rig by the calibration in a folder, if it holds one, for images of this size."""
+    """Return the rig of the calibration in a folder, if there is one, for images of this size."""
     if given.calibrated or not has_calibration(folder):
         return None
     return StereoRig.from_calibration(folder, size())
 
 
 def _open_videos(folder: Path, given: Given) -> Source | None:
-    """Videos of left and right, with a calibration if there is one beside them."""
+    """Open videos of left and right, with the calibration beside them, if there is one."""
     if (videos := _videos(folder)) is None:
         return None
     rig = _rig_in(folder, given, lambda: VideoSource(videos[0]).size)
@@ -305,7 +306,7 @@ def _open_videos(folder: Path, given: Given) -> Source | None:
 
 
 def _videos(folder: Path) -> tuple[Path, Path] | None:
-    """The videos of left and right in a folder."""
+    """Return the videos of left and right in a folder."""
     files = [name for name in os.listdir(folder) if name.lower().endswith(_VIDEO_SUFFIXES)]
     pairs = possible_pairs(files)
     return (folder / pairs[0][0], folder / pairs[0][1]) if len(pairs) == 1 else None

@@ -1,6 +1,7 @@
-"""Stereo cameras by name: OpenCV's, RealSense, OAK and ZED, each by its own package, imported when it is opened.
+"""Stereo cameras by name: OpenCV's, RealSense, OAK and ZED, each through its package, which is imported when needed.
 
-A device is a rig and a function that waits for the next pair of images. To add one: a function, and a line in `OPEN`.
+A device is a rig and a function that waits for the next pair of images. To add one, add a function and a line in
+`OPEN`.
 """
 
 import time
@@ -20,14 +21,14 @@ from ..geometry import se3
 Image = NDArray[np.uint8]
 Grab = Callable[[], tuple[int, Image, Image] | None]
 _OAK_SIZE = 640, 400  # half the resolution of its sensors, binned
-_OAK_VERSION = 3  # of depthai, from which on it has cameras that are built
-_OAK_ISO = 400  # with an exposure by hand, which depthai takes together with a gain
-# Sizes of ZED's pictures by the names of its SDK.
+_OAK_VERSION = 3  # of depthai: the first whose cameras are built by `build`
+_OAK_ISO = 400  # gain for a manual exposure: depthai takes both together
+# Sizes of ZED's images by the names in its SDK.
 _ZED_SIZES = {
     (2208, 1242): "HD2K", (1920, 1200): "HD1200", (1920, 1080): "HD1080", (1280, 720): "HD720", (960, 600): "SVGA",
     (672, 376): "VGA",
 }  # fmt: skip
-WAIT_S = 5  # longest wait for a picture; a camera that gives none for so long is gone
+WAIT_S = 5  # longest wait for an image, after which the camera is considered gone
 
 
 class Device(NamedTuple):
@@ -42,7 +43,7 @@ class Device(NamedTuple):
 
 
 class CameraOptions(NamedTuple):
-    """What a camera is asked for; None: its default. `size`: (width, height) of each image."""
+    """Options requested from a camera; None: its default. `size`: (width, height) of each image."""
 
     size: tuple[int, int] | None = None
     rate_hz: float | None = None
@@ -51,20 +52,20 @@ class CameraOptions(NamedTuple):
 
     @property
     def rate(self) -> int:
-        """Pictures per second, a whole number as the makers' packages want it."""
+        """Frames per second, a whole number as the manufacturers' packages require."""
         return round(self.rate_hz or 30)
 
 
 def open_device(names: Sequence[str], rig: StereoRig | None, options: CameraOptions | None = None) -> Device:
     """Open `realsense`, `oak`, `zed`, or one or two cameras or streams of OpenCV. Raises ConfigError, LogError.
 
-    `rig` says how large the images are where one camera gives both of them beside each other.
+    `rig` gives the size of the images if one camera delivers both of them in one.
     """
     options = options or CameraOptions()
     if len(names) == 1 and (known := OPEN.get(names[0].lower())) is not None:
         try:
             return known(options)
-        except (RuntimeError, OSError) as error:  # of the maker's package
+        except (RuntimeError, OSError) as error:  # of the manufacturer's package
             said = " ".join(str(error).split())
             cure = "is it connected, permitted, and not in use?"
             raise LogError(f"camera {names[0]} cannot be opened: {said}; {cure}") from None
@@ -72,7 +73,7 @@ def open_device(names: Sequence[str], rig: StereoRig | None, options: CameraOpti
 
 
 def _opencv(names: Sequence[str], rig: StereoRig | None, options: CameraOptions) -> Device:
-    """Cameras by number, or whatever else OpenCV opens: a device file, the address of a stream."""
+    """Open cameras by number, or by what else OpenCV opens: a device file, the address of a stream."""
     import cv2
 
     if len(names) not in (1, 2):
@@ -80,7 +81,7 @@ def _opencv(names: Sequence[str], rig: StereoRig | None, options: CameraOptions)
     if options.serial:
         raise ConfigError(f"camera {names[0]} is opened by OpenCV, which knows no serial numbers: give its device")
     logging = cv2.utils.logging
-    said = logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # what is wrong is said below
+    said = logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # errors are reported below
     try:
         captures = [cv2.VideoCapture(int(name) if name.isdecimal() else name) for name in names]
     finally:
@@ -112,7 +113,7 @@ def _opencv(names: Sequence[str], rig: StereoRig | None, options: CameraOptions)
 
 
 def _ask(capture: Any, options: CameraOptions, sides: int) -> None:
-    """Ask a camera of OpenCV that gives the images of so many `sides`; drivers take what they can."""
+    """Set options of an OpenCV camera that delivers the images of this many `sides`; drivers apply what they can."""
     import cv2
 
     if options.size:
@@ -121,12 +122,12 @@ def _ask(capture: Any, options: CameraOptions, sides: int) -> None:
     if options.rate_hz:
         capture.set(cv2.CAP_PROP_FPS, options.rate_hz)
     if options.exposure_ms:
-        capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, 1)  # 1 is by hand, for Video4Linux
-        capture.set(cv2.CAP_PROP_EXPOSURE, 10 * options.exposure_ms)  # there in units of 0.1 ms
+        capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, 1)  # 1 is manual, for Video4Linux
+        capture.set(cv2.CAP_PROP_EXPOSURE, 10 * options.exposure_ms)  # in units of 0.1 ms there
 
 
 def halves(image: NDArray[Any], rig: StereoRig | None, name: str) -> tuple[NDArray[Any], NDArray[Any]]:
-    """The images of left and right in one that holds both, beside or above each other. Raises LogError."""
+    """Return the left and right image in one that holds both, side by side or stacked. Raises LogError."""
     height, width = image.shape[:2]
     size = None if rig is None else (rig.left.width, rig.left.height)
     for axis, half in ((1, (width // 2, height)), (0, (width, height // 2))):
@@ -139,7 +140,7 @@ def halves(image: NDArray[Any], rig: StereoRig | None, name: str) -> tuple[NDArr
 
 
 def _realsense(options: CameraOptions) -> Device:
-    """The two infrared cameras of a RealSense D400, rectified by the device."""
+    """Open the two infrared cameras of a RealSense D400, rectified by the device."""
     rs = _package("pyrealsense2", "realsense")
     pipeline, config = rs.pipeline(), rs.config()
     if options.serial:
@@ -171,7 +172,7 @@ def _realsense(options: CameraOptions) -> Device:
 
 
 def _oak(options: CameraOptions) -> Device:
-    """The two grey cameras of an OAK-D, as they are."""
+    """Open the two grey cameras of an OAK-D, not rectified."""
     dai = _package("depthai", "oak")
     if int(dai.__version__.split(".")[0]) < _OAK_VERSION:
         raise ConfigError(f"oak needs depthai {_OAK_VERSION}, and {dai.__version__} is installed: update it")
@@ -208,7 +209,7 @@ def _oak(options: CameraOptions) -> Device:
 
 
 def _zed(options: CameraOptions) -> Device:
-    """Both cameras of a ZED in grey, rectified by its own software; depth is not computed."""
+    """Open both cameras of a ZED in grey, rectified by its own software; depth is not computed."""
     sl = _package("pyzed.sl", "zed")
     camera, settings = sl.Camera(), sl.InitParameters()
     settings.camera_fps, settings.depth_mode = options.rate, sl.DEPTH_MODE.NONE
@@ -222,7 +223,7 @@ def _zed(options: CameraOptions) -> Device:
         settings.camera_resolution = getattr(sl.RESOLUTION, name)
     if (status := camera.open(settings)) != sl.ERROR_CODE.SUCCESS:
         raise LogError(f"ZED: {status}")
-    if options.exposure_ms:  # per cent of the time between two pictures
+    if options.exposure_ms:  # per cent of the time between two images
         share = round(min(100.0, options.exposure_ms * options.rate / 10))
         camera.set_camera_settings(sl.VIDEO_SETTINGS.EXPOSURE, share)
     factory = camera.get_camera_information().camera_configuration.calibration_parameters
@@ -249,7 +250,7 @@ OPEN: dict[str, Callable[[CameraOptions], Device]] = {"realsense": _realsense, "
 
 
 def _package(name: str, extra: str) -> Any:
-    """A package of a maker. Raises ConfigError where it is not installed."""
+    """Import a package of a manufacturer. Raises ConfigError if it is not installed."""
     try:
         return import_module(name)
     except ImportError:

@@ -1,4 +1,4 @@
-"""What the user of a recording says of it, beside where it is."""
+"""What the user says about a recording, besides its path."""
 
 from pathlib import Path
 from typing import NamedTuple

@@ -23,7 +23,7 @@ from .profile import ProfileEncoder
 
 @record
 class ImageFile:
-    """An image on disk and its stamp; that of an archive has its `content` from there."""
+    """An image on disk and its stamp; an image in an archive has its `content` from there."""
 
     stamp_ns: int
     path: Path
@@ -35,7 +35,7 @@ class ImageFile:
 
     @property
     def size_bytes(self) -> int:
-        """How many bytes the file has; 0 for one that is missing, which its reading will report."""
+        """Return the size of the file in bytes; 0 for a missing one, which reading will report."""
         return os.path.getsize(self.path) if os.path.isfile(self.path) else 0
 
     def read(self, camera: Camera | None = None) -> tuple[bytes, str]:
@@ -58,12 +58,12 @@ class ImageFile:
     def size(self) -> tuple[int, int]:
         """Return width and height, pixels. Raises LogError."""
         size = image_size(self.read()[0])
-        assert size is not None  # `read` has looked
+        assert size is not None  # `read` has checked it
         return size
 
 
 class ImageFilesSource(Source):
-    """Left and right images, none of these with one camera, and poses (stamp_ns, world_from_cam), in order of time.
+    """Left and right images (no right ones with one camera) and poses (stamp_ns, world_from_cam), in order of time.
 
     `format` names the data set; `imu`: samples (stamp_ns, (6,) rad/s and m/s²) of an inertial unit. An image that
     cannot be read, or has another size than the rig's, is skipped and added to the damage of a reading. Raises LogError
@@ -95,7 +95,7 @@ class ImageFilesSource(Source):
         self.size_bytes = sum(image.size_bytes for side in images for image in side)
 
     def contents(self) -> Contents | None:
-        """Known from the lists of files."""
+        """Return the contents, known from the lists of files."""
         encoder, stamps = ProfileEncoder(self.rig), [image.stamp_ns for side in self.images for image in side]
         channels: list[tuple[Channel, int | None]] = [*zip(encoder.images, map(len, self.images), strict=True)]
         if self.rig is not None:
@@ -143,11 +143,11 @@ class ImageFilesSource(Source):
 
 
 def _as_png(path: Path, data: bytes, size: tuple[int, int]) -> bytes:
-    """An image of a format that no log holds as one that it may hold, without loss."""
+    """Convert an image whose format logs do not support to PNG, without loss."""
     import cv2
 
     image = None
-    if 0 < size[0] * size[1] <= MAX_PIXELS:  # before a few bytes become gigabytes
+    if 0 < size[0] * size[1] <= MAX_PIXELS:  # checked before a few bytes become gigabytes
         with suppress(cv2.error):
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
     if image is None or image.dtype not in (np.uint8, np.uint16):

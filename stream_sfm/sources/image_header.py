@@ -8,7 +8,7 @@ from ..inputs import LIMITS
 
 
 class ImageFormat(NamedTuple):
-    """A format of images: its name, how its bytes start, and what its files are called; logs have those `in_logs`."""
+    """A format of images: its name, its first bytes, and its suffixes; logs may hold those `in_logs`."""
 
     name: str
     start: bytes  # a regular expression
@@ -33,7 +33,7 @@ _TIFF_SIZE = {256: "width", 257: "height"}  # tags
 
 
 def plain_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height in pixels of a BMP or TIFF image; None for anything else, or where its header is damaged."""
+    """Return width and height in pixels of a BMP or TIFF image; None for anything else, or if its header is damaged."""
     try:
         if data.startswith(b"BM"):
             width, height = struct.unpack_from("<ii", data, 18)
@@ -54,12 +54,12 @@ def plain_size(data: bytes) -> tuple[int, int] | None:
 
 
 def image_format(data: bytes) -> str | None:
-    """png, jpeg or webp by the first bytes of a compressed image; None for anything else."""
+    """Return png, jpeg or webp by the first bytes of a compressed image; None for anything else."""
     return next((name for name, start in _STARTS.items() if start.match(data)), None)
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height in pixels of a compressed image; None where its header is damaged or of another format."""
+    """Return width and height in pixels of a compressed image; None if its header is damaged or of another format."""
     try:
         if data.startswith(b"\x89PNG"):
             width, height = struct.unpack_from(">II", data, 16)
@@ -74,10 +74,10 @@ def image_size(data: bytes) -> tuple[int, int] | None:
 
 
 def problem(data: bytes) -> str:
-    """Say why a compressed image must not be handed to a decoder; empty where it may.
+    """Say why a compressed image must not be handed to a decoder; empty if it may.
 
-    Decoders reserve the memory that a PNG's chunk declares before they look whether it is there, and go over a JPEG
-    as often as it has scans.
+    Decoders reserve the memory that a chunk of a PNG declares before they check that the data is there, and process
+    a JPEG once per scan.
     """
     if data.startswith(b"\xff\xd8"):
         scans = data.count(b"\xff\xda")

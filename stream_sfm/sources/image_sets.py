@@ -1,6 +1,6 @@
-"""Sets of image files: which in a folder are left and right, by its names, and how those of two sides are paired.
+"""Sets of image files: which files in a folder are left and right, by their names, and how the two sides are paired.
 
-A side is folders, globs or files. Stamps are in a file, in the names, or there are none.
+A side is folders, globs or files. Stamps are in a file, in the names, or missing.
 """
 
 import glob
@@ -18,12 +18,12 @@ from .joined import natural_order
 from .pose_files import check_ascending, read_times, stamp_ns
 from .sides import RULES, is_camera, possible_pairs, side_keys
 
-# Names that are times since 1970: digits of a whole number (as now and for 200 years) -> nanoseconds of its unit.
+# Names that are times since 1970: digits of the number (today and for 200 years) -> its unit in nanoseconds.
 _UNITS_NS = {19: 1, 16: 1_000, 13: 1_000_000}
 _SECONDS = re.compile(r"\d{10}\.\d{1,9}")
 DEFAULT_RATE_HZ = 10.0
-_OF_KITTI = ("image_2", "image_3")  # the colour cameras, which the rules of names do not pair
-_MOST_FOLDERS = 200  # in one folder that are looked into
+_OF_KITTI = ("image_2", "image_3")  # the colour cameras, which the naming rules do not pair
+_MOST_FOLDERS = 200  # per folder that are searched
 
 
 def open_images(
@@ -34,10 +34,10 @@ def open_images(
     rate_hz: float | None = None,
     path: Path | None = None,
 ) -> ImageFilesSource:
-    """The images `left` and `right`, each files, folders or globs. Raises LogError, ConfigError.
+    """Open the images `left` and `right`, each files, folders or globs. Raises LogError, ConfigError.
 
     `stamps`: a file with one time per line, seconds with a decimal point or whole nanoseconds; without it names that
-    are stamps are used, else the frames are put `rate_hz` apart. `path` names the recording. One camera has no `right`.
+    are stamps are used, otherwise frames follow at `rate_hz`. `path` names the recording. One camera has no `right`.
     """
     sides = [_matches("left", left), _matches("right", right)]
     if both := set(sides[0]) & set(sides[1]):
@@ -57,7 +57,7 @@ def open_images(
     else:
         if rate_hz is None:
             rate_hz = DEFAULT_RATE_HZ
-            notes.append(f"no stamps and no rate were given: frames are put {1 / rate_hz:g} s apart")
+            notes.append(f"no stamps and no rate were given: frames are {1 / rate_hz:g} s apart")
         if not 0 < rate_hz < 1e6:
             raise ConfigError(f"the rate must be a positive number of frames per second, got {rate_hz:g}")
         times = [round(n * 1e9 / rate_hz) for n in range(count)]
@@ -73,7 +73,7 @@ def _stamped(times: Sequence[int], files: Sequence[Path]) -> list[ImageFile]:
 
 
 def first_image(patterns: str | Sequence[str]) -> Path | None:
-    """Return one file of a side, which gives the size of all; None where there is none."""
+    """Return one file of a side, which gives the size of all; None if there is none."""
     try:
         return _matches("left", patterns)[0]
     except LogError:
@@ -81,18 +81,18 @@ def first_image(patterns: str | Sequence[str]) -> Path | None:
 
 
 def images_in(folder: Path) -> list[Path]:
-    """The image files in a folder, in no order."""
+    """Return the image files in a folder, unordered."""
     with os.scandir(folder) as entries:
         return [Path(entry.path) for entry in entries if entry.name.lower().endswith(IMAGE_SUFFIXES)]
 
 
 def _matches(side: str, patterns: str | Sequence[str]) -> list[Path]:
-    """Files in natural order: image_2 before image_10. Raises LogError where there is none."""
+    """Return files in natural order: image_2 before image_10. Raises LogError if there is none."""
     found: set[Path] = set()
     for pattern in [patterns] if isinstance(patterns, str) else patterns:
         if os.path.isdir(pattern):
             matches = images_in(Path(pattern))
-        elif os.path.isfile(pattern):  # a name may contain what means something else in a glob
+        elif os.path.isfile(pattern):  # a name may contain special characters of globs
             matches = [Path(pattern)]
         else:
             matches = [Path(p) for p in glob.glob(pattern, recursive=True) if Path(p).is_file()]
@@ -104,7 +104,7 @@ def _matches(side: str, patterns: str | Sequence[str]) -> list[Path]:
 
 
 def named_stamps(files: Sequence[Path]) -> list[int] | None:
-    """Return the stamps by which the files are named, ascending; None where the names are not stamps."""
+    """Return the ascending stamps that the names of the files are; None if they are not stamps."""
     stamps = []
     for file in files:
         name = file.stem
@@ -120,10 +120,10 @@ def named_stamps(files: Sequence[Path]) -> list[int] | None:
 
 
 def _places(left: list[Path], right: list[Path]) -> tuple[list[list[int]], int]:
-    """The place in time of each image of both sides, and the number of places.
+    """Return the place in time of each image of both sides, and the number of places.
 
-    Images of one number belong together; one that has no partner keeps its place, and no pair is made of it. Raises
-    LogError where names do not tell who belongs together, and the numbers of images differ.
+    Images of the same number belong together; an image without a partner keeps its place, but makes no pair. Raises
+    LogError if names do not tell which images belong together and the sides have different numbers of images.
     """
     if not right:
         return [list(range(len(left))), []], len(left)
@@ -133,7 +133,7 @@ def _places(left: list[Path], right: list[Path]) -> tuple[list[list[int]], int]:
     alone = of_left ^ of_right
     if all(len(set(n)) == len(n) for n in numbers) and alone and of_left & of_right:
         every = list(of_left | of_right)
-        if not all(n.isdecimal() for n in every) or 2 * len(alone) > len(every):  # they are no numbers of frames
+        if not all(n.isdecimal() for n in every) or 2 * len(alone) > len(every):  # they are not frame numbers
             first = next(p for p in (*left, *right) if _number(p) in alone)
             problem = f"{len(alone)} of {counts} images have no partner of the same number"
             raise LogError(f"{problem}, the first: {first}; leave them out")
@@ -145,14 +145,14 @@ def _places(left: list[Path], right: list[Path]) -> tuple[list[list[int]], int]:
 
 
 def _number(path: Path) -> str:
-    """The last number in the name of a file, else the name."""
+    """Return the last number in the name of a file, or else the name."""
     numbers = re.findall(r"\d+", path.stem)
     return str(int(numbers[-1])) if numbers else path.stem
 
 
 @record
 class ImageSides:
-    """Folder, or files, of the left and the right images; `others`: further pairs, which are not used."""
+    """Folders or files of the left and right images; `others`: further pairs, which are not used."""
 
     left: str | Sequence[str]
     right: str | Sequence[str]
@@ -160,9 +160,9 @@ class ImageSides:
 
 
 def image_sides(folder: Path) -> ImageSides | None:
-    """Return the sides in a folder: two folders with images in or one folder below them, else files; None: no pair.
+    """Return the sides in a folder: two folders with images in them or one level below, else files; None: no pair.
 
-    Of several pairs of folders the one with the most images is taken: TUM-VI has one of vignettes, too.
+    Of several pairs of folders, the one with the most images is taken: TUM-VI also has a pair of vignettes.
     """
     names = [entry.name for entry in _folders(folder) if is_camera(entry.name)]
     pairs = possible_pairs(names)
@@ -175,7 +175,7 @@ def image_sides(folder: Path) -> ImageSides | None:
         if (count := min(len(images_in(folder / f"{side}{inner}")) for side in (left, right)))
     }
     if counts:
-        best = max(counts, key=lambda pair: counts[pair])  # the first one of several that are equal
+        best = max(counts, key=lambda pair: counts[pair])  # the first of several equal ones
         others = [f"{left} and {right}" for left, right in counts if 2 * counts[left, right] > counts[best]]
         others.remove(" and ".join(best))
         return ImageSides(str(folder / best[0]), str(folder / best[1]), others)
@@ -197,12 +197,12 @@ def _folders(folder: Path) -> list["os.DirEntry[str]"]:
 
 
 def _common(left: Path, right: Path) -> list[str]:
-    """The places that both folders have for images: in themselves, and in folders of one name."""
+    """Return the places for images that both folders have: themselves, and subfolders of the same name."""
     return ["", *(f"/{e.name}" for e in _folders(left) if (right / e.name).is_dir())]
 
 
 def _files(folder: Path) -> ImageSides | None:
-    """Pairs of files whose names differ in the side only, such as left_0001.png and right_0001.png."""
+    """Return pairs of files whose names differ in the side only, such as left_0001.png and right_0001.png."""
     images = [path for path in images_in(folder) if is_camera(path.name)]
     for rule in range(RULES):
         left, right = (
@@ -210,6 +210,6 @@ def _files(folder: Path) -> ImageSides | None:
             for side in (0, 1)
         )
         both = sorted(left.keys() & right.keys())
-        if both and 3 * len(both) > len(images):  # else of few files the names are like that by chance
+        if both and 3 * len(both) > len(images):  # otherwise a few names match by chance
             return ImageSides([str(left[key]) for key in both], [str(right[key]) for key in both])
     return None

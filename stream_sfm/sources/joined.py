@@ -14,9 +14,9 @@ from ..mcap_file.message import Contents, Damage, Message, Source
 
 
 class JoinedSource(Source):
-    """The messages of several sources, merged by log time; a part is opened when its time has come.
+    """The messages of several sources, merged by log time; each part is opened only when its time comes.
 
-    `missing` says which parts could not be opened, `notes` what else to know. `compressed`: each message is, by zstd.
+    `missing` says which parts could not be opened; `notes` are further remarks. `compressed`: each message is, by zstd.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class JoinedSource(Source):
         self._parts = list(parts)
         self._contents: list[Contents] | None = None
         known = [contents for part in parts if (contents := part.contents()) is not None]
-        if len(known) == len(parts):  # else the order given is all there is to go by
+        if len(known) == len(parts):  # otherwise the given order has to do
             order = sorted(range(len(parts)), key=lambda n: known[n].start_ns)
             self._parts, self._contents = [parts[n] for n in order], [known[n] for n in order]
         self.size_bytes = sum(part.size_bytes for part in parts)
@@ -44,7 +44,7 @@ class JoinedSource(Source):
         return all(part.indexed for part in self._parts)
 
     def contents(self) -> Contents | None:
-        """The sum over the parts, where every part knows its contents."""
+        """Return the sum over the parts, if every part knows its contents."""
         if self._contents is None:
             return None
         channels = [entry for contents in self._contents for entry in contents.channels]
@@ -76,7 +76,7 @@ class JoinedSource(Source):
 
         try:
             while waiting or heads:
-                # where it is not known when parts begin, one follows the other
+                # parts with unknown start times follow each other
                 while waiting and (not heads or (starts and starts[waiting[0]].start_ns <= heads[0][0])):
                     number = waiting.popleft()
                     advance(number, self._parts[number].messages(own[number], topics))
@@ -95,15 +95,15 @@ class JoinedSource(Source):
             yield from part.attachments(damage)
 
     def drop_unverified_index(self) -> bool:
-        """See `Source`; every part drops its own."""
-        dropped = any([part.drop_unverified_index() for part in self._parts])  # each of them, not up to the first
+        """Let every part drop its index, as `Source` says."""
+        dropped = any([part.drop_unverified_index() for part in self._parts])  # all of them, not up to the first
         if dropped:
             self._contents = None
         return dropped
 
 
 def _decompressed(data: bytes) -> bytes | str:
-    """Return the content of a message, or why it has none."""
+    """Return the content of a message, or why it cannot be decompressed."""
     try:
         with zstandard.ZstdDecompressor().stream_reader(data) as reader:
             content: bytes = reader.read(LIMITS.record_bytes + 1)
@@ -113,5 +113,5 @@ def _decompressed(data: bytes) -> bytes | str:
 
 
 def natural_order(name: str) -> list[tuple[int, str]]:
-    """The key that sorts bag_2 before bag_10."""
+    """Return a key that sorts bag_2 before bag_10."""
     return [(int(t), "") if t.isdecimal() else (-1, t) for t in re.split(r"(\d+)", name) if t]

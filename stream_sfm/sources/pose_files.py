@@ -1,7 +1,7 @@
 """Text files of data sets, with errors that name file and line: tables, stamps, and poses.
 
-Poses are as of TUM (`t x y z qx qy qz qw`), EuRoC's CSV, or KITTI (twelve numbers of a 3×4 pose per line). Stamps are
-in seconds or nanoseconds.
+Poses have the format of TUM (`t x y z qx qy qz qw`), EuRoC's CSV, or KITTI (twelve numbers of a 3×4 pose per line).
+Stamps are in seconds or nanoseconds.
 """
 
 from array import array
@@ -20,13 +20,13 @@ from ..geometry import Array, se3
 from ..inputs import INT64, LIMITS, read_small, reading
 from ..types import Trajectory
 
-_UNIT_NORMS = (0.9, 1.1)  # of a quaternion: files give as few as four digits
+_UNIT_NORMS = (0.9, 1.1)  # accepted norms of a quaternion: some files have only four digits
 _KITTI = "a pose of 12 numbers"
-_NANOSECOND_DIGITS = 13  # a whole number of so many digits is in nanoseconds: in seconds it would be the year 31690
+_NANOSECOND_DIGITS = 13  # of a whole number in nanoseconds: in seconds it would be the year 31690
 
 
 def read_text(path: Path, what: str) -> str:
-    """The content of a text file; `what` names it in errors. Raises LogError."""
+    """Return the content of a text file; `what` names it in errors. Raises LogError."""
     try:
         with reading(f"{what} {path}"):
             return read_small(path, LIMITS.text_bytes).decode("utf-8-sig")
@@ -35,7 +35,7 @@ def read_text(path: Path, what: str) -> str:
 
 
 def read_table(path: Path, what: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield the number of each line and its cells, separated by commas or white space; lines with `#` are left out.
+    """Yield the number of each line and its cells, separated by commas or white space; lines with `#` are skipped.
 
     Raises LogError.
     """
@@ -50,7 +50,7 @@ def read_table(path: Path, what: str) -> Iterator[tuple[int, list[str]]]:
 
 
 def stamp_ns(text: str, where: str) -> int:
-    """A time in nanoseconds: decimal seconds, exactly, or a whole number of nanoseconds. Raises LogError."""
+    """Parse a time in nanoseconds from decimal seconds, exactly, or whole nanoseconds. Raises LogError."""
     try:
         whole = text.isdecimal() and len(text) >= _NANOSECOND_DIGITS
         ns = Decimal(text) * (1 if whole else 1_000_000_000)
@@ -62,7 +62,7 @@ def stamp_ns(text: str, where: str) -> int:
 
 
 def check_ascending(stamps_ns: Sequence[int], where: str | Path) -> None:
-    """Raise LogError naming the first entry where time does not advance, or is negative."""
+    """Raise a LogError that names the first stamp that does not increase or is negative."""
     if stamps_ns and stamps_ns[0] < 0:
         raise LogError(f"{where}: the first stamp is negative ({stamps_ns[0]} ns)")
     for number, (a, b) in enumerate(pairwise(stamps_ns), start=2):
@@ -71,9 +71,9 @@ def check_ascending(stamps_ns: Sequence[int], where: str | Path) -> None:
 
 
 def read_poses(path: Path) -> Trajectory:
-    """The poses of a file in any of the three formats, recognised by the number of columns. Raises LogError.
+    """Read the poses of a file in any of the three formats, recognised by the number of columns. Raises LogError.
 
-    KITTI's twelve numbers have no stamps: they are in `times.txt` beside the file, or in front of the twelve.
+    KITTI's twelve numbers have no stamps; these are in `times.txt` beside the file, or in front of the twelve.
     """
     columns = len(_first_line(path))
     if is_euroc_table(path):
@@ -98,46 +98,46 @@ def read_poses(path: Path) -> Trajectory:
 
 
 def is_euroc_table(path: Path) -> bool:
-    """Whether a file is a table of EuRoC: cells separated by commas, stamps in whole nanoseconds. Raises LogError."""
+    """Whether a file is a table of EuRoC, with commas and stamps in whole nanoseconds. Raises LogError."""
     cells = _first_line(path)
     return len(cells) >= 8 and cells[0].isdecimal() and "," in read_text(path, "poses")
 
 
 def read_tum(path: Path) -> Trajectory:
-    """A TUM file; stamps come back to the nanosecond. Raises LogError naming the line."""
+    """Read a TUM file; stamps are exact to the nanosecond. Raises LogError naming the line."""
     return _with_quaternions(path, (3, 4, 5, 6), "`t x y z qx qy qz qw`")
 
 
 def read_euroc(path: Path) -> Trajectory:
-    """A table of EuRoC: stamp, position, quaternion with w first; the body in the world. Raises LogError."""
+    """Read a table of EuRoC: stamp, position, quaternion with w first; the body in the world. Raises LogError."""
     return _with_quaternions(path, (4, 5, 6, 3), "a stamp, a position and a quaternion (w, x, y, z)")
 
 
 def read_kitti(path: Path) -> Array:
-    """The poses (n, 4, 4) of a file of KITTI, which has no stamps. Raises LogError."""
+    """Read the poses (n, 4, 4) of a KITTI file, which has no stamps. Raises LogError."""
     return _matrices(path, _read(path, 12, _KITTI))
 
 
 def read_times(path: Path) -> list[int]:
-    """The stamps of a file with one per line, ascending. Raises LogError."""
+    """Read the stamps of a file with one per line, ascending. Raises LogError."""
     stamps = [stamp_ns(cells[0], f"{path}, line {n}") for n, cells in read_table(path, "times")]
     check_ascending(stamps, path)
     return stamps
 
 
 def read_rows(path: Path, columns: int, form: str) -> Array:
-    """The numbers (n, columns) of a file with poses and no stamps. Raises LogError naming the line."""
+    """Read the numbers (n, columns) of a file with poses and no stamps. Raises LogError naming the line."""
     return _read(path, columns, form).values
 
 
 def read_stamped(path: Path, columns: int, form: str) -> tuple[list[int], Array]:
-    """The stamps and numbers (n, columns) of a file whose stamps ascend; more columns may follow. Raises LogError."""
+    """Read the ascending stamps and numbers (n, columns) of a file; more columns may follow. Raises LogError."""
     rows = _read(path, columns, form, stamped=True, more=True)
     return rows.stamps_ns.tolist(), rows.values
 
 
 class _Rows(NamedTuple):
-    """The numbers (n, k) of a file, their stamps where it has them, and the numbers of their lines."""
+    """The numbers (n, k) of a file, their stamps if it has any, and their line numbers."""
 
     values: Array
     stamps_ns: NDArray[np.int64]
@@ -145,8 +145,8 @@ class _Rows(NamedTuple):
 
 
 def _read(path: Path, columns: int, form: str, stamped: bool = False, more: bool = False) -> _Rows:
-    """The lines of a file, each `columns` finite numbers, behind ascending stamps if `stamped`; `more` may follow."""
-    lines, stamps, numbers = array("q"), array("q"), array("d")  # not objects: there may be millions
+    """Read lines of `columns` finite numbers, after ascending stamps if `stamped`; `more` columns may follow."""
+    lines, stamps, numbers = array("q"), array("q"), array("d")  # arrays, as there may be millions
     for number, cells in read_table(path, "poses"):
         where = f"{path}, line {number}"
         try:
@@ -171,7 +171,7 @@ def _first_line(path: Path) -> list[str]:
 
 
 def _with_quaternions(path: Path, columns: tuple[int, int, int, int], form: str) -> Trajectory:
-    """`columns`: of x, y, z, w, behind the stamp."""
+    """Read poses; `columns`: those of x, y, z, w after the stamp."""
     rows = _read(path, 7, form, stamped=True, more=True)
     quaternions = rows.values[:, columns]
     norms = np.linalg.norm(quaternions, axis=1)

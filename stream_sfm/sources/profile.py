@@ -19,17 +19,17 @@ from ..mcap_file.message import Channel, Message
 _SIDES = ("left", "right")
 _IMU_FRAME = "imu"
 _FRAME_IDS = ("left_camera_optical_frame", "right_camera_optical_frame")
-_CALIBRATION_PERIOD_NS = 1_000_000_000  # calibrations are repeated, so that a part of the log can be read alone
-_MODELS = {"none": "plumb_bob", "equidistant": "kannala_brandt"}  # other names in Foxglove's CameraCalibration
+_CALIBRATION_PERIOD_NS = 1_000_000_000  # calibrations are repeated, so that each part of the log has one
+_MODELS = {"none": "plumb_bob", "equidistant": "kannala_brandt"}  # different names in Foxglove's CameraCalibration
 
 
 class ProfileEncoder:
-    """Encodes one log; `rig` is None where the calibration is not known."""
+    """Encodes one log; `rig` is None if the calibration is not known."""
 
     def __init__(self, rig: StereoRig | None) -> None:
         self.images = tuple(_channel(f"/camera/{side}/image", "CompressedImage") for side in _SIDES)
         self.raw_images = tuple(raw_channel(f"/camera/{side}/image") for side in _SIDES)
-        self.both_images = raw_channel("/camera/both/image")  # beside or above each other
+        self.both_images = raw_channel("/camera/both/image")  # side by side or stacked
         self.calibrations = tuple(_channel(f"/camera/{side}/calibration", "CameraCalibration") for side in _SIDES)
         self.poses = _channel("/ground_truth/pose", "PoseInFrame")
         self.imu, self.transforms = (
@@ -41,24 +41,24 @@ class ProfileEncoder:
         self._last_calibration_ns: list[int | None] = [None, None]
 
     def image(self, side: int, stamp_ns: int, data: bytes, encoding: str) -> Message:
-        """One image of `side` (0 left, 1 right), `encoding` png, jpeg or webp."""
+        """Encode one image of `side` (0 left, 1 right), `encoding` png, jpeg or webp."""
         message = _schema("CompressedImage")(frame_id=_FRAME_IDS[side], format=encoding, data=data)
         return _encoded(self.images[side], message, stamp_ns)
 
     def raw_image(self, side: int | None, stamp_ns: int, image: Grey) -> Message:
-        """One image of `side`, None where it holds both; grey (h, w) with 8 or 16 bits, not compressed."""
+        """Encode one image of `side`, None if it holds both; grey (h, w) with 8 or 16 bits, not compressed."""
         channel = self.both_images if side is None else self.raw_images[side]
         return raw_message(channel, _FRAME_IDS[side or 0], stamp_ns, image)
 
     def due_calibration(self, side: int, stamp_ns: int) -> Iterator[Message]:
-        """Yield the calibration of `side` where it is due before an image of this stamp."""
+        """Yield the calibration of `side` if it is due before an image of this stamp."""
         last_ns = self._last_calibration_ns[side]
         if self._messages is not None and (last_ns is None or stamp_ns - last_ns >= _CALIBRATION_PERIOD_NS):
             self._last_calibration_ns[side] = stamp_ns
             yield _encoded(self.calibrations[side], self._messages[side], stamp_ns)
 
     def pose(self, stamp_ns: int, world_from_cam: Array) -> Message:
-        """One pose (4, 4) of ground truth: the physical left camera in the world, metres."""
+        """Encode one pose (4, 4) of ground truth: the physical left camera in the world, metres."""
         message = _schema("PoseInFrame")(frame_id="world")
         p, q = message.pose.position, message.pose.orientation
         p.x, p.y, p.z = world_from_cam[:3, 3]
@@ -66,14 +66,14 @@ class ProfileEncoder:
         return _encoded(self.poses, message, stamp_ns)
 
     def imu_sample(self, stamp_ns: int, values: Array) -> Message:
-        """One sample of an inertial unit: rad/s and m/s² (6,)."""
+        """Encode one sample (6,) of an inertial unit, rad/s and m/s²."""
         rate, force = (dict(zip("xyz", map(float, v), strict=True)) for v in (values[:3], values[3:]))
         header = {"stamp": _time(stamp_ns), "frame_id": _IMU_FRAME}
         sample = {"header": header, "angular_velocity": rate, "linear_acceleration": force}
         return _as_json(self.imu, sample, stamp_ns)
 
     def imu_mounting(self, stamp_ns: int, imu: ImuCalibration) -> Message:
-        """Where the unit is on the left camera."""
+        """Encode the pose of the inertial unit in the left camera."""
         pose = imu.cam_from_imu
         transform = {
             "timestamp": _time(stamp_ns),
@@ -98,12 +98,12 @@ def _as_json(channel: Channel, message: dict[str, Any], stamp_ns: int) -> Messag
 
 
 def raw_channel(topic: str) -> Channel:
-    """A channel of raw images."""
+    """Return a channel of raw images."""
     return _channel(topic, "RawImage")
 
 
 def raw_message(channel: Channel, frame_id: str, stamp_ns: int, image: Grey) -> Message:
-    """One grey image (h, w) with 8 or 16 bits, not compressed, of a camera with this frame."""
+    """Encode one grey image (h, w) with 8 or 16 bits, not compressed, of a camera with this frame."""
     height, width = image.shape
     encoding, step = f"mono{8 * image.itemsize}", width * image.itemsize
     message = _schema("RawImage")(frame_id=frame_id, width=width, height=height, encoding=encoding, step=step)
@@ -112,7 +112,7 @@ def raw_message(channel: Channel, frame_id: str, stamp_ns: int, image: Grey) -> 
 
 
 def calibration_messages(rig: StereoRig) -> tuple[Any, Any]:
-    """K, D, R, P of both cameras in the ROS sense; a reader gets the rig back from them.
+    """Return K, D, R, P of both cameras in the ROS sense; a reader recovers the rig from them.
 
     A pair that is rectified already (parallel, undistorted, one K) keeps R = 1 and P = K.
     """
@@ -145,7 +145,7 @@ def _calibration(side: int, camera: Camera, rotation: Array, projection: Array) 
 
 @lru_cache
 def _schema(name: str) -> Any:
-    """A message type of Foxglove; imported here, as most runs encode none and need no protobuf."""
+    """Return a message type of Foxglove; imported here, as most runs encode none and need no protobuf."""
     from foxglove_schemas_protobuf import CameraCalibration_pb2, CompressedImage_pb2, PoseInFrame_pb2, RawImage_pb2
 
     modules = CameraCalibration_pb2, CompressedImage_pb2, PoseInFrame_pb2, RawImage_pb2

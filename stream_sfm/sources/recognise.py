@@ -1,6 +1,6 @@
-"""Finds out by its content what a path is, and opens the source that reads it.
+"""Recognises a path by its content, and opens the source that reads it.
 
-Of the sources, only MCAP's is imported before it is needed: most logs are MCAP, and all others take 20 ms.
+Only the source of MCAP is imported in advance: most logs are MCAP, and importing all others takes 20 ms.
 """
 
 import os
@@ -25,16 +25,16 @@ _OTHER_FILES = (
     ((b"\x28\xb5\x2f\xfd",), "compressed with zstd: decompress it with `zstd -d`"),
     ((b"PK\x03\x04", b"\x1f\x8b", b"7z\xbc\xaf"), "an archive: unpack it and give the folder or the file in it"),
 )
-_BAG_METADATA = "metadata.yaml"  # by which the folder of a ROS 2 bag is known
+_BAG_METADATA = "metadata.yaml"  # marks the folder of a ROS 2 bag
 _WITHOUT_STAMPS = ("image files", "TartanAir")  # formats
 _RESULT = "estimates.mcap"  # of a run
-_LEVELS = 3  # of folders in which a recording is looked for: dataset/sequences/00
-_MOST_ENTRIES = 1000  # of one level that are looked at
+_LEVELS = 3  # of folders that are searched for a recording: dataset/sequences/00
+_MOST_ENTRIES = 1000  # per level that are searched
 _LONGEST_START = 512  # bytes
 
 
 def supported() -> str:
-    """Return what can be a recording, for messages."""
+    """Return the supported kinds of recordings, for messages."""
     from .data_sets import known_data_sets
 
     kinds, (*names, last) = [kind.name for kind in containers() if kind.name], known_data_sets()
@@ -47,7 +47,7 @@ def supported() -> str:
 def open_source(
     path: str | Path, calibrated: bool = False, rate_hz: float | None = None, mono: bool = False
 ) -> Source:
-    """Open the recording at `path`. Raises LogError where it cannot be read or is not a recording.
+    """Open the recording at `path`. Raises LogError if it cannot be read or is not a recording.
 
     `calibrated`: the calibration in a folder is not used, and may be broken; `rate_hz`: of images without stamps;
     `mono`: one camera will do. Raises ConfigError for a rate where there are stamps.
@@ -57,7 +57,7 @@ def open_source(
     path = Path(path)
     try:
         str(path).encode()
-    except UnicodeEncodeError:  # it could not be named in any result
+    except UnicodeEncodeError:  # no result could name it
         raise LogError(f"{str(path)!a}: the name of the file is not UTF-8: rename it") from None
     source = _open_folder(path, Given(calibrated, rate_hz, mono)) if os.path.isdir(path) else _open_file(path)
     if rate_hz is not None and source.format not in _WITHOUT_STAMPS:
@@ -66,17 +66,17 @@ def open_source(
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a file by its name, or a folder by what is in it, is a recording as a whole."""
+    """Whether a file, by its name, or a folder, by its content, is a recording as a whole."""
     if not path.is_dir():
         suffixes = (".mcap", *(kind.suffix for kind in containers() if kind.suffix))
         return path.name.removesuffix(".zstd").endswith(suffixes)
-    if (path / _RESULT).is_file():  # a bag as well, but of estimates
+    if (path / _RESULT).is_file():  # also a bag, but of estimates
         return False
     from .data_sets import is_data_set
 
     if (path / _BAG_METADATA).is_file() or is_data_set(path):
         return True
-    # As a recorder of ROS 2 leaves a bag that it could not close: files called after the folder, without metadata.
+    # A bag that its ROS 2 recorder could not close has files named after the folder, but no metadata.
     files = [p.name for p in path.iterdir() if p.is_file()]
     return bool(files) and all(re.fullmatch(rf"{re.escape(path.name)}_\d+\.(mcap|db3)(\.zstd)?", n) for n in files)
 
@@ -92,7 +92,7 @@ def _open_file(path: Path) -> Source:
             return kind.open(path)
     if path.name == _BAG_METADATA:
         return _open_folder(path.parent, Given())
-    if ends_as_mcap:  # whose start is damaged
+    if ends_as_mcap:  # its start is damaged
         return LogFile(path)
     if image_format(start):
         problem = f"{path} is an image: give the folder of a recording, or import images into a log"
@@ -106,7 +106,7 @@ def _open_file(path: Path) -> Source:
 
 
 def _recordings_in(folder: Path) -> list[Path]:
-    """The recordings in a folder, or, where there is none, in those below: a data set as it was unpacked."""
+    """Return the recordings in a folder or, if there are none, in those below, as in an unpacked data set."""
     level = [folder]
     for _ in range(_LEVELS):
         entries = list(islice((entry for below in level for entry in _visible(below)), _MOST_ENTRIES))
@@ -117,7 +117,7 @@ def _recordings_in(folder: Path) -> list[Path]:
 
 
 def _visible(folder: Path) -> list[Path]:
-    """What is in a folder but for hidden entries and results; nothing where it cannot be read."""
+    """Return the content of a folder except hidden entries and results; nothing if it cannot be read."""
     with suppress(OSError):
         return [p for p in sorted(folder.iterdir()) if not p.name.startswith(".") and p.name != _RESULT]
     return []

@@ -1,7 +1,7 @@
-"""ROS 2 bags as they lie on disk: a folder of one or many files, in MCAP or SQLite, with or without metadata.yaml.
+"""ROS 2 bags on disk: a folder of one or many files, in MCAP or SQLite, with or without metadata.yaml.
 
-metadata.yaml is written when a recording ends, so a bag of a recorder that crashed has none: its files are then found
-by their suffix, and ordered by their content. Files and messages may be compressed with zstd.
+metadata.yaml is written when a recording ends, so a bag of a crashed recorder has none. Its files are then found
+by their suffix and ordered by their content. Files and messages may be compressed with zstd.
 """
 
 import os
@@ -23,18 +23,18 @@ from .containers.sqlite_bag import SqliteBagSource, connect
 from .joined import JoinedSource, natural_order
 
 _SUFFIXES = (".mcap", ".db3")
-# What the compressed files of a bag may hold in all: images hardly shrink, numbers to a tenth.
+# Limit on the total content of compressed files: images hardly shrink, and numbers shrink to a tenth.
 _FREE_BYTES, _MAX_RATIO = 2**29, 20
-# What is read of metadata.yaml, as recorders write it: a YAML parser would take minutes for a long one, and aliases
-# can make it take forever.
+# The parts that are read of metadata.yaml, as recorders write it. A YAML parser would take minutes for a long file,
+# and aliases could make it run forever.
 _FILES = re.compile(r"^ *relative_file_paths: *\n((?: *- +[^\n]*\n?)+)", re.MULTILINE)
 _BY_MESSAGE = re.compile(r"^ *compression_mode: *[\"']?message\b", re.MULTILINE | re.IGNORECASE)
 
 
 def bag_files(folder: Path) -> list[Path]:
-    """The files that make up the bag in a folder without metadata.yaml, in natural order; empty where there is none.
+    """Return the files of the bag in a folder without metadata.yaml, in natural order; empty if there is none.
 
-    Raises LogError where their names show that they are several recordings: those of one differ in one number, as in
+    Raises LogError if their names belong to several recordings: those of one differ in one number, as in
     `walk_0.mcap`, `walk_1.mcap`.
     """
     for suffix in _SUFFIXES:
@@ -48,7 +48,7 @@ def bag_files(folder: Path) -> list[Path]:
 
 
 def open_rosbag2(folder: Path) -> Source:
-    """Open a folder with metadata.yaml, or with bag files. Raises LogError where none of its files can be read."""
+    """Open a folder with metadata.yaml, or with bag files. Raises LogError if none of its files can be read."""
     names, by_message, notes = _read_metadata(folder)
     files = [folder / name for name in names] or bag_files(folder)
     if not files:
@@ -59,7 +59,7 @@ def open_rosbag2(folder: Path) -> Source:
     for file in files:
         try:
             parts.append(compressed.open(file) if file.suffix == ".zstd" else _open_plain(file))
-        except LogError as error:  # often the last file of a recorder that crashed
+        except LogError as error:  # often the last file of a crashed recorder
             missing.append(str(error))
     if not parts:
         raise LogError(some_of(missing, "; "))
@@ -67,7 +67,7 @@ def open_rosbag2(folder: Path) -> Source:
 
 
 def _read_metadata(folder: Path) -> tuple[list[str], bool, list[str]]:
-    """Names of the files, whether each message is compressed, and what is wrong with metadata.yaml."""
+    """Return the names of the files, whether each message is compressed, and what is wrong with metadata.yaml."""
     path = folder / "metadata.yaml"
     if not path.is_file():
         return [], False, []
@@ -91,13 +91,13 @@ def _open_plain(path: Path) -> Source:
     return LogFile(path) if path.suffix == ".mcap" else SqliteBagSource(path)
 
 
-_OPEN_FILES = "/proc/self/fd"  # of Linux, by which a file without a name is opened for each reading
+_OPEN_FILES = "/proc/self/fd"  # on Linux, opens a file without a name again for each reading
 
 
 class _Decompressor:
-    """Opens files that were compressed as a whole, by copies that have no name, so that they end with the process.
+    """Opens files that were compressed as a whole, as decompressed copies without a name, which end with the process.
 
-    SQLite and the index of MCAP need to jump in them. What all of them may hold is bounded by their size.
+    SQLite and the index of MCAP need random access to them. The total content is limited in proportion to their size.
     """
 
     def __init__(self, files: list[Path]) -> None:
@@ -105,14 +105,15 @@ class _Decompressor:
         self._left = _FREE_BYTES + _MAX_RATIO * sum(sizes)
 
     def open(self, path: Path) -> Source:
-        """The source in a compressed file. Raises LogError."""
+        """Return the source in a compressed file. Raises LogError."""
         kind = Path(path.stem).suffix
         if kind not in _SUFFIXES:
-            return _open_plain(Path(path.stem))  # which says that it is not supported
+            return _open_plain(Path(path.stem))  # this reports that it is not supported
         with _decompressing(path):
             descriptor, name = tempfile.mkstemp(prefix="stream_sfm-", suffix=kind)
         with os.fdopen(descriptor, "w+b") as copy:
-            # SQLite opens a file by its name, so before that is removed, and reads it when it is first asked.
+            # SQLite opens a file by its name and reads it at the first query, so both come before the name is
+            # removed.
             database = connect(Path(name), "mode=ro") if kind == ".db3" else None
             unnamed = database is not None or os.path.isdir(_OPEN_FILES)
             if unnamed:
@@ -126,7 +127,7 @@ class _Decompressor:
             if database is None and unnamed:
                 kept = os.dup(copy.fileno())
                 return LogFile(path, f"{_OPEN_FILES}/{kept}", partial(os.close, kept))
-            if database is None:  # as on macOS, where what is open cannot be opened once more
+            if database is None:  # as on macOS, where an open file cannot be opened again
                 return LogFile(path, name, partial(os.unlink, name))
             # SQLite's two versions: 1 with a rollback journal, 2 with a write-ahead log, which is not beside a copy
             os.pwrite(copy.fileno(), b"\1\1", 18)

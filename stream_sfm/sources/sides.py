@@ -1,6 +1,6 @@
-"""Which of two names is the left and which the right one: of topics, folders and files.
+"""Which of two names of topics, folders or files is the left and which the right one.
 
-Two names make a pair when they differ in the side only: left/right, l/r, cam0/cam1, infra1/infra2 and the like.
+Two names make a pair if they differ in the side only: left/right, l/r, cam0/cam1, infra1/infra2 and the like.
 """
 
 import re
@@ -9,7 +9,7 @@ from collections.abc import Iterable
 _NOT_A_CAMERA = re.compile(
     r"depth(?!ai)|disparity|mask|segment|semantic|confidence|label|normals|overlay|debug|heatmap", re.IGNORECASE
 )
-# what may stand before 0/1 or 1/2 in the names of a pair of cameras
+# words that may precede 0/1 or 1/2 in the names of two cameras
 _NUMBERED = r"((?i:cam(?:era)?|infra(?:red)?|ir|image|img|mono|gr[ae]y|stereo|fisheye|sensor|eye))([_-]?0*)"
 _SIDES: tuple[tuple[re.Pattern[str], re.Pattern[str]], ...] = tuple(
     (re.compile(left), re.compile(right))
@@ -25,12 +25,12 @@ RULES = len(_SIDES)
 
 
 def is_camera(name: str) -> bool:
-    """Whether the images are a camera's: depth, disparity, masks and drawings also come as image messages."""
+    """Whether the images come from a camera: depth, disparity, masks and drawings are also image messages."""
     return _NOT_A_CAMERA.search(name) is None
 
 
 def side_keys(name: str, side: int) -> dict[int, str]:
-    """Rule number -> the name with its side (0 left, 1 right) replaced by `*`, for each rule that matches."""
+    """Return rule number -> the name with its side (0 left, 1 right) replaced by `*`, for each matching rule."""
     keys = {}
     for rule, patterns in enumerate(_SIDES):
         key, found = patterns[side].subn(lambda m: f"{m.group(1) if m.re.groups else ''}*", name)
@@ -40,7 +40,7 @@ def side_keys(name: str, side: int) -> dict[int, str]:
 
 
 def possible_pairs(names: Iterable[str]) -> list[tuple[str, str]]:
-    """All (left, right) among `names` that differ in the side only, the clearest rule first."""
+    """Return all (left, right) among `names` that differ in the side only, by the clearest rule first."""
     names = sorted(names)
     pairs: list[tuple[str, str]] = []
     paired: set[str] = set()

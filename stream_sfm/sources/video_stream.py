@@ -1,7 +1,7 @@
-"""H.264 and H.265 as cameras send it, one frame per message, decoded to grey images by the FFmpeg that OpenCV has.
+"""H.264 and H.265 as cameras send it, one frame per message, decoded to grey images by the FFmpeg in OpenCV.
 
-OpenCV reads files, so the frames are handed to it as a Matroska file that is made while it is read. The time of a frame
-in it is its number, which tells of what comes out to which message it belongs, whatever was lost on the way.
+OpenCV reads files, so it gets the frames as a Matroska file that is made while it is read. The time of a frame in this
+file is its number, which shows to which message a decoded image belongs, whatever was lost on the way.
 """
 
 import io
@@ -19,28 +19,28 @@ from ..errors import LogError
 
 T = TypeVar("T")
 
-_CODECS = {"h264": b"V_MPEG4/ISO/AVC", "h265": b"V_MPEGH/ISO/HEVC"}  # with their names in Matroska
-# What messages call them: by their names, or by those of FFmpeg's encoders, such as hevc_nvenc
+_CODECS = {"h264": b"V_MPEG4/ISO/AVC", "h265": b"V_MPEGH/ISO/HEVC"}  # their names in Matroska
+# Names in messages: their own, or those of FFmpeg's encoders, such as hevc_nvenc
 _NAMES = {"h264": re.compile(r"h\.?264|x264|avc", re.I), "h265": re.compile(r"h\.?265|x265|hevc", re.I)}
-_START_CODE = b"\0\0\1"  # before each unit of a frame
-_UNITS_LOOKED_AT = 16  # parameter sets come first, behind a delimiter and messages
-_DELAYED_FRAMES = 64  # more than a decoder holds back: what has not come out by then is lost
-_MOST_WAITING = 4096  # FFmpeg reads 32 KiB at a time, which may be many frames of a scene at rest
+_START_CODE = b"\0\0\1"  # precedes each unit of a frame
+_UNITS_LOOKED_AT = 16  # parameter sets come first, after a delimiter and messages
+_DELAYED_FRAMES = 64  # more than a decoder holds back: later frames are lost
+_MOST_WAITING = 4096  # FFmpeg reads 32 KiB at a time, which may be many frames of a static scene
 _UNKNOWN_SIZE = 0x01FFFFFFFFFFFFFF
 
 
 def codec_of(name: str) -> str | None:
-    """Return h264 or h265 for what a message calls its format; None for anything else."""
+    """Return h264 or h265 for the format name in a message; None for anything else."""
     return next((codec for codec, names in _NAMES.items() if names.search(name)), None)
 
 
 def quiet_ffmpeg() -> None:
-    """Let FFmpeg print nothing by itself, unless its user has asked for it; before OpenCV first uses it."""
+    """Keep FFmpeg from printing unless the user has asked for it; call this before OpenCV first uses it."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 
 def starts_a_picture_group(codec: str, data: bytes) -> bool:
-    """Whether a decoder can begin with this frame: it comes with the parameters of the stream."""
+    """Whether a decoder can start at this frame, because it comes with the parameters of the stream."""
     at = data.find(_START_CODE)
     for _ in range(_UNITS_LOOKED_AT):
         if at < 0 or at + 3 >= len(data):
@@ -53,39 +53,39 @@ def starts_a_picture_group(codec: str, data: bytes) -> bool:
 
 
 class VideoStream(Generic[T]):
-    """The pictures of one stream: iterate `pictures`. `frames` yields what is known of each frame, and its bytes.
+    """The images of one stream: iterate `pictures`. `frames` yields data about each frame, and its bytes.
 
-    `skipped`: frames before the first key frame; `lost`: frames behind it without a picture. Of a damaged frame the
-    decoder may make a picture all the same, from those before it.
+    `skipped`: frames before the first key frame; `lost`: later frames without an image. The decoder may still make an
+    image of a damaged frame, from earlier ones.
     """
 
     def __init__(self, codec: str, frames: Iterator[tuple[T, bytes]]) -> None:
-        """Raises LogError where OpenCV has no FFmpeg that reads from a stream."""
+        """Raises LogError if OpenCV has no FFmpeg that reads from a stream."""
         quiet_ffmpeg()
         if cv2.CAP_FFMPEG not in cv2.videoio_registry.getStreamBufferedBackends():
             raise LogError("this OpenCV cannot decode video in a log: install opencv-python-headless")
         self._codec, self._frames = codec, frames
         self.skipped = self.lost = 0
-        self._waiting: dict[int, tuple[T, bytes]] = {}  # number -> a frame whose picture has not come out
-        self._again: deque[tuple[T, bytes]] = deque()  # that a decoder had read when it gave up
+        self._waiting: dict[int, tuple[T, bytes]] = {}  # number -> a frame that is not decoded yet
+        self._again: deque[tuple[T, bytes]] = deque()  # frames that a decoder had read when it gave up
         self._fed, self._newest, self._begun, self._ended = 0, -1, False, False
 
     def pictures(self) -> Iterator[tuple[T, Grey]]:
-        """Yield the frames that can be decoded with their pictures (h, w), some frames behind what is read."""
+        """Yield the frames that can be decoded with their images (h, w), some frames later than they are read."""
         while not self._ended or self._again:
             self._fed, self._newest = 0, -1
             yield from self._decoded()
             left = [frame for number, frame in sorted(self._waiting.items()) if number > self._newest]
-            # Where a decoder gives up, another one begins at the next group of pictures.
+            # If a decoder gives up, another one starts at the next group of pictures.
             self._again = deque([*left[1:], *self._again])
             self.lost += len(self._waiting) - len(left[1:])
             self._waiting.clear()
             self._ended |= self._fed == 0
 
     def _decoded(self) -> Iterator[tuple[T, Grey]]:
-        """The pictures that one decoder makes until it gives up."""
+        """Yield the images that one decoder makes until it gives up."""
         pipe = _Pipe(self._file())
-        make: Any = cv2.VideoCapture  # its stub lacks what is read from a stream
+        make: Any = cv2.VideoCapture  # its stub lacks reading from a stream
         capture = make(pipe, cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
         try:
             width, height = (capture.get(p) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
@@ -100,7 +100,7 @@ class VideoStream(Generic[T]):
             raise pipe.error
 
     def _taken(self, number: int) -> T | None:
-        """What is known of the frame of this number, whose picture has come; older ones will not come any more."""
+        """Return the data about the frame of this number, which is decoded; older frames will no longer come."""
         self._newest = max(self._newest, number)
         for old in [n for n in self._waiting if n < number - _DELAYED_FRAMES]:
             del self._waiting[old]
@@ -108,7 +108,7 @@ class VideoStream(Generic[T]):
         return self._waiting.pop(number, (None, b""))[0]
 
     def _file(self) -> Iterator[bytes]:
-        """The parts of a Matroska file: its head, then each frame as a cluster of its own."""
+        """Yield the parts of a Matroska file: its head, then each frame as its own cluster."""
         for of, data in self._next():
             if self._fed == 0:
                 if not starts_a_picture_group(self._codec, data):
@@ -117,7 +117,7 @@ class VideoStream(Generic[T]):
                     continue
                 self._begun = True
                 yield _head(_CODECS[self._codec])
-            block = b"\x81\0\0\x80" + data  # of track 1, at the time of its cluster, a frame by itself
+            block = b"\x81\0\0\x80" + data  # a single frame of track 1, at the time of its cluster
             part = _element(0x1F43B675, _element(0xE7, _number(self._fed)) + _element(0xA3, block))
             if len(self._waiting) == _MOST_WAITING:
                 del self._waiting[min(self._waiting)]
@@ -135,20 +135,20 @@ class VideoStream(Generic[T]):
 
 
 class _Pipe(io.BufferedIOBase):
-    """Parts as a file that can be read once. What making them raises ends it, and is kept."""
+    """Parts as a file that can be read once. An exception in making them ends it, and is kept."""
 
     def __init__(self, parts: Iterator[bytes]) -> None:
         self._parts, self._left = parts, memoryview(b"")
         self.error: BaseException | None = None
 
     def read(self, size: int | None = -1) -> bytes:
-        """At most the rest of one part, so that nothing is read ahead of what the decoder needs."""
+        """Return at most the rest of one part, so that nothing is read before the decoder needs it."""
         try:
             while not self._left:
                 self._left = memoryview(next(self._parts, b""))
                 if not self._left:
                     return b""
-        except BaseException as error:  # OpenCV, which has called, would lose it
+        except BaseException as error:  # OpenCV, which calls this, would lose it
             self.error = error
             return b""
         end = len(self._left) if size is None or size < 0 else size
@@ -161,10 +161,12 @@ class _Pipe(io.BufferedIOBase):
 
 
 def _head(codec: bytes) -> bytes:
-    """All that precedes the first frame: one video track, in which a unit of time is a millisecond."""
+    """Return all that precedes the first frame: one video track, whose unit of time is a millisecond."""
     ebml = _element(0x1A45DFA3, _element(0x4282, b"matroska") + _element(0x4287, _number(2)))
-    size = _element(0xE0, _element(0xB0, _number(16)) + _element(0xBA, _number(16)))  # the stream tells it itself
-    numbers = b"".join(_element(key, _number(1)) for key in (0xD7, 0x73C5, 0x83))  # of the track; its kind
+    size = _element(
+        0xE0, _element(0xB0, _number(16)) + _element(0xBA, _number(16))
+    )  # the real size is in the stream
+    numbers = b"".join(_element(key, _number(1)) for key in (0xD7, 0x73C5, 0x83))  # of the track, and its kind
     track = _element(0x1654AE6B, _element(0xAE, numbers + _element(0x86, codec) + size))
     segment = (0x18538067).to_bytes(4, "big") + _UNKNOWN_SIZE.to_bytes(8, "big")
     return ebml + segment + _element(0x1549A966, _element(0x2AD7B1, _number(1_000_000))) + track

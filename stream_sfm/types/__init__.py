@@ -1,4 +1,4 @@
-"""The frozen records that modules hand to each other, and the protocols of those that take them.
+"""The frozen records that modules exchange, and the protocols of those that take them.
 
 Arrays are float64 unless stated otherwise, and never written to. A record equals only itself; its `repr` is one line.
 """

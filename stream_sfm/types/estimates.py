@@ -1,4 +1,4 @@
-"""What estimators find: solutions in rectified axes, and the estimates of frames that users are given."""
+"""The results of estimators: solutions in rectified axes, and the estimates of frames for users."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -18,11 +18,11 @@ _POSE_AND_GRAVITY = [*range(6), *range(6 + GRAVITY.start, 6 + GRAVITY.stop)]  # 
 
 
 class Status(StrEnum):
-    """How far the estimate of a frame can be trusted; `FrameEstimate.reason` says why."""
+    """How far the estimate of a frame can be trusted; `FrameEstimate.reason` gives the reason."""
 
     INITIALISING = "initialising"  # the first frame of a map; its pose is known by definition or by prediction
     OK = "ok"
-    DEGRADED = "degraded"  # estimated from few points, or from points in an unfavourable arrangement
+    DEGRADED = "degraded"  # estimated from few or badly distributed points, or from faulty images
     LOST = "lost"  # predicted only; the covariance grows accordingly
 
 
@@ -30,12 +30,13 @@ class Status(StrEnum):
 class InertialEstimate:
     """The inertial state of a frame, in axes of the camera; SI and radians.
 
-    `velocity` (3,); `gravity` (3,): its direction and size, as a falling body would be accelerated; `gyro_bias` (3,),
-    `accel_bias` (3,), in axes of the unit; `scale`: by which share lengths by images alone are too short, as already
-    corrected; `axes_rad` (3,): turn of the unit against its calibration; `time_offset_s`: beyond the calibrated one.
-    `cov` (23, 23): joint, of the pose's perturbation (6), then these 17 in order. `densities` (2,): factors on the
-    noise densities of gyroscope and accelerometer, as learnt. `distance2`: squared distance of the images' motion from
-    that of the samples, 6 expected. `dead_reckoned`: the pose is by the samples alone. `note`: what is wrong with them.
+    `velocity` (3,); `gravity` (3,): the acceleration of a falling body; `gyro_bias` (3,), `accel_bias` (3,), in
+    axes of the unit; `scale`: the share by which lengths from images alone are too short, already corrected;
+    `axes_rad` (3,): rotation of the unit relative to its calibration; `time_offset_s`: beyond the calibrated one.
+    `cov` (23, 23): joint covariance of the pose perturbation (6), then these 17 in order. `densities` (2,): learnt
+    factors on the noise densities of gyroscope and accelerometer. `distance2`: squared distance of the motion from
+    images to that from samples, 6 expected. `dead_reckoned`: the pose comes from samples alone. `note`: what is
+    wrong with the samples.
     """
 
     velocity: Array
@@ -78,7 +79,7 @@ class RelativeMotions:
 
     `frame_indices` (r,); `frame_from_newest` (r, 4, 4) carries points of the newest camera into the earlier one;
     `cov` (r, 6, 6) of the perturbation on its right, translation first: metres², radians². `common_jacobian`
-    (r, 6, m): how much of that perturbation each of the `CommonErrors` of the frame makes; None as those.
+    (r, 6, m): the effect of each of the `CommonErrors` of the frame on this perturbation; None if these are.
     """
 
     frame_indices: Annotated[
@@ -104,12 +105,12 @@ class RelativeMotions:
 class CommonErrors:
     """Errors c (m,) that all poses and motions of a run have in common, so that no number of frames averages them out.
 
-    First those that no view shows: of all lengths, and of the camera's axes about its x and y; then the physical terms
-    of the rig (of a Solution the whole of it, and only that). In σ of what is assumed for each beforehand.
-    This frame was estimated with c = `mean` (m,), and knows it with `cov` (m, m). `jacobian` (6, m): truth =
-    world_from_cam·Exp(jacobian (c − mean) + own), where `own` has the covariance cov_pose − jacobian cov jacobianᵀ; so
-    do the motions of `RelativeMotions`, eq. (74a). c is that of all frames from `since` on: where a camera is knocked,
-    or the log has another calibration, another c begins.
+    The first are those that no view shows: of all lengths, and of the camera's axes about its x and y. Then come
+    the physical terms of the rig (in a Solution all terms of the rig, and only these). Each is in units of its
+    prior σ. This frame was estimated with c = `mean` (m,), whose covariance is `cov` (m, m). `jacobian` (6, m):
+    truth = world_from_cam·Exp(jacobian (c − mean) + own), where `own` has the covariance cov_pose − jacobian cov
+    jacobianᵀ; the same holds for the motions of `RelativeMotions`, eq. (74a). c is valid for all frames from
+    `since` on: if a camera is knocked, or the calibration of the log changes, a new c begins.
     """
 
     mean: Annotated[
@@ -126,7 +127,7 @@ class CommonErrors:
 
     def weights(self, n: int) -> Array:
         """Return W (m, n), the regression of c on its first n: c is W c[:n] plus an independent remainder."""
-        known = self.cov[:n, :n] + 1e-9 * np.eye(n)  # invertible, also where an error is known
+        known = self.cov[:n, :n] + 1e-9 * np.eye(n)  # invertible, even if an error is known exactly
         return np.concatenate([np.eye(n), np.linalg.solve(known, self.cov[:n, n:]).T])
 
     def __repr__(self) -> str:
@@ -137,18 +138,19 @@ class CommonErrors:
 class Solution:
     """The result of an estimator for one frame, in the axes of the rectified left camera; lengths in metres.
 
-    - `status`, and `reason`: why it is not ok.
+    - `status`, and `reason`: why the status is not ok.
     - `world_from_cam` (4, 4): the pose; the world is the left camera of the first frame. `cov_pose` (6, 6): of the
       perturbation on its right, translation first; metres², radians².
     - `track_ids` (n,), `points_in_cam` (n, 3), `cov_points` (n, 3, 3): the local structure, points seen now in
       camera axes; `points_in_world`, `cov_points_in_world`: the same points in the world.
-    - `ended_ids` (k,), `ended_points_in_world` (k, 3), `ended_cov_points_in_world` (k, 3, 3): points that left the
-      estimator with this frame, as they are in the end.
+    - `ended_ids` (k,), `ended_points_in_world` (k, 3), `ended_cov_points_in_world` (k, 3, 3): final estimates of
+      the points that left the estimator with this frame.
     - `window_frame_indices` (b,), `window_world_from_cam` (b, 4, 4): all poses of the window, the oldest first.
-    - `rejected_ids`: points whose views in this frame were judged to be outliers. `iterations`: of the solver.
+    - `rejected_ids`: points whose views in this frame were judged to be outliers. `iterations`: those of the
+      solver.
     - `nis`, `nis_dof`: whitened squared innovation of the accepted views, and its degrees of freedom.
-    - `rig`: the estimated errors of the calibration; None where it is taken as exact.
-    - `relative`: the motions between this frame and those of the window, for fusion. None where the method has no joint
+    - `rig`: the estimated errors of the calibration; None if it is taken as exact.
+    - `relative`: the motions between this frame and those of the window, for fusion. None if the method has no joint
       covariance of them, or where left and right image are inconsistent.
     - `common`: the errors that all poses and motions share, and their effect on `world_from_cam`, for fusion. None
       where the rig is taken as exact, where the pose is only predicted, and in the first frame of a map.
@@ -202,9 +204,9 @@ class Solution:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Prediction:
-    """Where the camera is at `stamp_ns` by inertial samples since the latest frame.
+    """Where inertial samples since the latest frame put the camera at `stamp_ns`.
 
-    `world_from_cam` (4, 4) with `cov_pose` (6, 6), as in a FrameEstimate; `inertial`: velocity, gravity and all else.
+    `world_from_cam` (4, 4) with `cov_pose` (6, 6), as in a FrameEstimate; `inertial`: velocity, gravity and the rest.
     """
 
     stamp_ns: int
@@ -241,15 +243,15 @@ class FrameEstimate(Solution):
     rig_change: Annotated[RigChange | None, About(Kind.PARTS)] = None
 
     def upright(self, fixed_from_world: Array = BODY_FROM_CAMERA_AXES) -> Upright | None:
-        """Return where the world lies in one whose z axis is up, by the gravity of this frame; None without inertia.
+        """Return the world in axes whose z is up, by the gravity of this frame; None without inertial samples.
 
         `upright_from_world @ world_from_cam` is the pose there, with `cov_pose`. `fixed_from_world` (4, 4): the axes to
-        make upright; those of a body, x forward and y left, if not given.
+        make upright; by default those of a body, x forward and y left.
         """
         if self.inertial is None:
             return None
         joint = self.inertial.cov[np.ix_(_POSE_AND_GRAVITY, _POSE_AND_GRAVITY)].copy()
-        joint[:6, :6] = self.cov_pose  # where a map began anew in the same world, that of its place is in it, too
+        joint[:6, :6] = self.cov_pose  # includes the place of a new map in the same world
         return Upright.of(self.world_from_cam, self.inertial.gravity, joint, fixed_from_world)
 
     def __repr__(self) -> str:
@@ -274,6 +276,6 @@ class Trajectory:
 
 
 def _pose(world_from_cam: Array, cov_pose: Array, unit: str = "m") -> str:
-    """Position and its σ, the square root of the trace of its covariance."""
+    """Return the position and its σ, the square root of the trace of its covariance."""
     x, y, z = world_from_cam[:3, 3]
     return f"t=({x:.3f}, {y:.3f}, {z:.3f}) {unit} σ={np.sqrt(np.trace(cov_pose[:3, :3])):.2g} {unit}"

@@ -1,4 +1,4 @@
-"""What cameras deliver: frames of one image or two, and which frames of a log are used."""
+"""Frames of one or two images from cameras, and which frames of a log are used."""
 
 import math
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ class StereoFrame:
 
     Images are uint8 or uint16: grey (h, w) or (h, w, 1), or colour as OpenCV has it, blue first: (h, w, 3), (h, w, 4).
 
-    `pictures`, if given, are what a viewer shows: the same images, for instance as the JPEG bytes they arrived in.
-    `imu`: the inertial samples since the frame before, and one beyond, if there are any.
+    `pictures`, if given, are shown by a viewer: the same images, for instance as the original JPEG bytes. `imu`:
+    the inertial samples since the previous frame, and one beyond, if there are any.
     """
 
     stamp_ns: int
@@ -40,7 +40,7 @@ class StereoFrame:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MonoFrame:
-    """One image of a camera that has no partner; everything as in StereoFrame."""
+    """One image of a single camera; everything else is as in StereoFrame."""
 
     stamp_ns: int
     left: Image
@@ -62,8 +62,8 @@ Frame = StereoFrame | MonoFrame
 class Selection:
     """Says which frames of a log are used; without arguments all of them.
 
-    First those from `start_s` to `end_s`, seconds after the first frame, both included; of these every `stride`-th;
-    of these the first `max_frames`. Raises ConfigError for a selection that cannot contain a frame.
+    The frames from `start_s` to `end_s`, seconds after the first frame, both included, are selected; of these every
+    `stride`-th; of these the first `max_frames`. Raises ConfigError for a selection that cannot contain a frame.
     """
 
     start_s: float | None = None
@@ -89,7 +89,7 @@ class Selection:
         return self == Selection()
 
     def count(self, frames: int | None) -> int | None:
-        """Return how many of a log's frames are used at most; None where that is not known."""
+        """Return the largest number of frames of a log that are used; None if it is not known."""
         if self.start_s is not None or self.end_s is not None or frames is None:
             return self.max_frames
         used = -(-frames // self.stride)
@@ -97,6 +97,6 @@ class Selection:
 
 
 def _size(image: Image) -> str:
-    """Width × height of an image; the type of anything else, which only an engine refuses."""
+    """Return width × height of an image; the type of anything else, which only an engine refuses."""
     shape = getattr(image, "shape", ())
     return "×".join(map(str, [*shape[1::-1], *shape[2:]])) if len(shape) > 1 else type(image).__name__

@@ -1,4 +1,4 @@
-"""What the front-end finds in a frame, and what it notices about the rig."""
+"""The observations of the front-end in a frame, and what it notices about the rig."""
 
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -14,9 +14,9 @@ from ..rig_model.model import RigModel
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MapStart:
-    """All that a front-end with one camera knows about the depths in a frame, for a map to start from.
+    """The depths that a front-end with one camera has found in a frame, from which a map can start.
 
-    `z_px` (n, 4), `cov_px` (n, 4, 4): the frame's views with virtual right sides made of those depths.
+    `z_px` (n, 4), `cov_px` (n, 4, 4): the views of the frame with virtual right sides made from these depths.
     `first_from_cam` (4, 4), `cov_first_from_cam` (6, 6): the motion since the frame whose distance is the unit.
     """
 
@@ -33,10 +33,10 @@ class MapStart:
 class LastingErrors:
     """Temporally correlated view errors of a frame (n).
 
-    `std_drift_px` (n,): how far a patch may have slid over its surface since the previous frame, where it is seen from
-    a changing direction; None where points are exact. `inflation` (n, 2): factors on the variances of left and right
-    side for an estimator that adds up the views of a track as if they were independent; None where they are.
-    `std_turn_rad`: σ about each axis of the turn since the previous frame that patches feign which slide alike.
+    `std_drift_px` (n,): σ of the slide of a patch over its surface since the previous frame, as the viewing
+    direction changes; None if points are exact. `inflation` (n, 2): factors on the variances of left and right side
+    for an estimator that treats the views of a track as independent; None if they are. `std_turn_rad`: σ about each
+    axis of the apparent rotation since the previous frame by patches that slide together.
     """
 
     std_drift_px: Array | None = None
@@ -49,12 +49,12 @@ class LastingErrors:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Ambiguity:
-    """Why the motion that the views show may not be the camera's.
+    """Why the motion of the views may not be that of the camera.
 
-    `other_from_previous` (4, 4): another motion since the previous frame that may as well be the camera's, and its
-    covariance `cov_other` (6, 6), of the perturbation on the right of its inverse; or None. `lasted`: for how many
-    frames before this one what was followed may have moved by itself already. `misfit`: the images do not fit each
-    other or the calibration; the note of the observations says why. `of_start`: it is so since the map began.
+    `other_from_previous` (4, 4): another motion since the previous frame that may equally be the camera's, and its
+    covariance `cov_other` (6, 6), of the perturbation on the right of its inverse; or None. `lasted`: the number of
+    earlier frames in which the tracked points may have been on a moving body. `misfit`: the images do not fit each
+    other or the calibration; the note of the observations says why. `of_start`: this is so since the map began.
     """
 
     other_from_previous: Array | None = None
@@ -71,9 +71,9 @@ class Ambiguity:
 class RigChange:
     """The right camera has turned against the left one during the run, as by a knock.
 
-    `frame_index`: the first frame that shows it; `turn_rad` (3,): about x, y and z of the rectified axes; `shift_px`:
-    how far the right image has moved, and `disparity_px`: the same along the rows, root mean squares over the image;
-    `error_per_m`: by which share distances would be wrong from then on, per metre of distance.
+    `frame_index`: the first frame that shows it; `turn_rad` (3,): about x, y and z of the rectified axes;
+    `shift_px`: the shift of the right image, and `disparity_px`: the same along the rows, root mean squares over
+    the image; `error_per_m`: the relative error of uncorrected distances from then on, per metre of distance.
     """
 
     frame_index: Annotated[int, About(Kind.FRAMES)]
@@ -132,11 +132,12 @@ class InertialView:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ExpectedMotion:
-    """The motion that inertial samples predict from the frame at `since_ns` on.
+    """The motion since the frame at `since_ns` that inertial samples predict.
 
-    `previous_from_cam` (4, 4) with its covariance `cov` (6, 6), right perturbation; `twist` (6,): how points of the
-    scene move in the camera at the end, m/s and rad/s. `carried`: it is from before the present map, whose start it can
-    judge. `agreed`: samples and images have agreed for so long that what contradicts the samples is not the camera's.
+    `previous_from_cam` (4, 4) with its covariance `cov` (6, 6), right perturbation; `twist` (6,): motion of the scene
+    relative to the camera at the end, m/s and rad/s. `carried`: the state is from before the current map, so that it
+    can judge its start. `agreed`: samples and images have agreed for so long that a motion that contradicts the
+    samples is not the camera's.
     """
 
     since_ns: int
@@ -161,16 +162,16 @@ class Observations:
     - `cam_from_previous` (4, 4): the front-end's own robust motion since the previous frame, as a start value; or
       None.
     - `note`: what the front-end noticed, such as "image is black"; or empty.
-    - `ambiguity`: why the motion may not be the camera's; None where nothing says so.
-    - `jumped`: all of the view has changed at once, and no velocity says where the camera is.
-    - `settled`: of the two motions of the frames before, the one that was followed was the camera's.
+    - `ambiguity`: why the motion may not be the camera's; None if nothing says so.
+    - `jumped`: the whole view has changed at once, so that no velocity predicts where the camera is.
+    - `settled`: of two motions in earlier frames, the one that was followed was the camera's.
     - `unconfirmed`: a misfit since the map began has ended, and nothing has shown that the motion was the camera's.
-    - `may_step`: both images may be displaced at once in this frame; the next one tells.
-    - `stepped_rad`: the turn of the camera that it looks like if they were displaced in the frame before; 0 if not.
+    - `may_step`: both images may have shifted at once in this frame; the next one shows it.
+    - `stepped_rad`: the turn of the camera that it looks like if they were displaced in the previous frame; 0 if not.
     - `lasting`: errors that the views share with those of earlier frames.
-    - `rig`: what errors of the rig do to the views; None where the calibration is exact.
+    - `rig`: what errors of the rig do to the views; None if the calibration is exact.
     - `start`: with one camera, what a map can start from, as soon as depths are known.
-    - `inertial`: samples of an inertial unit since the frame before, and how it is mounted.
+    - `inertial`: samples of an inertial unit since the previous frame, and how it is mounted.
     """
 
     frame_index: int

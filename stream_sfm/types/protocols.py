@@ -1,4 +1,4 @@
-"""Who takes observations, and who takes estimates."""
+"""The protocols of those who take observations, and of those who take estimates."""
 
 from typing import Protocol, runtime_checkable
 
@@ -10,8 +10,8 @@ from .observations import ExpectedMotion, InertialView, Observations
 class Estimator(Protocol):
     """Takes the observations of each frame and returns a Solution; the contract of every method.
 
-    The world is the camera of the first frame. A frame with too few views is answered with status lost and a
-    predicted pose; the next frame with enough points starts a new map from there.
+    The world is the camera of the first frame. A frame with too few views gets the status lost and a
+    predicted pose; the next frame with enough points starts a new map there.
     """
 
     name: str
@@ -22,17 +22,17 @@ class Estimator(Protocol):
 
 @runtime_checkable
 class InertialEstimator(Protocol):
-    """An estimator that uses inertial samples, and predicts the camera's motion by them."""
+    """An estimator that uses inertial samples and predicts the motion of the camera from them."""
 
     @property
     def inertial_problem(self) -> str:
-        """Why samples that have come are not used; empty where they are."""
+        """Return why the given samples are not used; empty if they are."""
 
     def expect(self, stamp_ns: int, view: InertialView | None) -> ExpectedMotion | None:
-        """Return the motion since the latest estimate up to a stamp, with the samples that come with that frame."""
+        """Return the motion from the latest estimate to a stamp, predicted from the samples of that frame."""
 
     def predict(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
-        """Return pose and state later on, with further samples, which are not kept; None where none lead there."""
+        """Return pose and state at a later stamp from samples that are not kept; None if they do not reach it."""
 
 
 class Sink(Protocol):

@@ -13,7 +13,7 @@ from ..types import Sink, Trajectory
 
 
 def require_rerun() -> None:
-    """Raise a ConfigError where Rerun is not installed, and keep its raw escapes off standard error where it is."""
+    """Raise a ConfigError if Rerun is not installed, and keep its raw escapes off standard error where it is."""
     if find_spec("rerun") is None:
         raise ConfigError(
             "the Rerun viewer is not installed: pip install rerun-sdk, or this package with its extra [view]"
@@ -31,7 +31,7 @@ def open_viewer(
     """Open a sink that shows estimates in a viewer window (`view`), writes them to the file `rrd`, or both.
 
     `ground_truth` is drawn in the world frame of the estimates, aligned at the first common frame; `name` is the name
-    of the recording in the viewer. Raises ConfigError where Rerun is not installed, no window can be opened or neither
+    of the recording in the viewer. Raises ConfigError if Rerun is not installed, no window can be opened or neither
     output is requested, OutputError where the file cannot be written.
     """
     if not isinstance(rig, StereoRig | MonoRig):

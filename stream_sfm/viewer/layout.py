@@ -42,7 +42,7 @@ def colours_of(points_in_cam: Array, cov_points: Array) -> NDArray[np.uint32]:
 
 
 def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Blueprint:
-    """A 3-D view, the images with tracks of the cameras `sides`, plots over time, and the status log.
+    """Return a 3-D view, the images with tracks of the cameras `sides`, plots over time, and the status log.
 
     `unit` is the unit of length that the labels name. On both timelines the path is shown as far as it goes then.
     """

@@ -22,7 +22,7 @@ _FOR_FILES = rr.ChunkBatcherConfig(flush_tick=10.0, flush_num_bytes=16 * 2**20) 
 class Recording:
     """A stream of what is shown, named `name`: to the file `rrd`, to a viewer window (`view`), or to both.
 
-    Raises ConfigError where neither is requested or no viewer starts, OutputError where the file cannot be opened.
+    Raises ConfigError where neither is requested or no viewer starts, OutputError if the file cannot be opened.
     """
 
     def __init__(self, rrd: str | Path | None, view: bool, blueprint: rrb.Blueprint, name: str) -> None:
@@ -53,7 +53,7 @@ class Recording:
         return self._file is not None or self.viewer is None or self.viewer.poll() is None
 
     def close(self) -> None:
-        """Write all buffered data. Raises OutputError where the file is incomplete."""
+        """Write all buffered data. Raises OutputError if the file is incomplete."""
         problem = ""
         try:
             if self.watched:

@@ -111,7 +111,7 @@ class RerunSink:
         self._places = places
 
     def close(self) -> None:
-        """Write all buffered data. Raises OutputError where the file is incomplete."""
+        """Write all buffered data. Raises OutputError if the file is incomplete."""
         if self._places is not None and self._recording.watched:
             *ways, joined = self._places.lines()
             for path, way in zip((layout.LOOPS_BEFORE, layout.LOOPS_AFTER), ways, strict=True):
@@ -192,7 +192,7 @@ class RerunSink:
 
 
 def _picture(picture: Picture) -> rr.EncodedImage | rr.Image:
-    """A picture to show: as it was compressed already, else as JPEG, which is a tenth of its size."""
+    """Return a picture to show: as it was compressed already, else as JPEG, which is a tenth of its size."""
     if isinstance(picture, bytes):
         kind = image_format(picture)
         return rr.EncodedImage(contents=picture, media_type=kind and f"image/{kind}")

@@ -118,7 +118,7 @@ def test_the_command_line_and_the_viewer_and_the_page_have_them(tmp_path: Path) 
     [
         (None, "cannot read the mask"),
         (b"GIF89a", "is not a PNG"),
-        (png(np.ones((10, 20))), "is 20×10, the images of its camera are 320×240"),
+        (png(np.ones((10, 20))), "is 20×10, but the images of its camera are 320×240"),
         (png(np.zeros((240, 320))), "leaves no pixel"),
         (png(np.ones((240, 320)))[:40], "is damaged"),
     ],

@@ -270,7 +270,7 @@ VALUES = (np.nan, np.inf, -np.inf, 1e300, -1e300)
 
 
 def call(name: str, arguments: list) -> object:
-    """The answer, or None where the arguments were refused."""
+    """The answer, or None if the arguments were refused."""
     try:
         return getattr(core, name)(*arguments)
     except (ValueError, TypeError, np.linalg.LinAlgError):

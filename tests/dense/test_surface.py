@@ -142,7 +142,7 @@ def test_a_fused_wall_gets_better_with_frames_and_sigma_says_so():
         error = np.abs(mesh.vertices[:, 2] - 2.0)
         assert np.median(error) < limit
         assert 0.4 < np.median(error / mesh.std_m) < 1.1  # 0.67 if consistent
-        assert np.median(mesh.normals[:, 2]) < -0.9  # towards the camera, but for noise
+        assert np.median(mesh.normals[:, 2]) < -0.9  # towards the camera, except for noise
     assert np.median(few.std_m) / np.median(many.std_m) == pytest.approx(2, rel=0.1)  # √(16/4)
 
 

@@ -210,7 +210,7 @@ def test_errors_of_rows_are_those_of_the_right_sides() -> None:
     dense = np.concatenate([others, np.zeros((N, 4, errors.shape[1]))], axis=2)
     dense[:, 3, others.shape[2] :] = errors
     dense, found = dense.reshape(4 * N, -1), unknown.reshape(4 * N, -1)
-    assert found @ found.T == pytest.approx(dense @ dense.T, abs=0.02)  # px², but for what does not matter
+    assert found @ found.T == pytest.approx(dense @ dense.T, abs=0.02)  # px², except for what does not matter
     by_turn = core.effects_of_turn(P, z_px[seen, 2:])
     turns = np.linalg.solve(np.einsum("nia,nib->ab", by_turn, by_turn), by_turn[:, 1].T @ errors[seen])
     by_delay = timing.cov[0, 0] * np.outer(twist[3:], twist[3:])

@@ -89,7 +89,7 @@ def test_what_is_told_places_the_tracks_of_a_run_anew() -> None:
 
     assert (told_of(told_once, [8e-3, 20e-3]).tracks.points == placed).all()
     back = told_of(told_once, [0.0, 0.0])
-    # taken back, but for what the columns change over the few mrad by which the points were moved
+    # taken back, except for what the columns change over the few mrad by which the points were moved
     assert np.abs(back.tracks.points - before.points).max() < 0.05 * np.abs(placed - before.points).max()
 
     front.state = told_once

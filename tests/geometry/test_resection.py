@@ -108,7 +108,7 @@ def test_shared_errors_are_columns_of_one_least_squares_problem() -> None:
     scale = np.sqrt(np.diag(joint))
     step = joint @ j.T @ residual(np.zeros(8))
     assert np.abs(step / scale).max() < 0.1  # iterations end at a tenth of σ
-    # of ref_from_cam on the right: the same as of cam_from_ref on the left, but for the sign
+    # of ref_from_cam on the right: the same as of cam_from_ref on the left, except for the sign
     assert np.abs((found.cov_pose - joint[:6, :6]) / np.outer(scale[:6], scale[:6])).max() < 1e-2
     assert np.abs((found.cov_amplitudes - joint[6:, 6:]) / np.outer(scale[6:], scale[6:])).max() < 1e-2
 

@@ -1,4 +1,4 @@
-"""The log of a wall with the samples of an inertial unit, exact but for its noise."""
+"""The log of a wall with the samples of an inertial unit, exact except for its noise."""
 
 from pathlib import Path
 

@@ -64,7 +64,7 @@ def test_types_are_shipped():
 
 
 def messages(path: Path) -> Iterator[str]:
-    """Literal texts of a file, but for its docstrings."""
+    """Literal texts of a file, except for its docstrings."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     documentation = {
         id(node.body[0].value)

@@ -299,7 +299,7 @@ def test_webcams_are_two_or_one_that_holds_both(names: tuple[str, ...], webcams:
         (["0", "--serial", "5"], 2, "is opened by OpenCV, which knows no serial numbers"),
         (["0", "--size", "640"], 2, "is not a size: give width and height in pixels, such as 640x480"),
         (["0", "--rate", "0"], 2, "'0' is not a number above 0"),
-        (["0", "1"], 2, "camera 0 1 has no calibration of its own: give one"),
+        (["0", "1"], 2, "camera 0 1 has no factory calibration: give one"),
         (["0", "--calibration", "c.toml"], 3, "would be twice as wide or as high"),
         (["oak"], 2, "oak needs the package depthai, which is the extra [oak] of this one"),
     ],

@@ -28,7 +28,7 @@ def frames() -> list[StereoFrame]:
 def write(
     path: Path, frames: list[StereoFrame], baseline_m: float = STEREO.baseline_m, stamped: bool = True
 ) -> Path:
-    """A log of these frames, with the calibration of the wall's rig but for the baseline."""
+    """A log of these frames, with the calibration of the wall's rig except for the baseline."""
     log = LogWriter(path)
     for i, frame in enumerate(frames):
         time = log.clock_ns = START_NS + i * PERIOD_NS

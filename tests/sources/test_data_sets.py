@@ -138,7 +138,7 @@ def test_a_trajectory_of_tartanair(tmp_path, names):
     assert len(list(log.frames())) == 3 and log.rig.baseline_m == 0.25
     assert log.rig.left.K[0].tolist() == [320, 0, 32]
     np.testing.assert_allclose(log.ground_truth().world_from_cam, expected, atol=1e-9)
-    assert not log.stats.warnings[1:]  # but for the missing stamps
+    assert not log.stats.warnings[1:]  # except for the missing stamps
     text = (tmp_path / "P001" / names[2]).read_text()
     for name in names[:2]:  # the images cut short of their poses, at the front
         next((tmp_path / "P001" / name).glob("000000_*")).unlink()
@@ -169,7 +169,7 @@ def test_names_that_are_times_are_the_stamps(tmp_path, names, stamps_ns, sides):
     log = sfm.open_log(tmp_path, calibration=camera_pair())
     assert tuple(f.stamp_ns for f in log.frames()) == stamps_ns
     assert [w for w in log.stats.warnings if "no stamps" in w] == (
-        ["no stamps and no rate were given: frames are put 0.1 s apart"] if stamps_ns[0] == 0 else []
+        ["no stamps and no rate were given: frames are 0.1 s apart"] if stamps_ns[0] == 0 else []
     )
 
 

@@ -43,7 +43,7 @@ def assert_same_frames(log: StereoLog, pairs: Pairs) -> None:
     # times of videos are whole milliseconds
     assert np.allclose([f.stamp_ns for f in frames], np.arange(len(pairs)) * 1e9 / RATE_HZ, atol=1e6)
     for frame, images in zip(frames, pairs, strict=True):
-        # Lossless but for the way from grey to YUV and back.
+        # Lossless except for the way from grey to YUV and back.
         assert all(abs(a.astype(int) - b).max() <= 2 for a, b in zip(frame.images, images, strict=True))
 
 

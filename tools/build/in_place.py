@@ -1,7 +1,7 @@
 """Build the compiled core beside its sources: `python tools/build/in_place.py`.
 
 Needs the package `nanobind`, and `cmake` and `ninja` where the machine has none (the extra `test` brings them). What
-is compiled stays in build/, so that the next time only what has changed is compiled. Does nothing where nothing has.
+is compiled stays in build/, so that the next time only what has changed is compiled. Does nothing if nothing has.
 """
 
 import fcntl

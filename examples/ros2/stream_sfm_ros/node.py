@@ -99,7 +99,7 @@ class OdometryNode(Node):
                 self._warn(error)
 
     def _type(self, name: str, told: bool = True) -> Any:
-        """A type of messages or services such as `nav_msgs/msg/Odometry`; None where its package is not there."""
+        """A type of messages or services such as `nav_msgs/msg/Odometry`; None if its package is not there."""
         package, module, kind = name.split("/")
         try:
             return getattr(import_module(f"{package}.{module}"), kind)

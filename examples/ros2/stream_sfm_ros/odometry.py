@@ -93,7 +93,7 @@ class StereoOdometry:
 
 
 def rig_of(left: Any, right: Any, rectified: bool = False) -> sfm.StereoRig:
-    """The rig of two sensor_msgs/CameraInfo. Raises ConfigError where the cameras are not calibrated."""
+    """The rig of two sensor_msgs/CameraInfo. Raises ConfigError if the cameras are not calibrated."""
     cameras, rotations = [], []
     for info in (left, right):
         k, p = np.reshape(info.k, (3, 3)), np.reshape(info.p, (3, 4))

@@ -39,7 +39,7 @@ class Document:
     is_toml: bool = False
 
     def error(self, problem: str, *hints: str) -> ConfigError:
-        """An error that names the file."""
+        """Return an error that names the file."""
         return ConfigError(f"calibration {self.name}: {problem}", hint=hints)
 
     def naming(self, *section: str) -> AbstractContextManager[None]:
@@ -148,7 +148,7 @@ def _fit_coefficients(model: str, given: tuple[float, ...]) -> tuple[float, ...]
 
 
 def load(content: bytes, name: str | Path) -> Document:
-    """The document in the content of a file. Raises ConfigError where it is in no language that is known."""
+    """Return the document in the content of a file. Raises ConfigError if it is in no language that is known."""
     name = str(name)
     if len(content) > LIMITS.small_bytes:
         raise ConfigError(f"calibration {name} has {len(content) / 1e6:.1f} MB: it is not a calibration file")
@@ -247,7 +247,7 @@ def _load_opencv(text: str, name: str) -> dict[str, Any]:
 
 
 def _node(node: Any) -> Any:
-    """A value of OpenCV's FileStorage."""
+    """Return a value of OpenCV's FileStorage."""
     if node.isMap():
         matrix = node.mat() if "data" in _keys(node) else None
         return matrix if matrix is not None else {key: _node(node.getNode(key)) for key in _keys(node)}
@@ -261,11 +261,11 @@ def _keys(node: Any) -> list[str]:
 
 
 def short(value: object, most: int = 80) -> str:
-    """A value in one line of at most so many characters, for messages."""
+    """Return a value in one line of at most so many characters, for messages."""
     text = " ".join(reprlib.repr(value).split())
     return text if len(text) <= most else f"{text[: most - 1]}…"
 
 
 def named(where: Where) -> str:
-    """The path or paths as text, for messages."""
+    """Return the path or paths as text, for messages."""
     return str(where) if isinstance(where, str | Path) else " and ".join(map(str, where))

@@ -20,7 +20,7 @@ _ORB_SLAM = ("IMU.NoiseGyro", "IMU.GyroWalk", "IMU.NoiseAcc", "IMU.AccWalk")
 
 
 def is_imu_file(data: Mapping[str, Any]) -> bool:
-    """Whether a document is Kalibr's imu.yaml: noise of a unit, and no camera."""
+    """Whether a document is Kalibr's imu.yaml: it has the noise of a unit and no camera."""
     return any("accelerometer_noise_density" in table for table in (data, _table(data)))
 
 
@@ -30,7 +30,7 @@ def _table(data: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def imu_of(document: Document, cam_from_imu: Array | None, noise: Mapping[str, float]) -> ImuCalibration | None:
-    """Return a unit mounted so, with the numbers that are known; None where its mounting is not. Raises ConfigError."""
+    """Return the unit with its known numbers; None if its mounting is unknown. Raises ConfigError."""
     if cam_from_imu is None:
         return None
     with document.naming():
@@ -38,7 +38,7 @@ def imu_of(document: Document, cam_from_imu: Array | None, noise: Mapping[str, f
 
 
 def noise_of(document: Document, table: Mapping[str, Any], keys: Sequence[str]) -> dict[str, float]:
-    """Return the densities under these keys of a table, where it has them; one per axis as their root mean square."""
+    """Return the densities under those of these keys that a table has; for one per axis, their root mean square."""
     found = {}
     for key, name in zip(keys, _DENSITIES, strict=True):
         if key in table:
@@ -55,7 +55,7 @@ def kalibr_noise(document: Document) -> dict[str, float]:
 
 
 def of_toml(document: Document) -> ImuCalibration | None:
-    """Return that of the section [imu] of our own format."""
+    """Return the unit in the section [imu] of our own format."""
     table = document.data.get("imu")
     if table is None:
         return None
@@ -75,7 +75,7 @@ def lines(imu: ImuCalibration) -> list[str]:
 
 
 def of_kalibr(document: Document) -> ImuCalibration | None:
-    """Return that of a camchain (T_cam_imu, or T_imu_cam of OpenVINS), with an imu.yaml that is given beside it."""
+    """Return the unit of a camchain (T_cam_imu, or T_imu_cam of OpenVINS), with the noise of an imu.yaml beside it."""
     cam0 = document.data.get("cam0")
     if not isinstance(cam0, Mapping):
         return None
@@ -87,7 +87,7 @@ def of_kalibr(document: Document) -> ImuCalibration | None:
 
 
 def cam_from_imu_of(document: Document, cam: Mapping[str, Any], name: str) -> Array | None:
-    """Return cam_from_imu (4, 4) of a camera in a chain, which may be written the other way round; None without."""
+    """Return cam_from_imu (4, 4) of a camera in a chain, which may contain the inverse; None without either."""
     if "T_cam_imu" in cam:
         return document.pose(cam["T_cam_imu"], f"{name}.T_cam_imu")
     if "T_imu_cam" in cam:
@@ -96,14 +96,14 @@ def cam_from_imu_of(document: Document, cam: Mapping[str, Any], name: str) -> Ar
 
 
 def of_basalt(document: Document, imu_from_cam: Array, values: Mapping[str, Any]) -> ImuCalibration | None:
-    """Return that of a calibration of Basalt, whose left camera is at (4, 4) on the unit."""
+    """Return the unit of a calibration of Basalt; `imu_from_cam` (4, 4) is the pose of the left camera on it."""
     noise = noise_of(document, values, _BASALT)
     noise["time_offset_s"] = 1e-9 * document.number(values.get("cam_time_offset_ns", 0), "cam_time_offset_ns")
     return imu_of(document, np.asarray(se3.inverse(imu_from_cam)), noise)
 
 
 def of_orb_slam(document: Document) -> ImuCalibration | None:
-    """Return that of settings of ORB-SLAM3: IMU.T_b_c1 carries points of the left camera into the unit."""
+    """Return the unit of settings of ORB-SLAM3: IMU.T_b_c1 carries points of the left camera into the unit."""
     key = next((k for k in ("IMU.T_b_c1", "Tbc") if k in document.data), None)
     if key is None:
         return None
@@ -112,6 +112,6 @@ def of_orb_slam(document: Document) -> ImuCalibration | None:
 
 
 def of_euroc(document: Document) -> ImuCalibration | None:
-    """Return that of the left camera's sensor.yaml: its body is the unit of EuRoC."""
+    """Return the unit of the left camera's sensor.yaml, whose body is the unit of EuRoC."""
     pose = np.asarray(se3.inverse(document.pose(document.data["T_BS"], "T_BS")))
     return imu_of(document, pose, kalibr_noise(document))

@@ -1,9 +1,9 @@
-"""Lenses of other tools as those that a `Camera` has: the same at once, or the fisheye that is nearest over the image.
+"""Lens models of other tools, as the nearest fisheye model over the image.
 
 Double sphere (Usenko et al., The Double Sphere Camera Model, eq. 40), EUCM (Khomutenko et al., 2016) and the
 omnidirectional model (Mei and Rives, 2007) bend rays by their angle to the axis, as a fisheye with four coefficients
-does: over an image both are the same within thousandths of a pixel. What is left are tangential coefficients of omni,
-some tenths in the corners, which a fisheye has not; they are of a kind that the window finds for itself.
+does: over an image both agree within thousandths of a pixel. The exception are the tangential coefficients of omni,
+some tenths of a pixel in the corners, which a fisheye does not have; the window estimates errors of this kind.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,7 +17,7 @@ from .document import Document, Size, camera_matrix
 
 
 def _double_sphere(x: Array, y: Array, z: Array, p: Mapping[str, float]) -> Array:
-    """Of omni, too, which has one sphere: α is 0."""
+    """Return the divisor; omni has only one sphere, so α is 0."""
     alpha, along = p.get("alpha", 0.0), p["xi"] + z
     return alpha * np.sqrt(x * x + y * y + along * along) + (1 - alpha) * along
 
@@ -26,7 +26,7 @@ def _eucm(x: Array, y: Array, z: Array, p: Mapping[str, float]) -> Array:
     return p["alpha"] * np.sqrt(p["beta"] * (x * x + y * y) + z * z) + (1 - p["alpha"]) * z
 
 
-# Name -> the parameters in front of Kalibr's focal lengths, and by what a unit ray is divided.
+# Name -> the parameters in front of Kalibr's focal lengths, and the divisor of a unit ray.
 Divisor = Callable[[Array, Array, Array, Mapping[str, float]], Array]
 MODELS: dict[str, tuple[tuple[str, ...], Divisor]] = {
     "ds": (("xi", "alpha"), _double_sphere),
@@ -38,9 +38,9 @@ MODELS: dict[str, tuple[tuple[str, ...], Divisor]] = {
 def nearest_fisheye(
     document: Document, where: str, model: str, size: Size, k: Array, values: Mapping[str, float], d: Array
 ) -> Camera:
-    """The camera of K (3, 3), the parameters of one of `MODELS` and, of omni, radtan coefficients `d`.
+    """Return the camera with K (3, 3), the parameters of one of `MODELS` and, for omni, radtan coefficients `d`.
 
-    Raises ConfigError where no fisheye is the same over the image.
+    Raises ConfigError if no fisheye agrees over the image.
     """
     theta = np.repeat(np.linspace(0.01, SETTINGS.widest_rad, SETTINGS.rings), SETTINGS.spokes)
     phi = np.tile(np.linspace(0, 2 * np.pi, SETTINGS.spokes, endpoint=False), SETTINGS.rings)

@@ -1,4 +1,4 @@
-"""Calibrations of the makers of stereo cameras: the JSON file of an OAK, and the conf file of a ZED."""
+"""Calibrations by manufacturers of stereo cameras: the JSON file of an OAK, and the conf file of a ZED."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,7 +10,7 @@ from ..models import Camera
 from .document import Document, Format, Size, camera_matrix
 
 _OAK_FISHEYE = 1  # cameraType
-_OAK_LINKS = 8  # more than a board has cameras
+_OAK_LINKS = 8  # more than any board has cameras
 # Names of ZED's resolutions, by the size of one image
 _ZED_SIZES = {
     (2208, 1242): "2K", (1920, 1080): "FHD", (1920, 1200): "FHD1200", (1280, 720): "HD", (960, 600): "SVGA",
@@ -20,7 +20,7 @@ _ZED_LENS = ("k1", "k2", "p1", "p2", "k3")
 
 
 def _oak_socket(document: Document, side: int) -> int:
-    """The socket of a camera: left 1 and right 2, unless the file says otherwise."""
+    """Return the socket of a camera: left 1 and right 2, unless the file says otherwise."""
     stereo, key = document.data.get("stereoRectificationData"), ("leftCameraSocket", "rightCameraSocket")[side]
     socket = stereo.get(key, -1) if isinstance(stereo, Mapping) else -1
     return socket if isinstance(socket, int) and socket >= 0 else 1 + side
@@ -34,7 +34,7 @@ def _oak_entry(document: Document, socket: int) -> Mapping[str, Any]:
 
 
 def _oak_camera(document: Document, side: int, size: Size | None) -> Camera:
-    """Scaled to the size of the images, which is often half that of the calibration."""
+    """Return a camera scaled to the size of the images, which is often half that of the calibration."""
     socket = _oak_socket(document, side)
     entry, where = _oak_entry(document, socket), f"cameraData[{socket}]."
     own = document.size([entry.get("width"), entry.get("height")], f"{where}width and height")
@@ -53,7 +53,7 @@ def _oak_camera(document: Document, side: int, size: Size | None) -> Camera:
 
 
 def _oak_pose(document: Document, _: Document, _size: Size | None) -> Array:
-    """By the links from socket to socket, which carry points of one camera into the next one, centimetres."""
+    """Return the pose from the links between sockets, which carry points of one camera into the next, in cm."""
     left, right = (_oak_to_root(document, _oak_socket(document, side)) for side in (0, 1))
     common = next((socket for socket in left if socket in right), None)
     if common is None:
@@ -62,7 +62,7 @@ def _oak_pose(document: Document, _: Document, _size: Size | None) -> Array:
 
 
 def _oak_to_root(document: Document, socket: int) -> dict[int, Array]:
-    """Socket -> its pose, `socket_from_camera` (4, 4) in metres, along the links from a camera on."""
+    """Return socket -> its pose, `socket_from_camera` (4, 4) in metres, along the links from a camera."""
     found, pose = {socket: np.eye(4)}, np.eye(4)
     for _ in range(_OAK_LINKS):
         link = _oak_entry(document, socket).get("extrinsics")
@@ -91,12 +91,12 @@ def _zed_name(document: Document, size: Size | None) -> str:
 def _zed_camera(document: Document, side: int, size: Size | None) -> Camera:
     section = f"{('LEFT', 'RIGHT')[side]}_CAM_{_zed_name(document, size)}"
     k = camera_matrix(*_zed_numbers(document, section, ("fx", "fy", "cx", "cy")))
-    assert size is not None  # `_zed_name` has looked
+    assert size is not None  # `_zed_name` has checked it
     return document.camera(size, k, "plumb_bob", _zed_numbers(document, section, _ZED_LENS, missing=0.0))
 
 
 def _zed_pose(document: Document, _: Document, size: Size | None) -> Array:
-    """Baseline, TY and TZ are where the right camera is, millimetres; RX, CV, RZ a rotation vector."""
+    """Return the pose: Baseline, TY and TZ are the position of the right camera, mm; RX, CV, RZ a rotation vector."""
     names = [f"{axis}_{_zed_name(document, size)}" for axis in ("RX", "CV", "RZ")]
     turn = _zed_numbers(document, "STEREO", names, missing=0.0)
     t_mm = _zed_numbers(document, "STEREO", ("Baseline", "TY", "TZ"), missing=0.0)

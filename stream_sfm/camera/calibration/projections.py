@@ -1,7 +1,7 @@
 """Calibrations by the matrices K, R and P: ROS's camera_info, KITTI's projections, OpenCV's FileStorage.
 
-P belongs to rectified images: P[3] = −f·baseline for the right camera. R turns camera axes into rectified axes. So a
-point X of the left camera is in the right one R_rᵀ (R_l X + t) with t = (Tx, Ty, 0), Tx = P[3]/P[0].
+P belongs to rectified images: P[3] = −f·baseline for the right camera. R turns camera axes into rectified axes. A
+point X of the left camera is therefore R_rᵀ (R_l X + t) in the right one, with t = (Tx, Ty, 0), Tx = P[3]/P[0].
 """
 
 import re
@@ -14,8 +14,8 @@ from ...geometry import Array, se3
 from ..models import Camera
 from .document import Document, Format, Size
 
-# The names of OpenCV's samples (M1, D1, M2, D2, R, T; R1, R2, P1, P2) and of its documentation (cameraMatrix1 …), upper
-# and lower case and underscores ignored.
+# The names in OpenCV's samples (M1, D1, M2, D2, R, T; R1, R2, P1, P2) and documentation (cameraMatrix1 …). Case and
+# underscores are ignored.
 _SIDES = (("1", "l", "left"), ("2", "r", "right"))
 _MATRIX = ("m", "k", "cm", "mtx", "cameramatrix", "intrinsics")
 _DISTORTION = ("d", "dist", "distcoeffs", "distortion")
@@ -29,7 +29,7 @@ def gives_baseline(p_left: Array, p_right: Array) -> bool:
 
 
 def pose_from_projections(r_left: Array, p_left: Array, r_right: Array, p_right: Array) -> Array:
-    """`right_from_left` (4, 4), metres, of the rectifying rotations R (3, 3) and projections P (3, 4)."""
+    """Return `right_from_left` (4, 4), metres, from the rectifying rotations R (3, 3) and projections P (3, 4)."""
     offset = _offset(p_right) - _offset(p_left)
     return se3.from_rotation_translation(r_right.T @ r_left, r_right.T @ offset)
 
@@ -62,7 +62,7 @@ def _ros_pose(left: Document, right: Document, _size: Size | None) -> Array:
 
 
 def kitti_camera(document: Document, number: int, size: Size | None) -> Camera:
-    """One of KITTI's four cameras, rectified or, where the images have that size, not. Raises ConfigError."""
+    """Return one of KITTI's four cameras, rectified or not, depending on the image size. Raises ConfigError."""
     if size is None:
         raise document.error("the format does not contain the size of the images: use it with a recording")
     if _unrectified(document, number, size):
@@ -73,7 +73,7 @@ def kitti_camera(document: Document, number: int, size: Size | None) -> Camera:
 
 
 def cam_from_cam0(document: Document, number: int, size: Size | None = None) -> Array:
-    """The pose (4, 4) of KITTI's camera 0 in camera `number`, for images of this size. Raises ConfigError."""
+    """Return the pose (4, 4) of KITTI's camera 0 in camera `number`, for images of this size. Raises ConfigError."""
     if _unrectified(document, number, size):
         rotation = document.rotation(document.data.get(f"R_0{number}"), f"R_0{number}")
         t = document.numbers(document.data.get(f"T_0{number}"), f"T_0{number}", (3,))
@@ -86,7 +86,7 @@ def cam_from_cam0(document: Document, number: int, size: Size | None = None) -> 
 
 
 def _unrectified(document: Document, number: int, size: Size | None) -> bool:
-    """Whether images of this size are those before rectification (`…_extract`), which are larger than behind it."""
+    """Whether images of this size are not rectified (`…_extract`); these are larger than rectified ones."""
     before, behind = (document.data.get(f"{name}_0{number}") for name in ("S", "S_rect"))
     if size is None or before is None or behind is None:
         return False
@@ -94,7 +94,7 @@ def _unrectified(document: Document, number: int, size: Size | None) -> bool:
 
 
 def _kitti_side(document: Document, side: int) -> int:
-    """The number of a camera: grey, or colour where these alone are in the file."""
+    """Return the number of a camera: grey, or colour if only these are in the file."""
     grey = _kitti_key(document.data, 0) and (_kitti_key(document.data, 1) or not _kitti_key(document.data, 2))
     return side if grey else 2 + side
 
@@ -105,7 +105,7 @@ def _kitti_pose(document: Document, _: Document, size: Size | None) -> Array:
 
 
 def _kitti_key(data: Mapping[str, Any], number: int) -> str:
-    """The name of P = K [I | t] of a camera, in calib.txt or calib_cam_to_cam.txt; empty where it is not there."""
+    """Return the name of P = K [I | t] of a camera, in calib.txt or calib_cam_to_cam.txt; empty if it is missing."""
     return next((name for name in (f"P{number}", f"P_rect_0{number}") if name in data), "")
 
 
@@ -132,7 +132,7 @@ def _opencv_camera(document: Document, side: int, size: Size | None) -> Camera:
 
 
 def _opencv_pose(document: Document, _: Document, _size: Size | None) -> Array:
-    """T is in the unit of the calibration board, which is taken for metres here."""
+    """Return the pose. T is in the unit of the calibration board, which is taken as metres here."""
     data = _normalised(document.data)
     if "r" in data and "t" in data:
         rotation, translation = document.rotation(data["r"], "R"), document.numbers(data["t"], "T", (3,))
@@ -150,7 +150,7 @@ def _normalised(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _get(data: Mapping[str, Any], names: Sequence[str], side: int) -> tuple[Any, str]:
-    """The value of the first of these names that is there, with it, and `names[0]` where none is."""
+    """Return the first of these names that is present and its value, or `names[0]` if none is."""
     for name in names:
         for suffix in _SIDES[side]:
             for key in (f"{name}{suffix}", f"{suffix}{name}"):

@@ -23,13 +23,13 @@ _SIDES = (("left", "cam0", "camera0"), ("right", "cam1", "camera1"))
 
 
 def read_document(path: Path) -> Document:
-    """The content of a file. Raises ConfigError."""
+    """Return the content of a file. Raises ConfigError."""
     with as_error(ConfigError, f"cannot read calibration {path}", OSError):
         return load(read_small(path, LIMITS.small_bytes), path)
 
 
 def documents_at(where: Where) -> list[Document]:
-    """The content of the file or files of a calibration. Raises ConfigError."""
+    """Return the content of the file or files of a calibration. Raises ConfigError."""
     if isinstance(where, list | tuple) and where and all(isinstance(path, str | Path) for path in where):
         return documents_at(where[0]) if len(where) == 1 else [read_document(Path(path)) for path in where]
     if not isinstance(where, str | Path):
@@ -40,9 +40,9 @@ def documents_at(where: Where) -> list[Document]:
 
 
 def pair_of(documents: Sequence[Document], size: Size | None) -> Pair:
-    """Left camera, right camera, `right_from_left` (4, 4) in metres, what is known about their errors, and the IMU.
+    """Return left camera, right camera, `right_from_left` (4, 4) in metres, their known errors, and the IMU.
 
-    `size` (width, height): of the images, for formats that do not tell it. Raises ConfigError naming file and key.
+    `size` (width, height): of the images, for formats that do not contain it. Raises ConfigError naming file and key.
     """
     documents = _with_imu_file(documents)
     form = _format(documents)
@@ -61,7 +61,7 @@ def pair_of(documents: Sequence[Document], size: Size | None) -> Pair:
 
 
 def _with_imu_file(documents: Sequence[Document]) -> Sequence[Document]:
-    """The documents of cameras, the first with what an imu.yaml of Kalibr among them says."""
+    """Return the documents of cameras; the first also gets the content of an imu.yaml of Kalibr among them."""
     cameras = [document for document in documents if not is_imu_file(document.data)]
     units = [document for document in documents if is_imu_file(document.data)]
     if not cameras or not units:
@@ -71,7 +71,7 @@ def _with_imu_file(documents: Sequence[Document]) -> Sequence[Document]:
 
 
 def left_of(documents: Sequence[Document], size: Size | None) -> Camera:
-    """The left camera alone; there need not be another. Raises as `pair_of`."""
+    """Return the left camera alone; there need not be another. Raises as `pair_of`."""
     documents = _with_imu_file(documents)
     form = _format(documents)
     return form.camera(documents[0] if form.files else _joined(documents), 0, size)
@@ -102,7 +102,7 @@ def _candidates(folder: Path) -> list[Path]:
 
 
 def _in_folder(folder: Path) -> list[Document]:
-    """The calibration in a folder: one file, or the files of left and right. Raises ConfigError."""
+    """Return the calibration in a folder: one file, or the files of left and right. Raises ConfigError."""
     files = _candidates(folder) + [folder / name for name in _IN_FOLDERS if (folder / name).is_file()]
     readable: list[Document] = []
     for path in files:

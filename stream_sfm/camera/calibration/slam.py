@@ -11,7 +11,7 @@ from . import inertial
 from .document import Document, Format, Size, camera_matrix
 from .lenses import MODELS, nearest_fisheye
 
-# Names of lenses -> a Camera's own, and the coefficients in their order.
+# Names of lenses -> those of a Camera, and the coefficients in order.
 _BASALT: dict[str, tuple[str, tuple[str, ...]]] = {
     "pinhole": ("none", ()),
     "kb4": ("equidistant", ("k1", "k2", "k3", "k4")),
@@ -25,7 +25,7 @@ _ORB_SLAM: dict[str, tuple[str, tuple[str, ...]]] = {
 
 
 def body_from_left(document: Document) -> Array | None:
-    """The pose (4, 4) of the left camera in the body, where a calibration says it. Raises ConfigError."""
+    """Return the pose (4, 4) of the left camera in the body, if a calibration contains it. Raises ConfigError."""
     if EUROC.matches(document.data):
         return document.pose(document.data["T_BS"], "T_BS")
     if BASALT.matches(document.data):
@@ -52,9 +52,9 @@ def _kalibr_pose(document: Document, _: Document, _size: Size | None) -> Array:
 
 
 def _lens(document: Document, table: Mapping[str, Any], where: str, coefficients: str, default: str) -> Camera:
-    """A camera as Kalibr and EuRoC write it, with the distortion `default` where none is named.
+    """Return a camera as Kalibr and EuRoC write it, with the distortion `default` if none is named.
 
-    `where` precedes each key in errors; `coefficients`: the key of the distortion's numbers.
+    `where` precedes each key in errors; `coefficients`: the key of the distortion coefficients.
     """
     model, lens = str(table.get("camera_model", "pinhole")), table.get("distortion_model")
     if model != "pinhole" and model not in MODELS:
@@ -110,7 +110,7 @@ def _in(table: Any, key: str) -> Any:
 
 
 def _orb_slam_camera(document: Document, side: int, size: Size | None) -> Camera:
-    """Read one camera; in a rectified pair both are the only camera given, without distortion."""
+    """Read one camera; a rectified pair gives one camera without distortion, used for both."""
     data, model = document.data, str(document.data.get("Camera.type", "PinHole"))
     if "Camera.width" in data and "Camera.height" in data:
         size = document.size([data["Camera.width"], data["Camera.height"]], "Camera.width and Camera.height")
@@ -131,7 +131,7 @@ def _orb_slam_name(data: Mapping[str, Any], side: int) -> str:
 
 
 def _orb_slam_pose(document: Document, _: Document, _size: Size | None) -> Array:
-    """T_c1_c2 carries points of the right camera into the left one. A rectified pair has a baseline only."""
+    """Return the pose from T_c1_c2, which carries points of the right camera into the left, or from the baseline."""
     data = document.data
     if "Stereo.T_c1_c2" in data:
         return se3.inverse(document.pose(data["Stereo.T_c1_c2"], "Stereo.T_c1_c2"))

@@ -28,7 +28,7 @@ def text(
     timing: KnownTiming | None = None,
     imu: ImuCalibration | None = None,
 ) -> str:
-    """Cameras by name as text that is read back unchanged; of a pair the right one's pose, known errors, an IMU."""
+    """Return cameras by name, and for a pair its pose, known errors and IMU, as text that is read back unchanged."""
     lines = ["# calibration: pixels and metres"]
     for name, camera in cameras.items():
         lines += ["", f"[{name}]", f"width = {camera.width}", f"height = {camera.height}"]
@@ -98,7 +98,7 @@ def _known(document: Document) -> tuple[Refinement | None, KnownTiming | None]:
 
 
 def _section(document: Document, name: str, keys: Sequence[str]) -> dict[str, Any] | None:
-    """A section with some of these keys; None where it is missing."""
+    """Return a section with some of these keys; None if it is missing."""
     if (table := document.data.get(name)) is None:
         return None
     if not isinstance(table, dict):

@@ -1,6 +1,6 @@
-"""Files that are recordings, but for MCAP: one module each, whose `CONTAINER` says how such files are known and opened.
+"""Recordings in a single file, other than MCAP: one module each, whose `CONTAINER` says how to recognise and open them.
 
-A further kind is one further file: `containers()` finds the modules of this folder.
+To add a kind, add a file: `containers()` finds the modules of this folder.
 """
 
 from collections.abc import Callable
@@ -13,9 +13,9 @@ from ...mcap_file.message import Source
 
 
 class Container(NamedTuple):
-    """A kind of file that is a recording: how it is opened, how its bytes start, and what such files are called.
+    """A kind of recording in a single file: how to open it, its first bytes, and its name.
 
-    `start`: a regular expression. `suffix`: by which a file in a folder is one; `name`: in messages.
+    `start`: a regular expression. `suffix`: marks such files in a folder; `name`: used in messages.
     """
 
     open: Callable[[Path], Source]

@@ -1,8 +1,8 @@
 """ROS 1 bags (format 2.0), read in file order: one path for indexed, unindexed, damaged and cut-off files.
 
-A bag is a row of records, each a header of named fields and data. Connections say what a topic holds, chunks contain
-messages, and an index of connections and chunks follows at the end of a bag that was closed. The reader of `rosbags`
-is not used: it decompresses without a bound, keeps an entry per message in memory and stops at the first damage.
+A bag is a sequence of records, each a header of named fields and data. Connections describe topics, chunks contain
+messages, and a closed bag ends with an index of connections and chunks. The reader of `rosbags` is not used: it
+decompresses without a limit, keeps an entry per message in memory and stops at the first damage.
 """
 
 import os
@@ -27,7 +27,7 @@ from . import Container
 MAGIC = b"#ROSBAG V2.0\n"
 _Kind = IntEnum("_Kind", {"MESSAGE": 2, "BAG_HEADER": 3, "CHUNK": 5, "CHUNK_INFO": 6, "CONNECTION": 7})
 _PAIR = struct.Struct("<II")  # of a time: seconds, nanoseconds; of a chunk info: connection, number of messages
-_FREE_BYTES = 2**32  # total size that small chunks may expand to: under a minute of bzip2
+_FREE_BYTES = 2**32  # total size to which small chunks may expand: under a minute of bzip2
 
 
 class _Record(NamedTuple):
@@ -40,18 +40,18 @@ class _Record(NamedTuple):
 
     @property
     def kind(self) -> int:
-        """The operation code."""
+        """The operation code of the record."""
         return self.number("op", 1)
 
     def number(self, name: str, size: int = 4) -> int:
-        """A field of so many bytes as a number. Raises BrokenRecord."""
+        """Return a field of this many bytes as a number. Raises BrokenRecord."""
         value = self.fields.get(name, b"")
         if len(value) != size:
             raise BrokenRecord(f"a record without {name}")
         return int.from_bytes(value, "little")
 
     def time_ns(self, name: str) -> int:
-        """A field that is a time, nanoseconds. Raises BrokenRecord."""
+        """Return a field that is a time, nanoseconds. Raises BrokenRecord."""
         seconds, nanoseconds = _PAIR.unpack(self.number(name, 8).to_bytes(8, "little"))
         return int(seconds) * 10**9 + int(nanoseconds)
 
@@ -81,7 +81,7 @@ class _Index:
 
 
 class Ros1BagSource(Source):
-    """The messages of one bag, in file order. Raises LogError where it cannot be read."""
+    """The messages of one bag, in file order. Raises LogError if it cannot be read."""
 
     format, profile = "ROS 1 bag", "ros1"
 
@@ -107,7 +107,7 @@ class Ros1BagSource(Source):
         return self._index is not None
 
     def contents(self) -> Contents | None:
-        """From the index, where the bag was closed."""
+        """Return the contents from the index, if the bag was closed."""
         if (index := self._index) is None:
             return None
         channels = [(channel, index.counts.get(number, 0)) for number, channel in index.connections.items()]
@@ -128,11 +128,11 @@ class Ros1BagSource(Source):
                             damage.add(
                                 f"{self.path} at byte {record.offset}: a damaged record was skipped: {error}"
                             )
-        except OSError as error:  # a failing disk, a network share that went away
+        except OSError as error:  # a failing disk, or a lost network share
             damage.add(f"{self.path}: reading failed after byte {damage.bytes_read}: {error.strerror}")
 
     def _records(self, stream: IO[bytes], damage: Damage) -> Iterator[_Record]:
-        """Yield the records in order; where one is damaged, reading resumes at the next chunk that the index lists."""
+        """Yield the records in order; after a damaged one, reading resumes at the next chunk in the index."""
         chunks = sorted(self._index.chunks) if self._index else []
         at = len(MAGIC)
         while at < self.size_bytes:
@@ -146,7 +146,7 @@ class Ros1BagSource(Source):
                     continue
                 problem = f"the record there ends {end - self.size_bytes} bytes behind the file"
                 if record.kind == _Kind.CHUNK:
-                    yield record  # as far as it goes
+                    yield record  # the readable part of it
             except BrokenRecord as error:
                 problem = str(error)
             number = bisect_right(chunks, at)
@@ -161,7 +161,7 @@ class Ros1BagSource(Source):
             damage.add(f"{self.path} has no index: the recording was not closed, its end may be missing")
 
     def _read_index(self, stream: IO[bytes]) -> _Index | None:
-        """The index; None where the bag was not closed. Raises BrokenRecord where it cannot be trusted."""
+        """Return the index; None if the bag was not closed. Raises BrokenRecord if it cannot be trusted."""
         header = _read_record(stream, len(MAGIC))
         if header.kind != _Kind.BAG_HEADER:
             raise BrokenRecord("the bag header is missing")
@@ -190,7 +190,7 @@ class Ros1BagSource(Source):
 
 
 class _MessageReader:
-    """Turns records into messages of the wanted topics, and collects connections on the way."""
+    """Turns records into messages of the wanted topics, and collects the connections."""
 
     def __init__(self, index: _Index | None, topics: frozenset[str] | None) -> None:
         self._index = replace(index, connections=dict(index.connections)) if index else _Index()
@@ -234,7 +234,7 @@ class _MessageReader:
 
 
 def _read_record(stream: IO[bytes], at: int) -> _Record:
-    """The record at a position of a file or of a chunk, its data unread. Raises BrokenRecord."""
+    """Return the record at a position of a file or chunk, without reading its data. Raises BrokenRecord."""
     stream.seek(at)
     header_length = int.from_bytes(_take(stream, 4), "little")
     if header_length > LIMITS.header_bytes:
@@ -256,7 +256,7 @@ def _take(stream: IO[bytes], count: int) -> bytes:
 
 
 def _fields(header: bytes) -> dict[str, bytes]:
-    """The named fields of a record's header. Raises BrokenRecord."""
+    """Return the named fields in the header of a record. Raises BrokenRecord."""
     fields: dict[str, bytes] = {}
     stream = BytesIO(header)
     while stream.tell() < len(header):

@@ -1,7 +1,7 @@
 """ROS 2 bags in SQLite files (`.db3`), the storage of ROS 2 before MCAP.
 
-The reader of `rosbags` is not used: it ignores the journal of a recorder that was interrupted, executes whatever a
-file calls its tables, and sorts all messages.
+The reader of `rosbags` is not used: it ignores the journal of an interrupted recorder, executes whatever a file
+declares as its tables, and sorts all messages.
 """
 
 import os
@@ -20,21 +20,21 @@ from ...inputs import LIMITS, open_regular, reading
 from ...mcap_file.message import Channel, Contents, Damage, Message, Source
 from . import Container
 
-_TABLES = ("topics", "messages", "message_definitions")  # the last one since ROS 2 Iron
+_TABLES = ("topics", "messages", "message_definitions")  # the last table exists since ROS 2 Iron
 _JOURNALS = ("-journal", "-wal")  # files beside the database, with changes that are not in it
-# Instructions that SQLite may take for one query: those that its file can ask for by its rows, and some seconds.
+# Instructions that SQLite may take for one query: as many as the rows of the file can need, and some seconds.
 _STEP, _FREE_STEPS, _STEPS_PER_BYTE = 1_000, 100_000_000, 10
 
 
 class SqliteBagSource(Source):
-    """The messages of one `.db3` file, in the order of recording. Raises LogError where it is not a bag."""
+    """The messages of one `.db3` file, in the order of recording. Raises LogError if it is not a bag."""
 
     format, profile = "ROS 2 bag (SQLite)", "ros2"
 
     def __init__(self, path: str | Path, database: sqlite3.Connection | None = None, size_bytes: int = 0) -> None:
-        """`database`: of this size and connected to what lies compressed at `path`."""
+        """Open a bag; `database`: connected to the decompressed copy, of this size, of the file at `path`."""
         self.path, self.size_bytes = Path(path), size_bytes
-        self._journal = ""  # what is wrong with the file for want of its journal
+        self._journal = ""  # what is wrong with the file without its journal
         with as_error(LogError, f"{self.path} is not a ROS 2 bag, or is damaged", sqlite3.Error):
             if database is None:
                 with reading(self.path), open_regular(self.path) as stream:
@@ -42,13 +42,13 @@ class SqliteBagSource(Source):
                 database = self._connect()
             self._database = database
             weakref.finalize(self, database.close)
-            # a file shorter than its header says is cut off, no more
+            # a file that is shorter than its header says is only cut off
             database.execute("PRAGMA writable_schema = ON")
             self._check_tables()
             self._channels = self._read_channels()
 
     def _connect(self) -> sqlite3.Connection:
-        """Read only; `immutable` where SQLite may not make its lock files, or would have to complete the file."""
+        """Connect read-only; `immutable` if SQLite may not create lock files, or would have to complete the file."""
         for option in ("mode=ro", "mode=ro&immutable=1"):
             database = connect(self.path, option)
             try:
@@ -66,7 +66,7 @@ class SqliteBagSource(Source):
         raise failure
 
     def _check_tables(self) -> None:
-        """Raise sqlite3.Error where a table is a view or anything else that computes what it holds."""
+        """Raise sqlite3.Error if a table is a view or anything else with computed content."""
         marks = ",".join("?" * len(_TABLES))
         query = f"SELECT name, type, substr(sql, 1, 12) FROM sqlite_master WHERE name IN ({marks})"
         for name, kind, sql in self._rows(query, _TABLES):
@@ -75,7 +75,7 @@ class SqliteBagSource(Source):
                 raise sqlite3.DatabaseError(f"{name} is not a plain table")
 
     def _rows(self, query: str, values: tuple[Any, ...] | list[Any] = ()) -> Iterator[Any]:
-        """The rows of a query. Raises sqlite3.Error, also where it takes more work than the file can need."""
+        """Yield the rows of a query. Raises sqlite3.Error, also if it takes more work than the file can need."""
         left = (_FREE_STEPS + _STEPS_PER_BYTE * self.size_bytes) // _STEP
 
         def out_of_steps() -> bool:
@@ -104,13 +104,13 @@ class SqliteBagSource(Source):
         )
         for number, topic, kind, encoding in self._rows(query):
             if not _are_text(topic, kind, encoding or ""):
-                continue  # SQLite stores what it is given, whatever the type of the column
+                continue  # SQLite stores values of any type, whatever the type of the column
             schema_encoding, definition = definitions.get(kind) or ("ros2msg", _standard_definition(kind))
             channels[number] = Channel(topic, encoding or MessageEncoding.CDR, kind, schema_encoding, definition)
         return channels
 
     def contents(self) -> Contents | None:
-        """Counted in the table of messages, without reading their images; None where it is damaged."""
+        """Return the counts from the table of messages, without reading their images; None if it is damaged."""
         counts: dict[int, int] = {}
         spans_ns: list[int] = []
         query = (
@@ -128,13 +128,13 @@ class SqliteBagSource(Source):
         return Contents(channels, min(spans_ns, default=0), max(spans_ns, default=0))
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
-        """Yield the messages of `topics` (None: all); where the database is damaged, those before the damage."""
+        """Yield the messages of `topics` (None: all); in a damaged database, those before the damage."""
         if self._journal:
             damage.add(self._journal)
         wanted = [n for n, channel in self._channels.items() if topics is None or channel.topic in topics]
         marks = ",".join("?" * len(wanted))
         data = f"CASE WHEN length(data) <= {LIMITS.record_bytes} THEN data END"
-        # By row number, which is that of recording: nothing has to be sorted.
+        # By row number, which is the order of recording, so that nothing has to be sorted.
         query = f"SELECT topic_id, timestamp, {data} FROM messages WHERE topic_id IN ({marks}) ORDER BY rowid"
         read = 0
         try:
@@ -153,12 +153,12 @@ class SqliteBagSource(Source):
 
 
 def connect(path: Path, option: str) -> sqlite3.Connection:
-    """A connection to a database, which may be used by any thread."""
+    """Return a connection to a database, which any thread may use."""
     uri = f"file:{quote(str(path.absolute()))}?{option}"
     database = sqlite3.connect(uri, uri=True, check_same_thread=False)
     database.setlimit(
         sqlite3.SQLITE_LIMIT_LENGTH, 2 * LIMITS.record_bytes
-    )  # of a row; each image has its own bound
+    )  # of a row; each image has its own limit
     return database
 
 
@@ -172,7 +172,7 @@ def _are_text(*values: object) -> bool:
 
 @lru_cache(maxsize=64)
 def _standard_definition(schema_name: str) -> bytes:
-    """ROS 2's own definition of a message type with those of its parts, for bags that carry none; else empty."""
+    """Return ROS 2's definition of a message type and of its parts, for bags without definitions; else empty."""
     from rosbags.typesys import Stores, get_typestore
 
     # Messages of cameras, poses and transforms are the same in all distributions of ROS 2.

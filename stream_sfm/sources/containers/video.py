@@ -1,4 +1,4 @@
-"""A video that OpenCV decodes as a recording with one image topic: of one side, or of both in each frame."""
+"""A video that OpenCV decodes, as a recording with one image topic: of one side, or of both in each frame."""
 
 import os
 from collections.abc import Iterator
@@ -16,9 +16,9 @@ from . import Container
 
 
 class VideoSource(Source):
-    """The frames of one file as grey images, with the file's times, or by its rate where these do not grow.
+    """The frames of one file as grey images, with the times in the file, or by its rate if these do not increase.
 
-    `side`: 0 left, 1 right; None: both, beside or above each other. `rig`: the calibration that is sent with the images
+    `side`: 0 left, 1 right; None: both, side by side or stacked. `rig`: the calibration that is sent with the images
     of a side. Raises LogError.
     """
 
@@ -43,14 +43,14 @@ class VideoSource(Source):
         return capture
 
     def contents(self) -> Contents:
-        """The topics, and how many frames the container announces."""
+        """Return the topics, and the number of frames that the container announces."""
         channels: list[tuple[Channel, int | None]] = [(self._channel, self._expected or None)]
         if self._rig is not None and self._side is not None:
             channels.append((ProfileEncoder(self._rig).calibrations[self._side], None))
         return Contents(channels)
 
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
-        """Yield the messages of `topics` (None: all); what ends the frames early is added to `damage`."""
+        """Yield the messages of `topics` (None: all); the reason for an early end is added to `damage`."""
         if topics is not None and not any(channel.topic in topics for channel, _ in self.contents().channels):
             return
         encoder, capture, read, last_ns = ProfileEncoder(self._rig), self._open(), 0, -1
@@ -71,7 +71,7 @@ class VideoSource(Source):
                 yield from (m for m in sent if topics is None or m.channel.topic in topics)
         finally:
             capture.release()
-        if read < max(self._expected - 1, 1):  # some containers count one too many
+        if read < max(self._expected - 1, 1):  # some containers count one frame too many
             damage.add(f"{self.path}: {read} of {self._expected} frames could be decoded")
 
 
