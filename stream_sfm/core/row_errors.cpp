@@ -82,7 +82,7 @@ Array<bool, 1> on_one_row(const RowModel& rows, Matrix left, Matrix right, Vecto
     return result;
 }
 
-UnknownOfViews unknown_errors(const Timing& timing, const RowModel& rows, Matrix before, Matrix now, Matrix z, Vector twist,
+WIDER UnknownOfViews unknown_errors(const Timing& timing, const RowModel& rows, Matrix before, Matrix now, Matrix z, Vector twist,
                               Vector std_twist) {
     std::size_t n = z.shape[0], k = rows.mean.shape[0];
     require_shape(z, {n, 4}, "z_px");

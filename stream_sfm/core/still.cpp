@@ -12,7 +12,7 @@ int sign(int number) { return (number > 0) - (number < 0); }
 
 }  // namespace
 
-DrawnEdges drawn_edges(View<std::int16_t, 2> left, View<std::int16_t, 2> last, View<std::int16_t, 2> earlier,
+WIDER DrawnEdges drawn_edges(View<std::int16_t, 2> left, View<std::int16_t, 2> last, View<std::int16_t, 2> earlier,
                        View<std::int16_t, 2> right, std::int64_t edge_grey, std::int64_t same_grey, std::int64_t same_step_grey) {
     const std::pair<const View<std::int16_t, 2>*, const char*> others[] = {{&last, "last"}, {&earlier, "earlier"}, {&right, "right"}};
     for (auto [other, name] : others) require_shape(*other, left.shape, name);
