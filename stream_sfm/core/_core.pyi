@@ -582,6 +582,15 @@ def field_basis(field: Field, left_px: Array) -> Array: ...
 def fit_motion(
     views: Views, cam_from_ref: Array, amplitudes: Array, votes: Array, rules: ResectionRules, anneal: bool
 ) -> Fitted: ...
+def fit_rows(
+    rows: Rows,
+    left_px: Array,
+    difference_px: Array,
+    row_speed_px_s: Array,
+    step_px: float,
+    half_weight: float,
+    reweightings: int,
+) -> tuple[Array, Array, Array, Array]: ...
 def fit_turn(
     views: Views, cam_from_ref: Array, usual: Array, rules: TurnRules
 ) -> tuple[Array, Array, Mask, float, float]: ...
