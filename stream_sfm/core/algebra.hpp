@@ -170,28 +170,6 @@ inline void diagonalise(double* a, double* axes, std::size_t n, double left = 0)
         for (std::size_t j = i + 1; j < n; j++) std::swap(axes[i * n + j], axes[j * n + i]);
 }
 
-// The inverse of an information matrix (n, n), scaled by its own diagonal; false where a direction is not determined.
-inline bool invert_information(const std::vector<double>& information, std::size_t n, double* out) {
-    std::vector<double> scale(n), scaled(n * n), axes(n * n);
-    for (std::size_t i = 0; i < n; i++) {
-        if (!(information[i * n + i] > 0)) return false;
-        scale[i] = 1 / std::sqrt(information[i * n + i]);
-    }
-    for (std::size_t i = 0; i < n; i++)
-        for (std::size_t j = 0; j < n; j++) scaled[i * n + j] = information[i * n + j] * scale[i] * scale[j];
-    diagonalise(scaled.data(), axes.data(), n);
-    double least = scaled[0], most = scaled[0];
-    for (std::size_t i = 0; i < n; i++) least = std::min(least, scaled[i * n + i]), most = std::max(most, scaled[i * n + i]);
-    if (!(least * 1e10 >= most)) return false;  // a direction is not determined by the data
-    for (std::size_t i = 0; i < n; i++)
-        for (std::size_t j = 0; j < n; j++) {
-            double sum = 0;
-            for (std::size_t k = 0; k < n; k++) sum += axes[i * n + k] * axes[j * n + k] / scaled[k * n + k];
-            out[i * n + j] = scale[i] * scale[j] * sum;
-        }
-    return true;
-}
-
 // Solve A x = b in place for an information matrix (n, n), each direction scaled by its own; one that the data do not see
 // stays where it is. NaN where A is not finite.
 inline void solve_damped(std::vector<double>& a, double* b, std::size_t n) {

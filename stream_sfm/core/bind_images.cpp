@@ -61,6 +61,9 @@ Of points (n, 2) in today's image, in the last one and in an earlier one; see fr
     def<&drawn_edges>(m, "drawn_edges", R"(How many edges are in lines (k, n) of the left image, at how many it has changed since the last one, and how many
 are the same in that, in an earlier one and in the right image; −1 is a pixel that shows nothing.)",
         "left"_a, "last"_a, "earlier"_a, "right"_a, "edge_grey"_a, "same_grey"_a, "same_step_grey"_a);
+    def<&same_slopes>(m, "same_slopes", R"(How many pixels in one of `spacing_px` rows are on a slope of the left image, and how many of them are the same in the
+right one: by their difference two pixels apart, and between the images.)",
+        pixels<std::uint8_t>("left"), pixels<std::uint8_t>("right"), "spacing_px"_a, "slope_grey"_a, "same_grey"_a);
     def<&new_corners>(m, "new_corners", R"(Find up to `wanted` corners (k, 2) in whole pixels, `distance_px` from each other and from `taken_px` (m, 2).
 
 The image is cut into cells of about one wanted point each; a cell's corners are ranked, and all first ranks come

@@ -69,6 +69,12 @@ Of n independent ones, from the information that views have about each and their
 A polynomial of second order, and a delay, of views that move across the rows by (n,), or all by (1,), px/s; then
 the field.)",
         "pinholes"_a, "field"_a, "left_px"_a, "row_speed_px_s"_a);
+    def<&fit_rows>(m, "fit_rows", R"(Return what is known of rows after matches at (n, 2), whose rows differ by (n,) px: information (k, k), and mean (k,).
+
+The `weighted` sum (k,) is their product. Speeds as in `row_terms`. Coefficients have changed by σ `step_px` since; matches
+have Cauchy weights, `half_weight` in σ, by so many reweightings. Also returns what is left over of the differences
+(n,) px. Raises LinAlgError where a covariance is not definite.)",
+        "rows"_a, "left_px"_a, "difference_px"_a, "row_speed_px_s"_a, "step_px"_a, "half_weight"_a, "reweightings"_a);
     def<&on_one_row>(m, "_on_one_row", R"(Return whether left and right positions (n, 2), the right ones without the rows' differences, lie on one row.
 
 Speeds as in `row_terms`. The gate is `scale` times as wide.)",

@@ -169,7 +169,7 @@ WIDER Array<float, 2> corner_strength(const ImageOf<T>& image) {
 template decltype(corner_strength<float>) corner_strength<float>;
 template decltype(corner_strength<std::uint8_t>) corner_strength<std::uint8_t>;
 
-Array<std::int64_t, 2> new_corners(const Image& strength, View<bool, 2> allowed, Matrix taken, std::int64_t wanted,
+WIDER Array<std::int64_t, 2> new_corners(const Image& strength, View<bool, 2> allowed, Matrix taken, std::int64_t wanted,
                                    double distance, double min_strength, const PointRules& rules) {
     std::size_t width = static_cast<std::size_t>(strength.width), pixels = width * static_cast<std::size_t>(strength.height);
     require(pixels > 0, "the image is empty");

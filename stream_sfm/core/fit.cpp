@@ -15,6 +15,29 @@ double spread_of(const double* squares, const double* gate, double gates, std::s
     return within.empty() ? 1.0 : std::max(1.0, median(std::move(within)) / MEDIAN_CHI2_4);
 }
 
+// The inverse of an information matrix (n, n), scaled by its own diagonal; false where a direction is not determined.
+bool invert_information(const std::vector<double>& information, std::size_t n, double* out) {
+    std::vector<double> scale(n), factor(n * n), inverse(n * n);
+    for (std::size_t i = 0; i < n; i++) {
+        if (!(information[i * n + i] > 0)) return false;
+        scale[i] = 1 / std::sqrt(information[i * n + i]);
+    }
+    for (std::size_t i = 0; i < n; i++)
+        for (std::size_t j = 0; j < n; j++) factor[i * n + j] = information[i * n + j] * scale[i] * scale[j];
+    if (!factor_positive(factor.data(), n)) return false;
+    double variances = 0;  // of a matrix with a diagonal of 1
+    for (std::size_t j = 0; j < n; j++) {
+        double* column = inverse.data() + j * n;
+        column[j] = 1;
+        solve_factored(factor.data(), column, n);
+        variances += column[j];
+    }
+    if (!(variances < 1e10)) return false;  // a direction is not determined by the data
+    for (std::size_t i = 0; i < n; i++)
+        for (std::size_t j = 0; j < n; j++) out[i * n + j] = 0.5 * scale[i] * scale[j] * (inverse[i * n + j] + inverse[j * n + i]);
+    return true;
+}
+
 class Fit {
    public:
     Fit(const PointViews& views, Matrix start, Vector amplitudes, const ResectionRules& rules)

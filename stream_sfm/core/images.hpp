@@ -82,6 +82,12 @@ struct DrawnEdges {
 };
 DrawnEdges drawn_edges(View<std::int16_t, 2> left, View<std::int16_t, 2> last, View<std::int16_t, 2> earlier,
                        View<std::int16_t, 2> right, std::int64_t edge_grey, std::int64_t same_grey, std::int64_t same_step_grey);
+struct SameSlopes {
+    std::int64_t slopes, same;
+    FIELDS(slopes, same)
+};
+SameSlopes same_slopes(const ImageOf<std::uint8_t>& left, const ImageOf<std::uint8_t>& right, std::int64_t every,
+                       std::int64_t slope_grey, std::int64_t same_grey);
 
 // png.cpp
 Array<std::uint8_t, 2> unfilter_png(View<std::uint8_t, 2> filtered, std::size_t pixel);

@@ -36,12 +36,31 @@ void velocity_by_twist(const Pinholes& pinholes, const double* of, double* out) 
     for (int row = 0; row < 4; row++) by_motion(a + 4 * row, point, out + 6 * row);
 }
 
-// A homogeneous point (4,) after a short time with a twist.
-void moved_by(const double* point, const double* twist, double seconds, double* out) {
+// How a homogeneous point (4,) moves with a twist: (3,), as its inverse depth stays.
+void motion_of_point(const double* point, const double* twist, double* out) {
     for (int k = 0; k < 3; k++) {
         int i = (k + 1) % 3, j = (k + 2) % 3;
-        out[k] = point[k] + seconds * (twist[k] * point[3] + twist[3 + i] * point[j] - twist[3 + j] * point[i]);
+        out[k] = twist[k] * point[3] + twist[3 + i] * point[j] - twist[3 + j] * point[i];
     }
+}
+
+// How its view moves, (4,) px/s: ∂ż/∂ξ̇ times the twist, without that matrix.
+void velocity_of_view(const Pinholes& p, const double* of, const double* twist, double* out) {
+    double point[4], moves[3];
+    std::copy(of, of + 4, point);
+    clamp_depth(point);
+    motion_of_point(point, twist, moves);
+    double s = p.f_px / point[2], nearer = moves[2] / point[2];
+    out[0] = s * (moves[0] - point[0] * nearer);
+    out[1] = out[3] = s * (moves[1] - point[1] * nearer);
+    out[2] = out[0] + s * p.baseline_m * point[3] * nearer;
+}
+
+// A homogeneous point (4,) after a short time with a twist.
+void moved_by(const double* point, const double* twist, double seconds, double* out) {
+    double moves[3];
+    motion_of_point(point, twist, moves);
+    for (int k = 0; k < 3; k++) out[k] = point[k] + seconds * moves[k];
     out[3] = point[3];
 }
 
@@ -163,11 +182,10 @@ void timing_of_view(const Pinholes& pinholes, const ExposedRows& exposed, const 
         bool seen = !std::isnan(rows[c]);
         double late = c == LATE && seen, row = seen ? rows[c] : 0.0, half = 0.5 * (late * timing[0] + row * timing[1]);
         if (half != at) {
-            double twist[6], halfway[4], by_twist[24];
+            double twist[6], halfway[4];
             for (int k = 0; k < 6; k++) twist[k] = motion[k] + half * motion[6 + k];
             moved_by(point, twist, half, halfway);
-            velocity_by_twist(pinholes, halfway, by_twist);
-            multiply<4, 6, 1>(by_twist, twist, velocity);
+            velocity_of_view(pinholes, halfway, twist, velocity);
             at = half;
         }
         out[2 * c] = late * velocity[c];
@@ -233,11 +251,7 @@ Array<double, 2> velocities(const Pinholes& pinholes, Matrix points, Matrix twis
     require_shape(points, {n, 4}, "points");
     require_shape(twists, {of_all ? 1 : n, 6}, "twists");
     Array<double, 2> result(n, 4);
-    for (std::size_t i = 0; i < n; i++) {
-        double by_twist[24];
-        velocity_by_twist(pinholes, points[i], by_twist);
-        multiply<4, 6, 1>(by_twist, twists[of_all ? 0 : i], result[i]);
-    }
+    for (std::size_t i = 0; i < n; i++) velocity_of_view(pinholes, points[i], twists[of_all ? 0 : i], result[i]);
     return result;
 }
 
@@ -276,7 +290,7 @@ Array<double, 2> shifts_by_timing(const Pinholes& pinholes, const ExposedRows& e
     return result;
 }
 
-Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points_before,
+WIDER Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points_before,
                                  Vector twist_before, Matrix points, Vector twist, Vector mean, Matrix cov, Vector std_twist) {
     auto timed = [&](Matrix at, Vector by) {
         Array<double, 2> steady = without_acceleration(by);

@@ -15,6 +15,13 @@ struct UnknownOfViews {
 UnknownOfViews unknown_errors(const Timing& timing, const RowModel& rows, Matrix before, Matrix now, Matrix z, Vector twist,
                               Vector std_twist);
 
+struct FittedRows {
+    Array<double, 2> information;
+    Array<double, 1> weighted, mean, left_over;
+    FIELDS(information, weighted, mean, left_over)
+};
+FittedRows fit_rows(const RowModel& rows, Matrix at, Vector difference, Vector speed, double step_px, double half_weight, int reweightings);
+
 // rig.cpp
 struct RigEffects {
     Array<double, 3> terms;

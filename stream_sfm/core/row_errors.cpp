@@ -66,6 +66,46 @@ Array<double, 1> row_offsets(const RowModel& rows, Matrix at, Vector speed) {
     return result;
 }
 
+FittedRows fit_rows(const RowModel& rows, Matrix at, Vector difference, Vector speed, double step_px, double half_weight, int reweightings) {
+    Array<double, 2> terms = row_terms(rows.projection, rows.field, at, speed);
+    std::size_t n = terms.shape[0], k = terms.shape[1];
+    require_shape(difference, {n}, "difference_px");
+    require_shape(rows.mean, {k}, "mean");
+    require_shape(rows.cov, {k, k}, "cov of rows");
+    require(reweightings >= 1 && reweightings <= 1000, "reweightings is not within 1 and 1000");
+    const char* otherwise = "the covariance of rows is not positive definite";
+    FittedRows result{{k, k}, {k}, {k}, {n}};
+    std::vector<double> factor(rows.cov.data, rows.cov.data + k * k), before(k * k), weighted(k);
+    for (std::size_t a = 0; a < POLYNOMIAL; a++) factor[a * k + a] += step_px * step_px;
+    require_definite(factor_positive(factor.data(), k), otherwise);
+    for (std::size_t a = 0; a < k; a++) {
+        before[a * k + a] = 1;
+        solve_factored(factor.data(), before.data() + a * k, k);
+        weighted[a] = std::inner_product(rows.mean.data, rows.mean.data + k, before.data() + a * k, 0.0);
+    }
+    double *information = result.information.data.get(), *mean = result.mean.data.get();
+    auto look = [&](std::size_t i) { result.left_over.data[i] = difference.data[i] - std::inner_product(mean, mean + k, terms[i], 0.0); };
+    std::copy_n(rows.mean.data, k, mean);
+    for (std::size_t i = 0; i < n; i++) look(i);
+    for (int round = 0; round < reweightings; round++) {  // earlier frames keep their weight
+        std::copy(before.begin(), before.end(), information);
+        std::copy(weighted.begin(), weighted.end(), result.weighted.data.get());
+        for (std::size_t i = 0; i < n; i++) {
+            double residual = result.left_over.data[i] / rows.scatter_px / half_weight;
+            double weight = 1 / (1 + residual * residual) / (rows.scatter_px * rows.scatter_px);
+            add(weight * difference.data[i], terms[i], k, result.weighted.data.get());
+            for (std::size_t a = 0; a < k; a++) add(weight * terms[i][a], terms[i], a + 1, information + a * k);
+        }
+        factor.assign(information, information + k * k);
+        std::copy_n(result.weighted.data.get(), k, mean);
+        require_definite(solve_positive(factor.data(), mean, k), otherwise);
+        for (std::size_t i = 0; i < n; i++) look(i);
+    }
+    for (std::size_t a = 0; a < k; a++)
+        for (std::size_t b = 0; b < a; b++) information[b * k + a] = information[a * k + b];
+    return result;
+}
+
 Array<bool, 1> on_one_row(const RowModel& rows, Matrix left, Matrix right, Vector speed, double scale) {
     std::size_t n = left.shape[0];
     require_shape(left, {n, 2}, "left_px");
@@ -82,7 +122,7 @@ Array<bool, 1> on_one_row(const RowModel& rows, Matrix left, Matrix right, Vecto
     return result;
 }
 
-UnknownOfViews unknown_errors(const Timing& timing, const RowModel& rows, Matrix before, Matrix now, Matrix z, Vector twist,
+WIDER UnknownOfViews unknown_errors(const Timing& timing, const RowModel& rows, Matrix before, Matrix now, Matrix z, Vector twist,
                               Vector std_twist) {
     std::size_t n = z.shape[0], k = rows.mean.shape[0];
     require_shape(z, {n, 4}, "z_px");

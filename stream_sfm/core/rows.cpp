@@ -26,7 +26,7 @@ float cut(const ImageOf<T>& image, int u, int v, int half, int spacing, float* p
 }  // namespace
 
 template <class T>
-RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& right, Pixels points, std::int64_t first,
+WIDER RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& right, Pixels points, std::int64_t first,
                             std::int64_t last, const PointRules& rules) {
     const int half = rules.match_radius_px, spacing = rules.match_spacing_px;
     require(half >= 1 && half <= 100 && spacing >= 1 && spacing <= 100, "match_radius_px or match_spacing_px is not within 1 and 100");

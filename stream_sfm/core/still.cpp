@@ -1,4 +1,5 @@
-// What is drawn over both images, in some of their lines: see frontend/still_check.py.
+// What is drawn over both images, in some of their lines: see frontend/still_check.py; and whether these are one image: see
+// frontend/image_checks.py.
 
 #include "images.hpp"
 
@@ -12,7 +13,7 @@ int sign(int number) { return (number > 0) - (number < 0); }
 
 }  // namespace
 
-DrawnEdges drawn_edges(View<std::int16_t, 2> left, View<std::int16_t, 2> last, View<std::int16_t, 2> earlier,
+WIDER DrawnEdges drawn_edges(View<std::int16_t, 2> left, View<std::int16_t, 2> last, View<std::int16_t, 2> earlier,
                        View<std::int16_t, 2> right, std::int64_t edge_grey, std::int64_t same_grey, std::int64_t same_step_grey) {
     const std::pair<const View<std::int16_t, 2>*, const char*> others[] = {{&last, "last"}, {&earlier, "earlier"}, {&right, "right"}};
     for (auto [other, name] : others) require_shape(*other, left.shape, name);
@@ -45,6 +46,25 @@ DrawnEdges drawn_edges(View<std::int16_t, 2> left, View<std::int16_t, 2> last, V
             // the rarest first
             found.drawn += has(line + j, right[i] + j) && has(line + j, earlier[i] + j) && has(line + j, last[i] + j);
         }
+    }
+    return found;
+}
+
+WIDER SameSlopes same_slopes(const ImageOf<std::uint8_t>& left, const ImageOf<std::uint8_t>& right, std::int64_t every,
+                             std::int64_t slope_grey, std::int64_t same_grey) {
+    require(left.height == right.height && left.width == right.width, "left and right image have different sizes");
+    require(every >= 1, "spacing_px is below 1");
+    const int slope = static_cast<int>(std::clamp<std::int64_t>(slope_grey, 0, 256)), most = static_cast<int>(std::clamp<std::int64_t>(same_grey, -1, 256));
+    SameSlopes found{0, 0};
+    for (std::int64_t v = every / 2; v < left.height; v += every) {
+        const std::uint8_t *one = left.data + v * left.width, *other = right.data + v * left.width;
+        int slopes = 0, same = 0;
+        for (int u = 1; u + 1 < left.width; u++) {
+            int is_slope = std::abs(one[u + 1] - one[u - 1]) >= slope;
+            slopes += is_slope;
+            same += is_slope & (std::abs(one[u] - other[u]) <= most);
+        }
+        found.slopes += slopes, found.same += same;
     }
     return found;
 }

@@ -47,18 +47,20 @@ def combed(columns: Line, rules: FieldRules) -> float:
     Of columns (m, h), −1 where they do not show the scene. The bands in which it does so by most do not count, as
     those in which a line is drawn across the image.
     """
-    bands = rules.bands
-    hidden = columns < 0
-    grey = np.where(hidden, np.nan, columns).astype(np.float32) if hidden.any() else columns.astype(np.float32)
-    size = (grey.shape[1] - 5) // bands
-    if size < 1 or not np.isfinite(grey[:, ::2]).any() or not np.isfinite(grey[:, 1::2]).any():
+    bands, grey, known = rules.bands, columns.astype(np.float32), columns >= 0
+    lines, size = len(grey), (grey.shape[1] - 5) // rules.bands
+    if size < 1 or not known[:, ::2].any() or not known[:, 1::2].any():
         return 0.0
-    grey[:, ::2] -= np.nanmean(grey[:, ::2]) - np.nanmean(grey[:, 1::2])
-    last = grey[:, 5:]
-    squares = np.stack([(last - grey[:, 5 - k : -k]) ** 2 for k in (2, 3, 4, 5)])[..., : bands * size]
-    known = np.isfinite(squares)
-    squares = np.where(known, squares, 0).reshape(4, len(grey), bands, size).sum(axis=(1, 3))
-    s2, s3, s4, s5 = squares / np.maximum(known.reshape(4, len(grey), bands, size).sum(axis=(1, 3)), 1)
+    grey[:, ::2] -= grey[:, ::2].mean(where=known[:, ::2]) - grey[:, 1::2].mean(where=known[:, 1::2])
+    whole, means = known.all(), []
+    for k in (2, 3, 4, 5):
+        squares, n = (grey[:, 5:] - grey[:, 5 - k : -k]) ** 2, lines * size
+        if not whole:
+            both = known[:, 5:] & known[:, 5 - k : -k]
+            squares[~both] = 0
+            n = np.maximum(both[:, : bands * size].reshape(lines, bands, size).sum(axis=(0, 2)), 1)
+        means.append(squares[:, : bands * size].reshape(lines, bands, size).sum(axis=(0, 2)) / n)
+    s2, s3, s4, s5 = means
     excess = (3 * s3 - s2 - 3 * s4 + s5) / 4
     kept = np.argsort(excess)[: -rules.bands_left_out]
     return float(excess[kept].sum() / max(s2[kept].sum(), rules.least_grey2 * len(kept)))

@@ -3,10 +3,9 @@
 import cv2
 import numpy as np
 
+from .. import core
 from ..config.image_rules import ImageRules
 from .prepared import Image, PreparedImages
-
-_FIRST_LOOK = 8  # times fewer rows
 
 
 def are_alike(images: PreparedImages, previous: PreparedImages, alike: float) -> bool:
@@ -30,14 +29,8 @@ def are_one_image(left: Image, right: Image, rules: ImageRules) -> bool:
     """Return whether left and right, as the cameras delivered them, are the same image: no pair has no disparity."""
     if left.shape != right.shape:
         return False
-    for every in (_FIRST_LOOK * rules.spacing_px, rules.spacing_px):
-        rows, others = (image[every // 2 :: every].astype(np.int16) for image in (left, right))
-        steep = np.abs(rows[:, 2:] - rows[:, :-2]) >= rules.slope_grey
-        n, same = np.count_nonzero(steep), np.abs(rows - others)[:, 1:-1] <= rules.same_grey
-        n_same = np.count_nonzero(same & steep)
-        if n >= rules.fewest_slopes and n_same < rules.same_share * n / 2:
-            return False  # as the first rows say already of nearly all pairs
-    return bool(n >= rules.fewest_slopes and n_same > rules.same_share * n)
+    slopes, same = core.same_slopes(left, right, rules.spacing_px, rules.slope_grey, rules.same_grey)
+    return slopes >= rules.fewest_slopes and same > rules.same_share * slopes
 
 
 def image_note(

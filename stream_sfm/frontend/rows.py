@@ -91,24 +91,18 @@ class Rows:
         """Return the knowledge after matches at (n, 2), whose rows differ by (n,) and move by (n,) px/s."""
         if len(left_px) < _POLYNOMIAL:
             return self
-        terms = row_terms(self.projection, left_px, row_speed_px_s)
-        cov = self.cov.copy()
-        cov[range(_POLYNOMIAL), range(_POLYNOMIAL)] += self.rules.step_px**2
-        before = symmetric_inverse(cov)
-        mean, right_before = self.mean, before @ self.mean
-        for _ in range(self.rules.reweightings):  # earlier frames keep their weight
-            residual = (difference_px - terms @ mean) / self.scatter_px
-            weighted = terms.T * (1 / (1 + (residual / CAUCHY_WIDTH) ** 2) / self.scatter_px**2)
-            information, right = before + weighted @ terms, right_before + weighted @ difference_px
-            mean = np.asarray(np.linalg.solve(information, right), np.float64)
+        matches, rules = (left_px, difference_px, row_speed_px_s), self.rules
+        information, weighted, mean, rest_px = core.fit_rows(
+            self, *matches, rules.step_px, CAUCHY_WIDTH, rules.reweightings
+        )
         frames = self.frames + 1
-        scatter = MAD_TO_STD * median(np.abs(difference_px - terms @ mean))
+        scatter = MAD_TO_STD * median(np.abs(rest_px))
         scatter_px = self.scatter_px + (scatter - self.scatter_px) / min(frames, MEMORY_FRAMES)
         field_std_px = self._likely_field_std_px(information, mean)
         field = range(_POLYNOMIAL + 1, len(mean))
         information[field, field] += field_std_px**-2 - self.field_std_px**-2
         cov = symmetric_inverse(information)
-        mean = cov @ right
+        mean, terms = cov @ weighted, row_terms(self.projection, left_px, row_speed_px_s)
         return changed(
             self,
             mean=mean,
