@@ -122,7 +122,7 @@ class Observer:
         if images.grey_bits not in (None, grey_bits):
             images = self.prepare(frame, index, grey_bits)
         rectified = time.perf_counter()
-        state, view = replace(self.state, grey_bits=grey_bits), self.inertial_view(frame)
+        state, view = changed(self.state, grey_bits=grey_bits), self.inertial_view(frame)
         expected = None if view is None or expect is None else expect(stamp_ns, view)
         self.state, observations = self._frontend.step(state, images, stamp_ns, expected)
         if view is not None:
@@ -154,7 +154,7 @@ class Observer:
         z_px = seen.z_px - model.error_px(errors, seen.z_px)
         if observed.moving is not None:
             mean_s, cov_s2 = model.timing(errors)
-            timing = replace(self._frontend.start.timing, mean=mean_s, cov=cov_s2)
+            timing = changed(self._frontend.start.timing, mean=mean_s, cov=cov_s2)
             z_px -= timing.taken_out(*observed.moving)
         return changed(observed, observations=replace(seen, z_px=z_px, rig=None))
 

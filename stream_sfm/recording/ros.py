@@ -8,7 +8,7 @@ from typing import Any
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from rosbags.interfaces import Msgdef, Nodetype
-from rosbags.serde.cdr import generate_deserialize_cdr, generate_getsize_cdr, generate_serialize_cdr
+from rosbags.serde.cdr import generate_deserialize_cdr, generate_getsize_cdr
 from rosbags.serde.ros1 import generate_deserialize_ros1
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 from rosbags.typesys.base import normalize_fieldname
@@ -38,7 +38,6 @@ _SUPPORTED = (
     (MessageEncoding.ROS1, SchemaEncoding.ROS1),
 )
 _MAKERS: dict[str, Callable[..., Any]] = {
-    "serialize_cdr_le": partial(generate_serialize_cdr, endianness="le"),
     "deserialize_cdr_le": partial(generate_deserialize_cdr, endianness="le"),
     "deserialize_cdr_be": partial(generate_deserialize_cdr, endianness="be"),
     "deserialize_ros1": generate_deserialize_ros1,

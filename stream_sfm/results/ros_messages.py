@@ -1,21 +1,15 @@
-"""ROS 2 messages without ROS: the standard ones and our own (`own_messages.py`), their bytes in CDR, their definitions.
+"""ROS 2 messages without ROS: how those that we write are made, and their bytes in CDR."""
 
-The standard messages used here are the same in every ROS 2.
-"""
-
-from collections.abc import Mapping
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.interfaces import Nodetype
-from rosbags.typesys import get_types_from_msg
 
 from ..geometry import Array, se3
-from ..recording.ros import Types
 from .own_messages import DEFINITIONS
+from .ros_types import Types
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -30,57 +24,19 @@ _KINDS = {"<f4": 7, "<u4": 6}  # numbers of PointField
 # −1 as ROS says that a quantity is not estimated; the rest for filters that do not ask, and take its amount.
 _UNKNOWN_TWIST = np.diag([-1.0, *5 * [1e6]])
 
-# Only what is used: rosbags has all types of ROS 2, but takes 60 ms and 5 MiB for them.
-_STANDARD = """\
-builtin_interfaces/Time: int32 sec, uint32 nanosec
-std_msgs/Header: builtin_interfaces/Time stamp, string frame_id
-geometry_msgs/Point: float64 x, float64 y, float64 z
-geometry_msgs/Vector3: float64 x, float64 y, float64 z
-geometry_msgs/Quaternion: float64 x, float64 y, float64 z, float64 w
-geometry_msgs/Pose: geometry_msgs/Point position, geometry_msgs/Quaternion orientation
-geometry_msgs/PoseStamped: std_msgs/Header header, geometry_msgs/Pose pose
-geometry_msgs/PoseWithCovariance: geometry_msgs/Pose pose, float64[36] covariance
-geometry_msgs/PoseWithCovarianceStamped: std_msgs/Header header, geometry_msgs/PoseWithCovariance pose
-geometry_msgs/Twist: geometry_msgs/Vector3 linear, geometry_msgs/Vector3 angular
-geometry_msgs/TwistWithCovariance: geometry_msgs/Twist twist, float64[36] covariance
-geometry_msgs/Transform: geometry_msgs/Vector3 translation, geometry_msgs/Quaternion rotation
-geometry_msgs/TransformStamped: std_msgs/Header header, string child_frame_id, geometry_msgs/Transform transform
-nav_msgs/Odometry: std_msgs/Header header, string child_frame_id, geometry_msgs/PoseWithCovariance pose, \
-geometry_msgs/TwistWithCovariance twist
-nav_msgs/Path: std_msgs/Header header, geometry_msgs/PoseStamped[] poses
-tf2_msgs/TFMessage: geometry_msgs/TransformStamped[] transforms
-sensor_msgs/PointField: uint8 INT8=1, uint8 UINT8=2, uint8 INT16=3, uint8 UINT16=4, uint8 INT32=5, uint8 UINT32=6, \
-uint8 FLOAT32=7, uint8 FLOAT64=8, string name, uint32 offset, uint8 datatype, uint32 count
-sensor_msgs/PointCloud2: std_msgs/Header header, uint32 height, uint32 width, sensor_msgs/PointField[] fields, \
-bool is_bigendian, uint32 point_step, uint32 row_step, uint8[] data, bool is_dense
-diagnostic_msgs/KeyValue: string key, string value
-diagnostic_msgs/DiagnosticStatus: byte OK=0, byte WARN=1, byte ERROR=2, byte STALE=3, byte level, string name, \
-string message, string hardware_id, diagnostic_msgs/KeyValue[] values
-diagnostic_msgs/DiagnosticArray: std_msgs/Header header, diagnostic_msgs/DiagnosticStatus[] status
-"""
-_PART = "=" * 80  # between a definition and those of its parts
-
 
 @cache
-def type_store() -> Any:
-    """The types of ROS 2 and our own. The first call takes 20 ms: it had better not be in a frame."""
-    store, standard = Types("serialize_cdr_le"), (line.split(": ", 1) for line in _STANDARD.splitlines())
-    for name, fields in standard:
-        store.fielddefs |= get_types_from_msg(fields.replace(", ", "\n"), name.replace("/", "/msg/"))
-    for name, text in DEFINITIONS.items():
-        store.fielddefs |= get_types_from_msg(text, name)
+def type_store() -> Types:
+    """The types of messages. The first call takes 10 ms: it had better not be in a frame."""
+    store = Types()
     for name in (*DEFINITIONS, ODOMETRY, POSE, TRANSFORMS, CLOUD, PATH):
         store.get_msgdef(name)  # makes what encodes it
     return store
 
 
 @cache
-def _arrays(name: str) -> Mapping[str, str]:
-    """The fields of a type that are arrays of numbers, and of which."""
-    lists = (Nodetype.ARRAY, Nodetype.SEQUENCE)
-    elements = {field: of[0] for field, (kind, of) in type_store().fielddefs[name][1] if kind in lists}
-    numbers = {field: base[0] for field, (kind, base) in elements.items() if kind == Nodetype.BASE}
-    return {field: number for field, number in numbers.items() if number != "string"}
+def _arrays(name: str) -> dict[str, str]:
+    return type_store().arrays(name)
 
 
 def make(name: str, /, **fields: Any) -> Any:
@@ -92,13 +48,12 @@ def make(name: str, /, **fields: Any) -> Any:
 
 def encode(message: Any) -> bytes:
     """Return the bytes of a message: little-endian CDR."""
-    return bytes(type_store().serialize_cdr(message, message.__msgtype__, little_endian=True))
+    return type_store().encode(message, message.__msgtype__)
 
 
 def schema_text(name: str) -> str:
     """Return the definition of a message with those of all its parts; our own with an explanation of each field."""
-    own, *parts = type_store().generate_msgdef(name, ros_version=2)[0].split(_PART)
-    return _PART.join([DEFINITIONS.get(name, own), *parts])
+    return type_store().schema_text(name)
 
 
 def header(stamp_ns: int, frame_id: str) -> Any:

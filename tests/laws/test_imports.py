@@ -45,7 +45,7 @@ HOMES = {
     "google": ("recording",),  # protobuf, which the two beside it need
     "foxglove_schemas_protobuf": ("sources", "recording"),
     "isal": ("deflate.py",),
-    "rosbags": ("recording", "sources", "results/ros_messages.py"),
+    "rosbags": ("recording", "sources", "results/ros_types.py"),
     "ruamel": ("camera",),
     "pandas": ("results/run_results.py",),
     "gtsam": ("places/graph.py",),

@@ -255,5 +255,5 @@ def test_evo_reads_the_odometry_and_the_text_files_straight(written: Path, tmp_p
 
 
 def test_the_first_frame_waits_for_no_type_of_message() -> None:
-    """What encodes a type takes up to 50 ms to make, in which a camera at 60 Hz loses three frames."""
-    assert set(TOPICS.values()) <= type_store().cache.keys()
+    """What encodes all types takes up to 20 ms to make, in which a camera at 60 Hz loses a frame."""
+    assert set(TOPICS.values()) <= type_store().made.keys()
