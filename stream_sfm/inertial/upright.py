@@ -3,8 +3,8 @@
 import numpy as np
 
 from ..geometry import Array, se3
-from ..record import record
 from ..geometry.linear import symmetric
+from ..record import record
 
 # Columns: the camera's right, down and forward in the axes of a body, REP 103: x forward, y left, z up.
 BODY_FROM_CAMERA_AXES = se3.from_rotation_translation([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])
