@@ -26,6 +26,7 @@ def record(cls: type[T]) -> type[T]:
     """
     members = {name: _member(value) for name, value in vars(cls).items() if name not in ("__dict__", "__weakref__")}
     members = {"__repr__": object.__repr__, "__dataclass_fields__": _Fields(cls)} | members
+    members["__annotations__"] = cls.__annotations__  # from Python 3.14 on they are not among the members
     struct: Any = type(msgspec.Struct)
     made: type[T] = struct(cls.__name__, (msgspec.Struct,), members, frozen=True, eq=False, dict=True)
     return made
