@@ -18,13 +18,12 @@ __version__ = "0.1.0"
 
 def __getattr__(name: str) -> Any:
     """Import what is used: the public names and their modules are the imports of `__init__.pyi`."""
-    import ast
     from importlib import import_module
     from pathlib import Path
 
-    stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
-    imports = [(node.module, node.names) for node in stub.body if isinstance(node, ast.ImportFrom)]
-    homes = {alias.asname or alias.name: (module, alias.name) for module, names in imports for alias in names}
+    stub = Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+    imports = (line.split() for line in stub.splitlines() if line.startswith("from "))
+    homes = {public: (module[1:], inside) for _, module, _, inside, _, public in imports}
     if name == "__all__":
         value: Any = sorted([*homes, "__version__"])
     elif name in homes:

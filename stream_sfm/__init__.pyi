@@ -1,4 +1,4 @@
-# The public names, once: type checkers read these imports, and `__init__.py` makes them when a name is used.
+# The public names, one a line: type checkers read these imports, and `__init__.py` makes them when a name is used.
 
 from .batch.replay_batch import replay_batch as replay_batch
 from .camera.models import Camera as Camera

@@ -6,6 +6,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from .config import Config
 from .errors import FrameError
 from .frontend.front_end import StereoFrontEnd
 from .frontend.image_checks import are_one_image
-from .frontend.mono.front_end import MonoFrontEnd
 from .frontend.prepared import PreparedImages
 from .frontend.state import FrontEndState
 from .geometry.stereo import StereoProjection
@@ -28,6 +28,9 @@ from .record import changed
 from .rig_model.estimate import RigEstimate
 from .types import ExpectedMotion, Frame, InertialView, Solution, StereoFrame
 from .wording import described
+
+if TYPE_CHECKING:
+    from .frontend.mono.front_end import MonoFrontEnd
 
 Expect = Callable[[int, InertialView], ExpectedMotion | None]  # of a stamp, and the samples that come with it
 
@@ -45,11 +48,7 @@ class Observer:
         self.rig = used_cameras(rig, config)
         self.rectifier = Rectifier(self.rig)
         self.projection: StereoProjection = self.rectifier.projection
-        self._frontend: StereoFrontEnd | MonoFrontEnd
-        if isinstance(self.rig, StereoRig):
-            self._frontend = StereoFrontEnd(self.rig, self.rectifier, config)
-        else:
-            self._frontend = MonoFrontEnd(self.projection, config, self.rectifier.valid)
+        self._frontend = _front_end(self.rig, self.rectifier, config)
         self.state: FrontEndState = self._frontend.start
         self._smoothing_px, self._rules = config.frontend.smoothing_px, config.rules
         self._made_by = (
@@ -135,7 +134,7 @@ class Observer:
         z_px = seen.z_px - model.error_px(errors, seen.z_px)
         if observed.moving is not None:
             mean_s, cov_s2 = model.timing(errors)
-            timing = replace(self._frontend.start.timing, mean=mean_s, cov=cov_s2)
+            timing = changed(self._frontend.start.timing, mean=mean_s, cov=cov_s2)
             z_px -= timing.taken_out(*observed.moving)
         return changed(observed, observations=replace(seen, z_px=z_px, rig=None))
 
@@ -172,3 +171,12 @@ class Observer:
         if prepared.stamp_ns != frame.stamp_ns:
             return f"is of the frame with stamp {prepared.stamp_ns} ns, this one has {frame.stamp_ns} ns"
         return ""
+
+
+def _front_end(rig: StereoRig | MonoRig, rectifier: Rectifier, config: Config) -> "StereoFrontEnd | MonoFrontEnd":
+    """The front-end of a rig; that of one camera is imported where it is used."""
+    if isinstance(rig, StereoRig):
+        return StereoFrontEnd(rig, rectifier, config)
+    from .frontend.mono.front_end import MonoFrontEnd
+
+    return MonoFrontEnd(rectifier.projection, config, rectifier.valid)

@@ -1,7 +1,7 @@
 """Turns a solution in rectified axes into the estimate of a frame in axes of the physical left camera."""
 
 from dataclasses import field, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,6 @@ from .camera.rectification import Rectifier
 from .camera.unseen_errors import PhysicalAxes
 from .config import RigConfig
 from .frontend.front_end import StereoFrontEnd
-from .frontend.mono.front_end import MonoFrontEnd
 from .frontend.template_errors import TemplateErrors
 from .geometry import Array
 from .inertial.state import SCALE
@@ -27,6 +26,9 @@ from .types import (
     Solution,
     Status,
 )
+
+if TYPE_CHECKING:
+    from .frontend.mono.front_end import MonoFrontEnd
 
 
 @record
@@ -53,7 +55,7 @@ class PhysicalEstimates:
     """
 
     def __init__(
-        self, rectifier: Rectifier, frontend: StereoFrontEnd | MonoFrontEnd, config: RigConfig, unscaled: bool
+        self, rectifier: Rectifier, frontend: "StereoFrontEnd | MonoFrontEnd", config: RigConfig, unscaled: bool
     ) -> None:
         self._rect_from_cam, self._frontend, self._unscaled = rectifier.rect_from_cam, frontend, unscaled
         self._disparity_at_1m_px = rectifier.projection.f_px * rectifier.projection.baseline_m

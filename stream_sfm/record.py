@@ -9,6 +9,7 @@ from dataclasses import Field, dataclass, field, fields, replace
 from enum import Enum, auto
 from typing import Any, NamedTuple, TypeVar, dataclass_transform
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,13 +18,37 @@ T = TypeVar("T")
 
 @dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
 def record(cls: type[T]) -> type[T]:
-    """Make a class a dataclass that nothing changes; `changed` returns a changed copy.
+    """Make a class a record that nothing changes; `changed` returns a changed copy.
 
-    The type checker sees to that, not Python: a frozen dataclass takes five times as long to fill, and three times as
-    long to define, and one with slots almost three times as long to copy. Records hold arrays, so they are neither
-    compared nor printed. What users are given is frozen.
+    It is a frozen struct of msgspec, for which no code is written and compiled: it takes a tenth of the time of a
+    dataclass to define, and a third of it to fill. `fields`, `replace` and `asdict` of `dataclasses` take it as well.
+    Records hold arrays, so they are neither compared nor printed.
     """
-    return dataclass(eq=False, repr=False)(cls)
+    members = {name: _member(value) for name, value in vars(cls).items() if name not in ("__dict__", "__weakref__")}
+    members = {"__repr__": object.__repr__, "__dataclass_fields__": _Fields(cls)} | members
+    members["__annotations__"] = cls.__annotations__  # from Python 3.14 on they are not among the members
+    struct: Any = type(msgspec.Struct)
+    made: type[T] = struct(cls.__name__, (msgspec.Struct,), members, frozen=True, eq=False, dict=True)
+    return made
+
+
+def _member(value: Any) -> Any:
+    """A member of a struct: as it is, but for the default of a field, which is made for each record."""
+    made_anew: Any = value.default_factory if isinstance(value, Field) else None
+    return value if made_anew is None else msgspec.field(default_factory=made_anew)
+
+
+class _Fields:
+    """What `dataclasses` knows of the fields of a record, made when it is asked for: it takes some 0.1 ms."""
+
+    def __init__(self, cls: type) -> None:
+        self._cls = cls
+
+    def __get__(self, _: Any, of: Any) -> dict[str, Field[Any]]:
+        cls: Any = dataclass(init=False, eq=False, repr=False)(self._cls)
+        found: dict[str, Field[Any]] = cls.__dataclass_fields__
+        of.__dataclass_fields__ = found
+        return found
 
 
 def filled(cls: type[T], parts: Any, **others: Any) -> T:
@@ -32,12 +57,9 @@ def filled(cls: type[T], parts: Any, **others: Any) -> T:
 
 
 def changed(of: T, **fields: Any) -> T:
-    """Return a record with other values in some fields; `dataclasses.replace` takes four times as long."""
-    values = of.__dict__ | fields
-    if len(values) > len(of.__dict__):
-        raise TypeError(f"{type(of).__name__} has no field {', '.join(sorted(fields.keys() - of.__dict__.keys()))}")
-    result = object.__new__(type(of))
-    result.__dict__ = values
+    """Return a record with other values in some fields. Raises TypeError for a field that it does not have."""
+    struct: Any = of
+    result: T = msgspec.structs.replace(struct, **fields)
     return result
 
 

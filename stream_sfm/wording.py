@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +40,8 @@ def described(value: object) -> str:
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
     """Say that a name is not known, with the nearest known name, or else with all of them."""
+    from difflib import get_close_matches  # takes a millisecond to import
+
     known = list(known)
     nearest = get_close_matches(name, known, n=1, cutoff=0.7)  # one letter wrong in four
     cure = f"did you mean {nearest[0]}?" if nearest else f"known are {', '.join(known)}"

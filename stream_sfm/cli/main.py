@@ -1,7 +1,7 @@
 """`stream-sfm`: parse, call, and turn errors into exit codes, which are in `errors.py`.
 
 A command is a function beside this file: its signature is its options, its docstring its help. Heavy imports happen
-in the functions, so that `--help` answers at once.
+in the functions, so that `--help` answers at once; that of Cyclopts, too, as `settle` makes imports cheaper.
 """
 
 import errno
@@ -12,9 +12,7 @@ import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from typing import TextIO
-
-from cyclopts import App, CycloptsError, Parameter
+from typing import TYPE_CHECKING, TextIO
 
 from .. import __version__, memory
 from ..errors import ExitCode, StreamSfmError
@@ -23,7 +21,9 @@ from ..wording import printable
 from .library_messages import filtered
 from .printing import print_error
 from .process import settle
-from .usage import hint, rewritten, usage_error
+
+if TYPE_CHECKING:
+    from cyclopts import App
 
 # Where each command is; only the files of those that the command line names are imported.
 COMMANDS = {
@@ -54,8 +54,10 @@ _NO_MEMORY = (
 _REFUSED_BY_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
 
-def build_app(words: Sequence[str] = ()) -> App:
+def build_app(words: Sequence[str] = ()) -> "App":
     """The application with all commands, and with the one that installs completions where `words` may ask for it."""
+    from cyclopts import App, Parameter
+
     app = App(
         name="stream-sfm",
         help="Estimate camera motion and local 3-D structure, with covariances, from stereo recordings.",
@@ -77,7 +79,7 @@ def build_app(words: Sequence[str] = ()) -> App:
     return app
 
 
-def _complete_help(app: App, names: Iterable[str]) -> None:
+def _complete_help(app: "App", names: Iterable[str]) -> None:
     """Let the help of these commands be wrapped at the width of the terminal, not where the docstrings are."""
     for sub in (app[name] for name in names if not name.startswith("-")):
         sub.help_epilogue = ""  # not the exit codes again
@@ -91,6 +93,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     settle()
     _open_missing_streams()
+    from .usage import rewritten
+
     words = rewritten(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
@@ -143,7 +147,7 @@ def _logging_to_stderr() -> Iterator[None]:
         logger.removeHandler(handler)
 
 
-def _run(app: App, words: list[str], debug: bool) -> int:
+def _run(app: "App", words: list[str], debug: bool) -> int:
     """Run one command: the one place where errors become exit codes."""
     try:
         _, apps, rest = app.parse_commands(words)
@@ -171,8 +175,12 @@ def _run(app: App, words: list[str], debug: bool) -> int:
         return ended
 
 
-def _reported(app: App, words: list[str], error: BaseException) -> tuple[int, str, str]:
+def _reported(app: "App", words: list[str], error: BaseException) -> tuple[int, str, str]:
     """Exit code, message and advice of an error."""
+    from cyclopts import CycloptsError
+
+    from .usage import hint, usage_error
+
     match error:
         case CycloptsError():
             return ExitCode.USAGE, *usage_error(app, words, error)

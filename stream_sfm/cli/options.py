@@ -263,10 +263,10 @@ class TruthFile:
 
     def read(self) -> "GroundTruthFile | None":
         """The file chosen, if any."""
-        from ..recording.truth_file import GroundTruthFile
-
         if self.ground_truth is None:
             return None
+        from ..recording.truth_file import GroundTruthFile
+
         return GroundTruthFile(self.ground_truth, self.ground_truth_frame, self.ground_truth_offset)
 
 

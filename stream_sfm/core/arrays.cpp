@@ -1,8 +1,19 @@
-// Products, factors and sets of ids that NumPy has no single call for, or a slow one.
+// Products, factors and sets of ids that NumPy has no single call for, or a slow one; how arguments are refused.
 
 #include "poses.hpp"
 
 namespace core {
+
+void refuse(const char* why) { throw std::invalid_argument(why); }
+
+void refuse_shape(const char* name, const std::size_t* shape, const std::size_t* wanted, std::size_t n) {
+    auto listed = [n](const std::size_t* extents) {
+        std::string text;
+        for (std::size_t i = 0; i < n; i++) text += (i ? ", " : "") + std::to_string(extents[i]);
+        return "(" + text + ")";
+    };
+    refuse((std::string(name) + " has shape " + listed(shape) + " in place of " + listed(wanted)).c_str());
+}
 
 Array<double, 3> whiten_blocks(Matrices cov, Matrices b) {
     std::size_t n = cov.shape[0], k = b.shape[2];

@@ -6,13 +6,13 @@ is not taken for theirs, however new it is. `tools/build/in_place.py` takes this
 
 import os
 import sys
-import sysconfig
 import zlib
+from importlib.machinery import EXTENSION_SUFFIXES
 
 
 def module_name() -> str:
     """Return the file name of the module for this Python."""
-    return f"_core{'.abi3.so' if sys.version_info >= (3, 12) else sysconfig.get_config_var('EXT_SUFFIX')}"
+    return f"_core{'.abi3.so' if sys.version_info >= (3, 12) else EXTENSION_SUFFIXES[0]}"
 
 
 def mark_of(folder: str) -> str:

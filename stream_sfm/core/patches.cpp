@@ -220,8 +220,9 @@ struct Fits {
     std::vector<double> rest, gain, mean;
 };
 
-// Deviations of what was found, with the gain and offset that all have in common beside the exposures: eq. (15).
-void judge(AlignedPatches& result, const Fits& fits, Matrices information, View<float, 1> level, Matrix before, int samples,
+// Deviations of what was found, with the gain and offset that all have in common beside the exposures: eq. (15). Not made
+// twice within each stage, as it is not where the time goes.
+[[gnu::noinline]] void judge(AlignedPatches& result, const Fits& fits, Matrices information, View<float, 1> level, Matrix before, int samples,
            const TemplateRules& rules) {
     const std::vector<std::size_t> found = rows_where(fits.gain.size(), [&](std::size_t i) { return result.found.data[i]; });
     std::vector<double> levels_before, levels_now, gains;

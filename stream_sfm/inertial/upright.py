@@ -1,17 +1,16 @@
 """A world whose z axis is up, by gravity as inertial samples tell it."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..geometry import Array, se3
 from ..geometry.linear import symmetric
+from ..record import record
 
 # Columns: the camera's right, down and forward in the axes of a body, REP 103: x forward, y left, z up.
 BODY_FROM_CAMERA_AXES = se3.from_rotation_translation([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class Upright:
     """Where the world of a frame's pose lies in one that is upright, by gravity as that frame knows it.
 

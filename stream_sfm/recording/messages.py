@@ -2,9 +2,9 @@
 
 import base64
 import json
+import math
 from array import array
 from collections.abc import Callable, Iterable, Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -275,9 +275,10 @@ def _has(message: Any, name: str) -> bool:
 
 
 def _get(message: Any, *names: str, default: Any = None) -> Any:
-    value_of = message.get if isinstance(message, dict) else partial(getattr, message)
+    is_json = isinstance(message, dict)
     for name in names:
-        if (value := value_of(name, _MISSING)) is not _MISSING:
+        value = message.get(name, _MISSING) if is_json else getattr(message, name, _MISSING)
+        if value is not _MISSING:
             return value
     if default is None:
         raise ValueError(f"the message lacks the field {names[0]}")
@@ -334,14 +335,11 @@ def _pose(message: Any) -> PoseMessage:
         if _has(body, "pose"):  # with covariance
             body = _get(body, "pose")
     t, q = _get(body, position), _get(body, rotation)
-    quat_xyzw = np.array([float(_get(q, name)) for name in "xyzw"])
-    if (
-        not np.isfinite(quat_xyzw).all()
-        or not _QUATERNION_NORMS[0] < np.linalg.norm(quat_xyzw) < _QUATERNION_NORMS[1]
-    ):
-        raise ValueError(f"a pose with the quaternion {quat_xyzw.tolist()}")
-    pose = se3.from_rotation_translation(se3.matrix_from_quat_xyzw(quat_xyzw), [float(_get(t, x)) for x in "xyz"])
-    if not np.isfinite(pose).all():
+    quat_xyzw, position_m = [float(_get(q, x)) for x in "xyzw"], [float(_get(t, x)) for x in "xyz"]
+    if not _QUATERNION_NORMS[0] < math.hypot(*quat_xyzw) < _QUATERNION_NORMS[1]:  # NaN is in no order
+        raise ValueError(f"a pose with the quaternion {quat_xyzw}")
+    if not all(map(math.isfinite, position_m)):
         raise ValueError("a pose that is not finite")
+    pose = se3.from_rotation_translation(se3.matrix_from_quat_xyzw(quat_xyzw), position_m)
     child = _text(_get(message, "child_frame_id", default="")).lstrip("/")
     return PoseMessage(_stamp_ns(message), _frame_id(message), child, pose)

@@ -1,13 +1,13 @@
 """The two camera topics of a log as pairs of undecoded images, with counts of what was read and lost."""
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain
 
 from ..camera.rig import MonoRig, StereoRig
 from ..errors import LogError
 from ..mcap_file.message import Damage, Message, Source
-from ..record import record
+from ..record import changed, record
 from .images import check_encoding
 from .messages import CalibrationMessage, ImageMessage, MessageDecoder, UndecodableMessage
 from .pairing import Pairer
@@ -141,7 +141,7 @@ class PairReader:
         if self._began_ns is None and image.topic == self._topics[0]:
             self._began_ns = message.log_time_ns
         calibration = self._in_force.get(self._calibrated_by.get(image.topic, ""))
-        return replace(image, calibration=calibration)
+        return changed(image, calibration=calibration)
 
     def _hear(self, message: Message) -> None:
         """Take a calibration sent between images; if it differs, it is valid from here on.
@@ -189,7 +189,7 @@ class PairReader:
                     )
         known, self._first = self._first, []
         return [
-            replace(image, stamp_ns=log_time_ns) if self._by_log_time else image for image, log_time_ns in known
+            changed(image, stamp_ns=log_time_ns) if self._by_log_time else image for image, log_time_ns in known
         ]
 
     def _finish(self) -> None:

@@ -4,7 +4,6 @@ import os
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
-from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from ..camera.rig import MonoRig, StereoRig, baseline_warnings
 from ..errors import ConfigError, InputError, LogError
 from ..mcap_file.message import Damage, Source
 from ..outputs import refuse_existing
+from ..record import changed
 from ..sources.recognise import open_source
 from ..types import Selection, Trajectory
 from ..wording import counted
@@ -292,7 +292,7 @@ class StereoLog:
                     break
                 if since_ns >= start_ns:
                     if count % selection.stride == 0:
-                        yield replace(pair, rig=rig)
+                        yield changed(pair, rig=rig)
                     count += 1
         if ended:
             self.stats.complete = False

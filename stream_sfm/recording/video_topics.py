@@ -11,7 +11,6 @@ from itertools import islice
 from ..errors import LogError
 from ..inputs import LIMITS
 from ..mcap_file.message import Damage, Derived, Message, Source
-from ..sources.profile import raw_channel, raw_message
 from ..sources.sides import is_camera
 from ..sources.video_stream import VideoStream, codec_of
 from ..wording import counted
@@ -72,6 +71,8 @@ class _Decoded(Derived):
             damage.bytes_read = max(part.bytes_read for part in parts)
 
     def _pictures(self, topic: str, damage: Damage) -> Generator[Message]:
+        from ..sources.profile import raw_channel, raw_message
+
         channel, where = raw_channel(topic), f"{self.path}: topic {topic}"
         stream = VideoStream(self._videos[topic], self._frames(topic, damage))
         try:

@@ -26,12 +26,11 @@ from ..report.records import RunRecord, Truth
 from ..types import Frame, FrameEstimate, InertialEstimator, Selection, Sink, Trajectory
 from .lane import Lane
 from .loop import RunOutcome, run
-from .self_test import SelfTestOfRun
 from .summary import peak_rss_mib, summarise
-from .there_and_back import drift_there_and_back
 
 if TYPE_CHECKING:
     from ..places.place_map import PlaceMap
+    from .self_test import SelfTestOfRun
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -140,7 +139,7 @@ class _Replay:
         with one_thread:
             observer = Observer(log.rig, config)
             self.lane = Lane(config, observer, self._depth, folder)
-        self._checks = [SelfTestOfRun(self.lane)] if self_test else []
+        self._checks = [_self_test(self.lane)] if self_test else []
         self._calibration = CalibrationSink(log)
         self._places: PlaceMap | None = None
         self._save_map: Path | None = None
@@ -224,6 +223,8 @@ class _Replay:
             with closing(test):
                 further["self_test"] = test.result(interruption)
         if self._there_and_back and not outcome.interrupted and len(record):
+            from .there_and_back import drift_there_and_back
+
             there, further["there_and_back"] = record.trajectory(), None
             try:  # estimates are not lost if the way back fails
                 back = drift_there_and_back(self._log, self._config, self._selection, there, interruption)
@@ -260,6 +261,12 @@ class _Replay:
         except InputError as error:
             return truth, [f"{self._log.path}: {error}"]
         return truth._replace(poses=without_frames(poses, stamps_ns, truth.ignored)), []
+
+
+def _self_test(lane: Lane) -> "SelfTestOfRun":
+    from .self_test import SelfTestOfRun
+
+    return SelfTestOfRun(lane)
 
 
 def _check_gravity(log: StereoLog, lane: Lane, with_map: bool) -> None:

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from ..geometry import Array
 from ..inertial.samples import ImuCalibration, ImuSamples
-from ..record import About, Kind
+from ..record import About, Kind, record
 from ..rig_model.model import RigModel
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class MapStart:
     """The depths that a front-end with one camera has found in a frame, from which a map can start.
 
@@ -29,7 +29,7 @@ class MapStart:
         return f"<MapStart {len(self.z_px)} views>"
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class LastingErrors:
     """Temporally correlated view errors of a frame (n).
 
@@ -47,7 +47,7 @@ class LastingErrors:
         return f"<LastingErrors of {0 if self.std_drift_px is None else len(self.std_drift_px)} views>"
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class Ambiguity:
     """Why the motion of the views may not be that of the camera.
 
@@ -67,7 +67,7 @@ class Ambiguity:
         return f"<Ambiguity: {'' if self.other_from_previous is None else 'two motions '}{'misfit' * self.misfit}>"
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class RigChange:
     """The right camera has turned against the left one during the run, as by a knock.
 
@@ -95,7 +95,7 @@ class RigChange:
         return f"<RigChange at frame {self.frame_index}, {self.shift_px:.2f} px>"
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class RigView:
     """What errors of the rig do to the views (n) of a frame.
 
@@ -119,7 +119,7 @@ class RigView:
         return f"<RigView {len(self.model)} errors{'' if self.change is None else ', changed'}>"
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class InertialView:
     """The inertial `samples` that came with a frame, and the `calibration` of their unit, in rectified axes."""
 
@@ -130,7 +130,7 @@ class InertialView:
         return f"<InertialView {len(self.samples)} samples>"
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@record
 class ExpectedMotion:
     """The motion since the frame at `since_ns` that inertial samples predict.
 

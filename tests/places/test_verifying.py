@@ -84,7 +84,7 @@ def test_views_from_too_far_are_not_verified(projection: StereoProjection) -> No
 
 def test_a_keyframe_is_small_and_a_black_image_is_one_too(projection: StereoProjection) -> None:
     keyframe = seen(Wall(1), np.eye(4), projection).keyframe
-    kept = (getattr(keyframe, name) for name in keyframe.__match_args__)
+    kept = (getattr(keyframe, name) for name in type(keyframe).__match_args__)
     assert sum(getattr(value, "nbytes", 0) for value in kept) + len(keyframe.patches) < 100_000
     black = np.zeros((240, 320), np.uint8)
     nothing = make_keyframe((black, black), projection, 0, 0, np.eye(4), np.zeros((0, 3)), np.zeros((0, 3, 3)))
