@@ -5,7 +5,7 @@ what is left of its uncertainty goes on being considered. docs/mathematics.md, s
 """
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -54,10 +54,9 @@ class Refinement:
 
 @dataclass(frozen=True, slots=True)
 class KnownTiming:
-    """Delay of the right camera, and time in which both shutters read out an image from the top down.
+    """Delay of the right camera, and time in which both shutters read out an image from the top down; each with its σ.
 
-    Seconds, each followed by its σ, in the order of the rig's terms. Raises ConfigError for values that are not finite,
-    and for a σ that is not positive.
+    Seconds. Raises ConfigError for values that are not finite, and for a σ that is not positive.
     """
 
     delay_s: float
@@ -76,12 +75,12 @@ class KnownTiming:
     @property
     def mean(self) -> Array:
         """Delay and readout (2,)."""
-        return np.array(astuple(self)[::2])
+        return np.array([self.delay_s, self.readout_s])
 
     @property
     def std(self) -> Array:
         """Their σ (2,)."""
-        return np.array(astuple(self)[1::2])
+        return np.array([self.std_delay_s, self.std_readout_s])
 
 
 def combine(refinements: Sequence[Refinement], priors_std_px: Array, prior_std_px: Array) -> Refinement:

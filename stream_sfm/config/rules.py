@@ -27,8 +27,7 @@ class MotionRules(Section, frozen=True, kw_only=True):
     full_history: Annotated[int, expert("frames of agreement beyond which history no longer counts", 1, 1000)] = 10
     # A body that enters the view is outvoted, but not for ever, once it is all that is left in most of the image.
     first_vote: Annotated[float, expert("vote of a track that never agreed, share of the largest", 1e-3, 1e6)] = 0.1
-    # A tenth forgets depths that a wrong motion carried along, and those of a rig that gives way. Less is slower to
-    # recover, more wastes earlier views.
+    # A tenth forgets depths that a wrong motion carried along. Less is slower to recover, more wastes earlier views.
     forgetting: Annotated[float, expert("growth per frame of the variance of inverse depth", 1, 10)] = 1.1
     # With 1, 41 frames of KITTI 06 are degraded.
     slides_most: Annotated[float, expert("multiple of the template drift that a track survives", 0, 100)] = 2.0

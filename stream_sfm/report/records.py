@@ -16,7 +16,7 @@ from ..errors import FrameError
 from ..evaluation.figures import NIS, TIME, Figure
 from ..evaluation.relative_consistency import RelativeRecord
 from ..evaluation.structure import StructureComparison
-from ..evaluation.trajectory import mean_of_known, path_length_m
+from ..evaluation.trajectory import path_length_m
 from ..geometry import Array
 from ..geometry.medians import median as median_of_finite
 from ..inertial.upright import Upright
@@ -288,7 +288,8 @@ class HalvesRecord:
     @property
     def nees_mean(self) -> float | None:
         """The mean of the NEES, 6 expected; None where there is none."""
-        return mean_of_known(np.array(self._nees))
+        nees = np.array(self._nees)
+        return float(np.nanmean(nees)) if np.isfinite(nees).any() else None
 
 
 def quantiles(values: Any) -> dict[str, float] | None:

@@ -146,7 +146,7 @@ class RigModel:
     def timing(self, known: Amplitudes | RigEstimate) -> tuple[Array, Array]:
         """Return mean (2,) and covariance (2, 2) of delay and readout, seconds, by what is known of all amplitudes."""
         at, unit = AT_TIMING, self.root[AT_TIMING, AT_TIMING]
-        return unit @ known.mean[at], unit @ (known.cov[at, at] + LEAST_VARIANCE * np.eye(len(unit))) @ unit.T
+        return unit @ known.mean[at], unit @ (known.cov[at, at] + LEAST_VARIANCE * np.eye(2)) @ unit.T
 
     def before_views(self) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Return mean and σ of all amplitudes (m,) before any view, and of which (m,) the size is to be learnt."""
