@@ -1,7 +1,7 @@
 """Turns a solution in rectified axes into the estimate of a frame in axes of the physical left camera."""
 
 from dataclasses import field, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,7 +103,9 @@ class PhysicalEstimates:
             rig_change=None if observations.rig is None else observations.rig.change,
         )
 
-    def _structure(self, axes: PhysicalAxes, observed: Observed, solution: Solution) -> dict[str, NDArray[Any]]:
+    def _structure(
+        self, axes: PhysicalAxes, observed: Observed, solution: Solution
+    ) -> dict[str, Array | NDArray[np.int64]]:
         """Return the fields of an estimate that are points: those in view that are reported, and those that ended."""
         seen = observed.observations
         new_ids = seen.track_ids[len(seen.track_ids) - seen.n_new :]

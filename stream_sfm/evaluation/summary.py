@@ -43,7 +43,7 @@ def evaluate(
         }
         if estimate.cov_pose is not None and rows[0] == 0:
             nees = metrics.nees_pose(e, estimate.cov_pose[rows], t)
-            figures["nees_pose_mean"] = float(nees[~np.isnan(nees)].mean()) if not np.isnan(nees).all() else None
+            figures["nees_pose_mean"] = metrics.mean_of_known(nees)
     if structure is not None:
         figures |= structure.figures()
     return {key: _or_none(value) for key, value in figures.items()}

@@ -79,6 +79,11 @@ def nees_pose(estimate: Array, cov_pose: Array, truth: Array) -> Array:
     return result
 
 
+def mean_of_known(nees: Array) -> float | None:
+    """Return the mean of the NEES (n,) that are not NaN, 6 expected; None where none is finite."""
+    return float(nees[~np.isnan(nees)].mean()) if np.isfinite(nees).any() else None
+
+
 def distances_m(world_from_cam: Array) -> Array:
     """Return the distance travelled (n,) up to each pose."""
     steps = np.linalg.norm(np.diff(world_from_cam[:, :3, 3], axis=0), axis=1)

@@ -14,6 +14,7 @@ from ..config import RigConfig
 from ..geometry import Array
 from ..geometry.stereo import StereoProjection
 from ..record import changed, record
+from ..rig_model.terms import AT_TIMING, prior_std
 
 
 @record
@@ -43,9 +44,9 @@ class Timing:
     ) -> "Timing":
         """Return the prior; nothing is unknown of an exact rig."""
         row_of = ExposedRows.unknown() if row_of is None else row_of
-        std = np.zeros(2) if config.exact else np.array([config.std_delay_s, config.std_readout_s])
+        std = prior_std(config)[AT_TIMING] * (0.0 if config.exact else 1.0)
         if known is None or config.exact:
-            return cls(projection, row_of, std, np.zeros(2), np.diag(std**2), config.timing_step)
+            return cls(projection, row_of, std, np.zeros(len(std)), np.diag(std**2), config.timing_step)
         return cls(projection, row_of, std, known.mean, np.diag(known.std**2), config.timing_step)
 
     def taken_out(self, points: Array, twist: Array) -> Array:

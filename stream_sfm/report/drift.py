@@ -15,7 +15,7 @@ from ..evaluation.drift import Compared
 from ..evaluation.figures import NEES_INTERVAL
 from ..evaluation.relative import enough_known, known_frames
 from ..evaluation.relative_consistency import against_truth
-from ..evaluation.trajectory import from_first_camera, nees_pose
+from ..evaluation.trajectory import from_first_camera, mean_of_known, nees_pose
 from ..geometry import Array
 from ..methods import REFERENCE, STEPWISE, key_of
 from ..record import record
@@ -136,8 +136,7 @@ def consistency_of(c: Comparison, run: RunRecord, against: Against | None, truth
         rows, true = matched(estimate, c.truth.poses)
         if len(rows) >= 2 and rows[0] == 0 and estimate.cov_pose is not None:
             poses = from_first_camera(common.applied(true.world_from_cam))
-            found = nees_pose(estimate.world_from_cam[rows], estimate.cov_pose[rows], poses)
-            nees = float(np.nanmean(found)) if np.isfinite(found).any() else None
+            nees = mean_of_known(nees_pose(estimate.world_from_cam[rows], estimate.cov_pose[rows], poses))
     of_halves = c.halves[run.name].nees_mean if run.name in c.halves else None
     by_truth = nees is not None and (truth_tells or of_halves is None)
     known_from, used = ("truth", nees) if by_truth else ("halves", of_halves)

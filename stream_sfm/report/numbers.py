@@ -8,6 +8,7 @@ import numpy as np
 from .. import __version__
 from ..config import config_to_toml
 from ..evaluation.association import matched
+from ..evaluation.drift import KINDS, of_interval
 from ..evaluation.figures import (
     ACCURACY,
     CONSISTENCY,
@@ -133,10 +134,7 @@ def _over_cross_frame(whole: list[RunRecord], against: Against | None) -> dict[s
     row, true, result = against.row, against.corrected, {}
     for run in by_name.values():
         if (found := paired_ratio(run.poses[row], reference.poses[row], true)) is not None:
-            result[run.key] = {
-                name: {"value": ratio.value, "ci95": [ratio.low, ratio.high]}
-                for name, ratio in zip(("position", "rotation"), found, strict=True)
-            }
+            result[run.key] = dict(zip(KINDS, map(of_interval, found), strict=True))
     return result
 
 

@@ -16,7 +16,7 @@ from ..inertial.state import AXES, CLOCK, SCALE
 from ..recording.stereo_log import open_log
 from ..report.inertia import fixed_error, inertial_findings
 from ..rig_model.estimate import CERTAIN, RigEstimate, is_certain
-from ..rig_model.terms import DELAY, READOUT, TERMS, prior_std
+from ..rig_model.terms import AT_TIMING, TERMS, prior_std
 from ..types import Frame, FrameEstimate, InertialEstimate, Selection
 from .replay import replay
 
@@ -92,7 +92,7 @@ class _Latest:
 def timing_of(estimates: Sequence[RigEstimate], config: Config) -> KnownTiming | None:
     """Return delay and readout from independent runs; None if no run is certain of either."""
     values, certain = [], False
-    for term in (TERMS.index(DELAY), TERMS.index(READOUT)):
+    for term in range(len(TERMS))[AT_TIMING]:
         mean, var = np.array([(e.mean[term], e.cov[term, term]) for e in estimates]).T
         sure = mean**2 > CERTAIN**2 * var
         information = (1 / var[sure]).sum()

@@ -139,15 +139,15 @@ class _Replay:
         with one_thread:
             observer = Observer(log.rig, config)
             self.lane = Lane(config, observer, self._depth, folder)
-        self._checks = [_self_test(self.lane)] if self_test else []
+        self.checks = [_self_test(self.lane)] if self_test else []
         self._calibration = CalibrationSink(log)
         self._places: PlaceMap | None = None
         self._save_map: Path | None = None
         # Places maps if the calibration changes; not with one camera, as its unit of length would also change.
         self._there_and_back = there_and_back
-        self._starts_anew = not (config.mono or self_test or there_and_back)
+        self.starts_anew = not (config.mono or self_test or there_and_back)
         self._latency = _Latency(log)
-        self._sinks: list[Sink] = [self._latency] if config.mono else [self._calibration, self._latency]
+        self.sinks: list[Sink] = [self._latency] if config.mono else [self._calibration, self._latency]
 
     def find_places(self, known: str | Path | None, save: Path | None, sinks: Sequence[Sink]) -> None:
         """Make a map beside the estimates, starting from the file `known` if given."""
@@ -155,8 +155,8 @@ class _Replay:
 
         places = PlaceMap(self._log.rig, self._config, wait=True, known=known)
         self._places, self._save_map = places, save
-        self._starts_anew = False
-        self._sinks.append(places)
+        self.starts_anew = False
+        self.sinks.append(places)
         if self.lane.folder is not None:
             self.lane.folder.map_from_world = lambda: places.world_from_odom
         for sink in sinks:
@@ -169,20 +169,20 @@ class _Replay:
             outcome = run(
                 self._log,
                 self.lane,
-                [*self._sinks, *sinks],
-                self._checks,
+                [*self.sinks, *sinks],
+                self.checks,
                 selection=self._selection,
                 interruption=interruption,
-                all_calibrations=self._starts_anew,
+                all_calibrations=self.starts_anew,
             )
-            result = self._result(outcome, truth, interruption)
+            result = self.result(outcome, truth, interruption)
         if interruption.requested:
             raise ReplayInterrupted(result)
         if outcome.error is not None:
             raise outcome.error
         return result
 
-    def _result(self, outcome: RunOutcome, truth: Truth, interruption: Interruption) -> ReplayResult:
+    def result(self, outcome: RunOutcome, truth: Truth, interruption: Interruption) -> ReplayResult:
         """Write the summary; a failure of this is the error of the outcome unless there is one already."""
         record, folder = self.lane.record, self.lane.folder
         if self.lane.error is not None:
@@ -219,7 +219,7 @@ class _Replay:
             further["live"] = self._latency.summary()
         if record.rig is not None:
             further["rig"] = describe(self.lane.observer.projection, record.rig)
-        for test in self._checks:
+        for test in self.checks:
             with closing(test):
                 further["self_test"] = test.result(interruption)
         if self._there_and_back and not outcome.interrupted and len(record):

@@ -148,12 +148,17 @@ def test_jacobian_of_the_factor_equals_differences(intervals):
     assert np.abs((jacobian - numerical) / (np.abs(numerical).max(axis=0) + 1e-9)).max() < 1e-3
 
 
-def test_the_motion_by_samples_alone_leaves_no_residual():
+def one_interval() -> Intervals:
+    """All samples as one interval, of which the unit's errors are known."""
     part = integrated()
-    rows = Intervals(
+    return Intervals(
         part[0][None], part[1].reshape(1, 6), part[2][None], part[3].reshape(1, 9), (part[4] + part[5])[None],
         BIASES[None], np.zeros(1), np.array([SECONDS[-1]]),
     )  # fmt: skip
+
+
+def test_the_motion_by_samples_alone_leaves_no_residual():
+    rows = one_interval()
     state = np.r_[0.3, -0.2, 1.0, 0.5, 9.7, 1.0, BIASES + 1e-4, 0.01, 0.02, -0.01, 0.03, 1e-4]
     previous_from_now, then, *_ = core.inertial_motion(rows, state, CAM_FROM_IMU, np.zeros(6))
     lead, cam = np.eye(6)[:, 3:], se3.inverse(previous_from_now)[None]
@@ -162,11 +167,7 @@ def test_the_motion_by_samples_alone_leaves_no_residual():
 
 
 def test_how_the_end_of_an_interval_moves_with_its_beginning_equals_differences():
-    part = integrated()
-    rows = Intervals(
-        part[0][None], part[1].reshape(1, 6), part[2][None], part[3].reshape(1, 9), (part[4] + part[5])[None],
-        BIASES[None], np.zeros(1), np.array([SECONDS[-1]]),
-    )  # fmt: skip
+    rows = one_interval()
     state, walk = np.r_[0.3, -0.2, 1.0, 0.5, 9.7, 1.0, BIASES, 0.01, 0.02, -0.01, 0.03, 0.0], np.full(6, 1e-3)
 
     def end(x):

@@ -379,8 +379,10 @@ class Map:
 
     def place_newest(self, known: Known) -> Marginals:
         """Put the newest camera where images and inertia together have it; points keep their places in it."""
-        placed = self.marginals.placed(known.world_from_cam)
-        self.marginals = changed(placed, cov_pose=known.cov_pose + self.cov_doubt)
+        before: Marginals = self.marginals
+        pose, cov = known.world_from_cam, known.cov_pose + self.cov_doubt
+        in_world = se3.transform(pose, before.points_in_cam)
+        self.marginals = changed(before, world_from_cam=pose, cov_pose=cov, points_in_world=in_world)
         return self.marginals
 
     @property

@@ -73,12 +73,9 @@ class Marginals:
 
         That is an error which is known, so covariances grow to mean squared errors.
         """
-        return self.doubted(np.outer(by, by)).placed(se3.orthonormalise(self.world_from_cam @ se3.exp(by)))
-
-    def placed(self, world_from_cam: Array) -> "Marginals":
-        """Return the marginals with the newest camera elsewhere; points keep their places in it."""
-        in_world = se3.transform(world_from_cam, self.points_in_cam)
-        return changed(self, world_from_cam=world_from_cam, points_in_world=in_world)
+        result = self.doubted(np.outer(by, by))
+        pose = se3.orthonormalise(self.world_from_cam @ se3.exp(by))
+        return changed(result, world_from_cam=pose, points_in_world=se3.transform(pose, self.points_in_cam))
 
     def ended(self, still_in_map: NDArray[np.int64] = _NO_IDS) -> WorldPoints:
         """Return the points that are not in the map any more and have a position in metres; ids ascending."""
