@@ -1,4 +1,4 @@
-"""The benchmark against its baseline: a step back fails the gate, a better figure does not, and the page has both."""
+"""The benchmark against its baseline: a regression fails the gate, an improvement does not, and the page shows both."""
 
 import json
 import re

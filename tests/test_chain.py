@@ -1,4 +1,4 @@
-"""A chain of motions is whole or says where it is not: losses, restarts, knocked cameras, and what is asked for."""
+"""A chain of motions is complete or says where it is not: losses, restarts, knocked cameras, and requested frames."""
 
 import functools
 import itertools

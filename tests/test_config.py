@@ -1,4 +1,4 @@
-"""Settings are refused where they are made, with what was given and what is wanted; between their ends all work."""
+"""Invalid settings are refused on construction, with what is wanted; all values within the bounds work."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The engine as a user meets it: one call a frame, wrong input refused, lost tracking reported and recovered."""
+"""The engine as users see it: one call per frame, wrong input refused, lost tracking reported and recovered."""
 
 import copy
 import dataclasses

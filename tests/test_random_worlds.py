@@ -1,4 +1,4 @@
-"""Worlds drawn at random: a seed is one world, its faults are what it says, and nothing else depends on them."""
+"""Worlds drawn at random: a seed gives one world with the stated faults, and nothing else depends on them."""
 
 from collections.abc import Callable
 from dataclasses import replace

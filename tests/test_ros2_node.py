@@ -1,4 +1,4 @@
-"""The ROS 2 node of the examples: messages in, messages out, in the types of ROS 2, and where rclpy is over ROS."""
+"""The ROS 2 node of the examples: messages in and out, in the types of ROS 2, and over ROS if rclpy is installed."""
 
 import ast
 import sys

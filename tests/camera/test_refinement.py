@@ -1,4 +1,4 @@
-"""A calibration with known errors: its file, and that views are corrected by it."""
+"""A calibration with known errors: its file round-trips, and views are corrected by it."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Dense stereo and surfaces: the truth is found, σ says how well, edges stay open, files can be read."""
+"""Dense stereo and surfaces: they match the truth within σ, edges stay open, and files can be read."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Errors by span, what all methods share against the truth, and the halves that are asked where it cannot tell."""
+"""Errors by span, errors that all methods share, and halves of the tracks where the truth cannot separate methods."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Factors of σ: recovered from motions whose errors are known to be too large, over spans the window has and longer."""
+"""Factors of σ are recovered from motions whose errors are too large, over spans within the window and longer ones."""
 
 from itertools import pairwise
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Few bytes that ask for hours, gigabytes or files: work and memory are counted, and no sound frame is lost."""
+"""A few bytes that demand hours, gigabytes or files: work and memory stay bounded, and no intact frame is lost."""
 
 import base64
 import json

@@ -1,4 +1,4 @@
-"""Bags with damaged bytes give frames or an error that names the file, in bounded memory, whatever was damaged."""
+"""Bags with damaged bytes give frames, or an error that names the file, in bounded memory, whatever the damage."""
 
 import random
 import re

@@ -1,4 +1,4 @@
-"""Every frame in an intact chunk is read, whatever happened before it or to the index; what is lost is said."""
+"""Every frame in an intact chunk is read, whatever happened before it or to the index; losses are reported."""
 
 import os
 import struct

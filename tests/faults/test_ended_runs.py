@@ -1,4 +1,4 @@
-"""However a run ends, what it has estimated can be read: killed at any moment, on a full disk, in a closed folder."""
+"""However a run ends, its estimates can be read: killed at any moment, on a full disk, in a read-only folder."""
 
 import multiprocessing
 import os

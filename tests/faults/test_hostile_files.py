@@ -1,4 +1,4 @@
-"""Files that never end, texts that end a parser, and numbers that nothing holds: a sentence and an exit code each."""
+"""Endless files, texts that crash parsers, and numbers beyond all types: each gives a sentence and an exit code."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""Whatever topics, encodings and files are called: what is printed has no character that a terminal would obey."""
+"""Whatever the names of topics, encodings and files: printed text has no control characters for the terminal."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""`inspect` looks at the samples by themselves, and compares them with the images of the first frames."""
+"""`inspect` checks the samples on their own, and compares them with the images of the first frames."""
 
 import json
 

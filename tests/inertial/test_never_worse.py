@@ -1,4 +1,4 @@
-"""Samples never make it worse where the model holds: the window with them and without, on the same views."""
+"""Samples never make estimates worse if the model holds: the window with and without them, on the same views."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Samples as they should not be: a statement, a wider covariance, or an error in words."""
+"""Faulty samples lead to a note, a larger covariance, or an error in words."""
 
 from dataclasses import replace
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""`inspect` names what is wrong with a log, from rendered logs with one defect each, and its cure cures."""
+"""`inspect` names the fault of rendered logs with one defect each, and its fix works."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Dialects at their edges: broken definitions, foreign encodings, video of every make."""
+"""Edge cases of the dialects: broken definitions, foreign encodings, video of every kind."""
 
 import json
 

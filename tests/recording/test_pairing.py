@@ -1,4 +1,4 @@
-"""Laws of pairing: exact first, nearest within half a period, no stamp twice, order kept, all accounted for."""
+"""Laws of pairing: exact first, nearest within half a period, no stamp twice, order kept, every frame counted."""
 
 import numpy as np
 import pytest

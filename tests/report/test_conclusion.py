@@ -1,4 +1,4 @@
-"""The first line of a comparison: who is ahead, and whose covariances hold, in few words whatever the methods."""
+"""The first line of a comparison: which method is ahead, and which covariances are consistent, in few words."""
 
 import pytest
 

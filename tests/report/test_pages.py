@@ -1,4 +1,4 @@
-"""What pages draw and say: charts, numbers, names and tables, and the sentence about a calibration."""
+"""The content of pages: charts, numbers, names and tables, and the sentence about a calibration."""
 
 import re
 from xml.etree import ElementTree

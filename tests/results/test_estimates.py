@@ -1,4 +1,4 @@
-"""What a run writes is what other tools read: round trips, conventions, crashes, second opinions."""
+"""Other tools can read what a run writes: round trips, conventions, crashes, second opinions."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What a run says about its rig, in sentences, and that what it holds at zero has a covariance all the same."""
+"""The findings of a run about its rig in sentences; errors held at zero still have a covariance."""
 
 from dataclasses import replace
 

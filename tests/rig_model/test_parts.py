@@ -1,4 +1,4 @@
-"""What thirds of a run say about the rig's errors."""
+"""Estimates of the rig errors by thirds of a run."""
 
 import numpy as np
 import pytest

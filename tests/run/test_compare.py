@@ -1,4 +1,4 @@
-"""Compare: the same numbers as replay, the files, and reports of logs that are short of something."""
+"""Compare: the same numbers as replay, the files, and reports on incomplete logs."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""There and back: nothing is between its ends but drift, its σ holds, and the run's own results stay as they are."""
+"""There and back: the distance of its ends is drift, its σ is right, and the results of the run do not change."""
 
 import json
 

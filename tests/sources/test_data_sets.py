@@ -1,4 +1,4 @@
-"""Data sets and folders of images open as they lie on disk, and their imports read back the same: bytes, rig, truth."""
+"""Data sets and folders of images open directly, and their imports read back the same bytes, rig and truth."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Videos written by OpenCV are replayed as they are: every image, its time, its side."""
+"""Videos written by OpenCV are replayed directly: every image, its time, its side."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Without Rerun everything works but the viewer, which says how to get it before any work is done."""
+"""Without Rerun everything works except the viewer, which says how to install it before any work is done."""
 
 import subprocess
 import sys
