@@ -306,7 +306,7 @@ def test_a_message_of_very_many_transforms_is_passed_over(path):
     assert list(fixed_edges(source, frozenset(["/tf"]))) == [("a", "c")]
 
 
-def test_damaged_depth_images_are_told_once(path):
+def test_damaged_depth_images_are_reported_once(path):
     said = schema(999, "foxglove.CompressedImage", "protobuf", definition(CompressedImage))
     said += channel(1000, 999, "/ground_truth/depth", "protobuf")
     bad = [CompressedImage(format="png", data=bytes(n)).SerializeToString() for n in range(200)]

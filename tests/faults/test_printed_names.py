@@ -94,7 +94,7 @@ COMMANDS = [
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_terminal_is_told_nothing(command, log, tmp_path, cli):
+def test_nothing_is_sent_to_a_terminal(command, log, tmp_path, cli):
     names: dict[str, Any] = {"log": log, "dir": tmp_path, "odd": tmp_path / "odd.mcap", "esc": "\x1b[2J\x9b31m"}
     said = cli(*(word.format(**names) for word in command.split()), code=(0, 2, 3))
     assert said.out or said.err

@@ -30,7 +30,7 @@ def message(name: str, schema_encoding: str, definition: str, encoding: str, dat
         ("sensor_msgs/msg/PointCloud2", ""),
     ],
 )
-def test_kinds_are_told_by_package_and_name(name, kind):
+def test_kinds_are_recognised_by_package_and_name(name, kind):
     assert kind_of(name) == kind
 
 

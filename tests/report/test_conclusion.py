@@ -28,7 +28,7 @@ def methods(**factors: float) -> dict[str, dict[str, object]]:
         ),
     ],
 )
-def test_it_says_whose_covariances_hold(factors, said):
+def test_it_says_which_covariances_are_consistent(factors, said):
     assert _which_hold(methods(**factors), as_is=True) == said
 
 
@@ -60,7 +60,7 @@ def test_halves_are_not_called_alike_where_the_truth_cannot_tell():
     )
 
 
-def test_the_truth_tells_where_it_does_in_most_comparisons():
+def test_the_truth_decides_if_it_does_in_most_comparisons():
     """One span of one method is not enough to judge covariances by it."""
     assert not _truth_tells([line(1, False, ekf=True), line(10, False, ekf=False)], "frame_to_frame")
     assert _truth_tells([line(1, False, ekf=True), line(10, True, ekf=True)], "frame_to_frame")
