@@ -1,10 +1,10 @@
-"""A method of your own in the engine: dead reckoning by the front-end's motion, beside the default method.
+"""Your own method in the engine: dead reckoning by the front-end's motion, beside the default method.
 
     python examples/custom_estimator.py logs/room.mcap
 
-The front-end hands every estimator the same observations. This one believes the motion that the front-end has found
-between the last two frames, and triangulates each point from its current view alone. Its covariance is a guess; NEES,
-printed for both methods, says what that is worth.
+The front-end gives every estimator the same observations. This one trusts the front-end's motion between the last
+two frames, and triangulates each point from its current view alone. Its covariance is a guess; the NEES, printed
+for both methods, shows how good it is.
 """
 
 import argparse

@@ -1,10 +1,10 @@
-"""A sink of your own: say where the velocity is too uncertain to drive by.
+"""Your own sink: report frames whose velocity is too uncertain for driving.
 
     python examples/custom_sink.py logs/room.mcap --limit 0.02
 
 A sink is anything with `write` and `close`. `replay` gives it every estimate with its frame; a live program calls
-`write` itself, after `Engine.step`. The σ of a position grows with the path, as nothing corrects it, so an alarm by it
-would never end; that of the velocity says how well the camera sees now.
+`write` itself, after `Engine.step`. The σ of a position grows with the path, as nothing corrects it, so an alarm on
+it would never end; that of the velocity shows how well the camera sees now.
 """
 
 import argparse
@@ -15,7 +15,7 @@ import stream_sfm as sfm
 
 
 class UncertaintyGuard:
-    """Keeps the stamps of frames whose velocity is uncertain by more than `limit_m_s` (σ of the worst direction)."""
+    """Collects the stamps of frames whose velocity has a σ above `limit_m_s` in the worst direction."""
 
     def __init__(self, limit_m_s: float) -> None:
         self.limit_m_s = limit_m_s
@@ -33,7 +33,7 @@ class UncertaintyGuard:
             self.too_uncertain_ns.append(estimate.stamp_ns)
 
     def close(self) -> None:
-        """Report; called once, also where the run ends early."""
+        """Report; called once, even if the run ends early."""
         print(f"{len(self.too_uncertain_ns)} frames with σ above {1e3 * self.limit_m_s:g} mm/s, or lost")
 
 

@@ -1,9 +1,10 @@
-"""Fuse the motions of a run with positions of another sensor in an extended Kalman filter (filterpy).
+"""Fuse the motions of a run with positions from another sensor in an extended Kalman filter (filterpy).
 
     stream-sfm replay logs/room.mcap
     python examples/fuse_ekf.py runs/latest --positions fixes.tum --std 0.02
 
-The state is the error of the pose, and the errors that all motions share: they do not move, but become better known.
+The state is the error of the pose, and the errors that all motions share: these are constant, but become better
+known.
 """
 
 import argparse
@@ -47,7 +48,7 @@ class Filter:
         self.pose = self.pose @ step
 
     def _learn(self, motion: sfm.Motion) -> None:
-        """Know the rig's errors as the odometry does by now: poses that they have moved follow."""
+        """Take the odometry's current estimate of the rig errors: poses that depend on them follow."""
         f, rig = self._filter, slice(6 + UNSEEN, None)
         mean, cov = motion.mean[UNSEEN:, None], motion.cov_common[UNSEEN:, UNSEEN:]
         if (
@@ -71,7 +72,7 @@ class Filter:
         self._reset()
 
     def _reset(self) -> None:
-        """Put the error of the pose, as far as it is known, into the pose."""
+        """Move the known error of the pose into the pose."""
         self.pose, self._filter.x[:6] = self.pose @ sfm.se3_exp(self._filter.x[:6, 0]), 0.0
 
 

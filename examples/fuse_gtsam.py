@@ -1,11 +1,11 @@
-"""Fuse the motions of a run with positions of another sensor in a factor graph (GTSAM).
+"""Fuse the motions of a run with positions from another sensor in a factor graph (GTSAM).
 
     pip install gtsam
     stream-sfm replay logs/room.mcap
     python examples/fuse_gtsam.py runs/latest --positions fixes.tum --std 0.02
 
-About every eighth frame, and each with a position, is a pose; between two of them is one motion. The errors that all
-motions share are one variable, and those of a rig that was knocked another one.
+About every eighth frame, and each frame with a position, has a pose; one motion connects each two of them. The
+errors that all motions share are one variable, and those after a knock of the rig another one.
 """
 
 import sys
@@ -25,7 +25,7 @@ TURNED = np.r_[3:6, 0:3]  # GTSAM's tangents have the rotation first
 
 
 def rig_of(motion: sfm.Motion) -> int:
-    """The variable of the rig's own errors, which is another one since the rig was knocked."""
+    """Return the variable of the rig errors; after a knock of the rig it is another one."""
     return int(gtsam.symbol("r", motion.common_since))
 
 
@@ -64,7 +64,7 @@ def fused(
 
 
 def _factor(motion: sfm.Motion) -> gtsam.CustomFactor:
-    """What a motion says: truth = measured·Exp(J (c − mean) + own)."""
+    """Return the factor of a motion: truth = measured·Exp(J (c − mean) + own)."""
     measured, ends, m = gtsam.Pose3(motion.earlier_from_newest), [motion.earlier, motion.newest], len(motion.mean)
     parts = {LENGTHS: slice(0, UNSEEN)} if m else {}
     if m > UNSEEN:

@@ -2,7 +2,7 @@
 
     python examples/inertial.py LOG
 
-Samples are given one by one, as a driver delivers them, and the pose is predicted at their rate.
+Samples come one by one, as from a driver, and the pose is predicted at their rate.
 """
 
 import argparse
@@ -14,7 +14,7 @@ import stream_sfm as sfm
 
 
 def run(frames: Iterable[sfm.StereoFrame], engine: sfm.Engine, dark: range) -> None:
-    """Step the engine, tell what it knows of each tenth frame and of those in the dark."""
+    """Step the engine, and print the estimates of every tenth frame and of those in the dark."""
     for k, frame in enumerate(frames):
         given = frame.imu if frame.imu is not None else sfm.ImuSamples(np.empty(0, np.int64), *np.empty((2, 0, 3)))
         for stamp_ns, rate, force in zip(given.stamps_ns, given.gyro_rad_s, given.accel_m_s2, strict=True):

@@ -1,4 +1,4 @@
-"""Estimates live in a program of your own, with a display: from a stereo camera, or from a log as if it were one.
+"""Live estimates in your own program, with a display: from a stereo camera, or from a log played as one.
 
     python examples/live.py realsense
     python examples/live.py 0 1 --calibration calibration.toml
@@ -28,7 +28,7 @@ def parsed() -> argparse.Namespace:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Step the engine with each frame, show and keep the estimates; the number of frames."""
+    """Step the engine with each frame, show and store the estimates; return the number of frames."""
     with ExitStack() as stack:  # whatever ends the run, camera, viewer and files are closed
         is_log = Path(args.camera[0]).exists() and not args.camera[0].startswith("/dev/")
         log = (
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def main() -> None:
-    """Run, and say what prevents it in one sentence."""
+    """Run, or say in one sentence why that is impossible."""
     try:
         print(f"\n{run(parsed())} frames")
     except sfm.StreamSfmError as error:

@@ -79,7 +79,7 @@ def quat_wxyz(rotation: np.ndarray) -> list[float]:
 
 
 def main() -> None:
-    """Estimate a log as a vehicle would its camera, and send or print every message."""
+    """Estimate a log as a vehicle would do live, and send or print every message."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("log")
     parser.add_argument("--connect", metavar="ADDRESS", help="of the autopilot, as pymavlink takes it")

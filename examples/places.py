@@ -1,9 +1,10 @@
-"""A map of one run, and a second run that finds its way in it.
+"""A map of one run, and a second run that is located in it.
 
     python examples/places.py logs/room.mcap
 
-The first run keeps the places it has seen. The second one, which begins in the middle and goes faster, is located as
-soon as it has recognised some; from there on its poses are in the world of the first. Needs the extra map (GTSAM).
+The first run keeps the places that it has seen. The second one, which begins in the middle and goes faster, is
+located as soon as it has recognised some; from then on its poses are in the world of the first. Needs the extra map
+(GTSAM).
 """
 
 import argparse

@@ -14,7 +14,7 @@ import stream_sfm as sfm
 
 
 def main() -> None:
-    """Print what the results hold."""
+    """Print the content of the results."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folder", type=Path, help="a folder that `stream-sfm replay` has written")
     run = sfm.read_results(parser.parse_args().folder)

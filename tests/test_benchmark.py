@@ -1,4 +1,4 @@
-"""The benchmark against its baseline: a step back fails the gate, a better figure does not, and the page has both."""
+"""The benchmark against its baseline: a regression fails the gate, an improvement does not, and the page shows both."""
 
 import json
 import re
@@ -20,7 +20,7 @@ OLD = {"version": "0", "machine": "here", "sequences": {"clips/a": SOUND}}
 
 
 @pytest.mark.parametrize("key", METRICS)
-def test_a_step_back_is_told_in_every_metric_and_a_better_figure_is_not(key):
+def test_a_regression_is_reported_in_every_metric_and_an_improvement_is_not(key):
     metric, value = METRICS[key], SOUND[key]
     least = metric.allowed(value)
     worse = value + 1.1 * least if metric.target is None else value * 1.1 * 2.718281828**least
@@ -36,7 +36,7 @@ def test_covariances_that_grow_too_small_or_too_large_are_a_step_back():
         assert "NEES" in steps_back({"clips/a": SOUND | {"nees_pose_mean": nees}}, OLD, "here")[0]
 
 
-def test_a_new_sequence_is_no_step_back_and_one_that_fails_is():
+def test_a_new_sequence_is_not_a_regression_and_a_failing_one_is():
     assert not steps_back({"clips/b": SOUND}, OLD, "here")
     assert steps_back({"clips/a": {"frames": 0}}, OLD, "here")
 

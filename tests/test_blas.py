@@ -1,4 +1,4 @@
-"""The bytes of the estimates do not depend on how many threads the environment grants to libraries."""
+"""The bytes of the estimates do not depend on the number of threads that the environment allows libraries."""
 
 import os
 import subprocess

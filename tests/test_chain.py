@@ -1,4 +1,4 @@
-"""A chain of motions is whole or says where it is not: losses, restarts, knocked cameras, and what is asked for."""
+"""A chain of motions is complete or says where it is not: losses, restarts, knocked cameras, and requested frames."""
 
 import functools
 import itertools
@@ -78,7 +78,7 @@ def test_a_chain_crosses_a_loss_where_the_window_does_and_ends_where_it_is_asked
     assert not caplog.records
 
 
-def test_what_no_view_connects_is_predicted_and_said(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_gap_that_no_view_bridges_is_predicted_and_reported(caplog: pytest.LogCaptureFixture) -> None:
     """The covariance is what the engine's own has grown by, whose growth from each frame to the next is known here."""
     estimates = frames(50, lost=range(20, 40), restarts=[40])
     with caplog.at_level(logging.WARNING, "stream_sfm"):

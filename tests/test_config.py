@@ -1,4 +1,4 @@
-"""Settings are refused where they are made, with what was given and what is wanted; between their ends all work."""
+"""Invalid settings are refused on construction, with what is wanted; all values within the bounds work."""
 
 import math
 from dataclasses import replace
@@ -158,7 +158,7 @@ def test_a_file_is_refused_with_the_setting_and_what_it_must_be(override: str, m
         read_config(None, [override])
 
 
-def test_what_is_made_in_python_is_what_is_read(tmp_path) -> None:
+def test_settings_made_in_python_equal_those_read_from_a_file(tmp_path) -> None:
     made = sfm.Config(method="ekf", window=WindowConfig(frames=12), frontend=FrontendConfig(renew_fraction=1))
     (tmp_path / "c.toml").write_text(config_to_toml(made))
     assert read_config(tmp_path / "c.toml") == made

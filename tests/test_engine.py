@@ -1,4 +1,4 @@
-"""The engine as a user meets it: one call a frame, wrong input refused, lost tracking reported and recovered."""
+"""The engine as users see it: one call per frame, wrong input refused, lost tracking reported and recovered."""
 
 import copy
 import dataclasses
@@ -355,7 +355,7 @@ def test_a_baseline_that_is_hardly_in_metres_is_questioned(caplog) -> None:
     assert "are these millimetres?" in caplog.messages[0]
 
 
-def test_after_a_reset_an_engine_is_a_new_one_that_begins_where_it_is_told() -> None:
+def test_after_a_reset_an_engine_is_a_new_one_that_starts_at_the_given_pose() -> None:
     """All estimates are those of a new engine to the byte, moved by the given pose; covariances of the pose as well."""
     frames = Wall(2).frames(rig(), camera_path(6))
     engine, new = sfm.Engine(rig()), sfm.Engine(rig())

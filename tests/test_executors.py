@@ -1,4 +1,4 @@
-"""Processes of this machine do what they are given, and end with the run that started them."""
+"""Worker processes do their jobs, and end with the run that started them."""
 
 import time
 from collections.abc import Callable

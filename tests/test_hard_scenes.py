@@ -1,4 +1,4 @@
-"""What tools/render makes: all that moves, mirrors, blurs or is faulty does so in pictures, depth and truth."""
+"""Logs of tools/render: everything that moves, mirrors, blurs or is faulty does so in images, depth and truth."""
 
 from dataclasses import replace
 from functools import lru_cache

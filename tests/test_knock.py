@@ -1,4 +1,4 @@
-"""A right camera that is turned in the middle of a run: found, said, and corrected; poses stay what they claim."""
+"""A right camera that is turned in the middle of a run is detected, reported and corrected; poses stay consistent."""
 
 import json
 from functools import cache

@@ -113,7 +113,7 @@ def test_standing_still_in_a_map_keeps_pose_and_scale(room, frames) -> None:
     assert np.linalg.norm(moved[:3]) < 0.1 and np.linalg.norm(moved[3:]) < 2e-3  # units; a frame is two
 
 
-def test_lost_is_told_and_the_unit_after_it_is_about_the_same(room, frames, truth) -> None:
+def test_lost_is_reported_and_the_unit_after_it_is_about_the_same(room, frames, truth) -> None:
     engine = sfm.Engine(room.rig, MONO)
     dark = [dataclasses.replace(f, left=np.zeros_like(f.left)) if 14 <= n < 17 else f for n, f in enumerate(frames)]
     now = [engine.step(f) for f in dark[:30]]

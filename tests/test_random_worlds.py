@@ -1,4 +1,4 @@
-"""Worlds drawn at random: a seed is one world, its faults are what it says, and nothing else depends on them."""
+"""Worlds drawn at random: a seed gives one world with the stated faults, and nothing else depends on them."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -125,7 +125,7 @@ def test_what_covers_the_image_is_in_the_same_place_in_all_frames(name: str) -> 
                 assert np.abs(with_cover[seen] - gain * grey[seen]).mean() < 12
 
 
-def test_exposures_step_and_stamps_err_where_they_are_said_to() -> None:
+def test_exposures_step_and_stamps_are_wrong_as_stated() -> None:
     steps, jitter = faulty("exposure"), faulty("jitter")
     ratio = np.array([steps.gains(i)[0] / clean().gains(i)[0] for i in range(clean().frames)])
     changed = np.flatnonzero(np.diff(ratio)) + 1
@@ -166,7 +166,7 @@ def test_orders_of_logs_have_names_and_faults_as_asked() -> None:
         asked_faults(["lte"])
 
 
-def test_terms_that_were_not_drawn_are_told_from_those_that_were() -> None:
+def test_terms_that_were_not_drawn_are_distinguished_from_those_that_were() -> None:
     sizes = worlds.drawn_sizes(drawn_world(3, ("late", "focal", "zoom")).faults)
     assert sizes["delay"] == drawn_world(3, ("late",)).faults["late"].right_late_s
     assert sizes["focal length"] is None and "focusing" in sizes and "readout" not in sizes

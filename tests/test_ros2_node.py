@@ -1,4 +1,4 @@
-"""The ROS 2 node of the examples: messages in, messages out, in the types of ROS 2, and where rclpy is over ROS."""
+"""The ROS 2 node of the examples: messages in and out, in the types of ROS 2, and over ROS if rclpy is installed."""
 
 import ast
 import sys
@@ -155,7 +155,7 @@ def test_images_are_paired_as_those_of_a_log_and_late_ones_are_dropped_in_the_op
         images.take(0.0)
 
 
-def test_a_reset_begins_anew_where_the_robot_is_told_to_be() -> None:
+def test_a_reset_starts_at_the_given_pose() -> None:
     from stream_sfm_ros.odometry import StereoOdometry, rig_of
 
     node = StereoOdometry(["ros.base_frame=base_link", "ros.camera_x_m=0.2", "ros.camera_pitch_deg=20"])

@@ -1,4 +1,4 @@
-"""The logs in logs/ are what logs/README.md says, and what the renderer makes.
+"""The logs in logs/ agree with logs/README.md and with the renderer.
 
 That its pictures agree with its depth and its poses is seen in tests/dense/ and tests/test_odometry.py.
 """

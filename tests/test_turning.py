@@ -1,4 +1,4 @@
-"""A camera that only turns keeps covariances that hold: before a wall, in the corner of a box, before a far scene."""
+"""A camera that only turns keeps consistent covariances: by a wall, in a corner, far from the scene."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Records that hold arrays: one short line each, and equal to themselves only."""
+"""Records with arrays are printed on one short line, and equal only themselves."""
 
 from dataclasses import replace
 from typing import Any

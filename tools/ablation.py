@@ -1,11 +1,11 @@
-"""What each guarding rule is worth: every rule is switched off alone, and what gets worse on the logs is shown.
+"""Shows what each guarding rule is worth: switches off every rule alone, and shows what gets worse on logs.
 
     python -m tools.ablation logs/room.mcap build/hard/*.mcap --frames 100 --only "wide templates" "pair check"
 
-A rule stands in `RULES` with the settings that switch it off. A cell of the table, in Markdown, holds the aligned ATE
-in millimetres and, in brackets, how many frames are not ok; it is bold where one of the two is worse than with all
-rules, and = where poses and covariances are the same to the last bit. A rule that neither a log nor a test needs should
-go.
+`RULES` has each rule with the settings that switch it off. A cell of the Markdown table has the aligned ATE in
+millimetres and, in brackets, the number of frames that are not ok. It is bold if one of the two is worse than with
+all rules, and = if poses and covariances are the same to the last bit. A rule that neither a log nor a test needs
+should go.
 """
 
 import argparse

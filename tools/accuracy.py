@@ -4,9 +4,9 @@
 
     python tools/accuracy.py --hard build/hard
 
-One offset is one replay that leaves out so many leading frames: the same log with other corners, which is how much a
-figure wobbles. `--hard` takes the hard scenes of tools/render/hard.py, rendered into a folder unless they are there
-already (an hour on two cores). Logs without ground truth are listed with the statuses of their frames only.
+One offset is one replay without this many leading frames: the same log with other corners, which shows how much a
+figure varies. `--hard` takes the hard scenes of tools/render/hard.py, rendered into a folder unless they are
+already there (an hour on two cores). Logs without ground truth are listed with the statuses of their frames only.
 """
 
 import argparse

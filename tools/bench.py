@@ -1,4 +1,4 @@
-"""What the engine costs, beside two yardsticks measured in the same run.
+"""Measures the cost of the engine, beside two references in the same run.
 
     python tools/bench.py logs/room.mcap --repeat 5 --set window.frames=8
     python tools/bench.py --scaling logs/room.mcap         cost against points, window, image size

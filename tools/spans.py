@@ -1,4 +1,4 @@
-"""How far methods err over spans of frames, as ratios to the window, over many seeds of several motions.
+"""Compares the errors of methods over spans of frames with those of the window, over many seeds of several motions.
 
     python -m tools.spans                          # 20 seeds of four simulated motions, some minutes
     python -m tools.spans --seeds 5 --motions walking turning
@@ -9,7 +9,7 @@ Simulated views have the errors that views of rendered logs have against exact t
 that both sides share and that grows as a random walk from the first view, and a constant of the right side alone; the
 rig is exact. Each figure is the RMS error of a method over that of the window's poses, as a geometric mean over seeds
 and motions, with the 95 % interval of the mean over seeds. "Newest motions" are those of the window since the previous
-frame, one after the other: odometry. Below stands by what factor σ of the window's relative motions would have to grow.
+frame, added up: odometry. Below is the factor by which σ of the window's relative motions would have to grow.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""How far a surface is from the true one, and whether its σ is honest, on logs with ground-truth depth and poses.
+"""Measures the error of a surface and the consistency of its σ, on logs with ground-truth depth and poses.
 
     python tools/surface_accuracy.py logs/room.mcap [--all] [--set dense.window_radius_px=6]
 
@@ -94,7 +94,7 @@ def coverage(log: StereoLog, mesh: Mesh, left: np.ndarray, depth: np.ndarray) ->
 
 
 def describe(name: str, errors: np.ndarray, sigmas: np.ndarray) -> None:
-    """Percentiles of the errors, and of error over σ: its median is 0.67, its 95th percentile 1.96 if σ is honest."""
+    """Percentiles of the errors, and of error over σ: its median is 0.67, its 95th percentile 1.96 if σ is right."""
     p50, p90 = 1e3 * np.percentile(np.abs(errors), [50, 90])
     r50, r95 = np.percentile(np.abs(errors) / sigmas, [50, 95])
     gross = np.mean(np.abs(errors) > 5 * sigmas)

@@ -1,4 +1,4 @@
-"""The textbook loop, what a user would write with OpenCV in an hour, on any log; and a finished run beside it.
+"""Runs the textbook loop that a user would write with OpenCV in an hour on any log, beside a finished run.
 
     python -m tools.textbook LOG                # how well the loop follows it
     python -m tools.textbook LOG RUN_FOLDER     # and what a replay of the same log has made of it

@@ -1,4 +1,4 @@
-"""How long the errors of tracks last, and how far tracks slide: where constants of the noise model come from.
+"""Measures how long the errors of tracks last and how far tracks slide, for constants of the noise model.
 
     python -m tools.track_errors logs/room.mcap LOG... --frames 150
 

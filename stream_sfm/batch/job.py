@@ -1,7 +1,7 @@
-"""Replay one log of a batch in a process of its own, so that nothing it does can affect the others.
+"""Replays one log of a batch in its own process, so that it cannot affect the others.
 
-A job waits for that process and records how it ended. It needs nothing but files and the content of `Job`, so it
-runs in a thread of the batch as well as on another machine that sees the same files.
+A job waits for this process and records how it ended. It needs only files and the content of `Job`, so it
+can run in a thread of the batch or on another machine that sees the same files.
 """
 
 import hashlib
@@ -28,19 +28,19 @@ from ..report.pages import PAGE_OF_LOG
 T = TypeVar("T")
 
 _RECORD, _STDERR = "job.json", "stderr.txt"
-FILES = (*RESULTS, _RECORD, _STDERR, PAGE_OF_LOG)  # what a job, and the batch, write to its folder
-_ERROR_PREFIX = "stream-sfm: "  # how the command line begins the line that states an error
+FILES = (*RESULTS, _RECORD, _STDERR, PAGE_OF_LOG)  # files that a job and the batch write to its folder
+_ERROR_PREFIX = "stream-sfm: "  # prefix of an error on the command line
 JobStatus = Literal["done", "incomplete", "failed", "interrupted"]
-POLL_S = 0.2  # how soon a request to end is seen
-_SHUTDOWN_S = 20.0  # for a replay that was asked to end: its current frame and its files; then it is killed
+POLL_S = 0.2  # interval of checks for a request to end
+_SHUTDOWN_S = 20.0  # for a replay to end after a request, with its current frame; then it is killed
 
 
 class JobResult(msgspec.Struct, frozen=True, kw_only=True):
     """How a job ended; the file job.json in its folder has the same content.
 
-    `status`: done; incomplete (only a part of the log could be read, and that part is estimated); failed;
-    interrupted. `key` is equal for equal content of the log, configuration, selection and software, and empty if
-    no replay was started. `reused`: an earlier batch had already done this job.
+    `status`: done; incomplete (only part of the log could be read and estimated); failed; interrupted. `key` is
+    equal for equal log content, configuration, selection and software, and empty if no replay was started.
+    `reused`: an earlier batch had already done this job.
     """
 
     name: str
@@ -75,7 +75,7 @@ class Job:
 
 
 def run_job(job: Job) -> JobResult:
-    """Run a job unless an earlier one has done the same; a failure of any kind is a result, not an exception."""
+    """Run a job unless an earlier one did the same; a failure of any kind is a result, not an exception."""
     if job.stop.exists():
         return job.ended("interrupted", "not started")
     try:
@@ -87,7 +87,7 @@ def run_job(job: Job) -> JobResult:
 
 
 def _done_before(job: Job, key: str) -> JobResult | None:
-    """Return the result of an earlier job that did the same, or a refusal where the folder is not ours; else None."""
+    """Return the result of an earlier job that did the same, or a refusal if the folder is not ours; else None."""
     own: JobResult | None = _decoded(job.folder / _RECORD, JobResult)
     if own is None:
         foreign = [name for name in RESULTS if os.path.lexists(job.folder / name)]
@@ -102,14 +102,14 @@ def _done_before(job: Job, key: str) -> JobResult | None:
 
 
 def _run(job: Job, key: str) -> JobResult:
-    """Replay the log anew, and record how it went."""
+    """Replay the log, and record how it went."""
     started_s = time.monotonic()
     job.folder.mkdir(parents=True, exist_ok=True)
-    with only_writer(job.folder):  # no result of an earlier attempt is taken for one of this; other files stay
+    with only_writer(job.folder):  # results of earlier attempts are removed; other files stay
         for name in FILES:
             (job.folder / name).unlink(missing_ok=True)
             (job.folder / f"{name}.part").unlink(missing_ok=True)
-    # Written first: what an ended batch leaves behind is known as ours by it.
+    # Written first, so that the remains of an ended batch are recognised as ours.
     write_whole(job.folder / _RECORD, json_bytes(job.ended("interrupted", "not finished")))
     status, reason = _replay(job)
     result = job.ended(status, reason, seconds=time.monotonic() - started_s, key=key)
@@ -123,7 +123,7 @@ def read_summary(folder: Path) -> dict[str, Any] | None:
 
 
 def _decoded(path: Path, kind: type[T]) -> T | None:
-    """Return the content of a JSON file; None if there is none of this kind."""
+    """Return the content of a JSON file; None if it is missing or of another kind."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=kind)
     except (OSError, msgspec.DecodeError):
@@ -131,7 +131,7 @@ def _decoded(path: Path, kind: type[T]) -> T | None:
 
 
 def _fingerprint(job: Job) -> str:
-    """SHA-256 of the log, and of everything else that its results depend on."""
+    """Return the SHA-256 of the log and of everything else on which its results depend."""
     parts = [job.config_toml, job.options, [_sha256(path) for path in (job.log, *job.inputs)], __version__]
     return hashlib.sha256(msgspec.json.encode(parts)).hexdigest()
 
@@ -148,10 +148,10 @@ def _sha256(path: Path) -> str:
 
 
 def _replay(job: Job) -> tuple[JobStatus, str]:
-    """Status and reason of a replay in its own process."""
+    """Replay in a separate process, and return status and reason."""
     config, errors = job.folder / "config.toml", job.folder / _STDERR
     config.write_text(job.config_toml, encoding="utf-8")
-    # this package itself, whatever lies in the present folder
+    # this package itself, whatever is in the current folder
     here = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), str(Path(__file__).parents[2])]))
     command = [sys.executable, "-P", "-m", "stream_sfm", "replay", f"--config={config}", *job.options]
     command += [f"--out={job.folder}", "--quiet", "--debug", str(job.log)]
@@ -163,13 +163,13 @@ def _replay(job: Job) -> tuple[JobStatus, str]:
             stdout=subprocess.DEVNULL,
             stderr=stderr,
             env=os.environ | ONE_THREAD | {"PYTHONPATH": here},
-            start_new_session=True,  # a Ctrl-C reaches this process only; `stop` passes it on, once
+            start_new_session=True,  # Ctrl-C reaches this process only; `stop` passes it on, once
         ) as child,
     ):
         try:
             interrupted = _watch(child, job)
         finally:
-            child.kill()  # has no effect if it has ended
+            child.kill()  # no effect if it has ended
     text = errors.read_text(encoding="utf-8", errors="replace")
     if not text:
         errors.unlink()
@@ -177,20 +177,20 @@ def _replay(job: Job) -> tuple[JobStatus, str]:
 
 
 def _watch(child: subprocess.Popen[bytes], job: Job) -> bool:
-    """Wait for the end; returns whether it was brought about by `stop`."""
+    """Wait for the end; return whether `stop` caused it."""
     while True:
         with suppress(subprocess.TimeoutExpired):
             child.wait(POLL_S)
             return False
         if job.stop.exists():
-            child.terminate()  # it ends after the frame in hand, with everything written
+            child.terminate()  # it ends after the current frame, with everything written
             with suppress(subprocess.TimeoutExpired):
                 child.wait(_SHUTDOWN_S)
             return True
 
 
 def _classify(job: Job, code: int, interrupted: bool, stderr: str) -> tuple[JobStatus, str]:
-    """Status and reason of a replay, from its exit code, whether it was asked to end, and its standard error."""
+    """Return status and reason of a replay from exit code, whether it was asked to end, and standard error."""
     summary = read_summary(job.folder)
     if interrupted:
         return "interrupted", f"after {summary['frames']['estimated'] if summary else 0} frames"

@@ -1,4 +1,4 @@
-"""Find the logs that files, folders and patterns stand for, and give each a name and its ground truth."""
+"""Finds the logs for files, folders and patterns, and gives each a name and its ground truth."""
 
 import glob
 import os
@@ -15,13 +15,13 @@ _RESULT = "estimates.mcap"  # written by a replay: a log, but not a stereo log
 
 
 def find_logs(arguments: Sequence[str], skipped: list[str] | None = None) -> dict[Path, int]:
-    """Absolute paths in the given order, each once, with the number of parts of the path that make its name.
+    """Return absolute paths in the given order, each once, with the number of path parts that make its name.
 
     A folder that is a recording (a bag, a data set) is one log. Any other folder stands for all recordings in it and
     below, except hidden ones and results (estimates.mcap); they are named relative to that folder, so that a name
-    stays the same when the folder grows. `skipped` is given a line for each linked folder, which is not followed. A
-    pattern that no shell has expanded is expanded here, `**` for any depth; it follows no links either. Raises LogError
-    where a folder holds no log; a file that does not exist is kept, and reported when it is its turn.
+    stays the same when the folder grows. `skipped` gets a line for each linked folder, which is not followed. A
+    pattern that no shell has expanded is expanded here, `**` for any depth; it does not follow links either. Raises
+    LogError if a folder holds no log; a missing file is kept, and reported in its turn.
     """
     skipped = [] if skipped is None else skipped
     found: dict[Path, int] = {}
@@ -42,7 +42,7 @@ def find_logs(arguments: Sequence[str], skipped: list[str] | None = None) -> dic
 def _matching(pattern: str, skipped: list[str]) -> Iterator[str]:
     """Yield the paths that a pattern stands for.
 
-    Below `**` links to folders are not followed: they may lead back, so that paths have no end.
+    Below `**`, links to folders are not followed: they may lead back, so that paths would be endless.
     """
     parts = Path(pattern).parts
     if "**" not in parts:
@@ -51,7 +51,7 @@ def _matching(pattern: str, skipped: list[str]) -> Iterator[str]:
     at = parts.index("**")
     tail = list(dropwhile("**".__eq__, parts[at:]))
     for start in glob.glob(os.path.join(*parts[:at])) if at else [os.curdir]:
-        if not tail:  # all below a folder is what the folder stands for
+        if not tail:  # a folder stands for everything below it
             yield start
             continue
         for folder, folders, _ in os.walk(start):
@@ -85,7 +85,7 @@ def _logs_below(folder: Path, skipped: list[str]) -> Iterator[Path]:
 
 
 def size_bytes(log: Path) -> int:
-    """Return how large a recording is on disk, with all files of a folder; 0 where that is not known."""
+    """Return the size of a recording on disk, with all files of a folder; 0 if it is not known."""
     if not os.path.isdir(log):
         return os.path.getsize(log) if os.path.isfile(log) else 0
     return sum(os.path.getsize(file) for file in log.rglob("*") if os.path.isfile(file))
@@ -94,7 +94,7 @@ def size_bytes(log: Path) -> int:
 def names_for(logs: Mapping[Path, int], reserved: Sequence[str] = ()) -> dict[Path, str]:
     """Return a unique name for each log: its file name without the suffix, after as many parent folders as needed.
 
-    `logs` as `find_logs` returns them. Each is a plain name: no dots in front, so that it cannot be `..` and is not
+    `logs` as `find_logs` returns them. Each name is plain: no leading dots, so that it cannot be `..` and is not
     hidden, and no control characters. Upper and lower case count as equal; names that are still equal get a number.
     """
     depths = dict(logs)
@@ -124,9 +124,9 @@ def _unused(name: str, taken: set[str]) -> str:
 
 
 def truth_files(given: Path, names: Mapping[Path, str]) -> dict[Path, Path]:
-    """The file for each log; `names`: of the logs, as in the batch. Logs without one keep their own ground truth.
+    """Return the file for each log; `names`: of the logs in the batch. Logs without one keep their own ground truth.
 
-    Raises ConfigError if it does not exist, or where a folder has a file for none of the logs.
+    Raises ConfigError if it does not exist, or if a folder has a file for none of the logs.
     """
     if not given.is_dir():
         if not given.is_file():

@@ -1,4 +1,4 @@
-"""Many logs in one call: find them, replay each in its own process, collect the results in batch.json and one page."""
+"""Replays many logs: finds them, replays each in its own process, and collects the results in one file and one page."""
 
 import os
 import time
@@ -50,11 +50,11 @@ def replay_batch(
     """Replay many logs, each in its own process, into one folder per log, and return the content of batch.json.
 
     `logs`: recordings of any kind, folders of them, patterns. `left`, `right`, `calibration`, `rate_hz`: as in
-    `open_log`. `ground_truth`: a file for all logs, or a folder with files that are named after the logs, instead of
-    what the logs have. `workers` processes of this machine (None: one
-    per core), or those of the Dask `scheduler`. `on_done` is called with the result of each. A second call processes
-    only what is missing or has changed. On the first Ctrl-C or SIGTERM the running replays end after their current
-    frame, and no further one is started. Raises ConfigError, LogError and OutputError before any log is started.
+    `open_log`. `ground_truth`: a file for all logs, or a folder with files named after the logs, instead of that in
+    the logs. `workers` processes of this machine (None: one per core) do the work, or those of the Dask
+    `scheduler`. `on_done` is called with each result. A second call processes only what is missing or has changed.
+    On the first Ctrl-C or SIGTERM, running replays end after their current frame, and no further one is started.
+    Raises ConfigError, LogError and OutputError before any log is started.
     """
     config, out = config or Config(), Path(out_dir).resolve()
     config.needs_scale("a batch, which compares metres,")
@@ -65,7 +65,7 @@ def replay_batch(
     names = names_for(find_logs([str(log) for log in logs], skipped), reserved=(RECORD, PAGE))
     truths = {} if truth is None else truth_files(Path(truth.path).resolve(), names)
     options = _options(left, right, rate_hz, selection or Selection(), truth)
-    stop = out / f".stop-{uuid.uuid4().hex}"  # no name that a file of the user, or another batch, could have
+    stop = out / f".stop-{uuid.uuid4().hex}"  # a name that no file of the user or of another batch has
     toml, jobs = config_to_toml(config), []
     for log, name in names.items():
         inputs = [("calibration", path) for path in calibrations]
@@ -99,7 +99,7 @@ def replay_batch(
 
 
 def _finished(job: Job, result: JobResult) -> dict[str, Any]:
-    """Return a log in batch.json; its page is written where it has been estimated."""
+    """Return the entry of a log in batch.json; its page is written if it has been estimated."""
     log = msgspec.to_builtins(result) | {"summary": read_summary(job.folder) if result.key else None}
     if log["summary"]:
         write_whole(job.folder / PAGE_OF_LOG, render_log(log, job.folder).encode())
@@ -109,7 +109,7 @@ def _finished(job: Job, result: JobResult) -> dict[str, Any]:
 def _options(
     left: str | None, right: str | None, rate_hz: float | None, chosen: Selection, truth: GroundTruthFile | None
 ) -> list[str]:
-    """Return what was chosen, as options of the command `replay`, which the process of each log runs."""
+    """Return the choices as options of the command `replay`, which the process of each log runs."""
     frame = truth.frame if truth is not None else None
     if frame is not None and os.path.isfile(frame):
         frame = os.path.abspath(frame)  # for a process in another folder
@@ -146,7 +146,7 @@ def _run_jobs(
                     job = futures[future]
                     try:
                         results[job] = future.result()
-                    except CancelledError:  # by Dask, which has lost its scheduler
+                    except CancelledError:  # Dask has lost its scheduler
                         results[job] = job.ended("failed", _LOST)
                     except Exception as error:  # the worker itself was lost, or cannot write
                         results[job] = job.ended("failed", f"{type(error).__name__}: {error}")
@@ -154,7 +154,7 @@ def _run_jobs(
                         on_done(results[job])
                 if interruption.requested:
                     stop.touch()
-        except BaseException:  # a second Ctrl-C: no job is waited for any longer
+        except BaseException:  # a second Ctrl-C: stop waiting for jobs
             stop.touch()
             for future in waiting:
                 future.cancel()
@@ -165,6 +165,6 @@ def _run_jobs(
 
 @contextmanager
 def _threads(count: int) -> Iterator[tuple[Executor, Callable[[], bool]]]:
-    """Threads that wait for the processes that replay, as `cluster` yields its executor; they are never lost."""
+    """Yield threads that wait for the replaying processes, as `cluster` yields its executor; they are never lost."""
     with ThreadPoolExecutor(count) as pool:
         yield pool, lambda: False

@@ -1,4 +1,4 @@
-"""`stream-sfm refine` and `convert-calibration`: calibrations as TOML, from recordings and of other tools."""
+"""`stream-sfm refine` and `convert-calibration`: calibrations as TOML, from recordings and from other tools."""
 
 from typing import Annotated
 
@@ -20,9 +20,9 @@ def refine(
     """Refine the calibration of a rig from its recordings.
 
     Estimates the errors of a calibration from one or more logs of the same cameras. Writes a calibration with these
-    errors, and with delay and readout where they are certain; other commands read it with --calibration. An error of
-    the baseline is not observable by images, because it scales everything alike. With an IMU it is: then the baseline,
-    and the clock and the axes of the IMU, are corrected where they are certain.
+    errors, and with delay and readout if they are certain; other commands read it with --calibration. Images cannot
+    show an error of the baseline, because it scales everything alike. An IMU can: then the baseline, and the clock
+    and the axes of the IMU, are corrected if the correction is certain.
 
     Args:
         logs: recordings of the same cameras
@@ -61,8 +61,8 @@ def convert_calibration(
 ) -> None:
     """Convert the calibration of another tool to TOML.
 
-    Recognises a calibration of Kalibr, ROS, EuRoC, KITTI, OpenCV, OAK, ZED and others by its content: a file, the files
-    of the left and of the right camera, or the folder they are in. Other commands read them unconverted.
+    Recognises a calibration of Kalibr, ROS, EuRoC, KITTI, OpenCV, OAK, ZED and others by its content: a file, the
+    files of the left and right camera, or their folder. Other commands also read them unconverted.
 
     Args:
         files: file or folder; the left camera's file first
@@ -81,7 +81,7 @@ def convert_calibration(
     questions = baseline_warnings(rig)
     try:
         check_rectifiable(rig)
-    except RigError as error:  # the file may be converted in order to be corrected
+    except RigError as error:  # the file may be converted in order to correct it
         questions.append(str(error))
     print_notes("warning", questions)
     if json:

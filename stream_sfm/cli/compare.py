@@ -36,7 +36,7 @@ def compare(
     Args:
         out: result folder; runs/LOG-TIME if not given
         methods: the methods, separated by commas; without this option those above
-        as_is: give each method the calibration of the log, as a user has it; adds a row of cross-frame's newest motions
+        as_is: give each method the uncorrected calibration of the log; adds a row for the newest motions of cross-frame
         self_test: check the covariances without ground truth: disjoint halves of the tracks and of the image must agree
         loops: also show the first method with loops closed; needs the extra map
     """

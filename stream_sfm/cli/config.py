@@ -9,7 +9,7 @@ def config(*, expert: options.ResultFlag = False, settings: options.Settings = o
     Prints the defaults, changed by --config and --set.
 
     Args:
-        expert: print all settings, also those that few runs need
+        expert: print all settings, including those that few runs need
     """
     from ..config import config_to_toml
 

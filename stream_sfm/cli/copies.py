@@ -1,4 +1,4 @@
-"""`stream-sfm import` and `stream-sfm recover`: data sets, image files and damaged files as whole logs."""
+"""`stream-sfm import` and `stream-sfm recover`: data sets, image files and damaged files as valid logs."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -107,9 +107,9 @@ def recover(
 ) -> int:
     """Copy what can be read of a damaged MCAP file.
 
-    Copies every message that can be read, of all topics and with unchanged bytes, into a new MCAP file with an index,
-    and says what was lost. `replay` and the other commands read damaged logs as they are; a recovered one is for
-    programs that do not. If something was lost, the exit code is 3.
+    Copies every readable message of all topics, with unchanged bytes, into a new MCAP file with an index, and
+    reports what was lost. `replay` and the other commands read damaged logs directly; a recovered one is for other
+    programs. If something was lost, the exit code is 3.
 
     Args:
         log: the damaged MCAP file

@@ -45,7 +45,7 @@ def evaluate(
             run = read_results(name)
             used = without_frames(_truth(run, truth), run.stamps_ns, errors.ignore_ground_truth)
             figures, method = _figures(run, used, errors), run.config.method
-        except (InputError, ConfigError) as error:  # one of many; the others are compared
+        except (InputError, ConfigError) as error:  # one of many; the others are still compared
             failed.append(error)
             continue
         missing += run.warnings
@@ -67,7 +67,7 @@ def evaluate(
 
 
 def _truth(run: "RunResults", given: options.TruthFile) -> "Trajectory":
-    """The ground truth of a run, in the time of its frames. The log is opened where it has what is needed."""
+    """Return the ground truth of a run at the times of its frames. The log is opened only if it is needed."""
     from ..recording.stereo_log import open_log
 
     file, log = given.read(), run.summary.get("log")
@@ -84,7 +84,7 @@ def _truth(run: "RunResults", given: options.TruthFile) -> "Trajectory":
 
 
 def _why_none(run: "RunResults", truth: "Trajectory", name: str) -> str:
-    """Why no frame of a run has a true pose."""
+    """Return the reason why no frame of a run has a true pose."""
     from ..recording.truth_file import time_warning
 
     if not len(truth) or not len(run):
@@ -109,7 +109,7 @@ def _figures(run: "RunResults", truth: "Trajectory", known: options.TruthErrors)
 def view(run: options.Run, /, *, rrd: options.ResultFile = None, quiet: options.Quiet = False) -> None:
     """Open a finished run in the Rerun viewer.
 
-    Shows the path, the points and the figures of a run; and its images, if its log has not been moved.
+    Shows the path, the points and the figures of a run, and its images if the log has not been moved.
 
     Args:
         run: the result folder of a replay, such as runs/latest
@@ -140,7 +140,7 @@ def view(run: options.Run, /, *, rrd: options.ResultFile = None, quiet: options.
 
 
 def _log(found: "RunResults") -> "tuple[StereoLog | None, list[str]]":
-    """The log of a run, and what to say where it cannot be read."""
+    """Return the log of a run, and warnings if it cannot be read."""
     from ..recording.stereo_log import open_log
 
     path = found.summary.get("log")

@@ -1,8 +1,8 @@
-"""What libraries print by themselves, past Python, to the file descriptors of standard output and standard error.
+"""Filters what libraries print directly, past Python, to the descriptors of standard output and standard error.
 
-OpenCV, FFmpeg and libpng quote what they read, and a hostile file would speak to the terminal; a camera's driver would
-speak between the lines of our JSON. A process of its own, so that it outlives a crash and nothing ever waits for it,
-makes every line printable and passes on the first ones, all to standard error.
+OpenCV, FFmpeg and libpng quote what they read, so that a hostile file could send control sequences to the terminal, and
+a camera driver could print between the lines of our JSON. A separate process, which outlives a crash and for which
+nothing ever waits, makes every line printable and passes on the first ones to standard error.
 """
 
 import os
@@ -15,28 +15,28 @@ from contextlib import contextmanager, suppress
 
 from ..wording import LISTED, printable
 
-_LONGEST = 400  # characters of a line that are shown
-_END_S = 1.0  # for the last lines to be passed on; a viewer that is left running may hold the descriptor for longer
+_LONGEST = 400  # characters per line that are shown
+_END_S = 1.0  # for passing on the last lines; a viewer that keeps running may hold the descriptor for longer
 
 
 @contextmanager
 def filtered(quiet: bool) -> Iterator[None]:
-    """Within the context only readable lines of libraries reach standard error, and none of them if `quiet`.
+    """Within the context, only printable lines of libraries reach standard error, and none if `quiet`.
 
-    Nothing of them reaches standard output; `sys.stdout` and `sys.stderr` are not affected. Python's warnings are not
-    shown unless they were asked for. To be entered while there is one thread.
+    None of them reaches standard output; `sys.stdout` and `sys.stderr` are not affected. Python's warnings are not
+    shown unless requested. Enter it while there is only one thread.
     """
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
     try:
         real_out, real, (reader, writer) = os.dup(1), os.dup(2), os.pipe()
         filtering = os.fork()
-    except OSError:  # no more processes are allowed, or no more files
+    except OSError:  # the limit of processes or files is reached
         yield
         return
     if not filtering:
         try:
-            os.closerange(0, 2)  # whoever reads our output does not wait for this process
+            os.closerange(0, 2)  # readers of our output do not wait for this process
             os.dup2(real, 2)
             os.close(real_out)
             os.close(writer)
@@ -69,8 +69,8 @@ def filtered(quiet: bool) -> Iterator[None]:
 
 
 def _pass_on(reader: int, quiet: bool) -> None:
-    """Read all that comes, and print the first lines of it."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # the others end first
+    """Read everything, and print the first lines."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # the other processes end first
         signal.signal(number, signal.SIG_IGN)
     lines, begun = 0, b""
     while data := os.read(reader, 2**16):

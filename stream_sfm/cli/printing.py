@@ -1,6 +1,6 @@
-"""How results are printed: JSON, numbers, tables, and warnings on standard error. All text is made printable here.
+"""Prints results: JSON, numbers, tables, and warnings on standard error. All text is made printable here.
 
-Tables are made by Rich, which takes a twentieth of a short run to import, and is where they are printed.
+Rich makes the tables. It is imported where they are printed, as that takes a twentieth of a short run.
 """
 
 import json
@@ -17,7 +17,7 @@ _PIPED_WIDTH = 110  # columns of a table that goes to a file or a pipe
 
 
 def print_json(value: Any) -> None:
-    """One JSON object; NaN and infinity become null. Characters that a terminal would obey are escaped."""
+    """Print one JSON object; NaN and infinity become null. Control characters for terminals are escaped."""
     from ..files import json_bytes
 
     lines = json_bytes(value).decode().split("\n")
@@ -25,29 +25,29 @@ def print_json(value: Any) -> None:
 
 
 def print_notes(kind: str, notes: Iterable[str], stderr: bool = True) -> None:
-    """One line each, such as "warning: …", on standard error, or on standard output where they are the result."""
+    """Print one line each, such as "warning: …", on standard error, or on standard output if they are the result."""
     for note in notes:
         print(f"{kind}: {printable(note)}", file=sys.stderr if stderr else sys.stdout)
 
 
 def print_error(message: str) -> None:
-    """One line on standard error; `batch` finds the errors of a replay by this prefix."""
+    """Print one line on standard error; `batch` finds the errors of a replay by this prefix."""
     print(f"stream-sfm: {printable(message)}", file=sys.stderr)
 
 
 def number(value: float | None, form: str = ".2f") -> str:
-    """A number in the given format; a dash for None."""
+    """Return a number in the given format; a dash for None."""
     return "–" if value is None else format(value, form)
 
 
 def factors_text(spans: list[dict[str, Any]]) -> str:
-    """How large errors of relative motion are, and over how many frames."""
+    """Return the errors of relative motions in words, with their numbers of frames."""
     factors = ", ".join(f"{span['factor']:.2f}" for span in spans)
     return f"{factors} × the estimated σ over {', '.join(str(span['frames']) for span in spans)} frames"
 
 
 def broken_at(name: str, separators: str, width: int) -> str:
-    """A long name in lines of at most `width` characters, broken before or after a separator where there is one."""
+    """Return a long name in lines of at most `width` characters, broken at separators if there are any."""
     lines = []
     while len(name) > width:
         cut = max(name.rfind("/", 1, width + 1), *(name.rfind(s, 0, width) + 1 for s in separators if s != "/"))
@@ -58,7 +58,7 @@ def broken_at(name: str, separators: str, width: int) -> str:
 
 
 def rich_console(**options: Any) -> "Console":
-    """A console of Rich that lets `main` handle a closed output pipe."""
+    """Return a console of Rich that lets `main` handle a closed output pipe."""
     from rich.console import Console
 
     class Ours(Console):
@@ -69,7 +69,7 @@ def rich_console(**options: Any) -> "Console":
 
 
 def output_width(otherwise: int = _PIPED_WIDTH) -> int:
-    """The columns of standard output: those of the terminal, or `otherwise`."""
+    """Return the width of standard output: that of the terminal, or `otherwise`."""
     return rich_console().width if sys.stdout.isatty() else otherwise
 
 
@@ -89,7 +89,7 @@ def print_table(
     from rich.table import Table
     from rich.text import Text
 
-    def text(cell: str) -> Text:  # as it is, not as Rich's markup; it may have several lines
+    def text(cell: str) -> Text:  # plain, not Rich's markup; it may have several lines
         return Text("\n".join(map(printable, cell.split("\n"))))
 
     table = Table(title=text(title) if title else None, title_justify="left", show_header=bool(headings))

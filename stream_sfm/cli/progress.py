@@ -11,20 +11,20 @@ from ..wording import printable
 if TYPE_CHECKING:
     from ..types import Frame, FrameEstimate
 
-_KEPT = 512  # entries of a history, of which older ones are thinned
-LINE_INTERVAL_S = 10.0  # without a terminal; often enough to see that a run is alive, rare enough for a log file
+_KEPT = 512  # entries of a history, in which older ones are thinned
+LINE_INTERVAL_S = 10.0  # without a terminal; often enough to show that a run is alive, rare enough for a log file
 
 
 class Advance(Protocol):
-    """Called with the number of things just finished, a line to print above the bar, and how much work they were."""
+    """Called with the number of things just finished, a line to print above the bar, and the amount of work."""
 
     def __call__(self, finished: int = 1, line: str = "", work: float | None = None) -> None: ...
 
 
 class Remaining:
-    """How long the rest takes, by the pace of the second half of what is done: a beginning is slower or quicker.
+    """The remaining time, by the pace in the second half of the finished work, as the start may be slower or faster.
 
-    `total`: the work altogether, in any unit; None: unknown.
+    `total`: all the work, in any unit; None: unknown.
     """
 
     def __init__(self, total: float | None) -> None:
@@ -32,13 +32,13 @@ class Remaining:
         self._history = [(time.monotonic(), 0.0)]  # times, and the work done by then
 
     def add(self, work: float) -> None:
-        """Note that so much work has just been done."""
+        """Record that this much work has just been done."""
         self._history.append((time.monotonic(), self._history[-1][1] + work))
         if len(self._history) > _KEPT:
             del self._history[1:-1:2]
 
     def text(self) -> str:
-        """Such as "about 40 s left"; empty while nothing can be said."""
+        """Return a text such as "about 40 s left"; empty if it is not known."""
         now_s, done = self._history[-1]
         half_s, at_half = next(entry for entry in reversed(self._history) if 2 * entry[1] <= done)
         if not self._total or done <= at_half or now_s <= half_s:
@@ -53,7 +53,7 @@ def counter(
 ) -> Iterator[Advance]:
     """Shows how many of `total` (None: unknown) are finished, such as "simulate rates: 40 of 600 trials".
 
-    `work`: of all of them, where they differ; else each is as much as the other.
+    `work`: that of all of them if they differ; otherwise all are equal.
     """
     remaining = Remaining(total if work is None else work)
     if quiet:
@@ -99,14 +99,14 @@ def _lines(label: str, unit: str, total: int | None, remaining: Remaining) -> Ad
             count = f"{done} of {total}" if total else str(done)
             lines.append(f"{label}: {count} {unit} after {_duration(elapsed_s)}{left}")
         for text in lines:
-            with suppress(BrokenPipeError):  # nobody reads it: no reason to end the run
+            with suppress(BrokenPipeError):  # if nobody reads it, the run still continues
                 print(text, file=sys.stderr, flush=True)
 
     return advance
 
 
 def _duration(seconds: float) -> str:
-    """Seconds, or minutes and hours where they are many."""
+    """Return seconds, or minutes and hours for long times."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)
@@ -129,7 +129,7 @@ class ProgressSink:
         self._advance(1, line)
 
     def close(self) -> None:
-        """Nothing to finish: the bar disappears with its context."""
+        """Do nothing: the bar disappears with its context."""
 
 
 @contextmanager

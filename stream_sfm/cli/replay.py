@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class _Shown:
-    """What is shown and printed of a run.
+    """What a run shows and prints.
 
     Attributes:
         rrd: write a recording for the Rerun viewer
@@ -66,10 +66,10 @@ def replay(
         out: result folder; runs/LOG-TIME if not given
         strict: exit with code 3 if there was any warning
         self_test: check the covariances without ground truth: disjoint halves of the tracks and of the image must agree
-        there_and_back: measure drift without ground truth: estimate the way back, too, and compare the ends
+        there_and_back: measure drift without ground truth: also estimate the way back, and compare the ends
         loops: close loops and write the corrected poses to trajectory_map.tum; needs the extra map
         map: continue in a map that --save-map wrote; implies --loops
-        save_map: write the map at the end, also over the one that was read; implies --loops
+        save_map: write the map at the end, even over the one that was read; implies --loops
         mono: use the left camera only; lengths are in units of the first baseline instead of metres
     """
     from ..outputs import RESULTS, TRAJECTORIES
@@ -116,22 +116,22 @@ def live(
 ) -> int:
     """Estimate the camera's motion and the local structure live, until Ctrl-C.
 
-    Cameras: realsense, oak or zed, with their factory calibration; or, by OpenCV, the number, device file or
-    address of one camera that gives both images beside or above each other, or two of them, left and right. A recording
-    is a camera too: its images come at the pace at which they were recorded. Ctrl-C ends
-    after the current frame and finishes all files. Images that arrive faster than they can be estimated are skipped in
-    the estimates and kept in the recording.
+    Cameras: realsense, oak or zed, with their factory calibration; or, through OpenCV, the number, device file or
+    address of one camera that delivers both images side by side or stacked, or of two cameras, left and right. A
+    recording can stand in for a camera: its images come at the pace at which they were recorded. Ctrl-C ends the
+    run after the current frame and completes all files. Images that arrive faster than they can be processed are
+    skipped, but kept in the recording.
 
     Args:
         camera: realsense, oak, zed, a camera of OpenCV such as 0, or a recording
-        right: the right camera, where it is another one
+        right: the right camera, if it is a separate one
         out: result folder as of a replay; runs/CAMERA-TIME if not given
         record: write a log of every image, for later replays
         force: replace the file of --record if it exists
-        calibration: instead of the factory's: a file, the files of left and right, or a folder
-        size: of each image, pixels
+        calibration: a file, the files of left and right, or a folder, instead of the factory calibration
+        size: size of each image, pixels
         rate: frames per second
-        serial: which of several cameras of that kind
+        serial: serial number, to choose one of several cameras
         exposure: exposure time, milliseconds; automatic if not given
         max_frames: end after N frames
     """
@@ -172,7 +172,7 @@ def _run(
     strict: bool = False,
     **known: Any,
 ) -> int:
-    """Estimate the selected frames of a log into a folder, tell of it, and return the exit code.
+    """Estimate the selected frames of a log into a folder, print the summary, and return the exit code.
 
     `is_latest`: runs/latest shall lead there; `known`: options of `run.replay`.
     """

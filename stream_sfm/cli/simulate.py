@@ -37,7 +37,7 @@ def simulate(
         out: result folder; runs/simulate-EXPERIMENT if not given
         trials: number of random scenes (100)
         seed: random seed; the same seed gives the same numbers (0)
-        latex: write the tables for LaTeX, too (results.tex)
+        latex: also write the tables in LaTeX (results.tex)
     """
     from ..files import write_whole
     from ..report.study import render_study

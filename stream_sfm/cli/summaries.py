@@ -14,13 +14,13 @@ _NAME_WIDTH, _EVALUATION_WIDTH = 28, 130  # characters of the name of a run; col
 
 
 def print_summary(summary: dict[str, Any], folder: Path | None, stages: bool) -> None:
-    """Print the summary of a replay and where the results are; `stages` adds the time that each stage takes."""
+    """Print the summary of a replay and the place of the results; `stages` adds the time of each stage."""
     rows = [*_run_rows(summary, stages), *_truth_rows(summary.get("ground_truth")), ("results", str(folder))]
     print_table(rows, title=f"{summary['log']}: {summary['method']}")
 
 
 def print_comparison(content: dict[str, Any]) -> None:
-    """Print the conclusion and the methods of report.json; a figure that does not exist for this log is a dash."""
+    """Print the conclusion and the methods of report.json; an undefined figure is a dash."""
     from ..evaluation.figures import TIME, units_of
     from ..report.numbers import figures_of
     from ..report.tables import of_method
@@ -38,7 +38,7 @@ def print_comparison(content: dict[str, Any]) -> None:
 
 
 def _print_drift(drift: dict[str, Any], lines: list[dict[str, Any]], names: dict[str, str]) -> None:
-    """Print what each method errs over each span, its ratio to the reference, and the factor of its σ."""
+    """Print the error of each method over each span, its ratio to the reference, and the factor of its σ."""
     from ..evaluation.figures import number_text, unit_for
 
     unit = unit_for([of["position_rms_m"] for line in lines for of in line["methods"].values()])
@@ -57,11 +57,11 @@ def _print_drift(drift: dict[str, Any], lines: list[dict[str, Any]], names: dict
     headings = [f"{counted(line['frames'], 'frame')}\n{unit.name}" for line in lines]
     print_table(rows, ["position error over", *headings])
     if any(of["position_from_halves"] for line in lines for of in line["methods"].values()):
-        print("* the ground truth cannot tell the methods apart here: ratio between halves of the tracks")
+        print("* the ground truth cannot separate the methods here: ratio from halves of the tracks")
 
 
 def print_evaluation(runs: Sequence[dict[str, Any]]) -> None:
-    """Print the runs of `evaluate`, one row each, with the figures that any of them has."""
+    """Print the runs of `evaluate`, one row each, with all figures that any of them has."""
     from ..evaluation.figures import ABSOLUTE, ACCURACY, CONSISTENCY, OF_RUNS, units_of
 
     figures = (ACCURACY[0], ABSOLUTE[0], *ACCURACY[1:], *ABSOLUTE[1:], *CONSISTENCY, *OF_RUNS)
@@ -76,7 +76,7 @@ def print_evaluation(runs: Sequence[dict[str, Any]]) -> None:
 
 
 def print_batch(content: dict[str, Any], folder: Path) -> None:
-    """Print the logs of batch.json, one row each, how many are done, and where the page is."""
+    """Print the logs of batch.json, one row each, the number of finished ones, and the place of the page."""
     from ..evaluation.figures import ACCURACY, Figure, units_of
     from ..report.pages import conclusion
 
@@ -95,7 +95,7 @@ def print_batch(content: dict[str, Any], folder: Path) -> None:
 
 
 def _over_sigma(figures: dict[str, Any]) -> dict[str, float]:
-    """The error of the relative motion over its σ, over the shortest span."""
+    """Return the error of the relative motion over its σ, for the shortest span."""
     spans = figures.get("relative_consistency")
     return {"relative_motion_over_sigma": spans[0]["factor"]} if spans else {}
 
@@ -103,7 +103,7 @@ def _over_sigma(figures: dict[str, Any]) -> dict[str, float]:
 def _columns(
     figures: "Sequence[Figure]", runs: Sequence[dict[str, Any]], units: "dict[str, LengthUnit]"
 ) -> tuple[list[str], list[list[str]]]:
-    """Headings of the figures with their units, and the cells of each run; a figure that it has not is a dash."""
+    """Return headings of the figures with units, and the cells of each run; a missing figure is a dash."""
     from ..evaluation.figures import LengthUnit, number_text
 
     found = [units.get(figure.unit, LengthUnit(figure.unit, 1.0)) for figure in figures]

@@ -1,4 +1,4 @@
-"""`stream-sfm surface`: the dense, textured surface that one frame or a whole log shows."""
+"""`stream-sfm surface`: the dense, textured surface in one frame or in a whole log."""
 
 import os
 import time
@@ -51,7 +51,7 @@ def surface(
         raise ConfigError("--frame and --all exclude each other: leave one out")
     number = None if all else frame or 0
     config, selection = settings.read(method=method), frames.selection()
-    path = Path(out)  # checked before the work is done, rather than after
+    path = Path(out)  # checked before the work, not after it
     if path.suffix.lower() != ".ply":
         raise ConfigError(f"--out {out}: the name must end in .ply")
     if not os.path.isdir(path.parent):

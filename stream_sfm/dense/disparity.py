@@ -28,7 +28,7 @@ from ..record import record
 Grey = NDArray[np.uint8]
 Image = NDArray[np.float32]
 _SLOPE_RADIUS_PX = 3  # half width of the patch in which the slope of the disparity is fitted
-_MIN_GRADIENT = 1e-3  # grey²/px², keeps the σ of a window without texture finite
+_MIN_GRADIENT = 1e-3  # grey²/px², keeps σ of a window without texture finite
 
 
 @record
@@ -50,7 +50,7 @@ class DisparityMap:
 
 
 class DenseStereo:
-    """Computes disparity maps for one rectified pair; `valid` (h, w) are the pixels that hold image content."""
+    """Computes disparity maps for one rectified pair; `valid` (h, w): the pixels with image content."""
 
     def __init__(self, projection: StereoProjection, config: DenseConfig, valid: NDArray[np.bool_]) -> None:
         self.projection, self.config, self.valid = projection, config, valid
@@ -70,7 +70,7 @@ class DenseStereo:
         return found
 
     def _range(self, left: Grey, right: Grey) -> tuple[int, int]:
-        """Return the smallest and the largest disparity, in pixels of the images, found on a small copy of them."""
+        """Return the smallest and the largest disparity, in pixels of the images, found on a reduced copy of them."""
         first = self._infinity_px - 1
         last = self._infinity_px + self.config.max_disparity_fraction * self.projection.width
         scale = 1
@@ -80,14 +80,14 @@ class DenseStereo:
             found = self._matched(left, right, int(np.floor(first / scale)) - 1, int(np.ceil(last / scale)))
             found = found[np.isfinite(found)]
             if len(found):
-                low, high = np.percentile(found, (0.1, 99.9))  # what lies outside are mismatches
+                low, high = np.percentile(found, (0.1, 99.9))  # disparities outside are mismatches
                 first, last = max(first, scale * (low - 2)), min(last, scale * (high + 2))
         return int(np.floor(first)), int(np.ceil(last))
 
     def _matched(self, left: Grey, right: Grey, first: int, last: int) -> Image:
         """Return disparities (h, w) between `first` and `last`, in steps of 1/16 px; NaN where none was found."""
         block = self.config.block_px
-        count = 16 * -(-(last - first + 1) // 16)  # OpenCV wants a multiple of 16
+        count = 16 * -(-(last - first + 1) // 16)  # OpenCV requires a multiple of 16
         matcher = cv2.StereoSGBM.create(
             minDisparity=first,
             numDisparities=count,
@@ -100,7 +100,7 @@ class DenseStereo:
             speckleRange=2,
             mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
         )
-        # OpenCV leaves out all columns for which some disparity of the range points outside: add a margin
+        # OpenCV skips all columns for which some disparity of the range points outside, so add a margin
         before, after = max(first + count, 0), max(-first, 0)
         wide = [cv2.copyMakeBorder(i, 0, 0, before, after, cv2.BORDER_CONSTANT) for i in (left, right)]
         width = left.shape[1]
@@ -118,11 +118,11 @@ def refine(left: Grey, right: Grey, start_px: Image, config: DenseConfig) -> tup
         return start_px, np.full_like(start_px, np.nan)
     size, own_px = 2 * config.window_radius_px + 1, config.own_px
     smoothing = config.smoothing_px
-    shared_pixels = max(1.0, 4 * np.pi * smoothing**2)  # over which smoothing correlates the noise
+    shared_pixels = max(1.0, 4 * np.pi * smoothing**2)  # smoothing correlates the noise over these
     soft_left, soft_right = (_smoothed(image, smoothing) for image in (left, right))
     slope_left, slope_right = (_slope(image) for image in (soft_left, soft_right))
     v, u = np.mgrid[: left.shape[0], : left.shape[1]].astype(np.float32)
-    surface_px = config.max_disparity_step_px  # disparities that differ by more belong to different surfaces
+    surface_px = config.max_disparity_step_px  # larger differences separate surfaces
     # Far below all disparities: the bilateral filter must not average unknown pixels in.
     unknown = np.float32(np.nanmin(start_px) - 10 * surface_px)
 

@@ -20,7 +20,7 @@ _WEIGHT, _DISTANCE, _SHARED, _FRAMES, _COLOUR = 0, 1, 2, 3, slice(4, 7)
 
 
 class Fusion:
-    """A surface fused from all `frames` so far, with voxels of the edge `voxel_m`, 0 before the first one."""
+    """A surface fused from all `frames` so far, with voxels of edge `voxel_m`, which is 0 before the first frame."""
 
     def __init__(self, projection: StereoProjection, config: DenseConfig) -> None:
         self.projection, self.config = projection, config
@@ -30,7 +30,7 @@ class Fusion:
         self._keys = np.empty(0, np.int64)  # ascending
         self._slots = np.empty(0, np.int32)  # rows of the sums that belong to the keys
         # Sums over frames: weight; weight × (distance, shared variance); frames; weight × colour. Zeros take no
-        # memory before they are written to.
+        # memory until they are written to.
         self._sums = np.zeros((config.max_voxels, _COLOUR.stop), np.float32)
 
     def add(
@@ -72,7 +72,7 @@ class Fusion:
         return len(self._keys)
 
     def mesh(self) -> Mesh:
-        """Return the surface in the world frame, where at least `min_frames` frames (or all, if fewer) have seen it."""
+        """Return the surface in the world frame where at least `min_frames` frames (or all, if fewer) have seen it."""
         sums = self._sums[self._slots]
         seen = sums[:, _FRAMES] >= min(self.config.min_frames, max(self.frames, 1))
         keys, sums = self._keys[seen], sums[seen]

@@ -1,4 +1,4 @@
-"""Meshes of triangles: that of one disparity map, and binary PLY files of any."""
+"""Triangle meshes: the mesh of a disparity map, and binary PLY files."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +20,9 @@ _FACE = np.dtype([("count", "u1"), ("vertices", "<i4", 3)])
 class Mesh:
     """A surface of triangles with a normal, a colour and a σ at each vertex.
 
-    `vertices` (n, 3), metres; `faces` (m, 3), counter-clockwise seen from the camera's side; `normals` (n, 3) point to
-    that side; `colours` (n, 3), red green blue; `std_m` (n,): σ along the viewing ray. The distance to the surface has
-    this σ or, on slanted surfaces, a smaller one.
+    `vertices` (n, 3), metres; `faces` (m, 3), counter-clockwise as seen from the camera; `normals` (n, 3) point to
+    that side; `colours` (n, 3), red green blue; `std_m` (n,): σ along the viewing ray. The distance to the surface
+    has this σ or, on slanted surfaces, a smaller one.
     """
 
     vertices: NDArray[np.float32]
@@ -32,7 +32,7 @@ class Mesh:
     std_m: NDArray[np.float32]
 
     def moved(self, target_from_source: Array) -> "Mesh":
-        """Return the same surface in the target's axes."""
+        """Return the same surface in axes of the target."""
         vertices = se3.transform(target_from_source, self.vertices).astype(np.float32)
         normals = (self.normals @ target_from_source[:3, :3].T).astype(np.float32)
         return Mesh(vertices, self.faces, normals, self.colours, self.std_m)
@@ -81,7 +81,7 @@ def normals_of(vertices: Array, faces: NDArray[np.int32]) -> NDArray[np.float32]
 
 
 def write_ply(path: str | Path, mesh: Mesh, comment: str) -> None:
-    """Write a mesh with all that vertices have; `comment` states its axes. Raises OutputError."""
+    """Write a mesh with all data of its vertices; `comment` states its axes. Raises OutputError."""
     vertices = np.empty(len(mesh.vertices), _VERTEX)
     vertices["position"], vertices["normal"] = mesh.vertices, mesh.normals
     vertices["colour"], vertices["std_m"] = mesh.colours, mesh.std_m

@@ -1,4 +1,4 @@
-"""The surface in a log: dense stereo of one frame, or of all frames, fused by the estimated poses."""
+"""The surface in a log: dense stereo of one frame, or of all frames, fused with the estimated poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -29,7 +29,7 @@ from .disparity import DenseStereo, DisparityMap
 from .fusion import Fusion
 from .mesh import Mesh, mesh_of_frame
 
-# Measured memory: what a run may take for its images; tracking and dense stereo, bytes per pixel of their images.
+# Measured memory: limit of a run for its images; bytes per pixel of images for tracking and for dense stereo.
 _MEMORY_BYTES, _TRACKING_BYTES, _DENSE_BYTES = 800e6, 48, 320
 _NOTHING_SEEN = (
     "no surface was found: the images may be black, blurred or without texture, or the calibration may be that of "
@@ -39,11 +39,11 @@ _NOTHING_SEEN = (
 
 @dataclass(slots=True, eq=False, repr=False)
 class Surface:
-    """A surface, and what it was made of.
+    """A surface, and its source.
 
-    `mesh`: in axes of the physical left camera, of the first frame where many were fused. `read`, `used`: frames read,
-    and frames in the surface; `voxel_m`: edge of a voxel, 0 for a single frame; `path` (n, 3): positions of the left
-    camera in the same axes. `warnings`, `complete` and `interrupted` as in a replay.
+    `mesh`: in axes of the physical left camera, that of the first frame if many were fused. `read`, `used`: frames
+    read, and frames in the surface; `voxel_m`: edge of a voxel, 0 for a single frame; `path` (n, 3): positions of the
+    left camera in the same axes. `warnings`, `complete` and `interrupted` as in a replay.
     """
 
     mesh: Mesh
@@ -62,7 +62,8 @@ class Surface:
 class DenseView:
     """Computes the disparities and the rectified colour image of a stereo frame.
 
-    Large images are reduced by a whole factor, so that memory stays bounded, and `projection` is of the reduced ones.
+    Large images are reduced by a whole factor, so that memory stays bounded; `projection` is that of the reduced
+    images.
     """
 
     def __init__(self, rectifier: Rectifier, config: Config) -> None:
@@ -84,7 +85,7 @@ class DenseView:
         return self._stereo.match(left, right), picture
 
     def _reduced(self, image: Image) -> Image:
-        """Return the mean of each block of pixels; what is left over at the right and at the bottom is cut off."""
+        """Return the mean of each block of pixels; incomplete blocks at the right and at the bottom are dropped."""
         if self._factor == 1:
             return image
         width, height = self.projection.width, self.projection.height
@@ -93,7 +94,7 @@ class DenseView:
 
 
 def _reduction(pixels: int) -> int:
-    """Return the factor by which images of so many pixels are reduced: tracking and dense stereo share the memory."""
+    """Return the reduction factor for images of this many pixels: tracking and dense stereo share the memory."""
     granted = (_MEMORY_BYTES - pixels * _TRACKING_BYTES) / _DENSE_BYTES
     return max(1, int(np.ceil(np.sqrt(pixels / granted))))
 
@@ -119,9 +120,9 @@ def surface(
     """Reconstruct the dense surface of one frame of a log, or of all frames fused (`frame=None`).
 
     `frame` counts the selected frames, from 0; its surface is in axes of its left camera, a fused one in the world.
-    `left`, `right`, `calibration`: as in `open_log`. `sinks` take the estimates of a fused surface, and are closed at
-    the end. Lost frames are left out; where the log breaks off, or on Ctrl-C, the surface is that of the frames so far.
-    Raises ConfigError where there is no such frame, LogError if no frame could be read or none shows a surface.
+    `left`, `right`, `calibration`: as in `open_log`. `sinks` take the estimates of a fused surface, and are closed
+    at the end. Lost frames are left out; if the log breaks off, or on Ctrl-C, the surface has the frames so far.
+    Raises ConfigError if there is no such frame, LogError if no frame could be read or none shows a surface.
     """
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration)
@@ -133,7 +134,7 @@ def surface(
 
 
 def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Selection | None) -> Surface:
-    """Return the surface that one frame shows, in the axes of its physical left camera."""
+    """Return the surface in one frame, in the axes of its physical left camera."""
     read, frame = 0, None
     for read, frame in enumerate(islice(log.frames(selection), number + 1), 1):  # noqa: B007 the last one counts
         pass
@@ -151,7 +152,7 @@ def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Select
 
 
 def _of_all_frames(log: StereoLog, config: Config, selection: Selection | None, sinks: Sequence[Sink]) -> Surface:
-    """Return the surface that all selected frames show, in the world frame: as far as the log goes, or until Ctrl-C."""
+    """Return the surface in all selected frames, in the world frame, until the log ends or Ctrl-C."""
     with one_thread:
         observer = Observer(log.stereo_rig, config)
         lane = Lane(config, observer, None, None)
@@ -165,7 +166,7 @@ def _of_all_frames(log: StereoLog, config: Config, selection: Selection | None, 
     fusion, record = fused.fusion, lane.record
     mesh, problems = fusion.mesh(), [*outcome.warnings, *record.warnings()]
     if record.count(Status.LOST):
-        problems.append("lost frames are left out, and parts of the surface seen after them may be displaced")
+        problems.append("lost frames are left out, and later parts of the surface may be displaced")
     if not len(mesh.faces):
         raise LogError("; ".join([f"{log.path}: {_NOTHING_SEEN}", *problems]), hint=("inspect",))
     path = record.trajectory().world_from_cam[:, :3, 3]
@@ -182,7 +183,7 @@ def _of_all_frames(log: StereoLog, config: Config, selection: Selection | None, 
 
 
 class _Fused:
-    """A sink that fuses what frames show, unless their pose is lost; `problems` are those of the first one."""
+    """A sink that fuses frames, unless their pose is lost; `problems` are those of the first frame."""
 
     def __init__(self, log: StereoLog, config: Config, rectifier: Rectifier) -> None:
         self._log, self._view = log, DenseView(rectifier, config)

@@ -2,8 +2,8 @@
 
 The neighbours of a voxel are found by adding to its key. The triangles are naive surface nets (Gibson 1998): a cell
 has eight voxels as corners. If all of them exist and the sign changes, it has one vertex, the mean of the zero
-crossings on its edges; around each crossed edge, the four cells that share it form two triangles. Where a voxel is
-missing there is no cell, so surfaces end where nothing was seen.
+crossings on its edges; around each crossed edge, the four cells that share it form two triangles. Without all its
+voxels there is no cell, so surfaces end where nothing was seen.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from ..geometry import Array
 Keys = NDArray[np.int64]
 
 _BITS = 21  # per axis: three axes fill an int64
-_HALF = 1 << (_BITS - 1)  # voxels on either side of the world's origin
+_HALF = 1 << (_BITS - 1)  # voxels on either side of the origin of the world
 _MARGIN = 8  # voxels at the end of the range, so that neighbours exist
 _MASK = (1 << _BITS) - 1
 _AXES: Keys = np.array([1 << 2 * _BITS, 1 << _BITS, 1], dtype=np.int64)  # added to a key by one step along x, y, z
@@ -103,7 +103,7 @@ def _whole_cells(keys: Keys) -> tuple[NDArray[np.int32], Keys]:
 
 
 def _faces(keys: Keys, distances: NDArray[np.floating], cells: Keys) -> NDArray[np.int32]:
-    """Return triangles (m, 3): two for each edge between voxels that is crossed and has four cells around it."""
+    """Return triangles (m, 3): two for each crossed edge between voxels that has four cells around it."""
     found: list[NDArray[np.int64]] = []
     for axis in range(3):
         along, b, c = _AXES[axis], _AXES[(axis + 1) % 3], _AXES[(axis + 2) % 3]

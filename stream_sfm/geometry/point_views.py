@@ -1,4 +1,4 @@
-"""Points with covariances and their stereo views: what a motion between them is judged by."""
+"""Points with covariances and their stereo views, by which a motion between them is judged."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,10 @@ ROBUST = RobustConfig()
 class PointViews:
     """Points in a reference camera, homogeneous (n, 4), and their views.
 
-    Made of points (n, 3) m, too. `cov_points` (n, 3, 3) or (n, 4, 4) of the same dimension, None of exact points;
-    `z_px` (n, 4) with NaN where the right side is missing, `cov_px` (n, 4, 4). `gate` (n,): the squared residual under
-    which the share of good views stays that the `settings` name. `shared` (n, 4, j): what errors that all views share
-    do to them, by unknown amplitudes of σ = 1.
+    Points (n, 3) m are also accepted. `cov_points` (n, 3, 3) or (n, 4, 4) of the same dimension, None for exact
+    points; `z_px` (n, 4) with NaN where the right side is missing, `cov_px` (n, 4, 4). `gate` (n,): the squared
+    residual below which the share of good views in the `settings` stays. `shared` (n, 4, j): the effect of errors
+    that all views share, for unknown amplitudes of σ = 1.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class PointViews:
 
     @property
     def clear_gate(self) -> Array:
-        """Squared residuals (n,) beyond which a view contradicts a motion clearly, and not by chance."""
+        """Squared residuals (n,) beyond which a view clearly contradicts a motion, not just by chance."""
         return self.settings.beyond_gates * self.gate
 
     def __len__(self) -> int:
@@ -59,12 +59,12 @@ class PointViews:
         return PointViews(self.projection, *seen, self.settings, self.shared[rows])
 
     def with_shared(self, shared: Array) -> "PointViews":
-        """Return the same views with errors (n, 4, j) that they share, too, after those that they have."""
+        """Return the same views with further shared errors (n, 4, j), after those that they have."""
         seen, of_all = (self.points, self.cov_points, self.z_px, self.cov_px), [self.shared, shared]
         return PointViews(self.projection, *seen, self.settings, np.concatenate(of_all, axis=2))
 
     def by_left(self) -> "PointViews":
-        """Return the same points with the left sides of their views alone."""
+        """Return the same points with only the left sides of their views."""
         left_px = np.where([True, True, False, False], self.z_px, np.nan)
         seen = self.points, self.cov_points, left_px, self.cov_px
         return PointViews(self.projection, *seen, self.settings, self.shared)
@@ -72,17 +72,17 @@ class PointViews:
     def linearise(self, cam_from_ref: Array) -> tuple[Array, Array]:
         """Return roots (n, 4, 4) that whiten the residuals, and the whitened Jacobian (n, 4, 6 + j).
 
-        It is that of a left perturbation and of the amplitudes of shared errors.
+        It is for a left perturbation and for the amplitudes of shared errors.
 
-        The noise is that of the view and of the point itself, as seen from here. A wild motion may bring a distant
-        point next to the camera plane: where it predicts nothing, root and Jacobian are zero.
+        The noise is that of the view and of the point itself, seen from the camera. A wild motion may bring a distant
+        point next to the camera plane: where nothing is predicted, root and Jacobian are zero.
         """
         return core.linearise_views(self, cam_from_ref)
 
     def squared_residuals(self, cam_from_ref: Array, root: Array, amplitudes: Array | None = None) -> Array:
-        """Squared whitened residuals (n,) under a motion (4, 4) and amplitudes (j,) of shared errors, or without these.
+        """Return squared whitened residuals (n,) under a motion (4, 4), with or without amplitudes (j,).
 
-        inf where nothing is predicted or seen.
+        They are inf where nothing is predicted or seen.
         """
         if amplitudes is None:
             amplitudes = np.zeros(self.shared.shape[2])

@@ -1,9 +1,9 @@
 """Robust resection: the motion of a stereo camera from points with covariances and their stereo views.
 
-Every estimator starts a frame from it, and the front-end takes its outlier test from it. Cauchy weights come first,
-wide and then narrow; then a χ² gate and plain least squares over the accepted views, so that the covariance is that of
-Gaussian noise. Where too few views agree with what a start led to, the whole space of motions is searched
-(`core/search.cpp`), and it is looked whether the views that disagree have another motion in common.
+Every estimator starts a frame from it, and the front-end uses its outlier test. Cauchy weights come first, wide and
+then narrow; then a χ² gate and plain least squares over the accepted views, so that the covariance is that of
+Gaussian noise. If too few views agree with the result from a start, the whole space of motions is searched
+(`core/search.cpp`), and so is a second motion that the other views have in common.
 """
 
 from dataclasses import field
@@ -18,13 +18,13 @@ from . import se3
 from .point_views import ROBUST, PointViews
 from .se3 import Array
 
-# Twelve coordinates at least, twice the unknowns, even where every view lacks its right side.
+# At least twelve coordinates, twice the unknowns, even if every view lacks its right side.
 MIN_VIEWS = core.MIN_VIEWS
 MANY_VIEWS = 2 * MIN_VIEWS  # fewer agree by chance
 
 
 class Wanted(NamedTuple):
-    """Whether a `second` motion is looked for, what is known of the start, and whether to `search` in any case."""
+    """Whether to look for a `second` motion, what is known about the start, and whether to `search` in any case."""
 
     second: bool
     start_is_close: bool
@@ -34,12 +34,12 @@ class Wanted(NamedTuple):
 
 @record
 class SecondMotion:
-    """A second motion, `cam_from_ref` (4, 4), which views share that clearly disagree with the first one.
+    """A second motion, `cam_from_ref` (4, 4), of views that clearly disagree with the first one.
 
-    `cov_pose` (6, 6): of ref_from_cam, right perturbation. `views` (n,) bool: which agree with this motion only;
-    `odds`: their evidence over that of the views which agree with the first motion only. `lasted`: for how many frames
-    the first motion may have been another one already. `in_front`: whether these views lie before those of the first
-    motion, so that they are of a body.
+    `cov_pose` (6, 6): of ref_from_cam, right perturbation. `views` (n,) bool: those that agree only with this motion;
+    `odds`: their evidence over that of the views that agree only with the first motion. `lasted`: the number of frames
+    for which the first motion may already have been wrong. `in_front`: whether these views are in front of those of
+    the first motion, and so on a moving body.
     """
 
     cam_from_ref: Array
@@ -55,11 +55,11 @@ class Resection:
     """The motion that brings points onto their views.
 
     `cam_from_ref` (4, 4); `cov_pose` (6, 6): of ref_from_cam, right perturbation; `accepted` (n,) bool; `chi2` and
-    `dof` of the accepted views; `spread`: median squared residual of the views that may belong to the motion over its
-    expected value, at least 1; `ok`: enough accepted views, and they determine the motion. `squared_residuals` (n,): of
-    all views, whitened. `share`: of the weight that the accepted views have; `second`: what others agree on.
-    `amplitudes` (j,) of the shared errors, with `cov_amplitudes` (j, j). `ambiguous_share`: odds from which the second
-    motion makes the first one ambiguous.
+    `dof` of the accepted views; `spread`: median squared residual of the views that may belong to the motion over
+    its expected value, at least 1; `ok`: there are enough accepted views, and they determine the motion.
+    `squared_residuals` (n,): of all views, whitened. `share`: share of the weight in the accepted views; `second`:
+    the motion of others. `amplitudes` (j,) of the shared errors, with `cov_amplitudes` (j, j). `ambiguous_share`:
+    odds from which the second motion makes the first one ambiguous.
     """
 
     cam_from_ref: Array
@@ -78,7 +78,7 @@ class Resection:
 
     @property
     def ambiguous(self) -> SecondMotion | None:
-        """The second motion where the views do not show which of the two is that of the background."""
+        """The second motion if the views do not show which of the two is that of the background."""
         return self.second if self.second and self.second.odds >= self.ambiguous_share else None
 
 
@@ -94,14 +94,14 @@ def resect(
 ) -> Resection:
     """Find the motion `cam_from_ref` that brings points onto their views (n), eqs. (20)–(23), from a start (4, 4).
 
-    Errors that the views share are estimated with it. `weights` (n,): how much each view counts where sets of views
-    vote for different motions (None: all the same); among the views of one motion only their noise counts. With a
-    `predicted` motion (4, 4), that of one rigid scene: where a body and the background agree with a motion between
+    Errors that the views share are estimated with it. `weights` (n,): the votes of the views if sets of views have
+    different motions (None: all equal); among the views of one motion only their noise counts. With a `predicted`
+    motion (4, 4), the motion is that of one rigid scene: if a body and the background agree with a motion between
     theirs, each view within its noise, halves of the views disagree, and the motion is sought again. `find_second`:
-    whether a second motion is looked for. `start_is_close`: the start is already a motion that most of the views agree
-    on, the best of any; where nearly all of them do, neither another start nor annealing is needed.
-    `start_is_decided`: no motion of other views is looked for. `search`: the whole space of motions is
-    searched, however many views agree with what the start leads to.
+    look for a second motion. `start_is_close`: the start is already the best motion, on which most views agree; if
+    nearly all of them do, neither another start nor annealing is needed. `start_is_decided`: do not look for
+    motions of other views. `search`: search the whole space of motions, however many views agree with the result
+    from the start.
     """
     n, settings = len(views), views.settings
     if n < MIN_VIEWS:
@@ -121,7 +121,7 @@ def refine(views: PointViews, weights: Array, cam_from_ref: Array, amplitudes: A
 
 
 def expected(found: Resection, predicted: Array, std_change: Array) -> Resection:
-    """Return a motion that views show and a prediction (4, 4) from which it changes by σ (6,), eq. (23e)."""
+    """Return the combination of a motion from views and a prediction (4, 4) with σ (6,) of its change, eq. (23e)."""
     cov = found.cov_pose
     gain = np.linalg.solve(cov + np.diag(std_change**2), cov).T
     back = se3.log(found.cam_from_ref @ se3.inverse(predicted))
@@ -130,7 +130,7 @@ def expected(found: Resection, predicted: Array, std_change: Array) -> Resection
 
 
 def judged(found: Resection, views: PointViews, weights: Array) -> Resection:
-    """Return a motion that some of the views (n) have, as one of all of them: which of these agree with it as it is."""
+    """Return a motion of some of the views (n) judged by all of them: which agree with it unchanged."""
     root, _ = views.linearise(found.cam_from_ref)
     squared = views.squared_residuals(found.cam_from_ref, root, found.amplitudes)
     accepted = squared < views.gate

@@ -11,12 +11,12 @@ import numpy as np
 from .. import core
 from .se3 import Array
 
-# Points are kept at least this far in front of the camera plane before they are projected: metres for a Euclidean
-# point, the depth relative to the anchor's for a homogeneous one. Smaller than any depth a lens can image; only wild
-# steps and points behind the camera meet it.
+# Points are kept at least this far in front of the camera plane before projection: metres for a Euclidean point,
+# the depth relative to that of the anchor for a homogeneous one. It is smaller than any depth that a lens can
+# image; only wild steps and points behind the camera reach it.
 MIN_DEPTH = core.MIN_DEPTH
-# Standard deviations of an inverse depth: known less well it gives no Gaussian in metres; and points at infinity pass
-# down to this, wrong matches beyond it do not.
+# Limits in standard deviations of an inverse depth: with fewer, it gives no Gaussian in metres; and points at
+# infinity pass down to the second, while wrong matches beyond it do not.
 KNOWN_DEPTH_SIGMAS, MIN_INVERSE_DEPTH_SIGMAS = 3.0, -2.0
 
 
@@ -25,7 +25,7 @@ class StereoProjection:
     """The projection of a rectified pair, in pixels; `baseline_m` > 0.
 
     `cx_left_px` and `cx_right_px` may differ: converging cameras keep their common field of view that way.
-    `virtual_right`: there is one camera only, and `baseline_m` is in units of its first motion.
+    `virtual_right`: there is only one camera, and `baseline_m` is in units of its first motion.
     """
 
     f_px: float
@@ -63,7 +63,7 @@ class StereoProjection:
         return core.project_points(self, points.reshape(-1, 4)).reshape(points.shape)
 
     def depth_m(self, z_px: Array) -> Array:
-        """Return the depth (…) m from the disparity of z (…, 4); infinite or negative where that is not positive."""
+        """Return the depth (…) m from the disparity of z (…, 4); infinite or negative if that is not positive."""
         disparity = (z_px[..., 0] - self.cx_left_px) - (z_px[..., 2] - self.cx_right_px)
         with np.errstate(divide="ignore"):
             return self.f_px * self.baseline_m / disparity
@@ -91,7 +91,7 @@ def velocities(projection: StereoProjection, points_in_cam: Array, twist: Array)
 
 
 def places_over_image(projection: StereoProjection, down: int, across: int) -> Array:
-    """Return `down` × `across` positions (n, 2) all over the left image, row by row."""
+    """Return `down` × `across` positions (n, 2) spread over the left image, row by row."""
     u, v = np.linspace(0, projection.width - 1, across), np.linspace(0, projection.height - 1, down)
     return np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2)
 
@@ -104,7 +104,7 @@ def clamp_depth(points_in_cam: Array) -> Array:
 
 
 def information_of_views(z_px: Array, cov_px: Array) -> Array:
-    """Return the information (…, 4, 4) of views with covariance (…, 4, 4); a side that is NaN in z has none."""
+    """Return the information (…, 4, 4) of views with covariance (…, 4, 4); zero for a side that is NaN in z."""
     seen = np.isfinite(z_px)
     both = seen[..., :, None] & seen[..., None, :]
     cov = np.where(both, cov_px, np.eye(4))

@@ -1,4 +1,4 @@
-"""Inertial samples: what they are, how their unit is mounted and how it errs, and which of them can be used.
+"""Inertial samples, the mounting and the errors of their unit, and which samples can be used.
 
-Not here: what they say of the motion (`estimators/cross_frame/`), and where logs have them (`recording/`).
+The motion is estimated from them in `estimators/cross_frame/`, and they are read from logs in `recording/`.
 """

@@ -1,7 +1,7 @@
 """The latest samples of an inertial unit, which are checked on arrival and returned by intervals.
 
-Impossible samples are dropped or widened, and counted, so that the estimate relies less on them. Nothing waits for
-samples.
+Impossible samples are dropped or given larger variances, and counted, so that the estimate relies less on them. Nothing
+waits for samples.
 """
 
 from copy import copy
@@ -18,7 +18,7 @@ from .settings import SETTINGS
 @record
 class Samples:
     """The samples of an interval, its ends interpolated: `seconds` (n,), `gyro`, `accel` (n, 3); `widened` (n − 1,),
-    factors on the variance of each step. `complete`: they reach beyond both ends; `note`: what is wrong with them."""
+    factors on the variance of each step. `complete`: they reach beyond both ends; `note`: problems with them."""
 
     seconds: Array
     gyro: Array
@@ -31,7 +31,7 @@ class Samples:
 class SampleBuffer:
     """Samples of the last seconds, in the clock of the camera as far as its offset is calibrated.
 
-    `problem`: why none of them can be used; empty while nothing says so. `counts`: of samples taken, not finite, with
+    `problem`: why none of them can be used; empty if they can. `counts`: samples that were taken, not finite, with
     stamps that do not ascend, saturated.
     """
 
@@ -41,12 +41,12 @@ class SampleBuffer:
         self._samples = ImuSamples.joined([])
         self._saturated = np.zeros(0, bool)
         self._period_ns = 0.0
-        self._unasked = 0  # samples whose units have not been asked for
+        self._unasked = 0  # samples whose units have not been checked
         self.problem = ""
         self.counts = {"samples": 0, "not finite": 0, "backwards": 0, "saturated": 0}
 
     def copied(self) -> "SampleBuffer":
-        """Return a buffer that goes on from here by itself."""
+        """Return a copy that continues independently."""
         other = copy(self)
         other.counts = dict(self.counts)
         return other
@@ -57,7 +57,7 @@ class SampleBuffer:
         return int(self._samples.stamps_ns[-1]) if len(self._samples) else None
 
     def add(self, samples: ImuSamples) -> None:
-        """Take the next samples; those that are there already are left out."""
+        """Take the next samples, except those that are already present."""
         samples = ImuSamples(samples.stamps_ns - self._offset_ns, samples.gyro_rad_s, samples.accel_m_s2)
         self._forget_contradicted(samples)
         if self.last_ns is not None:
@@ -79,7 +79,7 @@ class SampleBuffer:
         if not len(kept):
             return
         everything = ImuSamples.joined([self._samples, kept])
-        newest_ns = int(everything.stamps_ns[-2:][0])  # the last one may be ahead
+        newest_ns = int(everything.stamps_ns[-2:][0])  # the last stamp may be ahead
         old = int(np.searchsorted(everything.stamps_ns, newest_ns - round(SETTINGS.kept_s * 1e9), "right"))
         found = self._find_saturated(everything[-len(kept) - SETTINGS.equal :])
         saturated = np.concatenate([self._saturated, np.zeros(len(kept), bool)])
@@ -93,14 +93,14 @@ class SampleBuffer:
             self._unasked, self.problem = 0, self._unit_problem()
 
     def _forget_contradicted(self, samples: ImuSamples) -> None:
-        """Forget the newest sample if its stamp is ahead of one that comes now, and which is new."""
+        """Forget the newest sample if its stamp is ahead of a new sample."""
         kept_ns = self._samples.stamps_ns
         if len(samples) and len(kept_ns) and _stray(np.r_[kept_ns[-2:], samples.stamps_ns[0]])[-2]:
             self.counts["backwards"] += 1
             self._samples, self._saturated = self._samples[:-1], self._saturated[:-1]
 
     def _find_saturated(self, samples: ImuSamples) -> NDArray[np.bool_]:
-        """Return which samples (n,) are at the end of the sensor's range: beyond it, or large and stuck."""
+        """Return which samples (n,) are at the end of the range of the sensor: beyond it, or large and constant."""
         found = np.zeros(len(samples), bool)
         for values, most in zip((samples.gyro_rad_s, samples.accel_m_s2), self._ranges, strict=True):
             found |= (np.abs(values) >= most).any(axis=1)
@@ -108,7 +108,7 @@ class SampleBuffer:
             same[1:] = ((values[1:] == values[:-1]) & (np.abs(values[1:]) > SETTINGS.least_range * most)).any(
                 axis=1
             )
-            if np.count_nonzero(same) < SETTINGS.equal - 1:  # hardly ever are there any
+            if np.count_nonzero(same) < SETTINGS.equal - 1:  # there hardly ever are any
                 continue
             runs = np.lib.stride_tricks.sliding_window_view(values, SETTINGS.equal, axis=0)  # (n − 4, 3, 5)
             stuck = (runs == runs[..., :1]).all(axis=2) & (np.abs(runs[..., 0]) > SETTINGS.least_range * most)
@@ -117,7 +117,7 @@ class SampleBuffer:
         return found
 
     def _unit_problem(self) -> str:
-        """Say that samples are in other units, if their sizes are."""
+        """Say that samples are in other units, if their magnitudes are."""
         norm = float(np.median(np.linalg.norm(self._samples.accel_m_s2, axis=1)))
         turned = float(np.median(np.linalg.norm(self._samples.gyro_rad_s, axis=1)))
         if SETTINGS.in_g[0] < norm < SETTINGS.in_g[1]:
@@ -140,7 +140,7 @@ class SampleBuffer:
         return ""
 
     def covers(self, first_ns: int, last_ns: int) -> bool:
-        """Whether there is a sample within an interval, or close enough to it to go on from."""
+        """Whether there is a sample within an interval, or close enough to it to extrapolate."""
         stamps = self._samples.stamps_ns
         if not len(stamps):
             return False
@@ -148,15 +148,15 @@ class SampleBuffer:
         return bool(stamps[0] <= first_ns + reach_ns and stamps[-1] >= min(first_ns, last_ns - reach_ns))
 
     def mean_acceleration(self, stamp_ns: int, over_s: float = 0.1) -> Array | None:
-        """Return the mean specific force (3,) just before a time, or just after it; None without samples near it."""
+        """Return the mean specific force (3,) just before a time, or else after it; None without nearby samples."""
         stamps = self._samples.stamps_ns
         near = (stamps <= stamp_ns + 1e7) & (stamps >= stamp_ns - round(over_s * 1e9))
         return self._samples.accel_m_s2[near].mean(axis=0) if near.any() else None
 
     def noise(self) -> Array | None:
-        """Return the noise densities (2,) of gyroscope and accelerometer by how samples differ from their neighbours.
+        """Return the noise densities (2,) of gyroscope and accelerometer from differences between neighbouring samples.
 
-        None as long as they are few. Of a unit that smooths its samples they are too small.
+        None with few samples. For a unit that smooths its samples they are too small.
         """
         if len(self._samples) < SETTINGS.noise_samples:
             return None
@@ -170,7 +170,7 @@ class SampleBuffer:
         return _at_time(late_s, (self._samples.stamps_ns - stamp_ns) / 1e9, self._samples.gyro_rad_s)[0]
 
     def turning(self, stamp_ns: int, late_s: float) -> tuple[Array, Array] | None:
-        """Return angular rate and acceleration (3,) at a time, by a straight line through the samples around it."""
+        """Return angular rate and acceleration (3,) at a time, from a straight line through the samples around it."""
         at = (self._samples.stamps_ns - stamp_ns) / 1e9 - late_s
         rows = np.flatnonzero((at > -SETTINGS.turning_s) & (at < SETTINGS.turning_s / 2))
         if len(rows) < SETTINGS.least_turning or at[rows[-1]] < -SETTINGS.turning_s / 2:
@@ -183,7 +183,7 @@ class SampleBuffer:
     def between(self, first_ns: int, last_ns: int, late_s: float) -> Samples:
         """Return the samples from one stamp of the camera to another, whose clock is early by `late_s`.
 
-        Where they end too soon the last ones hold, and the step is widened as that of a gap.
+        If they end too soon, the last values are held, and the variance of the step is that of a gap.
         """
         at = (self._samples.stamps_ns - first_ns) / 1e9
         first, last = late_s, late_s + (last_ns - first_ns) / 1e9
@@ -194,7 +194,7 @@ class SampleBuffer:
             for values in (self._samples.gyro_rad_s, self._samples.accel_m_s2)
         )
         steps = np.diff(seconds)
-        around = np.searchsorted(at, (seconds[:-1] + seconds[1:]) / 2)  # each step lies between samples i − 1 and i
+        around = np.searchsorted(at, (seconds[:-1] + seconds[1:]) / 2)  # each step is between samples i − 1 and i
         spacing = np.diff(at, prepend=-np.inf, append=np.inf)[around]
         period_s = max(self._period_ns / 1e9, 1e-4)
         beyond = np.where(np.isfinite(spacing), spacing, np.where(steps > 0.5 * period_s, steps, 0.0))
@@ -215,7 +215,7 @@ class SampleBuffer:
 def _stray(stamps_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return which stamps (n,) jump ahead: the next one is before them, and after the one before them.
 
-    One such sample would make all that follow go backwards.
+    One such sample would make all later ones seem to go backwards.
     """
     stray = np.zeros(len(stamps_ns), bool)
     stray[:-1] = stamps_ns[1:] < stamps_ns[:-1]
@@ -224,7 +224,7 @@ def _stray(stamps_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def _at_time(time_s: float, at: Array, values: Array) -> Array:
-    """Return values (1, 3) at a time, by the straight line between samples (n, 3) before and after it."""
+    """Return values (1, 3) at a time, interpolated between the samples (n, 3) before and after it."""
     k = int(np.searchsorted(at, time_s))
     if k in (0, len(at)):
         return np.asarray(values[:1] if k == 0 else values[-1:])

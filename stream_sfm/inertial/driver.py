@@ -1,4 +1,4 @@
-"""Samples as a driver delivers them, one by one, until the frame comes that they belong to."""
+"""Samples from a driver, one by one, until their frame comes."""
 
 import threading
 from dataclasses import replace
@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 
 class DriverSamples:
-    """Samples that no frame has been given yet; any thread may add to them."""
+    """Samples that no frame has yet; any thread may add to them."""
 
     def __init__(self) -> None:
         self._waiting: list[tuple[int, np.ndarray[Any, np.dtype[np.float64]]]] = []
@@ -30,7 +30,7 @@ class DriverSamples:
         self._waiting, self._lock = list(state), threading.Lock()
 
     def add(self, stamp_ns: int, gyro_rad_s: ArrayLike, accel_m_s2: ArrayLike) -> None:
-        """Take one sample. Raises FrameError for what is none."""
+        """Take one sample. Raises FrameError for an invalid one."""
         try:
             sample = np.concatenate([np.asarray(gyro_rad_s, float), np.asarray(accel_m_s2, float)])
         except (TypeError, ValueError):
@@ -49,24 +49,24 @@ class DriverSamples:
             del self._waiting[: -SETTINGS.waiting]
 
     def so_far(self) -> ImuSamples:
-        """Return all samples that wait."""
+        """Return all waiting samples."""
         return _samples_of(self._waiting.copy())
 
     def take_until(self, stamp_ns: int) -> ImuSamples | None:
         """Return and forget the samples up to a stamp and one beyond it; None if none wait.
 
-        Samples beyond wait for the next frame, so that what an estimate is made from depends on stamps alone.
+        Later samples wait for the next frame, so that the data of an estimate depends on stamps alone.
         """
         with self._lock:
             if not self._waiting:
                 return None
-            # The last one up to it: a stamp that jumps ahead keeps back none that follow.
+            # The last one up to it, so that a stamp that jumps ahead does not hold back later ones.
             beyond = max((i for i, (stamp, _) in enumerate(self._waiting, 1) if stamp <= stamp_ns), default=0)
             taken, self._waiting = self._waiting[: beyond + 1], self._waiting[beyond + 1 :]
         return _samples_of(taken)
 
     def joined_to(self, frame: T) -> T:
-        """Return the frame with the samples that belong to it, unless it has its own or there are none."""
+        """Return the frame with its samples, unless it has its own or there are none."""
         stamp_ns = getattr(frame, "stamp_ns", None)
         if not isinstance(stamp_ns, int | np.integer) or getattr(frame, "imu", frame) is not None:
             return frame

@@ -1,4 +1,4 @@
-"""Samples of a gyroscope and an accelerometer, as frames carry them, and the calibration of their unit."""
+"""Samples of a gyroscope and an accelerometer for frames, and the calibration of their unit."""
 
 from dataclasses import dataclass, field
 
@@ -15,8 +15,9 @@ _SHAPES = "stamps_ns (n,) of integers, gyro_rad_s (n, 3) and accel_m_s2 (n, 3)"
 class ImuSamples:
     """Samples of an inertial unit: `stamps_ns` (n,), `gyro_rad_s` (n, 3) and `accel_m_s2` (n, 3), in its own axes.
 
-    The accelerometer measures the specific force: at rest, 9.81 m/s² upwards. With a frame come all samples since the
-    frame before, and one beyond it if it is there already. Raises FrameError for arrays of another shape or type.
+    The accelerometer measures the specific force: at rest, 9.81 m/s² upwards. A frame has all samples since the
+    previous frame, and one beyond if it is already available. Raises FrameError for arrays of another shape or
+    type.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -39,7 +40,7 @@ class ImuSamples:
 
     @classmethod
     def joined(cls, parts: "list[ImuSamples]") -> "ImuSamples":
-        """Return the samples of several records in a row."""
+        """Return the samples of several consecutive records."""
         if not parts:
             return cls(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3)))
         return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in cls.__slots__))
@@ -56,12 +57,12 @@ class ImuSamples:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ImuCalibration:
-    """How an inertial unit is mounted, and how it errs.
+    """The mounting and the errors of an inertial unit.
 
     `cam_from_imu` (4, 4): carries points in axes of the unit into the left camera, metres. Noise densities of the
-    gyroscope, rad/s/√Hz, and the accelerometer, m/s²/√Hz, and of their walks, rad/s²/√Hz and m/s³/√Hz: those of a data
-    sheet will do, as sizes are learnt. `time_offset_s`: what the clock of the unit shows beyond that of the camera.
-    `gyro_range_rad_s`, `accel_range_m_s2`: where samples saturate. Raises ConfigError for what cannot be.
+    gyroscope, rad/s/√Hz, and the accelerometer, m/s²/√Hz, and of their walks, rad/s²/√Hz and m/s³/√Hz: those of a
+    data sheet will do, as factors are learnt. `time_offset_s`: clock of the unit minus clock of the camera.
+    `gyro_range_rad_s`, `accel_range_m_s2`: where samples saturate. Raises ConfigError for impossible values.
     """
 
     cam_from_imu: Array = field(default_factory=lambda: np.eye(4))
@@ -70,7 +71,7 @@ class ImuCalibration:
     accel_noise: float = 3e-3
     accel_walk: float = 5e-4
     time_offset_s: float = 0.0
-    gyro_range_rad_s: float = 35.0  # 2000 °/s, the widest that is usual
+    gyro_range_rad_s: float = 35.0  # 2000 °/s, the widest usual range
     accel_range_m_s2: float = 160.0  # 16 g
 
     def __post_init__(self) -> None:

@@ -1,8 +1,8 @@
-"""Checks a calibration against images: matched corners must lie on one row once rectified. What is wrong is said.
+"""Checks a calibration against images: matched corners must lie on the same row after rectification.
 
-Rows are judged as the front-end judges them: by its model of rows, where corners are, and by its limits. What it takes
-out is not a finding. Corners know nothing of velocities, and so of a camera that is late: they only raise the
-suspicion, which a frame that was followed well refutes.
+Rows are judged as in the front-end: by its model of rows at the corners, and by its limits. Errors that it corrects are
+not findings. Corners show no velocities, and so no late camera: they only raise a suspicion, which a well-tracked
+frame refutes.
 """
 
 import logging
@@ -29,33 +29,33 @@ from ..recording.topics import PairChoice
 from ..types import Frame, FrameEstimate, Status
 
 Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]  # left, right, (h, w)
-Corners = tuple[Array, Array]  # pixels (n, 2) of corners in the left image and in the right one
-Findings = tuple[list[str], list[str]]  # problems: stereo cannot work; warnings: it works worse
+Corners = tuple[Array, Array]  # pixels (n, 2) of corners in the left and in the right image
+Findings = tuple[list[str], list[str]]  # problems: stereo cannot work; warnings: it works less well
 
 
 class _Rules(NamedTuple):
-    """What counts as a match, and from where on something is wrong; shares are of all matches."""
+    """What counts as a match, and the limits beyond which something is wrong; shares are of all matches."""
 
-    features: int = 1000  # ORB corners per image: some hundred of them match in an ordinary scene
+    features: int = 1000  # ORB corners per image: about a hundred of them match in an ordinary scene
     max_hamming: int = 40  # of 256 bits between two ORB descriptors that match; random ones differ by 128 ± 8
     window_px: tuple[int, int] = (15, 15)  # patch of the sub-pixel refinement
-    max_refinement_px: float = 3.0  # whole pixels of the last pyramid level of ORB have 3.6 px
+    max_refinement_px: float = 3.0  # whole pixels of the last pyramid level of ORB are 3.6 px
     min_matches: int = 40  # fewer say nothing certain about rows
-    inlier_spreads: float = 3.0  # matches within so many σ of the median row offset
-    min_inlier_px: float = 1.0  # and never less than that
-    rounds: int = 6  # of median and spread, enough to settle
+    inlier_spreads: float = 3.0  # matches within this many σ of the median row offset
+    min_inlier_px: float = 1.0  # but at least within this
+    rounds: int = 6  # of median and spread, enough to converge
     negative_px: float = -1.0  # disparities below it are negative beyond the noise of a match
-    # A calibration beyond either may be that of exchanged cameras, which is tried.
+    # A calibration beyond either may be that of swapped cameras, which is then tried.
     row_error_px: float = 0.5
-    negative_share: float = 0.05  # reported as well
-    swapped_share: float = 0.5  # of negative disparities: most of the scene is beyond infinity
-    clearly_better: float = 0.5  # a row error below this share of the other one decides
-    unswapped_share: float = 0.1  # at most so many with the images exchanged, where the rows show that they are
+    negative_share: float = 0.05  # also reported
+    swapped_share: float = 0.5  # of negative disparities: most of the scene would be beyond infinity
+    clearly_better: float = 0.5  # a row error below this share of the other one is decisive
+    unswapped_share: float = 0.1  # at most this many with the images swapped, if the rows show that they are
     # Offsets of stamps beyond both are reported: at 50 px of motion per frame, 0.02 periods are one pixel.
     stamp_offset_ms: float = 1.0
     stamp_offset_periods: float = 0.02
-    confirmed_by: int = 4  # frames: a problem in the first one must be there in all of these together
-    equal_scales: float = 0.01  # width and height that changed by factors this close were resized, not cropped
+    confirmed_by: int = 4  # frames: a problem in the first one must be present in all of these together
+    equal_scales: float = 0.01  # between factors of width and height: images were resized, not cropped
 
 
 _RULES = _Rules()
@@ -63,10 +63,10 @@ _RULES = _Rules()
 
 @record
 class CalibrationCheck:
-    """The matches of a few frames in pixels of rectified images; NaN where there are too few.
+    """The matches of a few frames in pixels of rectified images; NaN if there are too few.
 
-    `vertical_px`: median of left minus right row, with `vertical_spread_px`; `negative_share`: of the matches whose
-    disparity is negative, as none can be where left is left. `rows_problem`: why the front-end cannot
+    `vertical_px`: median of left minus right row, with `vertical_spread_px`; `negative_share`: share of matches with
+    a negative disparity, which is impossible unless the images are swapped. `rows_problem`: why the front-end cannot
     work with these rows; empty if it can.
     """
 
@@ -79,12 +79,12 @@ class CalibrationCheck:
 
     @property
     def row_error_px(self) -> float:
-        """How far matched corners are from lying on one row; infinite where there are too few matches."""
+        """The row error of matched corners; infinite with too few matches."""
         return float(np.nan_to_num(np.hypot(self.vertical_px, self.vertical_spread_px), nan=np.inf))
 
 
 def check_calibration(rig: StereoRig, frames: Sequence[Corners]) -> CalibrationCheck:
-    """Compare the rows that a calibration gives to corners that were matched without it, of a few frames."""
+    """Compare the rows that a calibration gives to corners of a few frames, which were matched without it."""
     none = np.empty((0, 2))
     cameras = zip((rig.left, rig.right), _rectifying_rotations(rig), strict=True)
     left, right = (
@@ -94,7 +94,7 @@ def check_calibration(rig: StereoRig, frames: Sequence[Corners]) -> CalibrationC
     offset = float(rig.left.K[0, 0]) * (left - right)
     finite = np.isfinite(offset).all(axis=1)
     places, (disparity, vertical) = left[finite], offset[finite].T
-    # Wrong matches lie anywhere: keep those that agree on one vertical offset.
+    # Wrong matches can be anywhere: keep those that agree on one vertical offset.
     centre, spread = 0.0, 0.1 * rig.left.height
     for _ in range(_RULES.rounds):
         good = np.abs(vertical - centre) < max(_RULES.inlier_spreads * spread, _RULES.min_inlier_px)
@@ -108,7 +108,7 @@ def check_calibration(rig: StereoRig, frames: Sequence[Corners]) -> CalibrationC
 
 
 def _rows_problem(rig: StereoRig, left: Array, vertical_px: Array) -> str:
-    """Say what the front-end would say of the rows of matches at left rays (n, 2), which differ by (n,)."""
+    """Return the front-end's verdict on rows of matches at left rays (n, 2) that differ by (n,)."""
     k, config = rig.left.K, Config()
     size = rig.left.width, rig.left.height
     projection = StereoProjection(k[0, 0], k[0, 2], k[0, 2], k[1, 2], rig.baseline_m, *size)
@@ -130,7 +130,7 @@ def matched_corners(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Corner
         return np.empty((0, 2)), np.empty((0, 2))
     left_px = np.array([left_keys[m.queryIdx].pt for m in found], np.float32)
     coarse_px = np.array([right_keys[m.trainIdx].pt for m in found], np.float32)
-    # Corners are whole pixels of their scale; the patch around them is located to a tenth of a pixel.
+    # Corners are whole pixels at their scale; the patches around them are located to a tenth of a pixel.
     fine_px, found_again, _ = cv2.calcOpticalFlowPyrLK(
         left,
         right,
@@ -145,12 +145,12 @@ def matched_corners(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Corner
 
 
 def _rectifying_rotations(rig: StereoRig) -> tuple[Array, Array]:
-    """Rotations (3, 3) of left and right camera axes into axes whose x runs along the baseline."""
+    """Return rotations (3, 3) of left and right camera axes into axes whose x is along the baseline."""
     rotation = rig.right_from_left[:3, :3]
     right_in_left = -rotation.T @ rig.right_from_left[:3, 3]
     x = right_in_left / np.linalg.norm(right_in_left)
     if x[0] < 0:
-        x = -x  # keep the image upright where the baseline has the wrong sign
+        x = -x  # keep the image upright if the baseline has the wrong sign
     z = np.array([0.0, 0.0, 1.0]) + rotation[2]  # the mean of both optical axes
     y = np.cross(z, x)
     y /= np.linalg.norm(y)
@@ -159,7 +159,7 @@ def _rectifying_rotations(rig: StereoRig) -> tuple[Array, Array]:
 
 
 def _rectified(camera: Camera, rotation: Array, points_px: Array) -> Array:
-    """Normalised rectified coordinates (n, 2) of pixels (n, 2)."""
+    """Return normalised rectified coordinates (n, 2) of pixels (n, 2)."""
     if not len(points_px):
         return points_px
     rays = rays_of(camera, points_px) @ rotation.T
@@ -167,7 +167,7 @@ def _rectified(camera: Camera, rotation: Array, points_px: Array) -> Array:
 
 
 def size_problem(size: tuple[int, int], rig: StereoRig) -> str | None:
-    """Report images of another size (width, height) than the calibrated one."""
+    """Say that images have another size (width, height) than the calibrated one."""
     calibrated = (rig.left.width, rig.left.height)
     if size == calibrated:
         return None
@@ -190,9 +190,9 @@ def calibration_findings(
     choice: PairChoice,
     is_followed: Callable[[], bool],
 ) -> Findings:
-    """Report the first cause that explains the check of these corners; what else the rows show follows from it.
+    """Report the first cause that explains the check of these corners; other symptoms of the rows follow from it.
 
-    `is_followed`: whether an engine follows such frames well; it is asked only if the rows of corners are in question.
+    `is_followed`: whether an engine tracks such frames well; it is called only if the rows of corners are in question.
     """
     swapped = check
     if not (check.row_error_px <= _RULES.row_error_px and check.negative_share <= _RULES.negative_share):
@@ -206,7 +206,7 @@ def calibration_findings(
     elif check.rows_problem and not is_followed():
         cure = f"If they are rectified already, name their topics image_rect; otherwise {REMEDY}"
         problems.append(f"{check.rows_problem} {cure}")
-    if check.negative_share > _RULES.negative_share:  # too few for cameras that are swapped
+    if check.negative_share > _RULES.negative_share:  # too few for swapped cameras
         warnings.append(
             f"{100 * check.negative_share:.0f} % of the matches have negative disparity, as if they lay beyond "
             "infinity: the angle between the cameras (rotation of right_from_left, or R) or a principal point (cx) is "
@@ -216,15 +216,15 @@ def calibration_findings(
 
 
 def images_of(frame: Frame) -> Images:
-    """Return the first and the last image of a frame of a log, which have 8 bits."""
+    """Return the first and the last image of a frame of a log, with 8 bits."""
     images = [np.asarray(image, np.uint8) for image in frame.images]
     return images[0], images[-1]
 
 
 def log_problems(log: StereoLog, frames: Sequence[Frame], is_followed: bool = False) -> list[str]:
-    """Return what, as far as these frames show, prevents a replay of a log with its calibration.
+    """Return the problems, as far as these frames show, that prevent a replay of a log with its calibration.
 
-    `is_followed`: whether an engine follows them well.
+    `is_followed`: whether an engine tracks them well.
     """
     rig, choice = log.stereo_rig, PairChoice(log.left_topic, log.right_topic, log.choice_reason)
     corners = [matched_corners(*images_of(frame)) for frame in frames]
@@ -234,19 +234,19 @@ def log_problems(log: StereoLog, frames: Sequence[Frame], is_followed: bool = Fa
 
 
 def well_followed(statuses: Sequence[Status]) -> bool:
-    """Whether an engine has followed frames, and none of them badly; the first of a map is not followed."""
+    """Whether an engine has tracked frames, and none of them badly; the first frame of a map does not count."""
     return Status.OK in statuses and set(statuses) <= {Status.OK, Status.INITIALISING}
 
 
 class CalibrationSink:
-    """A sink that checks the calibration of a log against its first frames; `problems` is what it found.
+    """A sink that checks the calibration of a log against its first frames, and collects `problems`.
 
-    A problem is logged as a warning as soon as it is certain, not after hours; the run goes on.
+    A problem is logged as a warning as soon as it is certain, not after hours; the run continues.
     """
 
     def __init__(self, log: StereoLog) -> None:
         self._log = log
-        self._frames: list[Frame] | None = []  # None once it is decided
+        self._frames: list[Frame] | None = []  # None after the decision
         self._statuses: list[Status] = []
         self.problems: list[str] = []
 
@@ -262,7 +262,7 @@ class CalibrationSink:
             self.close()
 
     def close(self) -> None:
-        """Decide by the frames seen so far."""
+        """Decide by the frames so far."""
         frames, self._frames = self._frames, None
         if frames:
             self.problems = log_problems(self._log, frames, well_followed(self._statuses))
@@ -271,21 +271,21 @@ class CalibrationSink:
 
 
 def stamp_warning(offset_ms: float, period_ms: float, right: str) -> str | None:
-    """Return what to say of stamps that differ, by the median `offset_ms`, by more than a small part of the period."""
+    """Return a warning if stamps differ, by the median `offset_ms`, by more than a small part of the period."""
     if abs(offset_ms) <= max(_RULES.stamp_offset_ms, _RULES.stamp_offset_periods * period_ms):
         return None
     other_ms = offset_ms - np.sign(offset_ms) * period_ms
     return (
         f"the stamps of {right} differ from the left ones by {offset_ms:+.1f} ms (or by {other_ms:+.1f} ms, if the "
         "images belong to the neighbouring frame): if the cameras are triggered together, correct the stamps; if "
-        "they are not, moving scenes do not fit"
+        "they are not, left and right of moving scenes do not fit"
     )
 
 
 def _side_problem(
     rig: StereoRig, check: CalibrationCheck, swapped: CalibrationCheck, choice: PairChoice
 ) -> str | None:
-    """Report left and right exchanged: in the calibration, in the images, or in both."""
+    """Report that left and right are swapped in the calibration, in the images, or in both."""
     if np.isnan(check.negative_share):
         return None
     negative_m = right_is_left(rig)

@@ -1,4 +1,4 @@
-"""What a log holds, which pair would be used and why, and whether a replay would work."""
+"""The content of a log, which pair would be used and why, and whether a replay would work."""
 
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -43,8 +43,8 @@ from .calibration_check import (
 )
 from .unit_check import check_unit
 
-_CHECKED_PLACES = 4  # spread over the log; at each, two consecutive frames are looked at
-_KEPT_BYTES = 256 * 2**20  # of images kept for it, recorded and decoded; of larger ones fewer are looked at
+_CHECKED_PLACES = 4  # spread over the log; at each, two consecutive frames are examined
+_KEPT_BYTES = 256 * 2**20  # for stored images, recorded and decoded; fewer large images are examined
 
 
 def inspect_log(
@@ -56,8 +56,8 @@ def inspect_log(
 ) -> dict[str, Any]:
     """Describe a log, ready for JSON. The arguments are those of `open_log`.
 
-    `problems` lists what prevents a replay, each with its remedy; `warnings` what makes it worse. Keys whose content
-    could not be found out are None. Raises LogError only where the path is no recording, ConfigError for a calibration.
+    `problems` lists what prevents a replay, each with its fix; `warnings` what makes it worse. Unknown values are
+    None. Raises LogError only if the path is not a recording, ConfigError for a calibration.
     """
     inspection = _Inspection(open_source(path, calibration is not None, rate_hz))
     inspection.run(left, right, calibration)
@@ -72,7 +72,7 @@ def inspect_log(
 def describe_rig(rig: StereoRig) -> dict[str, Any]:
     """Describe a rig: baseline in metres, focal lengths in pixels, angle between the optical axes in degrees.
 
-    `refined_by_px`: root mean square of the disparity's known error, where the calibration was refined.
+    `refined_by_px`: root mean square of the known disparity error, if the calibration was refined.
     """
     vergence = np.degrees(np.arccos(np.clip(rig.right_from_left[2, 2], -1, 1)))
     return {
@@ -89,7 +89,7 @@ def describe_rig(rig: StereoRig) -> dict[str, Any]:
 
 
 class _Inspection:
-    """One inspection of a log; what it finds is collected in `result`, `problems` and `warnings`."""
+    """One inspection of a log, which collects its findings in `result`, `problems` and `warnings`."""
 
     def __init__(self, source: Source) -> None:
         self.problems: list[str] = []
@@ -174,7 +174,7 @@ class _Inspection:
         return kept
 
     def _check_truth(self) -> None:
-        """Warn where the ground truth cannot be used."""
+        """Warn if the ground truth cannot be used."""
         topic, images = self.result["ground_truth"], self.result["images"]
         if topic is None or images is None:
             return
@@ -203,14 +203,14 @@ class _Inspection:
         return True
 
     def _check(self, rig: StereoRig, choice: PairChoice, pairs: list[StereoPair]) -> None:
-        """Compare the calibration with what the images show."""
+        """Compare the calibration with the images."""
         decoded = list(self._decoded(pairs))
         if pairs and not decoded:
             self.problems.append(f"{self.source.path}: none of the sampled image pairs can be decoded")
         corners = [matched_corners(*images_of(frame)) for frame in decoded]
         check = check_calibration(rig, corners)
         self.result["calibration_check"] = {k: None if v != v else v for k, v in asdict(check).items()}  # no NaN
-        if np.isnan(check.negative_share):  # else the images tell which of both is wrong
+        if np.isnan(check.negative_share):  # otherwise the images show which of the two is wrong
             try:
                 check_rig(self.source, rig)
             except LogError as error:
@@ -235,7 +235,7 @@ class _Inspection:
 
 
 def _is_followed(rig: StereoRig, frames: list[StereoFrame]) -> bool:
-    """Whether an engine follows all of these frames well that it can follow from one before."""
+    """Whether an engine tracks well those of these frames that follow another one."""
     try:
         engine = Engine(rig)
         return well_followed([engine.step(frame).status for frame in frames])
@@ -259,7 +259,7 @@ def _topics(survey: Survey) -> list[dict[str, Any]]:
 
 
 def _timing(stamps_ns: list[int], offsets_ns: list[int]) -> dict[str, Any]:
-    """Rate and gaps of the pairs, and the median offset of the right stamps from the left ones."""
+    """Return rate and gaps of the pairs, and the median offset of the right stamps from the left ones."""
     periods_s = np.diff(np.array(stamps_ns, dtype=np.int64)) / 1e9
     period_s = float(np.median(periods_s)) if len(periods_s) else None
     gaps = gaps_after(stamps_ns)
@@ -276,7 +276,7 @@ def _timing(stamps_ns: list[int], offsets_ns: list[int]) -> dict[str, Any]:
 
 
 def _held_bytes(message: ImageMessage) -> int:
-    """Memory that an image takes as recorded and as grey, bytes."""
+    """Return the memory of an image as recorded and as grey, bytes."""
     width, height = image_size(message) or (0, 0)
     return len(message.data) + min(width * height, MAX_PIXELS)
 

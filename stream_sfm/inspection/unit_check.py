@@ -1,4 +1,4 @@
-"""What the samples of an inertial unit look like by themselves: rate, gaps, sizes, and whether they can be used."""
+"""The samples of an inertial unit on their own: rate, gaps, magnitudes, and whether they can be used."""
 
 from dataclasses import dataclass
 from itertools import islice
@@ -19,8 +19,8 @@ from ..wording import counted
 class UnitCheck:
     """The first `samples` of a unit on its `topics`: their rate, and gaps of more than three periods.
 
-    `specific_force_m_s2`, `turn_rad_s`: medians of what both sensors measure; 9.81 at rest. `saturated`: samples at the
-    end of the range. `problem`: why they cannot be used; empty while nothing says so.
+    `specific_force_m_s2`, `turn_rad_s`: median magnitudes of both sensors; 9.81 and 0 at rest. `saturated`: samples
+    at the end of the range. `problem`: why they cannot be used; empty if they can.
     """
 
     topics: list[str]
@@ -34,7 +34,7 @@ class UnitCheck:
     problem: str
 
     def warnings(self) -> list[str]:
-        """Say what is wrong with the samples by themselves."""
+        """Say what is wrong with the samples on their own."""
         said = [f"the IMU is not used: {self.problem}"] if self.problem else []
         if self.gap_count and self.longest_gap_s is not None:
             gaps = counted(self.gap_count, "gap")
@@ -45,7 +45,7 @@ class UnitCheck:
 
 
 def check_unit(source: Source, survey: Survey) -> UnitCheck | None:
-    """Look at the first samples of the unit that a replay would use; None if the log has none.
+    """Check the first samples of the unit that a replay would use; None if the log has none.
 
     Raises LogError if a topic cannot be read.
     """
@@ -58,7 +58,7 @@ def check_unit(source: Source, survey: Survey) -> UnitCheck | None:
         return UnitCheck(list(topics.names), len(messages), None, 0, None, None, None, 0, problem)
     samples = joined_samples(messages)
     buffer = SampleBuffer(ImuCalibration())
-    at_once = 200  # as many as frames might bring
+    at_once = 200  # as many as a frame might have
     for first in range(0, len(samples), at_once):
         buffer.add(samples[first : first + at_once])
     stamps_s: Array = (np.sort(samples.stamps_ns) - samples.stamps_ns.min()) / 1e9

@@ -18,8 +18,8 @@ def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, A
     within_px = float(np.hypot(error_px, std_px).max())  # anywhere in the image
     if estimate.applied and refined is not None:
         text = (
-            f"refined by {disparity_rms_px(refined):.2f} px of disparity, and corrected by "
-            f"{disparity_rms_px(estimate.mean - refined):.2f} px more, as these images show"
+            f"refined by {disparity_rms_px(refined):.2f} px of disparity, and corrected by a further "
+            f"{disparity_rms_px(estimate.mean - refined):.2f} px for these images"
         )
     elif estimate.applied and not (estimate.agrees(LENS_TERMS) and rms_px > 0.005):  # less is printed as 0.00
         text = (
@@ -30,13 +30,11 @@ def describe(projection: StereoProjection, estimate: RigEstimate) -> dict[str, A
         telling = 0.1  # relative error of a distance
         far_m = telling * projection.f_px * projection.baseline_m / max(rms_px, 1e-9)
         text = (
-            f"wrong by {rms_px:.2f} px of disparity, which is corrected: without that, distances beyond {far_m:.3g} m "
-            f"would be off by {100 * telling:.0f} % and more"
+            f"wrong by {rms_px:.2f} px of disparity, and corrected: otherwise distances beyond {far_m:.3g} m would be "
+            f"wrong by {100 * telling:.0f} % or more"
         )
     elif refined is not None:
-        text = (
-            f"refined by {rms_px:.2f} px of disparity, with which the images agree; right within {within_px:.2f} px"
-        )
+        text = f"refined by {rms_px:.2f} px of disparity, in agreement with the images; right within {within_px:.2f} px"
     else:
         text = f"agrees with the images; the disparity is right within {within_px:.2f} px"
     return {

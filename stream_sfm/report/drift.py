@@ -151,12 +151,12 @@ def in_words(content: dict[str, Any], methods: dict[str, Any]) -> str:
     """Return the first line of page, terminal and report.json: who is ahead over which spans, with consistency."""
     said = [_who_is_ahead(content), _which_hold(methods, content["as_is"])]
     if content["common"] is not None:
-        said.append(f"All methods share {content['common']['text']}, which is taken out here")
+        said.append(f"All methods share {content['common']['text']}, which is removed here")
     sentences = [sentence for sentence in said if sentence]
     if not sentences:
         return "There is no ground truth for these frames."
     if content["against"] == "halves":
-        sentences.insert(0, "There is no ground truth: errors are those that halves of the tracks show")
+        sentences.insert(0, "There is no ground truth: errors come from halves of the tracks")
     return " ".join(f"{sentence}." for sentence in sentences)
 
 
@@ -174,32 +174,34 @@ def _who_is_ahead(content: dict[str, Any]) -> str:
     if content["against"] == "truth" and all(of_halves for *_, of_halves in lines):
         (first, ratio, _), (last, at_last, _) = lines[0], lines[-1]
         return (
-            f"The truth cannot tell {names[1]} from {names[0]}; by halves of the tracks {names[0]} errs "
-            f"{_times(ratio, inverse=True)} as much as {names[1]} over {_frames(first)}, "
+            f"The truth cannot separate {names[1]} from {names[0]}; by halves of the tracks, the error of {names[0]} "
+            f"is {_times(ratio, inverse=True)} that of {names[1]} over {_frames(first)}, "
             f"{_times(at_last, inverse=True)} over {last}"
         )
     before, behind = _crossing(content, mine, theirs)
     if before and not behind:
         frames, ratio, of_halves = lines[0]
         return (
-            f"{names[0].capitalize()} is ahead up to {_frames(before)}: {names[1]} errs {_times(ratio)} as much over "
-            f"{_frames(frames)}{_source(of_halves, content)}, {_times(lines[-1][1])} over {lines[-1][0]}"
+            f"{names[0].capitalize()} is ahead up to {_frames(before)}: the error of {names[1]} is "
+            f"{_times(ratio)} as large over {_frames(frames)}{_source(of_halves, content)}, "
+            f"{_times(lines[-1][1])} over {lines[-1][0]}"
         )
     frames, ratio, of_halves = lines[-1]
     at_last = (
-        f"{names[0]} errs {_times(ratio, inverse=True)} as much over {_frames(frames)}{_source(of_halves, content)}"
+        f"the error of {names[0]} is {_times(ratio, inverse=True)} as large over {_frames(frames)}"
+        f"{_source(of_halves, content)}"
     )
     if before:
         return f"{names[0].capitalize()} is ahead up to {_frames(before)}, {names[1]} from {behind} on: {at_last}"
     if behind:
         since = "over every span" if behind == 1 else f"from {_frames(behind)} on"
         return f"{names[1].capitalize()} is ahead of {names[0]} {since}: {at_last}"
-    return f"{names[1].capitalize()} and {names[0]} err alike: {at_last}"
+    return f"{names[1].capitalize()} and {names[0]} are level: {at_last}"
 
 
 def _source(of_halves: bool, content: dict[str, Any]) -> str:
     """Say if a ratio comes from halves although there is a truth."""
-    return " as halves of the tracks show, which the truth cannot tell" * (
+    return " by halves of the tracks, as the truth cannot separate them" * (
         of_halves and content["against"] == "truth"
     )
 
@@ -237,12 +239,12 @@ def _which_hold(methods: dict[str, Any], as_is: bool) -> str:
     wrong = {key: factor for key, factor in factors.items() if not low <= factor <= high}
     by_halves = any(figures["sigma_factor_from"] == "halves" for figures in methods.values())
     source = (
-        ", by halves of the tracks," if by_halves else "" if as_is else ", with the calibration taken for exact,"
+        ", by halves of the tracks," if by_halves else "" if as_is else ", with the calibration taken as exact,"
     )
-    said = f"Covariances{source} hold for {in_a_row(hold)}" if hold else ""
+    said = f"Covariances{source} are consistent for {in_a_row(hold)}" if hold else ""
     if not wrong:
         return said
-    said += ", not for " if said else f"Covariances{source} do not hold for "
+    said += ", not for " if said else f"Covariances{source} are not consistent for "
     if len(wrong) <= _MOST_NAMED:
         return said + in_a_row([f"{of_method(key).name} ({_off(size)})" for key, size in wrong.items()])
     mine = wrong.pop(key_of(REFERENCE), None)

@@ -1,9 +1,9 @@
-"""What may be wrong with a view and is shared by many: one linear model with a Gaussian prior, section 12.
+"""Errors that many views share: one linear model with a Gaussian prior, section 12.
 
 A view is z = h(P) + B(z, ż) c + Φ(z) a + noise. The terms c have physical names (`terms.py`): lenses and relative
 rotation, the focal length, the delay of the right camera, the readout of a rolling shutter. Φ a is a smooth field that
-is fixed in the image (`field.py`), for all that no physical term follows. `model.py` puts them together, `sizes.py`
-learns how large each is.
+is fixed in the image (`field.py`), for errors that no physical term follows. `model.py` combines them, `sizes.py`
+learns the size of each.
 
-Not here: who estimates the errors (`estimators/cross_frame/rig_state.py`, `frontend/rows.py`).
+The errors are estimated elsewhere (`estimators/cross_frame/rig_state.py`, `frontend/rows.py`).
 """

@@ -1,4 +1,4 @@
-"""What a run has found out about its rig's errors: numbers, and the sentences that they make."""
+"""The rig errors that a run has found, in numbers and in sentences."""
 
 from typing import NamedTuple
 
@@ -9,11 +9,11 @@ from ..geometry import Array
 from ..record import record
 from .terms import CAUSES, TERMS, Group, at
 
-CERTAIN = 5.0  # standard deviations from which on an error is put into words, and known to change
+CERTAIN = 5.0  # standard deviations from which an error is reported in words, and known to change
 
 
 def is_certain(error: Array, cov: Array) -> bool:
-    """Whether an error (k,) with covariance (k, k) is certain not to be zero."""
+    """Whether an error (k,) with covariance (k, k) is certainly not zero."""
     return bool(error @ np.linalg.pinv(cov) @ error > CERTAIN**2)
 
 
@@ -25,7 +25,7 @@ def in_words(error: Array, cov: Array, per_unit: float, sentence: str, words: tu
 
 
 class Amplitudes(NamedTuple):
-    """What is known of the errors: N(`mean` (m,), `cov` (m, m)) in σ of each, which have grown for `age_s`."""
+    """The estimate N(`mean` (m,), `cov` (m, m)) of the errors, each in units of its σ, which have grown for `age_s`."""
 
     mean: Array
     cov: Array
@@ -34,14 +34,14 @@ class Amplitudes(NamedTuple):
 
 @record
 class RigEstimate:
-    """What is known about the errors of the rig: `mean` (m,) with covariance `cov` (m, m), taken out of all views.
+    """The estimated errors of the rig: `mean` (m,) with covariance `cov` (m, m), for which all views are corrected.
 
     Both are those of a mixture: with the probability `p_wrong` the calibration has errors, N(`mean_if_wrong`,
-    `cov_if_wrong`), otherwise it has none. Of a Solution in σ of what was assumed beforehand, of a FrameEstimate in the
-    units of `stream_sfm.rig_model.terms`. `prior_std` (m,): σ of each before any view, as far as has been learnt.
-    `refined` (m,): the part of `mean` that a refinement of the calibration has already; None without one. `age_s`:
-    for how long errors have grown by their rates; those of a Solution are of the start, of a FrameEstimate of now.
-    `evidence` (t,): on how many σ thirds of the run agree for each term; None while it is too short to have thirds.
+    `cov_if_wrong`), otherwise it has none. In a Solution they are in units of the prior σ, in a FrameEstimate in the
+    units of `stream_sfm.rig_model.terms`. `prior_std` (m,): learnt σ of each before any view.
+    `refined` (m,): the part of `mean` that a refinement of the calibration already contains; None without one. `age_s`:
+    the time for which errors have grown by their rates; a Solution has those at the start, a FrameEstimate the current
+    ones. `evidence` (t,): the number of σ on which thirds of the run agree for each term; None in a short run.
     """
 
     mean: Array
@@ -61,28 +61,28 @@ class RigEstimate:
 
     @property
     def refinement(self) -> Refinement:
-        """The errors of lenses and disparity, px, if there are any."""
+        """The errors of lenses and disparity, px, if any."""
         n = len(LENS_TERMS)
         return Refinement(self.mean_if_wrong[:n], self.cov_if_wrong[:n, :n])
 
     def term(self, name: str) -> tuple[float, float]:
-        """Return one of the `TERMS` in its unit, and its standard deviation."""
+        """Return one of the `TERMS` in its unit and its standard deviation."""
         where = TERMS.index(name)
         return float(self.mean[where]), float(np.sqrt(self.cov[where, where]))
 
     def group(self, group: Group) -> tuple[float, ...]:
-        """Return the errors of a group, and then their standard deviations."""
+        """Return the errors of a group, followed by their standard deviations."""
         errors, std = zip(*(self.term(name) for name in group.terms), strict=True)
         return *errors, *std
 
     def agrees(self, terms: tuple[str, ...]) -> bool:
-        """Whether thirds of the run agree about one of some terms that follow each other."""
+        """Whether thirds of the run agree about at least one of some consecutive terms."""
         return self.evidence is not None and float(self.evidence[at(terms)].max()) > CERTAIN
 
     def findings(self) -> list[str]:
-        """Sentences about what is certain of the cameras' timing and focal length, of an estimate in units.
+        """Return sentences about certain errors of timing and focal length, for an estimate in units.
 
-        That is where all of the run says so, and its thirds agree about it.
+        An error is certain if the whole run shows it and its thirds agree.
         """
         found = []
         for group in CAUSES:

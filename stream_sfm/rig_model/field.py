@@ -1,4 +1,4 @@
-"""A smooth field that is fixed in the image: a Gaussian process in low rank, for errors that no physical term follows.
+"""A smooth field that is fixed in the image: a low-rank Gaussian process, for errors that no physical term follows.
 
 Row errors of different tracks at one place of the image correlate for seconds, over a distance of about a tenth of the
 image's width (kitti06, kitti00_mid: 120 px of 1241; euroc_mh01: 80 of 752); those of rendered images do not. The
@@ -19,7 +19,7 @@ LEAST_PX = 1e-3  # σ: a field of σ 0 would have no amplitudes
 class Field(NamedTuple):
     """The basis of a field over an image, as the compiled core takes it: K functions of amplitudes with σ = 1.
 
-    `u_px` and `v_px`: columns and rows of the grid of inducing points; `length_px`: ℓ; `root` (K, K): what makes
+    `u_px` and `v_px`: columns and rows of the grid of inducing points; `length_px`: ℓ; `root` (K, K): makes the
     amplitudes of the inducing points independent.
     """
 
@@ -46,7 +46,7 @@ def field_over(width: int, height: int) -> Field:
     """Return the field over images of this size.
 
     ℓ is a tenth of the width: the evidence of three real logs is flat from 0.07 to 0.13. The inducing points are 1.6 ℓ
-    apart. At 1.25 ℓ the field follows more of its own variance, with twice the amplitudes: measured, kitti00_mid is 8 %
+    apart. With 1.25 ℓ the field has more of its variance, with twice the amplitudes: kitti00_mid is then 8 %
     better, kitti06 worse by a half, and an estimate takes half as long again.
     """
     length_px = 0.1 * width

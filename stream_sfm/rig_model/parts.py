@@ -1,11 +1,11 @@
-"""Whether parts of a run agree about the rig's errors: evidence that does not rest on the σ of views.
+"""Whether parts of a run agree about the rig errors: evidence that does not depend on the σ of views.
 
-Errors of views that last, or that a model does not have, make the σ of an error several times too small, above all of
-those that only time distinguishes: a delay, a readout, a turn, a focus. A real one is the same in each third of a run.
-One that is made up, to explain what wanders slowly, is not: thirds of a drive with a rigid, triggered rig said 0.8,
-1.0 and 0.3 ms, and all of it 1.5 ± 0.1. What the thirds say follows from the information that the prior had at their
-ends. Frames whose motion may not be the camera's are in no part: a body that is followed is explained by errors of the
-rig, and all parts of it agree.
+Lasting errors of views, and errors outside the model, make σ of a rig error several times too small, above all for
+those that only show over time: a delay, a readout, a turn, a focus. A real error is the same in each third of a run. A
+spurious one, which explains slow drift, is not: thirds of a drive with a rigid, triggered rig gave 0.8, 1.0 and 0.3 ms,
+and the whole run gave 1.5 ± 0.1. The estimates of the thirds follow from the information in the prior at their
+ends. Frames whose motion may not be the camera's are in no part: rig errors would explain a body that is tracked, and
+all parts would agree about them.
 """
 
 from itertools import pairwise
@@ -19,7 +19,7 @@ from .terms import AT_TURNING, TERMS
 
 
 class _End(NamedTuple):
-    """What the first frames of a run say about the terms: `information` (t, t) and weighted sums (t,)."""
+    """The information of the first frames of a run about the terms: `information` (t, t) and weighted sums (t,)."""
 
     frames: int
     information: Array
@@ -27,7 +27,7 @@ class _End(NamedTuple):
 
 
 class Agreement(NamedTuple):
-    """Of each term (t,): the mean of the thirds of a run, its σ, and `spread`: how many σ they differ by, or 1."""
+    """For each term (t,): the mean of the thirds of a run, its σ, and `spread`: their difference in σ, at least 1."""
 
     mean: Array
     std: Array
@@ -35,7 +35,7 @@ class Agreement(NamedTuple):
 
     @property
     def evidence(self) -> Array:
-        """How many σ (t,) the thirds of the run agree on for each term; for a turn, for all three of its terms."""
+        """The number of σ (t,) on which thirds of the run agree for each term; its three for a turn."""
         squared = (self.mean / self.std) ** 2
         squared[AT_TURNING] = squared[AT_TURNING].sum()
         return np.asarray(np.sqrt(squared))
@@ -43,9 +43,9 @@ class Agreement(NamedTuple):
 
 @record
 class Parts:
-    """The ends of parts of a run, one each `every` frames, and of the latest frame. Parts grow with the run.
+    """The ends of parts of a run, one per `every` frames, and that of the latest frame. Parts grow with the run.
 
-    `whole`: of all frames so far, in the parts or not.
+    `whole`: that of all frames so far, whether in the parts or not.
     """
 
     ends: tuple[_End, ...] = ()
@@ -54,10 +54,10 @@ class Parts:
     every: int = 1
 
     def after(self, information: Array, weighted: Array, size: Array, counts: bool = True) -> "Parts":
-        """Return the parts after a frame has left the window: what the prior knows of the rig's errors (m,) then.
+        """Return the parts after a frame has left the window, from the prior's information about the rig errors (m,).
 
-        `information` (m, m) and weighted sums (m,) of the errors themselves, of which `size` (m,) was known beforehand;
-        `counts`: the frame's motion is the camera's.
+        `information` (m, m) and weighted sums (m,) of the errors themselves, whose prior σ is `size` (m,);
+        `counts`: the motion of the frame is that of the camera.
         """
         t = len(TERMS)
         of_views = information[:t, :t] - np.diag(size[:t] ** -2.0)
@@ -71,13 +71,13 @@ class Parts:
         ends, every = self.ends, self.every
         if latest.frames % every == 0:
             ends = (*ends, latest)
-        if len(ends) > 12:  # half of them is enough to choose thirds from
+        if len(ends) > 12:  # half of them are enough for choosing thirds
             ends, every = ends[1::2], 2 * every
         return changed(self, ends=ends, latest=latest, whole=whole, every=every)
 
     @property
     def agreement(self) -> Agreement | None:
-        """What the thirds of the run say of each term, in amplitudes of σ = 1 beforehand; None of a short run."""
+        """Return the estimates of each term by thirds of the run, in amplitudes of prior σ = 1; None if short."""
         if self.latest is None or self.latest.frames < 3 * 8:  # eight frames make a part
             return None
         n = self.latest.frames
@@ -87,11 +87,11 @@ class Parts:
         means, variances = np.zeros((2, 3, t))
         for k, (first, last) in enumerate(pairwise(cuts)):
             values, axes = np.linalg.eigh(last.information - first.information)
-            # a part that takes back what was known along an axis says nothing there: neither how much, nor what
+            # a part that reduces the information along an axis says nothing there, neither how much nor what
             share, says = 1 / (1 + np.maximum(values, 0.0)), values > 0
             means[k] = (axes * (share * says)) @ (axes.T @ (last.weighted - first.weighted))
             variances[k] = axes**2 @ share
-        said = np.maximum(1 / variances - 1, 1e-9)  # without what was known beforehand
+        said = np.maximum(1 / variances - 1, 1e-9)  # without the prior
         means, variances = means / (variances * said), 1 / said
         var = 1 / said.sum(axis=0)
         mean = var * (said * means).sum(axis=0)

@@ -1,4 +1,4 @@
-"""The simulation of the paper: scenes, motions, noise, Monte-Carlo trials, and its table and figure as studies.
+"""The simulation of the paper: scenes, motions, noise, Monte Carlo trials, and its table and figure as studies.
 
-Observations are simulated without images. Not here: rendered images (`tools/render/`), the estimators.
+Observations are simulated without images. Rendered images (`tools/render/`) and estimators are elsewhere.
 """

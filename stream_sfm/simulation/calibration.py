@@ -1,7 +1,7 @@
-"""Study: how good estimates are where the calibration is wrong and errors of views last along their tracks.
+"""Study: the quality of estimates if the calibration is wrong and errors of views last along their tracks.
 
-The rig's errors are drawn from what `rig.…` assumes. The window learns them, and how long errors last, from the views
-alone; beside it stand windows that take the rig for exact, the errors for white, or both. The bound has the same
+The rig errors are drawn from the priors in `rig.…`. The window learns them, and how long errors last, from the views
+alone; it is compared with windows that assume an exact rig, white errors, or both. The bound has the same
 unknowns, eqs. (76) and (77).
 """
 
@@ -28,14 +28,14 @@ EXPECTED = dict.fromkeys(QUANTITIES, 1.0) | {"nees_pose": 6.0, "nees_rig": float
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """The default estimator, which may know of possible errors of the rig and of how long errors of views last."""
+    """The default estimator, with or without a model of rig errors and of lasting errors of views."""
 
     label: str
     rig: bool
     lasting: bool
 
     def observations_for(self, observations: Observations) -> Observations:
-        """Return the observations with the knowledge that this window has."""
+        """Return the observations with the knowledge of this window."""
         return replace(
             observations,
             rig=observations.rig if self.rig else None,
@@ -49,17 +49,17 @@ WINDOWS = (
     Window("rig as exact", rig=False, lasting=True),
     Window("rig as exact, errors as white", rig=False, lasting=False),
 )
-_OF_EXACT_RIG = tuple(replace(w, rig=False) for w in WINDOWS[:2])  # where assuming an exact rig is right
+_OF_EXACT_RIG = tuple(replace(w, rig=False) for w in WINDOWS[:2])  # for a rig that is exact
 
 
 def seen_by_wrong_rig(sequence: Sequence, error: Array) -> tuple[Observations, ...]:
-    """Return the observations by a rig with errors (m,), in σ of its prior, with everything that a front-end adds."""
+    """Return observations by a rig with errors (m,), in σ of its prior, with all additions of a front-end."""
     model = RigModel.of(sequence.projection, Config().rig)
     errors, result = TemplateErrors(), []
     amplitudes = np.concatenate([error, np.zeros(len(model) - len(error))])
     for o in sequence.observations:
         z_px = o.z_px
-        # Steps towards where a view is seen with the rig's errors; each is a hundredth of the one before.
+        # Iterations towards the view with rig errors; each step is a hundredth of the previous one.
         for _ in range(4 if error.any() else 0):
             z_px = o.z_px + model.effects(z_px) @ amplitudes
         errors = errors.after(o.track_ids, z_px, o.cov_px)
@@ -70,7 +70,7 @@ def seen_by_wrong_rig(sequence: Sequence, error: Array) -> tuple[Observations, .
 def measure(seed: np.random.SeedSequence, scene: Scene, wrong_rig: bool, frames: tuple[int, ...]) -> Measured:
     """Run one trial, and return label -> quantity -> values at `frames`, NaN where one was lost.
 
-    `wrong_rig`: whether the rig has errors, as its prior says. The variances of the bound are under "bound".
+    `wrong_rig`: whether the rig has errors drawn from its prior. The variances of the bound are under "bound".
     """
     of_scene, of_rig = seed.spawn(2)
     sequence = scene.sequence(of_scene)
@@ -93,7 +93,7 @@ def measure(seed: np.random.SeedSequence, scene: Scene, wrong_rig: bool, frames:
 
 
 def _nees_rig(solution: Solution, error: Array) -> float:
-    """Return the normalised squared error of the estimated rig; NaN where none was estimated."""
+    """Return the normalised squared error of the estimated rig; NaN without an estimate."""
     if solution.rig is None:
         return np.nan
     n = len(error)

@@ -1,4 +1,4 @@
-"""The studies by name, and how their results are written."""
+"""The studies by name, and the writing of their results."""
 
 import os
 from pathlib import Path

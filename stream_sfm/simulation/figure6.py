@@ -4,8 +4,8 @@ Rotation errors are angles θ; the paper's norm of the difference of two rotatio
 small angles. CC is drawn as the paper writes it (literal) and with the joint covariance of prior and leaving view
 (anchored).
 
-The scene is the paper's own: natural visibility, about 200 mm per frame, round-off noise. Beside the paper's curves
-stand the default estimator, two EKFs, frame-to-frame concatenation, and the bound.
+The scene is that of the paper: natural visibility, about 200 mm per frame, round-off noise. Besides the curves of the
+paper there are the default estimator, two EKFs, frame-to-frame concatenation, and the bound.
 """
 
 from pathlib import Path
@@ -67,7 +67,7 @@ FIGURE6 = Study(lambda: {"figure6": judged(SCENE, FRAMES, METHODS)}, _report)
 
 def draw(report: Report, folder: Path) -> None:
     """Draw twelve panels into figure6.png and figure6.svg: CC anchored, CC literal, WC; pose and structure by frame."""
-    import matplotlib  # takes a second to import, and may be missing: after what took minutes
+    import matplotlib  # late, as it takes a second to import
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
@@ -90,6 +90,6 @@ def draw(report: Report, folder: Path) -> None:
             axis.set_ylabel(f"RMS error\n{label}")
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
         figure.suptitle(f"Errors of motion and structure, {report['trials']} random scenes", fontsize=11)
-        figure.savefig(folder / "figure6.png", dpi=160)  # legible on a dense screen, and smaller than for print
+        figure.savefig(folder / "figure6.png", dpi=160)  # legible on a dense screen, smaller than for print
         figure.savefig(folder / "figure6.svg", metadata={"Date": None})
     plt.close(figure)

@@ -1,7 +1,7 @@
 """Table 1 of the paper: how error variances grow with the frame number n, the span k of a track, the window b.
 
-For every entry: the measured exponents, and that of the Cramér–Rao bound of the same trials; docs/accuracy.md has the
-paper's beside them. Simple: a point is seen in L = 2 frames; general: L = 8; non-transitory: in all. k = L/2.
+Each entry has the measured exponents, and that of the Cramér–Rao bound of the same trials; docs/accuracy.md adds
+those of the paper. Simple: a point is seen in L = 2 frames; general: L = 8; non-transitory: in all. k = L/2.
 """
 
 import numpy as np
@@ -15,13 +15,13 @@ from .studies import Condition, Job, Report, Study, exponent, judged, mean, rati
 READINGS = tuple(map(Method, ("cross-frame", "cross-frame-wc", "cross-frame-cc")))
 SPANS = (2, 4, 8, 16)  # L of the drift rates
 WINDOWS = (1, 2, 4, 8, 16)  # b of the structure law, at L = 16
-LAST_FRAMES = tuple(range(20, 31, 2))  # over which variances of the estimators are taken
-_DRIFT_FRAMES = (32, 96)  # between them drift is measured: twice the longest span and more from the start
-_BOUND_FRACTION = 0.08  # of the trials: the bound is costly, and varies little between scenes
+LAST_FRAMES = tuple(range(20, 31, 2))  # at which variances of the estimators are averaged
+_DRIFT_FRAMES = (32, 96)  # drift is measured between them, at least twice the longest span from the start
+_BOUND_FRACTION = 0.08  # of the trials, as the bound is costly and varies little between scenes
 
 
 def _run(motion: str, length: int, frames: range) -> Condition:
-    """Return a sequence of the table: exponents are fitted over `frames`."""
+    """Return a sequence of the table; exponents are fitted over `frames`."""
     scene = Scene(frames=frames[-1] + 1, motion=MOTIONS[motion], track_length=length)
     return judged(scene, tuple(frames), READINGS)
 
@@ -49,7 +49,7 @@ def _jobs() -> dict[str, Job]:
 
 
 def _report(measured: dict[str, Measured]) -> Report:
-    """Report Table 1; see the module.
+    """Report Table 1, as the module says.
 
     Keys: `table` by run and quantity, `drift_over_span` and `structure_over_window` of the bound. Variances of the
     estimators themselves are in `estimators_over_span`, over those at L = 2 at the end of 31 frames, and in
@@ -84,7 +84,7 @@ def _row(run: Condition, quantity: str, data: Measured) -> Report:
 
 
 def drift_rates(seed: np.random.SeedSequence) -> Measured:
-    """Return the growth of the bound's variances (len(SPANS),) per frame, by track length, with one image support."""
+    """Return the growth per frame of the variances of the bound, (len(SPANS),) by track length, for one support."""
     grown = []
     for length in SPANS:
         last = _DRIFT_FRAMES[-1]

@@ -14,19 +14,19 @@ from ..geometry.stereo import MIN_DEPTH, StereoProjection
 from ..types import Observations
 
 WIDTH, HEIGHT = 512, 480  # px; paper
-NEAR_M, FAR_M = 2.0, 3.0  # paper: points are uniform in depth between them
-F_PX, BASELINE_M, CROSSING_M = 600.0, 0.250, 2.5  # ours, the paper gives none: axes cross in mid-scene
+NEAR_M, FAR_M = 2.0, 3.0  # paper: depths of points are uniform between them
+F_PX, BASELINE_M, CROSSING_M = 600.0, 0.250, 2.5  # ours: axes cross in the middle of the scene
 ROUND_OFF_PX = 12**-0.5  # closed form: standard deviation of rounding to whole pixels
 FRAME_NS = 100_000_000  # ours: ten frames per second
-_MAX_DRAWS = 50  # rounds of drawing points before less image support is asked for
+_MAX_DRAWS = 50  # rounds of drawing points before the image support is reduced
 _LESS_SUPPORT = 0.95  # factor of the support in each round after that
-_BEYOND_ENDS = 12  # frames: the scene goes on before the first and after the last camera, half a track and more
+_BEYOND_ENDS = 12  # frames by which the scene extends beyond the first and last camera, more than half a track
 _CENTRE = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
 _TOE_IN_RAD = float(np.arctan(BASELINE_M / 2 / CROSSING_M))
 
 
 def rectified_projection() -> StereoProjection:
-    """Return the rectified pair, with principal points such that the crossing point keeps its place."""
+    """Return the rectified pair, whose principal points keep the crossing point in place."""
     shift = F_PX * np.tan(_TOE_IN_RAD)
     return StereoProjection(
         f_px=F_PX,
@@ -74,7 +74,7 @@ def rectified_views(pixels: Array, std_px: float) -> tuple[Array, Array]:
 class Motion:
     """A camera path along +x that turns about the vertical axis, `step_m` and `turn_rad` per frame, with hand shake.
 
-    Each pose but the first is off the smooth path by a Gaussian of `shake_m` and `shake_rad` on each axis.
+    Each pose except the first deviates from the smooth path by a Gaussian of `shake_m` and `shake_rad` on each axis.
     """
 
     step_m: float
@@ -83,7 +83,7 @@ class Motion:
     shake_rad: float = 0.0
 
     def poses(self, frames: int, rng: np.random.Generator) -> Array:
-        """Draw the true poses world_from_cam (frames, 4, 4) of one trial; the first is the world's origin."""
+        """Draw the true poses world_from_cam (frames, 4, 4) of one trial; the first is the origin of the world."""
         step = se3.exp(np.array([self.step_m, 0, 0, 0, -self.turn_rad, 0]))
         path = np.empty((frames, 4, 4))
         path[0] = np.eye(4)
@@ -94,8 +94,8 @@ class Motion:
         return path @ se3.exp(shake)
 
 
-# Paper: about 200 mm between frames. Ours: the shake, which keeps round-off noise from repeating itself; 10 mm, at
-# which the path stays short against the depth of the scene; and the turn of 0.03 rad, a right angle in fifty frames.
+# Paper: about 200 mm between frames. Ours: the shake, which keeps round-off noise from repeating; 10 mm, for a path
+# that is short compared with the depth of the scene; and the turn of 0.03 rad, a right angle in fifty frames.
 MOTIONS = {
     "lateral": Motion(step_m=0.200, shake_m=0.005, shake_rad=0.005),
     "slow": Motion(step_m=0.010, shake_m=0.0005, shake_rad=0.005),
@@ -123,12 +123,14 @@ class Sequence:
 class Scene:
     """A recipe of trials.
 
-    With `track_length` (L) and `visible` (M) every point is seen in exactly L successive frames, and M points at a
-    time, with births spread evenly; without, in whichever frames both images hold it, at `density` points per frame.
+    With `track_length` (L) and `visible` (M), every point is seen in exactly L successive frames, and M points at a
+    time, with evenly spread births. Otherwise points are seen whenever both images contain them, `density` per
+    frame.
 
-    A point of a controlled scene is drawn from what the cameras of `support_frames` (default L) around the middle
-    of its track all see, so that runs of different L can share one image support. `std_px`: `round_off` noise of
-    that deviation (pixels of size std·√12), or Gaussian with `autocorrelation` from view to view of a track.
+    A point of a controlled scene is drawn from the common view of the cameras in `support_frames` (default L)
+    around the middle of its track, so that runs of different L can share one image support. `std_px`: `round_off`
+    noise of that deviation (pixels of size std·√12), or Gaussian with `autocorrelation` from view to view of a
+    track.
     """
 
     frames: int = 31
@@ -185,7 +187,7 @@ class Scene:
             birth = np.arange(count) * length // self.visible + 1 - length
         support = self.support_frames or length
         middle = birth + (length - 1) / 2
-        twist = _twist(path)  # the path goes on like this at both ends; only image support depends on it
+        twist = _twist(path)  # continues the path at both ends; only image support depends on it
         centre = se3.exp(twist * middle[:, None])
         offsets = np.linspace(-(support - 1) / 2, (support - 1) / 2, 3 if support > 1 else 1)
         points = np.empty((len(birth), 3))
@@ -197,7 +199,7 @@ class Scene:
             points[open_[inside]] = world[inside]
             open_ = open_[~inside]
             rounds += 1
-            if rounds > _MAX_DRAWS:  # no place is in view for that long: ask for less
+            if rounds > _MAX_DRAWS:  # no place is in view for that long, so reduce the support
                 offsets = _LESS_SUPPORT * offsets
         n = np.arange(self.frames)[:, None]
         return points, (n >= birth) & (n < birth + length)
@@ -218,7 +220,7 @@ def _lasting(white: Array, frame: NDArray[np.intp], track: NDArray[np.intp], aut
     result = white.copy()
     if autocorrelation == 0:
         return result
-    latest = np.full(track.max() + 1, -1)  # the row of each track's latest view
+    latest = np.full(track.max() + 1, -1)  # the row of the latest view of each track
     for n in range(frame.max() + 1):
         rows = np.arange(*np.searchsorted(frame, [n, n + 1]))
         before = latest[track[rows]]
@@ -235,14 +237,14 @@ def _twist(path: Array) -> Array:
 
 
 def _in_view(points_in_cam: Array) -> NDArray[np.bool_]:
-    """Return whether both physical images hold the points (…, 3)."""
+    """Return whether both physical images contain the points (…, 3)."""
     pixels = physical_views(points_in_cam)
     inside = (pixels >= -0.5) & (pixels < [WIDTH - 0.5, HEIGHT - 0.5])
     return (points_in_cam[..., 2] > MIN_DEPTH) & inside.all(axis=(-1, -2))
 
 
 def _draw_in_view(rng: np.random.Generator, n: int) -> Array:
-    """Draw points (n, 3) uniform in depth and over the left image, whether or not the right image holds them."""
+    """Draw points (n, 3) uniform in depth and over the left image, whether or not the right image contains them."""
     depth = rng.uniform(NEAR_M, FAR_M, n)
     pixel = rng.uniform([-0.5, -0.5], [WIDTH - 0.5, HEIGHT - 0.5], (n, 2))
     ray = np.column_stack([(pixel - _CENTRE) / F_PX, np.ones(n)]) @ _RECTIFIED_FROM_PHYSICAL[0].T
@@ -250,7 +252,7 @@ def _draw_in_view(rng: np.random.Generator, n: int) -> Array:
 
 
 def _tracks(seen: NDArray[np.bool_], points: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Return views as (frame, track) rows, ascending; a point that comes back into view is a track with a new id."""
+    """Return views as (frame, track) rows, ascending; a point that returns into view is a track with a new id."""
     born = seen & ~np.vstack([np.zeros((1, seen.shape[1]), bool), seen[:-1]])
     birth_frame, birth_point = np.nonzero(born)  # ascending by frame: ids ascend with time
     number = np.zeros(seen.shape, np.intp)

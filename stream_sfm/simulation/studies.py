@@ -1,7 +1,7 @@
-"""Studies: Monte-Carlo trials in this process or in many, and what is reported of them.
+"""Studies: Monte Carlo trials in one or many processes, and their reports.
 
 The same seed gives the same numbers. Ratios, means and exponents over trials have a 95 % interval by bootstrap over
-whole trials. Of two studies the conditions are here: efficiency (variance over the bound), consistency (normalised
+whole trials. The conditions of two studies are here: efficiency (variance over the bound) and consistency (normalised
 errors).
 """
 
@@ -33,7 +33,7 @@ def run_trials(
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> list[Result]:
-    """Return `job`, which must be picklable, of each trial's own seed, in order; None: run it in this process."""
+    """Return the results of `job`, a picklable function of the seed of a trial, in order; None: in this process."""
     seeds = np.random.SeedSequence(seed).spawn(trials)
     results: list[Result] = []
     for result in executor.map(job, seeds) if executor else map(job, seeds):
@@ -52,31 +52,31 @@ def stacked(trials: list[Measured]) -> Measured:
 
 
 def trials_of(data: Measured) -> int:
-    """Return the number of trials that were measured."""
+    """Return the number of measured trials."""
     return len(next(iter(next(iter(data.values())).values())))
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """The measurement of one trial, picklable; of the trials asked for, the fraction `share` is run."""
+    """The picklable measurement of one trial; the fraction `share` of the requested trials is run."""
 
     measure: Callable[[np.random.SeedSequence], Measured]
     share: float = 1.0
 
     def trials(self, asked: int) -> int:
-        """Return how many trials are run: at least two, which an interval needs, unless one was asked for."""
+        """Return the number of trials: at least two, which an interval needs, unless one was requested."""
         return max(2, round(asked * self.share)) if asked > 1 else 1
 
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """Jobs by name, and the report that is made of the measurements of each."""
+    """Jobs by name, and the report on their measurements."""
 
     jobs: Callable[[], Mapping[str, Job]]
     report: Callable[[dict[str, Measured]], Report]
 
     def total_trials(self, trials: int) -> int:
-        """Return how many trials are run altogether."""
+        """Return the total number of trials."""
         return sum(job.trials(trials) for job in self.jobs().values())
 
     def run(
@@ -93,7 +93,7 @@ class Study:
 def _bootstrap(statistic: Callable[[Array], Array], n: int) -> Interval:
     """Bootstrap a `statistic` that takes weights (r, n) of n trials, whose rows sum to n, and returns (r,)."""
     rng = np.random.default_rng(0)
-    # 2000: the ends of an interval then have a σ of 1.5 % of its length
+    # 2000: σ of the ends of an interval is then 1.5 % of its length
     weights = rng.multinomial(n, np.full(n, 1 / n), size=2000).astype(float)
     value = float(statistic(np.ones((1, n)))[0])
     if n < 2:
@@ -111,7 +111,7 @@ def ratio(numerator: Array, denominator: Array) -> Interval:
 
 
 def mean(values: Array) -> Interval:
-    """Return the mean over trials and frames (trials, frames), NaN left out."""
+    """Return the mean over trials and frames (trials, frames) without NaN."""
     return ratio(values, np.where(np.isfinite(values), 1.0, np.nan))
 
 
@@ -125,7 +125,7 @@ def exponent(x: Array, values: Array) -> Interval:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition(Job):
-    """A job whose trials are of one scene, in which estimators are judged at `frames`."""
+    """A job with trials of one scene, in which estimators are judged at `frames`."""
 
     scene: Scene
     frames: tuple[int, ...]
@@ -134,9 +134,9 @@ class Condition(Job):
 def of_conditions(
     conditions: Mapping[str, Condition], evaluate: Callable[[dict[str, Array], Measured], Report], **known: Any
 ) -> Study:
-    """Make a study that reports what was run per condition, and per estimator `evaluate` and the share of lost frames.
+    """Make a study that reports its conditions, and for each estimator `evaluate` and the share of lost frames.
 
-    `evaluate` is given the measurements of the estimator and of all; `known` is part of the report.
+    `evaluate` gets the measurements of the estimator and of all; `known` is part of the report.
     """
 
     def part(name: str, data: Measured) -> Report:
@@ -154,7 +154,7 @@ def of_conditions(
     return Study(lambda: conditions, report)
 
 
-# No simulated log has inertial samples.
+# Simulated logs have no inertial samples.
 _SIMULATED = tuple(Method(name) for name in METHODS if name != WITHOUT_IMU)
 
 
@@ -165,7 +165,7 @@ def judged(
     bound: bool = True,
     share: float = 1.0,
 ) -> Condition:
-    """Return a condition in which methods are judged, with the bound or not."""
+    """Return a condition in which methods are judged, with or without the bound."""
     trial = partial(measure, scene=scene, methods=methods, frames=frames, bound=bound)
     return Condition(trial, share, scene=scene, frames=frames)
 

@@ -33,8 +33,8 @@ _WORDS = {
     "nees_point_in_world": "point in the world",
     "nees_rig": "rig",
 }
-_UNITS = {"rotation": "mrad", **dict.fromkeys(QUANTITIES[1:], "mm")}  # of figure 6, which are in rad and m
-# Parts of the report of the rates: key, the key of their numbers of frames, what is in them, and the title.
+_UNITS = {"rotation": "mrad", **dict.fromkeys(QUANTITIES[1:], "mm")}  # for figure 6, whose values are in rad and m
+# Parts of the report on the rates: key, key of their numbers of frames, content, and title.
 _LAWS = (
     ("drift_over_span", "span_frames", "span",
      {"rotation_relative": "rotation", "position_relative": "position", "theory": "theory"},
@@ -50,9 +50,9 @@ _OF_ESTIMATORS = (
 
 @record
 class StudyTable:
-    """A table: names of each row, and its values; `whole` is for files only, where it has too many rows to be read.
+    """A table: names of each row, and its values; `whole` is for files only, as it has too many rows to read.
 
-    `best`: the value that is best in all cells; None if there is no one.
+    `best`: the best value in all cells; None if there is none.
     """
 
     title: str
@@ -70,7 +70,7 @@ def tables(report: Report) -> list[StudyTable]:
 
 
 def to_csv(report: Report) -> str:
-    """Every value with its interval in a line of its own."""
+    """Return CSV with each value and its interval on a separate line."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("table", "row", "column", "value", "low", "high"))
@@ -84,7 +84,7 @@ def to_csv(report: Report) -> str:
 
 
 def to_latex(report: Report) -> str:
-    """Return the tables that are shown, for the package booktabs."""
+    """Return the displayed tables as LaTeX, for the package booktabs."""
     parts = []
     for table in (table for table in tables(report) if not table.whole):
         head = " & ".join(map(_escaped, (*table.names, *table.columns)))
@@ -108,7 +108,7 @@ def text_of(value: Value) -> str:
 
 
 def in_words(key: str) -> str:
-    """Return what a key of a report is called."""
+    """Return the name of a key of a report in words."""
     return _WORDS.get(key, key.replace("_", " "))
 
 
@@ -133,7 +133,7 @@ def _of_conditions(report: Report) -> Iterator[StudyTable]:
 
 
 def _of_rates(report: Report) -> Iterator[StudyTable]:
-    """Yield the tables of the paper's Table 1: exponents, laws over spans and windows, and what estimators reach."""
+    """Yield the tables of the paper's Table 1: exponents, laws over spans and windows, and results of estimators."""
     table = report.get("table", {})
     methods = tuple(dict.fromkeys(m for row in table.values() for m in row["exponents"]))
     rows = [
@@ -163,7 +163,7 @@ def _of_rates(report: Report) -> Iterator[StudyTable]:
 
 
 def curve_in_words(label: str) -> str:
-    """Return what a curve of figure 6 is called: cc_b4 is CC, anchored, b = 4."""
+    """Return the name of a curve of figure 6: cc_b4 is CC, anchored, b = 4."""
     kind, _, frames = label.partition("_b")
     return f"{KINDS[kind][1]}, b = {frames}" if kind in KINDS and frames else in_words(label)
 
@@ -187,7 +187,7 @@ def _of_figure6(report: Report) -> Iterator[StudyTable]:
 
 
 def _value(found: Any) -> Value:
-    """Return an interval as results.json or a report has it."""
+    """Return an interval from its form in results.json or a report."""
     if isinstance(found, Mapping):
         return Interval(found["value"], found["low"], found["high"])
     return found if isinstance(found, Interval | float | None) else float(found)

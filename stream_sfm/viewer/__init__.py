@@ -1,6 +1,6 @@
 """The Rerun viewer, for replays and for live use. Rerun itself is imported when a viewer is opened.
 
-Not here: the HTML pages (`report/`).
+The HTML pages are in `report/`.
 """
 
 import os
@@ -13,7 +13,7 @@ from ..types import Sink, Trajectory
 
 
 def require_rerun() -> None:
-    """Raise a ConfigError if Rerun is not installed, and keep its raw escapes off standard error where it is."""
+    """Raise a ConfigError if Rerun is not installed; if it is, keep its raw escapes off standard error."""
     if find_spec("rerun") is None:
         raise ConfigError(
             "the Rerun viewer is not installed: pip install rerun-sdk, or this package with its extra [view]"
@@ -30,9 +30,9 @@ def open_viewer(
 ) -> Sink:
     """Open a sink that shows estimates in a viewer window (`view`), writes them to the file `rrd`, or both.
 
-    `ground_truth` is drawn in the world frame of the estimates, aligned at the first common frame; `name` is the name
-    of the recording in the viewer. Raises ConfigError if Rerun is not installed, no window can be opened or neither
-    output is requested, OutputError where the file cannot be written.
+    `ground_truth` is drawn in the world frame of the estimates, aligned at the first common frame; `name` is the
+    name of the recording in the viewer. Raises ConfigError if Rerun is not installed, no window can be opened or
+    neither output is requested, OutputError if the file cannot be written.
     """
     if not isinstance(rig, StereoRig | MonoRig):
         raise ConfigError(f"the rig is of type {type(rig).__name__}; give a StereoRig or a MonoRig")

@@ -28,12 +28,12 @@ _RELATIVE_SIGMA = (1e-3, 1e-1)
 _STOPS = np.array([(90, 90, 255), (70, 120, 255), (50, 150, 240), (40, 170, 200), (31, 158, 137), (53, 183, 121),
                    (110, 206, 88), (181, 222, 43), (253, 231, 37)], dtype=float)  # fmt: skip
 _RGB = [np.interp(np.linspace(0, len(_STOPS) - 1, 256), range(len(_STOPS)), c).astype(np.uint32) for c in _STOPS.T]
-# (256,) as 0xRRGGBBAA, from the first stop to the last: Rerun logs packed ones three times faster.
+# (256,) as 0xRRGGBBAA, from the first stop to the last: Rerun logs packed colours three times faster.
 _COLOURS = _RGB[0] << 24 | _RGB[1] << 16 | _RGB[2] << 8 | np.uint32(255)
 
 
 def colours_of(points_in_cam: Array, cov_points: Array) -> NDArray[np.uint32]:
-    """Colours (n,) as 0xRRGGBBAA by the relative σ of points (n, 3) with covariances (n, 3, 3)."""
+    """Return colours (n,) as 0xRRGGBBAA for the relative σ of points (n, 3) with covariances (n, 3, 3)."""
     sigma = np.sqrt(np.maximum(np.trace(cov_points, axis1=1, axis2=2), 0))
     relative = sigma / np.maximum(np.linalg.norm(points_in_cam, axis=1), 1e-9)
     low, high = np.log(_RELATIVE_SIGMA)
@@ -44,7 +44,7 @@ def colours_of(points_in_cam: Array, cov_points: Array) -> NDArray[np.uint32]:
 def blueprint(sides: Sequence[str] = SIDES, unit: str = "metres") -> rrb.Blueprint:
     """Return a 3-D view, the images with tracks of the cameras `sides`, plots over time, and the status log.
 
-    `unit` is the unit of length that the labels name. On both timelines the path is shown as far as it goes then.
+    `unit` is the unit of length in the labels. On both timelines, the path is shown up to the selected time.
     """
     first, now = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
     whole_past = [rrb.VisibleTimeRange(timeline, start=first, end=now) for timeline in TIMELINES]
@@ -81,7 +81,7 @@ MASKED = rr.AnnotationContext([(0, "scene", (0, 0, 0, 0)), (1, "masked", (200, 6
 
 
 def styles() -> dict[str, rr.AsComponents]:
-    """Colours and sizes per entity path, which are the same for every frame and sent once."""
+    """Return colours and sizes per entity path, which are the same for every frame and sent once."""
     ui = rr.Radius.ui_points
     return {
         TRAJECTORY: rr.LineStrips3D.from_fields(colors=ESTIMATE_COLOUR, radii=ui(1.5)),

@@ -1,4 +1,4 @@
-"""A Rerun stream to a file, to a viewer that it starts, or to both; a failure is an error of this package."""
+"""A Rerun stream to a file, to a viewer that it starts, or to both; failures raise errors of this package."""
 
 import os
 import socket
@@ -14,21 +14,21 @@ import rerun.blueprint as rrb
 
 from ..errors import ConfigError, OutputError, as_error
 
-_LOCAL = "127.0.0.1"  # a viewer listens on every interface unless it is given one
-_WAIT_S = 30.0  # for a viewer to listen (seconds on a loaded machine), and for the last data on a slow disk
+_LOCAL = "127.0.0.1"  # by default a viewer would listen on every interface
+_WAIT_S = 30.0  # until a viewer listens (seconds on a loaded machine), and for the last data on a slow disk
 _FOR_FILES = rr.ChunkBatcherConfig(flush_tick=10.0, flush_num_bytes=16 * 2**20)  # seconds; bytes held in memory
 
 
 class Recording:
-    """A stream of what is shown, named `name`: to the file `rrd`, to a viewer window (`view`), or to both.
+    """A stream of the displayed data, named `name`: to the file `rrd`, to a viewer window (`view`), or to both.
 
-    Raises ConfigError where neither is requested or no viewer starts, OutputError if the file cannot be opened.
+    Raises ConfigError if neither is requested or no viewer starts, OutputError if the file cannot be opened.
     """
 
     def __init__(self, rrd: str | Path | None, view: bool, blueprint: rrb.Blueprint, name: str) -> None:
         if rrd is None and not view:
             raise ConfigError("a viewer needs a file to write (rrd) or a window (view=True)")
-        # A window shows a frame at once; a file alone is written in few, large pieces, which open faster.
+        # A window shows a frame at once; a file alone is written in few large pieces, which open faster.
         batches = rr.ChunkBatcherConfig() if view else _FOR_FILES
         self.stream = rr.RecordingStream("stream_sfm", recording_id=None, batcher_config=batches)
         self._file = None if rrd is None else _File(rrd)
@@ -49,7 +49,7 @@ class Recording:
 
     @property
     def watched(self) -> bool:
-        """Whether anybody takes the data: False once the only destination, the window, has been closed."""
+        """Whether the data has a destination: False once the window, if it is the only one, has been closed."""
         return self._file is not None or self.viewer is None or self.viewer.poll() is None
 
     def close(self) -> None:
@@ -58,7 +58,7 @@ class Recording:
         try:
             if self.watched:
                 self.stream.flush(timeout_sec=_WAIT_S)
-        except Exception as error:  # Rerun raises exceptions of its own
+        except Exception as error:  # Rerun raises its own exceptions
             problem = str(error).partition("\n")[0]
         self.stream.disconnect()
         if self._file is not None:
@@ -68,9 +68,9 @@ class Recording:
 
 
 class _File:
-    """A file that a thread of ours writes, from a pipe whose end `sink_fd` Rerun opens as a file.
+    """A file that our own thread writes, from a pipe whose end `sink_fd` Rerun opens as a file.
 
-    Rerun's own file sink may wait forever for a disk that is full, deaf to signals.
+    Rerun's own file sink may wait forever for a full disk, without reacting to signals.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -82,7 +82,7 @@ class _File:
         self._thread.start()
 
     def close(self) -> str:
-        """Wait for the last data; why the file is incomplete, if it is."""
+        """Wait for the last data; return why the file is incomplete, if it is."""
         self._thread.join(_WAIT_S)
         return "the disk is too slow" if self._thread.is_alive() else self._problem
 
@@ -92,14 +92,14 @@ class _File:
                 try:
                     while data and not self._problem:
                         data = data[file.write(data) :]
-                except OSError as error:  # the pipe is emptied all the same, so that Rerun never waits
+                except OSError as error:  # the pipe is still emptied, so that Rerun never waits
                     self._problem = error.strerror or str(error)
 
 
 def _start_viewer() -> tuple["subprocess.Popen[bytes]", int]:
     """Start the installed viewer on a free port of this computer only; return it once it listens.
 
-    It is a process of its own that stays open after the run, as `rerun.spawn` has it, which offers no address.
+    It is a separate process that stays open after the run, as with `rerun.spawn`, which offers no address.
     """
     if sys.platform.startswith("linux") and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
         raise ConfigError(
@@ -109,7 +109,7 @@ def _start_viewer() -> tuple["subprocess.Popen[bytes]", int]:
     with socket.socket() as free:
         free.bind((_LOCAL, 0))
         port = free.getsockname()[1]
-    # not `-m rerun`: RERUN_APP_ONLY, which skips the questions of a first start, switches the SDK off
+    # not `-m rerun`, because RERUN_APP_ONLY, which skips the questions of a first start, switches the SDK off
     command = [sys.executable, "-m", "rerun_cli", "--bind", _LOCAL, "--port", str(port), "--hide-welcome-screen"]
     viewer = subprocess.Popen(
         command,

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..places.place_map import PlaceMap
 
 _LEVELS = {Status.OK: "INFO", Status.INITIALISING: "INFO", Status.DEGRADED: "WARN", Status.LOST: "ERROR"}
-_JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]  # of images that are not compressed: a fifth to a tenth of their bytes
+_JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]  # for uncompressed images: a fifth to a tenth of their bytes
 
 
 class RerunSink:
@@ -59,7 +59,7 @@ class RerunSink:
         self._describe()
 
     def _describe(self) -> None:
-        """Log what does not change: axes, cameras, legends and styles."""
+        """Log everything static: axes, cameras, legends and styles."""
         log = self._stream.log
         log("world", rr.ViewCoordinates.RDF, static=True)
         for side, camera, from_left in zip(self._sides, self._cameras, self._cams_from_left, strict=True):
@@ -83,7 +83,7 @@ class RerunSink:
             log(path, style, static=True)
 
     def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
-        """Show an estimate, and the images of its frame if it is given (as recorded, if it has them so)."""
+        """Show an estimate, and the images of its frame if given (as recorded, if available)."""
         if not self._recording.watched:
             return
         stream = self._stream
@@ -130,7 +130,7 @@ class RerunSink:
         self._stream.log(layout.ELLIPSOID, shape)
 
     def _inertia(self, inertial: InertialEstimate | None) -> None:
-        """Log gravity, and the way of half a second at the velocity, as arrows at the camera."""
+        """Log gravity, and the distance travelled in half a second, as arrows at the camera."""
         if inertial is None and not self._has_inertia:
             return
         self._has_inertia = inertial is not None
@@ -167,7 +167,7 @@ class RerunSink:
         log(layout.TIMING, rr.Scalars(list(estimate.timings_ms.values())))
 
     def _error_m(self, estimate: FrameEstimate, truth: Trajectory) -> float:
-        """Distance to the ground truth at this stamp, NaN where there is none; the first one is aligned and drawn."""
+        """Return the distance to the ground truth at this stamp, NaN without one; the first is aligned and drawn."""
         off_ns = np.abs(truth.stamps_ns - estimate.stamp_ns)
         nearest = int(off_ns.argmin())
         if off_ns[nearest] > SETTINGS.max_gap_ns / 2:
@@ -184,7 +184,7 @@ class RerunSink:
         return float(np.linalg.norm(placed[:3, 3] - estimate.world_from_cam[:3, 3]))
 
     def _log_status(self, estimate: FrameEstimate) -> None:
-        """Log a status that is new; not a new reason: it contains numbers that change with every frame."""
+        """Log a new status, but not a new reason, whose numbers change with every frame."""
         if estimate.status != self._status:
             self._status = estimate.status
             said = ": ".join(filter(None, (f"frame {estimate.frame_index}", estimate.status, estimate.reason)))
@@ -192,7 +192,7 @@ class RerunSink:
 
 
 def _picture(picture: Picture) -> rr.EncodedImage | rr.Image:
-    """Return a picture to show: as it was compressed already, else as JPEG, which is a tenth of its size."""
+    """Return an image to show: as compressed before, or else as JPEG, a tenth of its size."""
     if isinstance(picture, bytes):
         kind = image_format(picture)
         return rr.EncodedImage(contents=picture, media_type=kind and f"image/{kind}")

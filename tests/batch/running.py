@@ -1,4 +1,4 @@
-"""A batch run by a test, and the processes that it starts, which are found by way of /proc."""
+"""A batch run by a test, and the processes that it starts, which are found in /proc."""
 
 import json
 import time

@@ -1,4 +1,4 @@
-"""Many logs at once: one that is corrupt or killed costs no other; a rerun does what is missing."""
+"""Many logs at once: a corrupt or killed one does not affect the others; a rerun does only what is missing."""
 
 import json
 import os

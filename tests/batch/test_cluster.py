@@ -1,4 +1,4 @@
-"""A Dask cluster gives what this machine gives."""
+"""A Dask cluster gives the same results as this machine."""
 
 import json
 import signal

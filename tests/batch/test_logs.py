@@ -1,4 +1,4 @@
-"""What files, folders and patterns stand for, and the names of the results."""
+"""Files, folders and patterns stand for the right logs, and results get the right names."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Calibrations as this package and other tools write them give the rig that is in them."""
+"""Calibrations written by this package and by other tools give the right rig."""
 
 import json
 import zipfile

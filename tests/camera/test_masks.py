@@ -1,4 +1,4 @@
-"""Masks: no point where they are black, in either image; files that do not fit are refused."""
+"""Masks: there are no points in black parts of either image; files that do not fit are refused."""
 
 from dataclasses import replace
 from pathlib import Path

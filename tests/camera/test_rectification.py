@@ -1,4 +1,4 @@
-"""Rectification: what the rectified pair sees is what the physical cameras saw; impossible rigs are refused."""
+"""Rectification: the rectified pair shows what the physical cameras saw; impossible rigs are refused."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A calibration with known errors: its file, and that views are corrected by it."""
+"""A calibration with known errors: its file round-trips, and views are corrected by it."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -60,7 +60,7 @@ def test_what_is_known_of_the_timing_is_written_and_read(tmp_path: Path) -> None
         ("errors = 3", "unknown key 'errors'"),
     ],
 )
-def test_what_is_no_refinement_is_named(tmp_path: Path, section: str, complaint: str) -> None:
+def test_what_is_not_a_refinement_is_named(tmp_path: Path, section: str, complaint: str) -> None:
     path = tmp_path / "refined.toml"
     path.write_text(f"{rig().to_toml()}\n[refinement]\n{section}\n")
     with pytest.raises(ConfigError, match=complaint):

@@ -1,4 +1,4 @@
-"""The axes of the physical camera; and errors that no view shows, against Monte Carlo: wrong lengths, axes turned."""
+"""The axes of the physical camera, and errors that no view shows (lengths, axes), against Monte Carlo."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Dense stereo and surfaces: the truth is found, σ says how well, edges stay open, files can be read."""
+"""Dense stereo and surfaces: they match the truth within σ, edges stay open, and files can be read."""
 
 from pathlib import Path
 
@@ -238,7 +238,7 @@ def test_a_cut_log_still_gives_a_surface_and_3(wall_log: Path, tmp_path: Path, c
         (["--out", "nowhere/surface.ply"], 3, "the folder nowhere does not exist"),
     ],
 )
-def test_wrong_use_is_told_and_nothing_written(arguments, code, says, wall_log, tmp_path, monkeypatch, cli):
+def test_wrong_use_is_reported_and_nothing_written(arguments, code, says, wall_log, tmp_path, monkeypatch, cli):
     monkeypatch.chdir(tmp_path)
     said = cli("surface", wall_log, "--out", "a.ply", *arguments, code=code)
     assert says in said.err and said.out == ""

@@ -1,4 +1,4 @@
-"""Errors by span, what all methods share against the truth, and the halves that are asked where it cannot tell."""
+"""Errors by span, errors that all methods share, and halves of the tracks where the truth cannot separate methods."""
 
 import numpy as np
 import pytest
@@ -30,13 +30,13 @@ def path(seed: int, std: Array | float = STD, straight: bool = False) -> Array:
 TRUTH, METHODS = path(0, 0.0), [path(seed) for seed in (1, 2, 3)]
 
 
-def test_methods_share_nothing_where_each_errs_by_itself() -> None:
+def test_methods_with_independent_errors_share_nothing() -> None:
     assert common_errors(METHODS, TRUTH) is NONE or not common_errors(METHODS, TRUTH).any
     assert NONE.applied(TRUTH) is TRUTH and NONE.in_words() == ""
 
 
 @pytest.mark.parametrize("straight", [False, True])
-def test_what_all_methods_share_is_found_and_taken_out(straight: bool) -> None:
+def test_errors_that_all_methods_share_are_found_and_removed(straight: bool) -> None:
     """Turns about the direction of a straight motion show only in rotations, of which it has none."""
     truth = path(0, 0.0, straight)
     methods = [path(seed, straight=straight) for seed in (1, 2, 3)]
@@ -82,7 +82,7 @@ def test_errors_grow_as_the_root_of_the_span() -> None:
     assert rms[0] == pytest.approx(np.sqrt(3) * STD[3], rel=0.15)
 
 
-def test_halves_tell_what_the_whole_errs() -> None:
+def test_halves_show_the_errors_of_the_whole() -> None:
     """Each half has twice the variance of the whole, so half their difference has that of the whole."""
     halves = np.stack([path(seed, np.sqrt(2) * STD) for seed in (4, 5)])
     (of_halves,) = curves({"a": Compared.of_halves(halves)})["methods"].values()

@@ -39,7 +39,7 @@ def noise(rng: np.random.Generator, frames: int, lasting: float = 0.0) -> Array:
 
 
 @pytest.mark.parametrize("kind", ["few frames", "shared", "lasting", "uneven"])
-def test_equal_methods_are_told_apart_in_one_log_of_twenty(kind: str) -> None:
+def test_equal_methods_differ_in_one_log_of_twenty(kind: str) -> None:
     """Errors of one distribution: 90 % of their variance shared, autocorrelated over 2 frames, or growing."""
     rng = np.random.default_rng(len(kind))
     frames = 60 if kind == "few frames" else 150
@@ -56,7 +56,7 @@ def test_equal_methods_are_told_apart_in_one_log_of_twenty(kind: str) -> None:
 
 
 @pytest.mark.parametrize("span", [1, 5, 20])
-def test_over_one_span_too_equal_methods_are_told_apart_in_one_log_of_twenty(span: int) -> None:
+def test_equal_methods_differ_over_one_span_in_one_log_of_twenty(span: int) -> None:
     rng = np.random.default_rng(span)
     truth = paths(np.zeros((1, 149, 6)))[0]
     found = []
@@ -126,7 +126,7 @@ def test_relative_errors_do_not_see_a_common_motion() -> None:
         np.testing.assert_allclose(errors, 0, atol=1e-6)  # the root of rounding in a cosine
 
 
-def test_turning_is_told_by_the_rate() -> None:
+def test_turning_is_recognised_by_the_rate() -> None:
     stamps = np.arange(1500) * 100_000_000
     assert turning(stamps, TRUTH, 10).all()  # 0.01 rad in 0.1 s, 5.7° per second
     assert not turning(2 * stamps, TRUTH, 10).any()

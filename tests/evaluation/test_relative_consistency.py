@@ -1,4 +1,4 @@
-"""Factors of σ: recovered from motions whose errors are known to be too large, over spans the window has and longer."""
+"""Factors of σ are recovered from motions whose errors are too large, over spans within the window and longer ones."""
 
 from itertools import pairwise
 from types import SimpleNamespace
@@ -38,7 +38,7 @@ def at(n: int, relative: RelativeMotions | None, common: CommonErrors | None = N
 
 
 @pytest.mark.parametrize("too_small", [1.0, 3.0])
-def test_the_factor_is_that_by_which_errors_are_larger(too_small: float) -> None:
+def test_the_factor_is_the_excess_of_the_errors(too_small: float) -> None:
     """Steps err independently; over long spans few of them are independent, the standard error grows with it."""
     rng = np.random.default_rng(2)
     path, estimated = [np.eye(4)], [np.eye(4)]
@@ -54,7 +54,7 @@ def test_the_factor_is_that_by_which_errors_are_larger(too_small: float) -> None
         assert spans["count"] == FRAMES - spans["frames"]
 
 
-def test_motions_with_common_errors_add_up_to_what_they_err_by() -> None:
+def test_covariances_of_added_motions_with_common_errors_are_right() -> None:
     """Over 100 frames, of motions over eight and two frames: errors c that become known on the way, with what was last
     known of them, are in all alike; as if motions were independent, σ is far too small."""
     rng, trials = np.random.default_rng(4), 150
@@ -114,7 +114,7 @@ def test_a_length_is_judged_along_the_motion() -> None:
     assert found["factor_axes"] == pytest.approx([0, 0, 2, 0, 0, 0])
 
 
-def test_the_end_is_told_with_its_uncertainty() -> None:
+def test_the_end_is_reported_with_its_uncertainty() -> None:
     turned = se3.exp([0, 0, 0, 0, np.radians(30), 0])
     turned[:3, 3] = (3, 0, 4)
     cov = np.diag([0.01, 0.02, 0.02, 1e-4, 4e-4, 1e-4])

@@ -1,4 +1,4 @@
-"""What hangs fails."""
+"""A test that hangs fails."""
 
 import signal
 

@@ -1,4 +1,4 @@
-"""Damage to logs of every layout, in three states of their index, and the frames that each leaves intact.
+"""Damage to logs of every layout, in three states of their index, and the frames that stay intact.
 
 The oracle knows nothing of our reader: the layout is read off the *undamaged* file by mcap's own `StreamReader`, and a
 frame is intact where nothing was done to the chunks, or else the messages, that hold its images.

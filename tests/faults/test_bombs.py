@@ -1,4 +1,4 @@
-"""Few bytes that ask for hours, gigabytes or files: work and memory are counted, and no sound frame is lost."""
+"""A few bytes that demand hours, gigabytes or files: work and memory stay bounded, and no intact frame is lost."""
 
 import base64
 import json
@@ -306,7 +306,7 @@ def test_a_message_of_very_many_transforms_is_passed_over(path):
     assert list(fixed_edges(source, frozenset(["/tf"]))) == [("a", "c")]
 
 
-def test_damaged_depth_images_are_told_once(path):
+def test_damaged_depth_images_are_reported_once(path):
     said = schema(999, "foxglove.CompressedImage", "protobuf", definition(CompressedImage))
     said += channel(1000, 999, "/ground_truth/depth", "protobuf")
     bad = [CompressedImage(format="png", data=bytes(n)).SerializeToString() for n in range(200)]

@@ -1,4 +1,4 @@
-"""Bags with damaged bytes give frames or an error that names the file, in bounded memory, whatever was damaged."""
+"""Bags with damaged bytes give frames, or an error that names the file, in bounded memory, whatever the damage."""
 
 import random
 import re
@@ -90,7 +90,7 @@ def test_definitions_that_are_no_text_are_those_of_the_distribution(bags, tmp_pa
     assert {pair.stamp_ns for pair in sfm.open_log(path).pairs()} == STAMPS_NS
 
 
-def test_the_journal_of_an_interrupted_recorder_is_told(bags, tmp_path):
+def test_the_journal_of_an_interrupted_recorder_is_reported(bags, tmp_path):
     """As a recorder leaves it that is killed within a transaction: pages are changed, and the journal has the old."""
     path = tmp_path / "walk.db3"
     path.write_bytes(bags["walk.db3"])

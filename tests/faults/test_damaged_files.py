@@ -1,4 +1,4 @@
-"""Every frame in an intact chunk is read, whatever happened before it or to the index; what is lost is said."""
+"""Every frame in an intact chunk is read, whatever happened before it or to the index; losses are reported."""
 
 import os
 import struct
@@ -69,7 +69,7 @@ def test_a_wrong_length_of_a_chunk_costs_nothing(length, wholes, path):
     assert f"byte {start}: a chunk was read although its length, {length}, is wrong" in " ".join(warnings)
 
 
-def test_an_end_in_the_middle_is_no_end(wholes, path):
+def test_an_end_in_the_middle_is_not_an_end(wholes, path):
     whole = wholes["no index"]
     ends = [*whole.of_kind(Opcode.DATA_END), *whole.of_kind(Opcode.FOOTER)]
     at = whole.pieces[2][0]

@@ -1,4 +1,4 @@
-"""However a run ends, what it has estimated can be read: killed at any moment, on a full disk, in a closed folder."""
+"""However a run ends, its estimates can be read: killed at any moment, on a full disk, in a read-only folder."""
 
 import multiprocessing
 import os
@@ -118,13 +118,13 @@ def test_a_folder_that_takes_no_files_is_named(log, tmp_path, cli):
     assert str(tmp_path / "estimates.mcap") in cli("replay", log, "--out", tmp_path, "-q", code=3).err
 
 
-def test_a_name_that_is_no_text_is_refused(log, tmp_path, cli):
+def test_a_name_that_is_not_text_is_refused(log, tmp_path, cli):
     odd = Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xff.mcap"))
     odd.write_bytes(log.read_bytes())
     assert "not UTF-8" in cli("replay", odd, "--out", tmp_path / "out", code=3).err
 
 
-def test_a_terminal_that_knows_ascii_only_is_no_defect(log, tmp_path):
+def test_a_terminal_with_ascii_only_is_not_a_defect(log, tmp_path):
     command = [sys.executable, "-m", "stream_sfm", "replay", str(log), "--out", str(tmp_path), "--max-frames", "3"]
     done = subprocess.run(command, capture_output=True, env=os.environ | {"PYTHONIOENCODING": "ascii:strict"})
     assert done.returncode == 0, done.stderr

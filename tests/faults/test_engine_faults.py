@@ -1,4 +1,5 @@
-"""What the engine makes of cameras that fail, and of scenes in which nothing can be seen: the table in the README.
+"""The engine handles failing cameras, and scenes in which nothing can be seen, as the table in
+docs/troubleshooting.md says.
 
 Statuses are written as letters, one a frame: i(nitialising), o(k), d(egraded), l(ost), and r where the frame was
 refused. Frames 10 and later are the ones at fault unless said.

@@ -1,4 +1,4 @@
-"""Files that never end, texts that end a parser, and numbers that nothing holds: a sentence and an exit code each."""
+"""Endless files, texts that crash parsers, and numbers beyond all types: each gives a sentence and an exit code."""
 
 import contextlib
 import os
@@ -52,7 +52,7 @@ READING: list[tuple[str, int, str]] = [
 
 
 @pytest.mark.parametrize("kind", [*SPECIAL, "a folder", "a dangling link", "a loop", "noise"])
-def test_what_is_no_file_is_not_read(kind, tmp_path, cli):
+def test_special_files_are_not_read(kind, tmp_path, cli):
     odd, log = tmp_path / "odd", write_log(tmp_path / "log.mcap")
     make_odd(kind, odd)
     for words, code, says in READING:
@@ -146,7 +146,7 @@ def test_keys_that_are_no_names_are_passed_over(tmp_path):
         sfm.StereoRig.from_calibration(tmp_path / "c.yaml")
 
 
-def test_what_people_write_passes():
+def test_texts_that_people_write_pass():
     check_text(rig().to_toml())
     check_text("a:\n" + " " * 12 + "- [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]\n" + "# ... and so on ...\n")
     check_values({"K": [[1.0, 2, 3]] * 3, "n": -(2**63)})

@@ -1,4 +1,4 @@
-"""Messages and definitions that fit their format and mean harm: each costs its own frame, and nothing else."""
+"""Hostile messages and definitions in valid format: each costs its own frame, and nothing else."""
 
 import base64
 import json

@@ -1,4 +1,4 @@
-"""Pictures that no working pair takes: no pose is ok and off by ten σ, and the status says the likely cause."""
+"""Images that no working pair takes: no ok pose is wrong by ten σ, and the status gives the likely cause."""
 
 from collections.abc import Callable
 from dataclasses import replace

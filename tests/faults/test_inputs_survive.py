@@ -1,4 +1,4 @@
-"""No run harms a file that it reads, a file of the user, or the results of another run."""
+"""No run harms its inputs, files of the user, or the results of another run."""
 
 import fcntl
 import os

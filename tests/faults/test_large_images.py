@@ -1,4 +1,4 @@
-"""Images of the largest size that is accepted are replayed, and shown as a surface, within a gigabyte."""
+"""Images of the largest accepted size are replayed, and made into a surface, within a gigabyte."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Whatever topics, encodings and files are called: what is printed has no character that a terminal would obey."""
+"""Whatever the names of topics, encodings and files: printed text has no control characters for the terminal."""
 
 import os
 import subprocess
@@ -94,7 +94,7 @@ COMMANDS = [
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_terminal_is_told_nothing(command, log, tmp_path, cli):
+def test_nothing_is_sent_to_a_terminal(command, log, tmp_path, cli):
     names: dict[str, Any] = {"log": log, "dir": tmp_path, "odd": tmp_path / "odd.mcap", "esc": "\x1b[2J\x9b31m"}
     said = cli(*(word.format(**names) for word in command.split()), code=(0, 2, 3))
     assert said.out or said.err

@@ -1,4 +1,4 @@
-"""Memory that the system refuses, at the start or in a frame, is told in a sentence; what was written is whole."""
+"""Memory that the system refuses, at the start or in a frame, is reported in a sentence; written files are complete."""
 
 import errno
 import resource

@@ -1,4 +1,4 @@
-"""Small linear algebra on matrices that mix metres and radians: factors, inverses, and what is refused."""
+"""Small linear algebra on matrices that mix metres and radians: factors, inverses, and refused matrices."""
 
 import numpy as np
 import pytest

@@ -124,7 +124,7 @@ def test_outliers_are_found_and_do_no_harm(outliers: float) -> None:
         assert np.linalg.norm(error_of(found, truth)[:3]) < 0.02  # m: some σ with half of the views
 
 
-def test_from_a_close_start_noise_of_twice_its_size_is_no_reason_to_search() -> None:
+def test_from_a_close_start_noise_of_twice_its_size_is_not_a_reason_to_search() -> None:
     truth, (points, cov_points, z, cov), _ = problem(1, 80)
     ordinary = resected((points, cov_points, z, cov), np.eye(4))
     views = PointViews(P, points, cov_points / 4, z, cov / 4)

@@ -1,4 +1,4 @@
-"""Halves of the views tell a near body from a far background, although one motion between theirs fits both."""
+"""Halves of the views separate a near body from a far background, although one motion between theirs fits both."""
 
 from dataclasses import replace
 

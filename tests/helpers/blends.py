@@ -1,4 +1,4 @@
-"""Runs of one log twice: as it is, and with each image mixed with those before, as by noise reduction over time."""
+"""Runs one log twice: unchanged, and with each image mixed with earlier ones, as by temporal noise reduction."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A rig, as tools write it down, and what is done with their files."""
+"""A rig as tools write it, and helpers for their files."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""A front-end together with its state, for tests that show it frame after frame."""
+"""A front-end together with its state, for tests that feed it frame by frame."""
 
 from dataclasses import replace
 

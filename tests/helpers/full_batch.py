@@ -1,4 +1,4 @@
-"""All frames and all points at once: the maximum-likelihood adjustment, which windows are compared with."""
+"""The maximum-likelihood adjustment of all frames and points at once, as a reference for windows."""
 
 from collections.abc import Sequence
 

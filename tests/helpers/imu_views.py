@@ -1,4 +1,4 @@
-"""Views of a cloud of points along a swaying path, with inertial samples: what estimators take, without images."""
+"""Views of a cloud of points along a swaying path, with inertial samples: input for estimators, without images."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""The memory of a process of its own."""
+"""The memory of a separate process."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Of a rectified pair: what its cameras' own rows are, and points in front of it."""
+"""The raw rows of the cameras of a rectified pair, and points in front of it."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What two runs must have in common to the byte."""
+"""The results that two runs must have in common, to the byte."""
 
 from pathlib import Path
 

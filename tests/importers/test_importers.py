@@ -1,4 +1,4 @@
-"""Folders of images become logs that read back as they were; what is wrong is named, and nothing is left of it."""
+"""Folders of images become logs that read back unchanged; errors are named, and leave no file behind."""
 
 import struct
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What is recovered of a damaged file is what can be read of it, unchanged, in a file that every reader opens."""
+"""Everything readable of a damaged file is recovered unchanged, in a file that every reader opens."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`inspect` looks at the samples by themselves, and compares them with the images of the first frames."""
+"""`inspect` checks the samples on their own, and compares them with the images of the first frames."""
 
 import json
 
@@ -36,7 +36,7 @@ def test_a_sound_unit_is_described_without_a_warning(logs, cli):
     assert json.loads(cli("inspect", plain, "--json").out)["imu"] is None
 
 
-def test_gaps_and_other_units_are_told(logs, monkeypatch):
+def test_gaps_and_other_units_are_reported(logs, monkeypatch):
     start = sfm.inspect(logs[0])["imu"]["samples"]
     changed(monkeypatch, lambda m: None if m.stamp_ns % 10**9 // 10**7 in (30, 31, 32, 33) else m)
     found = sfm.inspect(logs[0])

@@ -52,7 +52,7 @@ def test_a_replay_uses_them_unless_told_not_to(imu_log, tmp_path):
     assert json.loads((tmp_path / "off/summary.json").read_bytes())["imu"] is None
 
 
-def test_a_unit_that_is_nowhere_is_told_and_not_used(imu_log, monkeypatch):
+def test_a_unit_that_is_nowhere_is_reported_and_not_used(imu_log, monkeypatch):
     monkeypatch.setattr("stream_sfm.recording.inertial.fixed_transform", lambda *_: None)
     log = sfm.open_log(imu_log[0])
     assert "no fixed transform" in log.imu_problem and log.stereo_rig.imu is None

@@ -1,4 +1,4 @@
-"""Samples never make it worse where the model holds: the window with them and without, on the same views."""
+"""Samples never make estimates worse if the model holds: the window with and without them, on the same views."""
 
 from dataclasses import replace
 
@@ -86,7 +86,7 @@ def test_stamps_that_do_not_err_are_known_not_to() -> None:
 
 
 @pytest.mark.parametrize("seed", [24, 30])
-def test_a_map_that_begins_on_a_body_is_no_map(seed: int) -> None:
+def test_a_map_that_begins_on_a_body_is_not_a_map(seed: int) -> None:
     poses, observations = zip(*observed(seed, FRAMES, body_from=28), strict=True)
     found = run(REFERENCE, PROJECTION, observations)
     for estimate, pose in list(zip(found, poses, strict=True))[28:]:

@@ -1,4 +1,4 @@
-"""What samples are certain of goes into a calibration: clock and axes of their unit, and the baseline."""
+"""Certain findings of samples go into a calibration: clock and axes of their unit, and the baseline."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Samples as they should not be: a statement, a wider covariance, or an error in words."""
+"""Faulty samples lead to a note, a larger covariance, or an error in words."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -36,7 +36,7 @@ def test_an_interval_has_its_ends_and_all_samples_between():
     assert (found.widened == 1).all() and found.complete and not found.note
 
 
-def test_a_gap_widens_the_interval_and_is_told():
+def test_a_gap_widens_the_interval_and_is_reported():
     given = samples()
     buffer = buffer_of(given[np.r_[0:20, 40:200]])
     found = buffer.between(50 * MS, 250 * MS, 0.0)
@@ -49,7 +49,7 @@ def test_samples_that_end_too_soon_hold_and_are_widened():
     assert not found.complete and found.widened[-1] > 1e4 and found.seconds[-1] == pytest.approx(0.09)
 
 
-def test_samples_at_the_end_of_their_range_are_told():
+def test_samples_at_the_end_of_their_range_are_reported():
     given = samples()
     clipped = given.gyro_rad_s.copy()
     clipped[50:60, 1] = 4.36
@@ -103,7 +103,7 @@ def test_the_same_samples_count_once():
     ("accel", "gyro", "said"),
     [(REST / 9.81, 0.1, "g:"), (0 * REST, 0.1, "gravity"), (REST, 60.0, "degrees"), (1000 * REST, 0.1, "m/s²")],
 )
-def test_other_units_are_told_and_nothing_is_used(accel, gyro, said):
+def test_other_units_are_reported_and_nothing_is_used(accel, gyro, said):
     assert said in buffer_of(samples(accel=accel, gyro=gyro)).problem
     assert not buffer_of(samples()).problem
 

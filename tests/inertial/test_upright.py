@@ -62,7 +62,7 @@ def test_z_is_up_and_the_pose_has_the_covariance_of_its_errors(seed, fixed):
         assert off.max() < 6 * np.sqrt(2 / n) + 0.01  # standard errors, and the second order
 
 
-def test_upside_down_is_no_exception():
+def test_upside_down_is_not_an_exception():
     camera = se3.inverse(BASE_FROM_CAM)
     for sign in (1.0, -1.0):
         gravity = camera[:3, :3].T @ (BASE_FROM_CAM[:3, :3].T @ [0, 0, sign * GRAVITY])

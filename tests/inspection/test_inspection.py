@@ -1,4 +1,4 @@
-"""`inspect` names what is wrong with a log, from rendered logs with one defect each, and its cure cures."""
+"""`inspect` names the fault of rendered logs with one defect each, and its fix works."""
 
 from dataclasses import replace
 
@@ -101,7 +101,7 @@ def test_half_size_images_with_the_calibration_of_the_full_size(path, frames):
     assert "images are 160×120, the calibration is for 320×240" in problem and "resized by 0.5" in problem
 
 
-def test_a_topic_that_was_announced_and_never_sent_is_no_camera(path, frames):
+def test_a_topic_that_was_announced_and_never_sent_is_not_a_camera(path, frames):
     log = LogWriter(path)
     write_image(log, "foxglove", RIGHT, START_NS, frames[0].right, "png")
     log.writer.register_channel(LEFT, "protobuf", 1)

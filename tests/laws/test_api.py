@@ -1,4 +1,4 @@
-"""The public API: what it holds, that it is documented, that it costs nothing to import, and that pages use no more."""
+"""The public API is complete, documented and cheap to import, and pages use nothing else."""
 
 import inspect
 import re

@@ -1,4 +1,4 @@
-"""docs/formats.md against what the commands write: every key, topic and schema of one is in the other."""
+"""docs/formats.md and the output of the commands agree: every key, topic and schema of one is in the other."""
 
 import json
 import re

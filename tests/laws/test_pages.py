@@ -1,4 +1,4 @@
-"""The pages beside the code: links and names lead somewhere, cited equations exist, walks are short, tools find all."""
+"""The pages fit the code: links and names exist, cited equations exist, walks are short, and tools find everything."""
 
 import ast
 import re

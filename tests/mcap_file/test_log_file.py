@@ -1,4 +1,4 @@
-"""MCAP files of every layout give the messages that the mcap library finds; damage is noted and costs what it hits."""
+"""MCAP files of every layout give the messages that the mcap library finds; damage costs only what it hits."""
 
 import struct
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which keyframes are looked at: gated by covariance where the pose is known, by words where it is not."""
+"""Which keyframes are examined: gated by covariance if the pose is known, chosen by words if not."""
 
 import numpy as np
 

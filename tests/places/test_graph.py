@@ -76,7 +76,7 @@ def test_covariances_with_common_errors_and_loops_hold() -> None:
     assert 3.9 < np.mean(after) < 8.1
 
 
-def test_what_is_learnt_of_the_common_errors_counts_for_motions_from_before() -> None:
+def test_learning_about_common_errors_updates_earlier_motions() -> None:
     """Monte Carlo: c is hardly known where loops are closed, and well known at the end: the NEES is six all the same.
 
     Motions that stayed as they were would be off by many times the σ that follows from what is known of c.
@@ -158,7 +158,7 @@ def test_nodes_that_go_leave_their_motions_to_their_neighbours() -> None:
     assert np.abs(se3.log(se3.inverse(truth[kept]) @ graph.poses[:-1])[:, :3]).max() < 0.05
 
 
-def test_a_node_that_nothing_links_goes_and_one_with_loops_leaves_these_to_a_neighbour() -> None:
+def test_an_unlinked_node_is_removed_and_one_with_loops_passes_them_to_a_neighbour() -> None:
     truth, graph = circle(), PoseGraph()
     for k in range(5):
         graph.add(k, truth[k], None)

@@ -379,7 +379,7 @@ def test_a_map_that_cannot_be_written_costs_no_results(room: Room, tmp_path: Pat
     assert len(results.trajectory) == 6 and (tmp_path / "out" / "summary.json").exists()
 
 
-def test_what_a_map_needs_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_requirements_of_a_map_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(sfm.ConfigError, match="pair of cameras"):
         PlaceMap(sfm.MonoRig(rig().left))  # type: ignore[arg-type]
     monkeypatch.setattr("stream_sfm.places.graph.gtsam", None)

@@ -1,4 +1,4 @@
-"""Damaged logs give all that is whole; logs that cannot be used are named with what to do."""
+"""Damaged logs give everything intact; the error about an unusable log says what to do."""
 
 import numpy as np
 import pytest

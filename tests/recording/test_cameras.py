@@ -227,7 +227,7 @@ def test_a_camera_is_estimated_recorded_and_its_recording_replays_to_the_same_by
 
 
 @pytest.mark.parametrize("camera", ["realsense"], indirect=True)  # a stand-in would repeat its settings
-def test_a_camera_is_asked_for_what_is_wanted(camera: tuple[str, list[str]], tmp_path: Path, cli) -> None:
+def test_a_camera_gets_the_requested_options(camera: tuple[str, list[str]], tmp_path: Path, cli) -> None:
     """Size, rate, serial number and exposure."""
     name, asked = camera
     wanted = ["--size", "320x240", "--rate", "30", "--serial", "123", "--exposure", "4.5"]
@@ -304,7 +304,7 @@ def test_webcams_are_two_or_one_that_holds_both(names: tuple[str, ...], webcams:
         (["oak"], 2, "oak needs the package depthai, which is the extra [oak] of this one"),
     ],
 )
-def test_what_is_missing_is_named(
+def test_missing_parts_are_named(
     words: list[str], code: int, said: str, webcams: Path, monkeypatch: pytest.MonkeyPatch, cli
 ) -> None:
     monkeypatch.chdir(webcams.parent)
@@ -316,7 +316,7 @@ def test_what_is_missing_is_named(
 @pytest.mark.parametrize(
     ("words", "package"), [("oak", "depthai"), ("oak --serial 12", "depthai"), ("realsense", "pyrealsense2")]
 )
-def test_a_camera_that_is_not_plugged_in_is_told(
+def test_a_camera_that_is_not_plugged_in_is_reported(
     words: str, package: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, cli
 ) -> None:
     def nothing(*_: object) -> None:
@@ -331,14 +331,14 @@ def test_a_camera_that_is_not_plugged_in_is_told(
     assert not list(tmp_path.iterdir())
 
 
-def test_an_older_depthai_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, cli) -> None:
+def test_an_older_depthai_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, cli) -> None:
     monkeypatch.setitem(sys.modules, "depthai", Is(__version__="2.33.0.0"))
     assert (
         "oak needs depthai 3, and 2.33.0.0 is installed" in cli("live", "oak", "--out", tmp_path / "o", code=2).err
     )
 
 
-def test_what_comes_too_fast_is_recorded_and_told(
+def test_images_that_come_too_fast_are_recorded_and_reported(
     webcams: Path, pictures: Pictures, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """The first picture is taken when all have been delivered, and two of them were kept."""

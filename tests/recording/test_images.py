@@ -41,7 +41,7 @@ def test_channels_are_taken_in_their_order(order, bits):
 
 
 @pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
-def test_bayer_patterns_are_told_apart(pattern):
+def test_bayer_patterns_are_distinguished(pattern):
     values = [{"r": RED, "g": GREEN, "b": BLUE}[c] for c in pattern]
     pixels = np.tile(np.array(values, np.uint8).reshape(2, 2), (10, 15))
     # a whole grey level, and demosaicing rounds
@@ -168,7 +168,7 @@ def test_compressed_depth_of_ros():
         raw("32FC1", np.zeros((4, 4), np.uint8)),
     ],
 )
-def test_what_is_no_depth_image_says_so(message):
+def test_an_image_without_depth_says_so(message):
     with pytest.raises(UndecodableImage, match=r"/d|/c"):
         decode_depth_m(message)
 

@@ -1,4 +1,4 @@
-"""Lenses, vergence and rectified images: what the log says of them leads to the true path, from every profile."""
+"""Lenses, vergence and rectified images: their description in the log leads to the true path, in every profile."""
 
 from dataclasses import replace
 

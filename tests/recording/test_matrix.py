@@ -1,4 +1,4 @@
-"""Every profile, image encoding and way of giving the calibration replays to one and the same trajectory.
+"""Every profile, image encoding and way of giving the calibration replays to the same trajectory.
 
 The reference is the live engine on the very images: for lossy encodings on what OpenCV makes of the bytes, so that
 no tolerance has to cover the loss. Reading adds nothing then: images and rig are the same to the last bit, and so

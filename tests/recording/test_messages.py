@@ -1,4 +1,4 @@
-"""Dialects at their edges: broken definitions, foreign encodings, video of every make."""
+"""Edge cases of the dialects: broken definitions, foreign encodings, video of every kind."""
 
 import json
 
@@ -30,7 +30,7 @@ def message(name: str, schema_encoding: str, definition: str, encoding: str, dat
         ("sensor_msgs/msg/PointCloud2", ""),
     ],
 )
-def test_kinds_are_told_by_package_and_name(name, kind):
+def test_kinds_are_recognised_by_package_and_name(name, kind):
     assert kind_of(name) == kind
 
 

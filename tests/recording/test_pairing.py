@@ -1,4 +1,4 @@
-"""Laws of pairing: exact first, nearest within half a period, no stamp twice, order kept, all accounted for."""
+"""Laws of pairing: exact first, nearest within half a period, no stamp twice, order kept, every frame counted."""
 
 import numpy as np
 import pytest
@@ -84,7 +84,7 @@ def test_a_clock_of_one_camera_set_back_leaves_its_frames_unpaired():
 
 @pytest.mark.parametrize("away", [HOUR, -HOUR])
 @pytest.mark.parametrize("side", [0, 1])
-def test_clocks_that_differ_for_a_while_are_told_from_lost_frames(side, away):
+def test_clocks_that_differ_for_a_while_are_distinguished_from_lost_frames(side, away):
     stamps = [HOUR * 24 + n * PERIOD for n in range(84)]
     for end in (60, 84):
         moved = {t for t in stamps[30:end]}

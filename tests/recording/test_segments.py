@@ -108,7 +108,7 @@ def clock_log(path: Path, shift_ns: dict[int, int], right_too: bool = True) -> P
     return path
 
 
-def test_stray_stamps_cost_their_frames_and_are_told(path: Path) -> None:
+def test_stray_stamps_cost_their_frames_and_are_reported(path: Path) -> None:
     log = sfm.open_log(clock_log(path, dict.fromkeys((10, 20, 21, 40, 41, 60), HOUR_NS)))
     assert len(list(log.frames())) == 78
     assert not log.stats.complete and log.stats.dropped_backwards == 12

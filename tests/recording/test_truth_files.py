@@ -1,4 +1,4 @@
-"""Ground truth from a file is what the same poses in the log are, whoever wrote the file and whose poses they are."""
+"""Ground truth from a file equals the same poses in the log, in every format and for every frame."""
 
 import numpy as np
 import pytest

@@ -184,7 +184,7 @@ def test_hostile_streams_end(packets, tmp_path):
         assert came == sorted(set(came))
 
 
-def test_what_reading_raises_is_raised_and_not_lost_in_the_decoder(packets):
+def test_errors_of_reading_are_raised_and_not_lost_in_the_decoder(packets):
     def frames():
         yield from enumerate(packets[0][:10])
         raise sfm.LogError("the disk has gone")

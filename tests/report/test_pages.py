@@ -1,4 +1,4 @@
-"""What pages draw and say: charts, numbers, names and tables, and the sentence about a calibration."""
+"""The content of pages: charts, numbers, names and tables, and the sentence about a calibration."""
 
 import re
 from xml.etree import ElementTree
@@ -22,7 +22,7 @@ def line(y: object, **options: object) -> str:
 
 
 @pytest.mark.parametrize("y", [[], [np.nan, np.nan]])
-def test_nothing_to_draw_is_said(y: list[float]) -> None:
+def test_nothing_to_draw_is_reported(y: list[float]) -> None:
     assert "No data." in line(y) and "<svg" not in line(y)
 
 
@@ -88,7 +88,7 @@ def test_a_table_marks_the_best_value_and_covariances_that_are_too_small() -> No
     assert table(ACCURACY, names[:1], runs[1:2], {}).rows[0][1][0][1] == ""  # one alone is not the best
 
 
-def test_a_refined_calibration_is_told_whole() -> None:
+def test_a_refined_calibration_is_described_in_full() -> None:
     """Nothing is left to correct after a refinement; what is told is what the given calibration has wrong."""
     projection = StereoProjection(
         f_px=300.0, cx_left_px=160.0, cx_right_px=160.0, cy_px=120.0, baseline_m=0.1, width=320, height=240

@@ -1,4 +1,4 @@
-"""What a run writes is what other tools read: round trips, conventions, crashes, second opinions."""
+"""Other tools can read what a run writes: round trips, conventions, crashes, second opinions."""
 
 import re
 from dataclasses import replace
@@ -213,7 +213,7 @@ def test_numbers_that_are_not_finite_come_back_as_they_were(tmp_path: Path):
     assert np.isnan(decoded(path)["/stream_sfm/odometry"][2].pose.covariance).all()
 
 
-def test_damage_is_an_error_or_told_and_what_is_read_is_right(written: Path, tmp_path: Path):
+def test_damage_is_an_error_or_a_warning_and_the_rest_is_right(written: Path, tmp_path: Path):
     """Three bits are flipped anywhere: each frame is as it was written or missing, and what is missing is told."""
     rng, whole, damaged = np.random.default_rng(8), written.read_bytes(), tmp_path / "estimates.mcap"
     told = 0

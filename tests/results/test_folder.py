@@ -1,4 +1,4 @@
-"""The result folder: made with the first estimate, finished whatever fails."""
+"""The result folder is created with the first estimate, and completed whatever fails."""
 
 from pathlib import Path
 from unittest import mock

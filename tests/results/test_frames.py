@@ -1,4 +1,4 @@
-"""Frames and axes as ROS has them: what the settings say is where the robot is."""
+"""Frames and axes of ROS: the robot is where the settings put it."""
 
 from dataclasses import replace
 from pathlib import Path

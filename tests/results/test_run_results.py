@@ -1,4 +1,4 @@
-"""`read_results` and `trajectory.csv` hold what the estimates said."""
+"""`read_results` and `trajectory.csv` contain the estimates."""
 
 import csv
 import shutil

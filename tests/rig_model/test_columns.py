@@ -1,4 +1,4 @@
-"""What errors of a rig do to views of a moving camera: every column against differences of views that are really so."""
+"""Effects of rig errors on views of a moving camera: every column against differences of exactly simulated views."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What a run says about its rig, in sentences, and that what it holds at zero has a covariance all the same."""
+"""The findings of a run about its rig in sentences; errors held at zero still have a covariance."""
 
 from dataclasses import replace
 
@@ -35,11 +35,11 @@ def found(**known: tuple[float, float]) -> RigEstimate:
         ),
     ],
 )
-def test_what_is_certain_is_said(known: dict[str, tuple[float, float]], sentence: str) -> None:
+def test_certain_errors_are_reported(known: dict[str, tuple[float, float]], sentence: str) -> None:
     assert found(**known).findings() == [sentence]
 
 
-def test_what_thirds_of_the_run_do_not_agree_about_is_not_said() -> None:
+def test_errors_on_which_thirds_of_the_run_disagree_are_not_reported() -> None:
     """However small σ of all of it is; nor is anything said of a run that is too short to have thirds."""
     sure = found(delay=(2e-3, 1e-5))
     assert sure.findings()
@@ -47,7 +47,7 @@ def test_what_thirds_of_the_run_do_not_agree_about_is_not_said() -> None:
     assert replace(sure, evidence=None).findings() == []
 
 
-def test_what_is_not_certain_is_not_said() -> None:
+def test_uncertain_errors_are_not_reported() -> None:
     """Below five standard deviations; and several findings are said one by one."""
     assert found(delay=(4.9e-4, 1e-4), readout=(-4e-3, 1e-3), focal_length=(0.0, 1e-5)).findings() == []
     assert len(found(delay=(6e-3, 1e-3), readout=(0.02, 1e-3), focal_length=(4e-3, 1e-3)).findings()) == 2

@@ -1,4 +1,4 @@
-"""What thirds of a run say about the rig's errors."""
+"""Estimates of the rig errors by thirds of a run."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def test_thirds_that_disagree_are_no_evidence() -> None:
     assert made_up.spread[AT] > 10
 
 
-def test_a_part_that_takes_information_back_says_nothing() -> None:
+def test_a_part_that_reduces_information_says_nothing() -> None:
     """Rows may know less of a delay later: other parts say as much as before, and no part says less than nothing."""
     rng, t = np.random.default_rng(3), len(TERMS)
     parts = parts_of(200, 0.5, 0.0, rng)

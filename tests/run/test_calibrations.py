@@ -1,4 +1,4 @@
-"""Calibrations that change during a log, which goes on in the same world, and those that are as wrong as real ones."""
+"""Calibrations that change during a log, which continues in the same world, and calibrations with realistic errors."""
 
 from dataclasses import fields, replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Compare: the same numbers as replay, the files, and reports of logs that are short of something."""
+"""Compare: the same numbers as replay, the files, and reports on incomplete logs."""
 
 import json
 import os
@@ -243,7 +243,7 @@ def test_frames_whose_truth_is_wrong_can_be_left_out(tmp_path: Path) -> None:
     assert left_out["frames_ignored"] == [[14, 15]] and left_out["frames_with_ground_truth"] == 29
 
 
-def test_ground_truth_that_is_no_rigid_motion_is_refused(tmp_path: Path, cli) -> None:
+def test_ground_truth_that_is_not_a_rigid_motion_is_refused(tmp_path: Path, cli) -> None:
     log = write_log(tmp_path / "log.mcap", spec(range(3), truth=True))
     truth = open_log(log).ground_truth()
     assert truth is not None

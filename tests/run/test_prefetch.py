@@ -1,4 +1,4 @@
-"""Frames prepared ahead: each with its own images, in order, none lost where the log or a frame is damaged."""
+"""Frames prepared ahead: each with its own images, in order, and none lost if the log or a frame is damaged."""
 
 from collections.abc import Generator
 from typing import Any

@@ -1,4 +1,4 @@
-"""No run succeeds in silence: what makes its results worthless is said, with the cause, and is exit code 3."""
+"""No useless run succeeds silently: problems that make results worthless are reported, with exit code 3."""
 
 import json
 import subprocess

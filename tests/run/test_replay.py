@@ -1,4 +1,4 @@
-"""A replay writes what the engine says, all of it, however the run ends."""
+"""A replay writes all estimates of the engine, however the run ends."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""The test by halves: 1 where errors are as claimed, and what it is where they are larger."""
+"""The test by halves: the factor is 1 if σ is right, and grows with larger errors."""
 
 from dataclasses import replace
 

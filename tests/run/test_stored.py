@@ -1,4 +1,4 @@
-"""Observations on disk: they come back as they were, and without the errors of the rig."""
+"""Observations on disk come back unchanged, or without the rig errors."""
 
 import numpy as np
 import pytest

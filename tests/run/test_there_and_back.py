@@ -1,4 +1,4 @@
-"""There and back: nothing is between its ends but drift, its σ holds, and the run's own results stay as they are."""
+"""There and back: the distance of its ends is drift, its σ is right, and the results of the run do not change."""
 
 import json
 
@@ -26,7 +26,7 @@ def test_the_way_back_ends_at_the_beginning_within_its_covariance():
     assert back["apart_percent"] == 50 * back["apart_m"] / done.summary["path_length_m"]
 
 
-def test_a_way_there_that_turned_too_far_is_told_in_degrees():
+def test_a_way_there_that_turned_too_far_is_reported_in_degrees():
     log, there = sfm.open_log(ROOM), sfm.replay(ROOM, selection=SHORT).trajectory
     turned = there.world_from_cam.copy()
     turned[-1] = turned[-1] @ se3.exp([0, 0, 0, 0, 0.02, 0])
@@ -35,7 +35,7 @@ def test_a_way_there_that_turned_too_far_is_told_in_degrees():
     assert abs(back["apart_deg"] - np.degrees(0.02)) < 0.1 and back["over_sigma"] > 5
 
 
-def test_frames_that_do_not_fit_into_memory_are_told_and_lose_nothing(monkeypatch, tmp_path, cli):
+def test_frames_that_do_not_fit_into_memory_are_reported_and_lose_nothing(monkeypatch, tmp_path, cli):
     monkeypatch.setattr(there_and_back, "_MOST_BYTES", 100_000)
     said = cli("replay", ROOM, "--max-frames", "20", "--there-and-back", "--json", "--out", tmp_path)
     summary = json.loads(said.out)

@@ -1,4 +1,4 @@
-"""The study of wrong calibrations: its noise, its bound, and what it finds with few trials."""
+"""The study of wrong calibrations: its noise, its bound, and its results with few trials."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Bags as they lie on disk give the frames of the MCAP log with the same messages."""
+"""Bags on disk give the frames of the MCAP log with the same messages."""
 
 import os
 import shutil

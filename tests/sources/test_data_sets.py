@@ -1,4 +1,4 @@
-"""Data sets and folders of images open as they lie on disk, and their imports read back the same: bytes, rig, truth."""
+"""Data sets and folders of images open directly, and their imports read back the same bytes, rig and truth."""
 
 import json
 from pathlib import Path
@@ -225,7 +225,7 @@ def test_the_one_recording_in_and_below_a_folder_is_taken(tmp_path):
         sfm.open_log(tmp_path)
 
 
-def test_a_calibration_of_another_size_is_told_in_one_sentence(tmp_path, cli):
+def test_a_calibration_of_another_size_is_reported_in_one_sentence(tmp_path, cli):
     write_image_folders(tmp_path, [f"{n}.png" for n in range(9)])
     wrong = camera_pair().to_toml().replace(f"width = {WIDTH}", f"width = {2 * WIDTH}")
     (tmp_path / "calibration.toml").write_text(wrong)
@@ -302,7 +302,7 @@ def test_images_of_one_camera_are_no_pair(tmp_path):
         sfm.open_log(tmp_path, calibration=camera_pair(), mono=True)
 
 
-def test_where_nothing_fits_the_import_line_is_told(tmp_path, cli):
+def test_where_nothing_fits_the_import_line_is_reported(tmp_path, cli):
     write_image_folders(tmp_path, ["0.png", "1.png"], ["one", "deep/other"])
     said = cli("replay", tmp_path, code=3).err
     assert f"{tmp_path}/one (2)" in said and f"{tmp_path}/deep/other (2)" in said
@@ -343,7 +343,7 @@ def test_a_rate_is_for_images_without_stamps(tmp_path, cli):
     assert json.loads(cli("inspect", tmp_path / "own", *options).out)["frames"]["rate_hz"] == pytest.approx(20)
 
 
-def test_euroc_with_some_images_missing_is_no_damage(tmp_path):
+def test_euroc_with_some_images_missing_is_not_damage(tmp_path):
     write_euroc(tmp_path / "MH")
     (tmp_path / f"MH/mav0/cam0/data/{EUROC_STAMPS_NS[0]}.png").unlink()
     log = sfm.open_log(tmp_path / "MH")

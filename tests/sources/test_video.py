@@ -1,4 +1,4 @@
-"""Videos written by OpenCV are replayed as they are: every image, its time, its side."""
+"""Videos written by OpenCV are replayed directly: every image, its time, its side."""
 
 from pathlib import Path
 
@@ -81,7 +81,7 @@ def test_a_video_that_holds_both_images(axis: int, pairs: Pairs, calibration: Pa
     assert "/camera/left/image" in cli("inspect", both, "--calibration", calibration).out
 
 
-def test_one_side_that_ends_early_is_told(pairs: Pairs, calibration: Path, tmp_path: Path) -> None:
+def test_one_side_that_ends_early_is_reported(pairs: Pairs, calibration: Path, tmp_path: Path) -> None:
     write(tmp_path / "v/l.mkv", [p[0] for p in pairs])
     write(tmp_path / "v/r.mkv", [p[1] for p in pairs[:-3]])
     log = sfm.open_log(tmp_path / "v", calibration=calibration)
@@ -110,7 +110,9 @@ def test_times_that_do_not_grow_are_those_of_the_rate(pairs: Pairs, calibration:
 
 
 @pytest.mark.parametrize(("ending", "codec"), [(".mkv", "FFV1"), (".avi", "FFV1"), (".mp4", "mp4v")])
-def test_a_video_without_a_calibration_is_told_from_damage(ending: str, codec: str, pairs: Pairs, tmp_path, cli):
+def test_a_video_without_a_calibration_is_distinguished_from_damage(
+    ending: str, codec: str, pairs: Pairs, tmp_path, cli
+):
     video = write(tmp_path / f"v{ending}", [p[0] for p in pairs], codec=cv2.VideoWriter.fourcc(*codec))
     said = cli("replay", video, "--out", tmp_path / "out", code=3).err
     assert "is a video: give the calibration of its images" in said and "--calibration" in said

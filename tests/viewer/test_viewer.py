@@ -1,4 +1,4 @@
-"""The viewer takes what a replay gives it, and its window is really started, on this computer only."""
+"""The viewer takes the data of a replay, and its window is really started, on this computer only."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Without Rerun everything works but the viewer, which says how to get it before any work is done."""
+"""Without Rerun everything works except the viewer, which says how to install it before any work is done."""
 
 import subprocess
 import sys
@@ -27,7 +27,7 @@ def test_a_replay_needs_no_viewer(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("option", ["--rrd={d}/a.rrd", "--view"])
-def test_what_needs_it_says_how_to_get_it_and_does_nothing(option: str, tmp_path: Path) -> None:
+def test_commands_that_need_it_say_how_to_install_it_and_do_nothing(option: str, tmp_path: Path) -> None:
     done = run("replay", ROOM, "--out", tmp_path / "out", option.format(d=tmp_path))
     assert done.returncode == 2
     assert "the Rerun viewer is not installed: pip install rerun-sdk" in done.stderr

@@ -1,4 +1,4 @@
-"""The node: subscribes to a stereo camera, and publishes what `StereoOdometry` makes of it."""
+"""The node: subscribes to a stereo camera, and publishes the messages of `StereoOdometry`."""
 
 import threading
 from functools import partial
@@ -23,7 +23,7 @@ _WAIT_S = 0.2  # for images, before it is looked whether the node is to end
 class OdometryNode(Node):
     """Parameters: `settings`, `config`, `calibration`, `rectified` as in `StereoOdometry`; `image_transport`.
 
-    Callbacks only put images into a queue; a thread of its own estimates. What is too late is dropped, and counted.
+    Callbacks only put images into a queue; a separate thread estimates. Late images are dropped and counted.
     """
 
     def __init__(self) -> None:
@@ -57,7 +57,7 @@ class OdometryNode(Node):
         self._thread.start()
 
     def calibrate(self, side: int, info: CameraInfo) -> None:
-        """Make the engine as soon as both cameras have said how they are calibrated."""
+        """Make the engine as soon as both cameras have sent their calibration."""
         self._infos[side] = info
         if self.odometry.engine is None and len(self._infos) == len(_SIDES):
             try:
@@ -74,19 +74,19 @@ class OdometryNode(Node):
             self._warn(error)
 
     def reset(self, _request: Any, response: Any) -> Any:
-        """Begin anew with the next pair, at the origin."""
+        """Start over with the next pair, at the origin."""
         self.odometry.reset()
         response.success, response.message = True, "the next pair begins a new map"
         return response
 
     def set_pose(self, given: Any, response: Any = None) -> Any:
-        """Begin anew with the next pair, at a pose of robot or camera in the world frame; topic and service."""
+        """Start over with the next pair, at a pose of robot or camera in the world frame; topic and service."""
         stamped = given if response is None else given.pose
         self.odometry.reset(stamped.pose.pose)
         return response
 
     def _estimate(self) -> None:
-        """Estimate one pair after the other, and publish what is known then; what cannot be used is told."""
+        """Estimate pair after pair, and publish the results; unusable images are reported."""
         while not self._ended.is_set():
             if self.odometry.engine is None:
                 self._ended.wait(_WAIT_S)
@@ -112,7 +112,7 @@ class OdometryNode(Node):
         self.get_logger().warning(str(error), throttle_duration_sec=5.0)
 
     def destroy_node(self) -> None:
-        """End the thread first, which publishes."""
+        """End the publishing thread first."""
         self._ended.set()
         self._thread.join()
         super().destroy_node()

@@ -1,6 +1,6 @@
-"""All that the node does, without ROS: messages of a stereo camera in, messages of the estimates out.
+"""The work of the node without ROS: messages of a stereo camera in, messages of the estimates out.
 
-Messages in are anything with the fields of sensor_msgs; messages out are bytes in CDR, which publishers of rclpy take.
+Input is anything with the fields of sensor_msgs; output is bytes in CDR, which publishers of rclpy take.
 One thread may put images while another takes messages.
 """
 
@@ -84,7 +84,7 @@ class StereoOdometry:
         yield DIAGNOSTICS, self.messages.encode(self.messages.diagnostics(estimate, counts))
 
     def _reset_if_wanted(self) -> bool:
-        """Do what `reset` was asked for, in the thread of the engine; whether there was anything."""
+        """Do a requested `reset` in the thread of the engine; return whether there was one."""
         wanted = bool(self._wanted)
         while self._wanted and self.engine is not None:
             self.engine.reset(self._wanted.pop(0))
