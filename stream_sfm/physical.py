@@ -73,7 +73,7 @@ class PhysicalEstimates:
         weights = None if solution.common is None else solution.common.weights(len(TERMS))
         by_common = None if solution.common is None else solution.common.jacobian
         pose = _motions(axes, solution.world_from_cam[None], solution.cov_pose[None], by_common, weights)
-        values = {f.name: getattr(solution, f.name) for f in fields(Solution)}  # those that have no axes stay
+        values = {f.name: getattr(solution, f.name) for f in fields(Solution)}  # fields without axes stay unchanged
         return FrameEstimate(
             **values
             | self._structure(axes, observed, solution)
@@ -118,7 +118,7 @@ class PhysicalEstimates:
             solution.ended_points_in_world,
             solution.ended_cov_points_in_world,
             self._std_shared(observed.errors, solution.ended_ids),
-            solution.window_world_from_cam[0],  # an ended point was seen last about when the window begins
+            solution.window_world_from_cam[0],  # an ended point was last seen at about the beginning of the window
         )
         return {
             "track_ids": solution.track_ids[shown],

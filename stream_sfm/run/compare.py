@@ -117,7 +117,7 @@ def _begun(log: StereoLog, config: Config, truth: Truth, inspection: dict[str, A
     if (poses := log.ground_truth()) is not None:
         check_rigid(poses)
     return Comparison(
-        log=log.path.absolute().name,  # which "." has too
+        log=log.path.absolute().name,  # so that "." has a name as well
         rig=log.stereo_rig,
         config=config,
         runs=[],
@@ -129,7 +129,7 @@ def _begun(log: StereoLog, config: Config, truth: Truth, inspection: dict[str, A
 
 
 class _Comparing:
-    """The passes of a comparison, which fill in what is `found`."""
+    """The passes of a comparison, which fill in `found`."""
 
     def __init__(
         self, log: StereoLog, selection: Selection, methods: Sequence[str], folder: Path | None, found: Comparison
