@@ -150,7 +150,7 @@ def noisy(run: Run) -> None:
         (lambda run: run.show(fit(0, 95, 95)), True, "are the cameras frozen"),
         (far_apart, False, "the rows of left and right differ"),
         (scattered, False, "not of one moment"),
-        (noisy, False, "3.0 times what their images explain"),
+        (noisy, False, "3.0 times as large as the images explain"),
     ],
 )
 def test_images_that_do_not_fit_each_other_are_a_problem(
