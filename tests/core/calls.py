@@ -237,6 +237,8 @@ CALLS = {
     "orthonormalise": (MOTIONS,),
     "invert_triangle": (np.eye(6), np.ones(6)),
     "scaled_by_diagonal": (np.eye(6),),
+    "reflections": (POINTS[:, :3],),
+    "minor_directions": (np.eye(6), 0.5),
     "point_marginals": (
         *(MOTIONS, POINTS[:, :3], PART, PART),
         *(np.eye(4), np.eye(4), 3.0),

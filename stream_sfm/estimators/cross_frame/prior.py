@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...geometry import Array, se3
-from ...geometry.linear import Elimination, product, scaled_cholesky
+from ...geometry.linear import Elimination, product, scaled_cholesky, turned
 from ...inertial.state import BIASES, GRAVITY, STATE, VELOCITY
 from ...record import changed, filled, record
 from .interval import JOINT, OF_LEAVING, Leaving
@@ -314,27 +314,22 @@ class Prior:
     def truncate_modes(self) -> "Prior":
         """Return the same prior in as few modes as matter, eq. (36).
 
-        Six modes carry the world exactly, 17 more the inertial state, and those of the rig stay. The others are
-        principal components of the points'
-        common error in units of their own noise; those of a variance below a hundredth, summed over the points,
-        correlate no two points by more than that, and go to the points' own noise.
+        Six modes carry the world exactly, 17 more the inertial state, and those of the rig stay. Of the points' common
+        error in units of their own noise, what some modes add to all the others is of a variance below a hundredth,
+        summed over the points. It correlates no two points by more than that, and goes to the points' own noise.
         """
-        own = self.modes.shape[2] - len(self.rig)
-        q, r = np.linalg.qr(self.world_modes[:, :own].T, mode="complete")
-        modes = product(self.modes[..., :own], q)
-        fixed = len(self.world_modes)
-        shared = modes[..., fixed:]
-        whitened = core.whiten_blocks(self.cov, shared).reshape(-1, shared.shape[2])
-        variance, axes = np.linalg.eigh(whitened.T @ whitened)
-        shared = product(shared, axes)
-        small = variance < 0.01
-        folded = shared[..., small]
-        kept = int((~small).sum())
+        own, rig = self.of_modes["own"], self.of_modes["rig"]
+        to_world = core.reflections(self.world_modes[:, own].T)
+        world_modes, modes = turned(self.world_modes[:, own], to_world), turned(self.modes[..., own], to_world)
+        fixed = len(world_modes)
+        whitened = core.whiten_blocks(self.cov, modes).reshape(-1, own.stop)[:, fixed:]
+        minor = core.minor_directions(whitened.T @ whitened, 0.01)
+        shared = turned(modes[..., fixed:], core.reflections(minor))
+        folded, kept = np.split(shared, [minor.shape[1]], axis=2)
+        none = np.zeros((fixed, kept.shape[2]))
         return changed(
             self,
             cov=self.cov + folded @ np.swapaxes(folded, 1, 2),
-            modes=np.concatenate([modes[..., :fixed], shared[..., ~small], self.modes[..., own:]], axis=2),
-            world_modes=np.concatenate(
-                [r.T[:, :fixed], np.zeros((fixed, kept)), self.world_modes[:, own:]], axis=1
-            ),
+            modes=np.concatenate([modes[..., :fixed], kept, self.modes[..., rig]], axis=2),
+            world_modes=np.concatenate([world_modes[:, :fixed], none, self.world_modes[:, rig]], axis=1),
         )
