@@ -315,7 +315,7 @@ class Prior:
         """Return the same prior in as few modes as matter, eq. (36).
 
         Six modes carry the world exactly, 17 more the inertial state, and those of the rig stay. Of the points' common
-        error in units of their own noise, what some modes add to all the others is of a variance below a hundredth,
+        error in units of their own noise, what some modes add to all the others is of a variance below a fiftieth,
         summed over the points. It correlates no two points by more than that, and goes to the points' own noise.
         """
         own, rig = self.of_modes["own"], self.of_modes["rig"]
@@ -323,7 +323,7 @@ class Prior:
         world_modes, modes = turned(self.world_modes[:, own], to_world), turned(self.modes[..., own], to_world)
         fixed = len(world_modes)
         whitened = core.whiten_blocks(self.cov, modes).reshape(-1, own.stop)[:, fixed:]
-        minor = core.minor_directions(whitened.T @ whitened, 0.01)
+        minor = core.minor_directions(whitened.T @ whitened, 0.02)
         shared = turned(modes[..., fixed:], core.reflections(minor))
         folded, kept = np.split(shared, [minor.shape[1]], axis=2)
         none = np.zeros((fixed, kept.shape[2]))

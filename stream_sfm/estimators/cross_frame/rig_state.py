@@ -100,9 +100,10 @@ class RigState:
         is so of a lens that moves, or of errors that no term has: then σ of c is too small by as much.
         """
         t = len(TERMS)
-        prior = Cholesky(self.information)
-        gain = (mean - self.mean - prior.solve(self.weighted))[:t]
-        var = np.maximum(np.diag(prior.inverse() - cov)[:t], 1e-9)  # less is rounding
+        root = Cholesky(self.information).root
+        of_terms = root[:t]
+        gain = (mean - self.mean)[:t] - of_terms @ (root.T @ self.weighted)
+        var = np.maximum((of_terms**2).sum(axis=1) - np.diag(cov)[:t], 1e-9)  # less is rounding
         frames = min(self.frames + 1, self.rules.innovations)
         mean_square = self.innovation2 + (gain**2 / var - self.innovation2) / frames
         return changed(self, innovation2=mean_square, frames=frames)
