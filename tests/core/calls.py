@@ -253,6 +253,7 @@ CALLS = {
     "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),
     "eliminate_points": (COV[:, :3, :3], np.zeros((N, 3, 12))),
     "window_system": (core.normal_blocks(PINHOLES, STATE, SEEN, True), PRIOR, SLOTS, POINTS[:, :3], np.zeros(9)),
+    "determined_points": (SLOTS, SLOTS % 3, SLOTS > 1, SLOTS > 2, 4, SLOTS[5:]),
     "points_alone": (COV[:, :3, :3], np.zeros((N, 3, 7)), POINTS[:, :3], SHARED[:, :3], POINTS[:, :3], np.ones(2)),
     "disparity_effects": (PINHOLES, POINTS, np.eye(4), VIEWS),
     "leaving_views": (

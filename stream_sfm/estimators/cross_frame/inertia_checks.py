@@ -9,10 +9,11 @@ import numpy as np
 
 from ...config import RigConfig
 from ...config.inertia_rules import InertiaRules
-from ...geometry import Array
+from ...geometry import Array, se3
 from ...geometry.linear import mahalanobis2
 from ...inertial.state import ACCEL_BIAS, FIXED, GRAVITY, GRAVITY_M_S2
 from ...record import changed, record
+from ...types import ExpectedMotion
 
 _EXPECTED = 6.0  # squared distance of the motions of one frame
 _DEGREES = 180 / np.pi
@@ -71,6 +72,22 @@ class Agreement:
                 "the IMU contradicts the images: its rates are some 57 times too high, are they degrees per second?"
             )
         return "the IMU contradicts the images"
+
+
+def distance2_of(
+    expected: ExpectedMotion, cam_from_previous: Array, cov: Array, std_slide_rad: float
+) -> tuple[float, float, float]:
+    """Return the squared distance of a motion (4, 4) from the expected one, and by which time they are apart.
+
+    `cov` (6, 6): of the inverse motion. The time, s, is that by which the camera has moved on, with its variance, s².
+    """
+    apart = se3.log(se3.inverse(expected.previous_from_cam) @ se3.inverse(cam_from_previous))
+    both = expected.cov + cov
+    both[range(3, 6), range(3, 6)] += std_slide_rad**2
+    per_second = -expected.twist + 1e-9  # not zero
+    of_apart, of_time = np.linalg.solve(both, np.stack([apart, per_second], axis=1)).T
+    var_s2 = 1 / float(per_second @ of_time)
+    return float(apart @ of_apart), var_s2 * float(per_second @ of_apart), var_s2
 
 
 def impossible(state: Array, cov: Array, rules: InertiaRules) -> bool:

@@ -142,6 +142,10 @@ class Prior:
         modes = [self.modes[..., of["own"]], none, self.modes[..., of["rig"]]]
         return changed(self, state=state, world_modes=rows, modes=np.concatenate(modes, axis=2))
 
+    def without_state(self) -> "Prior":
+        """Return the prior without its inertial state: what that has said of all else stays."""
+        return changed(self, world_modes=self.world_modes[JOINT["pose"]], state=np.zeros(0))
+
     def absorb_frame(
         self,
         amplitudes: Array,

@@ -125,11 +125,16 @@ class RigState:
         knowledge = changed(self, held=found.mean, cov_held=found.cov)
         return knowledge, Mixture(found.mean, found.cov * np.outer(self.growth, self.growth), found.p_wrong)
 
-    def likely_size(self, mean: Array, cov: Array, field_std_px: float) -> Array:
-        """Return the sizes (m,) of the errors that N(`mean`, `cov`) from all views makes likely, eq. (72a)."""
+    def learnt(self, mean: Array, cov: Array, field_std_px: float, more: Array, weighted: Array) -> "RigState":
+        """Return the knowledge that is `informed`, with sizes that N(`mean`, `cov`) from all views makes likely, (72a).
+
+        Sizes stay once the errors have changed.
+        """
+        if not self.steady:
+            return self.informed(more, weighted)
         size = np.where(self.sizes_unknown, likely_sizes(mean, cov, self.size), self.size)
         size[len(TERMS) :] = max(field_std_px, LEAST_PX)
-        return size
+        return changed(self.informed(more + size**-2.0 - self.size**-2.0, weighted), size=size)
 
     def with_part(self, counts: bool) -> "RigState":
         """Return the knowledge after a frame has left the window, which `counts` as one more of the run's parts."""
