@@ -37,8 +37,6 @@ from .window_frame import WindowFrame
 # micrometre and a microradian are far below any estimate.
 _ORIGIN_VARIANCE = 1e-12
 
-_INERTIAL = 12  # modes of a leaving frame by inertia: slide, velocity, and the walk of the biases
-
 # Points that enter the prior: ids, ascending, mean (n, 3), covariance (n, 3, 3), ∂q by amplitudes of their frame's own
 # (n, 3, e) and by the rig's errors (n, 3, m).
 NewPoints = tuple[NDArray[np.int64], Array, Array, Array, Array]
@@ -223,11 +221,11 @@ class Prior:
         if leaving is not None:
             cam_from_ref = se3.exp(np.concatenate([np.zeros(3), leaving.slide])) @ cam_from_ref
             state, rows = self._state_in(cam_from_ref, leaving, self.state_at(amplitudes), at)
-        modes = se3.adjoint(cam_from_ref) @ self.world_modes[JOINT["pose"]]
-        of_frame = np.zeros((6, at["frame"].stop))
-        modes = np.concatenate([of_frame, modes[:, of["own"]], -np.eye(6), modes[:, of["rig"]]], axis=1)
+        before = se3.adjoint(cam_from_ref) @ self.world_modes[JOINT["pose"]]
+        modes = np.zeros((6, at.size))
+        modes[:, at["before"]], modes[:, at["rig"]] = before[:, of["own"]], before[:, of["rig"]]
+        modes[:, at.span("translation", "rotation")] = -np.eye(6)
         if leaving is not None:
-            modes = np.insert(modes, [at["slide"].start] * _INERTIAL, 0.0, axis=-1)
             modes[3:, at["slide"]] = -np.eye(3)  # a slide turns the camera as its pose does
             modes = np.concatenate([modes, rows])
         return self.world(amplitudes) @ se3.inverse(cam_from_ref), state, modes
@@ -240,7 +238,7 @@ class Prior:
         wide = np.zeros((at.size, at.size))
         first, rig, last = slice(0, at["slide"].start), at["rig"], slice(at["slide"].start, None)
         wide[first, first], wide[rig, first], wide[rig, rig] = s[first, first], s[last, first], s[last, last]
-        right = np.concatenate([right[first], np.zeros(_INERTIAL), right[last]])
+        right = np.concatenate([right[first], np.zeros(at.size - len(s)), right[last]])
         state, of, rows = self.world_modes[JOINT["state"]], self.of_modes, OF_LEAVING
         moving = np.flatnonzero(state.any(axis=0))  # most modes do not touch the state
         beside = np.where(moving < of["rig"].start, at["before"].start, rig.start - of["rig"].start)
