@@ -202,3 +202,13 @@ def test_minor_directions_have_what_other_variables_do_not_explain() -> None:
     assert np.abs(cov[chosen] @ minor).max() < 1e-12  # nothing in common with the others
     assert core.minor_directions(cov, 1e3) == pytest.approx(np.eye(9))  # all of them
     assert core.minor_directions(np.eye(3), 0.5).shape == (3, 0)  # none
+
+
+def test_points_are_determined_by_the_prior_or_by_stereo_and_a_second_view() -> None:
+    ids, known, newest = np.arange(0, 40, 2), np.arange(0, 40, 10), 30
+    seen = np.concatenate([np.sort(RNG.choice(42, 15, replace=False)) for _ in range(3)])
+    used, stereo = RNG.random((2, 45)) < 0.5
+    times, both = ((ids[:, None] == seen[used & of]).sum(axis=1) for of in (used, stereo))
+    expected = (both > 0) & ((times > 1) | np.isin(ids, seen[newest:])) | np.isin(ids, known)
+    assert 0 < expected.sum() < len(ids)
+    assert (core.determined_points(ids, seen, used, stereo, newest, known) == expected).all()
