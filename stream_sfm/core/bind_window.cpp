@@ -69,6 +69,12 @@ are to be added; lower roots (P, 3, 3) of the covariances of points given the ot
 points to these (P, 3, n), whose products are to be subtracted; rootsᵀ times the right-hand sides of points (P, 3);
 and that of the others (n,). Raises LinAlgError where information is not definite.)",
         "blocks"_a, "prior"_a, "known"_a, "q"_a, "amplitudes"_a);
+    def<&determined_points>(m, "determined_points", R"(Return which points (P,) are determined: those of the prior, and those that a used view shows in stereo.
+
+Of the latter those that are seen once have to be among the newest views. Points `ids` (P,) and those `known` to the
+prior are ascending; views of points `seen` (V,), `used` (V,) and in `stereo` (V,), of which those from row `newest` on
+are the newest.)",
+        "ids"_a, "seen"_a, "used"_a, "stereo"_a, "newest"_a, "known"_a);
     def<&points_alone>(m, "points_alone", R"(Return points by the views of one frame alone: mean (n, 3), covariance (n, 3, 3), and what moves them.
 
 ∂q by amplitudes of the frame's own (n, 3, e) and by the rig's errors (n, 3, m). Blocks as in `NormalBlocks`, at

@@ -114,6 +114,7 @@ struct LeavingViews {
     PointsAlone alone;
     FIELDS(rows, stays, cov, anchors, q, blocks, fresh, alone)
 };
+Array<bool, 1> determined_points(Indices ids, Indices seen, Flags used, Flags stereo, std::int64_t newest, Indices known);
 PointsAlone points_alone(Matrices v, Matrices w, Matrix g_point, Matrices rig_point, Matrix q, Vector rig_step);
 LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Flags stereo,
                            Matrix var_drift, Flags seen_later, Indices known, Matrices cov);

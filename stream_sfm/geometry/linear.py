@@ -28,6 +28,12 @@ def product(a: Array, b: Array) -> Array:
     return np.asarray((a.reshape(math.prod(stack), k) @ b).reshape(*stack, b.shape[1]))
 
 
+def turned(a: Array, by: tuple[Array, Array]) -> Array:
+    """Return A Q of stacked matrices (…, n) with Q as `core.reflections` returns it."""
+    along, axes = by
+    return a - product(product(a, along), axes.T)
+
+
 def matvec(a: Array, x: Array) -> Array:
     """Return the products A x of stacked matrices (…, m, n) and vectors (…, n)."""
     return np.asarray((a @ x[..., None])[..., 0])

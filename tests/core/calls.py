@@ -242,6 +242,8 @@ CALLS = {
     "orthonormalise": (MOTIONS,),
     "invert_triangle": (np.eye(6), np.ones(6)),
     "scaled_by_diagonal": (np.eye(6),),
+    "reflections": (POINTS[:, :3],),
+    "minor_directions": (np.eye(6), 0.5),
     "point_marginals": (
         *(MOTIONS, POINTS[:, :3], PART, PART),
         *(np.eye(4), np.eye(4), 3.0),
@@ -256,6 +258,7 @@ CALLS = {
     "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),
     "eliminate_points": (COV[:, :3, :3], np.zeros((N, 3, 12))),
     "window_system": (core.normal_blocks(PINHOLES, STATE, SEEN, True), PRIOR, SLOTS, POINTS[:, :3], np.zeros(9)),
+    "determined_points": (SLOTS, SLOTS % 3, SLOTS > 1, SLOTS > 2, 4, SLOTS[5:]),
     "points_alone": (COV[:, :3, :3], np.zeros((N, 3, 7)), POINTS[:, :3], SHARED[:, :3], POINTS[:, :3], np.ones(2)),
     "disparity_effects": (PINHOLES, POINTS, np.eye(4), VIEWS),
     "leaving_views": (

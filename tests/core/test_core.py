@@ -180,3 +180,35 @@ def test_whitened_blocks_have_the_covariance_taken_out() -> None:
     whitened = core.whiten_blocks(cov, blocks)
     squares = np.swapaxes(blocks, 1, 2) @ np.linalg.solve(cov, blocks)
     assert np.swapaxes(whitened, 1, 2) @ whitened == pytest.approx(squares, rel=1e-9)
+
+
+@pytest.mark.parametrize("columns", [RNG.normal(size=(N, 3)), np.eye(N)[:, :2], np.zeros((N, 1)), np.zeros((N, 0))])
+def test_reflections_turn_the_first_axes_into_the_columns(columns) -> None:
+    along, axes = core.reflections(columns)
+    q = np.eye(N) - along @ axes.T
+    assert q @ q.T == pytest.approx(np.eye(N), abs=1e-14)
+    assert q[:, columns.shape[1] :].T @ columns == pytest.approx(0.0, abs=1e-14)
+
+
+def test_minor_directions_have_what_other_variables_do_not_explain() -> None:
+    """Of a covariance of rank four, and of less than 0.01 beside it."""
+    large, small = RNG.normal(size=(9, 4)), 0.03 * RNG.normal(size=(9, 2))
+    cov = large @ large.T + small @ small.T
+    minor = core.minor_directions(cov, 0.01)
+    assert minor.shape == (9, 5)
+    assert np.linalg.matrix_rank(minor) == 5
+    assert np.diag(minor.T @ cov @ minor).max() < 0.01
+    chosen = np.sort(np.abs(minor), axis=1)[:, -2] > 0  # rows of the others are those of a unit matrix
+    assert np.abs(cov[chosen] @ minor).max() < 1e-12  # nothing in common with the others
+    assert core.minor_directions(cov, 1e3) == pytest.approx(np.eye(9))  # all of them
+    assert core.minor_directions(np.eye(3), 0.5).shape == (3, 0)  # none
+
+
+def test_points_are_determined_by_the_prior_or_by_stereo_and_a_second_view() -> None:
+    ids, known, newest = np.arange(0, 40, 2), np.arange(0, 40, 10), 30
+    seen = np.concatenate([np.sort(RNG.choice(42, 15, replace=False)) for _ in range(3)])
+    used, stereo = RNG.random((2, 45)) < 0.5
+    times, both = ((ids[:, None] == seen[used & of]).sum(axis=1) for of in (used, stereo))
+    expected = (both > 0) & ((times > 1) | np.isin(ids, seen[newest:])) | np.isin(ids, known)
+    assert 0 < expected.sum() < len(ids)
+    assert (core.determined_points(ids, seen, used, stereo, newest, known) == expected).all()

@@ -74,8 +74,12 @@ class Marginals:
         That is an error which is known, so covariances grow to mean squared errors.
         """
         result = self.doubted(np.outer(by, by))
-        pose = se3.orthonormalise(self.world_from_cam @ se3.exp(by))
-        return changed(result, world_from_cam=pose, points_in_world=se3.transform(pose, self.points_in_cam))
+        return result.at(se3.orthonormalise(self.world_from_cam @ se3.exp(by)), result.cov_pose)
+
+    def at(self, world_from_cam: Array, cov_pose: Array) -> "Marginals":
+        """Return the marginals with the newest camera at a pose (4, 4); points keep their places in it."""
+        in_world = se3.transform(world_from_cam, self.points_in_cam)
+        return changed(self, world_from_cam=world_from_cam, cov_pose=cov_pose, points_in_world=in_world)
 
     def ended(self, still_in_map: NDArray[np.int64] = _NO_IDS) -> WorldPoints:
         """Return the points that are not in the map any more and have a position in metres; ids ascending."""
