@@ -67,7 +67,7 @@ def mixture(
     covariance in full. `spread`: how many σ parts of the run are apart about these terms; `refocused`: the focal length
     is known to be another one.
     """
-    counts, of_lenses = min(rules.counts, spread**-2.0), rules.counts
+    counts, of_lenses = min(rules.counts, spread**-2.0), rules.counts_of_lenses
     log_prior, alone = np.log(rules.odds) * _THERE, rules.share_alone
     if refocused:
         log_prior[_FOCAL_IS_ZERO] = -np.inf

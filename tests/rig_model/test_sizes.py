@@ -108,15 +108,14 @@ def test_a_likely_size_does_not_depend_on_the_size_so_far() -> None:
 
 
 @pytest.mark.parametrize(("std", "errors"), [(0.5, 0.02), (2.0, 0.3), (4.0, 0.5), (8.0, 1.0)])
-def test_a_quarter_of_what_views_say_counts_for_all_odds(std: float, errors: float) -> None:
-    """As though their noise had twice the σ; so views that claim too much do not accuse the lenses."""
+def test_a_share_of_what_views_say_counts_for_the_odds(std: float, errors: float) -> None:
+    """A quarter counts as though noise had twice the σ; so views that claim too much do not accuse the lenses."""
     true = errors * SIZE * np.random.default_rng(6).normal(size=M)
     views = Views(1, true, std)
-    quarter, all_of_it = (
-        mixture(views.mean, views.cov, SIZE, RigConfig(counts=share)).p_wrong for share in (0.25, 1.0)
-    )
+    rules = {share: RigConfig(counts=share, counts_of_lenses=share) for share in (0.25, 1.0)}
+    quarter, all_of_it = (mixture(views.mean, views.cov, SIZE, rules[share]).p_wrong for share in rules)
     views.noise = 4 * views.noise
-    doubled = mixture(*views.posterior(SIZE), SIZE, RigConfig(counts=1.0)).p_wrong
+    doubled = mixture(*views.posterior(SIZE), SIZE, rules[1.0]).p_wrong
     assert quarter == pytest.approx(doubled, rel=0.02)
     assert abs(all_of_it - doubled) > 0.04 * doubled
 
@@ -133,7 +132,7 @@ def test_a_mixture_has_the_moments_of_its_two_halves(
     Where parts of a run disagree entirely, views say nothing of which of these are there; a focal length that has
     changed is.
     """
-    rules = RigConfig(counts=1.0)  # views whose σ is right
+    rules = RigConfig(counts=1.0, counts_of_lenses=1.0)  # views whose σ is right
     true = errors * SIZE * np.random.default_rng(6).normal(size=M)
     views = Views(7, true, std)
     spread = 1.0 if trusted else 1e6
