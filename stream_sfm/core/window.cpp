@@ -70,11 +70,11 @@ void predicted(const Pinholes& pinholes, const WindowState& state, const WindowV
         for (std::size_t k = 0; k < terms; k++) z[row] += views.terms[i][row * terms + k] * c[k];
         for (std::size_t k = 0; k < timed; k++) z[row] += views.timing[i][row * timed + k] * c[AT_TIMING + k];
     }
-    for (std::size_t part = 0; part < parts; part++) {
-        double moved = 0;
-        for (std::size_t k = 0; k < basis; k++) moved += views.field[i][k] * c[terms + part * basis + k];
-        for (std::size_t row = 0; row < 4; row++) z[row] += views.moves[row][part] * moved;
-    }
+    double moved[MAX_PARTS] = {};
+    for (std::size_t k = 0; k < basis; k++)
+        for (std::size_t part = 0; part < parts; part++) moved[part] += views.field[i][k] * c[terms + part * basis + k];
+    for (std::size_t part = 0; part < parts; part++)
+        for (std::size_t row = 0; row < 4; row++) z[row] += views.moves[row][part] * moved[part];
 }
 
 // The point of a used view in its camera, by way of the reference camera, eq. (24).

@@ -12,6 +12,7 @@ from ..geometry import Array, se3
 from ..geometry.medians import median
 from ..geometry.resection import Resection
 from ..geometry.stereo import StereoProjection
+from ..record import columns_at
 from ..types import Observations, Solution, Status
 from .motion_model import Displaced, Doubts, MotionModel
 from .triangulation import points_to_world, triangulate, usable_births
@@ -33,7 +34,7 @@ class WorldPoints(NamedTuple):
 
     def select(self, rows: NDArray[np.bool_]) -> "WorldPoints":
         """Return the points where the mask (k,) is true."""
-        return WorldPoints(self.ids[rows], self.points[rows], self.cov_points[rows])
+        return WorldPoints(*columns_at(self, rows))
 
 
 class LostError(Exception):

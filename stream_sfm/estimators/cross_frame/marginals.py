@@ -11,7 +11,7 @@ from ... import core
 from ...geometry import Array, se3
 from ...geometry.linear import symmetric
 from ...geometry.stereo import KNOWN_DEPTH_SIGMAS
-from ...record import changed, filled, record
+from ...record import changed, columns_at, filled, record
 from ..lifecycle import WorldPoints
 from .inverse_depth import State
 from .normal_equations import System
@@ -80,4 +80,4 @@ class Marginals:
     def ended(self, still_in_map: NDArray[np.int64] = _NO_IDS) -> WorldPoints:
         """Return the points that are not in the map any more and have a position in metres; ids ascending."""
         rows = ~core.among(self.ids, still_in_map) & self.finite
-        return WorldPoints(self.ids[rows], self.points_in_world[rows], self.cov_points_in_world[rows])
+        return WorldPoints(*columns_at((self.ids, self.points_in_world, self.cov_points_in_world), rows))

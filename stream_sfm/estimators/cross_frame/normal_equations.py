@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...geometry import Array
-from ...geometry.linear import Cholesky, Elimination, matvec, product
+from ...geometry.linear import Cholesky, Elimination, matvec, product, times_upper
 from ...record import rows_of
 from .interval import JOINT
 from .layout import layout
@@ -161,7 +161,7 @@ class System:
     def covariances(self, frame: int) -> tuple[CovariancePart, CovariancePart]:
         """Return the covariances given the rig's errors, with the pose of `frame`, and what these errors add."""
         n, (own, rig) = len(self.root), self.pose_and_world(frame)
-        by_own = product(self._reach[..., :n], self.root)
+        by_own = times_upper(self._reach[..., :n], self.root)
         by_rig, root = self._points_by_rig()
         covariant = product(by_rig, self.cov_rig)
         return (
