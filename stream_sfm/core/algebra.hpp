@@ -250,17 +250,18 @@ void add_product_tile(Rows a, Rows b, std::size_t n, double* c, std::size_t stri
 }
 
 // C (p, q) += Aᵀ B of n rows of each, of q columns. Rows of C belong to symmetric blocks (period, q): of these the lower
-// triangles may be left out. `period` 0: to none.
-inline void add_product(Rows a, std::size_t p, Rows b, std::size_t q, std::size_t n, std::size_t period, double* c) {
+// triangles may be left out. `period` 0: to none. Rows of C are q numbers apart, or a `stride`.
+inline void add_product(Rows a, std::size_t p, Rows b, std::size_t q, std::size_t n, std::size_t period, double* c, std::size_t stride = 0) {
+    if (stride == 0) stride = q;
     for (std::size_t i = 0, rows = 0; i < p; i += rows) {
         rows = i + 4 <= p ? 4 : i + 2 <= p ? 2 : 1;
         std::size_t in_block = period ? i % period : 0, j = in_block + rows > period ? 0 : in_block / 4 * 4;
         auto add_columns = [&](auto columns) {
             constexpr int Q = decltype(columns)::value;
             for (; j + Q <= q; j += Q)
-                if (rows == 4) add_product_tile<4, Q>(a.from(i), b.from(j), n, c + i * q + j, q);
-                else if (rows == 2) add_product_tile<2, Q>(a.from(i), b.from(j), n, c + i * q + j, q);
-                else add_product_tile<1, Q>(a.from(i), b.from(j), n, c + i * q + j, q);
+                if (rows == 4) add_product_tile<4, Q>(a.from(i), b.from(j), n, c + i * stride + j, stride);
+                else if (rows == 2) add_product_tile<2, Q>(a.from(i), b.from(j), n, c + i * stride + j, stride);
+                else add_product_tile<1, Q>(a.from(i), b.from(j), n, c + i * stride + j, stride);
         };
         add_columns(std::integral_constant<int, 8>());
         add_columns(std::integral_constant<int, 4>());

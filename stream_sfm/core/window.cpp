@@ -63,18 +63,22 @@ void predicted(const Pinholes& pinholes, const WindowState& state, const WindowV
                const double* in_cam, double* z) {
     std::size_t i = seen.view, own = views.own.shape[2];
     std::size_t terms = views.terms.shape[2], timed = views.timing.shape[2], basis = views.field.shape[1], parts = views.moves.shape[1];
-    const double* c = state.rig_error.data;
-    project(pinholes, in_cam, z);
-    for (std::size_t row = 0; row < 4; row++) {
-        for (std::size_t k = 0; k < own; k++) z[row] += views.own[i][row * own + k] * state.own[seen.frame][k];
-        for (std::size_t k = 0; k < terms; k++) z[row] += views.terms[i][row * terms + k] * c[k];
-        for (std::size_t k = 0; k < timed; k++) z[row] += views.timing[i][row * timed + k] * c[AT_TIMING + k];
+    const double *c = state.rig_error.data, *by_own = views.own[i], *by_terms = views.terms[i], *by_timing = views.timing[i], *phi = views.field[i];
+    double seen_at[4];  // sums of the four rows go side by side
+    project(pinholes, in_cam, seen_at);
+    auto add_rows = [&](const double* by, std::size_t n, const double* amplitudes) {
+        for (std::size_t k = 0; k < n; k++)
+            for (std::size_t row = 0; row < 4; row++) seen_at[row] += by[row * n + k] * amplitudes[k];
+    };
+    add_rows(by_own, own, state.own.data + seen.frame * own);
+    add_rows(by_terms, terms, c);
+    add_rows(by_timing, timed, c + AT_TIMING);
+    for (std::size_t part = 0; part < parts; part++) {
+        double moved = 0;
+        for (std::size_t k = 0; k < basis; k++) moved += phi[k] * c[terms + part * basis + k];
+        for (std::size_t row = 0; row < 4; row++) seen_at[row] += views.moves[row][part] * moved;
     }
-    double moved[MAX_PARTS] = {};
-    for (std::size_t k = 0; k < basis; k++)
-        for (std::size_t part = 0; part < parts; part++) moved[part] += views.field[i][k] * c[terms + part * basis + k];
-    for (std::size_t part = 0; part < parts; part++)
-        for (std::size_t row = 0; row < 4; row++) z[row] += views.moves[row][part] * moved[part];
+    std::copy(seen_at, seen_at + 4, z);
 }
 
 // The point of a used view in its camera, by way of the reference camera, eq. (24).
@@ -284,24 +288,20 @@ WIDER NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& st
                     add(weight, views.moves[c], parts, out + own);
                 }
                 for (int k = 0; k < 3; k++) out[by_point + k] = by_anchor[4 * row + Q_COLUMNS[k]];
-                const double* q = out + by_point;
-                for (std::size_t x = 0; x < 3; x++) {
-                    add(q[x], q, 3, blocks.v[at] + 3 * x);
-                    add(q[x], out, by_frame, w + by_frame * frames * x);
-                    add(q[x], out + by_frame + 1, terms, by_rig + x * m);
-                    add(q[x], out + own, parts, q_by_parts + x * parts);
-                    blocks.g_point[at][x] += q[x] * r[row];
-                }
             }
+            auto add_by_point = [&](std::size_t column, std::size_t n, double* out, std::size_t stride) {
+                add_product({j + by_point, columns}, 3, {j + column, columns}, n, 4, 0, out, stride);
+            };
+            add_by_point(by_point, 3, blocks.v[at], 3);
+            add_by_point(0, by_frame, w, by_frame * frames);
+            add_by_point(by_frame, 1, blocks.g_point[at], 1);
+            add_by_point(by_frame + 1, terms, by_rig, m);
+            add_by_point(own, parts, q_by_parts, parts);
             for (std::size_t x = 0; x < 3; x++)
                 for (std::size_t part = 0; part < parts; part++)
                     add(q_by_parts[x * parts + part], phi, basis, by_rig + x * m + terms + part * basis);
-            for (std::size_t x = 0; x < own; x++)
-                for (std::size_t part = 0; part < parts; part++) {
-                    double sum = 0;
-                    for (std::size_t row = 0; row < 4; row++) sum += j[row * columns + x] * j[row * columns + own + part];
-                    parted[x * parts + part] = sum;
-                }
+            std::fill(parted, parted + own * parts, 0.0);
+            add_product({j, columns}, own, {j + own, columns}, parts, 4, 0, parted);
             for (std::size_t x = 0; x < parts; x++)
                 for (std::size_t y = x; y < parts; y++, square += basis) {
                     double both = 0;
