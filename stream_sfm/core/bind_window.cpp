@@ -55,8 +55,11 @@ Gates of squared residuals of views from one side, and from both.)",
 
 With the rig's errors among the unknowns, or as they are.)",
         "pinholes"_a, "state"_a, "views"_a, "with_rig"_a);
-    def<&poses_by_parts>(m, "poses_by_parts", R"(Return what views say of poses by the `parts` of the points, `part` (P,): the blocks (parts F, 6, 6) and (parts F, 6).)",
-        "pinholes"_a, "state"_a, "views"_a, "part"_a, "parts"_a);
+    def<&poses_by_parts>(m, "poses_by_parts", R"(Return what the `parts` of the points, `part` (P,), say of poses, given all else: information and right-hand sides.
+
+(parts, 6F, 6F) and (parts, 6F). Points are eliminated, eq. (27), with `reach` (P, 3, n), poses first, and `given`
+(P, 3) as `window_system` returns them.)",
+        "pinholes"_a, "state"_a, "views"_a, "reach"_a, "given"_a, "part"_a, "parts"_a);
     def<&eliminate_points>(m, "eliminate_points", R"(Eliminate points from normal equations, eq. (27): V (P, 3, 3), and W (P, 3, n) with the others.
 
 Returns lower roots L (P, 3, 3) of V⁻¹ = L Lᵀ, and LᵀW. Raises LinAlgError where information is not definite.)",

@@ -341,24 +341,42 @@ WIDER NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& st
     return blocks;
 }
 
-PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Indices part,
-                            int parts) {
-    std::size_t frames = state.cams_from_ref.shape[0], of_part = static_cast<std::size_t>(std::max(parts, 0));
-    require_shape(part, {state.q.shape[0]}, "part");
+WIDER PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Matrices reach,
+                            Matrix given, Indices part, int parts) {
+    std::size_t frames = state.cams_from_ref.shape[0], points = state.q.shape[0], size = 6 * frames, n = reach.shape[2];
+    std::size_t of_part = static_cast<std::size_t>(std::max(parts, 0));
+    require_shape(part, {points}, "part");
+    require_shape(reach, {points, 3, n}, "reach");
+    require_shape(given, {points, 3}, "given");
+    require(n >= size, "reach has fewer columns than the poses");
     require(of_part <= MOST_PARTS, "there are more than 1000 parts");
-    PosesByParts result{{of_part * frames, 6, 6}, {of_part * frames, 6}};
+    PosesByParts result{{of_part, size, size}, {of_part, size}};
     for (const Seen& seen : seen_by(state, views)) {
         auto at = static_cast<std::uint64_t>(part.data[seen.point]);
         require(at < of_part, "a point is of no part");
-        double p[4], r[4], a[16], by_cam[16], j[6], *u = result.u[at * frames + seen.frame], *g = result.g[at * frames + seen.frame];
+        double p[4], r[4], a[16], by_cam[16], j[24];
         residual(pinholes, state, views, seen, p, r);
         jacobian(pinholes, p, a);
         multiply<4, 4, 4>(views.root[seen.view], a, by_cam);
-        for (int row = 0; row < 4; row++) {
-            by_motion(by_cam + 4 * row, p, j);
-            for (std::size_t x = 0; x < 6; x++) add(j[x], j, 6, u + 6 * x);
-            add(r[row], j, 6, g);
+        for (std::size_t row = 0; row < 4; row++) by_motion(by_cam + 4 * row, p, j + 6 * row);
+        add_product({j, 6}, 6, {j, 6}, 6, 4, 0, result.information[at] + 6 * seen.frame * (size + 1), size);
+        add_product({j, 6}, 6, {r, 1}, 1, 4, 0, result.right[at] + 6 * seen.frame);
+    }
+    std::vector<double> rows, steps, taken(size * size), taken_right(size);
+    for (std::size_t k = 0; k < of_part; k++) {  // what the points take off, eq. (27)
+        rows.clear(), steps.clear();
+        for (std::size_t i = 0; i < points; i++) {
+            if (static_cast<std::uint64_t>(part.data[i]) != k) continue;
+            for (std::size_t x = 0; x < 3; x++) rows.insert(rows.end(), reach[i] + x * n, reach[i] + x * n + size);
+            steps.insert(steps.end(), given[i], given[i] + 3);
         }
+        std::fill(taken.begin(), taken.end(), 0.0);
+        std::fill(taken_right.begin(), taken_right.end(), 0.0);
+        add_product({rows.data(), size}, size, {rows.data(), size}, size, steps.size(), size, taken.data());
+        add_product({rows.data(), size}, size, {steps.data(), 1}, 1, steps.size(), 0, taken_right.data());
+        for (std::size_t x = 0; x < size; x++)
+            for (std::size_t y = 0; y < size; y++) result.information[k][x * size + y] -= taken[std::min(x, y) * size + std::max(x, y)];
+        add(-1.0, taken_right.data(), size, result.right[k]);
     }
     return result;
 }

@@ -57,12 +57,12 @@ struct TrackSquares {
 TrackSquares squares_of_tracks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
 NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, bool with_rig);
 struct PosesByParts {
-    Array<double, 3> u;
-    Array<double, 2> g;
-    FIELDS(u, g)
+    Array<double, 3> information;
+    Array<double, 2> right;
+    FIELDS(information, right)
 };
-PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Indices part,
-                            int parts);
+PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Matrices reach,
+                            Matrix given, Indices part, int parts);
 
 // elimination.cpp
 struct RigState {  // information about its errors, and the weighted sums of their amplitudes

@@ -247,7 +247,7 @@ CALLS = {
     "points_seen_again": (SLOTS, SLOTS > 0, np.ones((N, 3)), SLOTS, POINTS[:, :3], COV[:, :3, :3]),
     "_drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),
     "normal_blocks": (PINHOLES, STATE, SEEN, True),
-    "poses_by_parts": (PINHOLES, STATE, SEEN, SLOTS % 3, 3),
+    "poses_by_parts": (PINHOLES, STATE, SEEN, np.ones((N, 3, 6 * N)), np.ones((N, 3)), SLOTS % 3, 3),
     "times_among": (SLOTS, SLOTS % 3, SLOTS > 1),
     "eliminate_points": (COV[:, :3, :3], np.zeros((N, 3, 12))),
     "window_system": (core.normal_blocks(PINHOLES, STATE, SEEN, True), PRIOR, SLOTS, POINTS[:, :3], np.zeros(9)),

@@ -216,7 +216,7 @@ class Map:
             self._places = views.ids, views.expected_px
         # views out of use stay so: only the drift of points that are in the map is asked for
         kept = np.flatnonzero(self.views.used | core.among(self.views.ids, self.points.ids))
-        self.views = WhitenedViews.concatenate([self.views[kept], views])
+        self.views = self.views.with_newest(kept, views)
 
     def _count_rejected(self, rejected: NDArray[np.int64]) -> None:
         """Remember which tracks disagree with the motion.
