@@ -239,6 +239,19 @@ TrackSquares squares_of_tracks(const Pinholes& pinholes, const WindowState& stat
     return result;
 }
 
+Array<bool, 1> determined_points(Indices ids, Indices known, Indices seen, Flags used, Flags stereo, int newest) {
+    std::size_t n = seen.shape[0], first = static_cast<std::size_t>(newest);
+    require_shape(used, {n}, "used");
+    require_shape(stereo, {n}, "stereo");
+    require(newest >= 0 && first <= n, "the newest views begin where there are none");
+    Array<bool, 1> counts(n), result = among(ids, known), lives = among(ids, {seen.data + first, {n - first}});
+    for (std::size_t i = 0; i < n; i++) counts.data[i] = used.data[i] && stereo.data[i];
+    Array<std::int64_t, 1> times = times_among(ids, seen, used), in_stereo = times_among(ids, seen, counts);
+    for (std::size_t i = 0; i < ids.shape[0]; i++)
+        result.data[i] = result.data[i] || (in_stereo.data[i] > 0 && (times.data[i] > 1 || lives.data[i]));
+    return result;
+}
+
 WIDER NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, bool with_rig) {
     const std::vector<Seen> seen = seen_by(state, views);
     std::size_t frames = state.cams_from_ref.shape[0], points = state.q.shape[0], m = with_rig ? state.rig_error.shape[0] : 0;

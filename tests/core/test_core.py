@@ -180,3 +180,16 @@ def test_whitened_blocks_have_the_covariance_taken_out() -> None:
     whitened = core.whiten_blocks(cov, blocks)
     squares = np.swapaxes(blocks, 1, 2) @ np.linalg.solve(cov, blocks)
     assert np.swapaxes(whitened, 1, 2) @ whitened == pytest.approx(squares, rel=1e-9)
+
+
+def test_points_are_determined_by_the_prior_or_by_stereo_views_of_tracks_that_live_or_were_seen_twice() -> None:
+    ids, known = np.arange(10, 17), np.array([16])
+    seen, newest = np.array([10, 11, 12, 13, 16, 11, 12, 14, 15]), 5
+    used = np.array([1, 1, 1, 0, 1, 1, 1, 1, 1], bool)
+    stereo = np.array([1, 1, 0, 1, 0, 0, 0, 1, 0], bool)
+    # 10 ended after one view; 11 was seen twice, in stereo once; 12 never in stereo; of 13 no view counts; 14 has begun
+    # in stereo, 15 by one side alone; 16 is in the prior
+    expected = [False, True, False, False, True, False, True]
+    assert core.determined_points(ids, known, seen, used, stereo, newest).tolist() == expected
+    with pytest.raises(ValueError, match="the newest views begin where there are none"):
+        core.determined_points(ids, known, seen, used, stereo, len(seen) + 1)

@@ -266,10 +266,9 @@ class Map:
 
         Those that ended after a single view go too: it says nothing about anything else.
         """
-        views, ids = self.views, self.points.ids
-        keep = core.times_among(ids, views.ids, views.used & views.stereo) > 0
-        keep &= (core.times_among(ids, views.ids, views.used) > 1) | core.among(ids, views.ids[self.newest])
-        keep |= core.among(ids, self.prior.ids)
+        views, known = self.views, self.prior.ids
+        seen = views.ids, views.used, views.stereo, self.newest.start
+        keep = core.determined_points(self.points.ids, known, *seen)
         if not keep.all():
             self.points = self.points.keep(keep)
             self.views = changed(views, used=views.used & core.among(views.ids, self.points.ids))
