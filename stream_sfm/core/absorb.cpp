@@ -24,26 +24,6 @@ struct Part {
 
 }  // namespace
 
-Array<bool, 1> determined_points(Indices ids, Indices seen, Flags used, Flags stereo, std::int64_t newest, Indices known) {
-    std::size_t n = ids.shape[0], views = seen.shape[0];
-    require_shape(used, {views}, "used");
-    require_shape(stereo, {views}, "stereo");
-    std::vector<std::size_t> times(n), from_both(n);
-    std::vector<char> is_newest(n);
-    Lookup points{ids}, of_prior{known};
-    for (std::size_t i = 0; i < views; i++) {
-        std::size_t at = points.row(seen.data[i]);
-        if (at == NONE) continue;
-        times[at] += used.data[i];
-        from_both[at] += used.data[i] && stereo.data[i];
-        is_newest[at] |= static_cast<std::int64_t>(i) >= newest;
-    }
-    Array<bool, 1> result(n);
-    for (std::size_t i = 0; i < n; i++)
-        result.data[i] = (from_both[i] && (times[i] > 1 || is_newest[i])) || of_prior.row(ids.data[i]) != NONE;
-    return result;
-}
-
 PointsAlone points_alone(Matrices v, Matrices w, Matrix g_point, Matrices rig_point, Matrix q, Vector rig_step) {
     std::size_t n = q.shape[0], m = rig_step.shape[0];
     require_shape(v, {n, 3, 3}, "v");

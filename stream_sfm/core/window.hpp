@@ -55,14 +55,15 @@ struct TrackSquares {
     FIELDS(squares, values)
 };
 TrackSquares squares_of_tracks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
+Array<bool, 1> determined_points(Indices ids, Indices known, Indices seen, Flags used, Flags stereo, int newest);
 NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, bool with_rig);
 struct PosesByParts {
-    Array<double, 3> u;
-    Array<double, 2> g;
-    FIELDS(u, g)
+    Array<double, 3> information;
+    Array<double, 2> right;
+    FIELDS(information, right)
 };
-PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Indices part,
-                            int parts);
+PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Matrices reach,
+                            Matrix given, Indices part, int parts);
 
 // elimination.cpp
 struct RigState {  // information about its errors, and the weighted sums of their amplitudes
@@ -114,7 +115,6 @@ struct LeavingViews {
     PointsAlone alone;
     FIELDS(rows, stays, cov, anchors, q, blocks, fresh, alone)
 };
-Array<bool, 1> determined_points(Indices ids, Indices seen, Flags used, Flags stereo, std::int64_t newest, Indices known);
 PointsAlone points_alone(Matrices v, Matrices w, Matrix g_point, Matrices rig_point, Matrix q, Vector rig_step);
 LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Flags stereo,
                            Matrix var_drift, Flags seen_later, Indices known, Matrices cov);
@@ -138,5 +138,6 @@ struct PointMarginals {
 PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, const CovariancePart& own,
                                const CovariancePart& of_rig, Matrix world_from_ref, Matrix cam_from_ref,
                                double known_sigmas);
+Array<double, 3> doubted_points(Matrix points_in_cam, Matrices cov_in_world, Matrix world_from_cam, Matrix cov);
 
 }  // namespace core

@@ -218,7 +218,7 @@ class Map:
             self._places = views.ids, views.expected_px
         # views out of use stay so: only the drift of points that are in the map is asked for
         kept = np.flatnonzero(self.views.used | core.among(self.views.ids, self.points.ids))
-        self.views = WhitenedViews.concatenate([self.views[kept], views])
+        self.views = self.views.with_newest(kept, views)
 
     def _count_rejected(self, rejected: NDArray[np.int64]) -> None:
         """Remember which tracks disagree with the motion.
@@ -267,9 +267,9 @@ class Map:
 
         Those that ended after a single view go too: it says nothing about anything else.
         """
-        views = self.views
+        views, known = self.views, self.prior.ids
         seen = views.ids, views.used, views.stereo, self.newest.start
-        keep = core.determined_points(self.points.ids, *seen, self.prior.ids)
+        keep = core.determined_points(self.points.ids, known, *seen)
         if not keep.all():
             self.points = self.points.keep(keep)
             self.views = changed(views, used=views.used & core.among(views.ids, self.points.ids))
