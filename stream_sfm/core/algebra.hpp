@@ -194,38 +194,59 @@ struct Rows {
     Rows from(std::size_t column) const { return {data + column, stride}; }
 };
 
+// Numbers that are summed side by side, and how they lie in memory: one, or four that may begin at any.
+struct One {
+    using Sum = double;
+    using At = double;
+};
+struct Two {
+    typedef double Sum __attribute__((vector_size(16)));
+    typedef double At __attribute__((vector_size(16), aligned(8), may_alias));
+};
+struct Four {
+    typedef double Sum __attribute__((vector_size(32)));
+    typedef double At __attribute__((vector_size(32), aligned(8), may_alias));
+};
+
 // C (P, Q) += Aᵀ B of n rows of each. Sums stay in registers: one array per column of B, or compilers spill them.
 template <int P, int Q>
 void add_product_tile(Rows a, Rows b, std::size_t n, double* c, std::size_t stride) {
-    static_assert(Q == 1 || Q == 4);
-    double s0[P] = {}, s1[P] = {}, s2[P] = {}, s3[P] = {};
-    for (std::size_t k = 0; k < n; k++, a.data += a.stride, b.data += b.stride)
+    static_assert(Q == 1 || Q == 2 || Q == 4 || Q == 8);
+    using Numbers = std::conditional_t<Q == 1, One, std::conditional_t<Q == 2, Two, Four>>;
+    using At = typename Numbers::At;
+    typename Numbers::Sum s0[P] = {}, s1[P] = {};
+    for (std::size_t k = 0; k < n; k++, a.data += a.stride, b.data += b.stride) {
+        const At* right = reinterpret_cast<const At*>(b.data);
         for (int i = 0; i < P; i++) {
-            s0[i] += a.data[i] * b.data[0];
-            if constexpr (Q == 4) {
-                s1[i] += a.data[i] * b.data[1];
-                s2[i] += a.data[i] * b.data[2];
-                s3[i] += a.data[i] * b.data[3];
-            }
+            s0[i] += a.data[i] * right[0];
+            if constexpr (Q == 8) s1[i] += a.data[i] * right[1];
         }
+    }
     for (int i = 0; i < P; i++, c += stride) {
-        c[0] += s0[i];
-        if constexpr (Q == 4) c[1] += s1[i], c[2] += s2[i], c[3] += s3[i];
+        At* out = reinterpret_cast<At*>(c);
+        out[0] += s0[i];
+        if constexpr (Q == 8) out[1] += s1[i];
     }
 }
 
 // C (p, q) += Aᵀ B of n rows of each, of q columns. Rows of C belong to symmetric blocks (period, q): of these the lower
-// triangles may be left out. `period` 0: to none.
-inline void add_product(Rows a, std::size_t p, Rows b, std::size_t q, std::size_t n, std::size_t period, double* c) {
+// triangles may be left out. `period` 0: to none. Rows of C are q numbers apart, or a `stride`.
+inline void add_product(Rows a, std::size_t p, Rows b, std::size_t q, std::size_t n, std::size_t period, double* c, std::size_t stride = 0) {
+    if (stride == 0) stride = q;
     for (std::size_t i = 0, rows = 0; i < p; i += rows) {
-        rows = i + 4 <= p ? 4 : 1;
-        std::size_t in_block = period ? i % period : 0, first = in_block + rows > period ? 0 : in_block / 4 * 4, j = first;
-        for (; j + 4 <= q; j += 4)
-            if (rows == 4) add_product_tile<4, 4>(a.from(i), b.from(j), n, c + i * q + j, q);
-            else add_product_tile<1, 4>(a.from(i), b.from(j), n, c + i * q + j, q);
-        for (; j < q; j++)
-            if (rows == 4) add_product_tile<4, 1>(a.from(i), b.from(j), n, c + i * q + j, q);
-            else add_product_tile<1, 1>(a.from(i), b.from(j), n, c + i * q + j, q);
+        rows = i + 4 <= p ? 4 : i + 2 <= p ? 2 : 1;
+        std::size_t in_block = period ? i % period : 0, j = in_block + rows > period ? 0 : in_block / 4 * 4;
+        auto add_columns = [&](auto columns) {
+            constexpr int Q = decltype(columns)::value;
+            for (; j + Q <= q; j += Q)
+                if (rows == 4) add_product_tile<4, Q>(a.from(i), b.from(j), n, c + i * stride + j, stride);
+                else if (rows == 2) add_product_tile<2, Q>(a.from(i), b.from(j), n, c + i * stride + j, stride);
+                else add_product_tile<1, Q>(a.from(i), b.from(j), n, c + i * stride + j, stride);
+        };
+        add_columns(std::integral_constant<int, 8>());
+        add_columns(std::integral_constant<int, 4>());
+        add_columns(std::integral_constant<int, 2>());
+        add_columns(std::integral_constant<int, 1>());
     }
 }
 

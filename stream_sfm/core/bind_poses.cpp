@@ -50,6 +50,13 @@ all views of a point share. `cov_points` (n, 3, 3) is increased by that of error
         "lower"_a, "scale"_a);
     def<&scaled_by_diagonal>(m, "scaled_by_diagonal", R"(Return S A S (n, n) with a unit diagonal, and the diagonal of S (n,), which is 1 where A's is not positive.)",
         "matrix"_a);
+    def<&reflections>(m, "reflections", R"(Return W and V (n, r) of the rotation Q = I - W Vᵀ whose first r columns span the `columns` (n, r), r ≤ n.)",
+        "columns"_a);
+    def<&minor_directions>(m, "minor_directions", R"(Return directions (n, r) along which variables with a `covariance` (n, n) hardly vary; they are not orthonormal.
+
+Of r variables what the n - r others do not explain, which is of a variance below `least`. The others are chosen one
+by one, always the one that is explained least so far.)",
+        "covariance"_a, "least"_a);
 }
 
 }  // namespace binding

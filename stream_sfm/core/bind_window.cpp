@@ -51,12 +51,20 @@ Gates of squared residuals of views from one side, and from both.)",
         "pinholes"_a, "state"_a, "views"_a, "gate_of_one"_a, "gate_of_both"_a);
     def<&squares_of_tracks>(m, "squares_of_tracks", R"(Return of points (P,) the sum of their views' squared residuals, each by its own covariance, and of how many values.)",
         "pinholes"_a, "state"_a, "views"_a);
+    def<&determined_points>(m, "determined_points", R"(Return which points `ids` (P,) the prior, which has those `known`, or an accepted stereo view of the window determines.
+
+Of views (V,) of ids `seen`, which are `used`, or of both sides. A point of one view counts while its track lives:
+the views of the newest frame begin at row `newest`. Ids of points, and of views of a frame, are ascending.)",
+        "ids"_a, "known"_a, "seen"_a, "used"_a, "stereo"_a, "newest"_a);
     def<&normal_blocks>(m, "normal_blocks", R"(Return the Gauss-Newton normal equations of views, eqs. (25), (26) and (71).
 
 With the rig's errors among the unknowns, or as they are.)",
         "pinholes"_a, "state"_a, "views"_a, "with_rig"_a);
-    def<&poses_by_parts>(m, "poses_by_parts", R"(Return what views say of poses by the `parts` of the points, `part` (P,): the blocks (parts F, 6, 6) and (parts F, 6).)",
-        "pinholes"_a, "state"_a, "views"_a, "part"_a, "parts"_a);
+    def<&poses_by_parts>(m, "poses_by_parts", R"(Return what the `parts` of the points, `part` (P,), say of poses, given all else: information and right-hand sides.
+
+(parts, 6F, 6F) and (parts, 6F). Points are eliminated, eq. (27), with `reach` (P, 3, n), poses first, and `given`
+(P, 3) as `window_system` returns them.)",
+        "pinholes"_a, "state"_a, "views"_a, "reach"_a, "given"_a, "part"_a, "parts"_a);
     def<&eliminate_points>(m, "eliminate_points", R"(Eliminate points from normal equations, eq. (27): V (P, 3, 3), and W (P, 3, n) with the others.
 
 Returns lower roots L (P, 3, 3) of V⁻¹ = L Lᵀ, and LᵀW. Raises LinAlgError where information is not definite.)",
@@ -99,6 +107,10 @@ ids with mean (j, 3), covariances (j, 3, 3) and modes (j, 3, k).)",
 Points: anchors (P, 4, 4) and q (P, 3). Parts of the joint covariance, given the rig's errors, by roots (P, 3, 3) of the
 covariances of points given all else, and by these errors; poses (4, 4). `known_sigmas` of 1/Z make a point finite.)",
         "ref_from_anchor"_a, "q"_a, "own"_a, "by_rig"_a, "world_from_ref"_a, "cam_from_ref"_a, "known_sigmas"_a);
+    def<&doubted_points>(m, "doubted_points", R"(Return covariances (n, 3, 3) of points in the world, with what `cov` (6, 6) adds to the pose that sees them.
+
+Points (n, 3) in the camera; the perturbation is on the right of world_from_cam (4, 4), eq. (45).)",
+        "points_in_cam"_a, "cov_points_in_world"_a, "world_from_cam"_a, "cov"_a);
 }
 
 }  // namespace binding

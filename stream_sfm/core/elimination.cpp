@@ -112,10 +112,9 @@ WIDER WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, 
         double lower[9], *root = inverse_root.data() + 9 * i, away[3], whitened[3] = {}, *modes = result.modes[i];
         require_definite(cholesky<3>(prior.cov[i], lower), "the covariance of a point is not positive definite");
         invert_lower<3>(lower, root);
-        for (std::size_t x = 0; x < 3; x++) {
-            away[x] = q[at][x] - prior.mean[i][x];
-            for (std::size_t y = 0; y < k; y++) away[x] -= prior.modes[i][x * k + y] * amplitudes.data[y];
-        }
+        for (std::size_t x = 0; x < 3; x++) away[x] = q[at][x] - prior.mean[i][x];
+        for (std::size_t y = 0; y < k; y++)  // three sums that do not wait for each other
+            for (std::size_t x = 0; x < 3; x++) away[x] -= prior.modes[i][x * k + y] * amplitudes.data[y];
         for (std::size_t x = 0; x < 3; x++)
             for (std::size_t y = 0; y <= x; y++) {
                 whitened[x] += root[3 * x + y] * away[y];

@@ -6,6 +6,8 @@
 namespace core {
 namespace {
 
+constexpr std::size_t CHUNK = 16;  // views whose products are summed at once
+
 // The median of the squared residuals within `gates` gates, over its expected value; at least 1.
 double spread_of(const double* squares, const double* gate, double gates, std::size_t n) {
     std::vector<double> within;
@@ -128,16 +130,23 @@ class Fit {
 
     // Take a weighted step, and return its squared length in standard deviations.
     double step() {
-        std::vector<double> delta(size), weighted(4 * size);
+        std::vector<double> delta(size), weighted(CHUNK * 4 * size), jacobians(CHUNK * 4 * size), residuals(CHUNK * 4);
         information.assign(size * size, 0.0);
+        std::size_t rows = 0;
+        auto add_rows = [&] {
+            add_product({weighted.data(), size}, size, {residuals.data(), 1}, 1, rows, 0, delta.data());
+            add_product({weighted.data(), size}, size, {jacobians.data(), size}, size, rows, size, information.data());
+            rows = 0;
+        };
         for (std::size_t i = 0; i < n; i++) {
             if (weights[i] == 0) continue;
             const double* jacobian = linear.jacobian[i];
-            for (std::size_t c = 0; c < 4 * size; c++) weighted[c] = weights[i] * jacobian[c];
-            Rows rows{weighted.data(), size};
-            add_product(rows, size, {seen.residuals[0] + 4 * i, 1}, 1, 4, 0, delta.data());
-            add_product(rows, size, {jacobian, size}, size, 4, size, information.data());
+            for (std::size_t c = 0; c < 4 * size; c++) weighted[rows * size + c] = weights[i] * jacobian[c];
+            std::copy_n(jacobian, 4 * size, jacobians.data() + rows * size);
+            std::copy_n(seen.residuals[0] + 4 * i, 4, residuals.data() + rows);
+            if ((rows += 4) == 4 * CHUNK) add_rows();
         }
+        add_rows();
         for (std::size_t a = 6; a < size; a++) {  // amplitudes have σ = 1
             information[a * size + a] += 1;
             delta[a] -= shared[a - 6];

@@ -23,17 +23,23 @@ void propagate(const double* jq, const double* qq, const double* jy, const doubl
         }
 }
 
+// Σ a b over k numbers; four sums go side by side.
+double sum_of_products(const double* a, const double* b, std::size_t k) {
+    double sums[4] = {};
+    std::size_t whole = k - k % 4;
+    for (std::size_t i = 0; i < whole; i += 4)
+        for (std::size_t lane = 0; lane < 4; lane++) sums[lane] += a[i + lane] * b[i + lane];
+    return std::inner_product(a + whole, a + k, b + whole, sums[0] + sums[1] + (sums[2] + sums[3]));
+}
+
 // out (3, 3) += the product, which is symmetric, of rows (3, k) with others.
 void add_gram(const double* rows, const double* others, std::size_t k, double* out) {
-    const double *x = rows, *y = rows + k, *z = rows + 2 * k;
-    double xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
-    for (std::size_t i = 0; i < k; i++) {
-        double a = others[i], b = others[k + i], c = others[2 * k + i];
-        xx += x[i] * a, xy += x[i] * b, xz += x[i] * c;
-        yy += y[i] * b, yz += y[i] * c, zz += z[i] * c;
-    }
-    const double all[9] = {xx, xy, xz, xy, yy, yz, xz, yz, zz};
-    add(1.0, all, 9, out);
+    for (std::size_t x = 0; x < 3; x++)
+        for (std::size_t y = x; y < 3; y++) {
+            double sum = sum_of_products(rows + x * k, others + y * k, k);
+            out[3 * x + y] += sum;
+            if (x < y) out[3 * y + x] += sum;
+        }
 }
 
 // Adds the covariances of a point q (3, 3) and with pose and world (3, 12) by one part; `of_itself` (3, 3) in its units.
@@ -58,7 +64,7 @@ void metric_by(const double* point, const double* b, double* out) {
 
 }  // namespace
 
-PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, const CovariancePart& own,
+WIDER PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, const CovariancePart& own,
                                const CovariancePart& of_rig, Matrix world_from_ref, Matrix cam_from_ref,
                                double known_sigmas) {
     std::size_t n = q_in_anchor.shape[0];
@@ -138,6 +144,29 @@ PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, con
         propagate(world_by_q, qq, world_by_w, ww, qw, result.cov_points_in_world[i]);
         for (int c = 0; c < 3; c++)
             result.points_in_world[i][c] = turn[3 * c] * metric[0] + turn[3 * c + 1] * metric[1] + turn[3 * c + 2] * metric[2] + world[4 * c + 3];
+    }
+    return result;
+}
+
+Array<double, 3> doubted_points(Matrix points_in_cam, Matrices cov_in_world, Matrix world_from_cam, Matrix cov) {
+    std::size_t n = points_in_cam.shape[0];
+    require_shape(points_in_cam, {n, 3}, "points_in_cam");
+    require_shape(cov_in_world, {n, 3, 3}, "cov_points_in_world");
+    require_shape(world_from_cam, {4, 4}, "world_from_cam");
+    require_shape(cov, {6, 6}, "cov");
+    Array<double, 3> result(n, 3, 3);
+    double turn[9];
+    for (int k = 0; k < 9; k++) turn[k] = world_from_cam.data[4 * (k / 3) + k % 3];
+    for (std::size_t i = 0; i < n; i++) {
+        const double *p = points_in_cam[i], *before = cov_in_world[i];
+        const double j[18] = {-1, 0, 0, 0, -p[2], p[1], 0, -1, 0, p[2], 0, -p[0], 0, 0, -1, -p[1], p[0], 0};
+        double by_cov[18], in_cam[9], half[9], whole[9];
+        multiply<3, 6, 6>(j, cov.data, by_cov);
+        multiply_transposed<3, 6, 3>(by_cov, j, in_cam);
+        multiply<3, 3, 3>(turn, in_cam, half);
+        multiply_transposed<3, 3, 3>(half, turn, whole);
+        for (int x = 0; x < 3; x++)
+            for (int y = 0; y < 3; y++) result[i][3 * x + y] = 0.5 * ((before[3 * x + y] + before[3 * y + x]) + (whole[3 * x + y] + whole[3 * y + x]));
     }
     return result;
 }

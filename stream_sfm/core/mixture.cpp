@@ -49,16 +49,18 @@ Gaussian information_of(Gaussian of) {
     std::size_t n = of.size();
     factor(of.cov, n);
     Gaussian result{Numbers(n), Numbers(n * n)};
-    Numbers inverse(n * n);  // its rows: columns of L⁻¹
+    Numbers inverse(n * n);  // its rows: columns of L⁻¹, which begin on the diagonal
     for (std::size_t i = 0; i < n; i++) {
-        inverse[i * n + i] = 1;
-        substitute(of.cov.data(), inverse.data() + i * n, n);
+        double* row = inverse.data() + i * n;
+        for (std::size_t k = i; k < n; k++)
+            row[k] = ((k == i ? 1.0 : 0.0) - std::inner_product(row + i, row + k, of.cov.data() + k * n + i, 0.0)) / of.cov[k * n + k];
     }
     for (std::size_t i = 0; i < n; i++)
-        for (std::size_t j = 0; j < n; j++) {
-            for (std::size_t k = 0; k < n; k++) result.cov[i * n + j] += inverse[i * n + k] * inverse[j * n + k];
-            result.mean[i] += result.cov[i * n + j] * of.mean[j];
-        }
+        for (std::size_t j = 0; j <= i; j++)
+            result.cov[i * n + j] = result.cov[j * n + i] =
+                std::inner_product(inverse.data() + i * n + i, inverse.data() + i * n + n, inverse.data() + j * n + i, 0.0);
+    for (std::size_t i = 0; i < n; i++)
+        result.mean[i] = std::inner_product(of.mean.begin(), of.mean.end(), result.cov.data() + i * n, 0.0);
     return result;
 }
 

@@ -24,6 +24,12 @@ struct Scaled {
     FIELDS(matrix, scale)
 };
 Scaled scaled_by_diagonal(Matrix matrix);
+struct Reflections {
+    Array<double, 2> along, axes;
+    FIELDS(along, axes)
+};
+Reflections reflections(Matrix columns);
+Array<double, 2> minor_directions(Matrix covariance, double least);
 Array<bool, 1> among(Indices ids, Indices known);
 Array<std::int64_t, 1> times_among(Indices ids, Indices others, Flags counted);
 Array<std::int64_t, 1> union_of(Indices ids);

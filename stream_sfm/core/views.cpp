@@ -102,12 +102,11 @@ WIDER LinearisedViews linearise_views(const PointViews& views, Matrix cam_from_r
         if (!placed) std::fill(root, root + 16, 0.0);
         double by_cam[16];
         multiply<4, 4, 4>(root, a, by_cam);
-        for (int row = 0; row < 4; row++) {
+        for (std::size_t row = 0; row < 4; row++) {
             const double* b = by_cam + 4 * row;
-            double* out = j + static_cast<std::size_t>(row) * columns;
+            double* out = j + row * columns;
             by_motion(b, p, out);
-            for (std::size_t k = 0; k < amplitudes; k++)
-                for (int c = 0; c < 4; c++) out[6 + k] += root[4 * row + c] * shared[i][c * amplitudes + k];
+            for (std::size_t c = 0; c < 4; c++) add(root[4 * row + c], shared[i] + c * amplitudes, amplitudes, out + 6);
         }
     }
     return result;

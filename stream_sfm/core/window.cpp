@@ -63,18 +63,22 @@ void predicted(const Pinholes& pinholes, const WindowState& state, const WindowV
                const double* in_cam, double* z) {
     std::size_t i = seen.view, own = views.own.shape[2];
     std::size_t terms = views.terms.shape[2], timed = views.timing.shape[2], basis = views.field.shape[1], parts = views.moves.shape[1];
-    const double* c = state.rig_error.data;
-    project(pinholes, in_cam, z);
-    for (std::size_t row = 0; row < 4; row++) {
-        for (std::size_t k = 0; k < own; k++) z[row] += views.own[i][row * own + k] * state.own[seen.frame][k];
-        for (std::size_t k = 0; k < terms; k++) z[row] += views.terms[i][row * terms + k] * c[k];
-        for (std::size_t k = 0; k < timed; k++) z[row] += views.timing[i][row * timed + k] * c[AT_TIMING + k];
-    }
+    const double *c = state.rig_error.data, *by_own = views.own[i], *by_terms = views.terms[i], *by_timing = views.timing[i], *phi = views.field[i];
+    double seen_at[4];  // sums of the four rows go side by side
+    project(pinholes, in_cam, seen_at);
+    auto add_rows = [&](const double* by, std::size_t n, const double* amplitudes) {
+        for (std::size_t k = 0; k < n; k++)
+            for (std::size_t row = 0; row < 4; row++) seen_at[row] += by[row * n + k] * amplitudes[k];
+    };
+    add_rows(by_own, own, state.own.data + seen.frame * own);
+    add_rows(by_terms, terms, c);
+    add_rows(by_timing, timed, c + AT_TIMING);
     for (std::size_t part = 0; part < parts; part++) {
         double moved = 0;
-        for (std::size_t k = 0; k < basis; k++) moved += views.field[i][k] * c[terms + part * basis + k];
-        for (std::size_t row = 0; row < 4; row++) z[row] += views.moves[row][part] * moved;
+        for (std::size_t k = 0; k < basis; k++) moved += phi[k] * c[terms + part * basis + k];
+        for (std::size_t row = 0; row < 4; row++) seen_at[row] += views.moves[row][part] * moved;
     }
+    std::copy(seen_at, seen_at + 4, z);
 }
 
 // The point of a used view in its camera, by way of the reference camera, eq. (24).
@@ -235,6 +239,19 @@ TrackSquares squares_of_tracks(const Pinholes& pinholes, const WindowState& stat
     return result;
 }
 
+Array<bool, 1> determined_points(Indices ids, Indices known, Indices seen, Flags used, Flags stereo, int newest) {
+    std::size_t n = seen.shape[0], first = static_cast<std::size_t>(newest);
+    require_shape(used, {n}, "used");
+    require_shape(stereo, {n}, "stereo");
+    require(newest >= 0 && first <= n, "the newest views begin where there are none");
+    Array<bool, 1> counts(n), result = among(ids, known), lives = among(ids, {seen.data + first, {n - first}});
+    for (std::size_t i = 0; i < n; i++) counts.data[i] = used.data[i] && stereo.data[i];
+    Array<std::int64_t, 1> times = times_among(ids, seen, used), in_stereo = times_among(ids, seen, counts);
+    for (std::size_t i = 0; i < ids.shape[0]; i++)
+        result.data[i] = result.data[i] || (in_stereo.data[i] > 0 && (times.data[i] > 1 || lives.data[i]));
+    return result;
+}
+
 WIDER NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, bool with_rig) {
     const std::vector<Seen> seen = seen_by(state, views);
     std::size_t frames = state.cams_from_ref.shape[0], points = state.q.shape[0], m = with_rig ? state.rig_error.shape[0] : 0;
@@ -284,24 +301,20 @@ WIDER NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& st
                     add(weight, views.moves[c], parts, out + own);
                 }
                 for (int k = 0; k < 3; k++) out[by_point + k] = by_anchor[4 * row + Q_COLUMNS[k]];
-                const double* q = out + by_point;
-                for (std::size_t x = 0; x < 3; x++) {
-                    add(q[x], q, 3, blocks.v[at] + 3 * x);
-                    add(q[x], out, by_frame, w + by_frame * frames * x);
-                    add(q[x], out + by_frame + 1, terms, by_rig + x * m);
-                    add(q[x], out + own, parts, q_by_parts + x * parts);
-                    blocks.g_point[at][x] += q[x] * r[row];
-                }
             }
+            auto add_by_point = [&](std::size_t column, std::size_t n, double* out, std::size_t stride) {
+                add_product({j + by_point, columns}, 3, {j + column, columns}, n, 4, 0, out, stride);
+            };
+            add_by_point(by_point, 3, blocks.v[at], 3);
+            add_by_point(0, by_frame, w, by_frame * frames);
+            add_by_point(by_frame, 1, blocks.g_point[at], 1);
+            add_by_point(by_frame + 1, terms, by_rig, m);
+            add_by_point(own, parts, q_by_parts, parts);
             for (std::size_t x = 0; x < 3; x++)
                 for (std::size_t part = 0; part < parts; part++)
                     add(q_by_parts[x * parts + part], phi, basis, by_rig + x * m + terms + part * basis);
-            for (std::size_t x = 0; x < own; x++)
-                for (std::size_t part = 0; part < parts; part++) {
-                    double sum = 0;
-                    for (std::size_t row = 0; row < 4; row++) sum += j[row * columns + x] * j[row * columns + own + part];
-                    parted[x * parts + part] = sum;
-                }
+            std::fill(parted, parted + own * parts, 0.0);
+            add_product({j, columns}, own, {j + own, columns}, parts, 4, 0, parted);
             for (std::size_t x = 0; x < parts; x++)
                 for (std::size_t y = x; y < parts; y++, square += basis) {
                     double both = 0;
@@ -341,24 +354,42 @@ WIDER NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& st
     return blocks;
 }
 
-PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Indices part,
-                            int parts) {
-    std::size_t frames = state.cams_from_ref.shape[0], of_part = static_cast<std::size_t>(std::max(parts, 0));
-    require_shape(part, {state.q.shape[0]}, "part");
+WIDER PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Matrices reach,
+                            Matrix given, Indices part, int parts) {
+    std::size_t frames = state.cams_from_ref.shape[0], points = state.q.shape[0], size = 6 * frames, n = reach.shape[2];
+    std::size_t of_part = static_cast<std::size_t>(std::max(parts, 0));
+    require_shape(part, {points}, "part");
+    require_shape(reach, {points, 3, n}, "reach");
+    require_shape(given, {points, 3}, "given");
+    require(n >= size, "reach has fewer columns than the poses");
     require(of_part <= MOST_PARTS, "there are more than 1000 parts");
-    PosesByParts result{{of_part * frames, 6, 6}, {of_part * frames, 6}};
+    PosesByParts result{{of_part, size, size}, {of_part, size}};
     for (const Seen& seen : seen_by(state, views)) {
         auto at = static_cast<std::uint64_t>(part.data[seen.point]);
         require(at < of_part, "a point is of no part");
-        double p[4], r[4], a[16], by_cam[16], j[6], *u = result.u[at * frames + seen.frame], *g = result.g[at * frames + seen.frame];
+        double p[4], r[4], a[16], by_cam[16], j[24];
         residual(pinholes, state, views, seen, p, r);
         jacobian(pinholes, p, a);
         multiply<4, 4, 4>(views.root[seen.view], a, by_cam);
-        for (int row = 0; row < 4; row++) {
-            by_motion(by_cam + 4 * row, p, j);
-            for (std::size_t x = 0; x < 6; x++) add(j[x], j, 6, u + 6 * x);
-            add(r[row], j, 6, g);
+        for (std::size_t row = 0; row < 4; row++) by_motion(by_cam + 4 * row, p, j + 6 * row);
+        add_product({j, 6}, 6, {j, 6}, 6, 4, 0, result.information[at] + 6 * seen.frame * (size + 1), size);
+        add_product({j, 6}, 6, {r, 1}, 1, 4, 0, result.right[at] + 6 * seen.frame);
+    }
+    std::vector<double> rows, steps, taken(size * size), taken_right(size);
+    for (std::size_t k = 0; k < of_part; k++) {  // what the points take off, eq. (27)
+        rows.clear(), steps.clear();
+        for (std::size_t i = 0; i < points; i++) {
+            if (static_cast<std::uint64_t>(part.data[i]) != k) continue;
+            for (std::size_t x = 0; x < 3; x++) rows.insert(rows.end(), reach[i] + x * n, reach[i] + x * n + size);
+            steps.insert(steps.end(), given[i], given[i] + 3);
         }
+        std::fill(taken.begin(), taken.end(), 0.0);
+        std::fill(taken_right.begin(), taken_right.end(), 0.0);
+        add_product({rows.data(), size}, size, {rows.data(), size}, size, steps.size(), size, taken.data());
+        add_product({rows.data(), size}, size, {steps.data(), 1}, 1, steps.size(), 0, taken_right.data());
+        for (std::size_t x = 0; x < size; x++)
+            for (std::size_t y = 0; y < size; y++) result.information[k][x * size + y] -= taken[std::min(x, y) * size + std::max(x, y)];
+        add(-1.0, taken_right.data(), size, result.right[k]);
     }
     return result;
 }

@@ -55,14 +55,15 @@ struct TrackSquares {
     FIELDS(squares, values)
 };
 TrackSquares squares_of_tracks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views);
+Array<bool, 1> determined_points(Indices ids, Indices known, Indices seen, Flags used, Flags stereo, int newest);
 NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, bool with_rig);
 struct PosesByParts {
-    Array<double, 3> u;
-    Array<double, 2> g;
-    FIELDS(u, g)
+    Array<double, 3> information;
+    Array<double, 2> right;
+    FIELDS(information, right)
 };
-PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Indices part,
-                            int parts);
+PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, Matrices reach,
+                            Matrix given, Indices part, int parts);
 
 // elimination.cpp
 struct RigState {  // information about its errors, and the weighted sums of their amplitudes
@@ -137,5 +138,6 @@ struct PointMarginals {
 PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_anchor, const CovariancePart& own,
                                const CovariancePart& of_rig, Matrix world_from_ref, Matrix cam_from_ref,
                                double known_sigmas);
+Array<double, 3> doubted_points(Matrix points_in_cam, Matrices cov_in_world, Matrix world_from_cam, Matrix cov);
 
 }  // namespace core

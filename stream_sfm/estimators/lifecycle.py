@@ -7,11 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import core
 from ..config import RobustConfig
-from ..geometry import Array, se3
+from ..geometry import Array
 from ..geometry.medians import median
 from ..geometry.resection import Resection
 from ..geometry.stereo import StereoProjection
+from ..record import columns_at
 from ..types import Observations, Solution, Status
 from .motion_model import Displaced, Doubts, MotionModel
 from .triangulation import points_to_world, triangulate, usable_births
@@ -33,7 +35,7 @@ class WorldPoints(NamedTuple):
 
     def select(self, rows: NDArray[np.bool_]) -> "WorldPoints":
         """Return the points where the mask (k,) is true."""
-        return WorldPoints(self.ids[rows], self.points[rows], self.cov_points[rows])
+        return WorldPoints(*columns_at(self, rows))
 
 
 class LostError(Exception):
@@ -118,11 +120,8 @@ def recorded(motion: MotionModel, observations: Observations, solution: Solution
         solution = replace(solution, relative=None)
     if cov is solution.cov_pose:
         return solution
-    j = se3.point_in_source_jacobian(solution.points_in_cam)
-    r = solution.world_from_cam[:3, :3]
-    of_points = r @ (j @ (cov - solution.cov_pose) @ np.swapaxes(j, 1, 2)) @ r.T
-    of_points += solution.cov_points_in_world
-    return replace(solution, cov_pose=cov, cov_points_in_world=of_points)
+    seen = solution.points_in_cam, solution.cov_points_in_world, solution.world_from_cam
+    return replace(solution, cov_pose=cov, cov_points_in_world=core.doubted_points(*seen, cov - solution.cov_pose))
 
 
 def too_few_inliers(inliers: int, known: int, config: RobustConfig) -> str:

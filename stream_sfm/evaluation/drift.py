@@ -93,7 +93,7 @@ def _line(
     for name in methods:
         decided = (True, True)
         if name != reference and reference in methods:
-            decided = tells(methods[name], methods[reference], span)
+            decided = separates(methods[name], methods[reference], span)
         of: dict[str, Any] = {}
         for k, (kind, unit) in enumerate(zip(KINDS, ("m", "rad"), strict=True)):
             source = errors if decided[k] else errors_of_halves
@@ -107,7 +107,7 @@ def _line(
     return line
 
 
-def tells(method: Compared, reference: Compared, span: int) -> tuple[bool, bool]:
+def separates(method: Compared, reference: Compared, span: int) -> tuple[bool, bool]:
     """Whether the truth can separate two methods over a span, in position and in rotation.
 
     If their difference is small compared with their errors, these are mostly errors of the truth.

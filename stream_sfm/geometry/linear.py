@@ -11,6 +11,8 @@ import numpy as np
 from .. import core
 from .se3 import Array
 
+_PANEL = 48  # columns; measured: the fewest that a product is fast with
+
 
 def symmetric(a: Array) -> Array:
     """Return (A + Aᵀ)/2 of matrices (…, n, n)."""
@@ -26,6 +28,23 @@ def product(a: Array, b: Array) -> Array:
     """Return A B of stacked matrices (…, k) with one matrix (k, n), by a single product instead of many small ones."""
     *stack, k = a.shape
     return np.asarray((a.reshape(math.prod(stack), k) @ b).reshape(*stack, b.shape[1]))
+
+
+def turned(a: Array, by: tuple[Array, Array]) -> Array:
+    """Return A Q of stacked matrices (…, n) with Q as `core.reflections` returns it."""
+    along, axes = by
+    return a - product(product(a, along), axes.T)
+
+
+def times_upper(a: Array, upper: Array) -> Array:
+    """Return A R of stacked matrices (…, n) with one upper triangle (n, n), of whose zeros most are left out."""
+    n = len(upper)
+    flat, result = a.reshape(-1, n), np.empty(a.shape)
+    out = result.reshape(-1, n)
+    for first in range(0, n, _PANEL):
+        end = first + _PANEL
+        np.matmul(flat[:, :end], upper[:end, first:end], out=out[:, first:end])
+    return result
 
 
 def matvec(a: Array, x: Array) -> Array:

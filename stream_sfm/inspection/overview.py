@@ -217,8 +217,8 @@ class _Inspection:
                 self.problems.append(str(error))
         frames = self.result["frames"]
         if frames["median_offset_ms"] and frames["rate_hz"]:
-            said = stamp_warning(frames["median_offset_ms"], 1e3 / frames["rate_hz"], choice.right)
-            self.warnings += [said] if said else []
+            warning = stamp_warning(frames["median_offset_ms"], 1e3 / frames["rate_hz"], choice.right)
+            self.warnings += [warning] if warning else []
         problems, warnings = calibration_findings(rig, check, corners, choice, partial(_is_followed, rig, decoded))
         self.warnings += warnings
         self.problems += [f"{self.source.path}: {problem}" for problem in problems]

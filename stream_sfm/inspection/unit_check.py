@@ -35,13 +35,13 @@ class UnitCheck:
 
     def warnings(self) -> list[str]:
         """Say what is wrong with the samples on their own."""
-        said = [f"the IMU is not used: {self.problem}"] if self.problem else []
+        found = [f"the IMU is not used: {self.problem}"] if self.problem else []
         if self.gap_count and self.longest_gap_s is not None:
             gaps = counted(self.gap_count, "gap")
-            said.append(f"{gaps} between the samples of the IMU, the longest {self.longest_gap_s:.3f} s")
+            found.append(f"{gaps} between the samples of the IMU, the longest {self.longest_gap_s:.3f} s")
         if self.saturated:
-            said.append(f"{counted(self.saturated, 'sample')} of the IMU at the end of its range")
-        return said
+            found.append(f"{counted(self.saturated, 'sample')} of the IMU at the end of its range")
+        return found
 
 
 def check_unit(source: Source, survey: Survey) -> UnitCheck | None:

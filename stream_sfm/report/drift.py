@@ -76,7 +76,7 @@ def drift_of(c: Comparison, against: Against | None) -> dict[str, Any]:
     if against is not None:
         _add_factors(table, c, against)
     return {
-        "truth_tells": against is not None and _truth_tells(table, reference),
+        "truth_tells": against is not None and _truth_separates(table, reference),
         "against": "truth" if against is not None else "halves" if halves else None,
         "reference": reference,
         "as_is": c.as_is,
@@ -108,7 +108,7 @@ def common_in_numbers(common: Common) -> dict[str, Any] | None:
     }
 
 
-def _truth_tells(table: list[dict[str, Any]], reference: str) -> bool:
+def _truth_separates(table: list[dict[str, Any]], reference: str) -> bool:
     """Whether the truth separates methods from the reference in most comparisons; true without comparisons."""
     found = [
         not of["position_from_halves"] for line in table for key, of in line["methods"].items() if key != reference
@@ -149,10 +149,10 @@ def consistency_of(c: Comparison, run: RunRecord, against: Against | None, truth
 
 def in_words(content: dict[str, Any], methods: dict[str, Any]) -> str:
     """Return the first line of page, terminal and report.json: who is ahead over which spans, with consistency."""
-    said = [_who_is_ahead(content), _which_hold(methods, content["as_is"])]
+    found = [_who_is_ahead(content), _which_hold(methods, content["as_is"])]
     if content["common"] is not None:
-        said.append(f"All methods share {content['common']['text']}, which is removed here")
-    sentences = [sentence for sentence in said if sentence]
+        found.append(f"All methods share {content['common']['text']}, which is removed here")
+    sentences = [sentence for sentence in found if sentence]
     if not sentences:
         return "There is no ground truth for these frames."
     if content["against"] == "halves":
@@ -241,17 +241,17 @@ def _which_hold(methods: dict[str, Any], as_is: bool) -> str:
     source = (
         ", by halves of the tracks," if by_halves else "" if as_is else ", with the calibration taken as exact,"
     )
-    said = f"Covariances{source} are consistent for {in_a_row(hold)}" if hold else ""
+    text = f"Covariances{source} are consistent for {in_a_row(hold)}" if hold else ""
     if not wrong:
-        return said
-    said += ", not for " if said else f"Covariances{source} are not consistent for "
+        return text
+    text += ", not for " if text else f"Covariances{source} are not consistent for "
     if len(wrong) <= _MOST_NAMED:
-        return said + in_a_row([f"{of_method(key).name} ({_off(size)})" for key, size in wrong.items()])
+        return text + in_a_row([f"{of_method(key).name} ({_off(size)})" for key, size in wrong.items()])
     mine = wrong.pop(key_of(REFERENCE), None)
     others = (
         f"{len(wrong)} {'methods' if mine is None and not hold else 'others'} ({_off(*sorted(wrong.values()))})"
     )
-    return said + (others if mine is None else f"{of_method(REFERENCE).name} ({_off(mine)}) and {others}")
+    return text + (others if mine is None else f"{of_method(REFERENCE).name} ({_off(mine)}) and {others}")
 
 
 def _off(*sizes: float) -> str:

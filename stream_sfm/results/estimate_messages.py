@@ -118,8 +118,8 @@ class RosMessages:
         head, odom = ros.header(estimate.stamp_ns, frames.world), ros.header(estimate.stamp_ns, frames.odom)
         in_map = self._map_from_world()
         pose, cov = frames.pose(in_map @ estimate.world_from_cam), frames.cov_pose(cov_pose)
-        said, covariance = ros.pose_of(pose), fixed_axis_covariance(pose[:3, :3], cov)
-        yield "/stream_sfm/pose", ros.make(ros.POSE, header=head, pose=ros.with_covariance(said, covariance))
+        message, covariance = ros.pose_of(pose), fixed_axis_covariance(pose[:3, :3], cov)
+        yield "/stream_sfm/pose", ros.make(ros.POSE, header=head, pose=ros.with_covariance(message, covariance))
         on_path = frames.pose(now.odom_from_cam)
         moved = ros.pose_of(on_path)
         stated = ros.with_covariance(moved, fixed_axis_covariance(on_path[:3, :3], frames.cov_pose(now.cov)))
@@ -130,7 +130,7 @@ class RosMessages:
         corrected = ros.pose_of(frames.between(in_map @ now.world_from_odom))
         yield "/tf", ros.transforms((head, frames.odom, corrected), (odom, frames.moving, moved))
         yield "/stream_sfm/scalars", ros.make(SCALARS, header=head, **self._numbers(now, pose, covariance))
-        if self._path.add(ros.make("geometry_msgs/msg/PoseStamped", header=head, pose=said)):
+        if self._path.add(ros.make("geometry_msgs/msg/PoseStamped", header=head, pose=message)):
             yield self._path_now(head)
 
     def _numbers(self, odometry: Odometry, pose: Array, covariance: Array) -> dict[str, float]:

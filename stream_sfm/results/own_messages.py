@@ -37,11 +37,11 @@ def _described(of: type) -> list[Field[Any]]:
 
 def _line(of: Field[Any], prefix: str = "") -> str:
     """Return a field and its explanation."""
-    said, kind = about(of), _NUMBERS.get(plain_type(of), "string")
-    if said.shape is not None:
-        size = math.prod(said.shape) if all(isinstance(n, int) and n > 0 for n in said.shape) else ""
-        kind = f"{'int64' if said.kind is Kind.FRAMES else 'float64'}[{size}]"
-    return f"{kind} {prefix}{of.name}  # {said.says}"
+    description, kind = about(of), _NUMBERS.get(plain_type(of), "string")
+    if description.shape is not None:
+        size = math.prod(description.shape) if all(isinstance(n, int) and n > 0 for n in description.shape) else ""
+        kind = f"{'int64' if description.kind is Kind.FRAMES else 'float64'}[{size}]"
+    return f"{kind} {prefix}{of.name}  # {description.says}"
 
 
 _OF_FRAME = {f.name for f in fields(FrameEstimate)} - {f.name for f in fields(Solution)}

@@ -62,12 +62,12 @@ class Parts:
         t = len(TERMS)
         of_views = information[:t, :t] - np.diag(size[:t] ** -2.0)
         none = _End(0, np.zeros_like(of_views), np.zeros(len(of_views)))
-        before, said = self.whole or none, self.latest or none
+        before, parts = self.whole or none, self.latest or none
         whole = _End(before.frames + 1, of_views, weighted[:t].copy())
         if not counts:
             return changed(self, whole=whole)
         by_frame = of_views - before.information, whole.weighted - before.weighted
-        latest = _End(said.frames + 1, said.information + by_frame[0], said.weighted + by_frame[1])
+        latest = _End(parts.frames + 1, parts.information + by_frame[0], parts.weighted + by_frame[1])
         ends, every = self.ends, self.every
         if latest.frames % every == 0:
             ends = (*ends, latest)
@@ -91,10 +91,10 @@ class Parts:
             share, says = 1 / (1 + np.maximum(values, 0.0)), values > 0
             means[k] = (axes * (share * says)) @ (axes.T @ (last.weighted - first.weighted))
             variances[k] = axes**2 @ share
-        said = np.maximum(1 / variances - 1, 1e-9)  # without the prior
-        means, variances = means / (variances * said), 1 / said
-        var = 1 / said.sum(axis=0)
-        mean = var * (said * means).sum(axis=0)
-        chi2 = (said * (means - mean) ** 2).sum(axis=0)
+        weights = np.maximum(1 / variances - 1, 1e-9)  # without the prior
+        means, variances = means / (variances * weights), 1 / weights
+        var = 1 / weights.sum(axis=0)
+        mean = var * (weights * means).sum(axis=0)
+        chi2 = (weights * (means - mean) ** 2).sum(axis=0)
         spread = np.sqrt(np.maximum(chi2 / 2, 1.0))
         return Agreement(mean, spread * np.sqrt(var), spread)

@@ -66,9 +66,9 @@ def open_device(names: Sequence[str], rig: StereoRig | None, options: CameraOpti
         try:
             return known(options)
         except (RuntimeError, OSError) as error:  # of the manufacturer's package
-            said = " ".join(str(error).split())
+            reason = " ".join(str(error).split())
             cure = "is it connected, permitted, and not in use?"
-            raise LogError(f"camera {names[0]} cannot be opened: {said}; {cure}") from None
+            raise LogError(f"camera {names[0]} cannot be opened: {reason}; {cure}") from None
     return _opencv(names, rig, options)
 
 
@@ -81,11 +81,11 @@ def _opencv(names: Sequence[str], rig: StereoRig | None, options: CameraOptions)
     if options.serial:
         raise ConfigError(f"camera {names[0]} is opened by OpenCV, which knows no serial numbers: give its device")
     logging = cv2.utils.logging
-    said = logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # errors are reported below
+    level_before = logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # errors are reported below
     try:
         captures = [cv2.VideoCapture(int(name) if name.isdecimal() else name) for name in names]
     finally:
-        logging.setLogLevel(said)
+        logging.setLogLevel(level_before)
     for name, capture in zip(names, captures, strict=True):
         if not capture.isOpened():
             raise LogError(

@@ -187,8 +187,8 @@ class RerunSink:
         """Log a new status, but not a new reason, whose numbers change with every frame."""
         if estimate.status != self._status:
             self._status = estimate.status
-            said = ": ".join(filter(None, (f"frame {estimate.frame_index}", estimate.status, estimate.reason)))
-            self._stream.log(layout.STATUS, rr.TextLog(said, level=_LEVELS[estimate.status]))
+            text = ": ".join(filter(None, (f"frame {estimate.frame_index}", estimate.status, estimate.reason)))
+            self._stream.log(layout.STATUS, rr.TextLog(text, level=_LEVELS[estimate.status]))
 
 
 def _picture(picture: Picture) -> rr.EncodedImage | rr.Image:

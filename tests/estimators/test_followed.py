@@ -9,6 +9,7 @@ from stream_sfm.estimators.cross_frame.followed import followed
 from stream_sfm.estimators.cross_frame.marginals import Marginals
 from stream_sfm.estimators.cross_frame.relative import newest_motion
 from stream_sfm.estimators.cross_frame.window import CrossFrame
+from stream_sfm.estimators.triangulation import points_to_world
 from stream_sfm.geometry import se3
 from stream_sfm.record import changed
 from stream_sfm.simulation.scenes import Scene
@@ -34,6 +35,15 @@ def some() -> Marginals:
 def at(of: Marginals, pose: np.ndarray) -> Marginals:
     """The marginals of another pose of the filter."""
     return changed(of, world_from_cam=pose, points_in_world=se3.transform(pose, of.points_in_cam))
+
+
+def test_what_the_pose_does_not_know_moves_what_is_seen_from_it(some):
+    """Covariances of points grow by those of points that an uncertain pose carries, (6), and stay symmetric."""
+    root = np.random.default_rng(1).normal(size=(6, 6)) * STD[:, None]
+    doubted, pose = some.doubted(root @ root.T), some.world_from_cam
+    _, by_pose = points_to_world(pose, root @ root.T, some.points_in_cam, np.zeros_like(some.cov_points))
+    assert doubted.cov_points_in_world == pytest.approx(some.cov_points_in_world + by_pose, rel=1e-9, abs=1e-15)
+    assert np.array_equal(doubted.cov_points_in_world, np.swapaxes(doubted.cov_points_in_world, 1, 2))
 
 
 def from_filter(reported: Marginals, pose: np.ndarray) -> np.ndarray:

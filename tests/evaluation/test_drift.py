@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from stream_sfm.evaluation.common import NONE, Common, common_errors
-from stream_sfm.evaluation.drift import Compared, curves, table, tells
+from stream_sfm.evaluation.drift import Compared, curves, separates, table
 from stream_sfm.geometry import se3
 
 Array = NDArray[np.float64]
@@ -98,12 +98,12 @@ def test_where_the_truth_errs_more_than_methods_differ_halves_are_asked() -> Non
         for k, (name, size) in enumerate((("a", 3.0), ("b", 1.5)))
     }
     (first, *_), (without, *_) = table(methods, "b", halves), table(methods, "b")
-    assert tells(methods["a"], methods["b"], 1) == (False, False)
+    assert separates(methods["a"], methods["b"], 1) == (False, False)
     assert first["methods"]["a"]["position_from_halves"]
     assert first["methods"]["a"]["rotation_over_b"]["value"] == pytest.approx(2.0, rel=0.2)
     assert without["methods"]["a"]["position_over_b"] is None and without["methods"]["a"]["position_from_halves"]
-    (told, *_) = table({name: Compared(m.poses, TRUTH) for name, m in methods.items()}, "b")
-    assert not told["methods"]["a"]["position_from_halves"] and told["methods"]["a"]["position_over_b"]["ci95"]
+    (line, *_) = table({name: Compared(m.poses, TRUTH) for name, m in methods.items()}, "b")
+    assert not line["methods"]["a"]["position_from_halves"] and line["methods"]["a"]["position_over_b"]["ci95"]
 
 
 def test_methods_are_compared_over_the_same_motions() -> None:

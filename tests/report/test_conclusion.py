@@ -2,7 +2,7 @@
 
 import pytest
 
-from stream_sfm.report.drift import _truth_tells, _which_hold, _who_is_ahead
+from stream_sfm.report.drift import _truth_separates, _which_hold, _who_is_ahead
 
 
 def methods(**factors: float) -> dict[str, dict[str, object]]:
@@ -40,12 +40,15 @@ def test_it_says_that_nothing_is_left_for_the_calibration():
     )
 
 
-def line(frames: int, told: bool, **others_told: bool) -> dict[str, object]:
+def line(frames: int, separated: bool, **others: bool) -> dict[str, object]:
     """A line of the table by span: the error of the window is 1.25 times that of frame-to-frame, by truth or halves."""
-    of = {"position_over_frame_to_frame": {"value": 1.25, "ci95": [1.0, 1.5]}, "position_from_halves": not told}
-    others = {key: {"position_from_halves": not tells} for key, tells in others_told.items()}
+    of = {
+        "position_over_frame_to_frame": {"value": 1.25, "ci95": [1.0, 1.5]},
+        "position_from_halves": not separated,
+    }
+    of_others = {key: {"position_from_halves": not each} for key, each in others.items()}
     reference = {"frame_to_frame": {"position_from_halves": False}}
-    return {"frames": frames, "methods": {"cross_frame": of, **reference, **others}}
+    return {"frames": frames, "methods": {"cross_frame": of, **reference, **of_others}}
 
 
 def test_halves_are_not_called_level_where_the_truth_cannot_separate_them():
@@ -63,6 +66,6 @@ def test_halves_are_not_called_level_where_the_truth_cannot_separate_them():
 
 def test_the_truth_decides_if_it_does_in_most_comparisons():
     """One span of one method is not enough to judge covariances by it."""
-    assert not _truth_tells([line(1, False, ekf=True), line(10, False, ekf=False)], "frame_to_frame")
-    assert _truth_tells([line(1, False, ekf=True), line(10, True, ekf=True)], "frame_to_frame")
-    assert _truth_tells([], "frame_to_frame")
+    assert not _truth_separates([line(1, False, ekf=True), line(10, False, ekf=False)], "frame_to_frame")
+    assert _truth_separates([line(1, False, ekf=True), line(10, True, ekf=True)], "frame_to_frame")
+    assert _truth_separates([], "frame_to_frame")

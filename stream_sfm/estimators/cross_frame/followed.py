@@ -11,7 +11,6 @@ import numpy as np
 
 from ...config import WindowConfig
 from ...geometry import Array, se3
-from ...geometry.linear import mahalanobis2
 from .marginals import Marginals
 
 
@@ -23,6 +22,6 @@ def followed(before: Marginals, now: Marginals, previous_from_newest: Array, rul
     start = se3.orthonormalise(before.world_from_cam @ previous_from_newest)
     apart = se3.log(se3.inverse(start) @ now.world_from_cam)
     left = apart * (1 - 1 / rules.frames)
-    distance2 = float(mahalanobis2(left[None], now.cov_pose[None])[0])
+    distance2 = float(left @ np.linalg.solve(now.cov_pose, left))
     left *= min(1.0, rules.most_followed / np.sqrt(max(distance2, 1e-30)))
     return now.moved(-left)

@@ -98,15 +98,8 @@ def _quarters(of: Map, at: State, rules: WindowConfig) -> NDArray[np.int64]:
 
 def _poses_by(of: Map, system: System, at: State, quarters: NDArray[np.int64]) -> list[tuple[Array, Array]]:
     """Return what quarters of the points say of the poses, given all modes: information (n, n), right side (n,)."""
-    frames = len(of.frames)
-    u, g = core.poses_by_parts(of.projection, at, of.views, quarters, 4)
-    parts = []
-    for quarter, (blocks, right) in enumerate(zip(u.reshape(4, frames, 6, 6), g.reshape(4, -1), strict=True)):
-        taken, taken_right = system.taken_off_by(quarters == quarter)
-        information = np.zeros((frames, 6, frames, 6))
-        information[np.arange(frames), :, np.arange(frames)] = blocks
-        parts.append((information.reshape(taken.shape) - taken, right - taken_right))
-    return parts
+    found = core.poses_by_parts(of.projection, at, of.views, *system.by_points, quarters, 4)
+    return list(zip(*found, strict=True))
 
 
 def _squares(from_newest: Array, one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:

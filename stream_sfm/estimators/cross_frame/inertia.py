@@ -22,7 +22,7 @@ from ...record import changed
 from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction, Solution, Status
 from ..lifecycle import LostError
 from ..motion_model import MotionModel
-from .inertia_checks import Agreement, Densities, Jitter, impossible, likely
+from .inertia_checks import Agreement, Densities, Jitter, distance2_of, impossible, likely
 from .inertial_window import InertialWindow
 from .interval import JOINT, Interval, Known, Transition, transition
 from .map import Map
@@ -219,7 +219,7 @@ class Inertia:
         if expected is None or not frame.interval.cov_gyro.any():
             return motion
         cov = self._rules.farther**2 * (motion.spread * motion.cov_pose)
-        distance2, late_s, var_s2 = _distance2(expected, motion.cam_from_ref, cov, frame.std_turn_rad)
+        distance2, late_s, var_s2 = distance2_of(expected, motion.cam_from_ref, cov, frame.std_turn_rad)
         self._jitter = self._jitter.after(late_s, max(var_s2 - frame.interval.var_time, 0.0))
         more_s2 = self._jitter.var_interval - frame.interval.var_time
         if more_s2 > 0:  # than the prediction was made with
@@ -329,22 +329,6 @@ class Inertia:
         pose = se3.orthonormalise(known.world_from_cam @ se3.exp(moved[JOINT["pose"]]))
         cov = symmetric(cov + np.outer(moved, moved))  # of the fixed ones about where they are put
         return Known(known.stamp_ns, pose, state, cov)
-
-
-def _distance2(
-    expected: ExpectedMotion, cam_from_previous: Array, cov: Array, std_slide_rad: float
-) -> tuple[float, float, float]:
-    """Return the squared distance of a motion (4, 4) from the expected one, and by which time they are apart.
-
-    `cov` (6, 6): of the inverse motion. The time, s, is that by which the camera has moved on, with its variance, s².
-    """
-    apart = se3.log(se3.inverse(expected.previous_from_cam) @ se3.inverse(cam_from_previous))
-    both = expected.cov + cov
-    both[range(3, 6), range(3, 6)] += std_slide_rad**2
-    per_second = -expected.twist + 1e-9  # not zero
-    of_apart, of_time = np.linalg.solve(both, np.stack([apart, per_second], axis=1)).T
-    var_s2 = 1 / float(per_second @ of_time)
-    return float(apart @ of_apart), var_s2 * float(per_second @ of_apart), var_s2
 
 
 def inertial_estimate(known: Known, factors: Array, distance2: float = 0.0, note: str = "") -> InertialEstimate:

@@ -9,14 +9,17 @@ import numpy as np
 
 from ...config import RigConfig
 from ...config.inertia_rules import InertiaRules
-from ...geometry import Array
+from ...geometry import Array, se3
 from ...geometry.linear import mahalanobis2
 from ...inertial.state import ACCEL_BIAS, FIXED, GRAVITY, GRAVITY_M_S2
 from ...record import changed, record
+from ...types import ExpectedMotion
 
 _EXPECTED = 6.0  # squared distance of the motions of one frame
 _DEGREES = 180 / np.pi
 _SIZES = (1, 3, 1)  # of scale, axes and clock
+_THERE = np.array(list(product((0.0, 1.0), repeat=len(_SIZES))))  # what is not zero: all combinations
+_ROWS = np.repeat(_THERE, _SIZES, axis=1)
 
 
 @record
@@ -73,6 +76,22 @@ class Agreement:
         return "the IMU contradicts the images"
 
 
+def distance2_of(
+    expected: ExpectedMotion, cam_from_previous: Array, cov: Array, std_slide_rad: float
+) -> tuple[float, float, float]:
+    """Return the squared distance of a motion (4, 4) from the expected one, and by which time they are apart.
+
+    `cov` (6, 6): of the inverse motion. The time, s, is that by which the camera has moved on, with its variance, s².
+    """
+    apart = se3.log(se3.inverse(expected.previous_from_cam) @ se3.inverse(cam_from_previous))
+    both = expected.cov + cov
+    both[range(3, 6), range(3, 6)] += std_slide_rad**2
+    per_second = -expected.twist + 1e-9  # not zero
+    of_apart, of_time = np.linalg.solve(both, np.stack([apart, per_second], axis=1)).T
+    var_s2 = 1 / float(per_second @ of_time)
+    return float(apart @ of_apart), var_s2 * float(per_second @ of_apart), var_s2
+
+
 def impossible(state: Array, cov: Array, rules: InertiaRules) -> bool:
     """Whether a state (17,) with `cov` (17, 17) cannot be, so that it has begun with a wrong motion, eq. (85)."""
     bias, gravity = state[ACCEL_BIAS], state[GRAVITY]
@@ -91,7 +110,8 @@ class Densities:
 
     `squares`, `shares` (3,): sums of weighted squared residuals in units of what the data sheet says, and of what they
     should be. `plain` (3, 2): the same without weights: samples whose noise is counted far too small leave the images
-    no say, so that all weights are small. `sheet` (3,): what `squares` are per share before any residual.
+    no say, so that all weights are small. `sheet` (3,): what `squares` are per share before any residual. `factors`
+    (3,): what follows from these.
     """
 
     rules: InertiaRules
@@ -99,6 +119,16 @@ class Densities:
     shares: Array
     plain: Array
     sheet: Array
+    factors: Array
+
+    @classmethod
+    def of(cls, rules: InertiaRules, squares: Array, shares: Array, plain: Array, sheet: Array) -> "Densities":
+        """Return them with the factors that these sums lead to."""
+        known, at_least = squares / shares, plain[:, 0] / plain[:, 1]
+        at_least[2] = 0.0  # of slides: what the gyroscope shows alone
+        likely = np.where(at_least > 1, np.maximum(known, at_least), known)
+        factors = np.clip(np.sqrt(likely), rules.least_factor, rules.most_factor)
+        return cls(rules, squares, shares, plain, sheet, factors)
 
     @classmethod
     def begun(cls, rules: InertiaRules, noise: Array | None = None) -> "Densities":
@@ -110,15 +140,7 @@ class Densities:
         if noise is not None:
             sheet[:2] = np.clip(noise, 1.0, rules.most_factor) ** 2
         counts = np.full(3, rules.data_sheet)
-        return cls(rules, counts * sheet, counts, np.full((3, 2), rules.little), sheet)
-
-    @property
-    def factors(self) -> Array:
-        """The factors (3,)."""
-        known, at_least = self.squares / self.shares, self.plain[:, 0] / self.plain[:, 1]
-        at_least[2] = 0.0  # of slides: what the gyroscope shows alone
-        squares = np.where(at_least > 1, np.maximum(known, at_least), known)
-        return np.clip(np.sqrt(squares), self.rules.least_factor, self.rules.most_factor)
+        return cls.of(rules, counts * sheet, counts, np.full((3, 2), rules.little), sheet)
 
     def after(self, surprise: Array) -> "Densities":
         """Return them after an interval with a `surprise` (3, 4), as in `InertialWindow.learn`."""
@@ -128,7 +150,7 @@ class Densities:
         squares = keep * self.squares + counts * self.sheet + surprise[:, 0] * in_units
         shares = keep * self.shares + counts + surprise[:, 1]
         plain = keep * self.plain + np.stack([surprise[:, 2] * in_units, surprise[:, 3]], axis=1)
-        return changed(self, squares=squares, shares=shares, plain=plain)
+        return Densities.of(self.rules, squares, shares, plain, self.sheet)
 
 
 @record
@@ -177,18 +199,16 @@ def likely(state: Array, cov: Array, std: Array, rig: RigConfig) -> Array:
     information = information - np.eye(5)
     values, axes = np.linalg.eigh(0.5 * (information + information.T))
     information = (axes * np.maximum(values, 0.0)) @ axes.T
-    there = np.array(list(product((0.0, 1.0), repeat=len(_SIZES))))  # all at once, with zeros for what is not there
-    rows = np.repeat(there, _SIZES, axis=1)
-    weighted = rows * weighted
-    information = rows[:, :, None] * information * rows[:, None, :]
+    weighted = _ROWS * weighted  # all at once, with zeros for what is not there
+    information = _ROWS[:, :, None] * information * _ROWS[:, None, :]
     counted = np.eye(5) + rig.counts * information
     log_odds = (
-        np.log(rig.odds) * there.sum(axis=1)
+        np.log(rig.odds) * _THERE.sum(axis=1)
         - 0.5 * np.linalg.slogdet(counted)[1]
         + 0.5 * rig.counts**2 * mahalanobis2(weighted, counted)
     )
     means = np.linalg.solve(np.eye(5) + information, weighted[..., None])[..., 0]
     weights = np.exp(log_odds - log_odds.max())
     weights /= weights.sum()
-    probable = 2 - 1 / np.maximum(weights @ there, 0.5)  # none unless it is likelier there than not
+    probable = 2 - 1 / np.maximum(weights @ _THERE, 0.5)  # none unless it is likelier there than not
     return np.asarray(np.repeat(probable, _SIZES) * (weights @ means) * std)

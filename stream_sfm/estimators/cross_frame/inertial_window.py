@@ -214,27 +214,22 @@ class InertialWindow:
         modes, of = system.prior.world_modes[JOINT["state"]], system.prior.of_modes
         of_own, of_rig = modes[:, of["own"]], modes[:, of["rig"]]
         at = layout(poses=6 * f, state=STATE)
-        local, shared = np.zeros((9, self._local.size)), np.zeros((9, at.size))
+        # rows of the interval, and of the slide of its frame in σ
+        local, shared = np.zeros((12, self._local.size)), np.zeros((12, at.size))
         first = slice(0, 3)
-        local[:, self._local.within("slides", first)] = of_own_local[:, :3]
-        local[:, self._local.within("velocities", first)] = of_own_local[:, 3:]
-        shared[:, :6], shared[:, at["state"]] = of_oldest[:, :6], of_oldest[:, 6:]
+        of_slide, std = self._local.within("slides", first), self._std_slides[0]
+        local[:9, of_slide], local[9:, of_slide] = of_own_local[:, :3], np.eye(3) / std
+        local[:9, self._local.within("velocities", first)] = of_own_local[:, 3:]
+        shared[:9, :6], shared[:9, at["state"]] = of_oldest[:, :6], of_oldest[:, 6:]
         total = shared + local @ self._gain
         by_variables = _of_system(system, total[:, at["poses"]], total[:, at["state"]] @ of_own)
         root = by_variables @ system.root
         by_rig = by_variables @ system.by_rig + total[:, at["state"]] @ of_rig
-        cov = root @ root.T + by_rig @ system.cov_rig @ by_rig.T + local @ self._cov_local @ local.T
-        left = np.clip(1 - np.diag(cov), 0.0, 1.0)
-        gain = self._gain[:3]  # of the slide of the oldest frame
-        by_slide = _of_system(system, gain[:, at["poses"]], gain[:, at["state"]] @ of_own)
-        root, by_rig = by_slide @ system.root, by_slide @ system.by_rig + gain[:, at["state"]] @ of_rig
-        cov = root @ root.T + by_rig @ system.cov_rig @ by_rig.T + self._cov_local[:3, :3]
-        of_slide = np.clip(1 - np.diag(cov) / self._std_slides[0] ** 2, 0.0, 1.0)
-        left = np.concatenate([left, of_slide])
-        squares = np.concatenate([residual, self.slides[0] / self._std_slides[0]]) ** 2
+        parts = (root, root), (by_rig @ system.cov_rig, by_rig), (local @ self._cov_local, local)
+        left = np.clip(1 - sum((a * b).sum(axis=1) for a, b in parts), 0.0, 1.0)
+        squares = np.concatenate([residual, self.slides[0] / std]) ** 2
         rows = np.stack([left * squares, left**2, squares, left], axis=1)
-        parts = slice(0, 3), slice(3, 9), slice(9, 12)
-        self.surprise = np.array([rows[k].sum(axis=0) for k in parts])
+        self.surprise = np.array([rows[k].sum(axis=0) for k in (slice(0, 3), slice(3, 9), slice(9, 12))])
 
 
 def _of_system(system: System, by_poses: Array, by_modes: Array) -> Array:

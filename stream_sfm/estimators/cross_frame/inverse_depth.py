@@ -8,7 +8,6 @@ P = X_s C (q₁, q₂, 1, q₃)ᵀ. A pose is perturbed as Exp(ξ) X_s (left), w
 ref_from_cam_s. Arrays are batched: F frames, P points, V views.
 """
 
-from collections.abc import Sequence
 from operator import attrgetter
 from typing import Any, ClassVar, NamedTuple
 
@@ -76,11 +75,15 @@ class WhitenedViews:
     field: Array
     moves: ClassVar[Array] = FIELD_MOVES  # by parts of the field
 
-    @classmethod
-    def concatenate(cls, parts: Sequence["WhitenedViews"]) -> "WhitenedViews":
-        """Return the views of several frames, of one at least."""
-        columns: list[Any] = [np.concatenate(column) for column in zip(*map(_COLUMNS, parts), strict=True)]
-        return cls(*columns)
+    def with_newest(self, rows: NDArray[np.intp], newest: "WhitenedViews") -> "WhitenedViews":
+        """Return some rows of these views, followed by those of the newest frame."""
+        columns: list[Any] = []
+        for before, new in zip(_COLUMNS(self), _COLUMNS(newest), strict=True):
+            column = np.empty((len(rows) + len(new), *new.shape[1:]), new.dtype)
+            before.take(rows, axis=0, out=column[: len(rows)], mode="clip")  # "raise" would copy once more
+            column[len(rows) :] = new
+            columns.append(column)
+        return WhitenedViews(*columns)
 
     def __len__(self) -> int:
         return len(self.ids)

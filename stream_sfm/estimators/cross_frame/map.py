@@ -69,9 +69,7 @@ class Map:
         self.reference, self.exposures = frame, Exposures.of_reference()
         self.rules, self.rejections = rules, RejectionCounts(rig.held, rules)
         self.begun_anew = self._dropped = np.empty(0, np.int64)
-        self.doubt = Doubt()
-        self.focus = FocusWatch.begun(rig.rules)
-        self.has_focus = False
+        self.doubt, self.focus, self.has_focus = Doubt(), FocusWatch.begun(rig.rules), False
         ids = first.track_ids
         views = changed(views, used=core.among(views.ids, ids))
         self.first_views: WhitenedViews | None = views
@@ -155,11 +153,15 @@ class Map:
         prior = changed(prior, cov=cov).absorb_frame(
             self.amplitudes, cam_from_ref, anchors, q, blocks, stays, (new_ids, *alone), leaving
         )
-        prior = prior.truncate_modes()
-        prior = changed(prior, rig=prior.rig.with_part(not frame.in_question))
+        prior = changed(prior.truncate_modes(), rig=prior.rig.with_part(not frame.in_question))
         self.prior = prior.refocused(frame, self.frames[0].stamp_ns) if self.frames else prior
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
         self.points = self.points.keep(seen_later if self.frames else core.among(self.points.ids, self.prior.ids))
+
+    def _absorb_all(self) -> None:
+        """Empty the window: the newest camera becomes the reference."""
+        while self.frames:
+            self.absorb_oldest()
 
     def _remove_oldest(self) -> tuple[WindowFrame, WhitenedViews]:
         """Take the oldest frame out of the window, with its views; it becomes the reference camera."""
@@ -216,7 +218,7 @@ class Map:
             self._places = views.ids, views.expected_px
         # views out of use stay so: only the drift of points that are in the map is asked for
         kept = np.flatnonzero(self.views.used | core.among(self.views.ids, self.points.ids))
-        self.views = WhitenedViews.concatenate([self.views[kept], views])
+        self.views = self.views.with_newest(kept, views)
 
     def _count_rejected(self, rejected: NDArray[np.int64]) -> None:
         """Remember which tracks disagree with the motion.
@@ -227,11 +229,10 @@ class Map:
         seen = core.times_among(rejected, self.views.ids, self.views.used)
         young = rejected[(seen <= 1) & ~core.among(rejected, self.prior.ids)]
         self.rejections.add(rejected)
-        if not len(young):
-            return
-        self.views = changed(self.views, used=self.views.used & ~core.among(self.views.ids, young))
-        self.points = self.points.keep(~core.among(self.points.ids, young))
-        self._dropped = core.union_of(np.concatenate([self._dropped, young]))
+        if len(young):
+            self.views = changed(self.views, used=self.views.used & ~core.among(self.views.ids, young))
+            self.points = self.points.keep(~core.among(self.points.ids, young))
+            self._dropped = core.union_of(np.concatenate([self._dropped, young]))
 
     def frames_agreed(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return in how many frames after their first one points `ids` (n,) agreed with the map.
@@ -266,10 +267,9 @@ class Map:
 
         Those that ended after a single view go too: it says nothing about anything else.
         """
-        views, ids = self.views, self.points.ids
-        keep = core.times_among(ids, views.ids, views.used & views.stereo) > 0
-        keep &= (core.times_among(ids, views.ids, views.used) > 1) | core.among(ids, views.ids[self.newest])
-        keep |= core.among(ids, self.prior.ids)
+        views, known = self.views, self.prior.ids
+        seen = views.ids, views.used, views.stereo, self.newest.start
+        keep = core.determined_points(self.points.ids, known, *seen)
         if not keep.all():
             self.points = self.points.keep(keep)
             self.views = changed(views, used=views.used & core.among(views.ids, self.points.ids))
@@ -312,16 +312,17 @@ class Map:
             return None
         rig, model = self.prior.rig, self.frames[-1].rig
         mean, cov, information = self.system.rig_errors()
-        changes = not rig.steady or (model is not None and model.focus_moves(mean, cov))
+        changes, agreement = (
+            not rig.steady or (model is not None and model.focus_moves(mean, cov)),
+            rig.parts.agreement,
+        )
         counted = (mean, cov) if changes else rig.tempered(mean, cov, information)
-        agreement = rig.parts.agreement
         rig, found = rig.contradicted(mean, cov).judged(*counted, agreement)
         self._move(*self.system.follow_rig(rig.held - self.rig_error))
         self.prior = changed(self.prior, rig=rig)
         self.rejections.ask_again(self.views[self.newest], rig.held)
         self.system.cov_rig = found.cov
-        age = self.prior.rig.age_s(self.frames[-1].stamp_ns)
-        evidence = None if agreement is None else agreement.evidence
+        age, evidence = rig.age_s(self.frames[-1].stamp_ns), None if agreement is None else agreement.evidence
         return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age, evidence=evidence)
 
     def learn_rig(self, estimate: RigEstimate, field_std_px: float, by_rows: tuple[Array, Array]) -> None:
@@ -329,12 +330,8 @@ class Map:
 
         `by_rows`: information (m,) and weighted sums (m,).
         """
-        rig, (more, weighted) = self.prior.rig, by_rows
-        if rig.steady:
-            size = rig.likely_size(estimate.mean_if_wrong, estimate.cov_if_wrong, field_std_px)
-            more = more + size**-2.0 - rig.size**-2.0
-            rig = changed(rig, size=size)
-        self.prior = changed(self.prior, rig=rig.informed(more, weighted))
+        rig = self.prior.rig.learnt(estimate.mean_if_wrong, estimate.cov_if_wrong, field_std_px, *by_rows)
+        self.prior = changed(self.prior, rig=rig)
 
     def begin_field(self, model: RigModel) -> None:
         """Add a field to the rig's errors, and what it does to the views of the window."""
@@ -343,46 +340,37 @@ class Map:
         self.views = changed(self.views, field=model.field_at(self.views.expected_px))
         if (first := self.first_views) is not None:
             self.first_views = changed(first, field=model.field_at(first.z_px))
-        n = len(model) - len(self.prior.rig)
-        self.prior = self.prior.with_field(n)
-        self.amplitudes = np.concatenate([self.amplitudes, np.zeros(n)])
+        self.prior = self.prior.with_field(len(model) - len(self.prior.rig))
+        self.amplitudes = np.pad(self.amplitudes, (0, self.prior.modes.shape[2] - len(self.amplitudes)))
 
     def change_rig(self, change: Callable[[RigState], tuple[RigState, Array, Array]]) -> None:
         """Take it that the errors of the rig have changed since the newest frame, by what `change` makes of them.
 
         Earlier views were seen with the errors as they were, so the window is emptied.
         """
-        while self.frames:
-            self.absorb_oldest()
+        self._absorb_all()
         self.first_views = None  # its views met the errors as they were
         self.prior = self.prior.with_rig_change(change(self.prior.rig))
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
 
     def begin_inertia(self, window: InertialWindow, known: Known) -> None:
         """Add an inertial state, `known` in the newest camera, or begin it anew: that is the reference then."""
-        while self.frames:
-            self.absorb_oldest()
-        rows = self.prior.world_modes[JOINT["pose"]]
-        self.prior = changed(self.prior, world_modes=rows, state=np.zeros(0)).with_state(known.state, known.cov)
-        self.inertia = window
-        self.amplitudes = np.zeros(self.prior.modes.shape[2])
-        self.gauss_newton_step()
+        self._absorb_all()
+        self._begin_with(self.prior.without_state().with_state(known.state, known.cov), window)
 
     def end_inertia(self) -> None:
         """Go on without inertia: what it has said of poses and points stays."""
-        while self.frames:
-            self.absorb_oldest()
-        self.inertia = None
-        self.prior = changed(self.prior, world_modes=self.prior.world_modes[JOINT["pose"]], state=np.zeros(0))
-        self.amplitudes = np.zeros(self.prior.modes.shape[2])
+        self._absorb_all()
+        self._begin_with(self.prior.without_state(), None)
+
+    def _begin_with(self, prior: Prior, inertia: InertialWindow | None) -> None:
+        """Solve what a prior says in the reference camera, with an empty window."""
+        self.prior, self.inertia, self.amplitudes = prior, inertia, np.zeros(prior.modes.shape[2])
         self.gauss_newton_step()
 
     def place_newest(self, known: Known) -> Marginals:
         """Put the newest camera where images and inertia together have it; points keep their places in it."""
-        before: Marginals = self.marginals
-        pose, cov = known.world_from_cam, known.cov_pose + self.cov_doubt
-        in_world = se3.transform(pose, before.points_in_cam)
-        self.marginals = changed(before, world_from_cam=pose, cov_pose=cov, points_in_world=in_world)
+        self.marginals = self.marginals.at(known.world_from_cam, known.cov_pose + self.cov_doubt)
         return self.marginals
 
     @property
@@ -391,12 +379,11 @@ class Map:
         return self.cams_from_ref if self.inertia is None else self.inertia.true_cams(self.cams_from_ref)
 
     def true_poses(self) -> tuple[Array, Array]:
-        """Return a root (6F, n) of the covariance of `true_cams` given the rig's errors, and how they move with these
-        (6F, m)."""
-        if self.inertia is None:
-            poses = self.system.at["poses"]
-            return self.system.root[poses], self.system.by_rig[poses]
-        return self.inertia.true_poses(self.system)
+        """Return a root (6F, n) of the covariance of `true_cams` given the rig's errors, and ∂ by these (6F, m)."""
+        if self.inertia is not None:
+            return self.inertia.true_poses(self.system)
+        poses = self.system.at["poses"]
+        return self.system.root[poses], self.system.by_rig[poses]
 
     @property
     def cov_pose(self) -> Array:

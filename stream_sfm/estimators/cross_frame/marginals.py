@@ -11,7 +11,7 @@ from ... import core
 from ...geometry import Array, se3
 from ...geometry.linear import symmetric
 from ...geometry.stereo import KNOWN_DEPTH_SIGMAS
-from ...record import changed, filled, record
+from ...record import changed, columns_at, filled, record
 from ..lifecycle import WorldPoints
 from .inverse_depth import State
 from .normal_equations import System
@@ -60,13 +60,8 @@ class Marginals:
 
     def doubted(self, cov: Array) -> "Marginals":
         """Return the marginals with `cov` (6, 6) added to the newest pose and to all that is seen from it."""
-        j, r = se3.point_in_source_jacobian(self.points_in_cam), self.world_from_cam[:3, :3]
-        of_points = r @ (j @ cov @ np.swapaxes(j, 1, 2)) @ r.T
-        return changed(
-            self,
-            cov_pose=self.cov_pose + cov,
-            cov_points_in_world=symmetric(self.cov_points_in_world + of_points),
-        )
+        in_world = core.doubted_points(self.points_in_cam, self.cov_points_in_world, self.world_from_cam, cov)
+        return changed(self, cov_pose=self.cov_pose + cov, cov_points_in_world=in_world)
 
     def moved(self, by: Array) -> "Marginals":
         """Return the marginals with the newest pose, and all that is seen from it, moved `by` (6,) from the estimate.
@@ -74,10 +69,14 @@ class Marginals:
         That is an error which is known, so covariances grow to mean squared errors.
         """
         result = self.doubted(np.outer(by, by))
-        pose = se3.orthonormalise(self.world_from_cam @ se3.exp(by))
-        return changed(result, world_from_cam=pose, points_in_world=se3.transform(pose, self.points_in_cam))
+        return result.at(se3.orthonormalise(self.world_from_cam @ se3.exp(by)), result.cov_pose)
+
+    def at(self, world_from_cam: Array, cov_pose: Array) -> "Marginals":
+        """Return the marginals with the newest camera at a pose (4, 4); points keep their places in it."""
+        in_world = se3.transform(world_from_cam, self.points_in_cam)
+        return changed(self, world_from_cam=world_from_cam, cov_pose=cov_pose, points_in_world=in_world)
 
     def ended(self, still_in_map: NDArray[np.int64] = _NO_IDS) -> WorldPoints:
         """Return the points that are not in the map any more and have a position in metres; ids ascending."""
         rows = ~core.among(self.ids, still_in_map) & self.finite
-        return WorldPoints(self.ids[rows], self.points_in_world[rows], self.cov_points_in_world[rows])
+        return WorldPoints(*columns_at((self.ids, self.points_in_world, self.cov_points_in_world), rows))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...geometry import Array
-from ...geometry.linear import Cholesky, Elimination, matvec, product
+from ...geometry.linear import Cholesky, Elimination, matvec, product, times_upper
 from ...record import rows_of
 from .interval import JOINT
 from .layout import layout
@@ -128,12 +128,15 @@ class System:
             by_rig, root = other._points_by_rig()
             return (by_rig, root) if len(rows) == len(root) else (rows_of(by_rig, rows), rows_of(root, rows))
         n = len(self.root)
-        return product(self._reach[..., :n], self.by_rig) + self._reach[..., n:], self.std_given
+        by_rig = product(self._reach[..., :n], self.by_rig)
+        by_rig += self._reach[..., n:]
+        return by_rig, self.std_given
 
-    def taken_off_by(self, points: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return Σ MᵀV⁻¹M (6F, 6F) and Σ MᵀV⁻¹g (6F,) of eq. (27) over some points (P,), of the poses alone."""
-        reach = _flat(rows_of(self._reach[..., self.at["poses"]], points))
-        return reach.T @ reach, reach.T @ rows_of(self._given, points).ravel()
+    @property
+    def by_points(self) -> tuple[Array, Array]:
+        """How the others reach points (P, 3, n + m), poses first, and the steps of points for themselves (P, 3), in
+        units of their roots."""
+        return self._reach, self._given
 
     def rig_errors(self) -> tuple[Array, Array, Array]:
         """Return mean (m,), covariance and information (m, m) of the rig's errors by all views."""
@@ -161,7 +164,7 @@ class System:
     def covariances(self, frame: int) -> tuple[CovariancePart, CovariancePart]:
         """Return the covariances given the rig's errors, with the pose of `frame`, and what these errors add."""
         n, (own, rig) = len(self.root), self.pose_and_world(frame)
-        by_own = product(self._reach[..., :n], self.root)
+        by_own = times_upper(self._reach[..., :n], self.root)
         by_rig, root = self._points_by_rig()
         covariant = product(by_rig, self.cov_rig)
         return (

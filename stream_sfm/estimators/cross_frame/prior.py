@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...geometry import Array, se3
-from ...geometry.linear import Elimination, product, scaled_cholesky
+from ...geometry.linear import Elimination, product, scaled_cholesky, turned
 from ...inertial.state import BIASES, GRAVITY, STATE, VELOCITY
 from ...record import changed, filled, record
 from .interval import JOINT, OF_LEAVING, Leaving
@@ -36,8 +36,6 @@ from .window_frame import WindowFrame
 # Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
 # micrometre and a microradian are far below any estimate.
 _ORIGIN_VARIANCE = 1e-12
-
-_INERTIAL = 12  # modes of a leaving frame by inertia: slide, velocity, and the walk of the biases
 
 # Points that enter the prior: ids, ascending, mean (n, 3), covariance (n, 3, 3), ∂q by amplitudes of their frame's own
 # (n, 3, e) and by the rig's errors (n, 3, m).
@@ -142,6 +140,10 @@ class Prior:
         modes = [self.modes[..., of["own"]], none, self.modes[..., of["rig"]]]
         return changed(self, state=state, world_modes=rows, modes=np.concatenate(modes, axis=2))
 
+    def without_state(self) -> "Prior":
+        """Return the prior without its inertial state: what that has said of all else stays."""
+        return changed(self, world_modes=self.world_modes[JOINT["pose"]], state=np.zeros(0))
+
     def absorb_frame(
         self,
         amplitudes: Array,
@@ -219,11 +221,11 @@ class Prior:
         if leaving is not None:
             cam_from_ref = se3.exp(np.concatenate([np.zeros(3), leaving.slide])) @ cam_from_ref
             state, rows = self._state_in(cam_from_ref, leaving, self.state_at(amplitudes), at)
-        modes = se3.adjoint(cam_from_ref) @ self.world_modes[JOINT["pose"]]
-        of_frame = np.zeros((6, at["frame"].stop))
-        modes = np.concatenate([of_frame, modes[:, of["own"]], -np.eye(6), modes[:, of["rig"]]], axis=1)
+        before = se3.adjoint(cam_from_ref) @ self.world_modes[JOINT["pose"]]
+        modes = np.zeros((6, at.size))
+        modes[:, at["before"]], modes[:, at["rig"]] = before[:, of["own"]], before[:, of["rig"]]
+        modes[:, at.span("translation", "rotation")] = -np.eye(6)
         if leaving is not None:
-            modes = np.insert(modes, [at["slide"].start] * _INERTIAL, 0.0, axis=-1)
             modes[3:, at["slide"]] = -np.eye(3)  # a slide turns the camera as its pose does
             modes = np.concatenate([modes, rows])
         return self.world(amplitudes) @ se3.inverse(cam_from_ref), state, modes
@@ -236,7 +238,7 @@ class Prior:
         wide = np.zeros((at.size, at.size))
         first, rig, last = slice(0, at["slide"].start), at["rig"], slice(at["slide"].start, None)
         wide[first, first], wide[rig, first], wide[rig, rig] = s[first, first], s[last, first], s[last, last]
-        right = np.concatenate([right[first], np.zeros(_INERTIAL), right[last]])
+        right = np.concatenate([right[first], np.zeros(at.size - len(s)), right[last]])
         state, of, rows = self.world_modes[JOINT["state"]], self.of_modes, OF_LEAVING
         moving = np.flatnonzero(state.any(axis=0))  # most modes do not touch the state
         beside = np.where(moving < of["rig"].start, at["before"].start, rig.start - of["rig"].start)
@@ -314,27 +316,22 @@ class Prior:
     def truncate_modes(self) -> "Prior":
         """Return the same prior in as few modes as matter, eq. (36).
 
-        Six modes carry the world exactly, 17 more the inertial state, and those of the rig stay. The others are
-        principal components of the points'
-        common error in units of their own noise; those of a variance below a hundredth, summed over the points,
-        correlate no two points by more than that, and go to the points' own noise.
+        Six modes carry the world exactly, 17 more the inertial state, and those of the rig stay. Of the points' common
+        error in units of their own noise, what some modes add to all the others is of a variance below a fiftieth,
+        summed over the points. It correlates no two points by more than that, and goes to the points' own noise.
         """
-        own = self.modes.shape[2] - len(self.rig)
-        q, r = np.linalg.qr(self.world_modes[:, :own].T, mode="complete")
-        modes = product(self.modes[..., :own], q)
-        fixed = len(self.world_modes)
-        shared = modes[..., fixed:]
-        whitened = core.whiten_blocks(self.cov, shared).reshape(-1, shared.shape[2])
-        variance, axes = np.linalg.eigh(whitened.T @ whitened)
-        shared = product(shared, axes)
-        small = variance < 0.01
-        folded = shared[..., small]
-        kept = int((~small).sum())
+        own, rig = self.of_modes["own"], self.of_modes["rig"]
+        to_world = core.reflections(self.world_modes[:, own].T)
+        world_modes, modes = turned(self.world_modes[:, own], to_world), turned(self.modes[..., own], to_world)
+        fixed = len(world_modes)
+        whitened = core.whiten_blocks(self.cov, modes).reshape(-1, own.stop)[:, fixed:]
+        minor = core.minor_directions(whitened.T @ whitened, 0.02)
+        shared = turned(modes[..., fixed:], core.reflections(minor))
+        folded, kept = np.split(shared, [minor.shape[1]], axis=2)
+        none = np.zeros((fixed, kept.shape[2]))
         return changed(
             self,
             cov=self.cov + folded @ np.swapaxes(folded, 1, 2),
-            modes=np.concatenate([modes[..., :fixed], shared[..., ~small], self.modes[..., own:]], axis=2),
-            world_modes=np.concatenate(
-                [r.T[:, :fixed], np.zeros((fixed, kept)), self.world_modes[:, own:]], axis=1
-            ),
+            modes=np.concatenate([modes[..., :fixed], kept, self.modes[..., rig]], axis=2),
+            world_modes=np.concatenate([world_modes[:, :fixed], none, self.world_modes[:, rig]], axis=1),
         )

@@ -73,14 +73,17 @@ def _of_motions(current: Map, feigned: float) -> Array:
     window, so that over any of its spans they count as over one frame, and a share `feigned` of their variance, eq.
     (17b); those that stay add up in the pose.
     """
-    together, apart, turns = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
-    covs: list[Array] = []
-    by_cams = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(current.cams_from_ref))
-    for frame, moved in zip(reversed(current.frames), by_cams[::-1], strict=True):
-        turned = frame.std_turn_rad * moved[:, 3:]
-        turns = turns + turned @ turned.T
+    frames = current.frames[::-1]
+    by_cams = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(current.cams_from_ref[::-1]))
+    turned = np.array([f.std_turn_rad for f in frames])[:, None, None] * by_cams[..., 3:]
+    turns = np.cumsum(turned @ np.swapaxes(turned, 1, 2), axis=0)
+    covs = feigned / np.arange(1, len(frames) + 1)[:, None, None] * turns
+    if not any(f.ambiguity.shape[1] for f in frames):
+        return covs[::-1]
+    together, apart = np.zeros((6, 6)), np.zeros((6, 6))
+    for cov, frame, moved in zip(covs, frames, by_cams, strict=True):
         if frame.ambiguity.shape[1]:
             other = moved @ frame.ambiguity
             together, apart = together + other[:, :6], apart + other[:, 6:] @ other[:, 6:].T
-        covs.append(together @ together.T + apart + feigned / (len(covs) + 1) * turns)
-    return np.stack(covs[::-1])
+        cov += together @ together.T + apart
+    return covs[::-1]

@@ -101,9 +101,10 @@ class RigState:
         is so of a lens that moves, or of errors that no term has: then σ of c is too small by as much.
         """
         t = len(TERMS)
-        prior = Cholesky(self.information)
-        gain = (mean - self.mean - prior.solve(self.weighted))[:t]
-        var = np.maximum(np.diag(prior.inverse() - cov)[:t], 1e-9)  # less is rounding
+        root = Cholesky(self.information).root
+        of_terms = root[:t]
+        gain = (mean - self.mean)[:t] - of_terms @ (root.T @ self.weighted)
+        var = np.maximum((of_terms**2).sum(axis=1) - np.diag(cov)[:t], 1e-9)  # less is rounding
         frames = min(self.frames + 1, self.rules.innovations)
         mean_square = self.innovation2 + (gain**2 / var - self.innovation2) / frames
         return changed(self, innovation2=mean_square, frames=frames)
@@ -125,11 +126,16 @@ class RigState:
         knowledge = changed(self, held=found.mean, cov_held=found.cov)
         return knowledge, Mixture(found.mean, found.cov * np.outer(self.growth, self.growth), found.p_wrong)
 
-    def likely_size(self, mean: Array, cov: Array, field_std_px: float) -> Array:
-        """Return the sizes (m,) of the errors that N(`mean`, `cov`) from all views makes likely, eq. (72a)."""
+    def learnt(self, mean: Array, cov: Array, field_std_px: float, more: Array, weighted: Array) -> "RigState":
+        """Return the knowledge that is `informed`, with sizes that N(`mean`, `cov`) from all views makes likely, (72a).
+
+        Sizes stay once the errors have changed.
+        """
+        if not self.steady:
+            return self.informed(more, weighted)
         size = np.where(self.sizes_unknown, likely_sizes(mean, cov, self.size), self.size)
         size[len(TERMS) :] = max(field_std_px, LEAST_PX)
-        return size
+        return changed(self.informed(more + size**-2.0 - self.size**-2.0, weighted), size=size)
 
     def with_part(self, counts: bool) -> "RigState":
         """Return the knowledge after a frame has left the window, which `counts` as one more of the run's parts."""

@@ -18,7 +18,7 @@ from ...geometry import Array, se3
 from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection
 from ...geometry.stereo import StereoProjection
-from ...record import changed
+from ...record import changed, columns_at
 from ...rig_model.terms import DELAY, TERMS
 from ...types import Ambiguity, InertialEstimate, Observations, Solution
 from ..initial_motion import initial_motion
@@ -264,16 +264,18 @@ class CrossFrame(TakesSamples):
         status, reason = frame_status(n_accepted, observations.note, self.config.robust, motion)
         shown = core.among(now.ids, ids[used]) & now.finite
         shown &= ~core.among(now.ids, current.begun_anew)
+        columns = now.points_in_cam, now.cov_points, now.points_in_world, now.cov_points_in_world
+        points_in_cam, cov_points, points_in_world, cov_points_in_world = columns_at(columns, shown)
         solution = Solution(
             status=status,
             reason=reason,
             world_from_cam=now.world_from_cam,
             cov_pose=now.cov_pose + cov_timing + current.focus.cov_axes,
             track_ids=now.ids[shown],
-            points_in_cam=now.points_in_cam[shown],
-            cov_points=now.cov_points[shown],
-            points_in_world=now.points_in_world[shown],
-            cov_points_in_world=now.cov_points_in_world[shown],
+            points_in_cam=points_in_cam,
+            cov_points=cov_points,
+            points_in_world=points_in_world,
+            cov_points_in_world=cov_points_in_world,
             window_frame_indices=np.array([f.index for f in current.frames], np.int64),
             window_world_from_cam=now.world_from_cam @ read_off.true_cams[-1] @ se3.inverse(read_off.true_cams),
             rejected_ids=ids[~used],
