@@ -23,7 +23,7 @@ def of_rest(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
     """Return the motion of all but the nearest points, where it explains them clearly better and lies behind these.
 
     It is sought by the far half of the points that agree and by those that do not. Errors that the views share count
-    against it.
+    against it. What is clear is measured in the noise that its own views show.
     """
     if state.start.is_over or not motion.ok or motion.second is not None:
         return motion
@@ -37,9 +37,10 @@ def of_rest(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
         return motion
     limit = views.clear_gate
     only_first = motion.accepted & (other.squared_residuals > limit)
-    only_other = other.accepted & (motion.squared_residuals > limit)
+    noise = other.chi2 / other.dof  # over that assumed, where the other motion is right
+    only_other = other.accepted & (motion.squared_residuals > noise * limit)
     tracks, clear = seen.before, step.setup.rules.start.clear_views * float(limit.max())
-    if _gain(motion, other, limit) < clear:
+    if _gain(motion, other, limit) < noise * clear:
         return motion
     if not is_behind(step.setup, tracks.keep(only_other), tracks.keep(only_first), fewest=MIN_VIEWS):
         return motion
