@@ -24,7 +24,7 @@ def of_rest(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
     """Return the motion of all but the nearest points, if it explains them clearly better and they lie behind these.
 
     It is found from the far half of the agreeing points and from those that disagree. Errors that the views share count
-    against it.
+    against it. The noise of its own views is the measure of a clear gain.
     """
     if state.start.is_over or not motion.ok or motion.second is not None:
         return motion
@@ -38,9 +38,10 @@ def of_rest(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
         return motion
     limit = views.clear_gate
     only_first = motion.accepted & (other.squared_residuals > limit)
-    only_other = other.accepted & (motion.squared_residuals > limit)
+    noise = other.chi2 / other.dof  # over that assumed, where the other motion is right
+    only_other = other.accepted & (motion.squared_residuals > noise * limit)
     tracks, clear = seen.before, step.setup.rules.start.clear_views * float(limit.max())
-    if _gain(motion, other, limit) < clear:
+    if _gain(motion, other, limit) < noise * clear:
         return motion
     if not is_behind(step.setup, tracks.keep(only_other), tracks.keep(only_first), fewest=MIN_VIEWS):
         return motion
