@@ -76,7 +76,7 @@ def test_at_the_start_the_motion_of_a_body_is_not_followed() -> None:
 
 
 def test_with_views_quieter_than_assumed_few_points_in_between_are_enough() -> None:
-    """With two points in between and a slow body, hardly any view is beyond the gates given by σ, under either motion."""
+    """With two points in between and a slow body, hardly any view is beyond the gates of σ with either motion."""
     misled = 0
     for seed in range(12):
         found, of = seen(seed, 0.018, (60, 2, 10), QUIET)
