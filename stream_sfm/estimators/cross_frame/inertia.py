@@ -89,8 +89,7 @@ class Inertia:
             self.now = self._anew = None
 
     def begun(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Known | None:
-        """Return the initial state of a camera, before any inertial knowledge; None without samples around its
-        stamp."""
+        """Return the initial state of a camera; None without samples around its stamp."""
         if self._calibration is None or self._buffer.problem:
             return None
         mean = self._buffer.mean_acceleration(stamp_ns)
@@ -273,7 +272,7 @@ class Inertia:
         return replace(inertial_estimate(known, self._densities.factors), dead_reckoned=True)
 
     def report(self, current: Map, read_off: Map) -> tuple[Known | None, InertialEstimate | None]:
-        """Return the newest pose and state of two maps, with zero for improbable errors; None without inertia.
+        """Return the newest pose and state, with zero for improbable errors; None without inertia.
 
         The mean is that of the map `read_off`, from which estimates are reported; the covariance is that of the filter,
         `current`.
