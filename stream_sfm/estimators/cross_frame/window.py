@@ -150,7 +150,7 @@ class CrossFrame(TakesSamples):
             self.rig = change(self.rig)[0]
 
     def _with_errors_in_use(self, observations: Observations) -> Observations:
-        """Return the observations with a rig model that has no field until one shows, and zooms once the focus
+        """Return the observations with the rig model in use: a field only once it shows, and zoom once focus
         changed."""
         view = observations.rig
         if view is None:
