@@ -1,4 +1,4 @@
-// What errors of the rig do to views, eqs. (70) to (72d): columns of its terms, the field over the image, velocities.
+// Effects of the rig's errors on views, eqs. (70) to (72d): columns of its terms, the field over the image, velocities.
 
 #include "rig.hpp"
 
@@ -20,12 +20,12 @@ void lens_columns(const double* ray, const double* left_ray, double corner, doub
         of[LENS] = (i ? y : x) * squared;
         of[LENS + 1] = of[LENS] * squared;
         for (int k = 0; k < 2; k++) of[POINT + k] = -ray[i] * left_ray[k];
-        of[TANGENTIAL + i] = (squared + 2 * (i ? y * y : x * x)) / 3;  // 1 px in the corner's direction
+        of[TANGENTIAL + i] = (squared + 2 * (i ? y * y : x * x)) / 3;  // 1 px in the direction of the corner
         of[TANGENTIAL + 1 - i] = 2 * x * y / 3;
     }
 }
 
-enum { LATE = 2 };  // the coordinate that delay and disparity move: u on the right
+enum { LATE = 2 };  // the coordinate that delay and disparity shift: u on the right
 
 // ∂ż/∂ξ̇ (4, 6) of a homogeneous point, px/s per unit of the points' twist.
 void velocity_by_twist(const Pinholes& pinholes, const double* of, double* out) {
@@ -36,7 +36,7 @@ void velocity_by_twist(const Pinholes& pinholes, const double* of, double* out) 
     for (int row = 0; row < 4; row++) by_motion(a + 4 * row, point, out + 6 * row);
 }
 
-// How a homogeneous point (4,) moves with a twist: (3,), as its inverse depth stays.
+// The velocity (3,) of a homogeneous point (4,) with a twist; its fourth coordinate is constant.
 void motion_of_point(const double* point, const double* twist, double* out) {
     for (int k = 0; k < 3; k++) {
         int i = (k + 1) % 3, j = (k + 2) % 3;
@@ -44,7 +44,7 @@ void motion_of_point(const double* point, const double* twist, double* out) {
     }
 }
 
-// How its view moves, (4,) px/s: ∂ż/∂ξ̇ times the twist, without that matrix.
+// The velocity (4,) px/s of its view: ∂ż/∂ξ̇ times the twist, without forming that matrix.
 void velocity_of_view(const Pinholes& p, const double* of, const double* twist, double* out) {
     double point[4], moves[3];
     std::copy(of, of + 4, point);
@@ -64,7 +64,7 @@ void moved_by(const double* point, const double* twist, double seconds, double* 
     out[3] = point[3];
 }
 
-// In which rows both sides of a view (4,) are exposed (4,): Σ c x^a y^b, x and y from −1 to 1 over the image.
+// The rows (4,) in which both sides of a view (4,) are exposed: Σ c x^a y^b, x and y from −1 to 1 over the image.
 void rows_of_view(const ExposedRows& of, const double* z, double* rows) {
     std::size_t sides = of.coefficients.shape[0], k = of.coefficients.shape[1];
     for (std::size_t side = 0; side < 2; side++) {
@@ -86,7 +86,7 @@ void timing_by_twist(const Pinholes& pinholes, const ExposedRows& exposed, const
     rows_of_view(exposed, z, rows);
 }
 
-// A motion (2, 6) of this twist (6,) all the time.
+// The motion (2, 6) with a constant twist (6,).
 Array<double, 2> without_acceleration(Vector twist) {
     require_shape(twist, {6}, "twist");
     Array<double, 2> motion(2, 6);
@@ -94,7 +94,7 @@ Array<double, 2> without_acceleration(Vector twist) {
     return motion;
 }
 
-// The terms (6,) of the disparity's error at a place in the left image.
+// The terms (6,) of the disparity's error at a position in the left image.
 void disparity_polynomial(const Pinholes& p, const double* at, double* out) {
     const auto size = p.size();
     double centre[2] = {(size[0] - 1) / 2, (size[1] - 1) / 2};
@@ -103,7 +103,7 @@ void disparity_polynomial(const Pinholes& p, const double* at, double* out) {
     std::copy(polynomial, polynomial + 6, out);
 }
 
-// What amplitudes of 1 of the terms do to a view: (4, TERMS).
+// The effects (4, TERMS) of amplitudes of 1 of the terms on a view.
 void terms_of_view(const Pinholes& p, Matrix root, const double* z, double age, double* out) {
     const auto size = p.size();
     double corner = std::hypot(std::max(p.cx_left_px, size[0] - p.cx_left_px), std::max(p.cy_px, size[1] - p.cy_px)) / p.f_px;
@@ -173,7 +173,8 @@ void slopes_of_rows(const ExposedRows& of, const double* z, double* out) {
     }
 }
 
-// An exposure some time after the stamp moves a view by that times its velocity halfway, where acceleration counts as well.
+// An exposure some time after the stamp shifts a view by this time multiplied by its velocity halfway, with
+// acceleration.
 void timing_of_view(const Pinholes& pinholes, const ExposedRows& exposed, const double* point, const double* motion,
                     const double* timing, const double* z, double* out) {
     double rows[4], velocity[4], at = std::numeric_limits<double>::quiet_NaN();
@@ -223,7 +224,7 @@ Array<double, 3> disparity_effects(const Pinholes& pinholes, Matrix points, Matr
         disparity_polynomial(pinholes, seen ? z[i] : expected, polynomial);
         for (int c = 0; c < 4; c++) {
             if (!std::isfinite(z[i][c])) continue;
-            double by_depth = 0;  // ∂z/∂ρ of the point as it was
+            double by_depth = 0;  // ∂z/∂ρ of the point in the previous camera
             for (int k = 0; k < 4; k++) by_depth += a[4 * c + k] * motion[static_cast<std::size_t>(k)][3];
             double moves = (c == LATE) + by_depth / (pinholes.f_px * pinholes.baseline_m);
             for (int k = 0; k < 6; k++) result[i][6 * c + k] = moves * polynomial[k];
@@ -255,7 +256,7 @@ Array<double, 2> velocities(const Pinholes& pinholes, Matrix points, Matrix twis
     return result;
 }
 
-// How fast right sides of points that move with one twist (6,) cross the rows.
+// The speed across the rows of the right sides of points that move with one twist (6,).
 Array<double, 1> row_speeds(const Pinholes& pinholes, Matrix points, Vector twist) {
     require_shape(twist, {6}, "twist");
     Array<double, 2> moved = velocities(pinholes, points, {twist.data, {1, 6}});
@@ -332,7 +333,7 @@ Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& 
     require_shape(size, {2}, "size");
     require_shape(cov_twist, {6, 6}, "cov_twist");
     std::vector<double> information(36);
-    double moved[2][36] = {};  // transposed: by which twists the gradient of a pose is moved
+    double moved[2][36] = {};  // transposed: the gradient of a pose by twists
     for (std::size_t i = 0; i < n; i++) {
         double by_twist[24], rows[4];
         timing_by_twist(pinholes, exposed, points[i], by_twist, rows);
@@ -370,7 +371,7 @@ WIDER Array<double, 2> principal_components(Matrix errors) {
     for (std::size_t a = 0; a < k; a++)
         for (std::size_t b = 0; b < a; b++) products[a * k + b] = products[b * k + a];
     const double least = 1e-2;  // px², of all views: the variance of a good one
-    diagonalise(products.data(), axes.data(), k, 1e-12 * least * least);  // any axes at right angles give the same errors
+    diagonalise(products.data(), axes.data(), k, 1e-12 * least * least);  // any orthogonal axes give the same errors
     std::size_t kept = 0;
     for (std::size_t a = 0; a < k; a++) {
         if (!(products[a * k + a] > least)) continue;

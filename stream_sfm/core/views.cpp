@@ -5,11 +5,12 @@
 namespace core {
 namespace {
 
-// A view that a point predicts to no better than this, a hundred images wide, says nothing about the motion; at a hundred
-// times more, the noise of the view itself would be lost to rounding in their sum.
+// If a point predicts a view no better than this, a hundred image widths, the view contains no information about the
+// motion; at a hundred times more, the noise of the view itself would be lost to rounding in their sum.
 constexpr double MAX_PREDICTED_PX2 = 1e5 * 1e5;
 
-// R (4, 4) with RᵀR the information of a view with this covariance, eq. (11); a side that is not finite in z has none.
+// R (4, 4), where RᵀR is the information of a view with this covariance, eq. (11); a side that is not finite in z has
+// none.
 bool whitening(const double* z, const double* cov, double* root) {
     double seen_cov[16], lower[16];
     bool seen[4];

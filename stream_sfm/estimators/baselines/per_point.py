@@ -46,11 +46,11 @@ class PerPointFrame:
 
 
 class _PerPointWindow(Baseline):
-    """A window with one Gaussian per point for all that has left it; subclasses choose the rule. ref is the world, or
-    the last camera that left.
+    """A window with one Gaussian per point for all that has left it; subclasses choose the rule.
 
-    `_ids` (n,), ascending: points with a prior or a view in the window; `_points` (n, 3) m in ref; `_priors`: their
-    priors, zero for none; `_covariances`: poses and points of the last solve.
+    The frame ref is the world, or the last camera that left. `_ids` (n,), ascending: points with a prior or a view in
+    the window; `_points` (n, 3) m in ref; `_priors`: their priors, zero for none; `_covariances`: poses and points of
+    the last solve.
     """
 
     rule: ClassVar[LeavingRule]

@@ -150,8 +150,7 @@ class CrossFrame(TakesSamples):
             self.rig = change(self.rig)[0]
 
     def _with_errors_in_use(self, observations: Observations) -> Observations:
-        """Return the observations with the rig model in use: a field only once it shows, and zoom once focus
-        changed."""
+        """Return the observations with the rig model in use: a field or a zoom only once one has shown."""
         view = observations.rig
         if view is None:
             return observations
