@@ -17,8 +17,8 @@ from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.estimators import in_reference, point_blocks, q_from_homogeneous, window_views, without_own
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
-N, K, M, E = 9, 10, 2, 2  # points, modes, of which those of the rig; errors that a frame has of its own
-FRAMES, TOTAL = 2, N + 3  # of a window, with three points that the prior does not know
+N, K, M, E = 9, 10, 2, 2  # points; modes; those of the rig among them; a frame's own errors
+FRAMES, TOTAL = 2, N + 3  # of a window, with three points that are not in the prior
 NEW = 2  # points that enter the prior with a frame
 ANCHORS = se3.exp(0.1 * np.random.default_rng(4).normal(size=(N, 6)))
 
@@ -62,13 +62,13 @@ def dense(prior: Prior) -> np.ndarray:
 
 
 def _estimated(prior: Prior) -> np.ndarray:
-    """By how much the mean of all q, of ω and of the rig's errors is off the linearisation point."""
+    """The mean of all q, of ω and of the rig's errors relative to the linearisation point."""
     modes = np.concatenate([prior.modes[..., -M:].reshape(-1, M), prior.world_modes[:, -M:], np.eye(M)])
     return np.asarray(modes @ np.linalg.solve(prior.rig.information, prior.rig.weighted))
 
 
 def blocks_of(rng) -> SimpleNamespace:
-    """The normal equations of a view of each point but one, with Jacobians at random."""
+    """The normal equations of a view of each point but one, with random Jacobians."""
     by_point, by_rig, r = 500 * rng.normal(size=(N, 4, 3)), rng.normal(size=(N, 4, M)), rng.normal(size=(N, 4))
     by_own = rng.normal(size=(N, 4, 6 + E))
     by_own[..., :6] = 0  # the pose is the reference
@@ -87,7 +87,7 @@ def blocks_of(rng) -> SimpleNamespace:
 
 
 def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, b: SimpleNamespace) -> tuple:
-    """Mean and covariance of [q', ω', c] after the views, by a Kalman update with a pose as good as unknown."""
+    """Mean and covariance of [q', ω', c] after the views, by a Kalman update with a practically unknown pose."""
     anchors = se3.orthonormalise(x @ ANCHORS)
     moves = np.concatenate([-1e-6 * np.eye(6), 1e-6 * np.eye(6)])[
         :, None
@@ -122,7 +122,7 @@ def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, 
 
 
 def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> None:
-    """What views say about errors of the rig is kept; the rest is what it is with these where they are held."""
+    """Information about errors of the rig is kept; all else is estimated with these errors held."""
     rng = np.random.default_rng(6)
     y, x = rng.normal(size=K), se3.exp(0.05 * rng.normal(size=6))
     q = (
@@ -133,7 +133,7 @@ def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> Non
     by_own, by_rig = rng.normal(size=(NEW, 3, E)), rng.normal(size=(NEW, 3, M))
     new = N + np.arange(NEW), np.zeros((NEW, 3)), spd(rng, NEW, 3, 1e-6), by_own, by_rig
     after = prior.absorb_frame(y, x, se3.orthonormalise(x @ ANCHORS), q, blocks, np.ones(N, bool), new)
-    # what points that begin with the frame share with it, by the posterior of its own amplitudes given the rest
+    # the errors that new points share with the frame, from the posterior of its own amplitudes given the rest
     shared = after.modes[N:].reshape(3 * NEW, -1)
     cov_new = shared[:, :-M] @ shared[:, :-M].T
     own = np.linalg.lstsq(by_own.reshape(3 * NEW, E), shared[:, :-M], rcond=None)[0]
@@ -141,7 +141,7 @@ def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> Non
     assert (np.linalg.eigvalsh(own @ own.T) < 1).all() and np.trace(cov_new) > 0
     after = replace(after, ids=after.ids[:N], mean=after.mean[:N], cov=after.cov[:N], modes=after.modes[:N])
     scale = np.sqrt(np.diag(cov))
-    # a pose of σ 10 is as good as unknown
+    # a pose of σ 10 is practically unknown
     assert np.abs((dense(after) - cov) / np.outer(scale, scale)).max() < 1e-4
     rig_error = expected(after)[-M:] - (prior.rig.mean + y[-M:])
     assert rig_error == pytest.approx(mean[-M:], abs=1e-3 * scale[-M:].min())  # the same
@@ -360,7 +360,7 @@ def _joint(system: System, part: CovariancePart, alone: float = 1.0) -> tuple[np
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 def test_the_information_of_the_window_about_the_rig_counts_by_its_share_in_the_result(size: float) -> None:
-    """Along the axes where the prior has 1 and the window λ, it counts as λ²/(1 + λ), and says the same as before."""
+    """Along the axes where the prior has 1 and the window λ, it counts as λ²/(1 + λ), with the same mean as before."""
     rng, m = np.random.default_rng(3), 5
     rig = replace(RigState.unknown(np.ones(m)), weighted=rng.normal(size=m))
     axes, own = np.linalg.qr(rng.normal(size=(m, m)))[0], size * rng.uniform(0.5, 2, m)  # λ
