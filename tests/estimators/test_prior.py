@@ -155,7 +155,7 @@ def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> Non
 
 def test_truncating_modes_keeps_every_marginal_and_the_world(prior) -> None:
     rng = np.random.default_rng(7)
-    # two modes that hardly matter beside the points' own noise, and four that repeat others
+    # two modes that are negligible beside the points' own noise, and four that repeat others
     modes = np.concatenate([1e-6 * rng.normal(size=(N, 3, 2)), prior.modes[..., :4], prior.modes], axis=2)
     world_modes = np.concatenate([np.zeros((6, 2)), prior.world_modes[:, :4], prior.world_modes], axis=1)
     full = replace(prior, modes=modes, world_modes=world_modes)
@@ -168,18 +168,18 @@ def test_truncating_modes_keeps_every_marginal_and_the_world(prior) -> None:
     assert difference[rest:].max() < 1e-12  # the world and the rig, and every point's correlation with them
     marginal = difference[:rest, :rest].reshape(N, 3, N, 3)[np.arange(N), :, np.arange(N), :]
     assert marginal.max() < 1e-12
-    assert difference.max() < 1e-3  # of σ, between two points: what truncation costs
+    assert difference.max() < 1e-3  # of σ, between two points: the error of truncation
 
 
 def expected(prior: Prior) -> np.ndarray:
-    """Points, world and errors of the rig, where the last are as they are known."""
+    """Points, world and errors of the rig, the last with their knowledge."""
     return np.concatenate([prior.mean.ravel(), np.zeros(6), prior.rig.mean]) + _estimated(prior)
 
 
 def measured(
     prior: Prior, rows: np.ndarray, information: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and covariance after some errors of the rig were measured, with Kalman's gain."""
+    """Mean and covariance after a measurement of some errors of the rig, with the Kalman gain."""
     before, h = dense(prior), np.eye(3 * N + 6 + M)[-M:][rows]
     gain = before @ h.T @ np.linalg.inv(h @ before @ h.T + np.diag(1 / information))
     mean = expected(prior)
@@ -198,11 +198,11 @@ def assert_known(prior: Prior, mean: np.ndarray, cov: np.ndarray) -> None:
         ((0.2**-2 - 1, 2.0**-2 - 1), (0.0, 0.0)),  # σ of 0.2 and 2 instead of 1
         ((0.0, 3.0), (0.0, 0.7)),
         ((0.0, 1e6), (0.0, 0.7)),
-        ((0.0, -0.2), (0.0, 0.7)),  # where rows say less than before
+        ((0.0, -0.2), (0.0, 0.7)),  # rows contain less information than before
     ],
 )
 def test_information_about_errors_is_a_measurement_of_them(prior, more, said) -> None:
-    """Of negative information where an error may be larger than was assumed, or rows say less than before."""
+    """Information is negative if an error may be larger than assumed, or rows contain less than before."""
     prior = replace(prior, rig=replace(prior.rig, weighted=np.array([0.3, -0.8])))
     (rows,), information = np.nonzero(more), np.array(more)
     known = measured(prior, rows, information[rows], np.array(said)[rows])
@@ -211,7 +211,7 @@ def test_information_about_errors_is_a_measurement_of_them(prior, more, said) ->
 
 @pytest.mark.parametrize("weighted", [(0.0, 0.0), (0.3, -0.8)])
 def test_a_change_of_the_rig_adds_to_its_errors_alone(prior, weighted) -> None:
-    """Points and world keep what they have in common with the errors as they were.
+    """Points and world keep their correlation with the old errors.
 
     Of an estimate that is held back, what the new errors do not carry any more counts as covariance.
     """
@@ -298,8 +298,8 @@ def test_marginals_are_the_joint_covariance_propagated(prior) -> None:
 
 @pytest.mark.parametrize("own", [True, False])
 def test_system_is_the_dense_solution(prior, own) -> None:
-    """Errors c of the rig are held at their estimate or elsewhere, and count with what views say or a covariance of
-    their `own`, eq. (72): Σ = Σ_x|c + K Σ_held Kᵀ."""
+    """Errors c are held at their estimate or elsewhere, with their covariance from views or their `own`, eq. (72): Σ =
+    Σ_x|c + K Σ_held Kᵀ."""
     rng = np.random.default_rng(8)
     held = prior.rig.mean + rng.normal(size=M)
     prior = replace(prior, rig=replace(prior.rig, held=held, weighted=rng.normal(size=M)))
@@ -364,7 +364,7 @@ def test_the_information_of_the_window_about_the_rig_counts_by_its_share_in_the_
     rng, m = np.random.default_rng(3), 5
     rig = replace(RigState.unknown(np.ones(m)), weighted=rng.normal(size=m))
     axes, own = np.linalg.qr(rng.normal(size=(m, m)))[0], size * rng.uniform(0.5, 2, m)  # λ
-    said = rng.normal(size=m)  # by the window, along the axes
+    said = rng.normal(size=m)  # the window's mean, along the axes
     before = axes.T @ rig.weighted
 
     def after(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -60,8 +60,8 @@ def trials(scene: Scene, count: int, size: Array) -> list[tuple[Sequence, list[O
 
 @pytest.mark.slow
 def test_a_wrong_calibration_is_found_within_its_sigma_and_the_pose_stays_consistent() -> None:
-    """σ of the errors found and of the last pose is right to a factor of 1.4; a window that takes the calibration for
-    exact claims 4 to 50 times too much."""
+    """σ of the errors found and of the last pose is right to a factor of 1.4; in a window that treats the calibration
+    as exact it is 4 to 50 times too small."""
     of_rig, of_pose, blind = [], [], []
     for sequence, observations, true in trials(SCENE, TRIALS, TYPICAL):
         solution = last(sequence, observations)
@@ -169,8 +169,10 @@ def test_delay_and_readout_are_estimated_from_a_moving_camera_and_poses_stay_con
 
 
 def zoomed(flight: Flight, longer: Array, off_px: float = 0.0) -> list[Observations]:
-    """What cameras of a flight see whose focal lengths are `longer` (n,) times the calibrated ones in each frame; they
-    scale about a place so far beside the principal points."""
+    """Observations of a flight with focal lengths `longer` (n,) times the calibrated ones in each frame.
+
+    Images are scaled about a point `off_px` away from the principal points.
+    """
     middle = np.tile([flight.P.cx_left_px + off_px, flight.P.cy_px], 2)
     return [
         replace(o, z_px=middle + k * (o.z_px - middle)) for o, k in zip(flight.observations(), longer, strict=True)
@@ -180,8 +182,8 @@ def zoomed(flight: Flight, longer: Array, off_px: float = 0.0) -> list[Observati
 @pytest.mark.slow
 @pytest.mark.parametrize(("share", "off_px"), [(0.015, 0.0), (-0.003, 0.0), (0.03, 10.0)])
 def test_while_a_focus_moves_and_after_it_has_stopped_poses_are_consistent(share: float, off_px: float) -> None:
-    """By a share from 0.4 s to 1.4 s: the mean NEES of eight flights is that of right covariances, or less, at the end,
-    and no pose on the way is beyond 5 σ."""
+    """The focus moves from 0.4 s to 1.4 s: the mean NEES at the end is consistent, and no pose on the way is beyond 5
+    σ."""
     of_pose, worst = [], 0.0
     for seed in range(8):
         flight = Flight(seed, 0.0, 0.0, 44)

@@ -128,9 +128,9 @@ def test_a_mixture_has_the_moments_of_its_two_halves(
 ) -> None:
     """A calibration that is wrong with the probability from its likelihood, and otherwise only has errors of timing.
 
-    Wrong lenses err in all terms, or, one in twenty, in one alone; judged over all combinations of the other terms.
-    Where parts of a run disagree entirely, views say nothing of which of these are there; a focal length that has
-    changed is.
+    Wrong lenses have errors in all terms, or, one in twenty, in a single one; this is judged over all combinations of
+    the other terms. If parts of a run disagree entirely, views do not show which of these are present; a focal length
+    that has changed is.
     """
     rules = RigConfig(counts=1.0, counts_of_lenses=1.0)  # views whose σ is right
     true = errors * SIZE * np.random.default_rng(6).normal(size=M)
