@@ -275,12 +275,13 @@ def test_a_field_that_is_noticed_late_is_the_same_as_one_from_the_start() -> Non
     std = np.sqrt(np.diag(early.cov_pose))
     apart = np.abs(se3.log(se3.inverse(late.world_from_cam) @ early.world_from_cam))
     assert (apart < 1e-2 * std).all()  # a pose continues from those reported before the field was noticed
-    assert np.sqrt(np.diag(late.cov_pose)) == pytest.approx(std, rel=1e-3)
+    # The remaining difference to the filter's pose, at most `most_followed` σ, is part of the covariance, and differs by
+    # `apart`.
+    assert np.sqrt(np.diag(late.cov_pose)) == pytest.approx(std, rel=1e-2 * Config().window.most_followed)
 
 
 def test_rows_with_less_information_after_a_change_of_the_rig_subtract_none() -> None:
-    """What they said of a delay is not known any more once all errors may have changed; without it no information is
-    left that could be taken."""
+    """Their information about a delay is gone once all errors may have changed, so there is none to subtract."""
     sequence = Scene(frames=14, track_length=10, visible=40, std_px=STD_PX, round_off=False).sequence(
         np.random.SeedSequence(3)
     )
