@@ -275,7 +275,7 @@ def test_a_field_that_is_noticed_late_is_the_same_as_one_from_the_start() -> Non
     std = np.sqrt(np.diag(early.cov_pose))
     apart = np.abs(se3.log(se3.inverse(late.world_from_cam) @ early.world_from_cam))
     assert (apart < 1e-2 * std).all()  # a pose continues from those reported before the field was noticed
-    # The remaining difference to the filter's pose, at most `most_followed` σ, is part of the covariance, and differs by
+    # The rest of the way to the filter's pose, at most `most_followed` σ, is in the covariance, and differs by
     # `apart`.
     assert np.sqrt(np.diag(late.cov_pose)) == pytest.approx(std, rel=1e-2 * Config().window.most_followed)
 
