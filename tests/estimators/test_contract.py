@@ -176,7 +176,7 @@ def assert_consistent(method, scene, seed, trials):
 
 @pytest.mark.parametrize("method", [m for m in METHODS if m not in ("ekf-cv", "depth-filter")])
 def test_covariances_of_poses_and_points_are_those_of_their_errors(method):
-    """Monte Carlo over 24 scenes of six frames, of which the first views are gone: NEES 6 and 3.
+    """Monte Carlo over 24 scenes of six frames, whose first views have left the window: NEES is 6 and 3.
 
     A constant velocity is not what cameras do, and a depth filter takes points of other frames for independent.
     """

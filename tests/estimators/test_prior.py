@@ -96,7 +96,7 @@ def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, 
     less, more = np.split(q_from_homogeneous(moved[..., 0]), 2)
     by_pose = np.moveaxis((more - less) / 2e-6, 0, -1)
     n = 3 * N
-    # [q, ω, c, ξ] -> [q', ω', c], ξ large beside millimetres
+    # [q, ω, c, ξ] -> [q', ω', c], with ξ large compared with millimetres
     carry = np.zeros((n + 6 + M, n + 12 + M))
     carry[:n, :n], carry[n + 6 :, n + 6 : n + 6 + M] = np.eye(n), np.eye(M)
     carry[:n, -6:] = by_pose.reshape(n, 6)
@@ -213,7 +213,7 @@ def test_information_about_errors_is_a_measurement_of_them(prior, more, said) ->
 def test_a_change_of_the_rig_adds_to_its_errors_alone(prior, weighted) -> None:
     """Points and world keep their correlation with the old errors.
 
-    Of an estimate that is held back, what the new errors do not carry any more counts as covariance.
+    If an estimate is held back, the part that the new errors no longer contain counts as covariance.
     """
     prior = replace(prior, rig=replace(prior.rig, weighted=np.array(weighted)))
     change = np.array([[0.5, 0.1, -0.3], [0.2, -0.7, 0.4]])

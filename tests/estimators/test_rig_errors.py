@@ -27,7 +27,7 @@ TRIALS = 8
 SCENE = Scene(frames=26, track_length=13, visible=90, std_px=STD_PX, round_off=False)
 LENS = slice(0, TERMS.index(FOCAL))
 M = TERMS.index(FOCAL)
-# σ; errors of the lenses of several pixels are not linear in what is seen
+# σ; the effects of lens errors of several pixels are not linear
 TYPICAL = np.array([1.0] * 6 + [0.15] * (M - 7) + [1.0])
 
 

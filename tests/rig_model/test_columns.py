@@ -248,8 +248,8 @@ def test_unknown_timing_has_the_covariance_of_its_causes(mean: tuple[float, floa
     expected = moved.T @ moved / draws
     found = unknown @ unknown.T
     scale = np.sqrt(np.diag(expected)).clip(1e-9)
-    # four standard errors of a covariance, twice, as products of two Gaussians have tails; and what is left out is
-    # less than one view's noise
+    # twice four standard errors of a covariance, as products of two Gaussians have tails; and the omitted part is less
+    # than the noise of one view
     left_out_px2 = np.linalg.eigvalsh(expected)[: -unknown.shape[1]].sum()
     assert left_out_px2 < 14 * 0.1**2
     off = np.abs(found - expected) - left_out_px2

@@ -62,7 +62,7 @@ class Map:
         """Begin a map in the camera of `frame`, which becomes the reference.
 
         `first` contains the ids of those `views` that start points; `corrected_px` (V, 4): the views without the rig's
-        errors; `rig`: what is known about these errors.
+        errors; `rig`: the knowledge of these errors.
         """
         self.projection = projection
         self.frames: list[WindowFrame] = []

@@ -1,4 +1,4 @@
-"""The monocular cross-frame window: how its map begins, and what it reports about its scale.
+"""The monocular cross-frame window: how its map begins, and its reports about the scale.
 
 Views are 2-vectors; everything else is `CrossFrame`. The joint prior carries the scale from point to point, in units of
 the first baseline. The scale drifts, and the covariances include the drift.

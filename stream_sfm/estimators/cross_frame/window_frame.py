@@ -18,7 +18,7 @@ from .inverse_depth import WhitenedViews
 class WindowFrame:
     """The data of a frame beside its pose and its views.
 
-    `std_turn_rad`: σ about each axis of the apparent turn since the previous frame that patches cause by sliding alike.
+    `std_turn_rad`: σ about each axis of the apparent rotation since the previous frame by patches that slide alike.
     `ambiguity` (6, k): a root of the further covariance of the motion from the previous frame, in axes of this camera;
     consecutive frames share the first six columns, and the others belong to one frame. `interval`: the inertial
     samples since the previous frame; they predict the `velocity` (3,), and the gyroscope gives `turning` (2, 3), the
