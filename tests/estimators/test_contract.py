@@ -176,9 +176,10 @@ def assert_consistent(method, scene, seed, trials):
 
 @pytest.mark.parametrize("method", [m for m in METHODS if m not in ("ekf-cv", "depth-filter")])
 def test_covariances_of_poses_and_points_are_those_of_their_errors(method):
-    """Monte Carlo over 24 scenes of six frames, whose first views have left the window: NEES is 6 and 3.
+    """Monte Carlo over 24 scenes of six frames, in which the first tracks have ended: NEES is 6 and 3.
 
-    A constant velocity is not what cameras do, and a depth filter takes points of other frames for independent.
+    Two methods are left out: cameras do not move at constant velocity, and a depth filter treats points of other frames
+    as independent.
     """
     assert_consistent(method, Scene(track_length=4, frames=6, visible=60, std_px=0.2, round_off=False), 3, 24)
 
