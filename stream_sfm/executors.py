@@ -19,14 +19,14 @@ ONE_THREAD = dict.fromkeys(
 )
 # Dask itself may wait forever, for a scheduler that takes connections and is silent, and for workers that have died.
 _ANSWER_S = 8.0  # a running scheduler answers in milliseconds
-_WORKER_S = 20.0  # workers that have just been started need some seconds
+_WORKER_S = 20.0  # new workers need some seconds to start
 _LOST_S = 15.0  # without a sign of any worker, which sends one per second: one that is started again needs as long
 T = TypeVar("T")
 
 
 @contextmanager
 def processes(workers: int) -> Iterator[Executor]:
-    """Start new processes on this machine; what is submitted must be picklable.
+    """Start new processes on this machine; submitted work must be picklable.
 
     If an exception such as Ctrl-C ends the context, the processes are killed at once.
     """
@@ -68,9 +68,9 @@ def _silent(*packages: str) -> Iterator[None]:
 def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
     """Use the workers of the Dask scheduler at `address`, such as tcp://host:8786; they need this package too.
 
-    Yields the executor, and a function that says whether scheduler and workers have been silent for `_LOST_S`, because
-    they are gone or stopped: Dask would wait. Work that is not done when the context ends is cancelled. Raises
-    ConfigError where no worker can be reached.
+    Yields the executor, and a function that returns whether scheduler and workers have been silent for `_LOST_S`
+    because they are gone or stopped, as Dask itself would wait. Work that is not done when the context ends is
+    cancelled. Raises ConfigError if no worker can be reached.
     """
     try:
         from distributed import Client
@@ -92,7 +92,7 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
 
     def watch() -> None:
         nonlocal heard_s
-        last: float | None = None  # when a worker has last been heard of, by the scheduler's clock
+        last: float | None = None  # the last sign of any worker, by the scheduler's clock
         while not ended.wait(1.0):
             with suppress(Exception):  # waits, perhaps forever, for the scheduler's answer
                 workers = client.scheduler_info(**everyone)["workers"].values()
@@ -120,7 +120,7 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
 
 
 def _within(seconds: float, call: Callable[[], T]) -> T:
-    """Return what a call returns, or raise TimeoutError and leave it to its thread."""
+    """Return the result of a call; raise TimeoutError if it takes longer, and leave it running in its thread."""
     future: Future[T] = Future()
 
     def run() -> None:

@@ -72,7 +72,7 @@ class Motion:
     def predicted_between(cls, before: FrameEstimate, after: FrameEstimate) -> "Motion":
         """Return the motion between the poses of two estimates; its covariance is the growth of the pose's.
 
-        It is what the engine predicts after tracking was lost and a new map began; it has no common errors.
+        The engine predicts this motion after tracking was lost and a new map began; it has no common errors.
         """
         moved = se3.orthonormalise(se3.inverse(before.world_from_cam) @ after.world_from_cam)
         ad = se3.adjoint(se3.inverse(moved))

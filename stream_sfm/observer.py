@@ -1,6 +1,6 @@
-"""What all methods share: from a frame to its observations; `physical` makes estimates of their solutions.
+"""The part that all methods share: from a frame to its observations; `physical` turns solutions into estimates.
 
-`Engine` is an Observer with one lane (`lane.py`); `compare` gives what an Observer has observed to several.
+`Engine` is an Observer with one lane (`lane.py`); `compare` gives the observations of one Observer to several lanes.
 """
 
 import time
@@ -32,15 +32,15 @@ from .wording import described
 if TYPE_CHECKING:
     from .frontend.mono.front_end import MonoFrontEnd
 
-Expect = Callable[[int, InertialView], ExpectedMotion | None]  # of a stamp, and the samples that come with it
+Expect = Callable[[int, InertialView], ExpectedMotion | None]  # from a stamp and the samples that come with it
 
 
 class Observer:
     """Rectifies the frames of one rig and runs the front-end on them. Frames come in order of time, from one thread.
 
-    `rig`: the cameras that are used, with `Config.mono` the left one only; `projection`: of the rectified images;
-    observations and solutions are in their axes. `state` is all that ever changes, and it is replaced as a whole: who
-    keeps one can go on from there again. Raises ConfigError for a rig that cannot work.
+    `rig`: the cameras in use, with `Config.mono` the left one only; `projection`: of the rectified images; observations
+    and solutions are in their axes. Only `state` ever changes, and it is replaced as a whole: a caller who keeps one
+    can continue from it later. Raises ConfigError for a rig that cannot work.
     """
 
     def __init__(self, rig: StereoRig | MonoRig, config: Config) -> None:
@@ -59,36 +59,35 @@ class Observer:
         self._imu = None if imu is None else imu.mounted_in(self.rectifier.rect_from_cam[:3, :3])
 
     def prepare(self, frame: Frame, frame_index: int | None = None, grey_bits: int | None = None) -> PreparedImages:
-        """Do the work on the images that depends on no other frame; it changes nothing, so any thread may do it.
+        """Do the part of the work on the images that does not depend on other frames; any thread may call this.
 
-        With the `frame_index` that the frame will have (frames count from 0) more of the work is done here; the
-        observations are the same. 16-bit images are scaled to 8 bits by `grey_bits`, by default as many as they use
-        themselves; where frames before have used more, `observe` prepares them anew. Raises FrameError for images of
-        the wrong kind.
+        The observer is not changed. With the `frame_index` that the frame will have (frames count from 0) more of the
+        work is done here; the observations are the same. 16-bit images are scaled to 8 bits by `grey_bits`, by default
+        as many as they use themselves; if earlier frames have used more, `observe` prepares them again. Raises
+        FrameError for images of the wrong kind.
         """
         check_images(self.rig.cameras, frame, "the frame")
         return self._prepared(frame, frame_index, grey_bits)
 
     def inertial_view(self, frame: Frame) -> InertialView | None:
-        """Return the inertial samples of a frame, where they are used, with their calibration in rectified axes."""
+        """Return the inertial samples of a frame, if they are used, with their calibration in rectified axes."""
         samples = frame.imu if isinstance(frame, StereoFrame) else None
         if samples is not None and not isinstance(samples, ImuSamples):
             raise FrameError(f"imu of the frame is {described(samples)}; give ImuSamples")
         return None if samples is None else self.view_of(samples)
 
     def view_of(self, samples: ImuSamples) -> InertialView | None:
-        """Return inertial samples with their calibration in rectified axes; None where they are not used."""
+        """Return inertial samples with their calibration in rectified axes; None if they are not used."""
         return None if self._imu is None else InertialView(samples, self._imu)
 
     def observe(
         self, frame: Frame, prepared: PreparedImages | None = None, expect: Expect | None = None
     ) -> Observed:
-        """Return the observations of the next frame; `prepared` is what `prepare` returned, if it was called.
+        """Return the observations of the next frame; `prepared`: the result of `prepare`, if it was called.
 
-        `expect`: gives the motion that an estimator predicts by the inertial samples that come with the frame, from
-        which the front-end starts.
-        Raises FrameError for images of the wrong kind or a stamp that does not increase; the observer is then
-        unchanged.
+        `expect`: returns the motion that an estimator predicts from the inertial samples of the frame; the front-end
+        starts from it. Raises FrameError for images of the wrong kind or a stamp that does not increase; the observer
+        is then unchanged.
         """
         index = self.state.frame_index
         where = f"frame {index}"
@@ -113,19 +112,19 @@ class Observer:
         return Observed(observations, timings_ms, now.errors, now.turn_rad, now.turned_at, moving)
 
     def reset(self) -> None:
-        """Forget all frames: the next one is the first."""
+        """Forget all frames, so that the next frame is the first."""
         self.state = self._frontend.start
 
     def learn(self, solution: Solution | None) -> None:
-        """Use what an estimator has found out about the cameras' timing for the frames to come."""
+        """Use an estimator's estimate of the cameras' timing for later frames."""
         if solution is not None and solution.rig is not None:
             self.state = self._frontend.learn(self.state, solution.rig)
 
     def calibrated(self, observed: Observed, errors: RigEstimate | None) -> Observed:
-        """Return what would have been observed with a calibration that has not the `errors`, and is exact then.
+        """Return the observations as with a calibration without the `errors`, which then counts as exact.
 
-        They are those of a Solution, None for none: of the rig at rest, and of its timing as far as it is known how the
-        points move.
+        `errors`: of a Solution, None for none. Those of the rig at rest are removed, and those of its timing if the
+        motion of the points is known.
         """
         seen = observed.observations
         if seen.rig is None or errors is None:
@@ -139,7 +138,7 @@ class Observer:
         return changed(observed, observations=replace(seen, z_px=z_px, rig=None))
 
     def _prepared(self, frame: Frame, frame_index: int | None, grey_bits: int | None = None) -> PreparedImages:
-        """As `prepare`, of images that have been checked."""
+        """Prepare images that have been checked; see `prepare`."""
         images = [to_grey(image) for image in frame.images[: len(self.rig.cameras)]]
         deep = any(image.dtype == np.uint16 for image in images)
         bits = bits_used(*images) if deep and grey_bits is None else grey_bits
@@ -161,7 +160,7 @@ class Observer:
         return prepared
 
     def _prepared_problem(self, frame: Frame, prepared: object) -> str:
-        """Why something is not what `prepare` returned for a frame; empty where it is."""
+        """Return why an object is not the result of `prepare` for a frame; empty if it is."""
         if not isinstance(prepared, PreparedImages):
             return f"is {described(prepared)}"
         if prepared.left.shape != self.rectifier.valid.shape:
@@ -174,7 +173,7 @@ class Observer:
 
 
 def _front_end(rig: StereoRig | MonoRig, rectifier: Rectifier, config: Config) -> "StereoFrontEnd | MonoFrontEnd":
-    """The front-end of a rig; that of one camera is imported where it is used."""
+    """Return the front-end of a rig; that of one camera is imported only if it is used."""
     if isinstance(rig, StereoRig):
         return StereoFrontEnd(rig, rectifier, config)
     from .frontend.mono.front_end import MonoFrontEnd

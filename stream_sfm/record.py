@@ -1,7 +1,7 @@
-"""Records: what stages hand to each other, and the states that they take and return.
+"""Records: the data passed between stages, and the states that stages take and return.
 
-A field of a record may be described once: what kind of thing it is, which says what a change of frames does to it, and
-its shape in a file, where arrays are flat; what says it in a file; and whether it is a column of a table.
+A field of a record may have one description: its kind, which determines the effect of a change of frames; its shape in
+a file, where arrays are flat; the text that explains it in a file; and whether it is a column of a table.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -18,11 +18,11 @@ T = TypeVar("T")
 
 @dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
 def record(cls: type[T]) -> type[T]:
-    """Make a class a record that nothing changes; `changed` returns a changed copy.
+    """Make a class an immutable record; `changed` returns a changed copy.
 
-    It is a frozen struct of msgspec, for which no code is written and compiled: it takes a tenth of the time of a
-    dataclass to define, and a third of it to fill. `fields`, `replace` and `asdict` of `dataclasses` take it as well.
-    Records hold arrays, so they are neither compared nor printed.
+    It is a frozen msgspec struct, for which no code is generated and compiled: it takes a tenth of the time of a
+    dataclass to define, and a third to fill. `fields`, `replace` and `asdict` of `dataclasses` accept it as well.
+    Records contain arrays, so they are neither compared nor printed.
     """
     members = {name: _member(value) for name, value in vars(cls).items() if name not in ("__dict__", "__weakref__")}
     members = {"__repr__": object.__repr__, "__dataclass_fields__": _Fields(cls)} | members
@@ -33,13 +33,13 @@ def record(cls: type[T]) -> type[T]:
 
 
 def _member(value: Any) -> Any:
-    """A member of a struct: as it is, but for the default of a field, which is made for each record."""
+    """Return a member of a struct; a `default_factory` becomes that of msgspec, which is called for each record."""
     made_anew: Any = value.default_factory if isinstance(value, Field) else None
     return value if made_anew is None else msgspec.field(default_factory=made_anew)
 
 
 class _Fields:
-    """What `dataclasses` knows of the fields of a record, made when it is asked for: it takes some 0.1 ms."""
+    """The fields of a record for `dataclasses`, made on first use, as this takes some 0.1 ms."""
 
     def __init__(self, cls: type) -> None:
         self._cls = cls
@@ -52,19 +52,19 @@ class _Fields:
 
 
 def filled(cls: type[T], parts: Any, **others: Any) -> T:
-    """Return a record of what the compiled core returned, field by field of the same name, and of others."""
+    """Return a record from a result of the compiled core, with fields of the same names, and from other fields."""
     return cls(**dict(zip(type(parts).__match_args__, parts, strict=True)), **others)
 
 
 def changed(of: T, **fields: Any) -> T:
-    """Return a record with other values in some fields. Raises TypeError for a field that it does not have."""
+    """Return a record with other values in some fields. Raises TypeError for an unknown field."""
     struct: Any = of
     result: T = msgspec.structs.replace(struct, **fields)
     return result
 
 
 class Kind(Enum):
-    """What a field is, where a change of frames changes its value."""
+    """The kind of a field whose value depends on the frame of reference."""
 
     FRAMES = auto()  # one frame index, or several
     TRACKS = auto()  # ids of tracks
@@ -78,9 +78,10 @@ class Kind(Enum):
 class About(NamedTuple):
     """The description of a field, in its annotation: `Annotated[Array, About(Kind.POSES, shape=(4, 4))]`.
 
-    `shape`: how a flat array of a file becomes the value; -1 is as many as there are, a text is a size that several
-    fields share. `of`: of a covariance, the field that it belongs to. `says`: what explains the field in a file of
-    estimates; a field without it is not in one as it is. `column`: it is a column in tables of frames, too.
+    `shape`: the shape of the value, whose array is flat in a file; -1 stands for the remaining size, a text for a size
+    that several fields share. `of`: for a covariance, the field that it belongs to. `says`: the text that explains the
+    field in a file of estimates; a field without it is not written as it is. `column`: the field is a column in tables
+    of frames, too.
     """
 
     kind: Kind | None = None
@@ -107,9 +108,10 @@ Change = Callable[[Any, Any], Any]
 
 
 def with_changes(of: T, changes: Mapping[Kind, Change]) -> T:
-    """Return a dataclass whose fields of each kind, also those of its parts, are what `changes` make of them.
+    """Return a dataclass with `changes` applied to its fields of each kind, also in its parts.
 
-    A change is given the value, and of a covariance also what it belongs to. Fields of other kinds stay as they are.
+    A change is called with the value and, for a covariance, with the value of the field that it belongs to. Fields of
+    other kinds are not changed.
     """
     values = {}
     for each in fields(of):  # type: ignore[arg-type]
@@ -136,7 +138,7 @@ def rows_of(column: NDArray[Any], rows: NDArray[Any] | slice) -> NDArray[Any]:
 
 
 def columns_at(columns: Iterable[NDArray[Any]], rows: NDArray[Any] | slice) -> list[NDArray[Any]]:
-    """Return the same rows of several arrays, as `rows_of` does; a mask is counted once."""
+    """Return the same rows of several arrays, as `rows_of` does; a mask is converted only once."""
     rows = indices(rows)
     if isinstance(rows, slice):
         return [column[rows] for column in columns]

@@ -1,7 +1,6 @@
 // The oldest frame leaves the window: its views become part of the prior, eqs. (31) to (35).
-//
-// Points of the prior that the frame or later ones see go through the dense system; those that only it has seen so far,
-// and later ones see, enter the prior by its views alone.
+// Points of the prior that this frame or later ones see are part of the dense system. Points outside the prior that
+// this frame and later ones see enter it by the views of this frame alone.
 
 #include "window.hpp"
 #include "poses.hpp"
@@ -9,7 +8,7 @@
 namespace core {
 namespace {
 
-// Some points of a window, in arrays of their own.
+// Copies of some points of a window.
 struct Part {
     Array<std::int64_t, 1> ids;
     Array<double, 3> anchors;
@@ -66,7 +65,7 @@ LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, c
     }
     Array<bool, 1> counts(n);
     Lookup of_map{state.ids};
-    for (std::size_t i = 0; i < n; i++) {  // a point enters with a stereo view: one side alone would leave its depth open
+    for (std::size_t i = 0; i < n; i++) {  // a point enters with a stereo view, as one side alone does not determine its depth
         std::size_t at = of_map.row(views.ids.data[i]);
         counts.data[i] = views.used.data[i] && (stereo.data[i] || (at != NONE && in_prior[at]));
     }
@@ -86,7 +85,7 @@ LeavingViews leaving_views(const Pinholes& pinholes, const WindowState& state, c
     Array<double, 3> drift = drift_covariances(absorbed.ids, absorbed.anchors, absorbed.q, views.ids, var_drift);
     add(1.0, drift.data.get(), 9 * rows.size(), drifted.data.get());
     Array<bool, 1> stays = rows_of(seen_later, at_rows);
-    Array<double, 1> held(state.rig_error.shape[0]);  // errors of the rig stay where they are
+    Array<double, 1> held(state.rig_error.shape[0]);  // errors of the rig do not move
     PointsAlone alone = points_alone(own.v, own.w, own.g_point, own.rig_point, begun.q, held);
     NormalBlocks blocks = normal_blocks(pinholes, absorbed.in(state), counted, true);
     return {numbers(rows), std::move(stays), std::move(drifted), std::move(absorbed.anchors), std::move(absorbed.q),
@@ -117,7 +116,7 @@ WindowSystem absorbing_system(const BlockViews& blocks, const PriorViews& prior,
     require_shape(blocks.w, {n, 3, by_frame}, "w");
     require_shape(blocks.g_pose, {1, by_frame}, "g_pose");
     require_shape(blocks.rig_pose, {1, by_frame, m}, "rig_pose");
-    Array<double, 3> u(1, e, e), w(n, 3, e), rig_pose(1, e, m);  // the pose is the reference, and exact
+    Array<double, 3> u(1, e, e), w(n, 3, e), rig_pose(1, e, m);  // the pose is the reference, which is exact
     Array<double, 2> g(1, e);
     for (std::size_t x = 0; x < e; x++) {
         std::copy_n(blocks.u[0] + by_frame * (6 + x) + 6, e, u[0] + e * x);

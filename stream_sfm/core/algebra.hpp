@@ -6,11 +6,11 @@
 namespace core {
 
 constexpr int LANES = 8;  // partial sums, always in the same order
-constexpr double DAMPING = 1e-9;        // of a scaled information matrix: a direction that the data do not see stays where it is
+constexpr double DAMPING = 1e-9;        // of a scaled information matrix: undetermined directions do not move
 constexpr double MAX_ROTATION_STEP_RAD = 0.3;  // of one step of an iteration
-constexpr double CAUCHY_WIDTH = 2.4;    // which geometry/medians.py hands on
+constexpr double CAUCHY_WIDTH = 2.4;    // exported by geometry/medians.py
 constexpr double MEDIAN_CHI2_4 = 3.36;  // closed form: the median of χ² with four degrees of freedom
-constexpr std::size_t MIN_VIEWS = 6;    // of a motion; geometry/resection.py hands it on
+constexpr std::size_t MIN_VIEWS = 6;    // for a motion; exported by geometry/resection.py
 constexpr double ROUNDING = 1e-30;      // of squares, relative
 
 // Σ a b over k samples.
@@ -62,7 +62,8 @@ inline void invert3(const double* a, double* out) {
     out[8] = (a[0] * a[4] - a[1] * a[3]) * scale;
 }
 
-// The lower triangle of a symmetric positive definite A (n, n) becomes its factor. False where it is not.
+// The lower triangle of a symmetric positive definite A (n, n) becomes its factor. False if it is not positive
+// definite.
 inline bool factor_positive(double* a, std::size_t n) {
     for (std::size_t j = 0; j < n; j++) {
         for (std::size_t k = 0; k < j; k++) a[j * n + j] -= a[j * n + k] * a[j * n + k];
@@ -76,7 +77,7 @@ inline bool factor_positive(double* a, std::size_t n) {
     return true;
 }
 
-// The lower Cholesky factor of a symmetric matrix (N, N); false where it is not positive definite.
+// The lower Cholesky factor of a symmetric matrix (N, N); false if it is not positive definite.
 template <int N>
 bool cholesky(const double* a, double* lower) {
     for (int i = 0; i < N * N; i++) lower[i] = i % N <= i / N ? a[i] : 0.0;
@@ -97,7 +98,7 @@ void invert_lower(const double* lower, double* out) {
     }
 }
 
-// The inverse of a symmetric positive definite matrix (N, N), NaN where it is none.
+// The inverse of a symmetric positive definite matrix (N, N); NaN if it is not positive definite.
 template <int N>
 void invert_positive(const double* a, double* out) {
     double lower[N * N], root[N * N];
@@ -122,7 +123,7 @@ inline void substitute(const double* lower, double* b, std::size_t n) {
     }
 }
 
-// b becomes A⁻¹ b of a symmetric A = L Lᵀ (n, n), of which L is given.
+// b becomes A⁻¹ b of a symmetric A = L Lᵀ (n, n), from L.
 inline void solve_factored(const double* lower, double* b, std::size_t n) {
     substitute(lower, b, n);
     for (std::size_t i = n; i-- > 0;) {
@@ -131,7 +132,8 @@ inline void solve_factored(const double* lower, double* b, std::size_t n) {
     }
 }
 
-// Solve A x = b for a symmetric positive definite A (n, n), which becomes its factor; b becomes x. False where it is not.
+// Solve A x = b for a symmetric positive definite A (n, n), which becomes its factor; b becomes x. False if it is not
+// positive definite.
 inline bool solve_positive(double* a, double* b, std::size_t n) {
     if (!factor_positive(a, n)) return false;
     solve_factored(a, b, n);
@@ -156,7 +158,7 @@ inline void diagonalise(double* a, double* axes, std::size_t n, double left = 0)
                 double t = std::copysign(1.0, ratio) / (std::abs(ratio) + std::sqrt(1 + ratio * ratio));
                 double c = 1 / std::sqrt(1 + t * t), s = t * c, shift = t * a[i * n + j];
                 double on_i = a[i * n + i] - shift, on_j = a[j * n + j] + shift;
-                for (double* of : {a, axes})  // of both, rows: the matrix is symmetric
+                for (double* of : {a, axes})  // rows of both, as the matrix is symmetric
                     for (std::size_t k = 0; k < n; k++) {
                         double before = of[i * n + k];
                         of[i * n + k] = c * before - s * of[j * n + k];
@@ -170,8 +172,8 @@ inline void diagonalise(double* a, double* axes, std::size_t n, double left = 0)
         for (std::size_t j = i + 1; j < n; j++) std::swap(axes[i * n + j], axes[j * n + i]);
 }
 
-// Solve A x = b in place for an information matrix (n, n), each direction scaled by its own; one that the data do not see
-// stays where it is. NaN where A is not finite.
+// Solve A x = b in place for an information matrix (n, n), with each direction scaled; a direction that the data do not
+// determine does not move. NaN if A is not finite.
 inline void solve_damped(std::vector<double>& a, double* b, std::size_t n) {
     std::vector<double> scale(n);
     for (std::size_t i = 0; i < n; i++) scale[i] = 1 / std::sqrt(std::max(a[i * n + i], 1e-12));
@@ -187,14 +189,14 @@ inline void add(double a, const double* x, std::size_t n, double* out) {
     for (std::size_t i = 0; i < n; i++) out[i] += a * x[i];
 }
 
-// Rows of a matrix, so many numbers apart.
+// Rows of a matrix, `stride` numbers apart.
 struct Rows {
     const double* data;
     std::size_t stride;
     Rows from(std::size_t column) const { return {data + column, stride}; }
 };
 
-// Numbers that are summed side by side, and how they lie in memory: one, or four that may begin at any.
+// Numbers that are summed side by side, and their layout in memory: one, two or four without alignment.
 struct One {
     using Sum = double;
     using At = double;
@@ -250,7 +252,7 @@ inline void add_product(Rows a, std::size_t p, Rows b, std::size_t q, std::size_
     }
 }
 
-// The median of values, of which there is one at least; NaN where one is.
+// The median of at least one value; NaN if any value is NaN.
 inline double median(std::vector<double> values) {
     for (double value : values)
         if (std::isnan(value)) return value;

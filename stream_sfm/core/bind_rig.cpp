@@ -44,7 +44,7 @@ The effect on a side with NaN is zero.)",
         "pinholes"_a, "exposed"_a, "points_in_cam"_a, "motion"_a, "timing"_a, "z_px"_a.none());
     def<&shifts_by_timing>(m, "shifts_by_timing", R"(Return the shifts (n, 4) px of views of homogeneous points (n, 4) by delay and readout `mean` (2,) s.)",
         "pinholes"_a, "exposed"_a, "points"_a, "twist"_a, "mean"_a);
-    def<&timing_unknowns>(m, "timing_unknowns", R"(Return errors (n, 4, j) px, of σ = 1, of changes of views by delay and readout, N(`mean` (2,), `cov` (2, 2)), s.
+    def<&timing_unknowns>(m, "timing_unknowns", R"(Return errors (n, 4, j) px, at σ = 1, of changes of views by delay and readout, N(`mean` (2,), `cov` (2, 2)), s.
 
 Homogeneous points (n, 4) and their twists (6,) are given for the previous and the current frame. A constant delay or
 readout has an effect if the velocity has changed; its effect is uncertain if the velocity is, by `std_twist` (6,). The
@@ -80,7 +80,7 @@ the residuals (n,) px. Raises LinAlgError if a covariance is not definite.)",
 
 Speeds are as in `row_terms`. The gate is `scale` times as wide.)",
         "rows"_a, "left_px"_a, "right_px"_a, "row_speed_px_s"_a, "scale"_a);
-    def<&polynomial_rows>(m, "polynomial_rows", R"(Return Σ c x^a y^b (n, 4) at both sides of views (n, 4), x and y from −1 to 1 over the image.)",
+    def<&polynomial_rows>(m, "polynomial_rows", R"(Return Σ c x^a y^b (n, 4) at both sides of views (n, 4), with x and y from −1 to 1 over the image.)",
         "exposed"_a, "z_px"_a);
 }
 

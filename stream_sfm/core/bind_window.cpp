@@ -7,107 +7,109 @@
 namespace binding {
 
 void bind_window(nb::module_& m) {
-    describe_taken<WindowState>(m, R"(The state of a window: poses (F, 4, 4); of the points ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the rig's
+    describe_taken<WindowState>(m, R"(The state of a window: poses (F, 4, 4); points with ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the rig's
 errors (m,); amplitudes (F, e) of each frame's own.)");
-    describe_taken<WindowViews>(m, R"(Its views: frame (V,), ids (V,), used (V,), z_px (V, 4), weight (V, 4) and whitening roots (V, 4, 4). Amplitudes of
-σ = 1 that each frame has of its own move a view by own (V, 4, e). Errors of the rig move it by terms (V, 4, t), of
-which those of delay and readout get timing (V, 4, 2) added, or (V, 4, 0), and by the parts of a field: moves (4, p)
-⊗ field (V, K), m = t + p K.)");
+    describe_taken<WindowViews>(m, R"(The views of a window: frame (V,), ids (V,), used (V,), z_px (V, 4), weight (V, 4) and whitening roots (V, 4, 4). The
+frame's own amplitudes of σ = 1 shift a view by own (V, 4, e). Errors of the rig shift it by terms (V, 4, t), where
+timing (V, 4, 2), or (V, 4, 0), is added to those of delay and readout, and by the parts of a field: moves (4, p) ⊗
+field (V, K), m = t + p K.)");
     describe_taken<RigState>(m, R"(Information (m, m) about errors of the rig, and weighted sums (m,) of their amplitudes.)");
-    describe_taken<PriorViews>(m, R"(Points of a prior (N,): mean (N, 3), D (N, 3, 3) and modes F (N, 3, k), of which the last m are those of the rig's
+    describe_taken<PriorViews>(m, R"(Points of a prior (N,): mean (N, 3), D (N, 3, 3) and modes F (N, 3, k), the last m of which are those of the rig's
 errors.)");
     describe_returned<NormalBlocks>(m, R"(The normal equations of all views, eq. (26): blocks of the frames, of the points, and between them.
 
-A frame has f = 6 + e unknowns: its pose, and e amplitudes of its own with their prior of σ = 1. `u` (F, f, f), `v`
-(P, 3, 3), `w` (P, 3, fF); right-hand sides `g_pose` (F, f), `g_point` (P, 3). Of the rig's errors `rig` (m, m),
-with the frames `rig_pose` (F, f, m), with the points `rig_point` (P, 3, m), and `g_rig` (m,).)");
+A frame has f = 6 + e unknowns: its pose, and e amplitudes of its own with a prior of σ = 1. `u` (F, f, f), `v` (P, 3,
+3), `w` (P, 3, fF); right-hand sides `g_pose` (F, f), `g_point` (P, 3). For the rig's errors: `rig` (m, m), `rig_pose`
+(F, f, m) with the frames, `rig_point` (P, 3, m) with the points, and `g_rig` (m,).)");
     describe_taken<CovariancePart>(m, R"(One of two parts of the joint covariance of points, a pose and the world, as in normal_equations.py.)");
-    describe_returned<AbsorbedPoints>(m, R"(Points of a prior (N,): ids, which are ascending, mean (N, 3), D (N, 3, 3) and modes (N, 3, k).)");
+    describe_returned<AbsorbedPoints>(m, R"(Points of a prior (N,): ascending ids, mean (N, 3), D (N, 3, 3) and modes (N, 3, k).)");
     describe_returned<PointMarginals>(m, R"(Points (P,): q in the camera (P, 3), its covariance (P, 3, 3) given the rig's errors; metric points in the camera (P, 3)
-and in the world, each with covariances (P, 3, 3); and which are finite: 1/Z is so many σ away from 0.)");
+and in the world, each with covariances (P, 3, 3); and whether each is finite: 1/Z differs from 0 by more than
+`known_sigmas` σ.)");
     def<&points_of_views>(m, "points_of_views", R"(Return homogeneous points (u, 4) of the used views of a window, each in its own camera and in front of it.
 
-Views of points that the state does not have are left out, here and in what follows.)",
+Views of points that are not in the state are ignored, here and in the following functions.)",
         "state"_a, "views"_a);
-    def<&expected_views>(m, "expected_views", R"(Return views (V, 4) where the used ones are expected, with the rig's errors; the others as they are given.
+    def<&expected_views>(m, "expected_views", R"(Return views (V, 4): the expected ones with the rig's errors where used, the others as given.
 
-NaN for sides that were not seen, those on the right without `stereo`.)",
+Sides that were not seen, the right ones without `stereo`, are NaN.)",
         "pinholes"_a, "state"_a, "views"_a, "stereo"_a, "expected_px"_a);
-    def<&timing_of_views>(m, "timing_of_views", R"(Return the `timed_views` (V, 4, 2) of the used ones, expected at (V, 4), with `motions` (F, 2, 6) of frames.)",
+    def<&timing_of_views>(m, "timing_of_views", R"(Return `timed_views` (V, 4, 2) for the used views, expected at (V, 4), with `motions` (F, 2, 6) of frames.)",
         "pinholes"_a, "exposed"_a, "state"_a, "views"_a, "expected_px"_a, "motions"_a, "timing"_a);
-    def<&points_seen_again>(m, "points_seen_again", R"(Return which views (v,) are usable and of points that are known, and these points as they are by now.
+    def<&points_seen_again>(m, "points_seen_again", R"(Return the rows of usable views of known points, and these points with their drift.
 
-Views of `ids` (v,) with variances (v, 3) of q by drift; `known` (n,) ids with q (n, 3) and covariances (n, 3, 3),
-both ascending. Returns rows (k,), homogeneous points (k, 4), and their covariances (k, 4, 4), drift included.)",
+Views have `ids` (v,) and variances (v, 3) of q by drift; `known` (n,) ids with q (n, 3) and covariances (n, 3, 3). Both
+ids are ascending. Returns rows (k,), homogeneous points (k, 4), and their covariances (k, 4, 4), drift included.)",
         "ids"_a, "usable"_a, "var_drift"_a, "known"_a, "q"_a, "cov_q"_a);
-    def<&drift_covariances>(m, "_drift_covariances", R"(Return covariances (n, 3, 3) of q by a drift in the reference camera, eq. (33); 0 of points that are not seen.
+    def<&drift_covariances>(m, "_drift_covariances", R"(Return covariances (n, 3, 3) of q by drift in the reference camera, eq. (33); 0 for points that are not seen.
 
-Points `ids` (n,) with q (n, 3) in anchors (n, 4, 4); variances (v, 3) of q in the camera of those `seen` (v,). Both
-sets of ids are ascending.)",
+Points `ids` (n,) with q (n, 3) in anchors (n, 4, 4); variances (v, 3) of q in the camera for the ids `seen` (v,). Both
+ids are ascending.)",
         "ids"_a, "ref_from_anchor"_a, "q"_a, "seen"_a, "var_drift"_a);
-    def<&views_within_gates>(m, "views_within_gates", R"(Return which views (V,) are used and agree with the state, each by its own covariance, as `weight` has it.
+    def<&views_within_gates>(m, "views_within_gates", R"(Return which views (V,) are used and agree with the state, each by its own covariance, which `weight` restores.
 
-Gates of squared residuals of views from one side, and from both.)",
+The gates are on the squared residuals of views with one side and with both.)",
         "pinholes"_a, "state"_a, "views"_a, "gate_of_one"_a, "gate_of_both"_a);
-    def<&squares_of_tracks>(m, "squares_of_tracks", R"(Return of points (P,) the sum of their views' squared residuals, each by its own covariance, and of how many values.)",
+    def<&squares_of_tracks>(m, "squares_of_tracks", R"(Return the sums (P,) of squared residuals of the views of each point, by their own covariances, and the numbers of
+values.)",
         "pinholes"_a, "state"_a, "views"_a);
-    def<&determined_points>(m, "determined_points", R"(Return which points `ids` (P,) the prior, which has those `known`, or an accepted stereo view of the window determines.
+    def<&determined_points>(m, "determined_points", R"(Return which points `ids` (P,) are determined by the prior, which contains `known`, or by a used stereo view.
 
-Of views (V,) of ids `seen`, which are `used`, or of both sides. A point of one view counts while its track lives:
+Views (V,) have ids `seen`, are `used` or not, and `stereo` or not. A point with one view counts while its track lives:
 the views of the newest frame begin at row `newest`. Ids of points, and of views of a frame, are ascending.)",
         "ids"_a, "known"_a, "seen"_a, "used"_a, "stereo"_a, "newest"_a);
     def<&normal_blocks>(m, "normal_blocks", R"(Return the Gauss-Newton normal equations of views, eqs. (25), (26) and (71).
 
-With the rig's errors among the unknowns, or as they are.)",
+`with_rig`: whether the rig's errors are among the unknowns.)",
         "pinholes"_a, "state"_a, "views"_a, "with_rig"_a);
-    def<&poses_by_parts>(m, "poses_by_parts", R"(Return what the `parts` of the points, `part` (P,), say of poses, given all else: information and right-hand sides.
+    def<&poses_by_parts>(m, "poses_by_parts", R"(Return information (parts, 6F, 6F) and right-hand sides (parts, 6F) of poses by `parts` of the points, given all else.
 
-(parts, 6F, 6F) and (parts, 6F). Points are eliminated, eq. (27), with `reach` (P, 3, n), poses first, and `given`
-(P, 3) as `window_system` returns them.)",
+`part` (P,): the part of each point. Points are eliminated, eq. (27), with `reach` (P, 3, n), poses first, and `given`
+(P, 3), as `window_system` returns them.)",
         "pinholes"_a, "state"_a, "views"_a, "reach"_a, "given"_a, "part"_a, "parts"_a);
     def<&eliminate_points>(m, "eliminate_points", R"(Eliminate points from normal equations, eq. (27): V (P, 3, 3), and W (P, 3, n) with the others.
 
-Returns lower roots L (P, 3, 3) of V⁻¹ = L Lᵀ, and LᵀW. Raises LinAlgError where information is not definite.)",
+Returns lower roots L (P, 3, 3) of V⁻¹ = L Lᵀ, and LᵀW. Raises LinAlgError if the information is not definite.)",
         "v"_a, "w"_a);
     def<&window_system>(m, "window_system", R"(Eliminate points from the normal equations of [poses 6F | frames' own e F | modes k], eqs. (27), (30) and (71).
 
-`blocks` at q (P, 3); the prior at `amplitudes` (k,), its points in rows `known` (N,) of those of the window.
-Returns H (n, n), its lower triangle, without the points; L⁻¹F (N, 3, k) with D = L Lᵀ, whose products with itself
-are to be added; lower roots (P, 3, 3) of the covariances of points given the others; rootsᵀ times what couples
-points to these (P, 3, n), whose products are to be subtracted; rootsᵀ times the right-hand sides of points (P, 3);
-and that of the others (n,). Raises LinAlgError where information is not definite.)",
+`blocks` at q (P, 3); the prior at `amplitudes` (k,), its points in rows `known` (N,) of those of the window. Returns
+the lower triangle of H (n, n) without the points; L⁻¹F (N, 3, k) with D = L Lᵀ, whose product with its transpose is to
+be added; lower roots (P, 3, 3) of the covariances of points given the other variables; rootsᵀ times the coupling of
+points to these (P, 3, n), whose product with its transpose is to be subtracted; rootsᵀ times the right-hand sides of
+points (P, 3); and the right-hand side of the others (n,). Raises LinAlgError if the information is not definite.)",
         "blocks"_a, "prior"_a, "known"_a, "q"_a, "amplitudes"_a);
-    def<&points_alone>(m, "points_alone", R"(Return points by the views of one frame alone: mean (n, 3), covariance (n, 3, 3), and what moves them.
+    def<&points_alone>(m, "points_alone", R"(Return points from the views of one frame alone: mean (n, 3), covariance (n, 3, 3), and Jacobians.
 
-∂q by amplitudes of the frame's own (n, 3, e) and by the rig's errors (n, 3, m). Blocks as in `NormalBlocks`, at
-q (n, 3); the mean is that with errors of the rig that are off by (m,) from there. Raises LinAlgError where the
+The Jacobians are ∂q by amplitudes of the frame's own (n, 3, e) and by the rig's errors (n, 3, m). Blocks are as in
+`NormalBlocks`, at q (n, 3); the mean is for errors of the rig changed by `rig_step` (m,). Raises LinAlgError if the
 views do not determine a point.)",
         "v"_a, "w"_a, "g_point"_a, "rig_point"_a, "q"_a, "rig_step"_a);
-    def<&leaving_views>(m, "leaving_views", R"(Return what the views of the oldest frame, which is the reference camera now, say about points of a map (P,).
+    def<&leaving_views>(m, "leaving_views", R"(Return the information about points of a map (P,) from the views of the oldest frame, now the reference camera.
 
-Views (V,), `stereo` where both sides were seen, with variances (V, 3) of q by drift; points that are `seen_later`
-(P,). The prior: `known` (N,), the rows of its points, with D (N, 3, 3). Returns rows (n,) of the points of the
-prior that are seen by the frame or later, and of these which (n,) later; D (n, 3, 3) with their drift, anchors
-(n, 4, 4) and q (n, 3); the normal equations of their views; and ids of the other points that the frame
-sees in stereo and that are seen later, with these `points_alone`.)",
+Views (V,), `stereo` if both sides were seen, with variances (V, 3) of q by drift; `seen_later` (P,): points that later
+frames see; `known` (N,): rows of the points of the prior, with D (N, 3, 3). Returns the rows (n,) of the prior's points
+that this frame or later ones see, and whether (n,) later ones do; D (n, 3, 3) with their drift, anchors (n, 4, 4) and q
+(n, 3); the normal equations of their views; and the ids of other points that the frame sees in stereo and later ones
+see, with their `points_alone`.)",
         "pinholes"_a, "state"_a, "views"_a, "stereo"_a, "var_drift"_a, "seen_later"_a, "known"_a, "cov"_a);
     def<&absorbing_system>(m, "absorbing_system", R"(Return the system of [own e | k + 6 modes] of one frame that is the new reference, eqs. (31) to (35).
 
-Six modes of its pose, about which nothing is known, come before those of the rig's errors. Points q (n, 3), all of
-them of the prior, in anchors (n, 4, 4) as the frame has them.)",
+Six modes of its unknown pose come before those of the rig's errors. Points q (n, 3), all in the prior, have anchors (n,
+4, 4) in this frame.)",
         "blocks"_a, "prior"_a, "ref_from_anchor"_a, "q"_a, "amplitudes"_a);
     def<&absorbed_points>(m, "absorbed_points", R"(Return the points of the prior after a frame.
 
-Those that stay (n,), linearised at q (n, 3): roots (n, 3, 3) of their covariances given the modes, in units of
-these their steps (n, 3) and what the new modes and their step take from them (n, 3, k + 1); and new ones (j,), by
-ids with mean (j, 3), covariances (j, 3, 3) and modes (j, 3, k).)",
+For the points that `stays` (n,) selects, linearised at q (n, 3): `std_given` (n, 3, 3), roots of their covariances
+given the modes, and in units of these their steps `given` (n, 3) and the parts `moved` (n, 3, k + 1) that the new modes
+and their step subtract. New points (j,) have ids, mean (j, 3), covariances (j, 3, 3) and modes (j, 3, k).)",
         "ids"_a, "std_given"_a, "moved"_a, "given"_a, "q"_a, "stays"_a, "ids_new"_a, "mean_new"_a, "cov_new"_a, "modes_new"_a);
     def<&point_marginals>(m, "point_marginals", R"(Return points in the newest camera and in the world, each with covariances, eqs. (28) and (37) to (41).
 
-Points: anchors (P, 4, 4) and q (P, 3). Parts of the joint covariance, given the rig's errors, by roots (P, 3, 3) of the
-covariances of points given all else, and by these errors; poses (4, 4). `known_sigmas` of 1/Z make a point finite.)",
+Points have anchors (P, 4, 4) and q (P, 3). `own` and `by_rig`: the parts of the joint covariance given the rig's errors
+and from these errors; poses (4, 4). A point is finite if 1/Z exceeds `known_sigmas` σ.)",
         "ref_from_anchor"_a, "q"_a, "own"_a, "by_rig"_a, "world_from_ref"_a, "cam_from_ref"_a, "known_sigmas"_a);
-    def<&doubted_points>(m, "doubted_points", R"(Return covariances (n, 3, 3) of points in the world, with what `cov` (6, 6) adds to the pose that sees them.
+    def<&doubted_points>(m, "doubted_points", R"(Return covariances (n, 3, 3) of points in the world, with `cov` (6, 6) added to the pose that sees them.
 
 Points (n, 3) in the camera; the perturbation is on the right of world_from_cam (4, 4), eq. (45).)",
         "points_in_cam"_a, "cov_points_in_world"_a, "world_from_cam"_a, "cov"_a);

@@ -1,7 +1,7 @@
 // Points eliminated from the normal equations of a window, and its right-hand sides.
 //
-// Given the poses and the modes of the prior, points are independent of each other, so each is eliminated by itself, eqs.
-// (27) and (30). The large products that remain are left to the caller's linear algebra.
+// Given the poses and the modes of the prior, points are independent of each other, so each is eliminated separately,
+// eqs. (27) and (30). The remaining large products are left to the caller's linear algebra.
 
 #include "window.hpp"
 
@@ -74,7 +74,7 @@ WIDER WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, 
     check(blocks, prior, known, q, amplitudes, of_pose);
     std::size_t frames = blocks.u.shape[0], points = blocks.v.shape[0], m = blocks.rig.shape[0], n = known.shape[0];
     std::size_t k = prior.modes.shape[2], by_frame = blocks.u.shape[1], own = by_frame - of_pose;
-    std::size_t poses = by_frame * frames, size = poses + k;  // all poses come first, then what is each frame's own
+    std::size_t poses = by_frame * frames, size = poses + k;  // all poses come first, then the amplitudes of each frame's own
     std::vector<std::size_t> column(poses);
     for (std::size_t i = 0; i < poses; i++) {
         std::size_t f = i / by_frame, x = i % by_frame;
@@ -98,7 +98,7 @@ WIDER WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, 
         g[poses + y] -= amplitudes.data[y];
         result.h[poses + y][poses + y] += 1;
     }
-    const double* off = amplitudes.data + k - m;  // the rig's errors, from the prior's mean
+    const double* off = amplitudes.data + k - m;  // the rig's errors, relative to the prior's mean
     for (std::size_t x = 0; x < m; x++)
         g[size - m + x] += prior.rig.weighted.data[x] - std::inner_product(off, off + m, prior.rig.information[x], 0.0);
 
@@ -113,7 +113,7 @@ WIDER WindowSystem system_of(const BlockViews& blocks, const PriorViews& prior, 
         require_definite(cholesky<3>(prior.cov[i], lower), "the covariance of a point is not positive definite");
         invert_lower<3>(lower, root);
         for (std::size_t x = 0; x < 3; x++) away[x] = q[at][x] - prior.mean[i][x];
-        for (std::size_t y = 0; y < k; y++)  // three sums that do not wait for each other
+        for (std::size_t y = 0; y < k; y++)  // three independent sums, which the processor can overlap
             for (std::size_t x = 0; x < 3; x++) away[x] -= prior.modes[i][x * k + y] * amplitudes.data[y];
         for (std::size_t x = 0; x < 3; x++)
             for (std::size_t y = 0; y <= x; y++) {

@@ -1,4 +1,4 @@
-// Inertial measurements: preintegrated between two times, and what they say of the poses and velocities at both, eq. (78).
+// Inertial measurements: preintegration between two times, and residuals by the poses and velocities at both, eq. (78).
 
 #include "inertial.hpp"
 #include "poses.hpp"
@@ -6,7 +6,7 @@
 namespace core {
 namespace {
 
-// Where in the state, after the velocity, stand gravity, biases of gyroscope and accelerometer, scale, axes and clock.
+// Positions in the state, after the velocity: gravity, biases of gyroscope and accelerometer, scale, axes and clock.
 enum : std::size_t { G = 3, B_G = G + 3, B_A = B_G + 3, SCALE = B_A + 3, AXES, CLOCK = AXES + 3, STATE };
 constexpr std::size_t SIZE = 6 + STATE;  // of a pose and a state
 constexpr double HERE[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};  // the reference camera in its own axes
@@ -88,7 +88,7 @@ void step_errors(const Mat& r, const Mat& turn, const Vec& w, const Vec& a, doub
     put(f, 9, 6, 3, EYE, h);
     put(f, 9, 6, 6, EYE);
     put(b, 6, 0, 0, right_jacobian(h * w), -h);
-    // an error of the gyroscope turns the accelerations of its own step by half of it, and by a sixth in the position
+    // an error of the gyroscope rotates the accelerations of its own step by half of it, and by a sixth in the position
     Mat turned = of_turn * right_jacobian(h * w);
     put(b, 6, 3, 0, turned, h * h / 2);
     put(b, 6, 6, 0, turned, h * h * h / 6);
@@ -106,7 +106,7 @@ void propagate(double* cov, const double* f, const double* b, std::size_t first,
             for (std::size_t k = first; k < first + 3; k++) cov[9 * i + j] += var * b[6 * i + k] * b[6 * j + k];
 }
 
-// The interval between two frames at the biases and the clock offset of a state.
+// The interval between two frames, at the biases and the clock offset of a state.
 struct Corrected {
     Mat r;
     Vec v, p, clock[3];
@@ -123,7 +123,7 @@ struct Corrected {
     }
 };
 
-// What one interval says, whitened: residual (9,) and its Jacobian (9, 35) by both poses, perturbed on the left, the state
+// The whitened residual (9,) of one interval and its Jacobian (9, 35) by both poses, perturbed on the left, the state
 // of the reference, and both velocities.
 struct Rows9 {
     enum : std::size_t { POSE_I, POSE_J = 6, OF_STATE = 12, VELOCITY_I = OF_STATE + STATE, VELOCITY_J = VELOCITY_I + 3, COLUMNS = VELOCITY_J + 3 };
@@ -190,13 +190,13 @@ struct Rows9 {
         }
     }
 
-    // A block of n columns from one on, into rows of a larger matrix.
+    // Adds a block of n columns to rows of a larger matrix.
     void copy(std::size_t column, std::size_t n, double* rows, std::size_t stride) const {
         for (std::size_t row = 0; row < 9; row++)
             for (std::size_t k = 0; k < n; k++) rows[row * stride + k] += j[row * COLUMNS + column + k];
     }
 
-    // A block of six columns times (6, 3) rows of `lead`, into rows of a larger matrix.
+    // Adds a block of six columns times (6, 3) rows of `lead` to rows of a larger matrix.
     void copy_led(std::size_t column, const double* lead, std::size_t of_lead, double* rows, std::size_t stride) const {
         for (std::size_t row = 0; row < 9; row++)
             for (std::size_t i = 0; i < 6; i++) add(j[row * COLUMNS + column + i], lead + i * of_lead, 3, rows + row * stride);
@@ -216,8 +216,8 @@ void require_intervals(const IntervalViews& of, std::size_t n, Vector state, Mat
     require_shape(cam_from_imu, {4, 4}, "cam_from_imu");
 }
 
-// How pose and state at the end of an interval move with those at its beginning: rows (23, 23). `by_state` (9, 17): how pose
-// and velocity there move against the state; `turn`: how gravity does with the camera.
+// The Jacobian (23, 23) of pose and state at the end of an interval by those at its beginning. `by_state` (9, 17): the
+// negative Jacobian of pose and velocity by the state; `turn`: that of gravity by the rotation of the camera.
 void put_end(double* rows, const Mat& back, const Vec& there, const Mat& turn, const double* by_state) {
     auto at = [&](std::size_t row, std::size_t column, const Mat& block) { put(rows, SIZE, row, column, block); };
     at(0, 0, back);
@@ -235,7 +235,8 @@ void put_end(double* rows, const Mat& back, const Vec& there, const Mat& turn, c
         }
 }
 
-// How pose and state at the end of an interval move with the noise (9,) of the samples: (23, 9), by `at_end` (9, 9).
+// The Jacobian (23, 9) of pose and state at the end of an interval by the noise (9,) of the samples, from `at_end` (9,
+// 9).
 void put_noise(double* noise, const Mat& turn, const double* at_end) {
     for (std::size_t k = 0; k < 9; k++)
         for (std::size_t row = 0; row < 3; row++) {
@@ -395,7 +396,7 @@ InertialMotion inertial_motion(const IntervalViews& of, Vector state, Matrix cam
     own.copy(Rows9::VELOCITY_J, 3, end + 6, 9);
     own.copy(Rows9::OF_STATE, STATE, of_state, STATE);
     invert9(end, at_end);
-    multiply<9, 9, STATE>(at_end, of_state, by_state);  // less: the end moves against it
+    multiply<9, 9, STATE>(at_end, of_state, by_state);  // negative: the end moves in the opposite direction
     Mat turn = -1 * skew(gravity);
     put_end(out.rows[0], back, there, turn, by_state);
     put_noise(noise, turn, at_end);

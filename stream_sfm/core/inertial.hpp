@@ -1,15 +1,15 @@
-// Inertial samples between frames, and what they say of poses and velocities.
+// Inertial samples between frames, and their information about poses and velocities.
 #pragma once
 
 #include "algebra.hpp"
 
 namespace core {
 
-struct Preintegrated {  // rotation, (velocity, position), by the biases and the clock, covariances by both sensors
+struct Preintegrated {  // rotation, (velocity, position), Jacobians by the biases and the clock, covariances from both sensors
     Array<double, 2> rotation{3, 3}, motion{2, 3}, by_bias{9, 6}, by_clock{3, 3}, cov_gyro{9, 9}, cov_accel{9, 9};
     RECORD(Preintegrated, rotation, motion, by_bias, by_clock, cov_gyro, cov_accel)
 };
-struct IntervalViews {  // intervals in a row, at the biases and the clock offset that they were integrated with
+struct IntervalViews {  // consecutive intervals, with the biases and the clock offsets at which they were integrated
     Matrices rotation;
     Matrix motion;
     Matrices by_bias;

@@ -7,7 +7,7 @@ namespace {
 
 constexpr double UNIT[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, NOTHING[9] = {};
 
-// out (3, 3) = the covariance of Jq δq + Jy δy, of covariances (3, 3), (6, 6) and between them (3, 6).
+// out (3, 3) = the covariance of Jq δq + Jy δy, from those of q (3, 3), of y (6, 6) and between them (3, 6).
 void propagate(const double* jq, const double* qq, const double* jy, const double* yy, const double* qy, double* out) {
     double by_q[9], by_y[18], of_q[9], of_y[9], between[18], half[9];
     multiply<3, 3, 3>(jq, qq, by_q);
@@ -23,7 +23,7 @@ void propagate(const double* jq, const double* qq, const double* jy, const doubl
         }
 }
 
-// Σ a b over k numbers; four sums go side by side.
+// Σ a b over k numbers, in four independent sums.
 double sum_of_products(const double* a, const double* b, std::size_t k) {
     double sums[4] = {};
     std::size_t whole = k - k % 4;
@@ -32,7 +32,7 @@ double sum_of_products(const double* a, const double* b, std::size_t k) {
     return std::inner_product(a + whole, a + k, b + whole, sums[0] + sums[1] + (sums[2] + sums[3]));
 }
 
-// out (3, 3) += the product, which is symmetric, of rows (3, k) with others.
+// out (3, 3) += the symmetric product of rows (3, k) with others.
 void add_gram(const double* rows, const double* others, std::size_t k, double* out) {
     for (std::size_t x = 0; x < 3; x++)
         for (std::size_t y = x; y < 3; y++) {
@@ -42,7 +42,8 @@ void add_gram(const double* rows, const double* others, std::size_t k, double* o
         }
 }
 
-// Adds the covariances of a point q (3, 3) and with pose and world (3, 12) by one part; `of_itself` (3, 3) in its units.
+// Adds one part of the covariances of a point, of q (3, 3) and with pose and world (3, 12); `of_itself` (3, 3) in its
+// units.
 void add_part(const CovariancePart& part, std::size_t i, const double* of_itself, double* of_q, double* with_both) {
     const double* root = part.root[i];
     double sum[9], half[9], whole[9];
@@ -104,7 +105,7 @@ WIDER PointMarginals point_marginals(Matrices ref_from_anchor, Matrix q_in_ancho
         double in_anchor[4] = {q[0], q[1], 1.0, q[2]}, in_ref[4], p[4];
         move(anchor, in_anchor, in_ref);
         move(cam_from_ref.data, in_ref, p);
-        clamp_depth(p);  // points behind this camera are not shown in it
+        clamp_depth(p);  // points behind this camera are never shown in it
         double ref_by_q[12], cam_by_q[12], k[12], by_q[9], by_x[18];
         for (int row = 0; row < 4; row++) {
             const double* from = anchor + 4 * row;

@@ -1,4 +1,5 @@
-// A rig's errors as a mixture over what may be exactly zero, by ratios of densities there (Dickey 1971), eqs. (72).
+// A rig's errors as a mixture in which groups may be exactly zero, by ratios of densities at zero (Dickey 1971), eqs.
+// (72).
 
 #include "rig.hpp"
 
@@ -13,7 +14,7 @@ struct Gaussian {
     std::size_t size() const { return mean.size(); }
 };
 
-// The rows `which` of a Gaussian.
+// The marginal Gaussian of the rows `which`.
 Gaussian part(const Gaussian& of, const Which& which) {
     std::size_t m = of.size(), n = which.size();
     Gaussian result{Numbers(n), Numbers(n * n)};
@@ -31,7 +32,7 @@ void factor(Numbers& a, std::size_t n) {
         for (std::size_t k = 0; k < j; k++) pivot -= a[j * n + k] * a[j * n + k];
         a[j * n + j] = std::sqrt(std::max(pivot, 1e-15 * variance));  // above rounding
         std::size_t i = j + 1;
-        for (; i + 4 <= n; i += 4) {  // rows that do not wait for each other
+        for (; i + 4 <= n; i += 4) {  // independent rows
             double *of = a.data() + i * n, rest[4] = {of[j], of[n + j], of[2 * n + j], of[3 * n + j]};
             for (std::size_t k = 0; k < j; k++)
                 for (std::size_t row = 0; row < 4; row++) rest[row] -= of[row * n + k] * a[j * n + k];
@@ -64,7 +65,7 @@ Gaussian information_of(Gaussian of) {
     return result;
 }
 
-// The rows `kept` of a Gaussian, given that those of `zero` are 0.
+// The conditional Gaussian of the rows `kept`, given that those of `zero` are 0.
 Gaussian without(const Gaussian& of, const Which& zero, const Which& kept) {
     std::size_t m = of.size(), n = zero.size(), others = kept.size();
     Gaussian given = part(of, zero), result = part(of, kept);
@@ -84,20 +85,20 @@ Gaussian without(const Gaussian& of, const Which& zero, const Which& kept) {
     return result;
 }
 
-// By how much likelier an error is N(0, variance) than 0: a logarithm.
+// The log odds that an error is N(0, variance) rather than 0.
 double log_evidence(double information, double weighted, double variance = 1) {
     double ratio = variance * information;
     return 0.5 * (variance * weighted * weighted / (1 + ratio) - std::log1p(ratio));
 }
 
-// The log odds that errors are N(0, 1) each rather than all 0, by C⁻¹ and C⁻¹ m with sizes so far; of what the views
-// say a share counts.
+// The log odds that errors are N(0, 1) each rather than all 0, from C⁻¹ and C⁻¹ m with the sizes so far; only a share
+// of the views' information counts.
 double log_odds_wrong(Gaussian information, const Numbers& size, double counts) {
     std::size_t n = information.size();
     for (std::size_t i = 0; i < n; i++) information.cov[i * n + i] -= 1 / (size[i] * size[i]);
     double sum = 0;
     Numbers lower = information.cov, solved = information.mean;
-    if (solve_positive(lower.data(), solved.data(), n)) {  // along no axis do views say less than nothing
+    if (solve_positive(lower.data(), solved.data(), n)) {  // the information of views is not negative along any axis
         for (std::size_t i = 0; i < n * n; i++) lower[i] = counts * information.cov[i] + (i % (n + 1) == 0 ? 1.0 : 0.0);
         solved = information.mean;
         solve_positive(lower.data(), solved.data(), n);
@@ -119,7 +120,7 @@ Numbers at(const Numbers& values, const Which& which) {
     return result;
 }
 
-// The log odds that lenses have errors rather than none, given the others: in all terms, or in any one of them alone.
+// The log odds that lenses have errors rather than none, given the other terms: in all terms, or in any single one.
 double log_odds_given(const Gaussian& lenses, const Numbers& size, double counts, double share_alone) {
     std::size_t n = lenses.size();
     Gaussian information = information_of(lenses);
@@ -150,8 +151,8 @@ double log_sum(const Numbers& of) {
     return largest + std::log(sum);
 }
 
-// The log odds that lenses have errors rather than none, eq. (72m): those given each combination of what is 0, by how
-// probable that is of lenses without errors, `own`.
+// The log odds that lenses have errors rather than none, eq. (72m): those given each combination of zero terms,
+// weighted by the probability `own` of the combination if lenses have no errors.
 double log_odds_lenses(const Gaussian& all, const Gaussian& own, const Numbers& sizes, const Which& of_lenses,
                        const std::vector<Which>& zeros, const double* log_prior, double counts, double counts_of_lenses,
                        double share_alone) {
@@ -167,7 +168,8 @@ double log_odds_lenses(const Gaussian& all, const Gaussian& own, const Numbers& 
     return log_sum(wrong) - log_sum(none);
 }
 
-// C⁻¹ m of the `considered` terms, averaged over what is 0 by its probability: the density where these terms are 0.
+// C⁻¹ m of the `considered` terms, averaged over the combinations by their probability: the density at zero of these
+// terms.
 Numbers averaged(const Gaussian& considered, const Numbers& size, const std::vector<Which>& zeros,
                  const double* log_prior, double counts) {
     std::size_t n = considered.size(), number = zeros.size();
@@ -183,7 +185,7 @@ Numbers averaged(const Gaussian& considered, const Numbers& size, const std::vec
     return result;
 }
 
-// Errors where the considered terms, of which the first is `first`, are as wrong as is probable; they count in full.
+// Errors with the considered terms, the first of which is `first`, at their probable values; they count in full.
 void consider(Gaussian& of, std::size_t first, const Numbers& weighted) {
     std::size_t m = of.size();
     Numbers away(m);

@@ -9,10 +9,10 @@ namespace {
 // order through NODES frames.
 enum : std::size_t { REACH = 2, NODES = 4 };
 
-// The rotation (3, 3) of a vector and the left Jacobian V with t = V ρ, eq. (3) (Barfoot, eq. 8.33). The last coefficient,
-// (θ − sin θ)/θ³, loses digits as θ² falls, but multiplies a product of that size.
+// The rotation (3, 3) of a vector and the left Jacobian V with t = V ρ, eq. (3) (Barfoot, eq. 8.33). The last
+// coefficient, (θ − sin θ)/θ³, loses digits as θ² decreases, but it multiplies a product of that size.
 void rotation_of(const double* w, double* rotation, double* left) {
-    double angle = std::max(std::sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]), 1e-150);  // divides; its square is a normal double
+    double angle = std::max(std::sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]), 1e-150);  // a divisor, whose square is still a normal double
     double sine = std::sin(angle) / angle, half = std::sin(angle / 2) / angle;
     double a = 2 * half * half, b = (1 - sine) / (angle * angle);  // 1 − cos θ = 2 sin²(θ/2) without cancellation
     double k[9] = {0, -w[2], w[1], w[2], 0, -w[0], -w[1], w[0], 0}, k2[9];
@@ -24,7 +24,7 @@ void rotation_of(const double* w, double* rotation, double* left) {
     }
 }
 
-// The unit quaternion (4,) with w ≥ 0 of a rotation (3, 3): the best conditioned row of 4 q qᵀ.
+// The unit quaternion (4,) with w ≥ 0 of a rotation (3, 3), from the best-conditioned row of 4 q qᵀ.
 void quaternion_of(const double* r, double* q) {
     double a = r[0], e = r[4], i = r[8];
     double rows[4][4] = {{1 + a - e - i, r[1] + r[3], r[2] + r[6], r[7] - r[5]},
@@ -44,7 +44,7 @@ void vector_of(const double* rotation, double* w) {
     double q[4];
     quaternion_of(rotation, q);
     double n = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2]), ratio = n / q[3];
-    // n: sine of half the angle; where it is small the next term of the series, n⁴/5, is below rounding.
+    // n: sine of half the angle; if it is small, the next term of the series, n⁴/5, is below rounding.
     double scale = n < 1e-4 ? 2 / q[3] * (1 - ratio * ratio / 3) : 2 * std::atan2(n, q[3]) / n;
     for (int k = 0; k < 3; k++) w[k] = scale * q[k];
 }

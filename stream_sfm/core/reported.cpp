@@ -1,5 +1,5 @@
-// What is estimated in rectified axes in those of the physical camera, eq. (7), with errors that no view shows, eqs. (18), (73) and
-// (73a).
+// Estimates in rectified axes transformed to those of the physical camera, eq. (7), with errors that no view shows,
+// eqs. (18), (73) and (73a).
 
 #include "poses.hpp"
 
@@ -16,8 +16,8 @@ void turn_both(const double* r, const double* a, std::size_t stride, double* out
             out[stride * i + j] = half[3 * i] * r[3 * j] + half[3 * i + 1] * r[3 * j + 1] + half[3 * i + 2] * r[3 * j + 2];
 }
 
-// Perturbations (n, 6, 3) on the right of poses T, per σ of lengths and of axes about x and y. Axes that are turned by C make
-// C T C⁻¹ of T, which is T Exp((Ad(T⁻¹) − I) c).
+// Perturbations (n, 6, 3) on the right of poses T, per σ of lengths and of axes about x and y. A rotation C of the axes
+// turns T into C T C⁻¹, which is T Exp((Ad(T⁻¹) − I) c).
 Array<double, 3> unseen_by_pose(Matrices poses, const PhysicalAxes& axes) {
     std::size_t n = poses.shape[0];
     Array<double, 3> inverse = pose_inverse(poses), adjoint = pose_adjoint(inverse), result(n, 6, 3);

@@ -169,7 +169,7 @@ Resected resect(const PointViews& views, Matrix start, Vector votes, const Resec
     return resection.rigid(std::move(found), *predicted);
 }
 
-// The motion of tracks by the left positions at which flow has found some of them.
+// The motion of tracks from the left positions at which flow has found some of them.
 FlowMotion motion_of_flow(const Pinholes& pinholes, const TrackTable& tracks, Vector votes, Matrix at, Flags found,
                           Matrix start, double std_flow, double gate, const ResectionRules& rules) {
     std::size_t n = tracks.points.shape[0];

@@ -20,12 +20,12 @@ void lens_columns(const double* ray, const double* left_ray, double corner, doub
         of[LENS] = (i ? y : x) * squared;
         of[LENS + 1] = of[LENS] * squared;
         for (int k = 0; k < 2; k++) of[POINT + k] = -ray[i] * left_ray[k];
-        of[TANGENTIAL + i] = (squared + 2 * (i ? y * y : x * x)) / 3;  // 1 px in the corner's direction
+        of[TANGENTIAL + i] = (squared + 2 * (i ? y * y : x * x)) / 3;  // 1 px in the direction of the corner
         of[TANGENTIAL + 1 - i] = 2 * x * y / 3;
     }
 }
 
-enum { LATE = 2 };  // the coordinate that delay and disparity move: u on the right
+enum { LATE = 2 };  // the coordinate that delay and disparity shift: u on the right
 
 // ∂ż/∂ξ̇ (4, 6) of a homogeneous point, px/s per unit of the points' twist.
 void velocity_by_twist(const Pinholes& pinholes, const double* of, double* out) {
@@ -94,7 +94,7 @@ Array<double, 2> without_acceleration(Vector twist) {
     return motion;
 }
 
-// The terms (6,) of the disparity's error at a place in the left image.
+// The terms (6,) of the disparity's error at a position in the left image.
 void disparity_polynomial(const Pinholes& p, const double* at, double* out) {
     const auto size = p.size();
     double centre[2] = {(size[0] - 1) / 2, (size[1] - 1) / 2};

@@ -26,7 +26,7 @@ struct ViewResiduals {
     Array<double, 2> squares;
     FIELDS(residuals, squares)
 };
-// Some views, in arrays of their own.
+// Copies of some views.
 struct SelectedViews {
     Pinholes pinholes;
     Array<double, 2> points, z;

@@ -1,8 +1,8 @@
 // The views of a window of frames: whitened residuals, gates, and Gauss-Newton normal equations.
 //
-// Points are q = (X/Z, Y/Z, 1/Z) in their anchors, C (q₁, q₂, 1, q₃)ᵀ in the reference camera, eq. (24). Errors c of the
-// rig move a view by B c, with B = [terms | moves ⊗ field]: all parts of the field share its basis, so products with
-// the field cost what those with one part of it do.
+// Points are q = (X/Z, Y/Z, 1/Z) in their anchors, C (q₁, q₂, 1, q₃)ᵀ in the reference camera, eq. (24). Errors c of
+// the rig shift a view by B c, with B = [terms | moves ⊗ field]: all parts of the field share its basis, so products
+// with the field cost as much as those with one part of it.
 
 #include "window.hpp"
 #include "poses.hpp"
@@ -12,18 +12,18 @@ namespace core {
 namespace {
 
 enum : std::size_t {
-    CHUNK = 16,    // views whose products are summed at once
-    MAX_PARTS = 4  // of the field: a view has no more coordinates
+    CHUNK = 16,    // views whose products are summed together
+    MAX_PARTS = 4  // of the field: as many as a view has coordinates
 };
-constexpr std::size_t Q_COLUMNS[3] = {0, 1, 3};  // of a homogeneous point: what q moves
-constexpr std::size_t MOST_PARTS = 1000;  // of points, of which each has poses of its own
+constexpr std::size_t Q_COLUMNS[3] = {0, 1, 3};  // the coordinates of a homogeneous point that q changes
+constexpr std::size_t MOST_PARTS = 1000;  // parts of the points, each with its own system of poses
 
-// A view that counts: its row, and those of its frame and of its point.
+// A used view: its row, and the rows of its frame and of its point.
 struct Seen {
     std::size_t view, frame, point;
 };
 
-// The views in use of points of the state; the others are left out.
+// The used views of points of the state.
 std::vector<Seen> seen_by(const WindowState& state, const WindowViews& views) {
     std::size_t n = views.frame.shape[0], terms = views.terms.shape[2], parts = views.moves.shape[1];
     std::size_t frames = state.cams_from_ref.shape[0], points = state.q.shape[0];
@@ -58,13 +58,13 @@ std::vector<Seen> seen_by(const WindowState& state, const WindowViews& views) {
     return result;
 }
 
-// A view (4,) of a point in the camera, with what the rig and the frame have wrong.
+// The expected view (4,) of a point in the camera, with the errors of the rig and of the frame.
 void predicted(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, const Seen& seen,
                const double* in_cam, double* z) {
     std::size_t i = seen.view, own = views.own.shape[2];
     std::size_t terms = views.terms.shape[2], timed = views.timing.shape[2], basis = views.field.shape[1], parts = views.moves.shape[1];
     const double *c = state.rig_error.data, *by_own = views.own[i], *by_terms = views.terms[i], *by_timing = views.timing[i], *phi = views.field[i];
-    double seen_at[4];  // sums of the four rows go side by side
+    double seen_at[4];  // sums of the four rows, computed side by side
     project(pinholes, in_cam, seen_at);
     auto add_rows = [&](const double* by, std::size_t n, const double* amplitudes) {
         for (std::size_t k = 0; k < n; k++)
@@ -260,13 +260,13 @@ WIDER NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& st
     const std::size_t of_own = views.own.shape[2], by_frame = 6 + of_own;
     NormalBlocks blocks{{frames, by_frame, by_frame}, {points, 3, 3}, {points, 3, by_frame * frames}, {frames, by_frame, m}, {points, 3, m},
                         {frames, by_frame}, {points, 3}, {m, m}, {m}};
-    for (std::size_t f = 0; f < frames; f++)  // the prior of what a frame's views err by in common
+    for (std::size_t f = 0; f < frames; f++)  // the prior of the errors that a frame's views share
         for (std::size_t k = 0; k < of_own; k++) {
             blocks.u[f][(by_frame + 1) * (6 + k)] += 1;
             blocks.g_pose[f][6 + k] -= state.own[f][k];
         }
-    // A view's four whitened rows: by pose (6) and what is the frame's own, residual (1), by terms, by parts of the field, by point
-    // (3).
+    // The four whitened rows of a view: by pose (6) and the frame's own amplitudes, residual (1), by terms, by parts of
+    // the field, by point (3).
     const std::size_t own = by_frame + 1 + terms, by_point = own + parts, columns = by_point + 3, pairs = parts * (parts + 1) / 2;
     std::vector<double> rows(CHUNK * 4 * columns), with_parts(CHUNK * own * parts), squares(CHUNK * pairs * basis);
     std::vector<double> phis(CHUNK * basis), of_frame(own * own), of_field(own * parts * basis), of_squares(pairs * basis * basis);
@@ -328,7 +328,7 @@ WIDER NormalBlocks normal_blocks(const Pinholes& pinholes, const WindowState& st
         add_product({with_parts.data(), own * parts}, own * parts, field, basis, count, 0, of_field.data());
         add_product({squares.data(), pairs * basis}, pairs * basis, field, basis, count, basis, of_squares.data());
         if (next < n && seen[next].frame == f) continue;
-        auto add_by_rig = [&](std::size_t x, double* out) {  // out += the product of column x with all of the rig's
+        auto add_by_rig = [&](std::size_t x, double* out) {  // out += the products of column x with all columns of the rig
             add(1.0, of_frame.data() + x * own + by_frame + 1, terms, out);
             add(1.0, of_field.data() + x * parts * basis, parts * basis, out + terms);
         };
@@ -376,7 +376,7 @@ WIDER PosesByParts poses_by_parts(const Pinholes& pinholes, const WindowState& s
         add_product({j, 6}, 6, {r, 1}, 1, 4, 0, result.right[at] + 6 * seen.frame);
     }
     std::vector<double> rows, steps, taken(size * size), taken_right(size);
-    for (std::size_t k = 0; k < of_part; k++) {  // what the points take off, eq. (27)
+    for (std::size_t k = 0; k < of_part; k++) {  // subtract the eliminated points, eq. (27)
         rows.clear(), steps.clear();
         for (std::size_t i = 0; i < points; i++) {
             if (static_cast<std::uint64_t>(part.data[i]) != k) continue;

@@ -1,4 +1,4 @@
-// Stages of the window: its normal equations, the prior, and what it says of points.
+// Stages of the window: its normal equations, the prior, and the marginals of points.
 #pragma once
 
 #include "algebra.hpp"
@@ -13,19 +13,19 @@ struct WindowState {
     Matrices ref_from_anchor;
     Matrix q;
     Vector rig_error;
-    Matrix own;  // amplitudes of what each frame's views err by in common
+    Matrix own;  // amplitudes of the errors that the views of each frame share
     RECORD(WindowState, cams_from_ref, ids, ref_from_anchor, q, rig_error, own)
 };
 struct WindowViews {
     Indices frame, ids;
     Flags used;
     Matrix z_px, weight;
-    Matrices root, own, terms, timing;  // what delay and readout do is added to their terms: it is renewed with the velocities
+    Matrices root, own, terms, timing;  // `timing` is added to the terms of delay and readout, and renewed with the velocities
     Matrix field, moves;
     RECORD(WindowViews, frame, ids, used, z_px, weight, root, own, terms, timing, field, moves)
 };
 template <template <class, std::size_t> class Of>
-struct BlocksOf {  // of 6 + e columns per frame: its pose, and e amplitudes of its own with a prior of σ = 1
+struct BlocksOf {  // with 6 + e columns per frame: its pose, and e amplitudes of its own with a prior of σ = 1
     Of<double, 3> u, v, w, rig_pose, rig_point;
     Of<double, 2> g_pose, g_point, rig;
     Of<double, 1> g_rig;
@@ -124,7 +124,7 @@ AbsorbedPoints absorbed_points(Indices ids, Matrices std_given, Matrices moved, 
                                Indices ids_new, Matrix mean_new, Matrices cov_new, Matrices modes_new);
 
 // marginals.cpp
-struct CovariancePart {  // of points, the pose and the world: what reaches points, in units of roots, also times its covariance, and times those with both
+struct CovariancePart {  // of points, a pose and the world; see normal_equations.py
     Matrices root, reach, covariant, with_both;
     Matrix both;
     RECORD(CovariancePart, root, reach, covariant, with_both, both)

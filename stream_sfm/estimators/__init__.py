@@ -1,14 +1,15 @@
-"""Everything that turns observations into motion and structure; each method keeps the contract `types.Estimator`.
+"""Everything that turns observations into motion and structure; each method implements `types.Estimator`.
 
-Not here: the pixels of images (`frontend/`), files (`recording/`). Equations "(n)" are those of docs/mathematics.md.
+It does not read pixels (`frontend/` does) or files (`recording/` does). Equations "(n)" are those of
+docs/mathematics.md.
 
 * `cross_frame/`: the default, a window with a joint prior, for two cameras and for one.
-* `baselines/`: the methods to compare with, and the batch that bounds them all.
+* `baselines/`: the methods to compare with, and the full batch, which is the bound for all of them.
 * Shared: `initial_motion` (where every frame starts), `motion_model`, `lifecycle` (how maps begin and end),
   `triangulation`.
 
-`methods.py` lists them by name. A method is imported when it is asked for, so that its heavy dependency (filterpy for
-the EKF) costs the others nothing.
+`methods.py` lists them by name. A method is imported on first use, so that the others do not pay for its heavy
+dependency (filterpy for the EKF).
 """
 
 from importlib import import_module

@@ -16,12 +16,12 @@ def initial_motion(
     weights: Array | None = None,
     searches: bool = False,
 ) -> Resection | None:
-    """Find cam_from_previous by robust resection of views (n); None where too few agree or determine it.
+    """Find cam_from_previous by robust resection of views (n); None if too few agree or they do not determine it.
 
-    They are those among the `observations` of points of the local structure of the previous camera. The start is the
-    front-end's own motion, else the prediction of the motion model; where few views agree with what it leads to,
-    `resect` searches the whole space of motions, unless the front-end has decided between two. With `searches`
-    it does so anyway. `weights` (n,): as in `resect`.
+    The views are those among the `observations` that see points of the previous camera's local structure. The search
+    starts from the motion that the front-end found, or else from the prediction of the motion model. If few views agree
+    with the result, `resect` searches the whole space of motions, unless the front-end has decided between two. With
+    `searches` it does so even then. `weights` (n,): as in `resect`.
     """
     start, ambiguity = observations.cam_from_previous, observations.ambiguity
     try:
@@ -41,7 +41,7 @@ def initial_motion(
 
 
 def _second_motion(found: Resection, observations: Observations) -> SecondMotion | None:
-    """Return the other of the two motions between which the front-end could not decide; it has seen each view anew."""
+    """Return the other of two motions if the front-end could not decide between them; it measured all views again."""
     ambiguity, own = observations.ambiguity, observations.cam_from_previous
     if ambiguity is None or own is None or ambiguity.other_from_previous is None or ambiguity.cov_other is None:
         return None

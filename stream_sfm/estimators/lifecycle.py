@@ -1,4 +1,4 @@
-"""How a map begins and ends, alike for all estimators: the first Solution, the status, the answer while lost."""
+"""How a map begins and ends in every estimator: the first Solution, the status, the Solution while lost."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,7 +20,7 @@ from .triangulation import points_to_world, triangulate, usable_births
 
 
 class WorldPoints(NamedTuple):
-    """Points in one frame, the world as a rule: `ids` (k,), `points` (k, 3) m, `cov_points` (k, 3, 3) m²."""
+    """Points in one frame, usually the world: `ids` (k,), `points` (k, 3) m, `cov_points` (k, 3, 3) m²."""
 
     ids: NDArray[np.int64]
     points: Array
@@ -39,13 +39,13 @@ class WorldPoints(NamedTuple):
 
 
 class LostError(Exception):
-    """The frame has no motion; the message is the reason that the Solution gives."""
+    """No motion was found for the frame; the message becomes the reason in the Solution."""
 
 
 def frame_status(
     inliers: int, note: str, config: RobustConfig, motion: Resection | None = None
 ) -> tuple[Status, str]:
-    """Return status and reason of a frame that was estimated; `note` as in Observations, `motion` its robust start."""
+    """Return status and reason of an estimated frame; `note` as in Observations, `motion`: its robust first motion."""
     reasons = [] if motion is None else _weaknesses(motion, config)
     if inliers < config.degraded_inliers:
         reasons.append(f"only {inliers} accepted views (fewer than {config.degraded_inliers})")
@@ -55,7 +55,7 @@ def frame_status(
 
 
 def _weaknesses(motion: Resection, config: RobustConfig) -> list[str]:
-    """Return why the motion of a frame may not be the camera's, or its covariance not mean what it says."""
+    """Return why the motion of a frame may not be the camera's, or its covariance may not be valid."""
     reasons = []
     if motion.ambiguous is not None:
         reasons.append("two rigid motions agree with the views")
@@ -77,7 +77,7 @@ def solution_of(
 ) -> Solution:
     """Return the Solution of a frame with points (n) in the camera and the same in the world, and `more` of its fields.
 
-    Its window is the frame alone where these do not say otherwise.
+    Its window is this frame alone, unless `more` contains another.
     """
     window = {
         "window_frame_indices": np.array([observations.frame_index], np.int64),
@@ -99,13 +99,13 @@ def with_ended(solution: Solution, ended: WorldPoints) -> Solution:
 
 
 def recorded(motion: MotionModel, observations: Observations, solution: Solution, ended: WorldPoints) -> Solution:
-    """Give the pose of an estimated frame to the motion model, and return what is to be reported, with `ended` points.
+    """Give the pose of an estimated frame to the motion model, and return the Solution to report, with `ended` points.
 
-    A pose from images that do not fit each other is followed, and it may as well be where earlier frames predict
-    it: the covariances of the pose and of the points in the world cover that; relative motions are not reported. After
-    a step of both images they cover that the camera has not moved with it, and that later motions are shown turned by
-    as much; after a doubt that nothing has settled, what they covered last.
-    Raises LinAlgError for a pose that is not finite: nothing learns from it.
+    A pose from images that do not fit each other is used, although the pose predicted from earlier frames may be the
+    true one: the covariances of the pose and of the points in the world cover both, and relative motions are not
+    reported. After a step of both images, the covariances cover that the camera may not have moved, and that later
+    motions appear rotated by as much. After a doubt that was never settled, they keep what they covered last. Raises
+    LinAlgError for a pose that is not finite, before anything learns from it.
     """
     if not (np.isfinite(solution.world_from_cam).all() and np.isfinite(solution.cov_pose).all()):
         raise np.linalg.LinAlgError("the pose is not finite")
@@ -125,7 +125,7 @@ def recorded(motion: MotionModel, observations: Observations, solution: Solution
 
 
 def too_few_inliers(inliers: int, known: int, config: RobustConfig) -> str:
-    """Return the reason of a frame that is lost for want of accepted views."""
+    """Return the reason of a frame that is lost because too few views were accepted."""
     return f"{inliers} of {known} views of known points accepted, {config.min_inliers} needed"
 
 
@@ -148,7 +148,7 @@ def first_solution(
 ) -> Solution:
     """Return the Solution of a map's first frame: at the world's origin, or where the motion model predicts it.
 
-    Status initialising, with the points of this one view; lost where there are too few to start from. `motion`
+    The status is initialising, with the points of this one frame; it is lost if there are too few of them. `motion`
     restarts from here.
     """
     obs = observations

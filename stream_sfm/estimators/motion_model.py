@@ -1,6 +1,6 @@
 """The motion model: constant velocity, with an uncertainty that grows by an assumed acceleration, eqs. (42) and (43).
 
-Its prediction is where the estimate of every frame starts, and it is the estimate itself while lost.
+The estimate of every frame starts from its prediction; while lost, the prediction is the estimate.
 """
 
 from copy import copy
@@ -13,14 +13,14 @@ from ..geometry import Array, se3
 
 
 class Displaced(NamedTuple):
-    """Images that are displaced as by a turn by `turn_rad`, of a scene at `depth_m`."""
+    """Images displaced as if the camera had rotated by `turn_rad`, of a scene at `depth_m`."""
 
     turn_rad: float = 0.0
     depth_m: float = 0.0
 
     def cov_of(self, motion: Array) -> Array:
-        """Return the covariance (6, 6) of a motion (4, 4) that such images show: its axes are turned by that angle, and
-        from afar a turn that they show wrongly looks like a step aside."""
+        """Return the covariance (6, 6) of a motion (4, 4) estimated from such images: its axes are rotated by that
+        angle, and for a distant scene a wrong rotation looks like a sideways translation."""
         xi = se3.log(motion)
         moved_m, turned_rad = np.linalg.norm(xi[:3]), np.linalg.norm(xi[3:])
         std = self.turn_rad * np.repeat([moved_m + self.depth_m * turned_rad, turned_rad], 3)
@@ -33,10 +33,10 @@ _NOT_DISPLACED = Displaced()
 class Doubts(NamedTuple):
     """Why a pose may be wrong.
 
-    `misfit`: the pose may be the one that the last pose without a misfit predicts. `of_start`: it may be the one that
-    the first pose of the map predicts. `unconfirmed`: the start was over before its doubt was settled. `stepped`: both
-    images were displaced before it, and the camera may have moved with them or not. `may_step`: they may have been
-    displaced since the last pose; the next one shows it.
+    `misfit`: the true pose may be the one predicted from the last pose without a misfit. `of_start`: it may be the one
+    predicted from the first pose of the map. `unconfirmed`: the start ended before its doubt was settled. `stepped`:
+    both images were displaced before this pose, and the camera may or may not have moved with them. `may_step`: they
+    may have been displaced since the last pose; the next pose shows whether they were.
     """
 
     misfit: bool = False
@@ -50,7 +50,7 @@ NO_DOUBTS = Doubts()
 
 
 class MotionModel:
-    """The last estimated pose, its covariance, and the velocity that led to it. Frames come in order of time."""
+    """The last estimated pose, its covariance, and the velocity that led to it. Frames are added in order of time."""
 
     def __init__(self, config: MotionConfig) -> None:
         self._config, self._std_acceleration = config, np.array(config.std_acceleration)
@@ -59,10 +59,10 @@ class MotionModel:
         self._stamp_ns: int | None = None
         self._velocity = np.zeros(6)  # ξ per second, in the camera's own axes
         self._velocity_known = False
-        # Of steps of both images, and of doubts that nothing has settled: the pose after each, the covariance left, and
-        # what images show since.
+        # For each step of both images and each doubt that was never settled: the pose after it, the covariance that
+        # remains, and the displacement of the images since.
         self._left: list[tuple[Array, Array, Displaced]] = []
-        self._known_at_ns: int | None = None  # when the velocity was measured last; until it was, the first pose
+        self._known_at_ns: int | None = None  # when the velocity was last measured, or else the first pose
         self._trusted: MotionModel | None = None  # as it was before the doubtful frames up to the latest one
         self._at_start: MotionModel | None = None  # as it was when the map began
         self._covered: tuple[Array, Array] | None = (
@@ -71,12 +71,12 @@ class MotionModel:
 
     @property
     def started(self) -> bool:
-        """Whether any pose was added."""
+        """Whether any pose has been added."""
         return self._stamp_ns is not None
 
     @property
     def std_speed(self) -> Array:
-        """σ (6,) of how far velocities of a vehicle are apart, per second: what it builds up while it speeds up."""
+        """σ (6,) of the difference of two velocities of a vehicle, per second: what it gains while it accelerates."""
         return np.asarray(self._config.speeds_up_s * self._std_acceleration)
 
     def add(
@@ -86,14 +86,14 @@ class MotionModel:
         cov_pose: Array,
         doubts: Doubts = NO_DOUBTS,
     ) -> Array:
-        """Take the estimated pose of a frame and the velocity that it implies, and return its covariance (6, 6).
+        """Add the estimated pose of a frame and the velocity that it implies, and return its covariance (6, 6).
 
-        A doubtful pose is followed, and its covariance covers where it may be as well, eq. (43a). What covers a doubt
-        of the start stays in all later poses where that ends unconfirmed. By how much a camera has moved with images
-        that stepped is what the model does not explain; it stays in all later poses, also where the images step back.
+        A doubtful pose is used, and its covariance covers the alternative, eq. (43a). If a doubt of the start is never
+        settled, its covariance stays in all later poses. When both images step, the camera may have moved by the part
+        of the motion that the model does not explain; that part stays in all later poses, even if the images step back.
         """
         if doubts.stepped is not None:
-            if doubts.misfit:  # images that do not fit each other do not show the step, either
+            if doubts.misfit:  # images that do not fit each other do not show the step either
                 covering = (self._trusted or self)._covering(stamp_ns, world_from_cam)
             else:
                 covering = self._step_into(stamp_ns, world_from_cam)
@@ -120,9 +120,9 @@ class MotionModel:
         return cov_pose
 
     def restart(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
-        """Take the pose at which a new map begins; the velocity stays as it is, and as old as it is.
+        """Set the pose at which a new map begins; the velocity and its age are kept.
 
-        Earlier steps of the images and doubts are in its covariance, which all poses of the map have.
+        Earlier steps and doubts are part of the covariance of this pose, which all poses of the map share.
         """
         self._left, self._trusted, self._covered = [], None, None
         self._go_on(stamp_ns, world_from_cam, cov_pose)
@@ -135,25 +135,25 @@ class MotionModel:
             self._known_at_ns = stamp_ns
 
     def jump(self) -> None:
-        """Take it that the camera has left its last pose in a way that no velocity explains."""
+        """Assume that the camera has left its last pose in a way that no velocity explains."""
         self._velocity, self._velocity_known = np.zeros(6), False
         reach_s2 = self._config.speeds_up_s * (0.5 * self._config.speeds_up_s + self._config.build_up_s)
         self._cov = self._cov + np.diag((reach_s2 * self._std_acceleration) ** 2)
 
     def _step_into(self, stamp_ns: int, world_from_cam: Array) -> Array:
-        """Return the covariance (6, 6) of a pose that may be off by what the model does not explain of it."""
+        """Return the covariance (6, 6) of a pose whose error may be as large as the part the model does not explain."""
         step = se3.log(se3.inverse(self.predict(stamp_ns)[0]) @ world_from_cam)
         return np.outer(step, step)
 
     def _leave(self, world_from_cam: Array, cov: Array, displaced: Displaced = _NOT_DISPLACED) -> None:
-        """Keep a covariance (6, 6) of a pose in all later ones, and what `displaced` images show since.
+        """Add a covariance (6, 6) of a pose to all later ones, and the error of `displaced` images since.
 
-        The latest 16 are kept, so that a stream that is displaced all the time is bounded.
+        Only the latest 16 are kept, so that memory is bounded when images are displaced all the time.
         """
         self._left = [*self._left, (world_from_cam, cov, displaced)][-16:]
 
     def _with_left(self, world_from_cam: Array, cov_pose: Array) -> Array:
-        """Return the covariance (6, 6) of a pose that goes on from where steps and doubts have left theirs."""
+        """Return the covariance (6, 6) of a pose with those that earlier steps and doubts have left."""
         for pose, cov, displaced in self._left:
             cam_from_pose = se3.inverse(world_from_cam) @ pose
             ad = se3.adjoint(cam_from_pose)
@@ -161,7 +161,7 @@ class MotionModel:
         return cov_pose
 
     def _covering(self, stamp_ns: int, world_from_cam: Array) -> Array:
-        """Return the covariance (6, 6) by which a pose may as well be where the model predicts it, eq. (43a)."""
+        """Return the covariance (6, 6) to add to a pose if the predicted one may be the true one, eq. (43a)."""
         predicted, cov = self.predict(stamp_ns)
         pose_from_predicted = se3.inverse(world_from_cam) @ predicted
         ad, apart = se3.adjoint(pose_from_predicted), se3.log(pose_from_predicted)
@@ -170,7 +170,7 @@ class MotionModel:
     def predict(self, stamp_ns: int) -> tuple[Array, Array]:
         """Predict pose (4, 4) and covariance (6, 6) at a later time, eqs. (42) and (43).
 
-        Before the first frame this is the world's origin, exactly. Where the last pose is doubtful, so is the velocity.
+        Before the first frame this is exactly the world's origin. If the last pose is doubtful, so is the velocity.
         """
         dt = self._seconds_since(stamp_ns)
         step = se3.exp(self._velocity * dt)
@@ -181,7 +181,7 @@ class MotionModel:
         return predicted, cov if self._trusted is None else cov + self._trusted._covering(stamp_ns, predicted)
 
     def _reach_s2(self, stamp_ns: int | None) -> float:
-        """Displacement that an acceleration of one has built up at a time since the velocity was last measured, s²."""
+        """Displacement by a unit acceleration since the velocity was last measured, in s²."""
         if stamp_ns is None or self._known_at_ns is None:
             return 0.0
         age_s = (stamp_ns - self._known_at_ns) / 1e9

@@ -10,7 +10,7 @@ from ..types import Observations
 
 
 def usable_births(projection: StereoProjection, z_px: Array, cov_px: Array) -> NDArray[np.bool_]:
-    """Return which views (n, 4) can start a Euclidean point: both sides seen, disparity well above its σ."""
+    """Return which views (n, 4) can start a metric point: both sides seen and a disparity well above its σ."""
     disparity = (z_px[:, 0] - projection.cx_left_px) - (z_px[:, 2] - projection.cx_right_px)
     variance = cov_px[:, 0, 0] + cov_px[:, 2, 2] - 2 * cov_px[:, 0, 2]
     with np.errstate(invalid="ignore"):
@@ -22,7 +22,7 @@ def triangulate(projection: StereoProjection, z_px: Array, cov_px: Array) -> tup
     points = projection.triangulate(z_px)
     info = information_of_views(z_px, cov_px)
     cov: Array = np.zeros((len(points), 3, 3))
-    for _ in range(3):  # Gauss-Newton; the start is off by the difference of the two rows only
+    for _ in range(3):  # Gauss-Newton; the start is wrong only by the difference of the two rows
         a = projection.jacobian(points)
         at = np.swapaxes(a, 1, 2) @ info
         cov = np.asarray(np.linalg.inv(at @ a))
@@ -39,7 +39,8 @@ def compose_cov(cov_first: Array, second_from_first_pose: Array, cov_second: Arr
 def points_to_world(
     world_from_ref: Array, cov_ref: Array, points_in_ref: Array, cov_points: Array
 ) -> tuple[Array, Array]:
-    """Carry points (n, 3) out of a frame that is itself uncertain, eq. (6): Σ' = R (Σ + J Γ Jᵀ) Rᵀ, J = [I, −[X]×]."""
+    """Transform points (n, 3) from an uncertain frame, eq. (6): Σ' = R (Σ + J Γ Jᵀ) Rᵀ, J = [I,
+    −[X]×]."""
     r = world_from_ref[:3, :3]
     j = -se3.point_in_source_jacobian(points_in_ref)
     cov = r @ (cov_points + j @ cov_ref @ np.swapaxes(j, 1, 2)) @ r.T
@@ -47,7 +48,7 @@ def points_to_world(
 
 
 def counted_cov(observations: Observations, rows: NDArray[np.intp]) -> Array:
-    """Return the covariances (k, 4, 4) of views `rows` for a filter that adds the views of a track up, eq. (69)."""
+    """Return the covariances (k, 4, 4) of views `rows` for a filter that sums up the views of a track, eq. (69)."""
     cov = observations.cov_px[rows]
     if observations.lasting.inflation is None:
         return cov

@@ -1,4 +1,4 @@
-"""A world whose z axis is up, by gravity as inertial samples tell it."""
+"""A world with its z axis upwards, from gravity as measured by inertial samples."""
 
 import numpy as np
 
@@ -12,11 +12,11 @@ BODY_FROM_CAMERA_AXES = se3.from_rotation_translation([[0, 0, 1], [-1, 0, 0], [0
 
 @record
 class Upright:
-    """Where the world of a frame's pose lies in one that is upright, by gravity as that frame knows it.
+    """The pose of a frame's world in an upright world, from gravity as estimated in that frame.
 
-    `upright_from_world` (4, 4): a rotation about the origin of the upright world, by the least angle, so that the
+    `upright_from_world` (4, 4): a rotation about the origin of the upright world, by the smallest angle, so that the
     heading stays; `cov` (6, 6): of the perturbation on its right. `cov_pose` (6, 6): of the frame's own pose in the
-    upright world, whose tilt is known as well as gravity in the camera, whatever the world's drift is.
+    upright world; its tilt is as certain as gravity in the camera, even if the world has drifted.
     """
 
     upright_from_world: Array
@@ -29,12 +29,12 @@ class Upright:
     ) -> "Upright":
         """Return it from a pose (4, 4), gravity (3,) in the camera and their joint covariance (9, 9), pose first.
 
-        `fixed_from_world` (4, 4): the axes that would be upright were the world level, and their origin.
+        `fixed_from_world` (4, 4): the origin, and the axes that would be upright if the world were level.
         """
         size = float(np.linalg.norm(gravity))
         down, r = gravity / size, world_from_cam[:3, :3]
         up = -r @ down
-        # δup = R [down]× δω − R (1 − down downᵀ) δg/|g|, and the world's turn that answers it is −up × δup.
+        # δup = R [down]× δω − R (1 − down downᵀ) δg/|g|, and the rotation of the world by it is −up × δup.
         across = (np.eye(3) - np.outer(down, down)) / size
         turn_by = np.concatenate([np.zeros((3, 3)), r @ se3.skew(down), -r @ across], axis=1)
         by = np.zeros((6, 9))
@@ -51,10 +51,10 @@ class Upright:
         )
 
     def poses(self, world_from_cam: Array, cov_pose: Array) -> tuple[Array, Array]:
-        """Return poses (n, 4, 4) of the world, and their covariances (n, 6, 6), in the upright one.
+        """Return poses (n, 4, 4) of the world, and their covariances (n, 6, 6), in the upright world.
 
-        The error of the direction upwards counts as one of its own. It is not: what is wrong about a pose's tilt in
-        the world is wrong about that direction, too, the other way round. So σ of the tilt is an upper bound.
+        The error of the upward direction is treated as independent. In fact an error of a pose's tilt in the world also
+        affects that direction, with the opposite sign, so σ of the tilt is an upper bound.
         """
         to_cam = se3.adjoint(se3.inverse(world_from_cam))
         cov = cov_pose + to_cam @ self.cov @ np.swapaxes(to_cam, 1, 2)
@@ -62,7 +62,7 @@ class Upright:
 
     @property
     def std_tilt_rad(self) -> float:
-        """σ of the direction upwards in the world, the larger one of two."""
+        """σ of the upward direction in the world, the larger of two."""
         return float(np.sqrt(max(np.linalg.eigvalsh(self.cov[3:, 3:])[-1], 0.0)))
 
     def __repr__(self) -> str:
@@ -70,7 +70,7 @@ class Upright:
 
 
 def _least_turn(up: Array) -> Array:
-    """Return the rotation (3, 3) by the least angle that carries a unit vector (3,) to z."""
+    """Return the rotation (3, 3) by the smallest angle that takes a unit vector (3,) to z."""
     sine = np.array([up[1], -up[0], 0.0])  # up × z
     length = float(np.linalg.norm(sine))
     if length < 1e-12:

@@ -1,4 +1,4 @@
-"""The whole model of a rig's errors: physical terms and field, in units of what is assumed for each beforehand."""
+"""The whole model of a rig's errors: physical terms and field, in units of the assumed σ of each."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,11 @@ from .field import NO_FIELD, Field, field_over
 from .terms import AT_TIMING, DISPARITY, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
 
 _FOCAL, _FOCUSING = TERMS.index(FOCAL), TERMS.index(FOCUSING)
-LEAST_VARIANCE = 1e-12  # of an amplitude: one that is known has a root, too
+LEAST_VARIANCE = 1e-12  # of an amplitude, so that a known one has a root too
 _LEAST_COV = LEAST_VARIANCE * np.eye(2)
-# What the three parts of the field move of a view (u_left, v_left, u_right, v_right): the disparity, and u and v of
-# both sides alike. Without the last two, halves of the image differ by up to 2.4 σ on euroc_mh01, with them by 1.7.
+# The coordinates of a view (u_left, v_left, u_right, v_right) that the three parts of the field shift: the disparity,
+# and u and v of both sides alike. Without the last two, halves of the image differ by up to 2.4 σ on euroc_mh01, with
+# them by 1.7.
 FIELD_MOVES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -26,11 +27,11 @@ FIELD_MOVES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [0.0,
 class RigModel:
     """Errors of a rig as amplitudes (m,): those of the `TERMS` first, then those of the field's three parts, px.
 
-    `root` (t, t): amplitudes of σ = 1 to units of the terms; `known` (t,): errors that are taken out of all views
-    already; `refined`: σ is that of a refinement, and not a guess whose size can be learnt. `row_of`: in which rows of
-    the cameras' own images rectified views are exposed; where that is not known, delay and readout do nothing.
-    `known_timing`: what is known of these beforehand; the views have it, as it depends on their velocities.
-    `has_field`: otherwise there are no amplitudes but those of the terms.
+    `root` (t, t): from amplitudes of σ = 1 to units of the terms; `known` (t,): errors already removed from all views;
+    `refined`: σ is that of a refinement, and not a guess whose size can be learnt. `row_of`: the rows of the cameras'
+    own images in which rectified views are exposed; if it is None, delay and readout have no effect. `known_timing`:
+    prior knowledge of delay and readout; it is not removed from the views, as its effect depends on their velocities.
+    `has_field`: if false, there are only the amplitudes of the terms.
     """
 
     projection: StereoProjection
@@ -71,7 +72,7 @@ class RigModel:
 
     @property
     def cameras(self) -> tuple[StereoProjection, ExposedRows]:
-        """The pair, and in which rows of the cameras' own images views are exposed."""
+        """The pair, and the rows of the cameras' own images in which views are exposed."""
         return self.projection, ExposedRows.unknown() if self.row_of is None else self.row_of
 
     @property
@@ -80,14 +81,14 @@ class RigModel:
         return self.root.diagonal()[AT_TIMING]
 
     def without_field(self) -> "RigModel":
-        """Return the terms alone."""
+        """Return the model with the terms alone."""
         return changed(self, has_field=False)
 
     def zooming(self) -> "RigModel":
         """Return the model of cameras whose focal length changes by itself.
 
-        A calibration that has a wrong focal length has fitted the disparity of far points with it.
-        A zoom changes that disparity, too, where cameras look towards each other.
+        If a calibration has a wrong focal length, it was fitted to the disparity of far points together with it. A zoom
+        also changes that disparity if the cameras converge.
         """
         return changed(self, zooms=True)
 
@@ -96,9 +97,9 @@ class RigModel:
         return self._field.at(z_px[:, :2])
 
     def effects(self, z_px: Array, age_s: Array | float = 0.0) -> Array:
-        """Return what amplitudes of 1 do to views (n, 4) of cameras at rest: (n, 4, m) px; 0 for a missing side.
+        """Return the effects (n, 4, m) px of amplitudes of 1 on views (n, 4) of cameras at rest; 0 for a missing side.
 
-        `age_s`, or one (n,) each: for how long errors have grown.
+        `age_s`: the time for which errors have grown, one for all views or (n,).
         """
         terms, field = self.at_rest(z_px, age_s)
         effects = np.concatenate([terms, _of_field(FIELD_MOVES, field)], axis=2)
@@ -108,7 +109,7 @@ class RigModel:
     def at_rest(self, z_px: Array, age_s: Array | float) -> tuple[Array, Array]:
         """Return the `effects` in parts: terms (n, 4, t), and the basis (n, K) that all parts of the field share.
 
-        What the field does to a missing side has no meaning.
+        The effect of the field on a missing side is meaningless.
         """
         terms, field = core.rig_effects(self.projection, self.root, self._field, z_px, np.atleast_1d(age_s))
         if self.zooms and self.by_focal is not None:
@@ -119,7 +120,7 @@ class RigModel:
         return terms, field
 
     def by_timing(self, points_in_cam: Array, motion: Array, timing_s: Array, z_px: Array) -> Array:
-        """Return what amplitudes of 1 of delay and readout do to views (n, 4) of homogeneous points (n, 4): (n, 4, 2).
+        """Return the effects (n, 4, 2) of amplitudes of 1 of delay and readout on views of homogeneous points (n, 4).
 
         `motion` (2, 6) of the points; the result is exact to second order near a delay and readout `timing_s` (2,).
         """
@@ -129,34 +130,34 @@ class RigModel:
         return moved * self.units_of_timing
 
     def without_timing(self, n: int) -> Array:
-        """Return what delay and readout do to n views that do not move: zeros (n, 4, 2)."""
+        """Return the effects (n, 4, 2) of delay and readout on n views that do not move: zeros."""
         return np.zeros((n, 4, len(self.units_of_timing)))
 
     def by_disparity(self, points: Array, cam_from_previous: Array, z_px: Array) -> Array:
-        """Return what amplitudes of 1 of the disparity's error do to views (n, 4) of points (n, 4) measured with it.
+        """Return the effects (n, 4, 6) px of the disparity's error, at amplitudes of 1, on views (n, 4) of points.
 
-        (n, 4, 6) px; points are homogeneous, in the previous camera, and have the error in their depths.
+        The points (n, 4) are homogeneous, in the previous camera, and their depths contain the error.
         """
         by_term = core.disparity_effects(self.projection, points, cam_from_previous, z_px)
         return by_term @ self.root[DISPARITY, DISPARITY]
 
     def error_px(self, estimate: RigEstimate, z_px: Array) -> Array:
-        """Return what the errors of an estimate in amplitudes do to views (n, 4), which stand still, now; px."""
+        """Return the current effects (n, 4) px of the errors of an estimate in amplitudes on views (n, 4) at rest."""
         return self.effects(z_px, age_s=estimate.age_s)[..., : len(estimate.mean)] @ estimate.mean
 
     def timing(self, known: Amplitudes | RigEstimate) -> tuple[Array, Array]:
-        """Return mean (2,) and covariance (2, 2) of delay and readout, seconds, by what is known of all amplitudes."""
+        """Return mean (2,) and covariance (2, 2) of delay and readout, seconds, from those of all amplitudes."""
         at, unit = AT_TIMING, self.root[AT_TIMING, AT_TIMING]
         return unit @ known.mean[at], unit @ (known.cov[at, at] + _LEAST_COV) @ unit.T
 
     def disparity(self, estimate: RigEstimate) -> tuple[Array, Array]:
-        """Return mean (6,) and covariance (6, 6) of the disparity's error, px, as `in_units` does of all errors."""
+        """Return mean (6,) and covariance (6, 6) of the disparity's error, px, as in `in_units`."""
         t = len(TERMS)
         root = (growth(self.projection, estimate.age_s) @ self.root)[DISPARITY]
         return self.known[DISPARITY] + root @ estimate.mean[:t], root @ estimate.cov[:t, :t] @ root.T
 
     def before_views(self) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return mean and σ of all amplitudes (m,) before any view, and of which (m,) the size is to be learnt."""
+        """Return mean and σ of all amplitudes (m,) before any view, and whether each size (m,) is to be learnt."""
         mean, size, learnt = np.zeros(len(self)), np.ones(len(self)), np.full(len(self), not self.refined)
         if self.known_timing is not None:
             at, unit = AT_TIMING, self.units_of_timing
@@ -164,39 +165,39 @@ class RigModel:
         return mean, size, learnt
 
     def amplitudes(self, term: str, information: float, weighted: float) -> Array:
-        """Return information and weighted sum (2,) about one of the terms that has a σ of its own, in units of that."""
+        """Return information and weighted sum (2,) about a term with a σ of its own, in units of its amplitude."""
         at = TERMS.index(term)
         return np.array([information * self.root[at, at] ** 2, weighted * self.root[at, at]])
 
     def root_of_turn(self, std_rad: float) -> Array:
-        """Return a root (m, 3) of the covariance of amplitudes by a turn of the right camera, σ about each axis."""
+        """Return a root (m, 3) of the covariance of amplitudes by a rotation of the right camera, σ about each axis."""
         root = np.zeros((len(self), 3))
         root[: len(TERMS)] = np.linalg.solve(self.root, std_rad * terms_of_turn(self.projection))
         return root
 
     def focus_moves(self, mean: Array, cov: Array) -> bool:
-        """Whether N(`mean`, `cov`) of amplitudes says for certain that the focal length changes."""
+        """Whether the focal length certainly changes, by N(`mean`, `cov`) of the amplitudes."""
         at = TERMS.index(FOCUSING)
         return bool(abs(mean[at]) > CERTAIN * np.sqrt(cov[at, at]))
 
     def root_of_focusing(self, mean: Array, cov: Array, age_s: float, passed_s: float) -> Array:
-        """Return a root (m, 1) of the covariance of amplitudes by a focus that does not move steadily, eq. (72g).
+        """Return a root (m, 1) of the covariance of amplitudes by a focus that moves unsteadily, eq. (72g).
 
-        0 where N(`mean`, `cov`) does not say for certain that it moves. The focal length at `age_s` stays what it is.
+        It is 0 unless the focal length certainly changes. The focal length at `age_s` does not change.
         """
         root, at = np.zeros((len(self), 1)), TERMS.index(FOCUSING)
         if self.focus_moves(mean, cov):
             focal, unit = TERMS.index(FOCAL), np.diag(self.root)
-            root[at] = mean[at] * np.sqrt(passed_s)  # over 1 s, for about which an autofocus moves
+            root[at] = mean[at] * np.sqrt(passed_s)  # over 1 s: an autofocus moves for about that time
             root[focal] = -age_s * root[at] * unit[at] / unit[focal]
         return root
 
     def corrected(self, z_px: Array) -> Array:
-        """Return views (n, 4) without the errors that are known."""
+        """Return views (n, 4) without the known errors."""
         return z_px - columns(self.projection, z_px) @ self.known if self.known.any() else z_px
 
     def in_units(self, estimate: RigEstimate) -> RigEstimate:
-        """Return an estimate of amplitudes as the whole error of the calibration now, in units of its terms and px."""
+        """Return an estimate of amplitudes as the current error of the calibration, in units of its terms and px."""
         t = len(TERMS)
         root = growth(self.projection, estimate.age_s) @ self.root
         known = np.concatenate([self.known, np.zeros(len(estimate.mean) - t)])
@@ -223,18 +224,18 @@ class RigModel:
 
 
 def _of_field(moves: Array, field: Array) -> Array:
-    """Return what amplitudes of the parts do (n, k, 3K), by `moves` (k, 3) of each and a field (n, K)."""
+    """Return the effects (n, k, 3K) of amplitudes of the parts, from `moves` (k, 3) of each and a field (n, K)."""
     n, parts = field.shape
     return (moves[:, :, None] * field[:, None, None]).reshape(n, len(moves), parts * moves.shape[1])
 
 
 def disparity_error(projection: StereoProjection, estimate: RigEstimate, left_px: Array) -> tuple[Array, Array]:
-    """Return the error (n,) of far points' disparity at left positions (n, 2), by an estimate in px, and its σ; px."""
+    """Return the error (n,) of the disparity of far points at left positions (n, 2), and its σ; estimate in px."""
     p = projection
     far = np.tile(left_px, 2) + np.array([0.0, 0.0, p.cx_right_px - p.cx_left_px, 0.0])
     effects = columns(p, far)
     by_term = effects[:, 0] - effects[:, 2]
-    if len(estimate.mean) > len(TERMS):  # files of a run do not have the field
+    if len(estimate.mean) > len(TERMS):  # files of a run do not contain the field
         moves = FIELD_MOVES[:1] - FIELD_MOVES[2:3]
         by_field = _of_field(moves, field_over(p.width, p.height).at(left_px))[:, 0]
         by_term = np.concatenate([by_term, by_field], axis=1)
@@ -244,6 +245,6 @@ def disparity_error(projection: StereoProjection, estimate: RigEstimate, left_px
 def disparity_over_image(
     projection: StereoProjection, estimate: RigEstimate, shape: tuple[int, int]
 ) -> tuple[Array, Array]:
-    """Return the error of the disparity at (rows, columns) = `shape` places all over the left image, and its σ; px."""
+    """Return the error of the disparity at (rows, columns) = `shape` positions over the left image, and its σ; px."""
     error_px, std_px = disparity_error(projection, estimate, places_over_image(projection, *shape))
     return error_px.reshape(shape), std_px.reshape(shape)

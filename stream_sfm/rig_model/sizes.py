@@ -1,8 +1,8 @@
-"""How large the errors of a rig are, by marginal likelihood, and how probable it is that there are none.
+"""The size of a rig's errors by marginal likelihood, and the probability that they are zero.
 
-The joint posterior N(ĉ, C) of the errors under a working prior N(0, diag(s²)) says what all views said: their
-likelihood is a Gaussian of information Λ = C⁻¹ − diag(s⁻²) and weighted sum η = C⁻¹ĉ. With it any other prior can be
-compared, without looking at a view again.
+The joint posterior N(ĉ, C) of the errors under a working prior N(0, diag(s²)) contains the information of all views:
+their likelihood is a Gaussian with information Λ = C⁻¹ − diag(s⁻²) and weighted sum η = C⁻¹ĉ. So any other prior can be
+compared without using a view again.
 """
 
 from itertools import product
@@ -15,21 +15,21 @@ from ..geometry import Array
 from ..record import filled, record
 from .terms import CAUSES, FOCAL, TERMS
 
-# Sizes that are considered, all equally probable: from those of rendered images to three times of what is assumed.
+# The candidate sizes, all equally probable: from those of rendered images to three times the assumed ones.
 _SIZES = np.geomspace(0.025, 3.0, 41)
 _FOCAL = TERMS.index(FOCAL)
-# What noise shows of the other terms is considered only: each of `CAUSES` is 0 or not.
+# Each of the `CAUSES` is 0 or not; the lenses are a separate case.
 _COMBINATIONS = list(product((False, True), repeat=len(CAUSES)))
 _IS_ZERO = np.array(  # (32, 7): which terms are 0 in each combination
     [[zero for group, zero in zip(CAUSES, zeros, strict=True) for _ in group.terms] for zeros in _COMBINATIONS]
 )
 _FOCAL_IS_ZERO = _IS_ZERO[:, 0]
-_THERE = np.sum(~np.array(_COMBINATIONS), axis=1)  # how many are not 0
+_THERE = np.sum(~np.array(_COMBINATIONS), axis=1)  # the number of causes that are not 0
 
 
 @record
 class Mixture:
-    """Errors c as a mixture over what may be exactly zero: `mean` (m,), `cov` (m, m) and `p_wrong`, that c is not 0."""
+    """Errors c as a mixture in which groups may be exactly zero; `p_wrong`: the probability that c is not 0."""
 
     mean: Array
     cov: Array
@@ -37,9 +37,9 @@ class Mixture:
 
 
 def likely_sizes(mean: Array, cov: Array, size: Array) -> Array:
-    """Return the size of each physical term that views make likely, from N(`mean`, `cov`) with sizes so far, eq. (72a).
+    """Return the most likely size of each physical term, from N(`mean`, `cov`) with the sizes so far, eq. (72a).
 
-    Each by itself: a readout of 20 ms says nothing about lenses. The focal length keeps its own.
+    Each term is treated separately, as a readout of 20 ms says nothing about lenses. The focal length keeps its size.
     """
     var = np.diag(cov)[: len(TERMS)]
     information = np.maximum(1 / var - size[: len(TERMS)] ** -2.0, 0.0)
@@ -61,11 +61,11 @@ def mixture(
     spread: float = 1.0,
     refocused: bool = False,
 ) -> Mixture:
-    """Return the errors by N(`mean`, `cov`), where lenses with their field, or each of the other terms, may have none.
+    """Return the errors by N(`mean`, `cov`), where lenses with their field, or each of the other causes, may be zero.
 
-    What turns show of the focal length or of a delay, noise shows, too: until one is probable, it counts in the
-    covariance in full. `spread`: how many σ parts of the run are apart about these terms; `refocused`: the focal length
-    is known to be another one.
+    Noise alone can look like an error of the focal length or a delay while the camera rotates: until one is probable,
+    its full σ stays in the covariance. `spread`: the difference of these terms between parts of the run, in σ;
+    `refocused`: the focal length is known not to be the calibrated one.
     """
     counts, of_lenses = min(rules.counts, spread**-2.0), rules.counts_of_lenses
     log_prior, alone = np.log(rules.odds) * _THERE, rules.share_alone

@@ -1,12 +1,12 @@
-"""The physical terms of a rig's errors: their names, the σ that is assumed for each, and what each does to a view.
+"""The physical terms of a rig's errors: their names, the assumed σ of each, and its effect on a view.
 
-Relative rotation, principal points, focal lengths and distortion of the two cameras err together; what they do to the
-disparity is a polynomial of the place in the image, and the difference of two radial distortions. What both lenses have
-wrong alike moves both sides of a view. Rows are not among them: what left and right row differ by is measured directly
-(`frontend/rows.py`), with what a delay of the right camera does there, and taken out of the right row, which then
-errs with the left one. A principal point that is off by δ moves all of the image, which is a rotation of the camera's
-axes by δ/f: no view shows that (`camera/unseen_errors.py`). What is left of it, −δ (x, y) x of a ray's slopes x and y,
-is a term here.
+Relative rotation, principal points, focal lengths and distortion of the two cameras act together. Their effect on the
+disparity is a polynomial of the position in the image, plus the difference of two radial distortions. Errors that both
+lenses share shift both sides of a view. There are no terms for image rows: the difference of left and right row is
+measured directly (`frontend/rows.py`), including the effect of a delay of the right camera, and subtracted from the
+right row, which then has the error of the left one. An error δ of a principal point shifts the whole image, which is a
+rotation of the camera's axes by δ/f: no view shows that (`camera/unseen_errors.py`). The rest of its effect, −δ (x, y)
+x for a ray with slopes x and y, is a term here.
 """
 
 from functools import lru_cache
@@ -26,7 +26,7 @@ TURNING, FOCUSING = ("turning x", "turning y", "turning z"), "focusing"
 
 
 class Group(NamedTuple):
-    """Terms of one cause, which are zero together or not at all.
+    """Terms of one cause, which are either all zero or all unknown.
 
     `std`: the setting of `RigConfig` with σ of each, in the unit of the term. `key` is their name in files, and
     `meaning` explains it; the terms of lenses have neither, as they are written together. `sentence` reports a certain
@@ -42,7 +42,7 @@ class Group(NamedTuple):
     words: tuple[str, str] = ("", "")
 
 
-# All terms in their order, which the enum of `core/rig.cpp` repeats for the formulas.
+# All terms in their order; the enum in `core/rig.cpp` repeats it for the formulas.
 GROUPS = (
     Group(LENS_TERMS[:6], "std_disparity_px"),
     Group(LENS_TERMS[6:12], "std_lens_px"),
@@ -92,12 +92,12 @@ GROUPS = (
         words=("grows", "shrinks"),
     ),
 )
-CAUSES = tuple(group for group in GROUPS if group.key)  # those beside the lenses
+CAUSES = tuple(group for group in GROUPS if group.key)  # all groups except those of the lenses
 TERMS = tuple(term for group in GROUPS for term in group.terms)
 
 
 def at(terms: tuple[str, ...]) -> slice:
-    """Return where some terms are that follow each other."""
+    """Return the slice of consecutive terms."""
     return slice(TERMS.index(terms[0]), TERMS.index(terms[-1]) + 1)
 
 
@@ -111,46 +111,46 @@ def prior_std(config: RigConfig) -> Array:
 
 
 def columns(projection: StereoProjection, z_px: Array, age_s: Array | float = 0.0) -> Array:
-    """Return what one unit of each term does to views (n, 4) of cameras that stand still: (n, 4, t), eq. (70).
+    """Return the effects (n, 4, t) of one unit of each term on views (n, 4) of cameras at rest, eq. (70).
 
-    `age_s`, or one (n,) each: for how long errors have grown, if they do. A missing side has no columns. Those of a
-    lens are px per pixel of each error, at the ray to the corner that is farthest from the lens's middle.
+    `age_s`: the time for which errors have grown, one for all views or (n,). A missing side has no effects. A unit of a
+    lens term is an error of one pixel at the ray to the corner farthest from the lens's centre.
     """
     ages_s = np.atleast_1d(np.asarray(age_s, np.float64))
     return core.rig_effects(projection, np.eye(len(TERMS)), NO_FIELD, z_px, ages_s)[0]
 
 
 def effects_of_turn(projection: StereoProjection, left_px: Array) -> Array:
-    """What a turn of the right camera does there to points at infinity, seen at left positions (n, 2), eq. (72d).
+    """Return the shifts (n, 2, 3) in the right image by its camera's rotation, px per radian, eq. (72d).
 
-    (n, 2, 3) px per radian.
+    They are those of points at infinity, seen at left positions (n, 2).
     """
     right_px = left_px + np.array([projection.cx_right_px - projection.cx_left_px, 0.0])
     return core.effects_of_turn(projection, right_px)
 
 
 def by_turn(projection: StereoProjection, z_px: Array, root: Array) -> Array:
-    """Return what amplitudes of a turn of the right camera do, of covariance `root` (3, e) times its transpose, rad.
+    """Return the effects (n, 4, e) px of a rotation of the right camera on views (n, 4), eq. (36b).
 
-    Eq. (36b), to views (n, 4): (n, 4, e) px; 0 for a missing side.
+    `root` (3, e) rad: a root of the covariance of the rotation. The effects on a missing side are 0.
     """
     return core.views_by_turn(projection, z_px, root)
 
 
 @lru_cache(maxsize=8)
 def terms_of_turn(projection: StereoProjection) -> Array:
-    """(t, 3) units of each term per radian of a turn of the right camera: of far points it is just these."""
+    """Return the units (t, 3) of each term per radian of a rotation of the right camera, exact for far points."""
     places_px = places_over_image(projection, 5, 5)
     by_turn = effects_of_turn(projection, places_px)[:, 0]
     by_term = columns(projection, np.tile(places_px, 2))[:, 2, DISPARITY]
     terms = np.zeros((len(TERMS), 3))
     terms[DISPARITY] = np.linalg.lstsq(by_term, by_turn, rcond=None)[0]
-    terms.flags.writeable = False  # all who ask get the same
+    terms.flags.writeable = False  # all callers get the same array
     return terms
 
 
 def growth(projection: StereoProjection, age_s: float) -> Array:
-    """Return the matrix (t, t) that makes errors at the start, with their rates, those of a time later."""
+    """Return the matrix (t, t) from errors at the start, with their rates, to errors after `age_s`."""
     grown = np.eye(len(TERMS))
     grown[:, AT_TURNING] += age_s * terms_of_turn(projection)
     grown[TERMS.index(FOCAL), TERMS.index(FOCUSING)] = age_s

@@ -44,7 +44,7 @@ def sample_cov(samples):
 
 
 def assert_same_covariance(measured, expected, tolerance):
-    """Within `tolerance` in the metric of the expected one."""
+    """Whether it is within `tolerance` in the metric of the expected one."""
     root = np.linalg.inv(np.linalg.cholesky(expected))
     whitened = root @ measured @ np.swapaxes(root, -1, -2)
     assert np.abs(whitened - np.eye(expected.shape[-1])).max() < tolerance

@@ -1,4 +1,4 @@
-"""The window answers each frame with finite numbers, or is lost, whatever the views and their covariances are."""
+"""For any views and covariances, the window returns finite numbers for each frame, or is lost."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ def some(o: Observations, keep: np.ndarray) -> Observations:
 
 
 def damaged(o: Observations, rng: np.random.Generator, kind: int) -> Observations:
-    """Observations with something impossible or extreme about them."""
+    """Observations with impossible or extreme values."""
     z_px, n, size = o.z_px.copy(), len(o.track_ids), rng.choice([1e-6, 1.0, 1e6])
     match kind:
         case 0:
@@ -81,8 +81,8 @@ def test_any_views_give_finite_estimates_or_a_reason(seed: int) -> None:
 
 
 @pytest.mark.parametrize("size", [30, 300])
-def test_a_map_that_cannot_go_on_forgets_what_was_known_of_the_rig(size: float) -> None:
-    """Otherwise every further map would begin with the same wrong rig, and end in its second frame."""
+def test_a_map_that_cannot_continue_makes_the_rig_unknown_again(size: float) -> None:
+    """Otherwise every later map would begin with the same wrong rig, and end in its second frame."""
     estimator = CrossFrame(SEQUENCE.projection, Config())
     wrong = RigState.unknown(np.full(len(TERMS), 1e-3), sizes_unknown=False)
     estimator.rig = replace(wrong, mean=wrong.mean + size * np.random.default_rng(0).normal(size=len(TERMS)))

@@ -1,4 +1,4 @@
-"""The full adjustment and its marginals against an independent factor-graph library; the bound's own laws."""
+"""The full adjustment and its marginals against an independent factor-graph library, and laws of the bound."""
 
 from dataclasses import replace
 
@@ -81,7 +81,7 @@ def test_bound_is_the_covariance_of_the_batch(arc):
 
 
 def test_more_frames_never_hurt(arc):
-    """The bound of a pose falls when later frames are added; the bound of the newest pose drifts upwards."""
+    """The bound of a pose decreases when later frames are added; the bound of the newest pose grows with drift."""
     s = arc
     early = cramer_rao_bound(s.projection, s.observations, s.world_from_cam, s.points_in_world, 6)
     late = cramer_rao_bound(s.projection, s.observations, s.world_from_cam, s.points_in_world)

@@ -1,4 +1,4 @@
-"""The contract of every method: shapes, covariances, ids, determinism, lost and resumed, empty frames."""
+"""The contract of every method: shapes, covariances, ids, determinism, loss and recovery, empty frames."""
 
 import dataclasses
 
@@ -60,7 +60,7 @@ def test_shapes_covariances_and_ids(solved, arc):
 
 
 def test_accuracy(solved, arc):
-    """Loose for all: the world is the first camera, and the path is followed to centimetres."""
+    """Loose bounds for all methods: the world is the first camera, and errors of the path are centimetres."""
     _, solutions = solved
     assert solutions[0].status is Status.INITIALISING
     assert all(s.status is Status.OK for s in solutions[1:])
@@ -103,7 +103,7 @@ def test_lost_and_resume(method, arc):
     assert np.trace(s[7].cov_pose) > np.trace(s[6].cov_pose)
     assert all(x.status is Status.OK for x in s[8:])
     assert_covariances(s[-1].cov_pose, "pose after resuming")
-    if method != "ekf-cv":  # badly linearised, it takes the uncertainty of the lost frames for information
+    if method != "ekf-cv":  # badly linearised, it treats the uncertainty of the lost frames as information
         assert nees(s[-1].world_from_cam, s[-1].cov_pose, arc.world_from_cam[-1]) < 30
     ended = np.concatenate([x.ended_ids for x in s[:8]])
     assert np.isin(s[5].track_ids, ended).all(), "a lost map is handed over"
@@ -120,7 +120,7 @@ def test_empty_from_the_first_frame_on(method, arc):
 
 @methods
 def test_few_views_are_reported(method, arc):
-    """Ten points: estimated, and degraded."""
+    """With ten points a frame is estimated, and degraded."""
     ten = arc.observations[0].track_ids[::4][:10]
     seen = [(o, np.isin(o.track_ids, ten)) for o in arc.observations[:4]]
     observations = [
@@ -133,7 +133,7 @@ def test_few_views_are_reported(method, arc):
 
 
 def with_gross_errors(observations):
-    """A tenth of the views of every frame is wrong by 40 px."""
+    """A tenth of the views of every frame has an error of 40 px."""
     rng = np.random.default_rng(1)
     for o in observations:
         z, bad = o.z_px.copy(), rng.random(len(o.z_px)) < 0.1
@@ -163,7 +163,7 @@ def test_views_that_are_wrong_or_missing_cost_centimetres_at_most(method, spoilt
 
 
 def assert_consistent(method, scene, seed, trials):
-    """NEES of the last pose and its points: within three standard errors of what is expected."""
+    """NEES of the last pose and its points: within three standard errors of the expected value."""
     pose, points = [], []
     for trial in range(trials):
         s = scene.sequence(np.random.SeedSequence([seed, trial]))
@@ -176,21 +176,22 @@ def assert_consistent(method, scene, seed, trials):
 
 @pytest.mark.parametrize("method", [m for m in METHODS if m not in ("ekf-cv", "depth-filter")])
 def test_covariances_of_poses_and_points_are_those_of_their_errors(method):
-    """Monte Carlo over 24 scenes of six frames, of which the first views are gone: NEES 6 and 3.
+    """Monte Carlo over 24 scenes of six frames, in which the first tracks have ended: NEES is 6 and 3.
 
-    A constant velocity is not what cameras do, and a depth filter takes points of other frames for independent.
+    Two methods are left out: cameras do not move at constant velocity, and a depth filter treats points of other frames
+    as independent.
     """
     assert_consistent(method, Scene(track_length=4, frames=6, visible=60, std_px=0.2, round_off=False), 3, 24)
 
 
 @pytest.mark.slow
 def test_concatenated_motions_are_consistent():
-    """30 scenes, after 20 pairs, of which neighbours share the noise of a frame: else NEES were 2 to 4."""
+    """30 scenes, after 20 pairs; neighbouring pairs share the noise of a frame. If this is ignored, NEES is 2 to 4."""
     assert_consistent("frame-to-frame", Scene(track_length=8, frames=21), 11, 30)
 
 
 @methods
-def test_a_frame_without_a_solution_is_lost_and_the_next_one_begins_anew(method, arc, monkeypatch):
+def test_a_frame_without_a_solution_is_lost_and_the_next_one_begins_a_map(method, arc, monkeypatch):
     estimator = make_estimator(method, arc.projection, Config())
     followed = [estimator.step(o) for o in arc.observations[:4]][-1]
 

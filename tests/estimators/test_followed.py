@@ -1,4 +1,4 @@
-"""The pose in the world that goes on by the newest motion, and is drawn to the filter's pose."""
+"""The reported pose in the world, which continues by the newest motion and is pulled towards the filter's pose."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ STD = np.array([0.01, 0.02, 0.03, 0.002, 0.003, 0.001])
 
 @pytest.fixture(scope="module")
 def some() -> Marginals:
-    """Marginals of some map, of whose newest pose σ is STD."""
+    """Marginals of a map, with σ of the newest pose STD."""
     sequence = Scene(frames=2).sequence(np.random.SeedSequence(3))
     estimator = make_estimator("cross-frame", sequence.projection, Config())
     for o in sequence.observations:
@@ -37,8 +37,8 @@ def at(of: Marginals, pose: np.ndarray) -> Marginals:
     return changed(of, world_from_cam=pose, points_in_world=se3.transform(pose, of.points_in_cam))
 
 
-def test_what_the_pose_does_not_know_moves_what_is_seen_from_it(some):
-    """Covariances of points grow by those of points that an uncertain pose carries, (6), and stay symmetric."""
+def test_uncertainty_of_the_pose_adds_to_the_points_seen_from_it(some):
+    """Covariances of points grow as in eq. (6) for points seen from an uncertain pose, and stay symmetric."""
     root = np.random.default_rng(1).normal(size=(6, 6)) * STD[:, None]
     doubted, pose = some.doubted(root @ root.T), some.world_from_cam
     _, by_pose = points_to_world(pose, root @ root.T, some.points_in_cam, np.zeros_like(some.cov_points))
@@ -50,8 +50,8 @@ def from_filter(reported: Marginals, pose: np.ndarray) -> np.ndarray:
     return np.asarray(se3.log(se3.inverse(reported.world_from_cam) @ pose))
 
 
-def test_one_that_always_errs_alike_stays_within_a_window_of_it(some):
-    """A bias of every motion, small against σ, moves the reported pose by b − 1 times that, and no farther."""
+def test_a_constant_bias_of_motions_adds_up_over_one_window_only(some):
+    """A bias of every motion, small against σ, moves the reported pose by b − 1 times the bias, and no farther."""
     bias, pose = 1e-3 * STD, some.world_from_cam
     reported, distances = some, []
     for _ in range(200):
@@ -65,7 +65,7 @@ def test_one_that_always_errs_alike_stays_within_a_window_of_it(some):
 
 @pytest.mark.parametrize("size", [0.3, 3.0, 300.0])
 def test_it_is_never_beyond_half_of_the_filters_own_sigma(some, size):
-    """So what a correction of the path moves is reported at once where it is large, and nothing jumps by σ later."""
+    """So a large correction of the path is reported at once, and the pose does not jump by σ later."""
     rng, reported = np.random.default_rng(5), some
     for _ in range(50):
         pose = some.world_from_cam @ se3.exp(size * STD * rng.normal(size=6) / 6)
@@ -74,7 +74,7 @@ def test_it_is_never_beyond_half_of_the_filters_own_sigma(some, size):
         assert np.linalg.norm(from_filter(reported, pose) / STD) < RULES.most_followed + 1e-9
 
 
-def test_it_follows_a_motion_exactly_on_which_the_filter_agrees(some):
+def test_it_is_exact_if_the_filter_agrees_with_the_motion(some):
     pose, reported = some.world_from_cam, some
     for _ in range(5):
         pose = se3.orthonormalise(pose @ MOTION)
@@ -89,7 +89,7 @@ def test_a_window_of_one_frame_reports_the_filter(some):
 
 
 def test_the_covariance_is_that_of_the_pose_reported(some):
-    """Monte Carlo: what the filter's pose has moved by is independent of the error that is left in it."""
+    """Monte Carlo: the change of the filter's pose is independent of its remaining error."""
     rng, squares = np.random.default_rng(6), []
     for _ in range(400):
         reported, pose = some, some.world_from_cam
@@ -129,14 +129,14 @@ def apart_from_newest_motions(rules: WindowConfig) -> float:
     return float(np.mean(found))
 
 
-def test_reported_poses_move_as_the_newest_motions_say():
-    """In simulation with errors that last, more than poses of the filter do; and a frame has one place for all."""
+def test_reported_poses_move_by_the_newest_motions():
+    """With correlated errors in simulation they do so more closely than poses of the filter, and all outputs agree."""
     of_filter = apart_from_newest_motions(WindowConfig(most_followed=0.0))
     assert apart_from_newest_motions(WindowConfig()) < of_filter / 2
 
 
-def test_a_motion_in_question_is_not_followed():
-    """The pose is the filter's there, no farther than half of σ from where it would have been."""
+def test_a_doubtful_motion_is_not_followed():
+    """The reported pose is then that of the filter, within half of σ of the followed one."""
     sequence = SCENE.sequence(np.random.SeedSequence([8, 2]))
     estimator = make_estimator("cross-frame", sequence.projection, Config(window=WindowConfig(frames=4)))
     assert isinstance(estimator, CrossFrame)

@@ -1,4 +1,4 @@
-"""How many steps a window makes, when they lead away from its minimum, and what it says of views it refuses."""
+"""The number of steps to a window's minimum, divergence, and the status if it rejects many views."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ from tests.helpers.estimators import run
 
 
 class Steps:
-    """A map whose steps promise given decreases; it notes what is done to it."""
+    """A map whose steps predict given decreases; it records the calls."""
 
     def __init__(self, decreases: list[float], is_timed: bool) -> None:
         self.decreases, self.is_timed, self.points, self.done = decreases, is_timed, [1], ""
@@ -38,7 +38,7 @@ class Steps:
 
 @pytest.fixture
 def of_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is timed, and how that is renewed, as `Steps` say."""
+    """Replaces `is_timed` and `renew_timing` by those of `Steps`."""
     monkeypatch.setattr(minimising, "is_timed", lambda steps: steps.is_timed)
     monkeypatch.setattr(minimising, "renew_timing", Steps.renew_timing)
 
@@ -48,12 +48,14 @@ def of_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ([5.0], False, "sg"),
         ([1e6, 5.0], False, "sgsg"),
-        ([5.0, 0.1], True, "sgrsgr"),  # views are judged by the velocities that they were estimated with
+        ([5.0, 0.1], True, "sgrsgr"),  # views are gated with the velocities of the minimum
         ([5.0, 60.0], True, "sgrsgr"),  # new velocities have moved the minimum, which is no divergence
         ([1e6, 2e5, 5.0], True, "sgrsgrsgr"),
     ],
 )
-def test_steps_end_where_they_promise_little(decreases: list[float], is_timed: bool, done: str, of_steps) -> None:
+def test_steps_end_once_the_predicted_decrease_is_small(
+    decreases: list[float], is_timed: bool, done: str, of_steps
+) -> None:
     steps: Any = Steps(decreases, is_timed)
     assert minimise(steps, WindowConfig(max_iterations=10), 0.99) == len(decreases)
     assert steps.done == done
@@ -63,14 +65,14 @@ def test_steps_end_where_they_promise_little(decreases: list[float], is_timed: b
     ("decreases", "is_timed"),
     [([1e5, 1e6], False), ([1e5, 1e6], True), ([5.0, 1e5], True), ([np.nan], False), ([5.0, np.nan], True)],
 )
-def test_steps_that_lead_away_end_the_map(decreases: list[float], is_timed: bool, of_steps) -> None:
+def test_diverging_steps_end_the_map(decreases: list[float], is_timed: bool, of_steps) -> None:
     steps: Any = Steps(decreases, is_timed)
     with pytest.raises(np.linalg.LinAlgError, match="diverges"):
         minimise(steps, WindowConfig(max_iterations=10), 0.99)
 
 
-def test_a_frame_is_degraded_where_the_joint_minimum_refuses_its_views(arc, monkeypatch) -> None:
-    """The motion since the frame before agrees with nearly all; points that begin there say nothing about the pose."""
+def test_a_frame_is_degraded_if_the_joint_minimum_rejects_its_views(arc, monkeypatch) -> None:
+    """The motion since the previous frame agrees with nearly all; points that begin there do not determine the pose."""
     config, last = Config(), arc.observations[-1].frame_index
 
     def refuse(current: Map, *settings: Any) -> int:

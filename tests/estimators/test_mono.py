@@ -1,4 +1,4 @@
-"""The window over views of one camera, in simulation: are its covariances consistent, in its own unit?"""
+"""The window over views of one camera, in simulation: its covariances are consistent, in its own unit."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ def left_only(o: Observations, rows: np.ndarray, **changed) -> Observations:
 
 
 def run(scene: Sequence) -> tuple[list[Solution], float]:
-    """Solutions of frames 1 …, the map begun by the first two frames; and its unit: depths there over true ones."""
+    """Solutions of frames 1 … with the map begun by the first two frames, and its unit: estimated over true depths."""
     p = replace(
         scene.projection, cx_right_px=scene.projection.cx_left_px, baseline_m=VIRTUAL_BASELINE, virtual_right=True
     )
@@ -78,7 +78,7 @@ def test_poses_and_points_are_consistent(motion) -> None:
     assert 0.8 < np.median(structure) < 2.4  # the median of χ²(3); measured 1.6 and 1.5
 
 
-def test_initialising_until_there_is_a_start_then_lost_without_one() -> None:
+def test_initialising_until_there_is_a_start_and_lost_without_one_afterwards() -> None:
     scene = Scene(frames=8, density=80, std_px=STD_PX).sequence(np.random.SeedSequence(3))
     estimator = CrossFrameMono(scene.projection, Config())
     waiting = left_only(scene.observations[0], np.empty(0, np.intp), note="too little parallax")

@@ -1,4 +1,4 @@
-"""The motion model: how uncertain a predicted pose is, whatever maps began and were lost on the way."""
+"""The motion model: the uncertainty of a predicted pose does not depend on maps that began and were lost."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ STILL = np.zeros((6, 6))
 
 
 def model(velocity: bool) -> MotionModel:
-    """Standing still, so that covariances are not turned by the motion."""
+    """A camera at rest, so that the motion does not rotate covariances."""
     motion = MotionModel(CONFIG)
     motion.restart(0, np.eye(4), STILL)
     if velocity:
@@ -23,7 +23,7 @@ def model(velocity: bool) -> MotionModel:
 
 @pytest.mark.parametrize("velocity", [True, False])
 def test_maps_that_begin_and_are_lost_change_nothing(velocity: bool) -> None:
-    """A new map takes the predicted pose and measures no velocity: the uncertainty grows as if it had never begun."""
+    """A new map starts at the predicted pose and measures no velocity: uncertainty grows as if it had never begun."""
     unbroken, broken = model(velocity), model(velocity)
     for frame in range(2, 20):
         stamp_ns = frame * FRAME_NS
@@ -34,7 +34,7 @@ def test_maps_that_begin_and_are_lost_change_nothing(velocity: bool) -> None:
             broken.restart(stamp_ns, pose, cov)
 
 
-def test_a_measured_velocity_starts_the_clock_anew() -> None:
+def test_a_measured_velocity_restarts_the_growth_of_uncertainty() -> None:
     motion = model(velocity=True)
     motion.add(10 * FRAME_NS, np.eye(4), STILL)
     for frames in (1, 6):
@@ -43,8 +43,8 @@ def test_a_measured_velocity_starts_the_clock_anew() -> None:
         np.testing.assert_allclose(std, half_square_s2 * np.repeat([2.0, 1.0], 3))
 
 
-def test_a_start_that_is_doubted_is_covered_since_the_start_and_for_good_if_nothing_confirms_it() -> None:
-    """A body is followed: what the doubt adds knows no velocity, and stays where nothing settles it."""
+def test_a_doubted_start_is_covered_from_the_start_and_permanently_if_nothing_confirms_it() -> None:
+    """A body is followed: the covariance of the doubt assumes no velocity, and stays if nothing settles the doubt."""
     step, settles, none = se3.exp(np.array([0.05, 0, 0, 0, 0, 0.01])), {}, 1e-8 * np.eye(6)
     for name, of_start, unconfirmed in (("later", False, False), ("settled", True, False), ("open", True, True)):
         moving, pose = MotionModel(MotionConfig()), np.eye(4)
@@ -54,7 +54,7 @@ def test_a_start_that_is_doubted_is_covered_since_the_start_and_for_good_if_noth
             doubts = Doubts(doubtful, of_start and doubtful, unconfirmed and k == 15)
             cov = moving.add(k * 50_000_000, pose, none, doubts)
             settles[name, k] = np.sqrt(np.linalg.eigvalsh(cov[:3, :3]).max())
-    assert settles["later", 5] < 0.02  # the camera goes on as in the frames before
-    assert settles["open", 5] > 5 * 0.05  # these are of what may be a body
+    assert settles["later", 5] < 0.02  # the camera continues as in the previous frames
+    assert settles["open", 5] > 5 * 0.05  # these poses may be relative to a body
     assert settles["settled", 16] < 1e-3
     assert settles["open", 16] >= 0.9 * settles["open", 14]

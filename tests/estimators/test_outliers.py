@@ -1,4 +1,4 @@
-"""What wrong views cost: of the default estimator less than half its accuracy; no estimator stops."""
+"""The effect of wrong views: the default estimator loses less than half its accuracy, and no estimator stops."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from stream_sfm.types import Observations, Status
 def spoiled(
     observations: Observations, share: float, rng: np.random.Generator, anywhere: bool = False
 ) -> Observations:
-    """Return the frame with that fraction of its views displaced, or `anywhere` in both images; first views too."""
+    """Return the frame with a fraction of its views displaced, or `anywhere` in both images; first views too."""
     z = observations.z_px.copy()
     bad = rng.random(len(z)) < share
     low, high = (0, 500) if anywhere else (-40, 40)
@@ -28,8 +28,8 @@ def spoiled(
 
 @pytest.mark.parametrize("name", ["ekf", "ekf-cv", "frame-to-frame", "cross-frame"])
 def test_wrong_matches_anywhere_stop_no_estimator(name: str) -> None:
-    """Points far beyond the scene come from them, which a trial motion brings next to the camera plane."""
-    for trial in (6, 18):  # both bring a point 50 m away next to the camera plane
+    """They produce points far beyond the scene, which a trial motion moves next to the camera plane."""
+    for trial in (6, 18):  # both move a point 50 m away next to the camera plane
         sequence = Scene(track_length=8, visible=60).sequence(np.random.SeedSequence(trial))
         estimator = make_estimator(name, sequence.projection, Config())
         rng = np.random.default_rng(trial)
@@ -43,7 +43,7 @@ def test_wrong_matches_anywhere_stop_no_estimator(name: str) -> None:
 
 @pytest.mark.parametrize(("share", "lost"), [(0.05, 0.02), (0.15, 0.06)])
 def test_good_views_are_kept_beside_wrong_ones(share: float, lost: float) -> None:
-    """A wrong view costs its track two views, not all that follow; what begins anew is not reported by one view.
+    """A wrong view costs its track two views, not all later ones; a restarted point is not reported from one view.
 
     Three scenes of 100 tracks: the share of lost views is known to a tenth of itself.
     """
@@ -66,11 +66,11 @@ def test_good_views_are_kept_beside_wrong_ones(share: float, lost: float) -> Non
                 e = solution.points_in_cam[rows] - se3.transform(camera, sequence.points_in_world[ids])
                 errors.append(np.einsum("ni,nij,nj->n", e, np.linalg.inv(solution.cov_points[rows]), e).mean())
     assert unused / good < lost
-    assert np.mean(errors) < 3.5  # 3 is expected of consistent points
+    assert np.mean(errors) < 3.5  # 3 is expected for consistent points
 
 
 def right_columns(n: int, std_px: float) -> WhitenedViews:
-    """Views (n) with that σ, of which the only error of the rig moves the right sides by 1 px along their rows."""
+    """Views (n) with this σ, and a rig whose only error shifts the right sides by 1 px along their rows."""
     terms = np.zeros((n, 4, 1))
     terms[:, 2] = 1.0
     return WhitenedViews(
@@ -90,17 +90,17 @@ def right_columns(n: int, std_px: float) -> WhitenedViews:
     )
 
 
-def test_what_was_rejected_under_another_rig_is_asked_again() -> None:
-    """Once what is learnt of the rig moves views by as much as made them wrong, in one frame or in many."""
+def test_tracks_rejected_with_another_rig_are_tried_again() -> None:
+    """They are once the estimate of the rig moves views by their error, in one frame or in many."""
     views, bad = right_columns(20, std_px=0.1), np.arange(5)
     rejections = RejectionCounts(np.zeros(1), WindowConfig())
     for step in range(1, 10):
         rejections.add(bad)
         rejections.ask_again(views, np.array([0.02 * step]))
-    assert rejections.excluded(views.ids).sum() == len(bad)  # 0.18 px are no other rig
+    assert rejections.excluded(views.ids).sum() == len(bad)  # 0.18 px do not count as another rig
     rejections.ask_again(views, np.array([0.21]))
     assert not rejections.excluded(views.ids).any()
-    for _ in range(6):  # what still contradicts the motion is excluded again
+    for _ in range(6):  # tracks that still contradict the motion are excluded again
         rejections.add(bad[:2])
         rejections.ask_again(views, np.array([0.25]))
     assert rejections.excluded(views.ids).nonzero()[0].tolist() == [0, 1]

@@ -17,8 +17,8 @@ from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.estimators import in_reference, point_blocks, q_from_homogeneous, window_views, without_own
 
 P = StereoProjection(600.0, 250.0, 262.0, 240.0, 0.25, 512, 480)
-N, K, M, E = 9, 10, 2, 2  # points, modes, of which those of the rig; errors that a frame has of its own
-FRAMES, TOTAL = 2, N + 3  # of a window, with three points that the prior does not know
+N, K, M, E = 9, 10, 2, 2  # points; modes; those of the rig among them; a frame's own errors
+FRAMES, TOTAL = 2, N + 3  # of a window, with three points that are not in the prior
 NEW = 2  # points that enter the prior with a frame
 ANCHORS = se3.exp(0.1 * np.random.default_rng(4).normal(size=(N, 6)))
 
@@ -62,13 +62,13 @@ def dense(prior: Prior) -> np.ndarray:
 
 
 def _estimated(prior: Prior) -> np.ndarray:
-    """By how much the mean of all q, of ω and of the rig's errors is off the linearisation point."""
+    """The mean of all q, of ω and of the rig's errors relative to the linearisation point."""
     modes = np.concatenate([prior.modes[..., -M:].reshape(-1, M), prior.world_modes[:, -M:], np.eye(M)])
     return np.asarray(modes @ np.linalg.solve(prior.rig.information, prior.rig.weighted))
 
 
 def blocks_of(rng) -> SimpleNamespace:
-    """The normal equations of a view of each point but one, with Jacobians at random."""
+    """The normal equations of a view of each point but one, with random Jacobians."""
     by_point, by_rig, r = 500 * rng.normal(size=(N, 4, 3)), rng.normal(size=(N, 4, M)), rng.normal(size=(N, 4))
     by_own = rng.normal(size=(N, 4, 6 + E))
     by_own[..., :6] = 0  # the pose is the reference
@@ -87,7 +87,7 @@ def blocks_of(rng) -> SimpleNamespace:
 
 
 def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, b: SimpleNamespace) -> tuple:
-    """Mean and covariance of [q', ω', c] after the views, by a Kalman update with a pose as good as unknown."""
+    """Mean and covariance of [q', ω', c] after the views, by a Kalman update with a practically unknown pose."""
     anchors = se3.orthonormalise(x @ ANCHORS)
     moves = np.concatenate([-1e-6 * np.eye(6), 1e-6 * np.eye(6)])[
         :, None
@@ -96,7 +96,7 @@ def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, 
     less, more = np.split(q_from_homogeneous(moved[..., 0]), 2)
     by_pose = np.moveaxis((more - less) / 2e-6, 0, -1)
     n = 3 * N
-    # [q, ω, c, ξ] -> [q', ω', c], ξ large beside millimetres
+    # [q, ω, c, ξ] -> [q', ω', c], with ξ large compared with millimetres
     carry = np.zeros((n + 6 + M, n + 12 + M))
     carry[:n, :n], carry[n + 6 :, n + 6 : n + 6 + M] = np.eye(n), np.eye(M)
     carry[:n, -6:] = by_pose.reshape(n, 6)
@@ -122,7 +122,7 @@ def absorbed_densely(prior: Prior, y: np.ndarray, x: np.ndarray, q: np.ndarray, 
 
 
 def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> None:
-    """What views say about errors of the rig is kept; the rest is what it is with these where they are held."""
+    """Information about errors of the rig is kept; all else is estimated with these errors held."""
     rng = np.random.default_rng(6)
     y, x = rng.normal(size=K), se3.exp(0.05 * rng.normal(size=6))
     q = (
@@ -133,7 +133,7 @@ def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> Non
     by_own, by_rig = rng.normal(size=(NEW, 3, E)), rng.normal(size=(NEW, 3, M))
     new = N + np.arange(NEW), np.zeros((NEW, 3)), spd(rng, NEW, 3, 1e-6), by_own, by_rig
     after = prior.absorb_frame(y, x, se3.orthonormalise(x @ ANCHORS), q, blocks, np.ones(N, bool), new)
-    # what points that begin with the frame share with it, by the posterior of its own amplitudes given the rest
+    # the errors that new points share with the frame, from the posterior of its own amplitudes given the rest
     shared = after.modes[N:].reshape(3 * NEW, -1)
     cov_new = shared[:, :-M] @ shared[:, :-M].T
     own = np.linalg.lstsq(by_own.reshape(3 * NEW, E), shared[:, :-M], rcond=None)[0]
@@ -141,7 +141,7 @@ def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> Non
     assert (np.linalg.eigvalsh(own @ own.T) < 1).all() and np.trace(cov_new) > 0
     after = replace(after, ids=after.ids[:N], mean=after.mean[:N], cov=after.cov[:N], modes=after.modes[:N])
     scale = np.sqrt(np.diag(cov))
-    # a pose of σ 10 is as good as unknown
+    # a pose of σ 10 is practically unknown
     assert np.abs((dense(after) - cov) / np.outer(scale, scale)).max() < 1e-4
     rig_error = expected(after)[-M:] - (prior.rig.mean + y[-M:])
     assert rig_error == pytest.approx(mean[-M:], abs=1e-3 * scale[-M:].min())  # the same
@@ -155,7 +155,7 @@ def test_absorbing_a_frame_is_a_kalman_update_with_an_unknown_pose(prior) -> Non
 
 def test_truncating_modes_keeps_every_marginal_and_the_world(prior) -> None:
     rng = np.random.default_rng(7)
-    # two modes that hardly matter beside the points' own noise, and four that repeat others
+    # two modes that are negligible beside the points' own noise, and four that repeat others
     modes = np.concatenate([1e-6 * rng.normal(size=(N, 3, 2)), prior.modes[..., :4], prior.modes], axis=2)
     world_modes = np.concatenate([np.zeros((6, 2)), prior.world_modes[:, :4], prior.world_modes], axis=1)
     full = replace(prior, modes=modes, world_modes=world_modes)
@@ -168,18 +168,18 @@ def test_truncating_modes_keeps_every_marginal_and_the_world(prior) -> None:
     assert difference[rest:].max() < 1e-12  # the world and the rig, and every point's correlation with them
     marginal = difference[:rest, :rest].reshape(N, 3, N, 3)[np.arange(N), :, np.arange(N), :]
     assert marginal.max() < 1e-12
-    assert difference.max() < 1e-3  # of σ, between two points: what truncation costs
+    assert difference.max() < 1e-3  # of σ, between two points: the error of truncation
 
 
 def expected(prior: Prior) -> np.ndarray:
-    """Points, world and errors of the rig, where the last are as they are known."""
+    """Points, world and errors of the rig, the last with their knowledge."""
     return np.concatenate([prior.mean.ravel(), np.zeros(6), prior.rig.mean]) + _estimated(prior)
 
 
 def measured(
     prior: Prior, rows: np.ndarray, information: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and covariance after some errors of the rig were measured, with Kalman's gain."""
+    """Mean and covariance after a measurement of some errors of the rig, with the Kalman gain."""
     before, h = dense(prior), np.eye(3 * N + 6 + M)[-M:][rows]
     gain = before @ h.T @ np.linalg.inv(h @ before @ h.T + np.diag(1 / information))
     mean = expected(prior)
@@ -198,11 +198,11 @@ def assert_known(prior: Prior, mean: np.ndarray, cov: np.ndarray) -> None:
         ((0.2**-2 - 1, 2.0**-2 - 1), (0.0, 0.0)),  # σ of 0.2 and 2 instead of 1
         ((0.0, 3.0), (0.0, 0.7)),
         ((0.0, 1e6), (0.0, 0.7)),
-        ((0.0, -0.2), (0.0, 0.7)),  # where rows say less than before
+        ((0.0, -0.2), (0.0, 0.7)),  # rows contain less information than before
     ],
 )
 def test_information_about_errors_is_a_measurement_of_them(prior, more, said) -> None:
-    """Of negative information where an error may be larger than was assumed, or rows say less than before."""
+    """Information is negative if an error may be larger than assumed, or rows contain less than before."""
     prior = replace(prior, rig=replace(prior.rig, weighted=np.array([0.3, -0.8])))
     (rows,), information = np.nonzero(more), np.array(more)
     known = measured(prior, rows, information[rows], np.array(said)[rows])
@@ -211,9 +211,9 @@ def test_information_about_errors_is_a_measurement_of_them(prior, more, said) ->
 
 @pytest.mark.parametrize("weighted", [(0.0, 0.0), (0.3, -0.8)])
 def test_a_change_of_the_rig_adds_to_its_errors_alone(prior, weighted) -> None:
-    """Points and world keep what they have in common with the errors as they were.
+    """Points and world keep their correlation with the old errors.
 
-    Of an estimate that is held back, what the new errors do not carry any more counts as covariance.
+    If an estimate is held back, the part that the new errors no longer contain counts as covariance.
     """
     prior = replace(prior, rig=replace(prior.rig, weighted=np.array(weighted)))
     change = np.array([[0.5, 0.1, -0.3], [0.2, -0.7, 0.4]])
@@ -298,8 +298,8 @@ def test_marginals_are_the_joint_covariance_propagated(prior) -> None:
 
 @pytest.mark.parametrize("own", [True, False])
 def test_system_is_the_dense_solution(prior, own) -> None:
-    """Errors c of the rig are held at their estimate or elsewhere, and count with what views say or a covariance of
-    their `own`, eq. (72): Σ = Σ_x|c + K Σ_held Kᵀ."""
+    """Errors c are held at their estimate or elsewhere, with their covariance from views or their `own`, eq. (72): Σ =
+    Σ_x|c + K Σ_held Kᵀ."""
     rng = np.random.default_rng(8)
     held = prior.rig.mean + rng.normal(size=M)
     prior = replace(prior, rig=replace(prior.rig, held=held, weighted=rng.normal(size=M)))
@@ -360,11 +360,11 @@ def _joint(system: System, part: CovariancePart, alone: float = 1.0) -> tuple[np
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 def test_the_information_of_the_window_about_the_rig_counts_by_its_share_in_the_result(size: float) -> None:
-    """Along the axes where the prior has 1 and the window λ, it counts as λ²/(1 + λ), and says the same as before."""
+    """Along the axes where the prior has 1 and the window λ, it counts as λ²/(1 + λ), with the same mean as before."""
     rng, m = np.random.default_rng(3), 5
     rig = replace(RigState.unknown(np.ones(m)), weighted=rng.normal(size=m))
     axes, own = np.linalg.qr(rng.normal(size=(m, m)))[0], size * rng.uniform(0.5, 2, m)  # λ
-    said = rng.normal(size=m)  # by the window, along the axes
+    said = rng.normal(size=m)  # the window's mean, along the axes
     before = axes.T @ rig.weighted
 
     def after(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

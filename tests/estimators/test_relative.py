@@ -15,7 +15,7 @@ TRIALS = 24
 
 
 def test_covariances_of_relative_motions_are_those_of_their_errors() -> None:
-    """NEES over each span, 6 expected; independent trials, so within three standard errors of a mean of χ²₆."""
+    """NEES over each span is 6, within three standard errors of a mean of χ²₆, as trials are independent."""
     by_span: dict[int, list[float]] = {}
     for seed in range(TRIALS):
         sequence = SCENE.sequence(np.random.SeedSequence(seed))
@@ -34,8 +34,8 @@ def test_covariances_of_relative_motions_are_those_of_their_errors() -> None:
         assert abs(np.mean(values) - 6) < 3 * np.sqrt(12 / TRIALS), span
 
 
-def test_turns_that_patches_feign_add_up_in_the_pose_and_not_in_relative_motions() -> None:
-    """Eqs. (17a), (17b): estimates stay as they are; a turn in frame k moves all later cameras about its place."""
+def test_apparent_rotations_by_patches_add_up_in_the_pose_and_not_in_relative_motions() -> None:
+    """Eqs. (17a), (17b): estimates do not change; a rotation in frame k moves all later cameras about its position."""
     sequence, std_rad = SCENE.sequence(np.random.SeedSequence(3)), 1e-3
     told = [replace(o, lasting=replace(o.lasting, std_turn_rad=std_rad)) for o in sequence.observations]
     before = run("cross-frame", sequence.projection, sequence.observations)[-1]

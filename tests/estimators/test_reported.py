@@ -1,4 +1,4 @@
-"""What is reported beside the filter's own minimum, and the factors on σ that halves of the tracks say."""
+"""The reported minimum beside that of the filter, and the factors on σ from halves of the tracks."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_halves_add_up_to_all_tracks(current):
     scale = np.abs(every[0]).max()
     assert np.abs(sum(p[0] for p in parts) - every[0]).max() < 1e-9 * scale
     assert sum(p[1] for p in parts) == pytest.approx(every[1], abs=1e-9 * np.abs(every[1]).max() + 1e-6)
-    # given modes: points by their views and by what the prior says of each
+    # given modes: points by their views and by the prior of each
     blocks, prior = linearise(current.projection, at, current.views), current.prior
     n, points = 6 * len(current.frames), len(at.ids)
     h, right = np.zeros((n + 3 * points,) * 2), np.concatenate([blocks.g_pose.ravel(), blocks.g_point.ravel()])
@@ -71,7 +71,7 @@ def test_halves_add_up_to_all_tracks(current):
 
 @pytest.mark.parametrize("kind", ["even numbers", "left"])
 def test_tracks_of_half_a_scene_have_both_kinds_of_halves(current, kind):
-    """Those that have even numbers only, or come from one side of the image."""
+    """Tracks with even numbers only, or from one side of the image."""
     ids, x = current.points.ids, current.points.q[:, 0]
     kept = ids % 2 == 0 if kind == "even numbers" else x < np.median(x)
     at = current.state()._replace(ids=ids[kept], q=current.points.q[kept])
@@ -117,8 +117,8 @@ def mean_squares(autocorrelation: float, trials: int) -> tuple[np.ndarray, np.nd
     return np.mean(found, axis=0), np.std(found, axis=0) / np.sqrt(trials)
 
 
-def test_factors_are_1_with_white_noise_and_grow_where_errors_last():
-    """Within three standard errors; the poses of halves then differ by more than they claim, the more the longer."""
+def test_factors_are_1_with_white_noise_and_grow_with_correlated_errors():
+    """With correlated errors the poses of halves differ by more than their σ, increasingly with the span."""
     white, error = mean_squares(0.0, 30)
     assert (np.abs(white - 1) < 3 * error).all()
     lasting, error = mean_squares(0.9, 30)
@@ -126,7 +126,7 @@ def test_factors_are_1_with_white_noise_and_grow_where_errors_last():
 
 
 def test_factors_keep_their_bounds():
-    """They are 1 at least and do not fall with the span; one frame counts ten times the mean at the most."""
+    """They are at least 1 and do not decrease with the span; one frame counts at most ten times the mean."""
     factors = SpanFactors.unknown(WindowConfig(frames=4))
     assert (factors.by_span == 1).all()
     found = np.array([[0.2, 3.0, 1.0], [0.2, 2.0, np.nan]])

@@ -1,4 +1,4 @@
-"""A calibration that is wrong, or exact: what the window finds about it, and what its covariances are worth then."""
+"""A wrong or an exact calibration: the errors that the window finds, and the consistency of its covariances."""
 
 from dataclasses import replace
 
@@ -27,12 +27,12 @@ TRIALS = 8
 SCENE = Scene(frames=26, track_length=13, visible=90, std_px=STD_PX, round_off=False)
 LENS = slice(0, TERMS.index(FOCAL))
 M = TERMS.index(FOCAL)
-# σ; errors of the lenses of several pixels are not linear in what is seen
+# σ; the effects of lens errors of several pixels are not linear
 TYPICAL = np.array([1.0] * 6 + [0.15] * (M - 7) + [1.0])
 
 
 def seen(sequence: Sequence, errors: Array) -> list[Observations]:
-    """Observations that a rig with such errors (M,) of lenses, in units of their σ, makes of the scene."""
+    """Observations of the scene by a rig with errors (M,) of lenses, in units of their σ."""
     model = RigModel.of(sequence.projection, RigConfig())
     return [
         replace(o, z_px=o.z_px + model.effects(o.z_px)[..., LENS] @ errors, rig=RigView(model))
@@ -49,7 +49,7 @@ def nees_at(solution: Solution, world_from_cam: Array) -> float:
 
 
 def trials(scene: Scene, count: int, size: Array) -> list[tuple[Sequence, list[Observations], Array]]:
-    """Sequences, what is seen of them, and the errors (M,) of the lenses, of σ `size`."""
+    """Sequences, their observations, and the errors (M,) of the lenses, of σ `size`."""
     result = []
     for seed in range(count):
         sequence = scene.sequence(np.random.SeedSequence(seed))
@@ -59,9 +59,9 @@ def trials(scene: Scene, count: int, size: Array) -> list[tuple[Sequence, list[O
 
 
 @pytest.mark.slow
-def test_a_wrong_calibration_is_found_as_well_as_claimed_and_the_pose_stays_consistent() -> None:
-    """σ of the errors found and of the last pose is right to a factor of 1.4; a window that takes the calibration for
-    exact claims 4 to 50 times too much."""
+def test_a_wrong_calibration_is_found_within_its_sigma_and_the_pose_stays_consistent() -> None:
+    """σ of the errors found and of the last pose is right to a factor of 1.4; in a window that treats the calibration
+    as exact it is 4 to 50 times too small."""
     of_rig, of_pose, blind = [], [], []
     for sequence, observations, true in trials(SCENE, TRIALS, TYPICAL):
         solution = last(sequence, observations)
@@ -69,7 +69,7 @@ def test_a_wrong_calibration_is_found_as_well_as_claimed_and_the_pose_stays_cons
         away = solution.rig.mean[LENS] - true
         of_rig.append(away @ np.linalg.solve(solution.rig.cov[LENS, LENS], away))
         of_pose.append(nees_at(solution, sequence.world_from_cam[-1]))
-        if len(blind) < 3:  # enough to show what it costs
+        if len(blind) < 3:  # enough to show the effect
             blind.append(nees_at(last(sequence, observations, exact=True), sequence.world_from_cam[-1]))
     assert 0.7 < np.sqrt(np.mean(of_rig) / M) < 1.4
     assert 0.7 < np.sqrt(np.mean(of_pose) / 6) < 1.4
@@ -78,7 +78,7 @@ def test_a_wrong_calibration_is_found_as_well_as_claimed_and_the_pose_stays_cons
 
 @pytest.mark.slow
 def test_noise_of_the_views_is_not_taken_for_an_error_of_the_rig() -> None:
-    """Effects are those at fitted positions: at measured ones noise adds up, to 1.1 σ of what hardly shows here."""
+    """Effects are evaluated at fitted positions: at measured ones noise adds up, to 1.1 σ of weakly visible errors."""
     count, away = 8, []
     for sequence, observations, true in trials(replace(SCENE, track_length=8, visible=48), count, TYPICAL):
         rig = last(sequence, observations).rig
@@ -89,7 +89,7 @@ def test_noise_of_the_views_is_not_taken_for_an_error_of_the_rig() -> None:
 
 
 def test_an_exact_calibration_is_not_harmed() -> None:
-    """Errors that are improbable hardly move the estimate, and what they might be counts in its covariance."""
+    """Improbable errors hardly move the estimate, and their possible size is part of its covariance."""
     harm = []
     for sequence, observations, _ in trials(SCENE, 9, np.zeros(M)):
         considered, exact = last(sequence, observations), last(sequence, observations, exact=True)
@@ -103,7 +103,7 @@ def test_an_exact_calibration_is_not_harmed() -> None:
 
 
 class Flight:
-    """A smooth path before points, seen by a right camera that is late, and shutters that read out row by row."""
+    """A smooth path in front of points, with a late right camera, and shutters that read out row by row."""
 
     P = StereoProjection(600.0, 256.0, 256.0, 240.0, 0.25, 512, 480)
     PERIOD_S, row_of = 0.05, own_rows(P)
@@ -128,7 +128,7 @@ class Flight:
         return z_px
 
     def observations(self) -> list[Observations]:
-        """Views of noise `STD_PX`, with a model that knows nothing of the timing beforehand."""
+        """Views with noise `STD_PX`, and a model without prior knowledge of the timing."""
         model, result = RigModel.of(self.P, RigConfig(), row_of=self.row_of), []
         late = self.delay_s * np.array([0.0, 0.0, 1.0, 1.0])
         for n in range(self.frames):
@@ -136,7 +136,9 @@ class Flight:
             for _ in range(3):  # the row of a view depends on its time; each step leaves a hundredth
                 seconds = n * self.PERIOD_S + self.readout_s * self.row_of(z_px)
                 z_px = self.views(seconds + late)
-            z_px[:, 3] = self.views(seconds)[:, 3]  # what a delay does to the rows is taken out with them
+            z_px[:, 3] = self.views(seconds)[
+                :, 3
+            ]  # the effect of a delay on the rows is removed with their difference
             ids = np.flatnonzero(((z_px > 0) & (z_px < (512, 480, 512, 480))).all(axis=1))
             z_px = z_px[ids] + STD_PX * self.rng.normal(size=(len(ids), 4))
             cov = np.broadcast_to(STD_PX**2 * np.eye(4), (len(ids), 4, 4))
@@ -147,7 +149,7 @@ class Flight:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("delay_ms", "readout_ms"), [(8, 0), (2, 20)])
-def test_delay_and_readout_are_read_off_a_moving_camera_and_poses_stay_consistent(
+def test_delay_and_readout_are_estimated_from_a_moving_camera_and_poses_stay_consistent(
     delay_ms: float, readout_ms: float
 ) -> None:
     """Four flights of 24 frames: of eight normalised errors of timing none is beyond 4, and the mean NEES of the last
@@ -167,8 +169,10 @@ def test_delay_and_readout_are_read_off_a_moving_camera_and_poses_stay_consisten
 
 
 def zoomed(flight: Flight, longer: Array, off_px: float = 0.0) -> list[Observations]:
-    """What cameras of a flight see whose focal lengths are `longer` (n,) times the calibrated ones in each frame; they
-    scale about a place so far beside the principal points."""
+    """Observations of a flight with focal lengths `longer` (n,) times the calibrated ones in each frame.
+
+    Images are scaled about a point `off_px` away from the principal points.
+    """
     middle = np.tile([flight.P.cx_left_px + off_px, flight.P.cy_px], 2)
     return [
         replace(o, z_px=middle + k * (o.z_px - middle)) for o, k in zip(flight.observations(), longer, strict=True)
@@ -177,9 +181,9 @@ def zoomed(flight: Flight, longer: Array, off_px: float = 0.0) -> list[Observati
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("share", "off_px"), [(0.015, 0.0), (-0.003, 0.0), (0.03, 10.0)])
-def test_while_a_focus_moves_and_after_it_has_stopped_no_pose_claims_too_much(share: float, off_px: float) -> None:
-    """By a share from 0.4 s to 1.4 s: the mean NEES of eight flights is that of right covariances, or less, at the end,
-    and no pose on the way is beyond 5 σ."""
+def test_while_a_focus_moves_and_after_it_has_stopped_poses_are_consistent(share: float, off_px: float) -> None:
+    """The focus moves from 0.4 s to 1.4 s: the mean NEES at the end is consistent, and no pose on the way is beyond 5
+    σ."""
     of_pose, worst = [], 0.0
     for seed in range(8):
         flight = Flight(seed, 0.0, 0.0, 44)
@@ -193,8 +197,8 @@ def test_while_a_focus_moves_and_after_it_has_stopped_no_pose_claims_too_much(sh
     assert worst < 5**2 + 6
 
 
-def test_a_focal_length_that_jumps_is_found_in_its_frame_and_one_that_does_not_is_not() -> None:
-    """Of 30 sound frames none is suspected; a jump by half a percent is, in its frame, and ends before the last."""
+def test_a_jump_of_the_focal_length_is_found_in_its_frame_and_none_without_one() -> None:
+    """None of 30 good frames is suspected; a jump by half a percent is, in its frame, and has ended before the last."""
     flight, at = Flight(1, 0.0, 0.0, 30), 9
     for jump in (0.0, 0.005):
         estimator = CrossFrame(flight.P, Config())
@@ -209,7 +213,7 @@ def test_a_focal_length_that_jumps_is_found_in_its_frame_and_one_that_does_not_i
 
 @pytest.mark.parametrize("changes", [False, True])
 def test_a_focal_length_that_has_changed_is_held_there_and_not_as_calibrated(changes: bool) -> None:
-    """What views say at 3 σ may be noise of an exact calibration, but not of a lens that has zoomed."""
+    """An error found at 3 σ may be noise with an exact calibration, but not with a lens that has zoomed."""
     at, share, std_focal = TERMS.index(FOCAL), 0.01, RigConfig().std_focal
     rig = RigState.unknown(np.ones(len(TERMS)))
     if changes:
@@ -223,8 +227,8 @@ def test_a_focal_length_that_has_changed_is_held_there_and_not_as_calibrated(cha
     assert abs(held - share) < 1e-9 if changes else abs(held) < 0.1 * share
 
 
-def test_what_is_found_of_an_exact_rig_is_no_common_error_of_all_runs_in_the_shortest_window_either() -> None:
-    """Over runs that differ in noise the mean of an error that is 0 is N(0, 1/n) in units of its σ, or less."""
+def test_errors_found_of_an_exact_rig_have_no_bias_even_in_the_shortest_window() -> None:
+    """Over runs with different noise the mean estimate of an error of 0 is N(0, 1/n) in units of its σ, or less."""
     scene = replace(SCENE, track_length=8, std_px=0.3, frames=40, motion=MOTIONS["slow"])
     found = []
     for seed in np.random.SeedSequence(3).spawn(6):
@@ -235,11 +239,13 @@ def test_what_is_found_of_an_exact_rig_is_no_common_error_of_all_runs_in_the_sho
         assert isinstance(rig, RigEstimate)
         found.append((rig.mean_if_wrong / np.sqrt(np.diag(rig.cov_if_wrong)))[LENS])
     away = np.abs(np.mean(found, axis=0)) * np.sqrt(len(found))
-    assert away.max() < norm.isf(5e-4 / M)  # 3.95; 8.1 where the places are those of the smoothed window
+    assert away.max() < norm.isf(
+        5e-4 / M
+    )  # 3.95; 8.1 if effects are evaluated at the positions of the smoothed window
 
 
-def test_a_delay_that_is_known_beforehand_is_applied_and_kept() -> None:
-    """Ten frames tell less of it than what is known: it stays there, in every frame, and is known no worse."""
+def test_a_delay_known_beforehand_is_applied_and_kept() -> None:
+    """Ten frames contain less information than the prior: the delay keeps its value, and σ does not grow."""
     flight, known = Flight(0, 0.008, 0.0, 10), KnownTiming(0.0081, 1e-4, 0.0, 1e-4)
     estimator = make_estimator("cross-frame", flight.P, Config())
     for o in flight.observations():
@@ -253,8 +259,8 @@ def test_a_delay_that_is_known_beforehand_is_applied_and_kept() -> None:
     assert solution.rig is not None
 
 
-def test_a_field_that_is_noticed_late_does_what_one_does_that_was_there_from_the_start() -> None:
-    """As long as all frames are in the window; before, and in a rig without a field, there are no amplitudes of one."""
+def test_a_field_that_is_noticed_late_is_the_same_as_one_from_the_start() -> None:
+    """This holds while all frames are in the window; before, and in a rig without a field, it has no amplitudes."""
     sequence = SCENE.sequence(np.random.SeedSequence(0))
     observations = seen(sequence, np.zeros(M))[:8]
     estimators = [CrossFrame(sequence.projection, Config()) for _ in range(3)]
@@ -268,14 +274,14 @@ def test_a_field_that_is_noticed_late_does_what_one_does_that_was_there_from_the
     assert len(none.rig.mean) == len(TERMS) < len(late.rig.mean) == len(early.rig.mean)
     std = np.sqrt(np.diag(early.cov_pose))
     apart = np.abs(se3.log(se3.inverse(late.world_from_cam) @ early.world_from_cam))
-    assert (apart < 1e-2 * std).all()  # a pose goes on from those reported before the field was noticed
-    # What is left to the filter's pose, at most `most_followed` σ, counts in the covariance, and differs by `apart`.
+    assert (apart < 1e-2 * std).all()  # a pose continues from those reported before the field was noticed
+    # The rest of the way to the filter's pose, at most `most_followed` σ, is in the covariance, and differs by
+    # `apart`.
     assert np.sqrt(np.diag(late.cov_pose)) == pytest.approx(std, rel=1e-2 * Config().window.most_followed)
 
 
-def test_rows_that_know_less_after_a_change_of_the_rig_take_nothing_back() -> None:
-    """What they said of a delay is not known any more once all errors may have changed; without it no information is
-    left that could be taken."""
+def test_rows_with_less_information_after_a_change_of_the_rig_subtract_none() -> None:
+    """Their information about a delay is gone once all errors may have changed, so there is none to subtract."""
     sequence = Scene(frames=14, track_length=10, visible=40, std_px=STD_PX, round_off=False).sequence(
         np.random.SeedSequence(3)
     )

@@ -1,4 +1,4 @@
-"""How much the noise of tracks differs: what is measured of it, and that motions are better for it."""
+"""The spread of the noise between tracks: it is measured correctly, and motions are better with it."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ def residuals(spread: float, tracks: int, rng: np.random.Generator) -> tuple[np.
 
 @pytest.mark.parametrize("spread", [0.0, 0.1, 0.3])
 def test_the_spread_is_found(spread):
-    """Within a fifth of what it is; 0.01 where there is none."""
+    """Within a fifth of the true one; 0.01 if there is none."""
     rng, noise = np.random.default_rng(3), TrackNoise.unknown(RULES)
     for _ in range(300):
         noise = noise.after(*residuals(spread, 150, rng)[1:])
@@ -34,8 +34,8 @@ def test_the_spread_is_found(spread):
     assert noise.mean == pytest.approx(1, abs=0.05)
 
 
-def test_tracks_count_for_what_their_residuals_say():
-    """The expected λ by information is the true one in the mean, and weights by it lose less than equal ones."""
+def test_tracks_count_according_to_their_residuals():
+    """The mean of the expected λ is the true one, and weights from it lose less information than equal ones."""
     rng, noise = np.random.default_rng(4), TrackNoise.unknown(RULES)
     for _ in range(300):
         noise = noise.after(*residuals(0.3, 150, rng)[1:])
@@ -53,7 +53,7 @@ def test_tracks_count_for_what_their_residuals_say():
 
 
 def test_tracks_that_are_alike_count_alike():
-    """Exactly so before anything is known, and within a tenth after many tracks whose noise is the same."""
+    """This is exact before any track, and within a tenth after many tracks with the same noise."""
     rng, noise = np.random.default_rng(5), TrackNoise.unknown(RULES)
     _, *of_tracks = residuals(0.0, 200, rng)
     assert (noise.information(*of_tracks) == 1).all()
@@ -62,7 +62,7 @@ def test_tracks_that_are_alike_count_alike():
     assert np.abs(noise.information(*of_tracks) - 1).max() < 0.1
 
 
-def test_one_track_says_no_more_than_it_may():
+def test_the_influence_of_one_track_is_limited():
     noise = TrackNoise.unknown(RULES)
     wild = noise.after(np.array([1e12]), np.array([16.0]), np.array([False]))
     most = noise.after(np.array([13 * RULES.tracks_most]), np.array([16.0]), np.array([False]))
@@ -72,7 +72,7 @@ def test_one_track_says_no_more_than_it_may():
 
 
 def test_squares_are_those_of_expected_views():
-    """Each by its own covariance, whatever it counts with, and of the views in use."""
+    """Each is by its own covariance, whatever its weight, and only used views count."""
     scene = Scene(frames=12, track_length=8, visible=40, std_px=0.1, round_off=False)
     sequence = scene.sequence(np.random.SeedSequence(8))
     estimator = make_estimator("cross-frame", sequence.projection, Config())
@@ -92,7 +92,7 @@ def test_squares_are_those_of_expected_views():
 
 
 def errors_of_motions(learns: bool, seed: int) -> list[np.ndarray]:
-    """Errors of motions over one frame, of tracks whose noise differs by a spread of 1, which is learnt or not."""
+    """Errors of motions over one frame, for tracks whose noise has a spread of 1, which is learnt or not."""
     scene = Scene(frames=60, track_length=8, visible=60, std_px=0.1, round_off=False)
     sequence, rng = scene.sequence(np.random.SeedSequence([9, seed])), np.random.default_rng(seed)
     rules = WindowConfig() if learns else WindowConfig(tracks_guess=1e9)
@@ -110,8 +110,8 @@ def errors_of_motions(learns: bool, seed: int) -> list[np.ndarray]:
     return found
 
 
-def test_motions_are_better_where_tracks_differ():
-    """The same runs with and without: by 3 % and more, positions and rotations."""
+def test_motions_are_better_if_tracks_differ():
+    """In the same runs positions and rotations are better by at least 3 % with the weights of tracks."""
     learnt, alike = (
         np.concatenate([errors_of_motions(learns, seed) for seed in range(6)]) for learns in (True, False)
     )

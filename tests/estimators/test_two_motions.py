@@ -1,4 +1,4 @@
-"""Two sets of points that move differently and of which neither has more history: said so, and covered by σ."""
+"""Two sets of points with different motions, neither with more history: this is reported, and covered by σ."""
 
 from dataclasses import replace
 
@@ -46,8 +46,8 @@ def test_two_motions_that_agree_are_reported_and_covered() -> None:
     assert "two rigid motions agree with the views" in ambiguous.reason
     certain = solutions[4]
     assert np.trace(ambiguous.cov_pose[:3, :3]) > 10 * np.trace(certain.cov_pose[:3, :3])
-    # the camera as the other set would have it: both are within a few standard deviations
-    # or as a third set would have it, whose motion differs by as much in another direction
+    # the camera's pose according to the other set: both are within a few standard deviations
+    # or according to a third set, whose motion differs by as much in another direction
     third = se3.exp(OWN[[1, 2, 0, 4, 5, 3]]) @ poses[5]
     for pose in (poses[5], se3.exp(-OWN) @ poses[5], third):
         assert nees(ambiguous.world_from_cam, ambiguous.cov_pose, pose) < 30  # χ²(6), once in 25 000
@@ -57,7 +57,7 @@ def test_two_motions_that_agree_are_reported_and_covered() -> None:
     assert nees(motion, cov, se3.inverse(poses[4]) @ third) < 30  # χ²(6), once in 25 000
 
 
-def test_what_has_agreed_for_longer_is_the_background() -> None:
+def test_the_set_that_has_agreed_for_longer_is_the_background() -> None:
     """The left half is new in every frame, and moves; the right half is old."""
     frames, poses = observations(8, moves_from=1)
     renewed = []
@@ -73,7 +73,7 @@ def test_what_has_agreed_for_longer_is_the_background() -> None:
         assert solution.status is Status.OK
 
 
-def test_what_is_settled_is_taken_back() -> None:
+def test_a_settled_doubt_no_longer_counts() -> None:
     frames, _ = observations(9, moves_from=99)
     other = Ambiguity(se3.exp(-OWN) @ se3.inverse(STEP), 1e-8 * np.eye(6))
     with_start = [replace(o, cam_from_previous=se3.inverse(STEP)) for o in frames]
@@ -82,7 +82,7 @@ def test_what_is_settled_is_taken_back() -> None:
     plain, never, back = ([CrossFrame(P, Config())] for _ in range(3))
     runs = [[e[0].step(o) for o in seen] for e, seen in ((plain, with_start), (never, doubtful), (back, settled))]
     std_m = np.array([[np.sqrt(np.trace(s.cov_pose[:3, :3])) for s in run] for run in runs])
-    assert (std_m[1:, 6] > 3 * np.linalg.norm(OWN[:3])).all()  # three frames that err alike
+    assert (std_m[1:, 6] > 3 * np.linalg.norm(OWN[:3])).all()  # three frames with the same error
     assert std_m[1, 8] > 3 * np.linalg.norm(OWN[:3])
     assert np.allclose(std_m[2, 7:], std_m[0, 7:], rtol=0.05)
     in_world = [np.linalg.eigvalsh(run[8].cov_points_in_world).mean() for run in runs]
@@ -91,8 +91,8 @@ def test_what_is_settled_is_taken_back() -> None:
     assert np.allclose(relative[2], relative[0], atol=1e-7)
 
 
-def test_what_may_have_been_wrong_for_some_frames_is_covered_at_once() -> None:
-    """The other motion has been hidden: all frames that may have followed a body err alike, in a row and in σ."""
+def test_motions_that_may_have_been_wrong_for_some_frames_are_covered_at_once() -> None:
+    """The other motion was hidden: all frames that may have followed a body have the same error, and σ covers it."""
     frames, _ = observations(9, moves_from=99)
     with_start = [replace(o, cam_from_previous=se3.inverse(STEP)) for o in frames]
     other = Ambiguity(se3.exp(-OWN) @ se3.inverse(STEP), 1e-8 * np.eye(6))

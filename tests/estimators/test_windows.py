@@ -1,4 +1,4 @@
-"""One window without a prior: WC, CC and the full adjustment are one minimum."""
+"""One window without a prior: WC, CC and the full adjustment have the same minimum."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from stream_sfm.config import Config, RobustConfig, WindowConfig
 from tests.helpers.estimators import run
 from tests.helpers.full_batch import batch_adjust
 
-# Nothing is gated away and poses are those of the minimum, so that all solve the same problem.
+# No view is rejected and poses are those of the minimum, so that all solve the same problem.
 CONFIG = Config(
     window=WindowConfig(frames=16, max_iterations=30, most_followed=0.0),
     robust=RobustConfig(gate_probability=1 - 1e-9),
@@ -29,7 +29,7 @@ def last(method, arc, config=CONFIG):
         ("cross-frame-wc", 1e-4),
         ("cross-frame-cc", 1e-4),
         ("cross-frame-cc-literal", 1e-4),
-        # stops when a step would lower the sum of squares by less than 1e-4: a hundredth of a deviation
+        # stops when a step would decrease the sum of squares by less than 1e-4: a hundredth of a deviation
         ("cross-frame", 3e-2),
     ],
 )
@@ -56,6 +56,6 @@ def test_depth_filter_is_a_window_of_one(arc):
 
 @pytest.mark.parametrize("method", ["cross-frame-wc", "cross-frame-cc", "cross-frame-cc-literal"])
 @pytest.mark.parametrize("frames", [1, 2, 5])
-def test_windows_hold_so_many_frames(method, frames, arc):
+def test_windows_have_the_length_of_their_method(method, frames, arc):
     s = last(method, arc, Config(window=WindowConfig(frames=frames)))
     assert s.window_frame_indices.tolist() == list(range(14 - frames, 14))

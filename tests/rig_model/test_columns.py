@@ -50,13 +50,13 @@ def seen_at(seconds: Array, motion: Array) -> Array:
 
 
 def per_second(times: Array, twist: Array = TWIST) -> Array:
-    """What a delay of `times` (n, 4), per second of an error of timing, does to views: by central differences."""
+    """The effect on views of a delay of `times` (n, 4), per second of an error of timing, by central differences."""
     step = 1e-5
     steady = np.stack([twist, np.zeros(6)])
     return (seen_at(step * times, steady) - seen_at(-step * times, steady)) / (2 * step)
 
 
-LATE = np.broadcast_to([0.0, 0.0, 1.0, 0.0], Z_PX.shape)  # what is in the right row is taken out with the rows
+LATE = np.broadcast_to([0.0, 0.0, 1.0, 0.0], Z_PX.shape)  # the effect on the right row is removed with the rows
 ROWS = row_of(Z_PX)
 
 
@@ -74,7 +74,7 @@ def test_columns_of_timing_are_views_taken_at_other_times(term: str, times: Arra
 
 @pytest.mark.parametrize(("delay_s", "readout_s"), [(0.008, 0.0), (0.0, 0.02), (0.004, 0.01)])
 def test_timing_is_exact_to_second_order(delay_s: float, readout_s: float) -> None:
-    """A view taken later, while its points accelerate: half the timing leaves an eighth of what is left."""
+    """A view is taken later, while its points accelerate: with half the timing, an eighth of the rest remains."""
 
     def left_px(share: float) -> float:
         timing = share * np.array([delay_s, readout_s])
@@ -96,7 +96,7 @@ def test_the_focal_length_is_that_of_both_cameras() -> None:
 
 
 def test_errors_that_grow_are_those_of_their_age() -> None:
-    """Turns of the right camera as (72d) has them, and the focal length; those of now are known from start and rate."""
+    """Rotations of the right camera, eq. (72d), and the focal length: current errors follow from start and rate."""
     age_s = np.linspace(0, 3, len(Z_PX))
     found = columns(P, Z_PX, age_s=age_s)
     at = [TERMS.index(term) for term in TURNING]
@@ -111,11 +111,11 @@ def test_errors_that_grow_are_those_of_their_age() -> None:
     assert still[:, 2] == pytest.approx(grown[:, 2], abs=2e-3)  # (72d) is a polynomial
 
 
-def test_a_focus_that_moves_otherwise_from_now_on_leaves_the_focal_length_as_it_is_now() -> None:
-    """What its root does to views is nothing now, and later as much as the rate may have changed: all of it in 1 s."""
+def test_a_change_of_the_speed_of_the_focus_does_not_change_the_current_focal_length() -> None:
+    """The effect of its root on views is zero now, and grows with the possible change of the rate: all of it in 1 s."""
     at, mean, cov = TERMS.index(FOCUSING), np.zeros(len(MODEL)), np.eye(len(MODEL))
     mean[at], cov[at, at] = 0.4, 0.1**2
-    assert not MODEL.root_of_focusing(mean, cov, 3.0, 0.25).any()  # it may just as well stand still
+    assert not MODEL.root_of_focusing(mean, cov, 3.0, 0.25).any()  # the focus may not move at all
     cov[at, at] = 0.01**2
     root = MODEL.root_of_focusing(mean, cov, 3.0, 0.25)[:, 0]
     now, later = (MODEL.effects(Z_PX, age_s=age) @ root for age in (3.0, 5.0))
@@ -124,7 +124,7 @@ def test_a_focus_that_moves_otherwise_from_now_on_leaves_the_focal_length_as_it_
     assert later == pytest.approx(np.sqrt(0.25) * by_rate)
 
 
-def test_without_velocities_or_rows_timing_does_nothing_and_a_missing_side_has_no_error() -> None:
+def test_without_velocities_or_rows_timing_has_no_effect_and_a_missing_side_has_no_error() -> None:
     model = RigModel.of(P, RigConfig(), row_of=row_of)
     timing = slice(TERMS.index(DELAY), TERMS.index(READOUT) + 1)
     assert not model.effects(Z_PX)[..., timing].any()
@@ -135,8 +135,8 @@ def test_without_velocities_or_rows_timing_does_nothing_and_a_missing_side_has_n
         assert not effects[0, 2:].any() and effects[0, :2].any() and np.isfinite(effects).all()
 
 
-def test_an_error_of_both_principal_points_is_axes_that_are_turned_and_the_term_for_the_rest() -> None:
-    """Principal points that are off by δ make the views of a camera that is turned by δ/f, plus δ times the term."""
+def test_an_error_of_both_principal_points_is_a_rotation_of_the_axes_and_a_term_for_the_rest() -> None:
+    """With an error δ of principal points, views are those of a camera rotated by δ/f, plus δ times the term."""
     delta, points = 0.01, POINTS[:, :3] / POINTS[:, 3:]
     for axis, term in ((1, "centre x"), (0, "centre y")):
         shift = delta * np.array([axis == 1, axis == 0] * 2, float)
@@ -145,7 +145,7 @@ def test_an_error_of_both_principal_points_is_axes_that_are_turned_and_the_term_
         turned = P.project(se3.transform(se3.exp(turn), points))
         effects = columns(P, Z_PX)[:, :, TERMS.index(term)]
         left = Z_PX + shift - turned - delta * effects
-        # the right row errs with the left one, as rows are measured; δ² is a ten-thousandth
+        # the right row has the error of the left one, as rows are measured; δ² is a ten-thousandth
         assert np.abs(left[:, :3]).max() < 1e-2 * np.abs(delta * effects).max()
 
 
@@ -158,16 +158,16 @@ def test_a_lens_has_its_error_in_the_corner_and_the_disparity_at_the_edge() -> N
     assert np.linalg.norm(radial) == pytest.approx(1, rel=1e-9)
 
 
-def test_terms_of_a_turn_move_far_points_like_the_turn() -> None:
+def test_terms_of_a_rotation_shift_far_points_like_the_rotation() -> None:
     turn, far = np.array([1e-5, -2e-5, 3e-5]), np.c_[POINTS[:, :3], np.zeros(60)]
     z_px = P.project_homogeneous(far)
-    turned = P.project_homogeneous(far @ se3.exp(np.r_[0, 0, 0, -turn]).T)  # the camera turns, points the other way
+    turned = P.project_homogeneous(far @ se3.exp(np.r_[0, 0, 0, -turn]).T)  # points rotate the other way
     found = columns(P, z_px)[:, 2] @ terms_of_turn(P) @ turn
     assert np.abs(found - (turned - z_px)[:, 2]).max() < 1e-3 * np.abs(found).max()  # θ² is beyond the linear model
 
 
 def test_a_field_has_the_covariance_of_its_process() -> None:
-    """exp(−d²/(2ℓ²)) with ℓ of a tenth of the width; what a grid of 1.6 ℓ cannot follow is missing."""
+    """It is exp(−d²/(2ℓ²)) with ℓ a tenth of the width, without the part that a grid of 1.6 ℓ cannot represent."""
     at_px = np.random.default_rng(1).uniform([0, 0], [P.width, P.height], (80, 2))
     basis = MODEL.effects(np.tile(at_px, 2))[:, :, len(TERMS) :]
     disparity, u, v = basis[:, 0] - basis[:, 2], basis[:, 0], basis[:, 1]
@@ -182,7 +182,7 @@ def test_a_field_has_the_covariance_of_its_process() -> None:
 
 
 def test_units_and_amplitudes_of_a_model_are_the_same_errors() -> None:
-    """Also those of a map of the disparity over the image, to the last view."""
+    """Those of a map of the disparity over the image are the same too, at every position."""
     rng, t = np.random.default_rng(2), len(TERMS)
     mean, root = rng.normal(size=len(MODEL)), rng.normal(size=(len(MODEL), len(MODEL)))
     cov = root @ root.T
@@ -208,7 +208,7 @@ def test_units_and_amplitudes_of_a_model_are_the_same_errors() -> None:
 SECONDS = np.array([0, 0.09, 0.21, 0.3, 0.38, 0.52])
 
 
-def test_a_steady_turn_and_a_polynomial_path_have_their_own_velocities_and_accelerations() -> None:
+def test_a_steady_rotation_and_a_polynomial_path_have_their_own_velocities_and_accelerations() -> None:
     t = SECONDS
     steady = se3.exp(TWIST * t[:, None]) @ se3.exp(np.array([0.3, 1, 2, 0.1, 0.2, 0.3]))
     assert core.point_motions(steady, t) == pytest.approx(np.tile(STEADY, (6, 1, 1)), abs=1e-7)
@@ -227,8 +227,8 @@ def test_a_steady_turn_and_a_polynomial_path_have_their_own_velocities_and_accel
 
 
 @pytest.mark.parametrize("mean", [(0.004, 0.0), (0.0, 0.02)])
-def test_what_is_not_known_of_timing_has_the_covariance_of_its_causes(mean: tuple[float, float]) -> None:
-    """Monte Carlo of delays and readouts that stay from one frame to the next, and of a velocity that is off."""
+def test_unknown_timing_has_the_covariance_of_its_causes(mean: tuple[float, float]) -> None:
+    """Monte Carlo of delays and readouts that are constant between frames, and of errors of the velocity."""
     rng, draws = np.random.default_rng(4), 40_000
     cov, std_twist = np.diag([1e-3, 5e-3]) ** 2, np.repeat([0.3, 0.1], 3)
     points, then, now = POINTS[:5], TWIST, 0.5 * TWIST
@@ -248,8 +248,8 @@ def test_what_is_not_known_of_timing_has_the_covariance_of_its_causes(mean: tupl
     expected = moved.T @ moved / draws
     found = unknown @ unknown.T
     scale = np.sqrt(np.diag(expected)).clip(1e-9)
-    # four standard errors of a covariance, twice, as products of two Gaussians have tails; and what is left out is
-    # less than one view's noise
+    # twice four standard errors of a covariance, as products of two Gaussians have tails; and the omitted part is less
+    # than the noise of one view
     left_out_px2 = np.linalg.eigvalsh(expected)[: -unknown.shape[1]].sum()
     assert left_out_px2 < 14 * 0.1**2
     off = np.abs(found - expected) - left_out_px2
@@ -257,7 +257,7 @@ def test_what_is_not_known_of_timing_has_the_covariance_of_its_causes(mean: tupl
 
 
 def test_a_pose_is_as_uncertain_as_its_velocity_makes_views() -> None:
-    """Against poses that are fitted to views which a velocity that is off has moved."""
+    """Against poses fitted to views that an error of the velocity has shifted."""
     root = np.random.default_rng(5).normal(size=(6, 6)) * np.repeat([0.1, 0.03], 3)[:, None]
     by_pose = np.stack([velocities(P, POINTS, unit) for unit in np.eye(6)], axis=2)
     for size, times in ((np.array([0.004, 0]), LATE), (np.array([0, 0.02]), ROWS)):
@@ -281,7 +281,7 @@ def test_the_error_of_the_newest_velocity_is_learnt_from_how_velocities_change()
         extrapolated[newest] = TWIST + std * rng.normal(size=6)
         error.add(frames, np.array([extrapolated[k] if k == newest else TWIST for k in frames]))
     found = error.cov(assumed, at)
-    # over 20 frames, with weights that fall: a variance is known to a factor of 1 ± 0.22
+    # over 20 frames, with decreasing weights: a variance is known to a factor of 1 ± 0.22
     assert np.diag(found) == pytest.approx(std**2, rel=4 * 0.23)
     gap = np.array([0, 0.1, 0.2, 0.5, 0.6])  # two frames were dropped
     assert error.cov(assumed, gap) == pytest.approx(3**4 * found)
@@ -289,8 +289,8 @@ def test_the_error_of_the_newest_velocity_is_learnt_from_how_velocities_change()
 
 
 @pytest.mark.parametrize("uneven", ["stamps", "exposures"])
-def test_frames_were_exposed_when_the_motion_is_the_smoother_one(uneven: str) -> None:
-    """Frames come evenly and are stamped with a jitter of 1 ms, or are triggered with one; one is dropped."""
+def test_exposure_times_are_those_with_the_smoother_motion(uneven: str) -> None:
+    """Frames are evenly spaced and stamped with a jitter of 1 ms, or triggered with this jitter; one is dropped."""
     rng, clock, now = np.random.default_rng(7), ExposureClock(), dict[int, Array]()
     even = np.delete(np.arange(60) / 30, 31)
     jittered = even + rng.normal(size=len(even)) * 1e-3

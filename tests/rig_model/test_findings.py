@@ -12,7 +12,7 @@ from stream_sfm.rig_model.terms import DELAY, FOCAL, FOCUSING, READOUT, TERMS, T
 
 
 def found(**known: tuple[float, float]) -> RigEstimate:
-    """An estimate in units, with mean and σ of timing, focal length and rates; nothing is known of the rest."""
+    """An estimate in units, with mean and σ of timing, focal length and rates; the rest is unknown."""
     mean, std = np.zeros(len(TERMS)), np.ones(len(TERMS))
     for name in (DELAY, READOUT, FOCAL, *TURNING, FOCUSING):
         mean[TERMS.index(name)], std[TERMS.index(name)] = known.get(name.replace(" ", "_"), (0.0, 1e-4))
@@ -40,7 +40,7 @@ def test_certain_errors_are_reported(known: dict[str, tuple[float, float]], sent
 
 
 def test_errors_on_which_thirds_of_the_run_disagree_are_not_reported() -> None:
-    """However small σ of all of it is; nor is anything said of a run that is too short to have thirds."""
+    """This holds however small the overall σ is; a run that is too short to have thirds reports nothing either."""
     sure = found(delay=(2e-3, 1e-5))
     assert sure.findings()
     assert replace(sure, evidence=np.full(len(TERMS), 3.0)).findings() == []
@@ -48,26 +48,26 @@ def test_errors_on_which_thirds_of_the_run_disagree_are_not_reported() -> None:
 
 
 def test_uncertain_errors_are_not_reported() -> None:
-    """Below five standard deviations; and several findings are said one by one."""
+    """They are below five standard deviations; several findings are reported one by one."""
     assert found(delay=(4.9e-4, 1e-4), readout=(-4e-3, 1e-3), focal_length=(0.0, 1e-5)).findings() == []
     assert len(found(delay=(6e-3, 1e-3), readout=(0.02, 1e-3), focal_length=(4e-3, 1e-3)).findings()) == 2
 
 
-def test_a_calibration_is_taken_for_wrong_where_that_is_more_probable() -> None:
+def test_a_calibration_counts_as_wrong_if_that_is_more_probable() -> None:
     assert not replace(found(), p_wrong=0.5).applied and replace(found(), p_wrong=0.51).applied
     assert found(delay=(8e-3, 2e-4)).term(DELAY) == pytest.approx((8e-3, 2e-4))
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_errors_that_are_most_probably_zero_have_variances_of_zero_at_least(seed: int) -> None:
-    """Views that know all errors to 1e-5 σ, and found none: rounding must not make a variance negative."""
+def test_errors_that_are_most_probably_zero_have_no_negative_variances(seed: int) -> None:
+    """Views determine all errors to 1e-5 σ, and found none: rounding must not make a variance negative."""
     rng = np.random.default_rng(seed)
     m = len(TERMS) + 40
     size = np.r_[np.ones(len(TERMS)), np.full(40, 1e-3)]
     j = 1e2 * rng.normal(size=(3 * m, m))
     cov = np.linalg.inv(j.T @ j + np.diag(size**-2.0))
     mixed = mixture(np.zeros(m), cov, size, RigConfig())
-    assert mixed.p_wrong < 1e-4  # one error alone that is below 1e-3 of its σ, of the one in twenty that has one
+    assert mixed.p_wrong < 1e-4  # a single error below 1e-3 of its σ, in one of twenty calibrations
     assert (np.diag(mixed.cov) >= 0).all()
     basis = rng.normal(size=(100, m))
     assert (np.einsum("ni,ij,nj->n", basis, mixed.cov, basis) >= 0).all()

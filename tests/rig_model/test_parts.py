@@ -10,7 +10,7 @@ AT = TERMS.index(DELAY)
 
 
 def parts_of(frames: int, delay: float, drift: float, rng: np.random.Generator) -> Parts:
-    """Parts of a run whose frames tell of a delay, in σ of what is assumed, which seems to drift over the run."""
+    """Parts of a run whose frames show a delay, in units of the assumed σ, which seems to drift over the run."""
     t = len(TERMS)
     size = np.full(t, 0.7)
     information, weighted, parts = np.diag(size**-2.0), np.zeros(t), Parts()
@@ -25,14 +25,14 @@ def parts_of(frames: int, delay: float, drift: float, rng: np.random.Generator) 
 
 @pytest.mark.parametrize(("frames", "least"), [(30, 0.0), (97, 0.6), (300, 0.6)])
 def test_thirds_that_agree_give_the_error_and_its_sigma(frames: int, least: float) -> None:
-    """Of a short run, whose thirds do not determine each term by itself, the sigma is too large."""
+    """For a short run, whose thirds do not determine each term separately, the sigma is too large."""
     rng = np.random.default_rng(frames)
     off = []
     for _ in range(60):
         found = parts_of(frames, 0.5, 0.0, rng).agreement
         assert found is not None
         off.append((found.mean[AT] - 0.5) / found.std[AT])
-    # with two degrees of freedom for the spread, which is 1 at least, σ is a little too large
+    # with two degrees of freedom for the spread, which is at least 1, σ is a little too large
     assert least < np.sqrt(np.mean(np.square(off))) < 1.2
 
 
@@ -44,8 +44,8 @@ def test_thirds_that_disagree_are_no_evidence() -> None:
     assert made_up.spread[AT] > 10
 
 
-def test_a_part_that_reduces_information_says_nothing() -> None:
-    """Rows may know less of a delay later: other parts say as much as before, and no part says less than nothing."""
+def test_a_part_that_reduces_information_contributes_nothing() -> None:
+    """Rows may lose information about a delay: other parts keep theirs, and no part has negative information."""
     rng, t = np.random.default_rng(3), len(TERMS)
     parts = parts_of(200, 0.5, 0.0, rng)
     assert parts.latest is not None
@@ -62,7 +62,7 @@ def test_a_part_that_reduces_information_says_nothing() -> None:
 
 
 def test_frames_that_do_not_count_are_in_no_part() -> None:
-    """A body is followed for a while: its frames say another error, with which all of them agree."""
+    """A body is followed for a while: its frames show another error, on which all of them agree."""
     rng, t = np.random.default_rng(4), len(TERMS)
     size = np.full(t, 0.7)
     information, weighted, parts, counting = np.diag(size**-2.0), np.zeros(t), Parts(), Parts()

@@ -19,7 +19,7 @@ SIZE = np.array([*np.linspace(0.4, 1.6, T), 0.3, 0.3, 0.3])
 
 
 class Views:
-    """Views z = A c + noise of errors c, and what they say about c with a prior of sizes `SIZE`."""
+    """Views z = A c + noise of errors c, and the estimate of c with a prior of sizes `SIZE`."""
 
     def __init__(self, seed: int, errors: Array, std: float) -> None:
         rng = np.random.default_rng(seed)
@@ -29,7 +29,7 @@ class Views:
         self.mean, self.cov = self.posterior(SIZE)
 
     def posterior(self, size: Array) -> tuple[Array, Array]:
-        """Mean and covariance of errors that have these sizes; size 0: none."""
+        """Mean and covariance of errors with these sizes; size 0 means none."""
         gain = size[:, None] ** 2 * self.a.T @ np.linalg.inv(self.evidence_cov(size))
         return gain @ self.z, np.diag(size**2) - gain @ self.a * size**2
 
@@ -46,7 +46,7 @@ ODDS = RigConfig().odds  # of each, that it is not
 
 
 def considered(views: "Views", size: Array, trusted: bool, refocused: bool) -> tuple[Array, Array]:
-    """Errors of these sizes; each combination of the terms that may be 0 by its own likelihood. They count in full."""
+    """Errors of these sizes; each combination of the terms that may be 0 has its own likelihood. They count in full."""
     mean, cov = views.posterior(size)
     weights, sizes = combinations(views, size, trusted, refocused)
     held = np.average([views.posterior(without)[0] for without in sizes], axis=0, weights=weights)
@@ -54,7 +54,7 @@ def considered(views: "Views", size: Array, trusted: bool, refocused: bool) -> t
 
 
 def combinations(views: "Views", size: Array, trusted: bool, refocused: bool) -> tuple[list[float], list[Array]]:
-    """How probable each combination of terms is that may be 0, as before if not `trusted`; sizes of all errors then.
+    """The probability of each combination of terms that may be 0, as before if not `trusted`; sizes of all errors then.
 
     The focal length is not 0 if it has `refocused`.
     """
@@ -71,7 +71,7 @@ def combinations(views: "Views", size: Array, trusted: bool, refocused: bool) ->
 
 
 def lens_odds(views: "Views", others: Array) -> float:
-    """The log odds that lenses err rather than not, with the others of these sizes."""
+    """The log odds that lenses have errors rather than none, with the other terms of these sizes."""
     of_lens, none = np.eye(M)[:AT_FOCAL], views.log_evidence(others)
     together = views.log_evidence(others + of_lens.sum(axis=0)) - none
     alone = [views.log_evidence(others + one) - none for one in of_lens]
@@ -86,10 +86,10 @@ def with_size(k: int, size: float) -> Array:
 
 @pytest.mark.parametrize("errors", [0.0, 1.0])
 def test_a_likely_size_is_an_average_by_the_likelihood_of_each(errors: float) -> None:
-    """Of one term at a time, sizes from a fortieth to three, all equally probable on a logarithmic scale."""
+    """For one term at a time, with sizes from a fortieth to three, all equally probable on a logarithmic scale."""
     views = Views(3, errors * np.random.default_rng(4).normal(size=M), 0.5)
     found = likely_sizes(views.mean, views.cov, SIZE)
-    half_step = 120 ** (1 / 80)  # each of 41 sizes stands for those around it, the first and last ones, too
+    half_step = 120 ** (1 / 80)  # each of 41 sizes represents those around it, including the first and last ones
     ends = np.geomspace(0.025 / half_step, 3.0 * half_step, 101)
     sizes = np.sqrt(ends[1:] * ends[:-1])
     for k in set(range(T)) - {AT_FOCAL}:
@@ -108,8 +108,8 @@ def test_a_likely_size_does_not_depend_on_the_size_so_far() -> None:
 
 
 @pytest.mark.parametrize(("std", "errors"), [(0.5, 0.02), (2.0, 0.3), (4.0, 0.5), (8.0, 1.0)])
-def test_a_share_of_what_views_say_counts_for_the_odds(std: float, errors: float) -> None:
-    """A quarter counts as though noise had twice the σ; so views that claim too much do not accuse the lenses."""
+def test_a_share_of_the_information_of_views_counts_for_the_odds(std: float, errors: float) -> None:
+    """A quarter counts as if noise had twice the σ; so views with too small a σ do not make the lenses seem wrong."""
     true = errors * SIZE * np.random.default_rng(6).normal(size=M)
     views = Views(1, true, std)
     rules = {share: RigConfig(counts=share, counts_of_lenses=share) for share in (0.25, 1.0)}
@@ -126,11 +126,11 @@ def test_a_share_of_what_views_say_counts_for_the_odds(std: float, errors: float
 def test_a_mixture_has_the_moments_of_its_two_halves(
     std: float, errors: float, trusted: bool, refocused: bool
 ) -> None:
-    """A calibration that is wrong with the probability of its likelihood, and otherwise has no errors but timing.
+    """A calibration that is wrong with the probability from its likelihood, and otherwise only has errors of timing.
 
-    Wrong lenses err in all terms, or, one in twenty, in one alone; judged over all combinations of the other terms.
-    Where parts of a run disagree entirely, views say nothing of which of these are there; a focal length that has
-    changed is.
+    Wrong lenses have errors in all terms, or, one in twenty, in a single one; this is judged over all combinations of
+    the other terms. If parts of a run disagree entirely, views do not show which of these are present; a focal length
+    that has changed is.
     """
     rules = RigConfig(counts=1.0, counts_of_lenses=1.0)  # views whose σ is right
     true = errors * SIZE * np.random.default_rng(6).normal(size=M)

@@ -1,1 +1,1 @@
-"""The methods to compare with, and the batch that bounds them all."""
+"""Methods for comparison, and the full batch, whose covariance is the bound for all of them."""

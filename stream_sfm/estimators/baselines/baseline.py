@@ -1,4 +1,4 @@
-"""What the baselines share: how their maps begin, go on and are lost, whatever an estimate is made of."""
+"""The common part of the baselines: how their maps begin, continue and are lost."""
 
 from abc import ABC, abstractmethod
 
@@ -17,7 +17,7 @@ from ..motion_model import MotionModel
 
 
 class Baseline(ABC):
-    """An estimator (see `Estimator`) that begins maps with `_begin`, and follows the camera with `_advance`."""
+    """An estimator (see `Estimator`) that begins maps with `_begin` and continues them with `_advance`."""
 
     name: str
 
@@ -25,10 +25,10 @@ class Baseline(ABC):
         self._projection = projection
         self._config = config
         self._motion = MotionModel(config.motion)
-        self._structure: WorldPoints | None = None  # what ends if the map is lost; None: there is no map
+        self._structure: WorldPoints | None = None  # the points that end if the map is lost; None: there is no map
 
     def step(self, observations: Observations) -> Solution:
-        """Take the next frame; see `Estimator.step`."""
+        """Process the next frame; see `Estimator.step`."""
         try:
             if self._structure is not None:
                 return recorded(self._motion, observations, *self._advance(observations, self._structure))
@@ -51,7 +51,7 @@ class Baseline(ABC):
     def _advance(self, obs: Observations, before: WorldPoints) -> tuple[Solution, WorldPoints]:
         """Return the estimate of a frame and the points that end with it; `before`: the structure until now.
 
-        Raises LostError or LinAlgError where the map cannot go on.
+        Raises LostError or LinAlgError if the map cannot continue.
         """
 
     def _initial_motion(

@@ -33,7 +33,7 @@ class WeightedViews:
     def sorted_by_point(
         cls, frame: NDArray[np.intp], point: NDArray[np.intp], z_px: Array, cov_px: Array
     ) -> "WeightedViews":
-        """Return the views of rows in any order; `cov_px` (k, 4, 4) px², `z_px` NaN where the right side is missing."""
+        """Return views from rows in any order; `cov_px` (k, 4, 4) px², `z_px` NaN where the right side is missing."""
         order = np.lexsort((frame, point))
         z, cov = z_px[order], cov_px[order]
         return cls(frame[order], point[order], np.nan_to_num(z), information_of_views(z, cov))
@@ -62,7 +62,7 @@ def residuals_and_jacobians(
 class Reduced:
     """The normal equations without the points, S = U − W V⁻¹ Wᵀ (n, n), and their right side `g` (n,).
 
-    The first unknowns are the poses marked `free` (b,), six each; the others are held. Of the points, `root` L
+    The first unknowns are the poses marked `free` (b,), six each; the other poses are fixed. For the points: `root` L
     (p, 3, 3) with L Lᵀ = V⁻¹, `reach` LᵀW (p, 3, n), and `g_point` (p, 3).
     """
 
@@ -77,20 +77,20 @@ class Reduced:
     def eliminate(
         cls, free: NDArray[np.bool_], u: Array, w: Array, v: Array, g: Array, g_point: Array
     ) -> "Reduced":
-        """Eliminate the points from U (n, n), W (p, 3, n), V (p, 3, 3). Raises LinAlgError where V is not definite."""
+        """Eliminate the points from U (n, n), W (p, 3, n), V (p, 3, 3). Raises LinAlgError if V is not definite."""
         root, reach = core.eliminate_points(v, w)
         flat = reach.reshape(3 * len(v), len(u))
         given = matvec(np.swapaxes(root, 1, 2), g_point)
         return cls(free, symmetric(u - flat.T @ flat), g - flat.T @ given.ravel(), root, reach, g_point)
 
     def solve(self) -> tuple[Array, Array]:
-        """Return steps of poses (b, 6) and points (p, 3). Raises LinAlgError where S is not positive definite."""
+        """Return steps of poses (b, 6) and points (p, 3). Raises LinAlgError if S is not positive definite."""
         xi = Cholesky(self.s, repair=False).solve(self.g) if len(self.s) else np.zeros(0)
         given = matvec(np.swapaxes(self.root, 1, 2), self.g_point)
         return xi.reshape(-1, 6), matvec(self.root, given - self.reach @ xi)
 
     def covariances(self, points: NDArray[np.intp] | slice = slice(None)) -> "Covariances":
-        """Return S⁻¹ with the covariances of the points selected."""
+        """Return S⁻¹ with the covariances of the selected points."""
         cov = Cholesky(self.s, repair=False).inverse() if len(self.s) else self.s
         root, reach = self.root[points], self.reach[points]
         cross = root @ reach @ cov
@@ -111,19 +111,19 @@ class Covariances:
     cross: Array
 
     def columns(self, frame: int) -> slice | None:
-        """Return the columns of a frame's pose, or None where it is held."""
+        """Return the columns of a frame's pose, or None if it is fixed."""
         if not self.free[frame]:
             return None
         k = 6 * int(self.free[:frame].sum())
         return slice(k, k + 6)
 
     def cov_pose(self, frame: int) -> Array:
-        """Return the covariance (6, 6) of one pose, zero where it is held."""
+        """Return the covariance (6, 6) of one pose, zero if it is fixed."""
         c = self.columns(frame)
         return np.zeros((6, 6)) if c is None else self.cov_poses[c, c]
 
     def cov_points_in_cam(self, frame: int, ref_from_cam: Array, points_in_cam: Array) -> Array:
-        """Return covariances (p, 3, 3) of points carried into one camera, eq. (45): δX_c = R δX + [−I, [X_c]×] ξ."""
+        """Return covariances (p, 3, 3) of points in one camera, eq. (45): δX_c = R δX + [−I, [X_c]×] ξ."""
         r = ref_from_cam[:3, :3].T
         cov = r @ self.cov_points @ r.T
         c = self.columns(frame)
@@ -136,7 +136,7 @@ class Covariances:
 
 @record
 class Adjustment:
-    """The minimum: poses (b, 4, 4), points (p, 3), the sum of squares and the part of each view (k,)."""
+    """The minimum: poses (b, 4, 4), points (p, 3), the sum of squares and the term of each view (k,)."""
 
     ref_from_cam: Array
     points: Array
@@ -147,7 +147,7 @@ class Adjustment:
 
 @record
 class Problem:
-    """Poses and points that are sought by their views: of the poses those marked `free` (b,), the others are held."""
+    """Poses and points to be estimated from views; of the poses only those marked `free` (b,), the others are fixed."""
 
     projection: StereoProjection
     views: WeightedViews
@@ -155,7 +155,7 @@ class Problem:
     priors: PointPriors | None = None
 
     def cost(self, ref_from_cam: Array, points: Array) -> tuple[float, Array]:
-        """Return the sum of squares, inf where a point is behind its camera, and the part of each view (k,)."""
+        """Return the sum of squares, inf if a point is behind its camera, and the term of each view (k,)."""
         views, priors = self.views, self.priors
         cam_from_ref = se3.inverse(ref_from_cam)[views.frame]
         in_cam = matvec(cam_from_ref[:, :3, :3], points[views.point]) + cam_from_ref[:, :3, 3]
@@ -189,10 +189,10 @@ class Problem:
     def minimum(
         self, ref_from_cam: Array, points: Array, max_iterations: int, tolerance: float = 1e-10
     ) -> Adjustment:
-        """Minimise by Gauss-Newton from a start, with steps halved until they lower the sum of squares.
+        """Minimise by Gauss-Newton, with steps halved until they decrease the sum of squares.
 
-        Ends where that falls by less than `tolerance` of itself, or where no step lowers it, which is the minimum to
-        rounding, or where the iterations run out. Raises LinAlgError where the views do not determine the poses.
+        The iteration ends if the relative decrease is less than `tolerance`, if no step decreases the sum, which is the
+        minimum up to rounding, or after `max_iterations`. Raises LinAlgError if the views do not determine the poses.
         """
         best, squares = self.cost(ref_from_cam, points)
         done, converged = 0, False

@@ -1,11 +1,11 @@
 """Baseline: the extended Kalman filter over the pose and all visible points, on filterpy, in error-state form.
 
 filterpy's filter is additive, so its state is the error, zero before each update, which is then injected into the pose
-and the points. State: ξ of world_from_cam (6), then δX in the world (3 per point). Nothing is assumed of the motion:
-`predict` frees the pose from everything it knew. Where inertial samples have come, they predict it instead, with 17
-more rows behind the pose, those of `inertial/state.py`. There is one update per frame, linearised at the robust
-resection of the frame (`Ekf`) or at the constant-velocity prediction (`EkfConstantVelocity`, the weaker usage).
-Solà, Simultaneous localization and mapping with the extended Kalman filter, 2014.
+and the points. State: ξ of world_from_cam (6), then δX in the world (3 per point). No motion is assumed: the prediction
+makes the pose unknown. With inertial samples, these predict it instead, and the 17 rows of `inertial/state.py` follow
+the pose. There is one update per frame, linearised at the robust resection of the frame (`Ekf`) or at the
+constant-velocity prediction (`EkfConstantVelocity`, the weaker usage). Solà, Simultaneous localization and mapping with
+the extended Kalman filter, 2014.
 """
 
 import numpy as np
@@ -25,22 +25,23 @@ from ..lifecycle import WorldPoints, frame_status, solution_of
 from ..triangulation import counted_cov, triangulate, usable_births
 from .baseline import Baseline
 
-# The pose is unknown before its update: its prior covariance is this many times the one that the views will give it,
-# plus this many times that of the drift so far (otherwise each frame would seem to know a little about where it is in
-# the world). Trades what the prior still says, a ten-thousandth, against digits: the update subtracts such numbers.
+# The pose is unknown before its update: its prior covariance is this multiple of the covariance that the views will
+# give it, plus this multiple of that of the drift so far (otherwise each frame would seem to contain a little
+# information about its position in the world). The first is a compromise between the information left in the prior, a
+# ten-thousandth, and lost digits: the update subtracts such numbers.
 _FREE, _FREE_OF_DRIFT = 1e4, 300.0
 
 
 class Ekf(TakesSamples, Baseline):
     """Joint covariance of the pose (6), the inertial state (17 or none) and the m visible points; world-centred."""
 
-    _at_prediction = False  # where the update is linearised: otherwise at the resection
+    _at_prediction = False  # whether the update is linearised there, and not at the resection
 
     def __init__(self, projection: StereoProjection, config: Config) -> None:
         super().__init__(projection, config)
         self.inertia = Inertia(config)
         self._motion = InertialMotionModel(config, self.inertia)
-        self._own = 6  # rows before those of the points
+        self._own = 6  # number of rows before those of the points
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
@@ -57,7 +58,7 @@ class Ekf(TakesSamples, Baseline):
     def _advance(self, obs: Observations, before: WorldPoints) -> tuple[Solution, WorldPoints]:
         ended = self._drop(np.isin(self._ids, obs.track_ids))
         rows = np.searchsorted(obs.track_ids, self._ids)
-        if obs.lasting.std_drift_px is not None:  # part of the prediction, ahead of the gate
+        if obs.lasting.std_drift_px is not None:  # part of the prediction, so before the gate
             self._let_drift(obs.lasting.std_drift_px[rows])
         self._structure = WorldPoints.merge([ended, self._in_world()])
         found = self._initial_motion(obs, rows, *self._in_camera(), self._world_from_cam)
@@ -99,8 +100,8 @@ class Ekf(TakesSamples, Baseline):
     def _measurement(self, used: NDArray[np.intp], z_px: Array, cov_px: Array) -> tuple[Array, Array]:
         """Return innovations (3k,) of unit noise, and H (3k, n), of views (k, 4) of the points `used`.
 
-        The four numbers of a view say three things of a point, for both rows say one: whitened, they are turned until
-        the fourth says nothing. A missing side says nothing at all.
+        The four coordinates of a view contain three measurements of a point, as both image rows measure the same. After
+        whitening they are rotated so that the fourth contains no information. A missing side contains none at all.
         """
         cam_from_world = se3.inverse(self._world_from_cam)
         in_cam = clamp_depth(se3.transform(cam_from_world, self._points[used]))
@@ -118,7 +119,8 @@ class Ekf(TakesSamples, Baseline):
     def _predict(self, obs: Observations, cov_free: Array) -> Known | None:
         """Predict pose and state by the samples since the last frame, and return them, eq. (81).
 
-        Where none lead here the pose is freed, with the covariance `cov_free` (6, 6), and inertia is forgotten: None.
+        If samples are missing, the pose becomes unknown, with the covariance `cov_free` (6, 6), the inertial state is
+        dropped, and the result is None.
         """
         by = self.inertia.transition(obs.stamp_ns)
         if by is None or self.inertia.now is None:
@@ -129,13 +131,13 @@ class Ekf(TakesSamples, Baseline):
         known, own = self.inertia.now.carried(by, obs.stamp_ns), self._own
         self._cov[:own] = by.rows @ self._cov[:own]
         self._cov[:, :own] = self._cov[:own].T
-        # patches that slide alike feign a turn, eq. (17a), which the gyroscope does not measure
+        # patches that slide alike cause an apparent rotation, eq. (17a), which the gyroscope does not measure
         known.cov[range(3, 6), range(3, 6)] += obs.lasting.std_turn_rad**2
         self._cov[:own, :own] = known.cov
         return known
 
     def _update(self, z_px: Array, cov_px: Array, accepted: NDArray[np.bool_], known: Known | None) -> None:
-        """Update with filterpy's filter, eqs. (50), (51); `known`: what samples predict."""
+        """Update with filterpy's filter, eqs. (50), (51); `known`: the prediction by samples."""
         used = np.flatnonzero(accepted)
         innovation, h = self._measurement(used, z_px[used], cov_px[used])
         x = np.zeros(len(self._cov))
@@ -158,7 +160,7 @@ class Ekf(TakesSamples, Baseline):
         return np.asarray(kf.x)
 
     def _begin_inertia(self, stamp_ns: int) -> None:
-        """Take in the inertial state that was carried here, or one of which nothing is known, if there are samples."""
+        """Add the predicted inertial state, or else an initial one, if there are samples."""
         if self._own > 6:
             return
         known = self.inertia.predicted(stamp_ns)
@@ -232,6 +234,6 @@ def _blocks(cov: Array) -> Array:
 
 
 class EkfConstantVelocity(Ekf):
-    """The same filter linearised where constant velocity predicts the camera: weaker where motion is uneven."""
+    """The same filter linearised at the constant-velocity prediction: weaker if motion is uneven."""
 
     _at_prediction = True

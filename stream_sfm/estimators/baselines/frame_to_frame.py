@@ -1,7 +1,7 @@
-"""Baseline: the motion between two frames, concatenated. Each pair is solved to its maximum likelihood.
+"""Baseline: concatenated motions between two frames, each the maximum-likelihood estimate of its pair.
 
-Both views of a pair are noisy measurements (points are unknowns, not exact), and the motions are concatenated, eq.
-(5). Neighbours share a frame, whose noise moves both motions: what that cancels or adds is part of the covariance.
+Both views of a pair are noisy measurements (points are unknowns, not exact), and the motions are concatenated, eq. (5).
+Consecutive pairs share a frame, whose noise affects both motions; the covariance includes this correlation.
 """
 
 from typing import NamedTuple
@@ -18,13 +18,13 @@ from ..triangulation import compose_cov, points_to_world, triangulate, usable_bi
 from .baseline import Baseline
 from .bundle_adjustment import Covariances, Problem, Reduced, WeightedViews, residuals_and_jacobians
 
-_FREE = np.array([False, True])  # the previous camera is the reference, the current one moves
+_FREE = np.array([False, True])  # the previous camera is the reference, the current one is estimated
 
 
 class _Shared(NamedTuple):
-    """Views (2, n, 4) of the points that the previous frame can locate and the current one sees: previous, current.
+    """Views (2, n, 4), previous and current, of points that the previous frame can locate and the current one sees.
 
-    `rows` (n,) are those of the current observations; points (n, 3) in the previous camera, triangulated there.
+    `rows` (n,): rows of the current observations; points (n, 3) in the previous camera, triangulated there.
     """
 
     ids: NDArray[np.int64]
@@ -36,10 +36,10 @@ class _Shared(NamedTuple):
 
 
 class _Gains(NamedTuple):
-    """What the noise of views does to a pair's estimates, to first order; of points by id (n,), ascending.
+    """Jacobians of a pair's estimates by the noise of its views; points have ascending ids (n,).
 
     `of_previous`, `of_current` (n, 6, 4): ∂ξ/∂z of the motion by the views of either frame; `of_point` (n, 3, 4): ∂X/∂z
-    of a point by its own previous view, the motion held; `y` (n, 3, 6): the point moves by −y ξ with the motion.
+    of a point by its own previous view with the motion fixed; `y` (n, 3, 6): with the motion the point moves by −y ξ.
     """
 
     ids: NDArray[np.int64]
@@ -50,7 +50,7 @@ class _Gains(NamedTuple):
 
 
 class _Pair(NamedTuple):
-    """The adjusted pair: the pose, which of the shared points are `kept` (n,), and those in the previous camera."""
+    """The adjusted pair: the pose, the mask `kept` (n,) of shared points, and these points in the previous camera."""
 
     kept: NDArray[np.bool_]
     previous_from_cam: Array
@@ -86,9 +86,9 @@ class FrameToFrame(Baseline):
         return _Shared(ids, row_now, z, cov, *triangulate(self._projection, z[0], cov[0]))
 
     def _adjust(self, cam_from_previous: Array, shared: _Shared, kept: NDArray[np.bool_]) -> _Pair:
-        """Maximise the likelihood of the pair, gated once by each point's residual.
+        """Maximise the likelihood of the pair, gated once by the residual of each point.
 
-        Raises LostError where too few points are left.
+        Raises LostError if too few points are left.
         """
         poses, robust = np.stack([np.eye(4), se3.inverse(cam_from_previous)]), self._config.robust
         accepted = int(kept.sum())
@@ -121,7 +121,7 @@ class FrameToFrame(Baseline):
     def _concatenated(
         self, obs: Observations, shared: _Shared, pair: _Pair, before: WorldPoints
     ) -> tuple[Solution, WorldPoints]:
-        """Concatenate the motion, join the pair's points with the new ones, and go on to the next pair."""
+        """Concatenate the motion, merge the pair's points with the new ones, and prepare the next pair."""
         previous_from_cam, covariances = pair.previous_from_cam, pair.covariances
         world_from_cam = se3.orthonormalise(self._world_from_previous @ previous_from_cam)
         with_motion, with_points = self._shared_noise(pair.gains, shared.cov_px[0, pair.kept])
@@ -161,9 +161,9 @@ class FrameToFrame(Baseline):
         return solution, self._hand_over(before, obs, now)
 
     def _shared_noise(self, now: _Gains, cov_px: Array) -> tuple[Array, Array]:
-        """Return the covariances of the previous pose with this pair's motion (6, 6) and points (n, 6, 3).
+        """Return the cross-covariances of the previous pose with this pair's motion (6, 6) and points (n, 6, 3).
 
-        The previous pose was moved by the same noise, `cov_px` (n, 4, 4), of the views in the previous frame.
+        The same noise of views in the previous frame, `cov_px` (n, 4, 4), also affected the previous pose.
         """
         with_points = np.zeros((len(now.ids), 6, 3))
         if self._gains is None:
@@ -175,9 +175,9 @@ class FrameToFrame(Baseline):
         return with_motion, with_points - with_motion @ np.swapaxes(now.y, 1, 2)
 
     def _hand_over(self, old: WorldPoints, obs: Observations, now: WorldPoints) -> WorldPoints:
-        """Keep the structure as of this frame, and return the points that are no longer tracked."""
+        """Keep the structure of this frame, and return the points that are no longer tracked."""
         tracked, refreshed = np.isin(old.ids, obs.track_ids), np.isin(old.ids, now.ids)
-        rejected = old.select(tracked & ~refreshed)  # in this frame: they may come back
+        rejected = old.select(tracked & ~refreshed)  # in this frame only: they may come back
         self._structure = WorldPoints.merge([now, rejected])
         return old.select(~tracked)
 

@@ -1,9 +1,9 @@
-"""The bound on every estimator, from all frames and all points at once.
+"""The lower bound on the covariance of every estimator, from all frames and all points at once.
 
 The Cramér–Rao bound, eq. (46), is the inverse Fisher information at the truth with the first camera fixed; for Gaussian
 noise it is the adjustment's own covariance evaluated at the truth. An error that follows e_n = ρ e_n−1 + noise in units
-of its σ, eq. (76), is white again in the differences of successive views of a track, eq. (77); these couple the poses
-of two neighbouring frames. The rig's errors c ~ N(0, I) move all views by `Observations.rig`.
+of its σ, eq. (76), becomes white in the differences of successive views of a track, eq. (77); these couple the poses of
+two neighbouring frames. The rig's errors c ~ N(0, I) shift all views according to `Observations.rig`.
 """
 
 from collections.abc import Sequence
@@ -23,8 +23,8 @@ from .bundle_adjustment import Reduced, WeightedViews, residuals_and_jacobians
 class Bound:
     """The covariances of the best unbiased estimate from frames 0 … n.
 
-    `cov_poses` (n+1, 6, 6) m², rad², right perturbation of world_from_cam, zero for the first; of the points in
-    view of frame n, `track_ids` (m,): `cov_points_in_world`, `cov_points_in_cam` (m, 3, 3) m².
+    `cov_poses` (n+1, 6, 6) m², rad², right perturbation of world_from_cam, zero for the first; `track_ids` (m,): the
+    points visible in frame n, with `cov_points_in_world` and `cov_points_in_cam` (m, 3, 3) m².
     """
 
     cov_poses: Array
@@ -34,7 +34,7 @@ class Bound:
 
 
 def gather_views(observations: Sequence[Observations]) -> tuple[NDArray[np.int64], WeightedViews]:
-    """Return the ascending track ids of a sequence and its views as rows, whose point index is the row of the id."""
+    """Return the ascending track ids of a sequence, and its views as rows; their point index is the row of the id."""
     ids = np.concatenate([o.track_ids for o in observations])
     frame = np.repeat(np.arange(len(observations)), [len(o.track_ids) for o in observations])
     z = np.concatenate([o.z_px for o in observations])
@@ -53,8 +53,8 @@ def cramer_rao_bound(
 ) -> Bound:
     """Return the bound at `frame` (default the last) from all views up to it, at the true poses (n, 4, 4) and points.
 
-    `points_in_world` (p, 3) is indexed by track id; both sides are seen, and tracks have no gaps. `autocorrelation`: of
-    a view's error with that of the view before. Of the observations ids, covariances and effects of the rig matter.
+    `points_in_world` (p, 3) is indexed by track id; both sides must be seen, and tracks must have no gaps.
+    `autocorrelation`: of the errors of successive views. Only ids, covariances and rig of the observations are used.
     """
     last = len(observations) - 1 if frame is None else frame
     seen, poses = observations[: last + 1], world_from_cam[: last + 1]
@@ -89,7 +89,7 @@ def _rig_effects(observations: Observations) -> Array:
 def _reduced(last: int, points: int, views: WeightedViews, now: Array, before: Array) -> Reduced:
     """Return the information about poses 1 … `last` and the rig's m errors, from whitened rows (k, 4, 9 + m).
 
-    Their columns are pose, point, rig: of the view itself, `now`, and of the view before it.
+    Their columns are pose, point and rig: `now` of the view itself, `before` of the previous view of its track.
     """
     rig = now.shape[2] - 9
     size = 6 * last + rig
@@ -100,7 +100,7 @@ def _reduced(last: int, points: int, views: WeightedViews, now: Array, before: A
         shared = now[of_frame] + before[of_frame]
         columns = np.concatenate([np.arange(6 * n - 12, 6 * n), np.arange(6 * last, size)])
         j = np.concatenate([before[of_frame, :, :6], now[of_frame, :, :6], shared[..., 9:]], axis=2)
-        j, columns = j[..., columns >= 0], columns[columns >= 0]  # the first pose is held
+        j, columns = j[..., columns >= 0], columns[columns >= 0]  # the first pose is fixed
         by_point, point = np.swapaxes(shared[..., 6:9], 1, 2), views.point[of_frame]
         flat = j.reshape(4 * len(j), len(columns))
         u[np.ix_(columns, columns)] += flat.T @ flat

@@ -1,14 +1,14 @@
-"""Cross-frame windows with the paper's book-keeping: what has left the window is one Gaussian per point.
+"""Cross-frame windows with the paper's bookkeeping: one Gaussian per point for all that has left the window.
 
-The last b frames are solved as a whole over all their motions and points. A frame that leaves turns into priors
-of its points; correlations between points are dropped, as in the paper. There are three choices of where priors live:
+The last b frames are solved jointly over all their motions and points. A frame that leaves becomes priors of its
+points; correlations between points are dropped, as in the paper. There are three choices of the frame of the priors:
 
-* WC, eq. (47): in the world, each leaving view fused into its own point with the noise of its pose. The priors forget
+* WC, eq. (47): the world. Each leaving view is fused into its own point with the noise of its pose. The priors ignore
   that all points share the drift, so the covariance of the pose is far too small.
-* CC, anchored, eq. (49): in the last camera that left. With every frame that leaves, points are carried into it with
+* CC, anchored, eq. (49): the last camera that left. With every frame that leaves, points are transformed into it with
   the cross-covariance of points and motion; the pose in the world is the composition of the window's motions.
-* CC, literal, eq. (48): the paper's two-frame transform X' = R X + T, Σ' = R Σ Rᵀ + J Γ Jᵀ with the motion's
-  covariance Γ taken as independent of the point, then the view of the frame that leaves added to it (used twice).
+* CC, literal, eq. (48): the paper's two-frame transform X' = R X + T, Σ' = R Σ Rᵀ + J Γ Jᵀ where the motion's
+  covariance Γ is assumed independent of the point; then the view of the leaving frame is added, and so used twice.
 
 b = 1 is the classical depth filter.
 """
@@ -31,7 +31,7 @@ from .per_point_priors import Leaving, LeavingRule, camera_centred, camera_centr
 
 @record
 class PerPointFrame:
-    """A frame of the window: its pose, whether that is held, and its accepted views of points of the map."""
+    """A frame of the window: its pose, which is fixed if `held`, and its accepted views of points of the map."""
 
     index: int
     ref_from_cam: Array
@@ -46,17 +46,17 @@ class PerPointFrame:
 
 
 class _PerPointWindow(Baseline):
-    """A window with one Gaussian per point for what has left it; the subclasses name the rule.
+    """A window with one Gaussian per point for all that has left it; subclasses choose the rule.
 
-    ref is the world, or the last camera that left. `_ids` (n,) ascending: points with a prior or a view in the window;
-    `_points` (n, 3) m in ref; `_priors` of them, zero for none; `_covariances`: of the last solve, the poses of the
-    window and the points.
+    The frame ref is the world, or the last camera that left. `_ids` (n,), ascending: points with a prior or a view in
+    the window; `_points` (n, 3) m in ref; `_priors`: their priors, zero for none; `_covariances`: poses and points of
+    the last solve.
     """
 
     rule: ClassVar[LeavingRule]
 
     def _begin(self, obs: Observations, first: Solution) -> WorldPoints:
-        """Begin a map in the camera of `first`, which is ref and is held."""
+        """Begin a map in the camera of `first`, which is ref and is fixed."""
         self._window: list[PerPointFrame] = []
         self._world_from_ref, self._cov_ref = first.world_from_cam, first.cov_pose
         self._ids = np.empty(0, np.int64)
@@ -106,7 +106,7 @@ class _PerPointWindow(Baseline):
         accepted: NDArray[np.intp],
         held: bool,
     ) -> None:
-        """Add the newest frame with its accepted views (rows of obs), and start the points seen first."""
+        """Add the newest frame with its accepted views (rows of obs), and start the points that it sees first."""
         births = usable_births(self._projection, obs.z_px, obs.cov_px)
         births &= ~np.isin(obs.track_ids, self._ids) & ~np.isin(obs.track_ids, shared)
         in_cam, _ = triangulate(self._projection, obs.z_px[births], obs.cov_px[births])
@@ -137,9 +137,9 @@ class _PerPointWindow(Baseline):
         return np.asarray((self._priors.information != 0).any(axis=(1, 2)))
 
     def _solve(self) -> Adjustment:
-        """Estimate all motions and points of the window at once; views that do not fit leave, once.
+        """Estimate all motions and points of the window jointly; views that do not fit are removed once.
 
-        Raises LinAlgError where no points are left.
+        Raises LinAlgError if no points are left.
         """
         for last in (False, True):
             if not len(self._ids):
@@ -168,11 +168,11 @@ class _PerPointWindow(Baseline):
     def _let_oldest_leave(self, rule: LeavingRule) -> Array:
         """Turn the oldest frame into priors of its points, and return new_from_ref.
 
-        Where that frame becomes the reference, the pose in the world is composed with its motion.
+        If that frame becomes the reference, the pose of the reference in the world is composed with its motion.
         """
         frame = self._window.pop(0)
         ref_from_cam, cov_pose = frame.ref_from_cam, self._covariances.cov_pose(0)
-        # one side alone would leave the depth of a point without prior open
+        # one side alone does not determine the depth of a point without a prior
         known = np.isin(frame.ids, self._ids[self._has_prior()])
         frame = frame.select(known | np.isfinite(frame.z_px).all(axis=1))
         rows = np.flatnonzero(np.isin(self._ids, frame.ids) | self._has_prior())

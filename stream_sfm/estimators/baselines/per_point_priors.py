@@ -1,4 +1,4 @@
-"""How a frame that leaves a per-point window turns into priors of its points: the paper's choices of reference.
+"""How a frame that leaves a per-point window becomes priors of its points: the paper's choices of reference.
 
 Each rule takes a `Leaving` frame; the priors are in the world (WC) or in the frame's own camera (CC).
 """
@@ -18,8 +18,8 @@ from .bundle_adjustment import PointPriors, Problem, WeightedViews, residuals_an
 class Leaving:
     """The oldest frame of a window, and the points (p) that it sees or that have a prior.
 
-    `ref_from_cam` (4, 4) with `cov_pose` (6, 6) as the window knows it, `held` if it is not estimated; `points` (p, 3)
-    in ref; `views` of those that the frame sees.
+    `ref_from_cam` (4, 4) with `cov_pose` (6, 6) as estimated by the window, `held` if it is fixed; `points` (p, 3) in
+    ref; `views`: those of the frame.
     """
 
     projection: StereoProjection
@@ -36,7 +36,7 @@ LeavingRule = Callable[[Leaving], tuple[PointPriors, Array | None]]
 
 
 def world_centred(leaving: Leaving) -> tuple[PointPriors, Array | None]:
-    """Fuse each view into its own point, with the noise of the pose as the window knows it, eq. (47).
+    """Fuse each view into its own point, with the noise of the pose as estimated by the window, eq. (47).
 
     Λ' = Λ + Bᵀ (Σ_z + J Γ Jᵀ)⁻¹ B, B = ∂h/∂X, J = ∂h/∂ξ.
     """
@@ -55,14 +55,14 @@ def world_centred(leaving: Leaving) -> tuple[PointPriors, Array | None]:
 
 
 def camera_centred(leaving: Leaving) -> tuple[PointPriors, Array | None]:
-    """Carry points into the leaving camera by their joint covariance with its pose, eq. (49).
+    """Transform points into the leaving camera with their joint covariance with its pose, eq. (49).
 
-    That covariance is of priors and leaving views alone, linearised at the estimate of the window.
+    That covariance is from priors and leaving views alone, linearised at the estimate of the window.
     """
     free = np.array([not leaving.held])
     problem = Problem(leaving.projection, leaving.views, free, leaving.priors)
     reduced = problem.linearised(leaving.ref_from_cam[None], leaving.points)
-    xi, delta = reduced.solve()  # how far their minimum is from the estimate
+    xi, delta = reduced.solve()  # from the estimate of the window to their minimum
     cam_from_ref = se3.inverse(leaving.ref_from_cam)
     in_cam = se3.transform(cam_from_ref, leaving.points)
     j = se3.point_in_source_jacobian(in_cam)
@@ -72,7 +72,7 @@ def camera_centred(leaving: Leaving) -> tuple[PointPriors, Array | None]:
 
 
 def camera_centred_literal(leaving: Leaving) -> tuple[PointPriors, Array | None]:
-    """Carry points by the paper's two-frame transform, then add the view from the leaving camera, eq. (48)."""
+    """Transform points as the paper does between two frames, then add the view from the leaving camera, eq. (48)."""
     priors = leaving.priors
     cam_from_ref = se3.inverse(leaving.ref_from_cam)
     r = cam_from_ref[:3, :3]

@@ -1,4 +1,4 @@
-"""What the newest pose does not know beside the joint covariance: other motions, and patches that slide alike."""
+"""Uncertainty of the newest pose beyond the joint covariance: alternative motions, and patches that slide alike."""
 
 from dataclasses import field
 
@@ -18,8 +18,8 @@ def _none() -> Array:
 class Doubt:
     """A block of a map's state, in axes of the reference camera.
 
-    `cov` (6, 6): of second motions that may have been the camera's, one in each of the last `frames`, and
-    `cov_slides` (6, 6) of turns that patches have feigned which slid alike.
+    `cov` (6, 6): of second motions, any of which may have been the camera's, one in each of the last `frames`.
+    `cov_slides` (6, 6): of apparent rotations by patches that slid alike.
     """
 
     cov: Array = field(default_factory=_none)
@@ -32,19 +32,19 @@ class Doubt:
         return changed(self, cov=ad @ self.cov @ ad.T, cov_slides=ad @ self.cov_slides @ ad.T)
 
     def with_slide(self, cam_from_ref: Array, std_turn_rad: float) -> "Doubt":
-        """Return it with a turn of σ about each axis that patches feign in a camera (4, 4)."""
+        """Return it with an apparent rotation by sliding patches, of this σ about each axis of a camera (4, 4)."""
         turns = std_turn_rad * se3.adjoint(se3.inverse(cam_from_ref))[:, 3:]
         return changed(self, cov_slides=self.cov_slides + turns @ turns.T)
 
     def with_second(self, motion: Resection, std_moved: Array, cam_from_ref: Array) -> tuple["Doubt", Array | None]:
-        """Return it with the second of two plausible motions, if there is one, which led to a camera (4, 4).
+        """Return it with the second of two plausible motions to a camera (4, 4), if there is one, and the `ambiguity`.
 
-        No vehicle moves between two frames by much more than `std_moved` (6,) otherwise than it did.
+        `std_moved` (6,): σ of the change of a vehicle's motion between two frames.
 
-        The difference of the two, in any direction, as the camera's motion may be that of a third set, which is hidden;
-        and the error of the second, eq. (36a). The differences of frames in a row have one sign. Where what is followed
-        may have been a body for some frames already, their motions may be wrong by as much. Also returns the
-        `ambiguity` of the frame.
+        Added are the difference of the two motions, in any direction, as the camera may have moved with a third set of
+        views that is hidden, and the error of the second motion, eq. (36a). The differences of consecutive frames have
+        the same sign. If the camera's motion may have been confused with that of a body for some frames already, the
+        motions of these frames may be wrong by as much.
         """
         second = motion.ambiguous
         if second is None:
@@ -58,10 +58,10 @@ class Doubt:
         ambiguity = np.concatenate([np.diag(np.repeat(apart, 3)), own], axis=1)
         modes = se3.adjoint(se3.inverse(cam_from_ref)) @ ambiguity
         modes[:, :6] *= np.sqrt(frames**2 - self.frames**2)  # n frames of one sign: n²
-        modes[:, 6:] *= frames - self.frames  # so much is known of the camera's motion in all of these
+        modes[:, 6:] *= frames - self.frames  # the second motion is known this well in each of these frames
         return changed(self, cov=self.cov + modes @ modes.T, frames=frames), ambiguity
 
     def of_newest(self, cam_from_ref: Array) -> Array:
-        """Return what it adds to the covariance (6, 6) of the newest pose, that of a camera (4, 4)."""
+        """Return its contribution to the covariance (6, 6) of the newest pose, that of a camera (4, 4)."""
         ad = se3.adjoint(cam_from_ref)
         return np.asarray(ad @ (self.cov + self.cov_slides) @ ad.T)

@@ -1,13 +1,13 @@
-"""A focal length that changes: noticed in its first frame, and followed until it rests.
+"""Detection of a changing focal length in its first frame, and its estimate per frame until it rests.
 
-A zoom scales all of an image about its middle, and with it the disparities. Where points lie at various depths no
-motion does that, so each frame shows by how much its focal length is another one than that of the points: to a
-hundredth of a percent on good images. Where that is more than usual, the focal length of each frame is an unknown of
-its own from then on. So it may do what it wants, the pose is as uncertain as that makes it, and no frame suffers from
-another. Once it has been the same for some frames, it is one of the rig's errors again.
+A zoom scales the whole image about its centre, and the disparities with it. If points lie at various depths, no motion
+does that. So each frame shows how much its focal length differs from that of the points, to a hundredth of a percent on
+good images. Once the difference is larger than usual, the focal length of each frame is an unknown of its own. It may
+then change in any way: the pose becomes as uncertain as that makes it, and frames do not affect each other. Once it has
+been constant for some frames, it is one of the rig's errors again.
 
-What is not scaled about its principal point is moved as well. That looks like a turn of the camera, and no view tells
-them apart; so the pose is as uncertain as the way of the focal length makes it.
+An image that is not scaled exactly about its principal point is shifted as well. That looks like a rotation of the
+camera, and no view can tell them apart; so the uncertainty of the pose grows with the change of the focal length.
 """
 
 import numpy as np
@@ -21,11 +21,11 @@ from ...record import changed, record
 
 @record
 class FocusWatch:
-    """What frames show of their focal lengths, as shares of it.
+    """Relative changes of the focal length that frames show.
 
-    `spread`: mean square of what calm frames show, in σ of that, over the last of `frames`, and `waiting`: those of the
-    latest. `shown`: while it changes, what each of the latest frames has shown of it, with its variance. `rested`: by
-    how much it has changed before.
+    `spread`: mean square of the change that calm frames show, in its σ, over the last `frames`; `waiting`: the squares
+    of the latest frames, which are not in it yet. `shown`: while the focal length changes, the change that each of the
+    latest frames has shown, with its variance. `rested`: its total change in the past.
     """
 
     rules: RigConfig
@@ -37,7 +37,7 @@ class FocusWatch:
 
     @classmethod
     def begun(cls, rules: RigConfig) -> "FocusWatch":
-        """Return the watch of a map that begins."""
+        """Return the watch of a new map."""
         return cls(rules, frames=rules.calm_frames)
 
     @property
@@ -47,14 +47,14 @@ class FocusWatch:
 
     @property
     def has_begun(self) -> bool:
-        """Whether the latest frame is the first that shows it."""
+        """Whether the latest frame is the first that shows the change."""
         return len(self.shown) == 1
 
     def judge(self, views: PointViews, weights: Array, found: Resection) -> tuple["FocusWatch", Resection]:
-        """Return the watch after a frame, and its motion, with a focal length of its own where that changes.
+        """Return the watch after a frame, and its motion, with a focal length of its own while that changes.
 
-        The last of the errors that `views` share is a change of it by `rules.std_refocused`; it is the last of the
-        motion's amplitudes. `found` is the motion without it, with `weights` (n,) as in `resect`.
+        The last of the errors that `views` share is a change of the focal length by `rules.std_refocused`; the last of
+        the motion's amplitudes belongs to it. `found` is the motion without it, with `weights` (n,) as in `resect`.
         """
         start, unit = np.append(found.amplitudes, 0.0), self.rules.std_refocused
         own = refine(views, weights, found.cam_from_ref, start)
@@ -63,23 +63,23 @@ class FocusWatch:
         explained = own.share >= views.settings.calm_share  # by one motion, where two seemed to be
         own = changed(own, second=None if explained else found.second)
         var = float(own.cov_amplitudes[-1, -1])
-        information = max(1 / var - 1, 1e-9)  # without that of σ = 1
+        information = max(1 / var - 1, 1e-9)  # without the prior of σ = 1
         shown = unit * float(own.amplitudes[-1]) / (var * information), unit**2 / information
         before = self.shown[-1][0] if self.moves else 0.0
-        if abs(shown[0] - before) > self.rules.most_refocused * unit:  # a body that moves, and no zoom
+        if abs(shown[0] - before) > self.rules.most_refocused * unit:  # a moving body, not a zoom
             return self.calm(), changed(found, amplitudes=start)
         if self.moves:
             return changed(self, shown=(*self.shown[-self.rules.rested_frames :], shown)), own
         square = shown[0] ** 2 / shown[1]
-        # the first frame after a start shows as well what the calibration has wrong
+        # the first frame after a start also shows the errors of the calibration
         if self.waiting and square > self.rules.refocused**2 * max(self.spread, 1.0):
             return changed(self, shown=(shown,), waiting=()), own
         return self._learnt(square), found
 
     def _learnt(self, square: float) -> "FocusWatch":
-        """Return the watch after a calm frame, which shows what is usual once as many more have been calm.
+        """Return the watch after a calm frame; it counts in `spread` only after `rested_frames` more calm frames.
 
-        What grows from frame to frame until it stands out would be usual by then.
+        Otherwise a slow change would pass as usual before it becomes visible.
         """
         waiting = (*self.waiting, square)
         if len(waiting) <= self.rules.rested_frames:
@@ -90,7 +90,8 @@ class FocusWatch:
 
     @property
     def rests_at(self) -> float | None:
-        """The change of the focal length that the latest frames have in common, once there are enough."""
+        """The change of the focal length that the latest frames agree on; None if it is not constant or frames are
+        few."""
         n, rests = self.rules.rested_frames, self.rules.rests
         if len(self.shown) < n:
             return None
@@ -104,10 +105,10 @@ class FocusWatch:
 
     @property
     def cov_axes(self) -> Array:
-        """What the change of the focal length so far adds to the covariance (6, 6) of the newest pose."""
+        """The covariance (6, 6) that the change of the focal length so far adds to the newest pose."""
         share = self.rested + (self.shown[-1][0] if self.moves else 0.0)
         return np.diag([0, 0, 0, 1, 1, 0]) * (self.rules.refocused_axes_rad * share) ** 2
 
     def calm(self, share: float = 0.0) -> "FocusWatch":
-        """Return the watch of a focal length that rests, after it has changed by such a share."""
+        """Return the watch once the focal length rests, after a relative change by `share`."""
         return changed(self, shown=(), rested=self.rested + share)

@@ -1,10 +1,11 @@
-"""The pose in the world that is reported: it goes on by the newest motion, and is drawn to the filter's pose.
+"""The reported pose in the world: it continues by the newest motion, and is pulled towards the filter's pose.
 
-With every frame the filter puts the frames before it elsewhere, too. The difference of two poses, each as it was
-reported in its own frame, has the newest motion's error and that change. So the reported pose leaves the change out at
-first, eq. (41a): it is where the newest motion leads from the pose reported before. What windows disagree in is renewed
-within the b frames of one, so of the difference from the filter's pose a share of 1/b is taken each frame; more where
-it is beyond half of the filter's own σ. What is left is known, and counts in the covariance. Nothing is fed back.
+With every frame the filter also moves the earlier frames. The difference of two poses, each as reported in its own
+frame, therefore contains the error of the newest motion and that change. So the reported pose leaves the change out at
+first, eq. (41a): it continues from the previously reported pose by the newest motion. The estimates of two windows that
+share no frame differ, so the difference from the filter's pose is reduced by 1/b in each frame, where b is the length
+of the window, and by more if it exceeds half of the filter's σ. The remaining difference is known and is added to the
+covariance. Nothing is fed back.
 """
 
 import numpy as np
@@ -15,7 +16,7 @@ from .marginals import Marginals
 
 
 def followed(before: Marginals, now: Marginals, previous_from_newest: Array, rules: WindowConfig) -> Marginals:
-    """Return the marginals `now` of the filter, with the newest pose and all that is seen from it as reported.
+    """Return the marginals `now` of the filter, moved to the reported pose together with the points seen from it.
 
     `before`: those reported in the previous frame; `previous_from_newest` (4, 4): the newest motion.
     """

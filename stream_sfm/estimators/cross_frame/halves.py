@@ -1,9 +1,9 @@
-"""By how much σ has to grow because errors of views last, measured from halves of the tracks, eq. (69b).
+"""The factor on σ for temporally correlated view errors, measured from halves of the tracks, eq. (69b).
 
-Given the modes of the prior, points are independent of each other. So are then the poses that two halves of the tracks
-lead to, each of which is one Newton step away from the common minimum. How far they are apart, in units of their
-σ, is known without any truth, and without a model of what lasts. There are two kinds of halves: even and odd
-tracks, and those first seen left and right of the image's middle, which show what neighbours have in common.
+Given the modes of the prior, points are independent of each other. So are the poses estimated from two halves of the
+tracks, each of which is one Newton step away from the common minimum. Their difference in units of its σ needs neither
+ground truth nor a model of the correlation. There are two kinds of halves: even and odd tracks, and tracks first seen
+left and right of the image centre, which show errors that neighbours share.
 """
 
 from contextlib import suppress
@@ -25,10 +25,10 @@ from .relative import apart_from_newest
 
 @record
 class SpanFactors:
-    """What is known of the factors over spans of 1 … b frames.
+    """The estimated factors for spans of 1 … b frames.
 
-    `squares` (2, b): means of δᵀC⁻¹δ/6 over the frames so far, of both kinds of halves; `frames` (2, b): how many were
-    looked at.
+    `squares` (2, b): means of δᵀC⁻¹δ/6 over the frames so far, of both kinds of halves; `frames` (2, b): the number of
+    frames in each mean.
     """
 
     squares: Array
@@ -37,20 +37,20 @@ class SpanFactors:
 
     @classmethod
     def unknown(cls, rules: WindowConfig) -> "SpanFactors":
-        """Return the first guess: errors do not last."""
+        """Return the first guess: errors are not correlated in time."""
         return cls(np.ones((2, rules.frames)), np.full((2, rules.frames), rules.halves_guess), rules)
 
     @property
     def by_span(self) -> Array:
-        """The factors (b,) on σ over 1 … b frames: 1 at least, and never falling with the span."""
+        """The factors (b,) on σ over 1 … b frames: at least 1, and never decreasing with the span."""
         return np.asarray(np.sqrt(np.maximum.accumulate(np.maximum(self.squares.max(axis=0), 1.0))))
 
     def asks_for(self, frame_index: int) -> bool:
-        """Whether this frame is to be looked at."""
+        """Whether halves are to be compared in this frame."""
         return frame_index % self.rules.halves_every == 0 or bool(self.frames.min() < self.rules.halves_memory)
 
     def after(self, found: Array) -> "SpanFactors":
-        """Return the knowledge after a frame with squares `found` (2, f) over its spans, NaN where there is none."""
+        """Return the factors after a frame with squares `found` (2, f) over its spans, NaN where there is none."""
         squares, frames = self.squares.copy(), self.frames.copy()
         known = np.zeros(squares.shape, bool)
         known[:, : found.shape[1]] = np.isfinite(found)
@@ -61,7 +61,8 @@ class SpanFactors:
 
 
 def squares_of_halves(of: Map, system: System, at: State, rules: WindowConfig) -> Array:
-    """Return δᵀC⁻¹δ/6 (2, f) over spans of 1 … f frames, of both kinds of halves; NaN where one knows too little.
+    """Return δᵀC⁻¹δ/6 (2, f) over spans of 1 … f frames, of both kinds of halves; NaN if a half does not determine the
+    poses.
 
     `system`: of a map, with the rig as it is, linearised at its state `at`.
     """
@@ -82,10 +83,10 @@ def _together(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Arr
 
 
 def _quarters(of: Map, at: State, rules: WindowConfig) -> NDArray[np.int64]:
-    """Return of which quarter points (P,) are: even on the left, even on the right, odd on the left, odd on the right.
+    """Return the quarter of each point (P,): even on the left, even on the right, odd on the left, odd on the right.
 
-    A point is where its anchor, the camera that first saw it, has it. Where tracks have even numbers only, or come from
-    one side of the image, their order and their median make the halves.
+    The side is that in the point's anchor, the camera that first saw it. If nearly all tracks have even or nearly all
+    have odd numbers, or come from one side of the image, the halves are made by their order or by the median.
     """
     p, x, least = of.projection, at.q[:, 0], rules.halves_least
     odd, right = at.ids % 2 == 1, p.f_px * x + p.cx_left_px > p.width / 2
@@ -97,13 +98,13 @@ def _quarters(of: Map, at: State, rules: WindowConfig) -> NDArray[np.int64]:
 
 
 def _poses_by(of: Map, system: System, at: State, quarters: NDArray[np.int64]) -> list[tuple[Array, Array]]:
-    """Return what quarters of the points say of the poses, given all modes: information (n, n), right side (n,)."""
+    """Return the normal equations of the poses by quarters of the points, given all modes: (n, n) and (n,) each."""
     found = core.poses_by_parts(of.projection, at, of.views, *system.by_points, quarters, 4)
     return list(zip(*found, strict=True))
 
 
 def _squares(from_newest: Array, one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
-    """Return δᵀC⁻¹δ/6 (f,) of two halves' information and right-hand sides; newest span first."""
+    """Return δᵀC⁻¹δ/6 (f,) from the information and right-hand sides of two halves; shortest span first."""
     roots = [Cholesky(information, repair=False).root for information, _ in (one, other)]
     steps = [root @ (root.T @ right) for root, (_, right) in zip(roots, (one, other), strict=True)]
     (apart,) = apart_from_newest(from_newest, np.column_stack([*roots, steps[0] - steps[1]]))

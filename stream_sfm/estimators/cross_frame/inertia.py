@@ -1,7 +1,7 @@
-"""Inertia in the window estimator: samples to intervals, predictions between frames, and the state that is reported.
+"""Inertia in the window estimator: samples to intervals, predictions between frames, and the reported state.
 
-Nothing has to be initialised: velocity, gravity and biases begin wide, in the first frame that has samples, and are
-linear in what the samples say. The map has them beside its world (`inertial_window.py`).
+No initialisation is needed: velocity, gravity and biases begin with a large σ in the first frame that has samples, and
+the samples are linear in them. The map estimates them together with its world (`inertial_window.py`).
 """
 
 import logging
@@ -32,11 +32,11 @@ _LEAST_STD_SCALE = 1e-6  # keeps its variance above rounding
 
 
 class NotTheCameraError(LostError):
-    """The images of a new map contradict the samples: they show a moving body."""
+    """The images of a new map contradict the samples, so they show a moving body."""
 
 
 class Inertia:
-    """All that an estimator knows by inertia between two frames. `now`: of the latest estimate; None before one."""
+    """The inertial knowledge of an estimator between frames; `now`: at the latest estimate, None before the first."""
 
     def __init__(self, config: Config) -> None:
         self._config, self._rig, self._rules = config.imu, config.rig, config.rules.inertia
@@ -48,31 +48,31 @@ class Inertia:
         self.now: Known | None = None
         self._agreement, self._densities = Agreement(self._rules), Densities.begun(self._rules)
         self._jitter = Jitter(self._rules)
-        self._noise_known = False  # by the samples themselves
+        self._noise_known = False  # from the samples themselves
         self._distance2, self._note = 0.0, ""
         self._frames = config.window.frames
-        self._led: tuple[tuple[Any, ...], Transition] | None = None  # the latest one, and what it is of
-        self._expected: tuple[Transition, ExpectedMotion] | None = None  # the latest one, by that transition
-        self._carried = False  # the state is from before the present map
-        self._unproven = False  # which no motion of the images has agreed with yet
-        self._anew: Known | None = None  # with which the state begins again in the next frame
+        self._led: tuple[tuple[Any, ...], Transition] | None = None  # the latest one, and its arguments
+        self._expected: tuple[Transition, ExpectedMotion] | None = None  # the latest one, from that transition
+        self._carried = False  # the state was begun before the current map
+        self._unproven = False  # no motion of the images has agreed with it yet
+        self._anew: Known | None = None  # the state begins again with this in the next frame
 
     @property
     def problem(self) -> str:
-        """Why samples cannot be used; empty where they can."""
+        """Why samples cannot be used; empty if they can."""
         return self._buffer.problem
 
     @property
     def is_trusted(self) -> bool:
-        """Whether the samples agreed with the images so far, so that the next ones are sought by them.
+        """Whether the samples have agreed with the images so far, so that they guide the search in the next images.
 
-        Where they have agreed for long, a single frame that they contradict shows a body.
+        Once they have agreed for long, a single contradicting frame shows a moving body.
         """
         agreement = self._agreement
         return not agreement.distrusted and (self._distance2 < self._rules.impossible or not agreement.is_young)
 
     def take(self, view: InertialView | None) -> None:
-        """Take the samples that have come with a frame, unless they are switched off; twice the same are taken once."""
+        """Add the samples that came with a frame, unless inertia is switched off; no sample is added twice."""
         if view is None or not self._config.enabled or view.samples is self._taken:
             return
         self._taken = view.samples
@@ -89,7 +89,7 @@ class Inertia:
             self.now = self._anew = None
 
     def begun(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Known | None:
-        """Return the state of a camera of which nothing is known by inertia; None without samples around it."""
+        """Return the initial state of a camera; None without samples around its stamp."""
         if self._calibration is None or self._buffer.problem:
             return None
         mean = self._buffer.mean_acceleration(stamp_ns)
@@ -105,7 +105,7 @@ class Inertia:
         return Known(stamp_ns, world_from_cam, state, joint)
 
     def begin(self, current: Map, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
-        """Give a map that has begun its inertial state: the one carried on, or one of which nothing is known."""
+        """Give a new map its inertial state: the predicted one, or else an initial one."""
         known = self.predicted(stamp_ns)
         self._carried = self._unproven = known is not None and not self._agreement.is_young
         if known is None:
@@ -118,18 +118,18 @@ class Inertia:
         self.now = known
 
     def forget(self) -> None:
-        """Know nothing by inertia any more: where the motion may have been a body's, its velocity leads nowhere."""
+        """Forget the state: if the motion may have been a body's, its velocity predicts nothing."""
         self.now = self._anew = None
 
     def predicted(self, stamp_ns: int) -> Known | None:
-        """Return pose and state at a later time, by the samples alone, eq. (81); None where they do not lead there."""
+        """Return pose and state at a later time, by the samples alone, eq. (81); None if samples are missing."""
         if self.now is not None and stamp_ns == self.now.stamp_ns and not self.problem:
             return self.now
         found = self.transition(stamp_ns)
         return None if found is None or self.now is None else self.now.carried(found, stamp_ns)
 
     def transition(self, stamp_ns: int) -> Transition | None:
-        """Return what leads from the latest state to a later time; None where samples do not lead there."""
+        """Return the transition from the latest state to a later time; None if samples are missing."""
         now, calibration = self.now, self._calibration
         if now is None or calibration is None or self._buffer.problem:
             return None
@@ -139,7 +139,7 @@ class Inertia:
         return self._leading(now.stamp_ns, stamp_ns, now, calibration.cam_from_imu)
 
     def _leading(self, first_ns: int, last_ns: int, now: Known, cam_from_imu: Array) -> Transition:
-        """Return what leads from a state over an interval, which a frame asks for several times."""
+        """Return the cached transition from a state over an interval, which each frame needs several times."""
         of = now, first_ns, last_ns, self._buffer.last_ns, self._densities, self._jitter
         if self._led is None or self._led[0] != of:
             interval = self._interval(first_ns, last_ns, now.state)
@@ -147,7 +147,7 @@ class Inertia:
         return self._led[1]
 
     def prediction(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
-        """Return pose and state later on, with further samples, which are not kept; None where none lead there."""
+        """Return pose and state at a later time with further samples, which are not kept; None if some are missing."""
         ahead = copy(self)
         ahead._buffer = self._buffer.copied()
         ahead.take(view)
@@ -165,7 +165,7 @@ class Inertia:
         return Interval.of(samples, calibration, state, self._densities.factors, self._jitter.var_interval)
 
     def enter(self, frame: WindowFrame, current: Map) -> None:
-        """Give a frame that is about to enter a map what the samples since the one before it say."""
+        """Give a frame that is about to enter a map the samples since the previous frame."""
         self._begin_late(current)
         window, now = current.inertia, self.now
         if window is not None and now is None:
@@ -174,7 +174,7 @@ class Inertia:
             return
         window.factors = self._densities.factors
         before = (current.frames[-1] if current.frames else current.reference).stamp_ns
-        if current.frames and not window.intervals[-1].complete:  # by now its samples have come
+        if current.frames and not window.intervals[-1].complete:  # its samples have arrived by now
             first = (current.frames[-2] if len(current.frames) > 1 else current.reference).stamp_ns
             window.intervals[-1] = self._interval(first, before, now.state)
         found = self._leading(before, frame.stamp_ns, now, window.cam_from_imu)
@@ -182,11 +182,11 @@ class Inertia:
         frame.velocity = (found if frame.interval.cov_gyro.any() else now).state[VELOCITY]
         self._note = frame.interval.note
         frame.turning = self._turning(frame.stamp_ns, now.state) if self.is_trusted else None
-        if current.first_views is not None and self.is_trusted:  # which move as later frames show better
+        if current.first_views is not None and self.is_trusted:  # later frames show their motion better
             current.reference.turning = self._turning(current.reference.stamp_ns, now.state)
 
     def _turning(self, stamp_ns: int, state: Array) -> Array | None:
-        """Return angular velocity and acceleration (2, 3) of points in the camera at a time, by the gyroscope."""
+        """Return angular velocity and acceleration (2, 3) of points in the camera at a time, from the gyroscope."""
         found = self._buffer.turning(stamp_ns, float(state[CLOCK][0]))
         if found is None or self._calibration is None:
             return None
@@ -194,7 +194,7 @@ class Inertia:
         return -np.stack([found[0] - state[GYRO_BIAS], found[1]]) @ mounted.T
 
     def _begin_late(self, current: Map) -> None:
-        """Begin the state of a map in its newest camera: anew after a contradiction, or because samples come late."""
+        """Begin the state of a map in its newest camera, after a contradiction or if samples started late."""
         begun, self._anew, calibration = self._anew, None, self._calibration
         if current.inertia is None and not self.problem:
             newest = (current.frames[-1] if current.frames else current.reference).stamp_ns
@@ -207,10 +207,9 @@ class Inertia:
             self.now = begun
 
     def judge(self, motion: Resection, frame: WindowFrame) -> Resection:
-        """Compare the motion of the images with that of the samples, eq. (85); where they do not agree, either of them
-        may be the camera's.
+        """Compare the motions from images and samples, eq. (85); if they disagree, either may be the camera's.
 
-        Raises NotTheCameraError where the map is new and the samples are not.
+        Raises NotTheCameraError if the map is new and the samples are not.
         """
         now = self.now
         if frame.interval is None or now is None:
@@ -234,7 +233,7 @@ class Inertia:
             raise NotTheCameraError("the images of a new map contradict the samples: they may show a moving body")
         self._distance2 = distance2
         self._agreement = self._agreement.after(distance2, frame.interval.seconds, turns)
-        # this one may be wrong, whatever the others say
+        # this interval may be wrong, even if the others agree
         if self._agreement.contradicts or distance2 > self._rules.impossible:
             frame.interval = frame.interval.open()
         if not (self._agreement.contradicts or (self._agreement.distrusted and self._agreement.is_young)):
@@ -245,11 +244,11 @@ class Inertia:
         return replace(motion, second=other)
 
     def expected_motion(self, stamp_ns: int) -> ExpectedMotion | None:
-        """Return the motion since the latest estimate that the samples up to a stamp predict."""
+        """Return the motion from the latest estimate to a stamp, predicted by the samples."""
         now, calibration, found = self.now, self._calibration, self.transition(stamp_ns)
         if now is None or calibration is None or found is None:
             return None
-        if self._expected is not None and self._expected[0] is found:  # a frame asks twice
+        if self._expected is not None and self._expected[0] is found:  # each frame needs it twice
             return self._expected[1]
         cov = now.cov.copy()
         cov[JOINT["pose"]], cov[:, JOINT["pose"]] = 0.0, 0.0
@@ -263,7 +262,7 @@ class Inertia:
         return expected
 
     def dead_reckoned(self, stamp_ns: int) -> InertialEstimate | None:
-        """Return the state at a time at which no image tells the pose; None where σ does not allow to report one."""
+        """Return the state at a time without a pose from images; None if its σ is too large to report it."""
         known = self.predicted(stamp_ns)
         if known is None:
             return None
@@ -273,10 +272,10 @@ class Inertia:
         return replace(inertial_estimate(known, self._densities.factors), dead_reckoned=True)
 
     def report(self, current: Map, read_off: Map) -> tuple[Known | None, InertialEstimate | None]:
-        """Read the newest pose and state off two maps, what may be exactly zero by its odds; None without inertia.
+        """Return the newest pose and state, with zero for improbable errors; None without inertia.
 
-        The mean is that of the map that estimates are `read_off`, the covariance is the filter's, as of all that is
-        carried on.
+        The mean is that of the map `read_off`, from which estimates are reported; the covariance is that of the filter,
+        `current`.
         """
         window = current.inertia
         if window is None:
@@ -298,7 +297,7 @@ class Inertia:
         is_wrong = impossible(known.state, known.cov_state, self._rules)
         if is_wrong or (
             self._agreement.contradicts and self._agreement.is_young
-        ):  # forget what came from a wrong motion
+        ):  # forget a state from a wrong motion
             self._agreement = self._agreement.anew()
             self._anew = self.begun(stamp_ns, known.world_from_cam, known.cov_pose)
         note = "; ".join(filter(None, [self._agreement.note, self._note]))
@@ -306,7 +305,7 @@ class Inertia:
         return known, estimate
 
     def placed(self, estimate: InertialEstimate | None, world_from_cam: Array) -> InertialEstimate | None:
-        """Put the latest pose where it is reported; what it moves by is known, and counts in its covariance."""
+        """Move the latest pose to the reported one; the move is a known error, and is added to its covariance."""
         if self.now is None or estimate is None:
             return estimate
         by = se3.log(se3.inverse(world_from_cam) @ self.now.world_from_cam)
@@ -316,10 +315,11 @@ class Inertia:
         return replace(estimate, cov=cov)
 
     def _with_odds(self, known: Known, cov: Array) -> Known:
-        """Return pose and state where scale, axes and clock are as probable, eq. (87).
+        """Return pose and state at the probable scale, axes and clock, eq. (87).
 
-        `known` is given the rig's errors, which are held; `cov` (23, 23) is not. What both scale and rig do to a pose
-        is the rig's as long as these are held, so the pose moves by the covariances given them.
+        `known` is conditional on the rig's errors, which are held; `cov` (23, 23) is not. While these are held, the
+        effect on the pose that scale and rig have in common is attributed to the rig, so the pose moves by the
+        conditional covariances.
         """
         apart = likely(known.state, cov[JOINT["state"], JOINT["state"]], self._std_fixed, self._rig)
         apart -= known.state[FIXED]
@@ -327,12 +327,12 @@ class Inertia:
         moved = known.cov[:, at] @ np.linalg.solve(known.cov[at, at], apart)
         state = known.state + moved[JOINT["state"]]
         pose = se3.orthonormalise(known.world_from_cam @ se3.exp(moved[JOINT["pose"]]))
-        cov = symmetric(cov + np.outer(moved, moved))  # of the fixed ones about where they are put
+        cov = symmetric(cov + np.outer(moved, moved))  # the squared moves of the fixed parameters are added
         return Known(known.stamp_ns, pose, state, cov)
 
 
 def inertial_estimate(known: Known, factors: Array, distance2: float = 0.0, note: str = "") -> InertialEstimate:
-    """Return what is reported of a state."""
+    """Return the reported form of a state."""
     s = known.state
     return InertialEstimate(
         *(s[VELOCITY], s[GRAVITY], s[GYRO_BIAS], s[ACCEL_BIAS], float(s[SCALE][0]), s[AXES], float(s[CLOCK][0])),
@@ -342,7 +342,7 @@ def inertial_estimate(known: Known, factors: Array, distance2: float = 0.0, note
 
 
 class TakesSamples:
-    """What every estimator does that takes inertial samples; see `InertialEstimator`."""
+    """The methods of every estimator that uses inertial samples; see `InertialEstimator`."""
 
     inertia: Inertia
 
@@ -357,11 +357,11 @@ class TakesSamples:
         return self.inertia.expected_motion(stamp_ns) if self.inertia.is_trusted else None
 
     def predict(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
-        """Return pose and state at a later time by inertial samples."""
+        """Return pose and state at a later time, predicted by inertial samples."""
         return self.inertia.prediction(stamp_ns, view)
 
     def by_inertia_if_lost(self, solution: Solution, stamp_ns: int) -> Solution:
-        """Return the solution of a frame, or where it is lost what inertia makes of it, if σ allows to report it."""
+        """Return the solution of a frame; if it is lost, dead-reckoned by inertia as long as σ is small enough."""
         if solution.status != Status.LOST or solution.inertial is not None:
             return solution
         by_inertia = self.inertia.dead_reckoned(stamp_ns)
@@ -372,14 +372,14 @@ class TakesSamples:
 
 
 class InertialMotionModel(MotionModel):
-    """The motion model where there are inertial samples: these predict, where they lead to the time asked for."""
+    """The motion model with inertial samples, which predict if they reach the requested time."""
 
     def __init__(self, config: Config, inertia: Inertia) -> None:
         super().__init__(config.motion)
         self._inertia = inertia
 
     def predict(self, stamp_ns: int) -> tuple[Array, Array]:
-        """Predict pose (4, 4) and covariance (6, 6), eq. (81), else as a motion model does."""
+        """Predict pose (4, 4) and covariance (6, 6) by samples, eq. (81), or else as `MotionModel` does."""
         known = self._inertia.predicted(stamp_ns) if self.started else None
         if known is None:
             return super().predict(stamp_ns)

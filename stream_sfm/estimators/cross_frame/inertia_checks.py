@@ -1,6 +1,6 @@
-"""What keeps inertia from harm: whether it and the images agree, how large its noise is, and what is exactly zero.
+"""Checks of inertia: whether it agrees with the images, how large its noise is, and which errors are exactly zero.
 
-Each of them is asked from the first frame on. Equations (85) to (87).
+All checks run from the first frame on, eqs. (85) to (87).
 """
 
 from itertools import product
@@ -15,18 +15,22 @@ from ...inertial.state import ACCEL_BIAS, FIXED, GRAVITY, GRAVITY_M_S2
 from ...record import changed, record
 from ...types import ExpectedMotion
 
-_EXPECTED = 6.0  # squared distance of the motions of one frame
+_EXPECTED = 6.0  # squared distance of the two motions of a frame
 _DEGREES = 180 / np.pi
 _SIZES = (1, 3, 1)  # of scale, axes and clock
-_THERE = np.array(list(product((0.0, 1.0), repeat=len(_SIZES))))  # what is not zero: all combinations
+_THERE = np.array(list(product((0.0, 1.0), repeat=len(_SIZES))))  # which errors are not zero: all combinations
 _ROWS = np.repeat(_THERE, _SIZES, axis=1)
 
 
 @record
 class Agreement:
-    """Whether the motions of images and samples agree: squared `distances2` of the latest frames, for how long they
-    have agreed, whether they have contradicted each other and not agreed for long since, and whether they never have.
-    `usual`: the distance lately; `log_ratio`: of how far gyroscope and images turn, smoothed."""
+    """Whether the motions from images and samples agree.
+
+    `distances2`: the squared distances of the latest frames; `agreed_s`: the time for which they have agreed;
+    `distrusted`: there was a contradiction, and they have not agreed for long since; `is_young`: they have never agreed
+    for long. `usual`: the recent mean of the squared distance; `log_ratio`: smoothed logarithm of the ratio of the
+    rotations by gyroscope and by images.
+    """
 
     rules: InertiaRules
     distances2: tuple[float, ...] = ()
@@ -37,7 +41,7 @@ class Agreement:
     usual: float = _EXPECTED
 
     def after(self, distance2: float, seconds: float, turns_rad: tuple[float, float]) -> "Agreement":
-        """Return it after a frame whose motions are so far apart; turns by gyroscope and by images."""
+        """Return it after a frame with this squared distance; `turns_rad`: rotations by gyroscope and by images."""
         rules = self.rules
         latest = (*self.distances2, min(distance2, rules.impossible))[-rules.frames :]
         contradicts = sum(latest) > self.bound
@@ -52,7 +56,7 @@ class Agreement:
 
     @property
     def bound(self) -> float:
-        """The sum of the latest squared distances beyond which there is a contradiction."""
+        """The largest sum of the latest squared distances without a contradiction."""
         return min(self.rules.bound * max(1.0, self.usual / _EXPECTED), self.rules.largest_bound)
 
     @property
@@ -61,12 +65,12 @@ class Agreement:
         return sum(self.distances2) > self.bound
 
     def anew(self) -> "Agreement":
-        """Return it for a state that begins again: the images are not trusted until both agree."""
+        """Return it for a state that begins again: neither samples nor images are trusted until both agree."""
         return Agreement(self.rules, distrusted=True, log_ratio=self.log_ratio)
 
     @property
     def note(self) -> str:
-        """What is said about it."""
+        """The note for the estimate; empty without a contradiction."""
         if not (self.contradicts or (self.distrusted and self.is_young)):
             return ""
         if abs(self.log_ratio - np.log(_DEGREES)) < 0.5:
@@ -79,9 +83,10 @@ class Agreement:
 def distance2_of(
     expected: ExpectedMotion, cam_from_previous: Array, cov: Array, std_slide_rad: float
 ) -> tuple[float, float, float]:
-    """Return the squared distance of a motion (4, 4) from the expected one, and by which time they are apart.
+    """Return the squared distance of a motion (4, 4) from the expected one, and their difference in time.
 
-    `cov` (6, 6): of the inverse motion. The time, s, is that by which the camera has moved on, with its variance, s².
+    `cov` (6, 6): of the inverse motion. The time, s, is that in which the camera moves by the difference; its variance,
+    s², comes last.
     """
     apart = se3.log(se3.inverse(expected.previous_from_cam) @ se3.inverse(cam_from_previous))
     both = expected.cov + cov
@@ -93,7 +98,7 @@ def distance2_of(
 
 
 def impossible(state: Array, cov: Array, rules: InertiaRules) -> bool:
-    """Whether a state (17,) with `cov` (17, 17) cannot be, so that it has begun with a wrong motion, eq. (85)."""
+    """Whether a state (17,) with `cov` (17, 17) is impossible, so that it began with a wrong motion, eq. (85)."""
     bias, gravity = state[ACCEL_BIAS], state[GRAVITY]
     if bias @ bias > rules.far_bias * rules.std_accel_bias_m_s2**2 + rules.far_bias * np.trace(
         cov[ACCEL_BIAS, ACCEL_BIAS]
@@ -108,10 +113,9 @@ def impossible(state: Array, cov: Array, rules: InertiaRules) -> bool:
 class Densities:
     """Factors on the noise densities of gyroscope and accelerometer, and on slides, from their residuals, eq. (86).
 
-    `squares`, `shares` (3,): sums of weighted squared residuals in units of what the data sheet says, and of what they
-    should be. `plain` (3, 2): the same without weights: samples whose noise is counted far too small leave the images
-    no say, so that all weights are small. `sheet` (3,): what `squares` are per share before any residual. `factors`
-    (3,): what follows from these.
+    `squares`, `shares` (3,): sums of weighted squared residuals in units of the data sheet, and of their expected
+    values. `plain` (3, 2): both without weights, as all weights are small if the noise of the samples is assumed far
+    too small. `sheet` (3,): `squares` per share before any residual. `factors` (3,): the resulting factors.
     """
 
     rules: InertiaRules
@@ -123,18 +127,18 @@ class Densities:
 
     @classmethod
     def of(cls, rules: InertiaRules, squares: Array, shares: Array, plain: Array, sheet: Array) -> "Densities":
-        """Return them with the factors that these sums lead to."""
+        """Return the densities with the factors from these sums."""
         known, at_least = squares / shares, plain[:, 0] / plain[:, 1]
-        at_least[2] = 0.0  # of slides: what the gyroscope shows alone
+        at_least[2] = 0.0  # of slides: only the gyroscope shows them
         likely = np.where(at_least > 1, np.maximum(known, at_least), known)
         factors = np.clip(np.sqrt(likely), rules.least_factor, rules.most_factor)
         return cls(rules, squares, shares, plain, sheet, factors)
 
     @classmethod
     def begun(cls, rules: InertiaRules, noise: Array | None = None) -> "Densities":
-        """Return those of the data sheet, or as much larger as samples differ from their neighbours, `noise` (2,).
+        """Return the densities of the data sheet, or larger ones by the `noise` (2,) between neighbouring samples.
 
-        Not smaller: units that smooth their samples hide noise from this.
+        They are never smaller, as IMUs that smooth their samples hide noise from this test.
         """
         sheet = np.ones(3)
         if noise is not None:
@@ -143,10 +147,10 @@ class Densities:
         return cls.of(rules, counts * sheet, counts, np.full((3, 2), rules.little), sheet)
 
     def after(self, surprise: Array) -> "Densities":
-        """Return them after an interval with a `surprise` (3, 4), as in `InertialWindow.learn`."""
+        """Return the densities after an interval with a `surprise` (3, 4), as in `InertialWindow.learn`."""
         keep = 1 - 1 / self.rules.remembered
         counts = (1 - keep) * self.rules.data_sheet
-        in_units = self.factors**2  # that residuals are weighted by
+        in_units = self.factors**2  # the units that residuals are weighted with
         squares = keep * self.squares + counts * self.sheet + surprise[:, 0] * in_units
         shares = keep * self.shares + counts + surprise[:, 1]
         plain = keep * self.plain + np.stack([surprise[:, 2] * in_units, surprise[:, 3]], axis=1)
@@ -155,12 +159,12 @@ class Densities:
 
 @record
 class Jitter:
-    """By how much the stamps of images err, each by itself, eq. (86a).
+    """Independent errors of the stamps of images, eq. (86a).
 
-    Images and samples are then apart by a time in each frame, and in the next one by as much in the other direction.
-    `products`: the sum of the negative products of such times in neighbouring frames, s², less what the noise of images
-    adds; `count`: the number of these. `late_s`: this time in the latest frame, with its variance `var_s2` by that
-    noise; None where the camera moves too little to tell.
+    An error of one stamp makes images and samples differ by a time in one interval, and by the opposite time in the
+    next. `products`: the sum of the negative products of these times in neighbouring frames, s², less the part from the
+    noise of images; `count`: the number of products. `late_s`: the time in the latest frame, with its variance `var_s2`
+    from that noise; None if the camera moves too little to measure it.
     """
 
     rules: InertiaRules
@@ -170,7 +174,7 @@ class Jitter:
     var_s2: float = 0.0
 
     def after(self, late_s: float, var_s2: float) -> "Jitter":
-        """Return it after a frame."""
+        """Return the jitter after a frame."""
         most_s2 = self.rules.tells_jitter_s**2
         if not var_s2 < most_s2:
             return changed(self, late_s=None)
@@ -187,10 +191,10 @@ class Jitter:
 
 
 def likely(state: Array, cov: Array, std: Array, rig: RigConfig) -> Array:
-    """Return scale, axes and clock (5,), each of which may be exactly zero, and is where that is likelier, eq. (87).
+    """Return scale, axes and clock (5,), each of which is exactly zero if that is likelier, eq. (87).
 
-    From their state (17,), covariance (17, 17), and σ (5,) beforehand. The odds are those of the rig: errors of views
-    that last look like wrong scale, axes or clock.
+    `state` (17,) with `cov` (17, 17) contains them; `std` (5,): their σ before any sample. The odds are those of the
+    rig, as temporally correlated view errors look like a wrong scale, axes or clock.
     """
     mean, own = state[FIXED], cov[FIXED, FIXED]
     scaled = own / np.outer(std, std)
@@ -199,7 +203,7 @@ def likely(state: Array, cov: Array, std: Array, rig: RigConfig) -> Array:
     information = information - np.eye(5)
     values, axes = np.linalg.eigh(0.5 * (information + information.T))
     information = (axes * np.maximum(values, 0.0)) @ axes.T
-    weighted = _ROWS * weighted  # all at once, with zeros for what is not there
+    weighted = _ROWS * weighted  # all combinations at once, with zeros for absent errors
     information = _ROWS[:, :, None] * information * _ROWS[:, None, :]
     counted = np.eye(5) + rig.counts * information
     log_odds = (
@@ -210,5 +214,5 @@ def likely(state: Array, cov: Array, std: Array, rig: RigConfig) -> Array:
     means = np.linalg.solve(np.eye(5) + information, weighted[..., None])[..., 0]
     weights = np.exp(log_odds - log_odds.max())
     weights /= weights.sum()
-    probable = 2 - 1 / np.maximum(weights @ _THERE, 0.5)  # none unless it is likelier there than not
+    probable = 2 - 1 / np.maximum(weights @ _THERE, 0.5)  # zero unless the error is likelier present than absent
     return np.asarray(np.repeat(probable, _SIZES) * (weights @ means) * std)

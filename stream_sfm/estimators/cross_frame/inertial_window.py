@@ -1,8 +1,9 @@
-"""What inertia adds to a map: the velocities and slides of its window, eliminated, and what they say of all else.
+"""The inertial part of a map: the velocities and slides of its window, eliminated from its normal equations.
 
-A slide is a turn that patches feign which slide alike, eq. (17a); the images show the camera's rotation with it, the
-gyroscope without. So poses of the window are those that the images show, and camera k is really at Exp(τ_k) X_k, with
-τ_k the sum of the slides δ up to k, each about its own camera. Velocities and slides stand in inertial rows only.
+A slide is an apparent rotation from patches that slide alike, eq. (17a). The images show the camera's rotation with it,
+the gyroscope without it. So poses of the window are those that the images show, and the true pose of camera k is
+Exp(τ_k) X_k, with τ_k the sum of the slides δ up to k, each about its own camera. Velocities and slides occur in
+inertial rows only.
 """
 
 import numpy as np
@@ -17,13 +18,13 @@ from .layout import Layout, layout
 from .normal_equations import System
 
 _LEAST_SLIDE_RAD = 1e-7
-_OWN_SLIDE = np.eye(6)[:, 3:]  # how the pose of a frame moves with a slide that begins in it
+_OWN_SLIDE = np.eye(6)[:, 3:]  # Jacobian of the pose of a frame by its own slide
 
 
 class InertialWindow:
     """Intervals, velocities (F, 3) and slides (F, 3) of the frames in the window, in their order.
 
-    `factors` (3,): on the noise densities, and on the slides.
+    `factors` (3,): on the noise densities of gyroscope and accelerometer, and on σ of the slides.
     """
 
     def __init__(self, cam_from_imu: Array, factors: Array, rules: InertiaRules, knows_gravity: bool) -> None:
@@ -38,12 +39,12 @@ class InertialWindow:
 
     @property
     def _local(self) -> Layout:
-        """Where the unknowns of the window that no view sees are."""
+        """The layout of the unknowns of the window that no view depends on."""
         return layout(slides=3 * len(self.intervals), velocities=3 * len(self.intervals))
 
     def _clear(self) -> None:
         f = len(self.intervals)
-        self._lead = np.zeros((6 * f, 3 * f))  # of poses by slides
+        self._lead = np.zeros((6 * f, 3 * f))  # Jacobian of poses by slides
         self._cov_local, self._gain = np.zeros((6 * f, 6 * f)), np.zeros((6 * f, 6 * f + STATE))
         self._g_local = np.zeros(6 * f)
 
@@ -55,22 +56,22 @@ class InertialWindow:
         self._std_slides = np.append(self._std_slides, max(self.factors[2] * std_slide_rad, _LEAST_SLIDE_RAD))
 
     def drop_oldest(self) -> None:
-        """Take the oldest frame out."""
+        """Remove the oldest frame."""
         self.intervals.pop(0)
         self.velocities, self.slides, self._std_slides = self.velocities[1:], self.slides[1:], self._std_slides[1:]
 
     def true_cams(self, cams_from_ref: Array) -> Array:
-        """Return the cameras (F, 4, 4) where they are, without what slides feign."""
+        """Return the true poses (F, 4, 4) of the cameras, without the slides."""
         return self._leads(cams_from_ref)[1]
 
     def _leads(self, cams_from_ref: Array) -> tuple[Array, Array]:
-        """Return `_lead` and the cameras where they are, which a frame asks for several times."""
+        """Return `_lead` and the true poses of the cameras, cached, as each frame needs them several times."""
         if self._led[0] is not cams_from_ref or self._led[1] is not self.slides:
             self._led = cams_from_ref, self.slides, core.slide_leads(cams_from_ref, self.slides)
         return self._led[2]
 
     def _all_intervals(self) -> Intervals:
-        """Return the intervals as arrays, which a frame asks for several times."""
+        """Return the intervals as arrays, cached, as each frame needs them several times."""
         stacked = self._stacked
         if stacked is None or stacked[0] != self.intervals or stacked[1] is not self.factors:
             stacked = self._stacked = (
@@ -81,7 +82,7 @@ class InertialWindow:
         return stacked[2]
 
     def linearise(self, cams_from_ref: Array, state: Array) -> tuple[Array, Array]:
-        """Return information (6F + 17, …) about poses and state and the right-hand side, the rest eliminated, (82)."""
+        """Return information (6F + 17, …) and right-hand side of poses and state, the rest eliminated, eq. (82)."""
         f = len(self.intervals)
         self._lead, true_cams = self._leads(cams_from_ref)
         residual, shared, local = core.inertial_rows(
@@ -102,7 +103,7 @@ class InertialWindow:
         )
 
     def follow(self, dposes: Array, dstate: Array) -> None:
-        """Move velocities and slides by what poses (F, 6) and state (17,) do; their own step is made once."""
+        """Move velocities and slides with steps of poses (F, 6) and state (17,); their own step is made only once."""
         f = len(self.intervals)
         step = self._cov_local @ self._g_local
         step = step + self._gain @ np.concatenate([dposes.ravel(), dstate])
@@ -111,7 +112,7 @@ class InertialWindow:
         self.velocities = self.velocities + step[self._local["velocities"]].reshape(-1, 3)
 
     def leaving(self, cam_from_ref: Array, state: Array, cov_gravity: Array) -> Leaving:
-        """Return what the oldest interval says, with the slide of its frame, for the prior to absorb."""
+        """Return the information of the oldest interval and of the slide of its frame, which the prior absorbs."""
         slide, velocity = self.slides[0], self.velocities[0]
         cam = se3.exp(np.concatenate([np.zeros(3), slide])) @ cam_from_ref
         residual, *both = self._oldest_rows(cam, Intervals.of(self.intervals[:1], self.factors), state)
@@ -130,12 +131,11 @@ class InertialWindow:
         return Leaving(h, g, slide, velocity, self.intervals[0].std_walk)
 
     def _oldest_rows(self, true_cam: Array, oldest: Intervals, state: Array) -> tuple[Array, Array, Array]:
-        """Return residual (9,) and Jacobians of the oldest interval, as `core.inertial_rows` does."""
+        """Return residual (9,) and Jacobians of the oldest interval, as in `core.inertial_rows`."""
         return core.inertial_rows(oldest, true_cam[None], _OWN_SLIDE, self.velocities[:1], state, self.cam_from_imu)
 
     def true_poses(self, system: System) -> tuple[Array, Array]:
-        """Return a root (6F, n + 3F) of the covariance of the true poses given the rig's errors, and how they move with
-        these (6F, m)."""
+        """Return a root (6F, n + 3F) of the covariance of true poses given the rig's errors, and ∂ by these (6F, m)."""
         f, modes, of = len(self.intervals), system.prior.world_modes[JOINT["state"]], system.prior.of_modes
         of_own, of_rig = modes[:, of["own"]], modes[:, of["rig"]]
         poses, at = system.at["poses"], system.at["modes"]
@@ -149,7 +149,7 @@ class InertialWindow:
         return np.concatenate([root, left], axis=1), by_rig
 
     def newest_mean(self, world_from_ref: Array, cams: Array, state: Array) -> tuple[Array, Array]:
-        """Return pose (4, 4) and state (17,) of the newest camera; arguments as of `newest`."""
+        """Return pose (4, 4) and state (17,) of the newest camera; arguments as in `newest`."""
         x, now = self._newest_true_cam(cams), state.copy()
         now[GRAVITY] = x[:3, :3] @ state[GRAVITY]
         if self.intervals:
@@ -164,14 +164,14 @@ class InertialWindow:
     ) -> tuple[Known, Array]:
         """Return pose and state of the newest camera with their joint covariance given the rig's errors, eq. (84).
 
-        And how both move with these, (23, m). `cams` (F, 4, 4): as the images show them; none where the newest camera
-        is the reference.
+        The second result (23, m) is the Jacobian of both by these errors. `cams` (F, 4, 4): poses as the images show
+        them; none if the newest camera is the reference.
         """
         f, of_modes, of = len(self.intervals), system.prior.world_modes, system.prior.of_modes
         at = layout(poses=6 * f, world=6, state=STATE)
         x = self._newest_true_cam(cams)
         pose, now = self.newest_mean(world_from_ref, cams, state)
-        # the rest is what velocities and slides have of their own
+        # `rest` belongs to the independent parts of velocities and slides
         rows, rest = np.zeros((JOINT.size, at.size)), np.zeros((JOINT.size, 6 * f))
         rows[JOINT["pose"], at["world"]] = se3.adjoint(x)
         rows[JOINT["state"], at["state"]] = np.eye(STATE)
@@ -200,10 +200,11 @@ class InertialWindow:
         return Known(stamp_ns, pose, now, symmetric(cov)), by_rig
 
     def learn(self, system: System, cams_from_ref: Array, state: Array) -> None:
-        """Compare the residuals of the oldest interval with what they should be, diag(I − J Σ Jᵀ) of its own rows.
+        """Compare the residuals of the oldest interval with their expected squares, diag(I − J Σ Jᵀ) of its own rows.
 
-        Kept in `surprise`, of gyroscope, accelerometer and slides: sums of squared residuals, weighted by that, and of
-        its squares, and both without these weights. Where it is small, a residual shows the noise of the images.
+        `surprise` keeps for gyroscope, accelerometer and slides: the sums of squared residuals weighted by these
+        expected squares, of the squared weights, of the squared residuals without weights, and of the weights. If the
+        expected square is small, a residual shows the noise of the images.
         """
         f = len(self.intervals)
         if self.intervals[0].opened > 1 or not self.intervals[0].complete:
@@ -233,8 +234,7 @@ class InertialWindow:
 
 
 def _of_system(system: System, by_poses: Array, by_modes: Array) -> Array:
-    """Return rows by poses (r, 6F) and by modes (r, k) as rows by all variables of a system; what frames have of their
-    own is between them."""
+    """Return rows by poses (r, 6F) and by modes (r, k) as rows by all variables of a system, with zeros in between."""
     own = system.at["own"]
     between = np.zeros((len(by_poses), own.stop - own.start))
     return np.concatenate([by_poses, between, by_modes], axis=1)

@@ -14,20 +14,22 @@ from ...inertial.state import ACCEL_BIAS, AXES, BIASES, CLOCK, GRAVITY, GYRO_BIA
 from ...record import changed, filled, record
 from .layout import Layout
 
-# A pose, perturbed as (translation, rotation), with the state: of the world in the prior, of a camera in `Known`.
+# A pose, perturbed as (translation, rotation), and the state: of the world in the prior, of a camera in `Known`.
 JOINT = Layout(pose=6, state=STATE)
-# What `Leaving` has information about.
+# The variables that `Leaving` has information about.
 OF_LEAVING = Layout(pose=6, state=STATE, slide=3, velocity=3)
-# Variances where nothing is measured: of a turn, a velocity, and a displacement within an interval.
+# Variances without a measurement: of a rotation, a velocity, and a displacement within an interval.
 _UNKNOWN = np.repeat([4.0, 400.0, 400.0], 3)
 _LEAST = np.repeat([1e-14, 1e-12, 1e-14], 3)
 
 
 @record
 class Interval:
-    """What `core.preintegrate` gives, between stamps of which the later one is `end_ns`, at `biases` (6,) and a time
-    offset `clock`; `std_walk` (6,): of the biases meanwhile; `complete`: whether all samples were there; `by_time`
-    (9,): what an error of its length does to it, and `var_time`, s², the variance of that."""
+    """The result of `core.preintegrate` between two stamps, at `biases` (6,) and a time offset `clock`.
+
+    `std_walk` (6,): σ of the random walk of the biases; `complete`: whether all samples were there; `by_time` (9,): the
+    derivative by the length of the interval, and `var_time`, s²: the variance of this length.
+    """
 
     rotation: Array
     motion: Array
@@ -49,7 +51,7 @@ class Interval:
     def of(
         cls, samples: Samples, calibration: ImuCalibration, state: Array, factors: Array, var_time: float = 0.0
     ) -> "Interval":
-        """Preintegrate samples at the biases and the clock of a state (17,); `factors` (3,): on the densities."""
+        """Preintegrate samples at the biases and the clock of a state (17,); `factors` (3,): on the noise densities."""
         of = calibration
         parts = core.preintegrate(
             *(samples.seconds, samples.gyro, samples.accel, samples.widened, state[BIASES]),
@@ -75,12 +77,12 @@ class Interval:
         )  # fmt: skip
 
     def open(self) -> "Interval":
-        """Return the interval with what it says counting for nearly nothing."""
-        return changed(self, opened=1e4)  # on its variance
+        """Return the interval with nearly no information."""
+        return changed(self, opened=1e4)  # factor on its variance
 
 
 class Intervals(NamedTuple):
-    """Intervals (n) in a row, as `core.inertial_rows` takes them: arrays of what each `Interval` has."""
+    """Consecutive intervals (n) as arguments of `core.inertial_rows`: the fields of `Interval` as arrays."""
 
     rotation: Array
     motion: Array
@@ -93,7 +95,7 @@ class Intervals(NamedTuple):
 
     @property
     def oldest(self) -> "Intervals":
-        """The first one alone."""
+        """The oldest interval alone."""
         return Intervals(*(of_all[:1] for of_all in self))
 
     @classmethod
@@ -119,7 +121,7 @@ class Intervals(NamedTuple):
 @record
 class Leaving:
     """The information about a leaving frame: `h` (n, n) and `g` (n,) of its pose (6), the state of the reference (17),
-    its slide (3) and its velocity (3); the present `slide` and `velocity`, and σ of the walk of the biases (6,)."""
+    its slide (3) and its velocity (3); the current `slide` and `velocity`, and σ of the walk of the biases (6,)."""
 
     h: Array
     g: Array
@@ -130,7 +132,7 @@ class Leaving:
 
 @record
 class Known:
-    """Pose, state (17,) of a camera, and their joint covariance (23, 23), at a stamp."""
+    """Pose and state (17,) of a camera at a stamp, and their joint covariance (23, 23)."""
 
     stamp_ns: int
     world_from_cam: Array
@@ -156,10 +158,10 @@ class Known:
 
 @record
 class Transition:
-    """How the samples of an `interval` lead from one pose and state to the next, eq. (81).
+    """The step from one pose and state to the next by the samples of an `interval`, eq. (81).
 
-    That is the motion `previous_from_now` (4, 4), the new `state` (17,), and of both together the linear `rows`
-    (23, 23) and the noise `cov` (23, 23).
+    It consists of the motion `previous_from_now` (4, 4) and the new `state` (17,), and of the Jacobian `rows` (23, 23)
+    and the noise `cov` (23, 23) of both together.
     """
 
     previous_from_now: Array
@@ -170,7 +172,7 @@ class Transition:
 
 
 def _by_time(samples: Samples, cam_from_imu: Array, state: Array, parts: core.Preintegrated) -> Array:
-    """Return what an error of the length of an interval does to (rotation, velocity, position), per second, (80)."""
+    """Return the derivative of (rotation, velocity, position) by the length of an interval, per second, eq. (80)."""
     to_imu = (cam_from_imu @ se3.exp_so3(state[AXES])).T
     seconds, (dv, _) = float(samples.seconds[-1] - samples.seconds[0]), parts.motion
     force = parts.rotation @ (samples.accel[-1] - state[ACCEL_BIAS])
@@ -179,12 +181,12 @@ def _by_time(samples: Samples, cam_from_imu: Array, state: Array, parts: core.Pr
 
 
 def _of_time(intervals: Sequence[Interval]) -> Array:
-    """Return the covariances (n, 9, 9) of intervals by errors of their lengths."""
+    """Return the covariances (n, 9, 9) of intervals from errors of their lengths."""
     roots = np.array([np.sqrt(i.var_time) * i.by_time for i in intervals])
     return np.asarray(roots[:, :, None] * roots[:, None, :])
 
 
 def transition(state: Array, interval: Interval, factors: Array, cam_from_imu: Array) -> Transition:
-    """Return what the samples of an interval say of the pose and the state at its end."""
+    """Return the step to the pose and the state at the end of an interval."""
     moved = core.inertial_motion(Intervals.of([interval], factors), state, cam_from_imu, interval.std_walk)
     return Transition(*moved, interval)

@@ -1,9 +1,9 @@
 """Points as q = (X/Z, Y/Z, 1/Z) in the camera that first saw them, and the linearised stereo views of many frames.
 
-In these coordinates a stereo view is nearly linear, so a Gaussian over q stays valid for far points, a point at
-infinity is an ordinary one, and so is a point beside or behind the current camera. The camera that first saw a point is
-its anchor. Homogeneous points in the reference camera are C (q₁, q₂, 1, q₃)ᵀ with C = ref_from_anchor, eq. (24): a
-known pose, a choice of coordinates and not part of the state. A frame s with pose X_s = cam_s_from_ref sees
+In these coordinates a stereo view is nearly linear, so a Gaussian over q stays valid for far points. Points at
+infinity, and points beside or behind the current camera, need no special treatment. The camera that first saw a point
+is its anchor. Homogeneous points in the reference camera are C (q₁, q₂, 1, q₃)ᵀ with C = ref_from_anchor, eq. (24). C
+counts as known: it is a choice of coordinates and not part of the state. A frame s with pose X_s = cam_s_from_ref sees
 P = X_s C (q₁, q₂, 1, q₃)ᵀ. A pose is perturbed as Exp(ξ) X_s (left), which is the right perturbation −ξ of
 ref_from_cam_s. Arrays are batched: F frames, P points, V views.
 """
@@ -23,17 +23,17 @@ from ...rig_model.terms import AT_TIMING
 
 
 def q_of_views(projection: StereoProjection, z_px: Array) -> Array:
-    """Return q (n, 3) of stereo views (n, 4) in the camera that saw them; the row is the mean of both."""
+    """Return q (n, 3) of stereo views (n, 4) in their camera; the image row is the mean of both."""
     v = 0.5 * (z_px[:, 1] + z_px[:, 3])
     x, y = (z_px[:, 0] - projection.cx_left_px) / projection.f_px, (v - projection.cy_px) / projection.f_px
     return np.stack([x, y, projection.inverse_depth(z_px)], axis=1)
 
 
 class State(NamedTuple):
-    """What views are predicted from: poses `cams_from_ref` (F, 4, 4), points (P,) and `rig_error` (m,) of the rig.
+    """The state that views are predicted from: poses `cams_from_ref` (F, 4, 4), points (P,) and `rig_error` (m,).
 
-    Of the points `ids`, which are ascending, `ref_from_anchor` (P, 4, 4) and `q` (P, 3). `own` (F, e): amplitudes of
-    what each frame's views err by in common.
+    Points have `ids`, which are ascending, `ref_from_anchor` (P, 4, 4) and `q` (P, 3). `own` (F, e): amplitudes of the
+    errors that the views of each frame share.
     """
 
     cams_from_ref: Array
@@ -46,18 +46,18 @@ class State(NamedTuple):
 
 @record
 class WhitenedViews:
-    """Views of one frame or of several, as rows in the order of frames, and of ids in each of them.
+    """Views of one or several frames, as rows sorted by frame and then by id.
 
-    `frame` (V,): row of the frame, from 0; `ids` (V,): of the points, each pair at most once; `z_px` (V, 4) finite;
-    `root` (V, 4, 4) whitens a residual, as one of its track, in which errors that last are counted once: RᵀR is the
-    information that counts, with zero rows for a side that is missing. `weight` (V, 4): the square root of its
-    share in what the view itself has, coordinate by coordinate; 1 where errors are independent. `used` (V,) bool:
-    which views count; `stereo` (V,) bool: both sides were seen. `expected_px` (V, 4): where the used views were
-    expected before they counted, or where their tracks have hardly left; there the rig's errors are taken.
-    `var_drift` (V, 3): drift of q since the frame before. What amplitudes of σ = 1 that each frame has of its own
-    do, px: `own` (V, 4, e). What amplitudes of 1 of the rig's errors do, px: `terms` (V, 4, t); `timing` (V, 4, 2),
-    which is added to those of delay and readout, as it is renewed with the velocities, or (V, 4, 0); and the
-    field's basis, `field` (V, K).
+    `frame` (V,): row of the frame, from 0; `ids` (V,): of the points, each pair at most once; `z_px` (V, 4): finite.
+    `root` (V, 4, 4) whitens a residual, with temporally correlated errors counted once per track: RᵀR is the
+    information that counts, with zero rows for a missing side. `weight` (V, 4): the square root of its share in the
+    view's own information, per coordinate; 1 if errors are independent. `used` (V,) bool: which views count; `stereo`
+    (V,) bool: both sides were seen. `expected_px` (V, 4): where used views were expected before they counted, or an
+    earlier place of their track if it has hardly moved since; the rig's errors are evaluated there. `var_drift` (V, 3):
+    variance of the drift of q since the previous frame. `own` (V, 4, e), px: effect of the errors that the views of a
+    frame share, at amplitudes of σ = 1. Effects of the rig's errors at amplitudes of 1, px: `terms` (V, 4, t); `timing`
+    (V, 4, 2), which is added to those of delay and readout and renewed with the velocities, or (V, 4, 0); and `field`
+    (V, K), the field's basis.
     """
 
     frame: NDArray[np.intp]
@@ -92,7 +92,7 @@ class WhitenedViews:
         return WhitenedViews(*columns_at(_COLUMNS(self), rows))
 
     def shift_px(self, amplitudes: Array) -> Array:
-        """Return what amplitudes (m,) of the rig's errors do (V, 4)."""
+        """Return the shifts (V, 4) of the views by amplitudes (m,) of the rig's errors."""
         own, timed = self.terms.shape[2], self.timing.shape[2]
         parts = amplitudes[own:].reshape(FIELD_MOVES.shape[1], -1)
         of_terms = (self.terms.reshape(-1, own) @ amplitudes[:own]).reshape(-1, 4)
@@ -104,42 +104,43 @@ _COLUMNS = attrgetter(*WhitenedViews.__match_args__)
 
 
 def expected(state: State, views: WhitenedViews, rig: RigModel) -> WhitenedViews:
-    """Return views with the used ones placed where they are expected."""
+    """Return the views, with `expected_px` of the used ones set to their predictions."""
     expected_px = core.expected_views(rig.projection, state, views, views.stereo, views.expected_px)
     return changed(views, expected_px=expected_px)
 
 
 def held(views: WhitenedViews, ids: NDArray[np.int64], places_px: Array, rests_px: float) -> WhitenedViews:
-    """Return views placed where tracks `ids` (n,), ascending, were, (n, 4), if they have moved by less since.
+    """Return the views with `expected_px` kept at `places_px` (n, 4) of tracks `ids` (n,), ascending, that rest.
 
-    Expected places err by the noise of their points. Where a camera rests that noise would be all by which errors of
-    the rig differ between views, and show them, (72i).
+    A track rests if it has moved by less than `rests_px`. Expected places contain the noise of their points. In a
+    camera at rest, the effects of the rig's errors would differ between views by this noise alone, and it would seem to
+    show these errors, eq. (72i).
     """
     if not len(ids):
         return views
     at = np.minimum(np.searchsorted(ids, views.ids), len(ids) - 1)
     before_px = places_px[at]
     moved_px = np.abs(before_px - views.expected_px)
-    moved_px[np.isnan(views.expected_px)] = 0.0  # a side that is missing now
-    rests = (ids[at] == views.ids) & (moved_px.max(axis=1) < rests_px)  # not where a side was missing then: NaN
+    moved_px[np.isnan(views.expected_px)] = 0.0  # this side is missing now
+    rests = (ids[at] == views.ids) & (moved_px.max(axis=1) < rests_px)  # NaN, so false, if a side was missing then
     return changed(
         views, expected_px=np.where(rests[:, None] & ~np.isnan(views.expected_px), before_px, views.expected_px)
     )
 
 
 def at_rest(views: WhitenedViews, rig: RigModel, age_s: Array | float) -> WhitenedViews:
-    """Return views with what errors of the rig that stands still do at their places.
+    """Return the views with the effects of the rig's errors at their expected places, without those of motion.
 
-    `age_s`, or one (V,) each: for how long these have grown.
+    `age_s`: the time for which the errors have grown, one for all views or (V,).
     """
     terms, field = rig.at_rest(views.expected_px, age_s)
     return changed(views, terms=terms, field=field)
 
 
 def timed(state: State, views: WhitenedViews, rig: RigModel, motions: Array, timing_s: Array) -> WhitenedViews:
-    """Return views with what delay and readout do to them where they were expected, with `motions` (F, 2, 6) of frames.
+    """Return the views with the effects of delay and readout at their expected places; `motions` (F, 2, 6) of frames.
 
-    Exact to second order near a delay and readout `timing_s` (2,).
+    The effects are exact to second order near a delay and readout `timing_s` (2,).
     """
     if rig.row_of is None:
         return views
@@ -152,6 +153,6 @@ def linearise(
 ) -> core.NormalBlocks:
     """Return the Gauss-Newton normal equations of all used views of the points, eqs. (25), (26) and (71).
 
-    Views of other points are left out. Without `with_rig` the rig's errors are not among the unknowns.
+    Views of other points are ignored. Without `with_rig` the rig's errors are not among the unknowns.
     """
     return core.normal_blocks(projection, state, views, with_rig)

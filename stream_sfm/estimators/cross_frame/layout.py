@@ -1,4 +1,4 @@
-"""Where named blocks of a vector begin and end: the one place where their sizes are added up."""
+"""Positions of named blocks in a vector: the only place where their sizes are added up."""
 
 from functools import lru_cache
 from itertools import accumulate
@@ -12,16 +12,16 @@ class Layout(dict[str, slice]):
         super().__init__({name: slice(end - sizes[name], end) for name, end in zip(sizes, ends, strict=True)})
 
     def span(self, first: str, last: str) -> slice:
-        """Return where blocks are from the first to the last one."""
+        """Return the slice from the start of one block to the end of another."""
         return slice(self[first].start, self[last].stop)
 
     def within(self, block: str, part: slice) -> slice:
-        """Return where a part of a block is."""
+        """Return the slice of a part of a block."""
         start: int = self[block].start
         return slice(start + part.start, start + part.stop)
 
 
 @lru_cache(maxsize=1024)
 def layout(**sizes: int) -> Layout:
-    """Return the layout of these sizes, which is made once."""
+    """Return the cached layout of these sizes."""
     return Layout(**sizes)

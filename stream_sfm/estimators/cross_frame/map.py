@@ -1,7 +1,8 @@
-"""The map of the window estimator: everything that exists only while the camera is being followed.
+"""The map of the window estimator: everything that exists only while the camera is tracked.
 
 The reference camera p is the newest frame that has left the window; frames p+1 … n are in it with poses cam_from_ref.
-Points are q in the cameras that first saw them (`inverse_depth`); the world is one more pose, carried by the prior.
+Points are given by q in the cameras that first saw them (`inverse_depth`); the world is one more pose, which the prior
+contains.
 """
 
 from collections.abc import Callable
@@ -39,13 +40,13 @@ from .window_frame import WindowFrame
 class Map:
     """Points, poses and prior of one map, with their latest joint covariance.
 
-    `points`: all of its points; `begun_anew`: those that the newest frame began a second time, by one view. `frames`:
-    the window, oldest first, and `views`: all of theirs, one after the other, used or not; `cams_from_ref` (F, 4, 4):
-    their poses, and `own` (F, e): what the views of each err by in common, in σ. `reference`: the frame of the
-    reference camera, and `first_views` its views while nothing else is in the prior. `exposures`: when frames were
-    exposed; `doubt`: what the newest pose does not know beside all that.
-    `prior`, and the `amplitudes` (k,) of its modes. `system`: the latest normal equations, factored. `marginals`: of
-    the latest frame, as reported.
+    `points`: all points of the map; `begun_anew`: ids of those that the newest frame started again, from a single view.
+    `frames`: the window, oldest first; `views`: all views of these frames in their order, used or not; `cams_from_ref`
+    (F, 4, 4): their poses; `own` (F, e): amplitudes of the errors that the views of each frame share, in σ.
+    `reference`: the frame of the reference camera; `first_views`: its views while nothing else is in the prior.
+    `exposures`: when frames were exposed; `doubt`: further uncertainty of the newest pose. `prior`, and the
+    `amplitudes` (k,) of its modes. `system`: the latest normal equations, factored. `marginals`: of the latest frame,
+    as reported.
     """
 
     def __init__(
@@ -60,8 +61,8 @@ class Map:
     ) -> None:
         """Begin a map in the camera of `frame`, which becomes the reference.
 
-        `first` says which of its `views` start points, which are `corrected_px` (V, 4) without the rig's errors; `rig`:
-        what is known about these.
+        `first` contains the ids of those `views` that start points; `corrected_px` (V, 4): the views without the rig's
+        errors; `rig`: the knowledge of these errors.
         """
         self.projection = projection
         self.frames: list[WindowFrame] = []
@@ -86,17 +87,17 @@ class Map:
 
     @property
     def world_from_ref(self) -> Array:
-        """The pose (4, 4) of the reference camera at the present amplitudes of the prior's modes."""
+        """The pose (4, 4) of the reference camera at the current amplitudes of the prior's modes."""
         return self.prior.world(self.amplitudes)
 
     @property
     def rig_error(self) -> Array:
-        """The errors (m,) of the rig that are taken out of the views at the present amplitudes."""
+        """The errors (m,) of the rig at the current amplitudes, which are removed from the views."""
         return self.prior.rig_at(self.amplitudes)
 
     @property
     def inertial_state(self) -> Array:
-        """The inertial state (17,) of the reference camera at the present amplitudes; (0,) without inertia."""
+        """The inertial state (17,) of the reference camera at the current amplitudes; (0,) without inertia."""
         return self.prior.state_at(self.amplitudes)
 
     @property
@@ -106,27 +107,27 @@ class Map:
 
     @property
     def newest_cam_from_ref(self) -> Array:
-        """The pose (4, 4) of the newest camera; that is the reference until a second frame has come."""
+        """The pose (4, 4) of the newest camera, which is the reference until there is a second frame."""
         return self.cams_from_ref[-1] if self.frames else np.eye(4)
 
     def state(self) -> State:
-        """Return what views are predicted from."""
+        """Return the state that views are predicted from."""
         points = self.points
         return State(self.cams_from_ref, points.ids, points.ref_from_anchor, points.q, self.rig_error, self.own)
 
     def state_of_one(self, points: MapPoints, rig_error: Array, own: Array | None = None) -> State:
-        """Return what views of the reference camera alone are predicted from, with amplitudes (1, e) of its own."""
+        """Return the state for views of the reference camera alone, with its `own` amplitudes (1, e)."""
         own = np.zeros((1, self.own.shape[1])) if own is None else own
         return State(np.eye(4)[None], points.ids, points.ref_from_anchor, points.q, rig_error, own)
 
     def seen_alone(self, views: WhitenedViews, state: State, rig_step: Array) -> tuple[Array, Array, Array, Array]:
-        """Return the points of a state by the reference camera's views alone, as `core.points_alone` does."""
+        """Return the points of a state estimated from views of the reference camera alone; see `core.points_alone`."""
         blocks = linearise(self.projection, state, views)
         return core.points_alone(blocks.v, blocks.w, blocks.g_point, blocks.rig_point, state.q, rig_step)
 
     @property
     def rig_left(self) -> RigState:
-        """What the next map begins with: a focal length that has changed is whatever it is."""
+        """The rig that the next map begins with; a focal length that is changing becomes unknown."""
         return self.prior.rig.refocused()[0] if self.focus.moves else self.prior.rig
 
     @property
@@ -135,7 +136,7 @@ class Map:
         return slice(int(np.searchsorted(self.views.frame, len(self.frames) - 1)), len(self.views))
 
     def absorb_oldest(self) -> None:
-        """Marginalise the oldest frame, eqs. (31)–(36): all that earlier frames say is in the prior again."""
+        """Marginalise the oldest frame, eqs. (31)–(36): the prior then contains all information of earlier frames."""
         cam_from_ref, own, leaving = self.cams_from_ref[0], self.own[:1], None
         if self.inertia is not None:
             of_gravity = self.prior.world_modes[JOINT.within("state", GRAVITY)]
@@ -164,7 +165,7 @@ class Map:
             self.absorb_oldest()
 
     def _remove_oldest(self) -> tuple[WindowFrame, WhitenedViews]:
-        """Take the oldest frame out of the window, with its views; it becomes the reference camera."""
+        """Remove and return the oldest frame of the window with its views; it becomes the reference camera."""
         n = int(np.searchsorted(self.views.frame, 1))
         views, later = self.views[:n], self.views[n:]
         self.views = changed(later, frame=later.frame - 1)
@@ -191,9 +192,9 @@ class Map:
     ) -> None:
         """Add the newest frame to the window, without the views of `rejected` tracks.
 
-        Points that the map does not hold yet start at their stereo view, which is `corrected_px` (V, 4) without the
-        rig's errors. Where the motion is `ambiguous`, the tracks may be right another time, and nothing is held against
-        them. `own` (1, e): amplitudes of what the views err by in common, to start from.
+        Points that are not in the map yet start at their stereo view; `corrected_px` (V, 4): the views without the
+        rig's errors. If the motion is `ambiguous`, rejected tracks may be right after all, and no rejection is counted.
+        `own` (1, e): initial amplitudes of the errors that the views share.
         """
         if not ambiguous:
             self._count_rejected(rejected)
@@ -208,7 +209,7 @@ class Map:
         self.frames.append(frame)
         self.cams_from_ref = np.concatenate([self.cams_from_ref, cam_from_ref[None]])
         self.own = np.concatenate([self.own, own])
-        if self.inertia is not None and frame.interval is not None:  # where slides are unknowns
+        if self.inertia is not None and frame.interval is not None:  # which has slides as unknowns
             self.inertia.enter(frame.interval, frame.velocity, frame.std_turn_rad)
             frame.std_turn_rad = 0.0
         self.doubt = self.doubt.with_slide(cam_from_ref, frame.std_turn_rad)
@@ -216,15 +217,15 @@ class Map:
             views = held(expected(self.state(), views, frame.rig), *self._places, self.rules.rests_px)
             views = at_rest(views, frame.rig, self.prior.rig.age_s(frame.stamp_ns))
             self._places = views.ids, views.expected_px
-        # views out of use stay so: only the drift of points that are in the map is asked for
+        # unused views are never used again: of these, only the drift of points in the map is needed
         kept = np.flatnonzero(self.views.used | core.among(self.views.ids, self.points.ids))
         self.views = self.views.with_newest(kept, views)
 
     def _count_rejected(self, rejected: NDArray[np.int64]) -> None:
-        """Remember which tracks disagree with the motion.
+        """Count the tracks that disagree with the motion.
 
-        Of a track with one view in the map that one view may be the wrong one, as well as the one rejected: the point
-        is dropped, and begins anew with the track's next view.
+        If a track has only one view in the map, that view may be the wrong one instead of the rejected one: the point
+        is dropped, and starts again with the track's next view.
         """
         seen = core.times_among(rejected, self.views.ids, self.views.used)
         young = rejected[(seen <= 1) & ~core.among(rejected, self.prior.ids)]
@@ -237,13 +238,13 @@ class Map:
     def frames_agreed(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return in how many frames after their first one points `ids` (n,) agreed with the map.
 
-        Those of the window, and as many again if a point is older than that.
+        For a point older than the window, all frames of the window are counted once more.
         """
         count = core.times_among(ids, self.views.ids, self.views.used)
         return np.maximum(count + np.where(core.among(ids, self.prior.ids), len(self.frames), -1), 0)
 
     def consider_second(self, motion: Resection, std_moved: Array) -> None:
-        """Add to the world's uncertainty that the second of two plausible motions may be the true one; see `Doubt`."""
+        """Add the uncertainty from the second of two plausible motions, which may be the true one; see `Doubt`."""
         self.doubt, ambiguity = self.doubt.with_second(motion, std_moved, self.newest_cam_from_ref)
         if motion.ambiguous is None or ambiguity is None:
             return
@@ -252,20 +253,20 @@ class Map:
                 frame.ambiguity = ambiguity
 
     def settle(self) -> None:
-        """Drop the uncertainty about second motions: those followed have turned out to be the camera's."""
+        """Drop the uncertainty about second motions: the motions used have turned out to be the camera's."""
         self.doubt = changed(self.doubt, cov=np.zeros((6, 6)))
         for frame in self.frames:
             frame.ambiguity = np.zeros((6, 0))
 
     @property
     def cov_doubt(self) -> Array:
-        """What second motions, and patches that slide alike, add to the covariance (6, 6) of the newest pose."""
+        """The covariance (6, 6) that second motions, and patches that slide alike, add to the newest pose."""
         return self.doubt.of_newest(self.newest_cam_from_ref)
 
     def drop_undetermined(self) -> None:
         """Drop points that neither the prior nor an accepted stereo view of the window determines.
 
-        Those that ended after a single view go too: it says nothing about anything else.
+        Points that ended after a single view are dropped too, as one view contains no information about anything else.
         """
         views, known = self.views, self.prior.ids
         seen = views.ids, views.used, views.stereo, self.newest.start
@@ -275,7 +276,7 @@ class Map:
             self.views = changed(views, used=views.used & core.among(views.ids, self.points.ids))
 
     def gauss_newton_step(self) -> float:
-        """Move poses, points and modes by one step, and return the decrease of the sum of squares that it promised."""
+        """Move poses, points and modes by one step, and return the predicted decrease of the sum of squares."""
         blocks = linearise(self.projection, self.state(), self.views)
         known = np.searchsorted(self.points.ids, self.prior.ids)
         inertial = None
@@ -287,27 +288,27 @@ class Map:
         return decrease
 
     def gate(self, probability: float) -> None:
-        """Take the views that the joint minimum contradicts out of use, each by its own covariance."""
+        """Stop using the views that contradict the joint minimum, each by its own covariance."""
         gates = chi2_gate(2, probability), chi2_gate(4, probability)
         used = core.views_within_gates(self.projection, self.state(), self.views, *gates)
         self.rejections.add(self.views.ids[self.views.used & ~used])
         self.views = changed(self.views, used=used)
 
     def follow(self, system: System) -> None:
-        """Move to the minimum of a system with the rig's errors as they are, and keep it."""
+        """Move to the minimum of a system with the current errors of the rig, and keep the system."""
         dx, down, dq, dy, _ = system.step()
         self._move(dx, down, dq, np.concatenate([dy, np.zeros(len(self.prior.rig))]))
         self.system = system
 
     def _move(self, dx: Array, down: Array, dq: Array, dy: Array) -> None:
-        """Move poses (F, 6), their own (F, e), points (P, 3) and amplitudes (k,)."""
+        """Move poses by (F, 6), amplitudes of the frames by (F, e), points by (P, 3) and those of the modes by (k,)."""
         if self.inertia is not None and self.frames:
             self.inertia.follow(dx, self.prior.world_modes[JOINT["state"]] @ dy)
         self.cams_from_ref = se3.orthonormalise(se3.exp(dx) @ self.cams_from_ref)
         self.own, self.points, self.amplitudes = self.own + down, self.points.moved(dq), self.amplitudes + dy
 
     def judge_rig(self) -> RigEstimate | None:
-        """Return what the latest system says about the rig's errors, which are held there; None for an exact rig."""
+        """Return the rig's errors as estimated by the latest system, and hold them there; None for an exact rig."""
         if not len(self.prior.rig):
             return None
         rig, model = self.prior.rig, self.frames[-1].rig
@@ -326,7 +327,7 @@ class Map:
         return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age, evidence=evidence)
 
     def learn_rig(self, estimate: RigEstimate, field_std_px: float, by_rows: tuple[Array, Array]) -> None:
-        """Give the prior of the rig's errors the sizes that their estimate makes likely, and what the rows said.
+        """Update the prior of the rig's errors: their sizes by the estimate, and the information from image rows.
 
         `by_rows`: information (m,) and weighted sums (m,).
         """
@@ -334,7 +335,7 @@ class Map:
         self.prior = changed(self.prior, rig=rig)
 
     def begin_field(self, model: RigModel) -> None:
-        """Add a field to the rig's errors, and what it does to the views of the window."""
+        """Add a field to the rig's errors, and its effect on the views of the window."""
         for frame in self.frames:
             frame.rig = model
         self.views = changed(self.views, field=model.field_at(self.views.expected_px))
@@ -344,38 +345,38 @@ class Map:
         self.amplitudes = np.pad(self.amplitudes, (0, self.prior.modes.shape[2] - len(self.amplitudes)))
 
     def change_rig(self, change: Callable[[RigState], tuple[RigState, Array, Array]]) -> None:
-        """Take it that the errors of the rig have changed since the newest frame, by what `change` makes of them.
+        """Change the errors of the rig after the newest frame, by the function `change`.
 
-        Earlier views were seen with the errors as they were, so the window is emptied.
+        Earlier views have the old errors, so all frames of the window are absorbed.
         """
         self._absorb_all()
-        self.first_views = None  # its views met the errors as they were
+        self.first_views = None  # its views have the old errors
         self.prior = self.prior.with_rig_change(change(self.prior.rig))
         self.amplitudes = np.zeros(self.prior.modes.shape[2])
 
     def begin_inertia(self, window: InertialWindow, known: Known) -> None:
-        """Add an inertial state, `known` in the newest camera, or begin it anew: that is the reference then."""
+        """Add an inertial state, `known` in the newest camera, or replace it; that camera becomes the reference."""
         self._absorb_all()
         self._begin_with(self.prior.without_state().with_state(known.state, known.cov), window)
 
     def end_inertia(self) -> None:
-        """Go on without inertia: what it has said of poses and points stays."""
+        """Continue without inertia; its information about poses and points stays."""
         self._absorb_all()
         self._begin_with(self.prior.without_state(), None)
 
     def _begin_with(self, prior: Prior, inertia: InertialWindow | None) -> None:
-        """Solve what a prior says in the reference camera, with an empty window."""
+        """Set prior and inertia, and solve in the reference camera with an empty window."""
         self.prior, self.inertia, self.amplitudes = prior, inertia, np.zeros(prior.modes.shape[2])
         self.gauss_newton_step()
 
     def place_newest(self, known: Known) -> Marginals:
-        """Put the newest camera where images and inertia together have it; points keep their places in it."""
+        """Move the newest camera to the pose from images and inertia together; points keep their positions in it."""
         self.marginals = self.marginals.at(known.world_from_cam, known.cov_pose + self.cov_doubt)
         return self.marginals
 
     @property
     def true_cams(self) -> Array:
-        """The cameras of the window (F, 4, 4) without the turns that patches feign, as far as inertia shows."""
+        """The cameras of the window (F, 4, 4), without apparent rotations by sliding patches if there is inertia."""
         return self.cams_from_ref if self.inertia is None else self.inertia.true_cams(self.cams_from_ref)
 
     def true_poses(self) -> tuple[Array, Array]:
@@ -387,7 +388,7 @@ class Map:
 
     @property
     def cov_pose(self) -> Array:
-        """The covariance (6, 6) of the newest pose in the world by the latest system."""
+        """The covariance (6, 6) of the newest pose in the world from the latest system."""
         own, rig = self.system.pose_and_world(len(self.frames) - 1)
         by_both = np.concatenate([-np.eye(6), se3.adjoint(self.newest_cam_from_ref)], axis=1)
         own, rig = by_both @ own, by_both @ rig

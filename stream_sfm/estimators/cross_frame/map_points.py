@@ -13,7 +13,7 @@ from ...record import changed, columns_at, record
 class MapPoints:
     """Points (P,) of a map: `ids`, ascending, and `q` (P, 3) in the cameras that first saw them, their anchors.
 
-    `ref_from_anchor` (P, 4, 4): these cameras, as known poses in the reference camera.
+    `ref_from_anchor` (P, 4, 4): the poses of the anchors in the reference camera, which count as known.
     """
 
     ids: NDArray[np.int64]
@@ -22,18 +22,18 @@ class MapPoints:
 
     @classmethod
     def of_reference(cls, ids: NDArray[np.int64], q: Array) -> "MapPoints":
-        """Return points that the reference camera was the first to see."""
+        """Return points first seen by the reference camera."""
         return cls(ids, q, np.tile(np.eye(4), (len(ids), 1, 1)))
 
     def __len__(self) -> int:
         return len(self.ids)
 
     def keep(self, rows: NDArray[Any]) -> "MapPoints":
-        """Return the points of a mask or of rows."""
+        """Return the points selected by a mask or by rows."""
         return MapPoints(*columns_at((self.ids, self.q, self.ref_from_anchor), rows))
 
     def with_new(self, ids: NDArray[np.int64], q: Array, ref_from_cam: Array) -> "MapPoints":
-        """Return these points with new ones, which a camera (4, 4) is the first to see."""
+        """Return these points and new ones, first seen by a camera (4, 4)."""
         ids = np.concatenate([self.ids, ids])
         order = np.argsort(ids)
         anchors = np.broadcast_to(ref_from_cam, (len(q), 4, 4))
@@ -48,5 +48,5 @@ class MapPoints:
         return changed(self, q=self.q + dq)
 
     def seen_from(self, cam_from_ref: Array) -> "MapPoints":
-        """Return the points of another reference camera (4, 4); their anchors stay."""
+        """Return the points for another reference camera (4, 4); their anchors stay."""
         return changed(self, ref_from_anchor=se3.orthonormalise(cam_from_ref @ self.ref_from_anchor))

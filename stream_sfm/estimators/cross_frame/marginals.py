@@ -1,4 +1,4 @@
-"""Reads the one solution twice: CC (structure in the newest camera) and WC (pose and structure in the world).
+"""Reads one solution in two ways: CC (structure in the newest camera) and WC (pose and structure in the world).
 
 Both come from the same joint covariance of poses, points and world, so they are consistent with each other: eqs. (37)
 and (38), and eqs. (39)–(41).
@@ -23,9 +23,10 @@ _NO_IDS = np.empty(0, np.int64)
 class Marginals:
     """Marginal estimates of the newest pose and of all points of the map (n).
 
-    `q_in_cam`: q in the newest camera; metric points in that camera and in the world; each with its covariance, that of
-    q given the rig's errors: they do the same to the next views of the points, and cancel between two frames.
-    `finite` (n,) bool: the depth is known well enough for metres; the metric rows of the others have no meaning.
+    `q_in_cam`: q in the newest camera; metric points in that camera and in the world; each with its covariance. That of
+    q is given the rig's errors, as they have the same effect on the next views of the points and cancel between two
+    frames. `finite` (n,) bool: the depth is known well enough for metric points; the metric rows of the others are
+    meaningless.
     """
 
     ids: NDArray[np.int64]
@@ -59,24 +60,24 @@ class Marginals:
         )
 
     def doubted(self, cov: Array) -> "Marginals":
-        """Return the marginals with `cov` (6, 6) added to the newest pose and to all that is seen from it."""
+        """Return the marginals with `cov` (6, 6) added to the newest pose and to the points seen from it."""
         in_world = core.doubted_points(self.points_in_cam, self.cov_points_in_world, self.world_from_cam, cov)
         return changed(self, cov_pose=self.cov_pose + cov, cov_points_in_world=in_world)
 
     def moved(self, by: Array) -> "Marginals":
-        """Return the marginals with the newest pose, and all that is seen from it, moved `by` (6,) from the estimate.
+        """Return the marginals with the newest pose, and the points seen from it, moved `by` (6,) from the estimate.
 
-        That is an error which is known, so covariances grow to mean squared errors.
+        The move is a known error, so covariances become mean squared errors.
         """
         result = self.doubted(np.outer(by, by))
         return result.at(se3.orthonormalise(self.world_from_cam @ se3.exp(by)), result.cov_pose)
 
     def at(self, world_from_cam: Array, cov_pose: Array) -> "Marginals":
-        """Return the marginals with the newest camera at a pose (4, 4); points keep their places in it."""
+        """Return the marginals with the newest camera at a pose (4, 4); points keep their positions in it."""
         in_world = se3.transform(world_from_cam, self.points_in_cam)
         return changed(self, world_from_cam=world_from_cam, cov_pose=cov_pose, points_in_world=in_world)
 
     def ended(self, still_in_map: NDArray[np.int64] = _NO_IDS) -> WorldPoints:
-        """Return the points that are not in the map any more and have a position in metres; ids ascending."""
+        """Return the metric points that are no longer in the map; ids ascending."""
         rows = ~core.among(self.ids, still_in_map) & self.finite
         return WorldPoints(*columns_at((self.ids, self.points_in_world, self.cov_points_in_world), rows))

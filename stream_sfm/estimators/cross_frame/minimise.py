@@ -1,4 +1,4 @@
-"""Gauss-Newton over the whole window, with views gated out by the joint minimum that they contradict."""
+"""Gauss-Newton over the whole window; views that contradict the joint minimum are gated out."""
 
 import numpy as np
 
@@ -8,11 +8,11 @@ from .velocities import is_timed, renew_timing
 
 
 def minimise(current: Map, rules: WindowConfig, gate_probability: float) -> int:
-    """Go to the joint minimum of the window and return the number of steps.
+    """Move the map to the joint minimum of the window and return the number of steps.
 
-    Views that contradict it have no part in the next step, of this frame or of the next one. Where the timing is wrong,
-    a second step is made with the velocities that the first one has found. The last factor stays in the map for the
-    covariances. Raises LinAlgError where the iteration diverges or no points are left.
+    Views that contradict the minimum are not used in later steps, of this frame or of later ones. If the timing is
+    wrong, a second step uses the velocities found by the first one. The last factored system stays in the map for the
+    covariances. Raises LinAlgError if the iteration diverges or no points are left.
     """
     before, steps, timed = np.inf, 0, is_timed(current)
     while steps < rules.max_iterations and not (before < rules.converged and steps >= 1 + timed):
@@ -20,11 +20,11 @@ def minimise(current: Map, rules: WindowConfig, gate_probability: float) -> int:
         if not len(current.points):
             raise np.linalg.LinAlgError("no points are left")
         decrease = current.gauss_newton_step()
-        # A step that promises more than the one before it leads away from the minimum. After convergence the only step
-        # is that for new velocities, which may have moved the minimum a little.
+        # If a step predicts a larger decrease than the one before, the iteration diverges. The only step after
+        # convergence is the one with new velocities, which may have moved the minimum a little.
         if not decrease < max(before, rules.converged):
             raise np.linalg.LinAlgError("Gauss-Newton diverges")
-        current.gate(gate_probability)  # by the velocities that this minimum is of
+        current.gate(gate_probability)  # with the velocities of this minimum
         if timed:
             renew_timing(current)
         before, steps = decrease, steps + 1

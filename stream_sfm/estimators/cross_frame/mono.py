@@ -1,7 +1,7 @@
-"""The monocular cross-frame window: how its map begins, and what it reports about its scale.
+"""The monocular cross-frame window: how its map begins, and its reports about the scale.
 
-Views are 2-vectors; everything else is `CrossFrame`. Scale is carried from map point to map point by the joint prior,
-in units of the first baseline: it drifts, and the covariances say by how much.
+Views are 2-vectors; everything else is `CrossFrame`. The joint prior carries the scale from point to point, in units of
+the first baseline. The scale drifts, and the covariances include the drift.
 """
 
 from dataclasses import replace
@@ -16,7 +16,7 @@ _SAME_SCENE = "new map at the predicted pose, its unit such that the scene is as
 
 
 class CrossFrameMono:
-    """The monocular estimator (see `Estimator`); `Observations.start` is where its maps begin."""
+    """The monocular estimator (see `Estimator`); its maps begin at `Observations.start`."""
 
     name = "cross-frame"
 
@@ -28,7 +28,7 @@ class CrossFrameMono:
         self.has_map = False
 
     def step(self, observations: Observations) -> Solution:
-        """Take the next frame; see `Estimator.step`. Status initialising until the first depths are known."""
+        """Process the next frame; see `Estimator.step`. The status is initialising until the first depths are known."""
         if observations.start is None or not self.has_map:
             solution = self._start(observations)
         else:
@@ -40,7 +40,7 @@ class CrossFrameMono:
         return solution
 
     def _start(self, observations: Observations) -> Solution:
-        """Begin a map where the front-end knows depths; until then the frame is lost."""
+        """Begin a map once the front-end knows depths; until then the frame is lost."""
         start = observations.start
         if start is None:
             return replace(self.window.step(observations), reason=observations.note)
@@ -53,7 +53,7 @@ class CrossFrameMono:
         return solution
 
     def _advance(self, observations: Observations) -> Solution:
-        """Follow the camera by one frame; degraded where few depths carry the scale."""
+        """Estimate the next frame; it is degraded if few depths carry the scale."""
         solution = self.window.step(observations)
         known, needed = len(solution.track_ids), self.config.robust.degraded_inliers
         if solution.status == Status.OK and known < needed:

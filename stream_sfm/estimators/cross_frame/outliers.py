@@ -1,7 +1,7 @@
-"""Which tracks contradicted the motion, and how often: those that did so too often are excluded.
+"""Counts how often each track contradicted the motion, and excludes tracks that did so too often.
 
-Tracks that were rejected under another rig are tried again: while a delay or a readout is not known, the views of good
-tracks contradict the motion.
+Tracks rejected with other errors of the rig are tried again: while a delay or a readout is unknown, good tracks
+contradict the motion.
 """
 
 from collections import Counter
@@ -17,7 +17,7 @@ from .inverse_depth import WhitenedViews
 
 
 class RejectionCounts:
-    """The number of rejections of every live track that has any, since the rig's errors were `held` (m,) there."""
+    """The number of rejections of every live track that has any, since the rig's errors were held at `held` (m,)."""
 
     def __init__(self, held: Array, rules: WindowConfig) -> None:
         self._counts: Counter[int] = Counter()
@@ -33,7 +33,7 @@ class RejectionCounts:
         return core.among(ids, np.array(often, np.int64))
 
     def ask_again(self, newest: WhitenedViews, held: Array) -> None:
-        """Forget all counts if what the errors (m,) of the rig are held at now moves the newest views elsewhere."""
+        """Forget all counts if the errors `held` (m,) of the rig move the newest views by more than their noise."""
         change = held.copy()
         change[: len(self._held)] -= self._held  # a field may have begun since
         if not (len(newest) and change.any()):

@@ -1,4 +1,4 @@
-"""The focal length as an unknown of each frame, while it changes: how that begins and ends, eqs. (36c) and (72l)."""
+"""The focal length as an unknown of each frame while it changes: how this begins and ends, eqs. (36c) and (72l)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,9 @@ _AT = TERMS.index(FOCAL)
 def judge_focus(
     current: Map, views: WhitenedViews, rows: NDArray[np.intp], seen: PointViews, weights: Array, found: Resection
 ) -> tuple[Resection, WhitenedViews]:
-    """Return the motion into a frame to come with a focal length of its own, where that changes, and its views.
+    """Return the motion to the next frame, with a focal length of its own if that changes, and the frame's views.
 
-    `found`: the motion without; `seen`: the `rows` of its views that it was found from, with `weights` (n,).
+    `found`: the motion without it; `seen`: the `rows` of the views from which it was found, with `weights` (n,).
     """
     columns = _columns(current, views)
     current.focus, motion = current.focus.judge(seen.with_shared(columns[rows]), weights, found)
@@ -31,7 +31,7 @@ def judge_focus(
 
 
 def own_at_first(current: Map, motion: Resection) -> Array:
-    """Return the amplitudes (1, e) of a frame's own from which the window starts: the focal length of its motion."""
+    """Return the initial `own` amplitudes (1, e) of a frame: the change of focal length found with its motion."""
     own = np.zeros((1, current.own.shape[1]))
     if current.focus.moves:
         own[0, 0] = motion.amplitudes[-1]
@@ -39,17 +39,17 @@ def own_at_first(current: Map, motion: Resection) -> Array:
 
 
 def place_focus(current: Map) -> None:
-    """Take what the focal length of the newest frame does where its views are expected, as of all errors of the rig.
+    """Evaluate the effect of the newest frame's focal length at the expected views, as for all errors of the rig.
 
-    Where it is taken at measured places the noise of the views biases it, by little, and the rate at which a focus
-    moves, which hardly anything else shows then, by several σ.
+    At the measured views, their noise would bias it a little. It would also bias the speed of the focus, which hardly
+    anything else shows then, by several σ.
     """
     if current.focus.moves:
         _place(current, current.newest)
 
 
 def end_refocusing(current: Map) -> None:
-    """Make a focal length that has changed, and rests, one of the rig's errors again."""
+    """Once a focal length has stopped changing, make it one of the rig's errors again."""
     rests_at = current.focus.rests_at
     if rests_at is not None:
         current.focus = current.focus.calm(rests_at)
@@ -57,13 +57,13 @@ def end_refocusing(current: Map) -> None:
 
 
 def _columns(current: Map, views: WhitenedViews) -> Array:
-    """Return what a change of the focal length by σ does to views: (V, 4, 1) px."""
+    """Return the effect (V, 4, 1) px of a change of the focal length by σ on views."""
     rules = current.prior.rig.rules
     return np.asarray(views.terms[..., _AT : _AT + 1] * (rules.std_refocused / rules.std_focal))
 
 
 def _begin(current: Map) -> None:
-    """Give each frame of the window a focal length of its own: it may have begun to change before it showed."""
+    """Give each frame of the window a focal length of its own: the change may have begun before it became visible."""
     current.prior = changed(current.prior, rig=changed(current.prior.rig, zooms=True))
     if not current.has_focus:
         current.has_focus = True
@@ -77,7 +77,7 @@ def _begin(current: Map) -> None:
 
 
 def _place(current: Map, rows: slice) -> None:
-    """Take what the focal length does to some of the window's views as their terms have it."""
+    """Set the effect of the focal length on some of the window's views from their terms."""
     own = current.views.own.copy()
     own[rows, :, :1] = _columns(current, current.views[rows])
     current.views = changed(current.views, own=own)

@@ -1,21 +1,22 @@
-"""The joint prior of the window: what all frames that left it say about points and world, in the reference camera.
+"""The joint prior of the window: information about points and world from all frames that left it.
 
-Points that were seen from the same uncertain cameras err together. The prior keeps that in factored form, eq. (29),
+Everything is expressed in the reference camera. Points seen from the same uncertain cameras have correlated errors,
+which the prior keeps in factored form, eq. (29),
 
     q_i = mean_i + F_i y + e_i,   ω = F_w y,   y ~ N(0, I_k),   e_i ~ N(0, D_i) independent,
 
-with common modes F and their amplitudes y; the last m of the modes are ∂q and ∂ω by the rig's errors, whose amplitudes
-are the errors themselves, as far as they are off the mean (`rig_state.py`). Once the few amplitudes are given,
-points are independent of each other: a window of any number of points is solved with one small dense system, the drift
-of a patch over its surface just adds to D_i, and a point that is no longer seen is marginalised by dropping its row.
-Each frame that is absorbed brings the six modes of its unknown pose; modes that no longer matter beside the points' own
-noise are folded into D, where every point keeps its marginal covariance. (A dense information matrix over 200 points
-holds the same and costs fifty times as much.)
+with common modes F and their amplitudes y. The last m modes are ∂q and ∂ω by the rig's errors, and their amplitudes are
+the deviations of these errors from their mean (`rig_state.py`). Given the few amplitudes, points are independent of
+each other: a window with any number of points is solved with one small dense system, the drift of a patch over its
+surface simply adds to D_i, and a point that is no longer seen is marginalised by dropping its row. Each absorbed frame
+adds the six modes of its unknown pose; modes that are negligible compared with the points' own noise are folded into D,
+so that every point keeps its marginal covariance. (A dense information matrix over 200 points contains the same and
+costs fifty times as much.)
 
 Camera-centred: the world's origin is one more pose among the variables, so nothing that touches the prior is ever
 relinearised in world coordinates, and unobservable directions stay unobservable (otherwise a bias grows with the number
-of frames; docs/mathematics.md, section 6). ω is the right perturbation of world_from_ref. With inertia, the state of
-`interval.py` stands beside the world in the same modes.
+of frames; docs/mathematics.md, section 6). ω is the right perturbation of world_from_ref. With inertia, the inertial
+state (`interval.py`) is expressed in the same modes as the world.
 """
 
 from dataclasses import field
@@ -34,11 +35,11 @@ from .rig_state import NO_RIG, RigState
 from .window_frame import WindowFrame
 
 # Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
-# micrometre and a microradian are far below any estimate.
+# micrometre and a microradian are far below the error of any estimate.
 _ORIGIN_VARIANCE = 1e-12
 
-# Points that enter the prior: ids, ascending, mean (n, 3), covariance (n, 3, 3), ∂q by amplitudes of their frame's own
-# (n, 3, e) and by the rig's errors (n, 3, m).
+# Points that enter the prior: ids, ascending, mean (n, 3), covariance (n, 3, 3), ∂q by the `own` amplitudes of their
+# frame (n, 3, e) and by the rig's errors (n, 3, m).
 NewPoints = tuple[NDArray[np.int64], Array, Array, Array, Array]
 
 
@@ -46,10 +47,10 @@ NewPoints = tuple[NDArray[np.int64], Array, Array, Array, Array]
 class Prior:
     """Gaussian knowledge of N points and of the world.
 
-    `ids` (N,) ascending; `mean` (N, 3) of q in their anchors, which the map has; `cov` (N, 3, 3) = D; `modes` (N, 3, k)
-    = F; `world_from_ref` (4, 4): mean of the reference camera's pose; `world_modes` (6, k) = F_w. `rig`: what is known
-    about the m errors of the rig, to which the last m modes belong. `state` (17,): mean of the inertial state, to which
-    further rows of `world_modes` belong, (23, k); (0,) without inertia.
+    `ids` (N,), ascending; `mean` (N, 3) of q in their anchors, which the map keeps; `cov` (N, 3, 3) = D; `modes` (N, 3,
+    k) = F; `world_from_ref` (4, 4): mean of the reference camera's pose; `world_modes` (6, k) = F_w. `rig`: knowledge
+    of the m errors of the rig, to which the last m modes belong. `state` (17,): mean of the inertial state, for which
+    `world_modes` has further rows, (23, k); (0,) without inertia.
     """
 
     ids: NDArray[np.int64]
@@ -75,8 +76,8 @@ class Prior:
     ) -> "Prior":
         """Begin a map: points seen by the reference camera, whose own pose has `cov_pose` (6, 6).
 
-        `by_own` (N, 3, e) and `by_rig` (N, 3, m): ∂q by what the frame's views err by in common, and per unit of the
-        rig's errors; apart from them the points are independent.
+        `by_own` (N, 3, e) and `by_rig` (N, 3, m): ∂q by the errors that the frame's views share, and by the rig's
+        errors; apart from these the points are independent.
         """
         root = scaled_cholesky(cov_pose + _ORIGIN_VARIANCE * np.eye(6))
         modes = np.concatenate([np.zeros((len(ids), 3, 6)), by_own, by_rig], axis=2)
@@ -84,9 +85,9 @@ class Prior:
         return cls(ids, mean, cov, modes, world_from_ref, world_modes, rig)
 
     def with_first_views(self, mean: Array, cov: Array, by_own: Array, by_rig: Array) -> "Prior":
-        """Return the prior of a map with the views of its first frame linearised anew; nothing else is in it yet.
+        """Return the prior of a map that contains only its first frame, with the views of that frame relinearised.
 
-        `mean` (N, 3) and `cov` (N, 3, 3) of q at the present mean of the rig's errors, `by_own` and `by_rig` as in
+        `mean` (N, 3) and `cov` (N, 3, 3): of q at the current mean of the rig's errors; `by_own` and `by_rig` as in
         `from_first_frame`.
         """
         modes = self.modes.copy()
@@ -95,9 +96,9 @@ class Prior:
         return changed(self, mean=mean, cov=cov, modes=modes)
 
     def with_own_of_first(self, at: int, n: int) -> "Prior":
-        """Return the prior of a map's first frame with n more amplitudes of its own from `at` on, which do nothing yet.
+        """Return the prior of a map's first frame with n more `own` amplitudes at `at`, without any effect yet.
 
-        They follow those that it has, where `with_first_views` expects them; an inertial state comes after them.
+        They follow the existing ones, as `with_first_views` expects, and precede those of an inertial state.
         """
         modes, world_modes = (np.insert(m, [at] * n, 0.0, axis=-1) for m in (self.modes, self.world_modes))
         return changed(self, modes=modes, world_modes=world_modes)
@@ -111,26 +112,27 @@ class Prior:
         return np.asarray(self.state + self.world_modes[JOINT["state"]] @ amplitudes)
 
     def rig_at(self, amplitudes: Array) -> Array:
-        """Return the errors (m,) of the rig at the given amplitudes (k,) of the modes, of which theirs come last."""
+        """Return the errors (m,) of the rig at the given amplitudes (k,) of the modes; the rig's come last."""
         mean = self.rig.mean
         return np.asarray(mean + amplitudes[len(amplitudes) - len(mean) :])
 
     @property
     def of_modes(self) -> Layout:
-        """Where modes are: the prior's own, and those of the rig's errors."""
+        """The layout of the modes: the prior's own, and those of the rig's errors."""
         return layout(own=self.modes.shape[2] - len(self.rig), rig=len(self.rig))
 
     def with_state(self, state: Array, joint: Array) -> "Prior":
         """Return the prior with an inertial state (17,), whose covariance with the world is in `joint` (23, 23).
 
-        The prior's own modes have the world's; what the state has beyond these are 17 modes that no point shares.
+        The part correlated with the world is expressed in the prior's own modes; the rest gets 17 modes that no point
+        shares.
         """
         pose, at = JOINT["pose"], JOINT["state"]
         world, of = self.world_modes[pose], self.of_modes
         of_own, of_rig = world[:, of["own"]], world[:, of["rig"]]
         by_world = np.linalg.solve(joint[pose, pose] + _ORIGIN_VARIANCE * np.eye(6), joint[pose, at]).T
         left = joint[at, at] - by_world @ joint[pose, at]
-        # a billionth of the variances keeps what is left above rounding
+        # a billionth of the variances keeps the rest above rounding
         root = scaled_cholesky(0.5 * (left + left.T) + np.diag(1e-9 * np.diag(joint[at, at])))
         now = layout(own=of_own.shape[1], state=STATE, rig=of_rig.shape[1])
         rows = np.zeros((JOINT.size, now.size))
@@ -141,7 +143,7 @@ class Prior:
         return changed(self, state=state, world_modes=rows, modes=np.concatenate(modes, axis=2))
 
     def without_state(self) -> "Prior":
-        """Return the prior without its inertial state: what that has said of all else stays."""
+        """Return the prior without its inertial state, whose information about everything else stays."""
         return changed(self, world_modes=self.world_modes[JOINT["pose"]], state=np.zeros(0))
 
     def absorb_frame(
@@ -155,19 +157,20 @@ class Prior:
         new: NewPoints,
         leaving: Leaving | None = None,
     ) -> "Prior":
-        """Return the posterior after one camera's own views, in that camera as the new reference, eqs. (31)–(35).
+        """Return the posterior given the views of one camera, with that camera as the new reference, eqs. (31)–(35).
 
-        `amplitudes` y (k,), `cam_from_ref` X (4, 4) and `q` (N, 3): the present estimate, where all is linearised;
-        `anchors` (N, 4, 4): as the new reference has them; `blocks`: the normal equations of the views of these points.
-        Of these, those that do not stay (N,) are marginalised then; and `new` points are added, which share no mode
-        with the others but those of the rig.
+        `amplitudes` y (k,), `cam_from_ref` X (4, 4) and `q` (N, 3): the current estimate, the linearisation point;
+        `anchors` (N, 4, 4): poses in the new reference; `blocks`: the normal equations of the views of these points.
+        Points that do not `stay` (N,) are marginalised afterwards, and `new` points are added, which share only the
+        rig's modes with the others.
 
-        The anchors go with the points, C' = X C, so q stays what it is. The prior knows nothing about the error ξ of
-        the new camera's pose: with K' = ∂q'/∂P', δq' = δq + K'G ξ and ω' = Ad(X) ω − ξ, six modes without prior
-        information. What the frame's views err by in common has e modes more, with a prior of σ = 1; these come first
+        The anchors move with the points, C' = X C, so q does not change. The prior contains no information about the
+        error ξ of the new camera's pose: with K' = ∂q'/∂P', δq' = δq + K'G ξ and ω' = Ad(X) ω − ξ, six modes without
+        prior information. The errors that the frame's views share add e modes with a prior of σ = 1; these come first
         here. With Λ = D⁻¹ + V, points given the modes are N(Λ⁻¹(D⁻¹(mean + F y) + V…), Λ⁻¹), and the modes have
-        information S = P + Σ FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less what the rig's modes do to the views. `leaving`:
-        what inertia says of the frame, with twelve modes more: its slide, its velocity and the walk of the biases.
+        information S = P + Σ FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less the effect of the rig's modes on the views.
+        `leaving`: the inertial information about the frame, which adds twelve modes: its slide, its velocity and the
+        walk of the biases.
         """
         ids_new, mean_new, cov_new, by_own, by_rig = new
         e = by_own.shape[2]
@@ -183,7 +186,7 @@ class Prior:
             s, right = self._with_leaving(leaving, s, right, at)
         others = Elimination(s, own)
         step, weighted = others.reduced(right)
-        # the others by the new modes, by the rig's errors, and their step; these are held, and moved by the window
+        # the other variables by the new modes and by the rig's errors, which only the window moves, and their step
         by_new = np.column_stack([others.root, others.by_others, step])
 
         def carried(modes: Array, n: int) -> Array:
@@ -207,7 +210,7 @@ class Prior:
         )
 
     def _with_frame(self, e: int, has_inertia: bool) -> Layout:
-        """Return where modes are once a frame leaves: e of its own, the prior's, its pose, inertia's, the rig's."""
+        """Return the layout of the modes when a frame leaves; `e`: number of its `own` amplitudes."""
         inertial = {"slide": 3, "velocity": 3, "walk": 6} if has_inertia else {}
         of = self.of_modes
         before, rig = (of[name].stop - of[name].start for name in ("own", "rig"))
@@ -226,21 +229,21 @@ class Prior:
         modes[:, at["before"]], modes[:, at["rig"]] = before[:, of["own"]], before[:, of["rig"]]
         modes[:, at.span("translation", "rotation")] = -np.eye(6)
         if leaving is not None:
-            modes[3:, at["slide"]] = -np.eye(3)  # a slide turns the camera as its pose does
+            modes[3:, at["slide"]] = -np.eye(3)  # a slide rotates the camera just as its pose does
             modes = np.concatenate([modes, rows])
         return self.world(amplitudes) @ se3.inverse(cam_from_ref), state, modes
 
     def _with_leaving(self, leaving: Leaving, s: Array, right: Array, at: Layout) -> tuple[Array, Array]:
-        """Add what inertia says of a leaving frame to the information about modes; its own modes are new here.
+        """Add the inertial information about a leaving frame to that about the modes, with the modes it adds.
 
-        Only the lower triangle is whole.
+        Only the lower triangle is complete.
         """
         wide = np.zeros((at.size, at.size))
         first, rig, last = slice(0, at["slide"].start), at["rig"], slice(at["slide"].start, None)
         wide[first, first], wide[rig, first], wide[rig, rig] = s[first, first], s[last, first], s[last, last]
         right = np.concatenate([right[first], np.zeros(at.size - len(s)), right[last]])
         state, of, rows = self.world_modes[JOINT["state"]], self.of_modes, OF_LEAVING
-        moving = np.flatnonzero(state.any(axis=0))  # most modes do not touch the state
+        moving = np.flatnonzero(state.any(axis=0))  # most modes do not affect the state
         beside = np.where(moving < of["rig"].start, at["before"].start, rig.start - of["rig"].start)
         touched = np.arange(at.size)
         here = touched[at.span("translation", "rotation")], touched[at.span("slide", "velocity")]
@@ -255,7 +258,7 @@ class Prior:
         return wide, right
 
     def _state_in(self, x: Array, leaving: Leaving, now: Array, at: Layout) -> tuple[Array, Array]:
-        """Return the inertial state (17,) in the leaving camera x (4, 4), and its modes, those of `_with_leaving`."""
+        """Return the inertial state (17,) in the leaving camera x (4, 4), and its modes in the layout `at`."""
         rows, of = np.zeros((STATE, at.size)), self.of_modes
         rows[:, at["before"]] = self.world_modes[JOINT["state"], of["own"]]
         rows[:, at["rig"]] = self.world_modes[JOINT["state"], of["rig"]]
@@ -271,7 +274,7 @@ class Prior:
         return state, rows
 
     def given_rig(self, amplitudes: Array) -> "Prior":
-        """Return the prior of an exact rig that it is where the errors of the rig have the amplitudes (m,)."""
+        """Return the prior given the amplitudes (m,) of the rig's errors: that of an exact rig."""
         own = self.modes.shape[2] - len(amplitudes)
         return changed(
             self,
@@ -282,7 +285,7 @@ class Prior:
         )
 
     def with_field(self, n: int) -> "Prior":
-        """Return the prior with n more errors of the rig, of a field that has done nothing to its points so far."""
+        """Return the prior with n more errors of the rig, of a field without any effect on its points so far."""
         modes = np.concatenate([self.modes, np.zeros((*self.modes.shape[:2], n))], axis=2)
         world_modes = np.concatenate([self.world_modes, np.zeros((len(self.world_modes), n))], axis=1)
         return changed(self, modes=modes, world_modes=world_modes, rig=self.rig.with_field(n))
@@ -290,7 +293,7 @@ class Prior:
     def with_rig_change(self, change: tuple[RigState, Array, Array]) -> "Prior":
         """Return the prior after the errors of the rig have changed, eq. (72e); `change` as in `RigState.changed`.
 
-        Points and world stay where they are, with as many modes more: they have met the errors as they were.
+        Points and world keep their estimates, with as many additional modes, as their views have the old errors.
         """
         rig, kept, apart = change
         own = self.modes.shape[2] - len(rig)
@@ -302,23 +305,23 @@ class Prior:
         return changed(self, modes=moved(self.modes), world_modes=moved(self.world_modes), rig=rig)
 
     def refocused(self, frame: WindowFrame, next_ns: int) -> "Prior":
-        """Return the prior with a focus that may have moved unsteadily until the next frame, eq. (72g), if it moves."""
+        """Return the prior for a moving focus, whose speed may have varied until the next frame, eq. (72g)."""
         if frame.rig is None:
             return self
         rig, passed_s = self.rig, (next_ns - frame.stamp_ns) / 1e9
         root = frame.rig.root_of_focusing(rig.held, rig.cov_held, rig.age_s(frame.stamp_ns), passed_s)
         if not root.any():
             return self
-        if rig.steady:  # its motion was taken for other errors until now, which are as unknown as at first
+        if rig.steady:  # so far its motion was attributed to other errors, which become as unknown as at first
             root = np.concatenate([root, np.diag(rig.size)], axis=1)
         return self.with_rig_change(rig.changed(root))
 
     def truncate_modes(self) -> "Prior":
-        """Return the same prior in as few modes as matter, eq. (36).
+        """Return the same prior without negligible modes, eq. (36).
 
-        Six modes carry the world exactly, 17 more the inertial state, and those of the rig stay. Of the points' common
-        error in units of their own noise, what some modes add to all the others is of a variance below a fiftieth,
-        summed over the points. It correlates no two points by more than that, and goes to the points' own noise.
+        Six modes represent the world exactly, 17 more the inertial state, and those of the rig stay. A mode is
+        negligible if the variance that it adds to the points, in units of their own noise and summed over the points,
+        is below 0.02. It correlates no two points by more than that, and is moved to the points' own noise.
         """
         own, rig = self.of_modes["own"], self.of_modes["rig"]
         to_world = core.reflections(self.world_modes[:, own].T)

@@ -1,7 +1,7 @@
 """The motions between the frames of the window and the newest one, with their covariances from the joint system.
 
-A pose in the world carries all drift since the start; the motion over a few frames does not. The joint covariance of
-the window has it directly, eq. (74), with all that the two poses have in common.
+A pose in the world contains all drift since the start; the motion over a few frames does not. Its covariance follows
+directly from the joint covariance of the window, eq. (74), including all errors that the two poses share.
 """
 
 import numpy as np
@@ -15,9 +15,9 @@ from .map import Map
 
 
 def apart_from_newest(from_newest: Array, *of_poses: Array) -> list[Array]:
-    """Return J of eq. (74), times each (6F, n), for the reference and every camera (F, 4, 4) but the newest.
+    """Return J of eq. (74) times each matrix (6F, n), for the reference and every camera of F but the newest.
 
-    `from_newest` (F − 1, 4, 4): the motions of the latter from the newest camera.
+    `from_newest` (F − 1, 4, 4): the motions from the newest camera to these cameras, without the reference.
     """
     moved = se3.adjoint(se3.inverse(from_newest))
     by_pose = [each.reshape(len(moved) + 1, 6, -1) for each in of_poses]
@@ -25,7 +25,7 @@ def apart_from_newest(from_newest: Array, *of_poses: Array) -> list[Array]:
 
 
 def newest_motion(current: Map) -> Array:
-    """Return the motion (4, 4) from the newest frame to the one before it, which is the reference of a first window."""
+    """Return the motion (4, 4) from the newest frame to the previous one, which may be the reference."""
     earlier = current.true_cams[-2] if len(current.frames) > 1 else np.eye(4)
     return se3.orthonormalise(earlier @ se3.inverse(current.true_cams[-1]))
 
@@ -33,8 +33,9 @@ def newest_motion(current: Map) -> Array:
 def relative_motions(current: Map, cov_newest: Array, by_span: Array, feigned: float) -> RelativeMotions:
     """Return the motions from the newest frame to the reference camera and to every other frame of the window.
 
-    `cov_newest` (6, 6): what only the newest pose does not know. `by_span` (b,): the factors on σ over 1 … b frames, of
-    which the views of the window have the last one, eq. (74d). `feigned`: share of turns by sliding patches.
+    `cov_newest` (6, 6): further covariance of the newest pose alone. `by_span` (b,): the factors on σ over 1 … b
+    frames; the views of the window have the last of them, eq. (74d). `feigned`: share of apparent rotations by sliding
+    patches.
     """
     frames, system = current.frames, current.system
     true_cams, (of_poses, of_rig) = current.true_cams, current.true_poses()
@@ -55,7 +56,7 @@ def relative_motions(current: Map, cov_newest: Array, by_span: Array, feigned: f
 
 
 def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
-    """Return the errors of the rig that all frames share, with their part in the newest pose; None for an exact rig."""
+    """Return the rig's errors, which all frames share, and their effect on the newest pose; None for an exact rig."""
     if rig is None:
         return None
     system = current.system
@@ -67,11 +68,11 @@ def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
 
 
 def _of_motions(current: Map, feigned: float) -> Array:
-    """Return what the motions between each earlier frame and the newest one add to the covariance (r, 6, 6).
+    """Return the covariances (r, 6, 6) to add to the motions between each earlier frame and the newest one.
 
-    Where they are ambiguous, these differences add up. Turns that patches feign which slide alike come and go within a
-    window, so that over any of its spans they count as over one frame, and a share `feigned` of their variance, eq.
-    (17b); those that stay add up in the pose.
+    Differences of ambiguous motions add up. Apparent rotations by sliding patches come and go within a window, so over
+    any of its spans they count as over one frame, with a share `feigned` of their variance, eq. (17b); those that stay
+    add up in the pose.
     """
     frames = current.frames[::-1]
     by_cams = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(current.cams_from_ref[::-1]))

@@ -1,10 +1,10 @@
-"""What is reported: the window's minimum with views of one weight, next to the one that the filter goes on from.
+"""The reported estimate: the window's minimum with equally weighted views, beside that of the filter.
 
-Errors that last are shared by neighbouring views of a track, and cancel between two frames, as long as these views have
-one weight. With those of eq. (69), which an unknown rig needs, they do not: the motion over one frame then errs by a
-quarter to a half more. So for the report the views of the window have their own covariances, times one factor, eq.
-(69a), and one of each track, eq. (69c). That minimum is one Newton step away, with the prior and the rig's errors as
-they are. Nothing of it is fed back into them.
+Neighbouring views of a track share temporally correlated errors, which cancel between two frames if these views have
+equal weights. With the weights of eq. (69), which an unknown rig needs, they do not cancel: the motion over one frame
+then has an error larger by a quarter to a half. So for the report the views of the window have their own covariances,
+times one factor, eq. (69a), and one factor per track, eq. (69c). That minimum is one Newton step away, with prior and
+rig unchanged. Nothing of it is fed back into them.
 """
 
 import copy
@@ -23,10 +23,10 @@ from .track_noise import TrackNoise
 def reported(
     current: Map, factors: SpanFactors, noise: TrackNoise, learns: bool
 ) -> tuple[Map, SpanFactors, TrackNoise]:
-    """Return the map that estimates are read off, and the factors and the noise of tracks after this frame.
+    """Return the map to report estimates from, and the factors and the noise of tracks after this frame.
 
-    `learns`: whether errors may last, and this frame shows it.
-    Where a view less leaves a point open, it is the map itself.
+    `learns`: whether factors and noise are updated with this frame. If the views with these weights do not determine
+    the window, `current` itself is returned.
     """
     try:
         return _reported(current, factors, noise, learns)
@@ -37,7 +37,7 @@ def reported(
 def _reported(
     current: Map, factors: SpanFactors, noise: TrackNoise, learns: bool
 ) -> tuple[Map, SpanFactors, TrackNoise]:
-    """Return the map of `reported`. Raises LinAlgError where its views do not determine it."""
+    """Return the same as `reported`. Raises LinAlgError if the views do not determine the window."""
     result, views, factor = copy.copy(current), current.views, factors.by_span[-1]
     ids, tracks = current.points.ids, core.squares_of_tracks(current.projection, current.state(), views)
     residuals = *tracks, core.among(ids, current.prior.ids)
@@ -49,7 +49,7 @@ def _reported(
     m, k = len(result.prior.rig), len(result.amplitudes)
     at = result.state()
     inertial = None
-    if current.inertia is not None:  # a copy, which nothing feeds back either
+    if current.inertia is not None:  # a copy, so that nothing is fed back
         result.inertia = copy.copy(current.inertia)
         inertial = result.inertia.linearise(result.cams_from_ref, result.inertial_state)
     system = System(

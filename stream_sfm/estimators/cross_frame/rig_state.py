@@ -1,10 +1,10 @@
-"""What the window knows about the rig's own errors c, as part of the joint prior, eqs. (70) to (72e).
+"""The window's knowledge of the rig's errors c, as part of the joint prior, eqs. (70) to (72e).
 
-A view of the camera pair is z = h(P) + B c + noise, with B given (`rig_model/`). c is part of the joint prior
-permanently. The estimates are those of a mixture over what may be exactly zero: c is held at the mixture's mean, and
-counts in every covariance with the mixture's own. So an exact calibration is not harmed by the attempt to improve it.
-As c stays in the joint state, its prior can be exchanged for one of another size at any time, and nothing is lost.
-It is kept as information: what is learnt about c by other means, or a prior of another size, only adds to that.
+A view of the camera pair is z = h(P) + B c + noise, with a known B (`rig_model/`). c is permanently part of the joint
+prior. It is estimated by a mixture in which groups of errors may be exactly zero: c is held at the mean of the mixture,
+and every covariance contains that of the mixture. So the attempt to improve an exact calibration does no harm. As c
+stays in the joint state, its prior can be replaced by one of another size at any time without loss. The knowledge is
+kept as information, so other knowledge about c, or a prior of another size, is simply added.
 """
 
 from dataclasses import field
@@ -30,13 +30,13 @@ _RULES = RigConfig()
 class RigState:
     """c = `mean` (m,) + a, with a of the `information` Λ (m, m) and the `weighted` sum Λ E[a] (m,).
 
-    `mean` is where the points of the prior are given; a are the amplitudes of its last modes. `held` (m,): where the
-    window holds c, the mean of the mixture, and `cov_held` (m, m): its covariance. `size` (m,): σ of each error before
-    any view, which is learnt where `sizes_unknown`.
-    `steady`: the errors have not changed; once they have, no prior can be exchanged, and the calibration is wrong.
-    `zooms`: a focal length changes by itself; `has_refocused`: it has, and rests, so that it is not the calibrated one.
-    `since_ns`: from when on errors have grown, if they do. `parts`: what parts of the run say, since the last change.
-    `innovation2` (t,): mean square of what windows added about each term, in σ of that, over the last of `frames`.
+    The points of the prior are given at `mean`; a are the amplitudes of its last modes. `held` (m,): the value at which
+    the window holds c, the mean of the mixture, and `cov_held` (m, m): the covariance of the mixture. `size` (m,): σ of
+    each error before any view, which is learnt where `sizes_unknown`. `steady`: the errors have not changed; once they
+    have, the prior cannot be replaced, and the calibration is wrong. `zooms`: a focal length changes by itself;
+    `has_refocused`: it has changed and rests, so that it is not the calibrated one. `since_ns`: when errors that grow
+    began to. `parts`: information from parts of the run since the last change. `innovation2` (t,): mean squared
+    innovation of each term by windows, in its σ, over the last `frames`.
     """
 
     mean: Array
@@ -76,18 +76,18 @@ class RigState:
         return len(self.mean)
 
     def age_s(self, stamp_ns: int) -> float:
-        """Return for how long errors may have grown."""
+        """Return the time for which errors may have grown."""
         return (stamp_ns - self.since_ns) / 1e9
 
     def held_at(self, stamp_ns: int) -> Amplitudes:
-        """Return the errors that the window holds, as old as they are at a stamp."""
+        """Return the held errors with their age at a stamp."""
         return Amplitudes(self.held, self.cov_held, self.age_s(stamp_ns))
 
     def tempered(self, mean: Array, cov: Array, information: Array) -> tuple[Array, Array]:
-        """Return what all views say of c, N(`mean`, `cov`), with the window by its share, eq. (72h).
+        """Return the estimate of c from all views, N(`mean`, `cov`), with the window weighted by its share, eq. (72h).
 
-        What lasts of the views' errors is counted where frames leave the window, not inside, and all of it goes into
-        what its views have in common. So the window's information counts by the share that it has in the result.
+        Temporally correlated view errors are accounted for when frames leave the window, but not inside it, where all
+        of them act on the errors that views share. So the window's information is weighted by its share in the result.
         `information` (m, m): the inverse of `cov`.
         """
         by_window, shared = information - self.information, self.information @ cov
@@ -95,10 +95,10 @@ class RigState:
         return self.mean + counted @ (by_window @ (mean - self.mean) + shared @ self.weighted), counted
 
     def contradicted(self, mean: Array, cov: Array) -> "RigState":
-        """Return the knowledge that has seen how far N(`mean`, `cov`) by all views is from what it expected, eq. (72j).
+        """Return the knowledge after comparing N(`mean`, `cov`) from all views with its own expectation, eq. (72j).
 
-        What a window adds about a term is of N(0, C₀ − C) where the term is the same as ever, and its σ right. Neither
-        is so of a lens that moves, or of errors that no term has: then σ of c is too small by as much.
+        The innovation of a term by a window is N(0, C₀ − C) if the term is constant and its σ correct. This fails for a
+        moving lens, or for errors that no term models: then σ of c is too small by the same factor.
         """
         t = len(TERMS)
         root = Cholesky(self.information).root
@@ -111,15 +111,15 @@ class RigState:
 
     @property
     def growth(self) -> Array:
-        """By how much (m,) σ of each error has to be larger than views have it."""
+        """The factors (m,) on σ of each error from `innovation2`; at least 1."""
         growth = np.ones(len(self))
         growth[: len(TERMS)] = np.sqrt(np.maximum(self.innovation2, 1.0))
         return growth
 
     def judged(self, mean: Array, cov: Array, agreement: Agreement | None) -> tuple["RigState", Mixture]:
-        """Return the knowledge that holds c at the mixture which N(`mean`, `cov`) from all views leads to.
+        """Return the knowledge that holds c at the mixture following from N(`mean`, `cov`) from all views.
 
-        `agreement`: of the run's parts.
+        `agreement`: of the parts of the run.
         """
         spread = 1.0 if agreement is None else float(agreement.spread[_FOCAL:].max())
         found = mixture(mean, cov, self.size, self.rules, not self.steady, spread, self.has_refocused)
@@ -127,9 +127,9 @@ class RigState:
         return knowledge, Mixture(found.mean, found.cov * np.outer(self.growth, self.growth), found.p_wrong)
 
     def learnt(self, mean: Array, cov: Array, field_std_px: float, more: Array, weighted: Array) -> "RigState":
-        """Return the knowledge that is `informed`, with sizes that N(`mean`, `cov`) from all views makes likely, (72a).
+        """Return `informed` knowledge with the most likely sizes given N(`mean`, `cov`) from all views, eq. (72a).
 
-        Sizes stay once the errors have changed.
+        Once the errors have changed, sizes stay.
         """
         if not self.steady:
             return self.informed(more, weighted)
@@ -138,14 +138,14 @@ class RigState:
         return changed(self.informed(more + size**-2.0 - self.size**-2.0, weighted), size=size)
 
     def with_part(self, counts: bool) -> "RigState":
-        """Return the knowledge after a frame has left the window, which `counts` as one more of the run's parts."""
+        """Return the knowledge after a frame has left the window; `counts`: whether its information enters `parts`."""
         weighted = self.weighted + self.information @ self.mean
         return changed(self, parts=self.parts.after(self.information, weighted, self.size, counts))
 
     def informed(self, more: Array, weighted: Array) -> "RigState":
-        """Return the knowledge with so much `more` information (m,) about each error, and its weighted sums (m,).
+        """Return the knowledge with `more` information (m,) about each error, and its weighted sums (m,).
 
-        Information may be negative, eq. (72b).
+        The information may be negative, eq. (72b).
         """
         information = self.information + np.diag(more)
         return changed(self, information=information, weighted=self.weighted + weighted - more * self.mean)
@@ -153,8 +153,8 @@ class RigState:
     def changed(self, root: Array) -> tuple["RigState", Array, Array]:
         """Return the knowledge after the errors have changed by N(0, `root` rootᵀ), root (m, j), eq. (72e).
 
-        And what the amplitudes of before are, G a' + H y, with G (m, m), a' the new ones and y ~ N(0, I), of which the
-        errors do not depend. An estimate of y that is held back makes H (m, j) that much larger.
+        G (m, m) and H (m, j) express the old amplitudes by the new ones a': they are G a' + H y, with y ~ N(0, I)
+        independent of the errors. The mean of y is not applied; H is larger by it instead.
         """
         by_change = root.T @ self.information
         cov_change = Cholesky(np.eye(root.shape[1]) + by_change @ root).inverse()  # in units of the root, given c
@@ -172,9 +172,9 @@ class RigState:
         return knowledge, kept, apart
 
     def refocused(self, share: float = 0.0) -> tuple["RigState", Array, Array]:
-        """Return what `changed` does for a focal length that has changed by about such a `share`, eq. (72l).
+        """Return the result of `changed` for a focal length that has changed by about a relative `share`, eq. (72l).
 
-        The other errors are what they were, and their sizes go on being learnt.
+        The other errors are unchanged, and their sizes are still learnt.
         """
         focal, unit = np.eye(len(self))[_FOCAL], self.rules.std_focal
         by, root = share / unit * focal, self.rules.std_refocused / unit * focal[:, None]
@@ -192,7 +192,7 @@ class RigState:
         return after, kept, apart
 
     def with_field(self, n: int) -> "RigState":
-        """Return the knowledge with n more errors, of a field of which nothing has been seen."""
+        """Return the knowledge with n more errors, of a field that no view has shown yet."""
         m, none, least = len(self), np.zeros(n), np.full(n, LEAST_PX)
         apart = np.zeros((m, n))
         return changed(
@@ -208,11 +208,11 @@ class RigState:
 
 
 NO_RIG = RigState.unknown(np.zeros(0))
-"""What is known about a rig without errors."""
+"""The knowledge of an exact rig."""
 
 
 def impossible(rig: RigEstimate | None, rules: RigConfig) -> str:
-    """Say that the errors of the calibration are larger than those of any; empty where they are not, or not known."""
+    """Return the reason why the calibration cannot be right; empty if its errors are plausible or unknown."""
     length = 0.0 if rig is None else float(np.linalg.norm(rig.mean[: len(TERMS)]))
     if length < rules.impossible:
         return ""

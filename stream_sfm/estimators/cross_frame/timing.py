@@ -1,11 +1,12 @@
-"""When the frames of a window were exposed, and what its newest pose does not know because its velocity is not known.
+"""Exposure times of the frames of a window, and the uncertainty of the newest pose from that of its velocity.
 
-Cameras tick evenly, but a host may stamp frames when it gets to them. Where views depend on velocities, a stamp that is
-off by a hundredth of a period turns into a velocity that is off by as much: frames were exposed at their stamps, or at
-the ticks of an even clock.
+Cameras tick evenly, but a host may stamp frames when it processes them. If views depend on velocities, an error of a
+stamp by a hundredth of a period becomes a velocity error of one hundredth. So two models are compared: frames were
+exposed at their stamps, or at the ticks of an even clock.
 
-The velocity at the newest frame is an extrapolation. By how much twists change once later frames are known is learnt
-during the run; what that does to the views, by delay and readout as they are known, moves the newest pose, eq. (70b).
+The velocity at the newest frame is an extrapolation. The change of twists once later frames are known is learnt during
+the run; with the current delay and readout it shifts the views, and so adds to the covariance of the newest pose, eq.
+(70b).
 """
 
 import numpy as np
@@ -19,18 +20,18 @@ _LATER = 3  # frames after which the velocity of a frame does not become more ce
 
 
 class ExposureClock:
-    """Learns during a run which of the two it is: wrong times feign accelerations, so that motions look rougher."""
+    """Learns during a run which of the two models holds: wrong times cause apparent accelerations."""
 
     def __init__(self) -> None:
         self._even = 0.0  # log odds
 
     def seconds(self, cams_from_ref: Array, stamps_ns: list[int], std_acceleration: Array) -> Array:
-        """Return the times (n,) of cameras (n, 4, 4) at ascending stamps, since the first stamp.
+        """Return the exposure times (n,) of cameras (n, 4, 4) at ascending stamps, since the first stamp.
 
-        The newest camera has not been seen before. `std_acceleration` (6,): what accelerations are compared by.
+        To be called once per frame. `std_acceleration` (6,): the scale for comparing accelerations.
         """
         stamps = np.array([(s - stamps_ns[0]) / 1e9 for s in stamps_ns])
-        if len(stamps) < 5:  # they determine a polynomial of fourth order, and the period of a clock
+        if len(stamps) < 5:  # five determine a polynomial of fourth order, and the period of a clock
             return stamps
         ticks = np.round(stamps / median(np.diff(stamps)))
         if (np.diff(ticks) < 1).any():
@@ -46,7 +47,7 @@ class ExposureClock:
 
 
 class TwistError:
-    """Learns the covariance `cov` (6, 6) of the newest twist of a map, from how twists change."""
+    """Learns the covariance `cov` (6, 6) of the newest twist of a map, from the later changes of twists."""
 
     def __init__(self) -> None:
         self._first: dict[int, Array] = {}
@@ -54,7 +55,7 @@ class TwistError:
         self._frames = 0
 
     def add(self, indices: list[int], twists: Array) -> None:
-        """Take the twists (n, 6) of frames as they are known with the newest one."""
+        """Add the twists (n, 6) of frames, as estimated with the newest one."""
         if len(indices) <= _LATER or not twists.any():
             return
         self._first[indices[-1]] = twists[-1]
@@ -65,10 +66,10 @@ class TwistError:
             self._cov += (np.outer(change, change) - self._cov) / min(self._frames, MEMORY_FRAMES)
 
     def cov(self, std_acceleration: Array, seconds: Array) -> Array:
-        """Return the covariance (6, 6), where the map has frames at times (n,).
+        """Return the covariance (6, 6) for a map with frames at times (n,).
 
-        As learnt; before, that of an acceleration of σ (6,) since the frame before. An extrapolation from frames that
-        are further apart than usual errs with the square of the time.
+        Before it is learnt, it is that of an acceleration of σ (6,) since the previous frame. The error of an
+        extrapolation from frames that are further apart than usual grows with the square of the time.
         """
         apart = np.diff(seconds)
         further = (apart[-_LATER:].max() / median(apart)) ** 2
@@ -80,8 +81,9 @@ class TwistError:
 class Exposures:
     """A block of a map's state: when the reference camera and the window's frames were exposed.
 
-    `seconds` (F + 1,) since the first of them, and `motions` (F + 1, 2, 6) of points then. `has_twist`: whether the
-    error of a frame's twist is one of its unknowns, where a delay is probable. `clock` and `twist_error` learn.
+    `seconds` (F + 1,) since the first of them, and `motions` (F + 1, 2, 6) of points at these times. `has_twist`:
+    whether the error of a frame's twist is one of its unknowns, as a delay is probable. `clock` and `twist_error`
+    learn.
     """
 
     seconds: Array
@@ -92,5 +94,5 @@ class Exposures:
 
     @classmethod
     def of_reference(cls) -> "Exposures":
-        """Return those of a map that begins."""
+        """Return the exposures of a new map."""
         return cls(np.zeros(1), np.zeros((1, 2, 6)), ExposureClock(), TwistError())

@@ -1,10 +1,9 @@
-"""How much the noise of tracks differs, measured in this run, and what a track's views therefore count, eq. (69c).
+"""Differences of the noise between tracks, measured during the run, and the weights that follow from them, eq. (69c).
 
-The covariance of a view follows from its patch, times a factor that all views of the run have shown. Some tracks still
-err by more than that and some by less: patches on things that are not planes, on reflections, at edges of shadows. How
-much a track errs shows in its own residuals, and the more views it has, the better. So the variance of each track lies
-between what its residuals say and what all tracks have. The more the tracks of this run differ, the nearer it is to the
-former.
+The covariance of a view follows from its patch, times a factor measured from all views of the run. Some tracks still
+have larger errors and some smaller ones: patches on surfaces that are not planar, on reflections, at edges of shadows.
+The residuals of a track show its noise, the better the more views it has. So the variance of each track lies between
+that of its residuals and that of all tracks. The more the tracks of this run differ, the nearer it is to the former.
 """
 
 import numpy as np
@@ -17,10 +16,10 @@ from ...record import record
 
 @record
 class TrackNoise:
-    """What residuals of the tracks so far say of their noise: its mean, and how much it differs.
+    """The noise of tracks according to their residuals so far: its mean, and its spread between tracks.
 
-    `sums` (4,): of squared residuals D and of their numbers N; of (D/s − N)² − 2N and of N² + 2N, with s the mean of D
-    per value. The variance of a track is s λ, with λ of mean 1 and variance `spread`.
+    `sums` (4,): of squared residuals D, of their numbers N, of (D/s − N)² − 2N and of N² + 2N, with s the mean of D per
+    value. The variance of a track is s λ, with λ of mean 1 and variance `spread`.
     """
 
     sums: Array
@@ -28,7 +27,7 @@ class TrackNoise:
 
     @classmethod
     def unknown(cls, rules: WindowConfig) -> "TrackNoise":
-        """Return the first guess: all tracks are alike, as their covariances say."""
+        """Return the first guess: all tracks have the noise of their covariances."""
         n = 5 * 4.0  # values of a track of five stereo views
         return cls(rules.tracks_guess * np.array([n, n, 0.0, n**2 + 2 * n]), rules)
 
@@ -43,10 +42,10 @@ class TrackNoise:
         return max(float(self.sums[2] / self.sums[3]), 0.0)
 
     def information(self, squares: Array, values: Array, known: NDArray[np.bool_]) -> Array:
-        """Return by how much (P,) the information of the views of tracks has to be multiplied, 1 in the mean of views.
+        """Return the factors (P,) on the information of the views of tracks, with a mean of 1 over all views.
 
-        `squares` and `values` (P,): sums D and numbers of squared residuals; `known` (P,): points of the prior. It is
-        1/λ at the expected λ of a gamma distribution of 1/λ, given D.
+        `squares` and `values` (P,): sums D and numbers of squared residuals; `known` (P,): points of the prior. The
+        factor is 1/λ at the expected λ given D, with a gamma distribution of 1/λ.
         """
         spread, free = self.spread, _free(values, known)
         result = (2 + 2 * spread + spread * free) / (2 + 2 * spread + spread * squares / self.mean)
@@ -54,7 +53,7 @@ class TrackNoise:
         return np.asarray(result * (values.sum() / total)) if total > 0 else np.ones(len(result))
 
     def after(self, squares: Array, values: Array, known: NDArray[np.bool_]) -> "TrackNoise":
-        """Return the knowledge after the tracks of a window, as in `information`."""
+        """Return the noise after the tracks of a window; arguments as in `information`."""
         free = _free(values, known)
         tells = free > 0
         n, s = free[tells], self.mean
@@ -65,5 +64,5 @@ class TrackNoise:
 
 
 def _free(values: Array, known: NDArray[np.bool_]) -> Array:
-    """Return how many values (P,) of tracks are left once their points are determined, by three each."""
+    """Return the degrees of freedom (P,) of tracks: a point that the prior does not know takes three values."""
     return np.maximum(values - np.where(known, 0, 3), 0.0)

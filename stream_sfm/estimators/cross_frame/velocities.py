@@ -1,8 +1,9 @@
-"""What the velocities of a map's frames do to its views, by delay and readout of the cameras, eqs. (70) to (70b).
+"""Shifts of a map's views by the velocities of its frames, with delay and readout of the cameras, eqs. (70) to (70b).
 
-The velocity of the newest frame is an extrapolation. Where a delay of the right camera is probable, its error, which
-moves all right views alike, is an unknown of the frame, eq. (36b): six amplitudes of σ = 1. Once later frames show the
-velocity, what is left of it is in the right rows, from which the front-end took the delay out by a velocity of its own.
+The velocity of the newest frame is an extrapolation. If a delay of the right camera is probable, the error of this
+velocity, which shifts all right views coherently, is an unknown of the frame, eq. (36b): six amplitudes of σ = 1. Once
+later frames show the velocity, it remains only in the right image rows, as the front-end has compensated the delay in
+these with a velocity of its own.
 """
 
 from collections.abc import Sequence
@@ -35,11 +36,12 @@ def expect(
     cam_from_previous: Array,
     std_acceleration: Array,
 ) -> tuple[WhitenedViews, Array | None]:
-    """Take what errors of the rig do to `rows` of the views of a frame to come, as they move there.
+    """Set the effects of the rig's errors on `rows` of the views of the next frame, with the motion of their points.
 
-    Homogeneous points (n, 4) of the camera before, and roughly the motion (4, 4) since. Returns the views, and what
-    they err by in common: by what is not known of the timing, with accelerations of σ (6,), by what is the frame's
-    own, and by what is not known of the disparity: (n, 4, j) px of σ = 1; None for an exact rig.
+    `points` (n, 4): homogeneous, in the previous camera; the rough motion (4, 4) since. Returns the views, and (n, 4,
+    j) px of σ = 1: the errors that these views share, from the uncertainty of the timing, with accelerations of σ (6,),
+    from the `own` amplitudes of the frame, and from the uncertainty of the disparity. The latter is None for an exact
+    rig.
     """
     if frame.rig is None:
         return views, None
@@ -61,7 +63,7 @@ def expect(
         _begin_twist(current)
         in_cam = core.seen_points(current.projection, views.z_px)
         in_cam[rows] = moved
-        in_cam[~np.isfinite(in_cam).all(axis=1)] = 0, 0, 1, 0  # far ahead: the left side alone is not late
+        in_cam[~np.isfinite(in_cam).all(axis=1)] = 0, 0, 1, 0  # far ahead: the left side alone has no delay
         cov_twist = current.exposures.twist_error.cov(std_acceleration, seconds)
         cov_twist = cov_twist + np.diag((rules.least_twist * of_twist) ** 2)
         size_s = np.copysign(np.hypot(delay_s, std_s), delay_s)
@@ -75,7 +77,7 @@ def expect(
 
 
 def _begin_twist(current: Map) -> None:
-    """Make room for the error of the twist among the unknowns of each frame; that of the frames before is known."""
+    """Add the error of the twist to the unknowns of each frame; that of earlier frames counts as known."""
     if not current.exposures.has_twist:
         current.exposures = changed(current.exposures, has_twist=True)
         current.own = np.concatenate([current.own, np.zeros((len(current.own), _TWIST))], axis=1)
@@ -93,9 +95,9 @@ def _begin_twist(current: Map) -> None:
 def _twist_columns(
     projection: StereoProjection, views: WhitenedViews, points: Array, delay_s: float, cov_twist: Array
 ) -> Array:
-    """Return what an error of the twist, of covariance (6, 6), does to views of homogeneous points (V, 4).
+    """Return the effect (V, 4, 6) px of an error of the twist, of covariance (6, 6), on views of points (V, 4).
 
-    (V, 4, 6) px, of cameras of which the right one is late by some `delay_s`. A missing side has none.
+    The points are homogeneous, and the right camera has a `delay_s`. The effect on a missing side is zero.
     """
     by_twist = np.stack([core.velocities(projection, points, e[None]) for e in np.eye(_TWIST)], axis=2)
     moved = np.zeros_like(by_twist)
@@ -105,16 +107,16 @@ def _twist_columns(
 
 
 def _with_room(own: Array) -> Array:
-    """Return columns (n, 4, e) of frames whose twist is known, with those of a twist."""
+    """Return columns (n, 4, e) of frames followed by zero columns for the twist."""
     return np.concatenate([own, np.zeros((*own.shape[:2], _TWIST))], axis=2)
 
 
 def renew_timing(current: Map) -> None:
-    """Take what delay and readout do to the used views of the window, with the velocities that are known now.
+    """Update the effects of delay and readout on the used views of the window with the current velocities.
 
-    They depend on the camera's velocity, which later frames show better. The place is kept where a view was
-    expected before it counted: at a place that goes along with the view's own noise, errors that hardly show would
-    be estimated wrongly by a fixed amount, which is not averaged out.
+    Later frames show the camera's velocity better. The effects are still evaluated where a view was expected before it
+    counted: at a place correlated with the view's own noise, weakly visible errors would be biased by a fixed amount
+    that does not average out.
     """
     rig = current.frames[-1].rig
     if rig is None:
@@ -129,7 +131,7 @@ def renew_timing(current: Map) -> None:
 
 
 def is_timed(current: Map) -> bool:
-    """Whether delay or readout are certain to be there, so that velocities matter to the poses."""
+    """Whether delay or readout are certainly not zero, so that poses depend on velocities."""
     rig = current.frames[-1].rig
     if rig is None:
         return False
@@ -138,7 +140,7 @@ def is_timed(current: Map) -> bool:
 
 
 def cov_of_timing(current: Map, std_acceleration: Array) -> Array:
-    """Return the covariance (6, 6) of the newest pose by its velocity, which delay and readout turn into errors."""
+    """Return the covariance (6, 6) of the newest pose from errors of its velocity, by way of delay and readout."""
     rig, newest = current.frames[-1].rig, current.views[current.newest]
     if rig is None or not newest.used.any():
         return np.zeros((6, 6))
@@ -146,7 +148,7 @@ def cov_of_timing(current: Map, std_acceleration: Array) -> Array:
     exposures = current.exposures
     exposures.twist_error.add(indices, exposures.motions[:, 0])
     mean, cov = _timing(current, rig)
-    if exposures.has_twist:  # what it does by a delay is in the joint covariance
+    if exposures.has_twist:  # its effect with a delay is in the joint covariance
         mean, cov = mean * [0.0, 1.0], cov * np.outer([0.0, 1.0], [0.0, 1.0])
     in_cam = core.points_of_views(current.state(), newest)
     cov_twist = exposures.twist_error.cov(std_acceleration, exposures.seconds)
@@ -154,9 +156,9 @@ def cov_of_timing(current: Map, std_acceleration: Array) -> Array:
 
 
 def _renew_first(current: Map, views: WhitenedViews, rig: RigModel) -> None:
-    """Begin the prior again with the first frame's views as they moved, which later frames show better.
+    """Build the prior again from the first frame's views, whose motion later frames show better.
 
-    Possible as long as nothing else is in the prior.
+    This is possible as long as nothing else is in the prior.
     """
     points, rig_error = (
         current.points.keep(np.searchsorted(current.points.ids, current.prior.ids)),
@@ -175,14 +177,14 @@ def _renew_first(current: Map, views: WhitenedViews, rig: RigModel) -> None:
 
 
 def _timing(current: Map, rig: RigModel) -> tuple[Array, Array]:
-    """Return delay and readout (2,) as they are held for the newest frame, seconds, and their covariance (2, 2)."""
+    """Return the held delay and readout (2,) of the newest frame, seconds, and their covariance (2, 2)."""
     return rig.timing(current.prior.rig.held_at(current.frames[-1].stamp_ns))
 
 
 def _as_turning(motions: Array, frames: Sequence[WindowFrame]) -> Array:
-    """Return motions (n, 2, 6) of points in frames (n), which turn as the gyroscope says where there is one.
+    """Return motions (n, 2, 6) of points in frames (n), with the angular velocity of the gyroscope if there is one.
 
-    A polynomial through poses cannot follow a camera that is shaken.
+    A polynomial through poses cannot follow a shaken camera.
     """
     for motion, frame in zip(motions, frames, strict=True):
         if frame.turning is not None:

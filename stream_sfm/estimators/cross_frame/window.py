@@ -1,7 +1,7 @@
 """The cross-frame window: all motions of the last b frames estimated together, with a joint camera-centred prior.
 
 One minimum gives the camera-centred (CC) structure and its covariance directly, and the world-centred (WC) pose and
-structure through the uncertainty of the world itself. Source: Weng, Cui and Ahuja, sections 2 and 3; here,
+structure through the uncertainty of the world itself. Source: Weng, Cui and Ahuja, sections 2 and 3; see
 docs/mathematics.md, sections 5 to 7.
 """
 
@@ -64,12 +64,12 @@ class CrossFrame(TakesSamples):
         self._has_field = False
         self._factors = SpanFactors.unknown(config.window)
         self._noise = TrackNoise.unknown(config.window)
-        self._known_by_rows = np.zeros(2)  # information about the delay and its weighted sum
-        self._in_question = False  # the motion into the latest frame that was estimated
-        self._impossible = ""  # why the calibration cannot be right, if it cannot
+        self._known_by_rows = np.zeros(2)  # information about the delay, and its weighted sum
+        self._in_question = False  # whether the motion to the latest estimated frame is ambiguous
+        self._impossible = ""  # why the calibration cannot be right; empty if it can
 
     def step(self, observations: Observations) -> Solution:
-        """Take the next frame; see `Estimator.step`."""
+        """Process the next frame; see `Estimator.step`."""
         self.inertia.take(observations.inertial)
         try:
             solution = self._take(observations)
@@ -78,7 +78,7 @@ class CrossFrame(TakesSamples):
         return self.by_inertia_if_lost(solution, observations.stamp_ns)
 
     def _take(self, observations: Observations) -> Solution:
-        """Start a map or follow the camera. Raises LinAlgError where the views do not determine what is sought."""
+        """Start a map or estimate the next frame. Raises LinAlgError if the views do not determine the motion."""
         observations = self._with_errors_in_use(observations)
         age_s = 0.0 if self.map is None else self.map.prior.rig.age_s(observations.stamp_ns)
         model = None if observations.rig is None else observations.rig.model
@@ -97,12 +97,12 @@ class CrossFrame(TakesSamples):
         except LostError as lost:
             if self._in_question:
                 self.inertia.forget()
-            if not len(observations.track_ids):  # the map goes on where its tracks return
+            if not len(observations.track_ids):  # the map continues if its tracks return
                 self.waiting = True
                 return lost_solution(observations, str(lost), *self.motion.predict(observations.stamp_ns))
             if not self.waiting:
                 return self._lose(observations, str(lost), blames_rig=not isinstance(lost, NotTheCameraError))
-            # its tracks did not return: another map begins with what has come instead
+            # its tracks did not return: a new map begins with the new ones
             self.map, self.rig = None, current.rig_left
             return with_ended(self._start(observations, frame, views), current.marginals.ended())
 
@@ -121,7 +121,7 @@ class CrossFrame(TakesSamples):
     def _advance(
         self, current: Map, observations: Observations, frame: WindowFrame, views: WhitenedViews
     ) -> Solution:
-        """Follow the camera by one frame."""
+        """Estimate one frame with the current map."""
         self.inertia.enter(frame, current)
         motion, rejected, views, corrected_px = self._initial_motion(current, observations, frame, views)
         motion = self.inertia.judge(motion, frame)
@@ -143,14 +143,14 @@ class CrossFrame(TakesSamples):
         return self._report(current, observations, motion, iterations)
 
     def _change_rig(self, change: Callable[[RigState], tuple[RigState, Array, Array]]) -> None:
-        """Take it that the rig's errors have changed since the last frame: earlier views have the old ones."""
+        """Change the rig's errors since the last frame; earlier views have the old errors."""
         if self.map is not None:
             self.map.change_rig(change)
         elif self.rig is not None:
             self.rig = change(self.rig)[0]
 
     def _with_errors_in_use(self, observations: Observations) -> Observations:
-        """Return the observations of a rig without a field until there is one, and that zooms once it has."""
+        """Return the observations with the rig model in use: a field or a zoom only once one has shown."""
         view = observations.rig
         if view is None:
             return observations
@@ -169,10 +169,10 @@ class CrossFrame(TakesSamples):
         return replace(observations, rig=view)
 
     def _since_by_rows(self, observations: Observations, m: int) -> tuple[Array, Array]:
-        """Return what rows have said about the rig's m errors since they were last asked: information, weighted sums.
+        """Return the new information (m,) about the rig's errors from image rows, and its weighted sums (m,).
 
-        They show the delay, whatever depth and motion are, and serve nothing else. Where they know less than before,
-        they take nothing back: since then the rig may have changed, and what they said may not be known any more.
+        Rows show the delay for any depth and motion, and nothing else. If they contain less information than before,
+        none is subtracted: the rig may have changed since, and the earlier information may be gone.
         """
         more, weighted = np.zeros((2, m))
         if (view := observations.rig) is not None:
@@ -185,7 +185,8 @@ class CrossFrame(TakesSamples):
     def _lose(self, observations: Observations, reason: str, blames_rig: bool = True) -> Solution:
         """End the map, and predict the pose.
 
-        The rig is unknown again where a map could not begin or not go on once, and where its errors are impossible.
+        The rig becomes unknown again if a map could not begin or not continue even once, or if its errors are
+        impossible.
         """
         current, self.map = self.map, None
         if observations.jumped:
@@ -203,7 +204,7 @@ class CrossFrame(TakesSamples):
     ) -> tuple[Resection, NDArray[np.int64], WhitenedViews, Array]:
         """Find cam_n_from_cam_{n−1} from the local structure of the previous frame, and the tracks it rejects.
 
-        And the views as they move, to which delay and readout do something; and z_px without the rig's errors.
+        Also returns the views with the effects of delay and readout, and z_px without the rig's errors.
         """
         robust, previous = self.config.robust, current.marginals
         usable = ~current.rejections.excluded(views.ids)
@@ -222,7 +223,7 @@ class CrossFrame(TakesSamples):
         z_px, cov_px = corrected.z_px[rows], corrected.cov_px[rows]
         seen = PointViews(self.projection, points, cov, z_px, cov_px, robust, unknown_px)
         found = initial_motion(seen, observations, start, weights)
-        if found is None and self.inertia.now is not None:  # samples show whether it is the camera's
+        if found is None and self.inertia.now is not None:  # samples show whether the motion found is the camera's
             found = initial_motion(seen, observations, start, weights, searches=True)
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} or more of the {len(rows)} tracked points")
@@ -233,11 +234,11 @@ class CrossFrame(TakesSamples):
     def _marginals(
         self, current: Map, read_off: Map, before: Marginals, in_question: bool
     ) -> tuple[Marginals, InertialEstimate | None]:
-        """Return the marginals as reported, which are the map's then, and the inertial state if there is one.
+        """Return the reported marginals, which become those of the map, and the inertial state if there is one.
 
-        `before`: those of the previous frame. A motion `in_question` is not followed.
+        `before`: the marginals of the previous frame. With a motion `in_question` the filter's pose is reported.
         """
-        # the world has moved with all errors that last, which only the weights of eq. (69) allow for
+        # all correlated errors have moved the world, and only the weights of eq. (69) account for them
         now = current.marginals = changed(read_off.update_marginals(), cov_pose=current.cov_pose)
         known, inertial = self.inertia.report(current, read_off)
         now = now if known is None else current.place_newest(known)
@@ -247,7 +248,7 @@ class CrossFrame(TakesSamples):
         return now, self.inertia.placed(inertial, now.world_from_cam)
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
-        """Read the Solution off the joint covariance, and give the pose to the motion model."""
+        """Return the Solution from the joint covariance, and give the pose to the motion model."""
         rig, self._in_question = current.judge_rig(), motion.ambiguous is not None
         before, factors = current.marginals, self._factors
         tells = observations.lasting.inflation is not None and motion.ambiguous is None and not observations.misfit
@@ -255,7 +256,7 @@ class CrossFrame(TakesSamples):
         in_question = motion.ambiguous is not None or bool(observations.misfit)
         now, inertial = self._marginals(current, read_off, before, in_question)
         cov_timing = cov_of_timing(current, self._std_acceleration)
-        if motion.ambiguous is None:  # otherwise it may be the motion that is wrong
+        if motion.ambiguous is None:  # otherwise the motion may be wrong instead
             self._impossible = impossible(rig, self.config.rig)
         observations = _with_misfit(observations, self._impossible)
         observations = _with_note(observations, "" if inertial is None else inertial.note)
@@ -309,7 +310,7 @@ def _with_note(observations: Observations, note: str) -> Observations:
 
 
 def _unknown_rig(observations: Observations, rules: RigConfig) -> RigState:
-    """Return what is known about the rig before any view."""
+    """Return the knowledge of the rig before any view."""
     if observations.rig is None:
         return NO_RIG
     mean, size, learnt = observations.rig.model.before_views()

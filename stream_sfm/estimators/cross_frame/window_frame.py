@@ -16,14 +16,14 @@ from .inverse_depth import WhitenedViews
 
 @dataclass(slots=True)
 class WindowFrame:
-    """What is known of a frame beside its pose and its views.
+    """The data of a frame beside its pose and its views.
 
-    `std_turn_rad`: σ about each axis of the apparent turn since the previous frame that patches cause by sliding alike.
+    `std_turn_rad`: σ about each axis of the apparent rotation since the previous frame by patches that slide alike.
     `ambiguity` (6, k): a root of the further covariance of the motion from the previous frame, in axes of this camera;
     consecutive frames share the first six columns, and the others belong to one frame. `interval`: the inertial
     samples since the previous frame; they predict the `velocity` (3,), and the gyroscope gives `turning` (2, 3), the
-    angular velocity and acceleration of points. All three are None without
-    samples. `misfit`: the images do not fit each other or the calibration.
+    angular velocity and acceleration of points. Without samples `interval` and `turning` are None. `misfit`: the images
+    do not fit each other or the calibration.
     """
 
     index: int
@@ -38,14 +38,14 @@ class WindowFrame:
 
     @property
     def in_question(self) -> bool:
-        """Whether the motion from the frame before may not be the camera's."""
+        """Whether the motion from the previous frame may not be the camera's."""
         return self.misfit or self.ambiguity.shape[1] > 0
 
 
 def views_of(observations: Observations, projection: StereoProjection, age_s: float = 0.0) -> WhitenedViews:
-    """Return all views of a frame as those of row 0, in use.
+    """Return all views of a frame as those of row 0, all used.
 
-    `age_s`: for how long errors of the rig have grown.
+    `age_s`: the time for which errors of the rig have grown.
     """
     weight, n = _weights(observations), len(observations.track_ids)
     own, terms, timing, field = np.zeros((n, 4, 0)), np.zeros((n, 4, 0)), np.zeros((n, 4, 0)), np.zeros((n, 0))
