@@ -8,7 +8,10 @@ The velocity at the newest frame is an extrapolation. By how much twists change 
 during the run; what that does to the views, by delay and readout as they are known, moves the newest pose, eq. (70b).
 """
 
+from dataclasses import field
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ... import core
 from ...geometry import Array
@@ -80,8 +83,9 @@ class TwistError:
 class Exposures:
     """A block of a map's state: when the reference camera and the window's frames were exposed.
 
-    `seconds` (F + 1,) since the first of them, and `motions` (F + 1, 2, 6) of points then. `has_twist`: whether the
-    error of a frame's twist is one of its unknowns, where a delay is probable. `clock` and `twist_error` learn.
+    `seconds` (F + 1,) since the first of them, and `motions` (F + 1, 2, 6) of points then. `has_twist`: whether frames
+    have room for the errors of their twists, and `by_twist` (2,): whether that of the newest one counts, by delay and
+    by readout. `clock` and `twist_error` learn.
     """
 
     seconds: Array
@@ -89,6 +93,7 @@ class Exposures:
     clock: ExposureClock
     twist_error: TwistError
     has_twist: bool = False
+    by_twist: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(2, bool))
 
     @classmethod
     def of_reference(cls) -> "Exposures":
