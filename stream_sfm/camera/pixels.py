@@ -1,4 +1,4 @@
-"""Grey images of 8 bits (h, w), which everything works on, from the arrays that cameras and programs deliver."""
+"""Conversion of the arrays that cameras and programs deliver to 8-bit grey images (h, w), which the package uses."""
 
 from typing import TypeAlias
 
@@ -11,12 +11,12 @@ from .settings import SETTINGS
 
 Grey: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
 
-FEWEST_BITS = 10  # of a 16-bit image: sensors of more than 8 bits have 10, 12, 14 or 16
+FEWEST_BITS = 10  # in use in a 16-bit image: sensors with more than 8 bits have 10, 12, 14 or 16
 _TO_GREY = {3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY}
 
 
 def bits_used(*images: Grey) -> int:
-    """How many of their 16 bits images (h, w) use, apart from their brightest pixels; `FEWEST_BITS` if they have 8."""
+    """Return how many of 16 bits images (h, w) use, without their brightest pixels; `FEWEST_BITS` for 8-bit images."""
     bits = FEWEST_BITS
     for image in images:
         if image.dtype == np.uint16:
@@ -26,7 +26,7 @@ def bits_used(*images: Grey) -> int:
 
 
 def to_uint8(image: Grey, bits: int) -> NDArray[np.uint8]:
-    """Scale an image (h, w) of 16 bits, of which so many are used, to 8 bits; one of 8 bits stays as it is.
+    """Scale a 16-bit image (h, w), of which `bits` bits are used, to 8 bits; return an 8-bit image unchanged.
 
     A camera of 10 or 12 bits uses the lower bits of its 16: dividing by 256 would leave it nearly black.
     """
@@ -36,19 +36,19 @@ def to_uint8(image: Grey, bits: int) -> NDArray[np.uint8]:
 
 
 class GreyScaler:
-    """Scales the images of a log to 8 bits by the brightest ones so far, in either camera: brightness does not jump."""
+    """Scales a log's images to 8 bits by the brightest so far of both cameras, so that brightness does not jump."""
 
     def __init__(self) -> None:
         self._bits = FEWEST_BITS
 
     def to_uint8(self, *images: Grey) -> list[NDArray[np.uint8]]:
-        """Scale the images (h, w) of the next frame; frames come in order, because the scale is remembered."""
+        """Scale the images (h, w) of the next frame; frames must come in order, because the scale is remembered."""
         self._bits = max(self._bits, bits_used(*images))
         return [to_uint8(image, self._bits) for image in images]
 
 
 def image_problem(image: object) -> str:
-    """Why an array cannot be taken for an image, with what to give instead; empty where it can."""
+    """Return why an array is not an image, with the form to give instead, or an empty string."""
     if not isinstance(image, np.ndarray):
         return f"is {described(image)}; give a NumPy array, such as np.asarray(image)"
     if image.dtype.kind == "f":
@@ -64,11 +64,11 @@ def image_problem(image: object) -> str:
 
 
 def to_grey(image: NDArray[np.generic]) -> Grey:
-    """Grey (h, w) of an image without a problem: (h, w), (h, w, 1), or colour with blue first; 8 or 16 bits."""
+    """Return the grey image (h, w) of a valid one: (h, w), (h, w, 1), or colour with blue first; 8 or 16 bits."""
     pixels = np.asarray(image)
     if pixels.ndim == 3 and pixels.shape[2] == 1:
         pixels = pixels[:, :, 0]
-    pixels = np.ascontiguousarray(pixels)  # such as one half of a wider image
+    pixels = np.ascontiguousarray(pixels)  # for example, half of a wider image is not
     if pixels.ndim == 3:
         pixels = cv2.cvtColor(pixels, _TO_GREY[pixels.shape[2]])
     return np.asarray(pixels)

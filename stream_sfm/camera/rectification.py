@@ -1,7 +1,7 @@
-"""Any calibrated pair to a rectified one: common focal length and rows, the baseline along +x.
+"""Rectification of any calibrated pair: common focal length and rows, with the baseline along +x.
 
-The rectified axes are our own choice from `right_from_left` (x along the baseline, z between the two optical axes),
-whatever rectification a log proposes; poses are handed out in the physical left camera's axes again.
+The rectified axes follow from `right_from_left` (x along the baseline, z between the two optical axes), whatever
+rectification a log proposes. Poses are reported in the axes of the physical left camera.
 """
 
 from collections.abc import Sequence
@@ -20,20 +20,19 @@ from .over_image import ExposedRows, FocalEffect
 from .rig import MonoRig, StereoRig
 from .settings import SETTINGS
 
-# Baseline of the virtual right camera beside a single one, in units of the first motion. Its views hardly count;
-# as a length it says what a drift of patches means for depths, eq. (33), and is about the distance of a first
-# scene.
+# Baseline of the virtual right camera beside a single one, in units of the first motion. Its views hardly count. As a
+# length it converts a drift of patches to depths, eq. (33), and is about the distance of a first scene.
 VIRTUAL_BASELINE = 10.0
-_Side = tuple[Camera, Array, Array]  # with its rectifying rotation, and the matrix of the rectified image
+_Side = tuple[Camera, Array, Array]  # a camera, its rectifying rotation, and the matrix of its rectified image
 _Maps = tuple[cv2.typing.MatLike, cv2.typing.MatLike]
 
 
 class Rectifier:
-    """Rectification of a rig's images: to pinholes of one focal length and one row, the baseline along +x.
+    """Rectifies a rig's images to pinholes with a common focal length and common rows, the baseline along +x.
 
-    `projection` of the rectified pair, of one camera with a virtual right one; `rect_from_cam` (3, 3): its axes from
-    the physical left camera's; `fingerprint`: equal where the same is done to images. Raises RigError where left and
-    right are exchanged or not beside each other, or where the calibration leaves no image.
+    `projection`: that of the rectified pair, or of one camera with a virtual right one; `rect_from_cam` (3, 3): its
+    axes from those of the physical left camera; `fingerprint`: equal if images are rectified in the same way. Raises
+    RigError if left and right are exchanged or not beside each other, or if the calibration leaves no image.
     """
 
     def __init__(self, rig: StereoRig | MonoRig) -> None:
@@ -59,16 +58,16 @@ class Rectifier:
 
     @cached_property
     def _maps(self) -> list[_Maps | None]:
-        return [_maps(*side) for side in self._sides]  # late: the projection alone needs none
+        return [_maps(*side) for side in self._sides]  # lazy: the projection alone needs none
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
-        """Which pixels (h, w) of the rectified left image show the scene. Raises RigError where hardly any does."""
+        """Which pixels (h, w) of the rectified left image show the scene. Raises RigError if hardly any does."""
         return self._shows_scene(0)
 
     @cached_property
     def valid_in_right(self) -> NDArray[np.bool_] | None:
-        """The same of the right image, where a mask leaves pixels of it out; None where none does."""
+        """The same for the right image if it has a mask, otherwise None."""
         return None if self._sides[-1][0].mask is None or len(self._sides) < 2 else self._shows_scene(1)
 
     def _shows_scene(self, side: int) -> NDArray[np.bool_]:
@@ -80,23 +79,23 @@ class Rectifier:
             return np.asarray(valid)
         valid = self._rectified(np.where(camera.mask, white, 0).astype(np.uint8), side) == 255
         if valid.mean() < SETTINGS.min_valid:
-            which, form = ("left", "right")[side], "it is black where pixels are left out, and white elsewhere"
+            which, form = ("left", "right")[side], "make it black at excluded pixels, and white elsewhere"
             raise RigError(f"the mask of the {which} camera leaves hardly any of its image: {form}")
         return np.asarray(valid)
 
     def rectify(self, *images: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
-        """Rectify an image (h, w) uint8 of each camera; the same array where nothing has to move."""
+        """Rectify an image (h, w) uint8 of each camera; return the same array if it is rectified already."""
         return [self._rectified(image, side) for side, image in enumerate(images)]
 
     @cached_property
     def rows_of(self) -> ExposedRows:
-        """In which rows of the cameras' own images views are."""
+        """The rows of the raw images in which views are exposed."""
         rows = [(raw_px[:, 1:] + 0.5) / side[0].height - 0.5 for side, _, raw_px in self._places]
-        return self._polynomials(rows)[0]  # a readout is that of `height` rows
+        return self._polynomials(rows)[0]  # the readout time is that of `height` rows
 
     @cached_property
     def by_focal(self) -> FocalEffect:
-        """What a longer focal length of both cameras does to views."""
+        """The effect of a longer focal length of both cameras on views."""
         moved = []
         for (camera, rotation, k_rectified), _, raw_px in self._places:
             middle_px = camera.K[:2, 2]
@@ -109,27 +108,27 @@ class Rectifier:
 
     @cached_property
     def _places(self) -> list[tuple[_Side, NDArray[np.intp], Array]]:
-        """Of each side: which of the `_nodes` show its image, and where, px."""
+        """For each side, which of the `_nodes` are inside its raw image, and where, px."""
         found = []
         for camera, rotation, k_rectified in self._sides:
             rays = np.column_stack([self._nodes, np.ones(len(self._nodes))])
             rays = rays @ np.linalg.inv(k_rectified).T @ rotation
             ahead = np.flatnonzero(rays[:, 2] > 0)
             raw_px = project_into_image(camera, rays[ahead])
-            # what lies outside was not seen
+            # nodes outside were not seen
             inside = (np.abs(raw_px / (camera.width, camera.height) - 0.5) < 0.5).all(axis=1)
             found.append(((camera, rotation, k_rectified), ahead[inside], raw_px[inside]))
         return found
 
     @cached_property
     def _nodes(self) -> Array:
-        """Places (n, 2) all over a rectified image, px."""
+        """Positions (n, 2) px spread over a rectified image."""
         p = self.projection
         u, v = np.meshgrid(*(np.linspace(0, edge - 1, SETTINGS.nodes) for edge in (p.width, p.height)))
         return np.stack([u.ravel(), v.ravel()], axis=1)
 
     def _polynomials(self, values: Sequence[Array]) -> list[ExposedRows]:
-        """Return polynomials over both images through values (n, k) at the places of each side, for each of the k."""
+        """Return k polynomials over both images, fitted to values (n, k) at the places of each side."""
         size = self.projection.width, self.projection.height
         x, y = (np.vander(at, SETTINGS.degree + 1, increasing=True) for at in (2 * self._nodes / size - 1).T)
         products = (x[:, :, None] * y[:, None]).reshape(len(x), -1)
@@ -148,7 +147,7 @@ class Rectifier:
 
 
 def _rectified_px(rays: Array, rotation: Array, k_rectified: Array) -> Array:
-    """Return where rays (n, 3) of a camera are in its rectified image, (n, 2) px."""
+    """Return the positions (n, 2) px of rays (n, 3) of a camera in its rectified image."""
     turned = rays @ rotation.T @ k_rectified.T
     return np.asarray(turned[:, :2] / turned[:, 2:])
 
@@ -159,7 +158,7 @@ def check_rectifiable(rig: StereoRig | MonoRig) -> None:
 
 
 def _rectifying_rotations(rig: StereoRig | MonoRig) -> tuple[Array, ...]:
-    """Rotations (3, 3) of each camera's axes into the rectified ones. Raises RigError if not left and right."""
+    """Return rotations (3, 3) of each camera's axes into the rectified ones. Raises RigError if not left and right."""
     if isinstance(rig, MonoRig):
         return (np.eye(3),)
     rotation, translation = rig.right_from_left[:3, :3], rig.right_from_left[:3, 3]
@@ -171,7 +170,7 @@ def _rectifying_rotations(rig: StereoRig | MonoRig) -> tuple[Array, ...]:
         raise RigError(f"{problem}: {cure}", hint=("left", "right"))
     z = rotation[2] + (0, 0, 1)
     z = z - (z @ x) * x
-    if np.linalg.norm(z) < SETTINGS.parallel:  # |z| is 2 for cameras that look the same way
+    if np.linalg.norm(z) < SETTINGS.parallel:  # |z| is 2 for parallel cameras
         raise _not_beside(right_in_left)
     z /= np.linalg.norm(z)
     rect_from_left = np.stack([x, np.cross(z, x), z])
@@ -196,10 +195,10 @@ def _no_image(cameras: Sequence[Camera]) -> RigError:
 def _extents(
     rig: StereoRig | MonoRig, cameras: Sequence[Camera], rotations: Sequence[Array]
 ) -> tuple[list[Array], Array]:
-    """The extent of each camera's rectified rays and their mean span (2,). Raises RigError where there is none."""
+    """Return the extent of each camera's rectified rays and their mean span (2,). Raises RigError if there is none."""
     extents = [_extent(c, r) for c, r in zip(cameras, rotations, strict=True)]
     spans: Array = np.mean([e[1] - e[0] for e in extents], axis=0)
-    if not (spans > 0).all():  # false for NaN too
+    if not (spans > 0).all():  # also true for NaN
         right_in_left = se3.inverse(rig.right_from_left)[:3, 3] if isinstance(rig, StereoRig) else np.eye(3)[0]
         if right_in_left[0] < SETTINGS.beside * np.linalg.norm(right_in_left):
             raise _not_beside(right_in_left)
@@ -208,12 +207,12 @@ def _extents(
 
 
 def _extent(camera: Camera, rotation: Array) -> Array:
-    """Smallest and largest rectified ray (2, 2) that the middles of the image's edges reach."""
+    """Return the smallest and largest rectified ray (2, 2) at the middles of the image's edges."""
     w, h = camera.width - 1.0, camera.height - 1.0
     pixels = np.array([[0, h / 2], [w, h / 2], [w / 2, 0], [w / 2, h]])
-    with np.errstate(invalid="ignore"):  # where the lens model has no solution, the caller says so
+    with np.errstate(invalid="ignore"):  # if the lens model has no solution, the caller reports it
         rays = rays_of(camera, pixels) @ rotation.T
-    # a lens of 180° and more reaches behind the rectified plane; the focal length bounds what is kept of it
+    # a lens of 180° or more reaches behind the rectified plane; the focal length limits the part that is kept
     rays = rays[:, :2] / np.maximum(rays[:, 2:], SETTINGS.min_ray_depth)
     return np.array([[rays[0, 0], rays[2, 1]], [rays[1, 0], rays[3, 1]]])
 
@@ -221,14 +220,14 @@ def _extent(camera: Camera, rotation: Array) -> Array:
 def _maps(camera: Camera, rotation: Array, k_rectified: Array) -> _Maps | None:
     size = (camera.width, camera.height)
     fisheye, d = distortion(camera)
-    if not (fisheye or np.any(d) or (rotation != np.eye(3)).any()):  # rectified images: corners move furthest
+    if not (fisheye or np.any(d) or (rotation != np.eye(3)).any()):  # rectified already: corners move most
         corners = np.array([[0, 0, 1], [size[0] - 1, size[1] - 1, 1]])
         if np.abs(corners @ (camera.K @ np.linalg.inv(k_rectified)).T - corners).max() < SETTINGS.max_shift_px:
             return None
     module = cv2.fisheye if fisheye else cv2
     u, v = module.initUndistortRectifyMap(camera.K, d, rotation, k_rectified, size, cv2.CV_32FC1)
-    # float32 without a grid of indices: a fifth of the memory, which counts for images of many megapixels
+    # float32 without a grid of indices takes a fifth of the memory, which matters for images of many megapixels
     grid_u, grid_v = (np.arange(n, dtype=np.float32) for n in size)
     if max(np.abs(u - grid_u).max(), np.abs(v - grid_v[:, None]).max()) < SETTINGS.max_shift_px:
         return None
-    return u, v  # OpenCV 5 takes 0.6 of the time with them that it takes with fixed-point maps, and is exact
+    return u, v  # with them OpenCV 5 takes 0.6 of the time of fixed-point maps, and is exact

@@ -1,9 +1,9 @@
 """The compiled core: stages of the front-end and the estimators as functions of arrays, in C++.
 
-One file per stage, whose head says what it does; `_core.pyi` has the functions as Python calls them. The stages know
-nothing of Python: `bind_*.cpp` name and describe their arguments, `binding.hpp` checks arrays and reads records by the
-names of their fields, and stages run without Python's lock. The same arrays give the same bytes on every machine of one
-kind, in one thread or in several.
+Each stage has its own file, whose first line describes it; `_core.pyi` has the functions as Python calls them. The
+stages do not depend on Python: `bind_*.cpp` name and describe their arguments, `binding.hpp` checks arrays and reads
+records by the names of their fields, and stages run without Python's lock. The same arrays give the same bytes on every
+machine of the same architecture, in one thread or in several.
 """
 
 import os

@@ -90,8 +90,8 @@ class TemplateRules(Protocol):
     def exposures(self) -> int: ...
 
 class PhysicalAxes(Protocol):
-    # Axes of the physical camera: the `rotation` (3, 3) of points into them, and σ of errors that no view shows, of
-    # lengths as a share of themselves, and of the axes about x and y.
+    # Axes of the physical camera: the `rotation` (3, 3) of points into them, and σ of errors that no view shows,
+    # relative ones of lengths and rotations of the axes about x and y.
     @property
     def rotation(self) -> Array: ...
     @property
@@ -100,7 +100,7 @@ class PhysicalAxes(Protocol):
     def std_axes_rad(self) -> float: ...
 
 class Field(Protocol):
-    # A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and the root (K, K); K = U
+    # A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and its root (K, K); K = U
     # V.
     @property
     def u_px(self) -> Array: ...
@@ -112,8 +112,8 @@ class Field(Protocol):
     def root(self) -> Array: ...
 
 class Rows(Protocol):
-    # What is known of rows: amplitudes (7 + K,) of polynomial, delay and field with their covariance, the scatter
-    # of matches and the largest difference of rows.
+    # Estimated row differences: amplitudes (7 + K,) of polynomial, delay and field with their covariance, the
+    # scatter of matches and the largest row difference.
     @property
     def projection(self) -> Pinholes: ...
     @property
@@ -130,15 +130,15 @@ class Rows(Protocol):
     def rules(self) -> RowGates: ...
 
 class ExposedRows(Protocol):
-    # In which rows of the cameras' own images views are: size of the rectified image, and coefficients (s, k, k) of
-    # one polynomial for both sides or of one for each.
+    # The rows of the raw images in which views are exposed: size of the rectified image, and coefficients (s, k, k)
+    # of one polynomial for both sides or of one for each.
     @property
     def size_px(self) -> tuple[float, float]: ...
     @property
     def coefficients(self) -> Array: ...
 
 class Timing(Protocol):
-    # Delay and readout, seconds: mean (2,) and covariance (2, 2), and the twist (6,) in the frame before, None if
+    # Delay and readout, seconds: mean (2,) and covariance (2, 2), and the twist (6,) in the previous frame, None if
     # unknown.
     @property
     def row_of(self) -> ExposedRows: ...
@@ -150,15 +150,15 @@ class Timing(Protocol):
     def twist(self) -> Array | None: ...
 
 class Mixture(tuple[Array, Array, float]):
-    # Errors of a rig as a mixture over what may be exactly zero: mean (m,), covariance (m, m), and p that lenses
+    # Rig errors as a mixture over those that may be exactly zero: mean (m,), covariance (m, m), and p that lenses
     # are wrong.
     mean: Array
     cov: Array
     p_wrong: float
 
 class RightSides(Protocol):
-    # Where right sides are sought: the rows, a turn (3,) of the right camera, which is taken out of what is
-    # measured there, and the twist (6,) of the points, per second.
+    # Predicts right sides: by row differences, a turn (3,) of the right camera, which is subtracted from
+    # measurements there, and the twist (6,) of the points.
     @property
     def rows(self) -> Rows: ...
     @property
@@ -167,7 +167,7 @@ class RightSides(Protocol):
     def twist(self) -> Array: ...
 
 class TemplateConfig(Protocol):
-    # Half width of templates and how far from its start one may be found, in their pixels; the largest deviation of
+    # The half width of templates and the largest distance from the start, in their pixels; the largest deviation of
     # grey differences.
     @property
     def window_radius_px(self) -> int: ...
@@ -177,29 +177,28 @@ class TemplateConfig(Protocol):
     def max_photometric_error(self) -> float: ...
 
 class ViewNoise(Protocol):
-    # Pixels that share one noise value, and the variance factor of views.
+    # The number of pixels that share one noise value, and the variance factor of views.
     @property
     def shared_pixels(self) -> float: ...
     @property
     def factor(self) -> float: ...
 
 class RowGates(Protocol):
-    # The gate of matches beside their row, in σ, and its least width.
+    # The gate, in σ, of a match's distance from its row, and its least width.
     @property
     def gate_sigmas(self) -> float: ...
     @property
     def least_gate_px(self) -> float: ...
 
 class LastingRules(Protocol):
-    # The largest row difference that counts, in σ, and the number of views beyond which a track counts as one of
-    # these.
+    # The limit of row differences, in σ, and the limit of a track's age, in views.
     @property
     def most_row_sigmas(self) -> float: ...
     @property
     def oldest_views(self) -> int: ...
 
 class TemplateKind(Protocol):
-    # A kind of templates: image pixels per pixel, and pixels between samples.
+    # A kind of template: image pixels per pixel, and pixels between samples.
     @property
     def scale(self) -> int: ...
     @property
@@ -212,9 +211,9 @@ class TemplateKind(Protocol):
     def rules(self) -> TemplateRules: ...
 
 class Tracks(Protocol):
-    # Homogeneous points (n, 4) of tracks at unit depth, variances (n,) of 1/Z, covariances (n, 2, 2) px² of left
-    # positions, anchor cameras (n, 4, 4), velocities (n, 2) px/s on the left and slopes (n, 2) of 1/Z there, gains
-    # and offsets (n, 2) of the last left image over the template, and image pixels (n,) per pixel of the template.
+    # Tracks: homogeneous points (n, 4) at unit depth, variances (n,) of 1/Z, covariances (n, 2, 2) px² of left
+    # positions, anchor cameras (n, 4, 4) with left velocities (n, 2) px/s and slopes (n, 2) of 1/Z, gains and
+    # offsets (n, 2) of the last left image over the template, and image pixels (n,) per pixel of the template.
     @property
     def points(self) -> Array: ...
     @property
@@ -233,8 +232,8 @@ class Tracks(Protocol):
     def scale(self) -> Pixels: ...
 
 class Templates(Protocol):
-    # Templates of one kind: left and right image of their pixels (None: without right sides), stored patches as in
-    # `warp_patches`, and where in the left image (h, w) a whole patch shows the scene.
+    # Templates of one kind: left and right image at their scale (None: without right sides), stored patches as in
+    # `warp_patches`, and the pixels (h, w) of the left image around which a whole patch shows the scene.
     @property
     def left(self) -> Image: ...
     @property
@@ -264,9 +263,9 @@ class Pinholes(Protocol):
     def height(self) -> int: ...
 
 class Views(Protocol):
-    # Points with their views: homogeneous `points` (n, 4) with `cov_points` (n, 4, 4), or (0, 4, 4) where they are
-    # exact, views `z_px` (n, 4), NaN where a side is missing, with `cov_px` (n, 4, 4), errors that all views share
-    # (n, 4, j), and gates (n,) of squared residuals.
+    # Points with their views: homogeneous `points` (n, 4) with `cov_points` (n, 4, 4), or (0, 4, 4) if they are
+    # exact, views `z_px` (n, 4), NaN for a missing side, with `cov_px` (n, 4, 4), errors that all views share (n,
+    # 4, j), and gates (n,) of squared residuals.
     @property
     def projection(self) -> Pinholes: ...
     @property
@@ -283,9 +282,9 @@ class Views(Protocol):
     def gate(self) -> Array: ...
 
 class Fitted(tuple[Array, Array, Mask, float, int, float, bool, Array, float, Array, Array]):
-    # A motion (4, 4), its covariance (6, 6), accepted views (n,), and of these χ² and degrees of freedom; the
-    # `spread` of squared residuals; whether enough views agree and determine the motion (`ok`); squared residuals
-    # (n,), `share` of the votes, amplitudes (j,) of shared errors and their covariance (j, j).
+    # A motion (4, 4), its covariance (6, 6), accepted views (n,) with their χ² and degrees of freedom; the `spread`
+    # of squared residuals; whether enough views agree and determine the motion (`ok`); squared residuals (n,),
+    # `share` of the votes, amplitudes (j,) of shared errors and their covariance (j, j).
     cam_from_ref: Array
     cov_pose: Array
     accepted: Mask
@@ -299,7 +298,7 @@ class Fitted(tuple[Array, Array, Mask, float, int, float, bool, Array, float, Ar
     cov_amplitudes: Array
 
 class Second(tuple[Array, Array, Mask, float]):
-    # A second motion (4, 4), its covariance (6, 6), the views (n,) that agree with it only, and their odds.
+    # A second motion (4, 4), its covariance (6, 6), the views (n,) that agree only with it, and their odds.
     cam_from_ref: Array
     cov_pose: Array
     views: Mask
@@ -363,15 +362,15 @@ class ResectionRules(Protocol):
     def places(self) -> int: ...
 
 class TurnRules(Protocol):
-    # The σ of a knock about each axis, and the most steps of reweighting.
+    # The σ of a knock about each axis, and the largest number of reweighting steps.
     @property
     def std_rad(self) -> float: ...
     @property
     def steps(self) -> int: ...
 
 class Wanted(Protocol):
-    # Whether a second motion is looked for; whether most views agree with the start already, and whether it has
-    # been decided that no other motion than that is looked for; whether all motions are searched in any case.
+    # Whether to look for a second motion; whether most views already agree with the start; whether no motion other
+    # than the start's is to be sought; whether to search all motions in any case.
     @property
     def second(self) -> bool: ...
     @property

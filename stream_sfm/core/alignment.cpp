@@ -1,4 +1,4 @@
-// Views of tracks in a new frame: their templates, warped as they should look, found in the left image and then in the right one.
+// Views of tracks in a new frame: their warped templates are found in the left image and then in the right one.
 
 #include "tracks.hpp"
 #include "images.hpp"
@@ -8,7 +8,7 @@
 namespace core {
 namespace {
 
-// Tracks whose patches should be in a new frame: their rows, where alignment starts, and warps in pixels of templates.
+// Tracks whose patches should be in a new frame: their rows, the starts of alignment, and warps in pixels of templates.
 struct Sought {
     std::vector<std::size_t> rows;
     Array<std::int64_t, 1> slots;
@@ -17,7 +17,7 @@ struct Sought {
     Array<double, 3> left_warps, right_warps;
 };
 
-// Views of these tracks: which were found, at least on the left; those without and with right sides that miss their row.
+// Views of these tracks: which were found, at least on the left; `any_row` includes right sides that are off their row.
 struct FoundViews {
     Array<bool, 1> found;
     Array<double, 2> z, any_row;
@@ -57,14 +57,14 @@ class Alignment {
     }
 
    private:
-    // Warps (n, 3, 2) of image pixels as those of templates' pixels; their last row is per pixel.
+    // Warps (n, 3, 2) of image pixels, converted to template pixels; their last row is per pixel.
     Array<double, 3> in_template_pixels(const Array<double, 3>& warps) const {
         Array<double, 3> result(warps.shape);
         for (std::size_t i = 0; i < 6 * warps.shape[0]; i++) result.data[i] = i % 6 < 4 ? warps.data[i] : kind.scale * warps.data[i];
         return result;
     }
 
-    // Positions in image pixels of patches, from such starts (n, 2), in an image of templates' pixels.
+    // Positions of patches in an image of template pixels; they and the starts (n, 2) are in image pixels.
     AlignedPatches aligned(const ImageOf<T>& image, const Patches& patches, Matrix starts, Matrix exposures) const {
         std::size_t n = starts.shape[0];
         Array<double, 2> of_template(n, 2);
@@ -75,7 +75,7 @@ class Alignment {
         return result;
     }
 
-    // What stays near its start, fits, and lies where a whole patch shows the scene.
+    // Left positions; they count as found if near their start, with a good fit, where a whole patch shows the scene.
     AlignedPatches find_left(const Patches& patches, const Sought& sought) const {
         Matrix starts = sought.left;
         AlignedPatches left = aligned(of.left, patches, starts, sought.exposures);
@@ -88,7 +88,7 @@ class Alignment {
         return left;
     }
 
-    // Views whose left sides were found, with right sides in the rows where they should be.
+    // Views whose left sides were found, with right sides found on their rows.
     FoundViews find_right(const Sought& sought, Patches& patches, const Array<double, 3>& gradients,
                           AlignedPatches& left, const RightSides& by) const {
         std::size_t n = sought.rows.size();
@@ -118,7 +118,7 @@ class Alignment {
         return result;
     }
 
-    // Left sides as views whose right sides are missing; deviations (n,) of grey differences in both images.
+    // Views of left sides with missing right sides; `error_right` (n,): deviations of grey differences in the right image.
     FoundViews views(AlignedPatches& left, const Array<double, 3>& gradients, Vector error_right) const {
         std::size_t n = left.found.shape[0];
         FoundViews result{std::move(left.found), {n, 4}, {n, 4},
@@ -131,7 +131,7 @@ class Alignment {
         return result;
     }
 
-    // Patches as the right image shows them: those of slanted surfaces look different there.
+    // Replaces patches of slanted surfaces by their warps to the right image, where they look different.
     void turn_right(Patches& patches, const Sought& sought) const {
         std::size_t samples = row_size(patches.inverse.shape);
         std::vector<std::size_t> slanted = slanted_rows(sought.slopes);

@@ -1,4 +1,4 @@
-// Products, factors and sets of ids that NumPy has no single call for, or a slow one; how arguments are refused.
+// Products, factors and sets of ids for which NumPy has no single call, or a slow one; and errors about arguments.
 
 #include "poses.hpp"
 

@@ -1,5 +1,5 @@
-// Arrays that the stages of the core take and give, with what stages use of the standard library. They know neither
-// Python nor its lock: module.cpp binds them.
+// Arrays that the stages of the core take and return, and the standard library that stages use. They depend neither on
+// Python nor on its lock: bind_*.cpp bind the stages.
 #pragma once
 
 #include <algorithm>
@@ -30,7 +30,7 @@
 
 namespace core {
 
-// What Python sees as a ValueError; not inline, as the texts took a tenth of the time to compile within all stages.
+// Raised in Python as ValueError. It is not inline, because its texts would take a tenth of the compile time of all stages.
 [[noreturn]] void refuse(const char* why);
 [[noreturn]] void refuse_shape(const char* name, const std::size_t* shape, const std::size_t* wanted, std::size_t n);
 
@@ -39,7 +39,7 @@ std::size_t row_size(const std::array<std::size_t, N>& shape) {
     return std::accumulate(shape.begin() + 1, shape.end(), std::size_t{1}, std::multiplies<>());
 }
 
-// An array of another owner, C order. `a[i]` is its i-th row along the first axis.
+// An array in C order, owned elsewhere. `a[i]` is its i-th row along the first axis.
 template <class T, std::size_t N>
 struct View {
     const T* data;
@@ -54,7 +54,7 @@ using Flags = View<bool, 1>;
 using Indices = View<std::int64_t, 1>;
 using Pixels = View<std::int64_t, 2>;  // (n, 2): column, row
 
-// The fields of a record: Python reads them, or is given them, under these names; and the record's own name there.
+// The fields of a record under the names that Python uses, and the record's own name in Python.
 #define FIELDS(...)                                 \
     auto parts() { return std::tie(__VA_ARGS__); }  \
     static constexpr const char* names = #__VA_ARGS__;
@@ -64,7 +64,7 @@ using Pixels = View<std::int64_t, 2>;  // (n, 2): column, row
 
 struct Unset {};
 
-// An array that a stage has made, of zeros; `Unset` where all of it is written anyway.
+// An array that a stage creates, filled with zeros; `Unset` if all of it is written anyway.
 template <class T, std::size_t N>
 struct Array {
     std::array<std::size_t, N> shape;
@@ -106,21 +106,21 @@ Array<T, N> rows_of(const Array<T, N>& array, const std::vector<std::size_t>& ro
     return rows_of(View<T, N>(array), rows);
 }
 
-// Row numbers as Python is given them.
+// Row numbers in the type that Python receives.
 inline Array<std::int64_t, 1> numbers(const std::vector<std::size_t>& rows) {
     Array<std::int64_t, 1> result(rows.size());
     std::copy(rows.begin(), rows.end(), result.data.get());
     return result;
 }
 
-// Two columns of a matrix, from one on.
+// Two columns of a matrix, starting with `first`.
 inline Array<double, 2> two_columns_of(Matrix array, std::size_t first) {
     Array<double, 2> result(array.shape[0], 2);
     for (std::size_t i = 0; i < array.shape[0]; i++) std::copy_n(array[i] + first, 2, result[i]);
     return result;
 }
 
-// An array of what `stage(row, out)` makes of each row of another.
+// An array of the results of `stage(row, out)` for each row of another.
 template <class T, std::size_t N, std::size_t M, class Stage>
 Array<double, M> each(const View<T, N>& rows, Array<double, M> result, const Stage& stage) {
     for (std::size_t i = 0; i < rows.shape[0]; i++) stage(rows[i], result[i]);
@@ -129,7 +129,7 @@ Array<double, M> each(const View<T, N>& rows, Array<double, M> result, const Sta
 
 constexpr std::size_t NONE = std::numeric_limits<std::size_t>::max();
 
-// Rows of points by their ids, both ascending; fast where they are asked for in that order.
+// Finds rows of points by their ids, which ascend; fast if the requests ascend as well.
 struct Lookup {
     Indices ids;
     std::size_t at = 0;
@@ -147,7 +147,7 @@ inline void require(bool holds, const char* otherwise) {
     if (!holds) refuse(otherwise);
 }
 
-// What Python sees as NumPy's LinAlgError.
+// Raised in Python as NumPy's LinAlgError.
 struct NotDefinite : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
@@ -155,7 +155,7 @@ inline void require_definite(bool holds, const char* otherwise) {
     if (!holds) throw NotDefinite(otherwise);
 }
 
-// Shapes that must agree: `name` has `extents`.
+// Requires that the array `name` has the shape `extents`.
 template <class T, std::size_t N>
 void require_shape(const View<T, N>& array, const std::array<std::size_t, N>& extents, const char* name) {
     if (array.shape != extents) refuse_shape(name, array.shape.data(), extents.data(), N);

@@ -6,28 +6,29 @@
 namespace binding {
 
 void bind_poses(nb::module_& m) {
-    describe_taken<PhysicalAxes>(m, R"(Axes of the physical camera: the `rotation` (3, 3) of points into them, and σ of errors that no view shows,
-of lengths as a share of themselves, and of the axes about x and y.)");
+    describe_taken<PhysicalAxes>(m, R"(Axes of the physical camera: the `rotation` (3, 3) of points into them, and σ of errors that no view shows, relative
+ones of lengths and rotations of the axes about x and y.)");
     def<&among>(m, "among", R"(Return which of `ids` (n,) are in `known`, which is ascending.)",
         "ids"_a, "known"_a);
-    def<&times_among>(m, "times_among", R"(Return how often each of `ids` (n,), which are ascending, is in those of `others` (m,) that are `counted`.)",
+    def<&times_among>(m, "times_among", R"(Return how often each of the ascending `ids` (n,) is in those of `others` (m,) that are `counted`.)",
         "ids"_a, "others"_a, "counted"_a);
-    def<&union_of>(m, "union_of", R"(Return ids (n,), in any order, ascending and each once.)",
+    def<&union_of>(m, "union_of", R"(Return the unique values of ids (n,), which may have any order, ascending.)",
         "ids"_a);
-    def<&point_motions>(m, "point_motions", R"(Return how points move in each of a few cameras: twists ξ̇ and their change ξ̈ per second (n, 2, 6).
+    def<&point_motions>(m, "point_motions", R"(Return the motion of points in each of a few cameras: twists ξ̇ and their change ξ̈ per second (n, 2, 6).
 
-A point X at the time of a pose is Exp(t ξ̇ + ½ t² ξ̈) X after t seconds. Poses (n, 4, 4), camera from reference, at
-ascending `seconds` (n,); from polynomials through the poses of the frames around each. Zero for a single one.)",
+A point X at the time of a pose is Exp(t ξ̇ + ½ t² ξ̈) X after t seconds. Poses (n, 4, 4) are camera from reference, at
+ascending `seconds` (n,). Polynomials through the poses of the frames around each give the result; it is zero for a
+single pose.)",
         "poses"_a, "seconds"_a);
-    def<&reported_motions>(m, "reported_motions", R"(Return poses (n, 4, 4) in axes of the physical camera, with covariances (n, 6, 6) and what common errors do.
+    def<&reported_motions>(m, "reported_motions", R"(Return poses (n, 4, 4) in axes of the physical camera, covariances (n, 6, 6), and effects (n, 6, 3 + t) of errors.
 
-`cov` (n, 6, 6) of the perturbations on their right gets that of errors that no view shows. Their perturbations, and
-those of further errors, of which they are `by_terms` (n, 6, t): (n, 6, 3 + t). Eqs. (7) and (73a).)",
+`cov` (n, 6, 6), of right perturbations, is increased by that of errors that no view shows. The effects are the
+perturbations by these errors, and by further ones, which are `by_terms` (n, 6, t). Eqs. (7) and (73a).)",
         "axes"_a, "poses"_a, "cov"_a, "by_terms"_a);
     def<&reported_points>(m, "reported_points", R"(Return points (n, 3) in axes of the physical camera, with covariances (n, 3, 3), eqs. (18) and (73).
 
-They were seen from a camera (4, 4) in their frame; σ of their inverse depths (n,), 1/m, by an error that all views
-of a point share. `cov_points` (n, 3, 3) gets that of errors that no view shows.)",
+They were seen from a camera (4, 4) in their frame. `std_shared` (n,), 1/m: σ of their inverse depths by an error that
+all views of a point share. `cov_points` (n, 3, 3) is increased by that of errors that no view shows.)",
         "axes"_a, "points"_a, "cov_points"_a, "std_shared"_a, "frame_from_cam"_a);
     def<&pose_exp>(m, "pose_exp", R"(Return the poses (n, 4, 4) Exp(ξ) of tangents (n, 6), eq. (3).)",
         "xi"_a);
@@ -41,13 +42,13 @@ of a point share. `cov_points` (n, 3, 3) gets that of errors that no view shows.
         "rotations"_a);
     def<&quaternions>(m, "quaternions", R"(Return unit quaternions (n, 4) = (x, y, z, w), w ≥ 0, of rotation matrices (n, 3, 3).)",
         "rotations"_a);
-    def<&orthonormalise>(m, "orthonormalise", R"(Return poses (n, 4, 4) with their rotations, which nearly are such, projected onto SO(3).)",
+    def<&orthonormalise>(m, "orthonormalise", R"(Return poses (n, 4, 4) with their approximate rotations projected onto SO(3).)",
         "poses"_a);
     def<&whiten_blocks>(m, "whiten_blocks", R"(Return L⁻¹ B (n, 3, k) of L Lᵀ = `cov` (n, 3, 3), lower triangles. Raises LinAlgError if one is not definite.)",
         "cov"_a, "b"_a);
     def<&invert_triangle>(m, "invert_triangle", R"(Return the inverse (n, n) of a lower triangle, its columns multiplied by `scale` (n,).)",
         "lower"_a, "scale"_a);
-    def<&scaled_by_diagonal>(m, "scaled_by_diagonal", R"(Return S A S (n, n) with a diagonal of ones, and that of S (n,), which is 1 where A's is not positive.)",
+    def<&scaled_by_diagonal>(m, "scaled_by_diagonal", R"(Return S A S (n, n) with a unit diagonal, and the diagonal of S (n,), which is 1 where A's is not positive.)",
         "matrix"_a);
     def<&reflections>(m, "reflections", R"(Return W and V (n, r) of the rotation Q = I - W Vᵀ whose first r columns span the `columns` (n, r), r ≤ n.)",
         "columns"_a);

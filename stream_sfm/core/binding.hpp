@@ -1,5 +1,5 @@
-// How Python calls stages: arrays are checked here, stages run without Python's lock, and the signature that Python sees,
-// with the types in the stub, is that of the stage.
+// Calls of stages from Python: arrays are checked here, stages run without Python's lock, and the signature in Python and
+// the types in the stub follow from that of the stage.
 #pragma once
 
 #include <cstring>
@@ -20,9 +20,9 @@ using namespace nb::literals;
 
 template <class T, std::size_t N>
 using In = nb::ndarray<const T, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
-constexpr std::size_t MAX_SIDE = 1 << 24;  // of an image: floats count its pixels exactly
+constexpr std::size_t MAX_SIDE = 1 << 24;  // of an image: floats represent pixel numbers up to it exactly
 
-// Whether something is a record with FIELDS.
+// Whether a type is a record with FIELDS.
 template <class T, class = void>
 struct has_fields : std::false_type {};
 template <class T>
@@ -43,7 +43,7 @@ struct Writable {
     std::array<std::size_t, 3> shape;
 };
 
-// The type of an argument or a result as the stub has it; arrays by the aliases at its head.
+// The type of an argument or a result in the stub; arrays use the aliases at the top of the stub.
 template <class T, class = void>
 struct Typed;
 template <class T>
@@ -66,7 +66,7 @@ constexpr auto number() {
     else return const_name("int");
 }
 template <class T>
-constexpr auto array_given() {  // indices may be any integers, and pixels bytes or floats
+constexpr auto array_given() {  // indices may have any integer type, and pixels may be bytes or floats
     using nb::detail::const_name;
     if constexpr (std::is_same_v<T, std::int64_t>) return const_name("Pixels");
     else if constexpr (std::is_same_v<T, float> || std::is_same_v<T, std::uint8_t>) return const_name("Image");
@@ -150,8 +150,8 @@ PyTypeObject*& returned_class() {
     return made;
 }
 
-// What a stage returns, as Python sees it: an array, a number or None, or of several parts a tuple, whose members have
-// names where the record is named.
+// The result of a stage in Python: an array, a number or None, or a tuple of several parts, whose members have names if
+// the record is named.
 template <class T, std::size_t N>
 nb::object given(Array<T, N>&& array) {
     T* data = array.data.release();
@@ -181,7 +181,7 @@ nb::object given(std::optional<T>&& perhaps) {
     return perhaps ? given(std::move(*perhaps)) : nb::none();
 }
 
-// How Python gives an argument of a stage: numbers as they are.
+// An argument of a stage as Python passes it; numbers are passed unchanged.
 template <class T, class = void>
 struct Argument {
     using Given = T;
@@ -222,14 +222,14 @@ struct Argument<std::array<double, 2>> {
     static std::array<double, 2> of(const Given& given) { return {std::get<0>(given), std::get<1>(given)}; }
 };
 
-// What an object is, for errors: its class, and of an array shape and type.
+// A description of an object for errors: its class, and the shape and type of an array.
 inline std::string said(nb::handle value) {
     std::string text = nb::type_name(value.type()).c_str();
     for (const char* name : {"shape", "dtype"})
         if (nb::hasattr(value, name)) text += std::string(" ") + nb::str(nb::handle(nb::object(value.attr(name)))).c_str();
     return text;
 }
-// And what a field must be.
+// A description of the required field.
 template <class T>
 struct Axes {
     static std::string text() { return ""; }
@@ -239,7 +239,7 @@ struct Axes<View<T, N>> {
     static std::string text() { return " of " + std::to_string(N) + (N == 1 ? " axis" : " axes"); }
 };
 
-// A record: any object of Python that has its fields. These are held for as long as the stage runs.
+// A record is any Python object that has its fields. These are kept alive while the stage runs.
 template <class Record, class Parts>
 struct RecordGiven;
 template <class Record, class... Parts>
@@ -277,7 +277,7 @@ struct Argument<Record, std::enable_if_t<has_fields<Record>::value>> {
     }
 };
 
-// An argument and a result of a stage on their way, with the types that the signature shows.
+// Arguments and results of a stage in transit, with the types that the signature shows.
 template <class T>
 struct Taken {
     typename Argument<T>::Given given;
@@ -306,20 +306,20 @@ struct Bound<Stage> {
     }
 };
 
-// The name of an image of one type of pixels; bytes are not made of floats.
+// The argument name of an image with one type of pixels; floats are never converted to bytes.
 template <class T>
 auto pixels(const char* name) {
     if constexpr (std::is_same_v<T, float>) return nb::arg(name);
     else return nb::arg(name).noconvert();
 }
 
-// Bind a stage under its name, with what its help says and the names of its arguments.
+// Bind a stage under its name, with its help text and the names of its arguments.
 template <auto Stage, class... Names>
 void def(nb::module_& m, const char* name, const char* help, const Names&... names) {
     m.def(name, &Bound<Stage>::call, help, names...);
 }
 
-// Describe a record to the stub and to `help`.
+// Describe a record for the stub and for `help`.
 template <class Record>
 void describe(nb::module_& m, bool is_returned, const char* help) {
     if (!nb::hasattr(m, "RECORDS")) m.attr("RECORDS") = nb::dict();
@@ -333,7 +333,7 @@ template <class Record>
 void describe_taken(nb::module_& m, const char* help) {
     describe<Record>(m, false, help);
 }
-// A record that they return: a tuple with names.
+// A record that stages return: a named tuple.
 template <class Record>
 void describe_returned(nb::module_& m, const char* help) {
     describe<Record>(m, true, help);

@@ -1,7 +1,7 @@
-"""The module of a checkout: whether it was built from the sources beside it, and how it is built where it was not.
+"""The compiled module of a checkout: checks whether it was built from the sources beside it, and builds it if not.
 
-The sources are known by a checksum, which the module has inside: one that was copied, or that another branch has left,
-is not taken for theirs, however new it is. `tools/build/in_place.py` takes this file without the package around it.
+The module contains a checksum of its sources. So one that was copied, or left by another branch, is recognised as
+outdated, however new it is. `tools/build/in_place.py` imports this file without the package around it.
 """
 
 import os
@@ -16,7 +16,7 @@ def module_name() -> str:
 
 
 def mark_of(folder: str) -> str:
-    """Return what a module has inside that was built from the sources in a folder."""
+    """Return the mark inside a module that was built from the sources in a folder."""
     checksum = 0
     for name in sorted(os.listdir(folder)):
         if name.endswith((".cpp", ".hpp", ".txt")):
@@ -35,7 +35,7 @@ def is_current(folder: str) -> bool:
 
 
 def build_if_other(folder: str) -> None:
-    """Build the module in place where it is not that of its sources; standard error says so, also in a notebook."""
+    """Build the module in place if it is not that of its sources; standard error shows it, even in a notebook."""
     if is_current(folder):
         return
     import subprocess

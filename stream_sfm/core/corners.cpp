@@ -1,4 +1,4 @@
-// How strong each pixel is as a corner, and new corners where points are missing: even coverage before strength.
+// The strength of corners at each pixel, and new corners where points are missing: even coverage ranks above strength.
 
 #include <cstring>
 #include <unordered_map>
@@ -8,16 +8,16 @@
 namespace core {
 namespace {
 
-enum : int { BLOCK = 5, BESIDE = BLOCK / 2 };  // rows and columns that a gradient matrix is of, a usual small number
-enum : int { SOBEL_GAIN = 4, WHITE = 255 };    // strength is that of slopes of shares of white
+enum : int { BLOCK = 5, BESIDE = BLOCK / 2 };  // side of the window of a gradient matrix, a common small size
+enum : int { SOBEL_GAIN = 4, WHITE = 255 };    // the strength is that of slopes in units of white
 
-// A row or column beyond the border is that as far inside of it.
+// A row or column beyond the border is mirrored to the one as far inside.
 int reflected(int at, int extent) {
     while (at < 0 || at >= extent) at = extent == 1 ? 0 : at < 0 ? -at : 2 * (extent - 1) - at;
     return at;
 }
 
-// Rows of xx, xy and yy of Sobel's slopes, as many as a block has: the latest.
+// The latest rows of xx, xy and yy of Sobel slopes, as many as a block has.
 template <class T>
 class SlopeProducts {
 public:
@@ -42,7 +42,7 @@ public:
         }
     }
 
-    // Sums of product `which` over the block's rows around v, which have been added; beyond the row its columns go on.
+    // Sums of product `which` over the block's rows around v, which have been added; columns beyond the row are mirrored.
     void sum(int which, int v, float* out) {
         const float* of[BLOCK];
         for (int i = 0; i < BLOCK; i++) of[i] = product(which, reflected(v + i - BESIDE, image.height));
@@ -62,7 +62,7 @@ private:
     std::vector<float> rows, smooth, across;
 };
 
-// Pixels that are taken around a point: a disc, row by row.
+// The occupied pixels around a point: a disc, row by row.
 class Discs {
 public:
     Discs(View<bool, 2> allowed, int radius)
@@ -91,7 +91,7 @@ public:
 
 private:
     std::int64_t height, width;
-    std::vector<int> reach;  // half widths of the disc's rows, from the middle down
+    std::vector<int> reach;  // half widths of the disc's rows, from the centre down
 };
 
 struct Corner {
@@ -116,7 +116,7 @@ std::vector<Corner> peaks(const Image& strength, const std::vector<char>& free, 
         const char* is_free = free.data() + static_cast<std::size_t>(v) * width;
         for (int u = 0; u < width; u++)
             is_peak[u] = static_cast<char>((own[u] >= above[u]) & (own[u] >= below[u]) & (own[u] > least) & (is_free[u] != 0));
-        for (int u = beside; u < width - beside; u++)  // those of four neighbours are few enough to be looked at one by one
+        for (int u = beside; u < width - beside; u++)  // peaks among four neighbours are few enough to be checked one by one
             is_peak[u] &= static_cast<char>((own[u] >= own[u - beside]) & (own[u] >= own[u + beside]));
         const char *at = is_peak.data(), *end = at + width;
         for (; (at = static_cast<const char*>(std::memchr(at, 1, static_cast<std::size_t>(end - at)))); at++)
@@ -125,12 +125,12 @@ std::vector<Corner> peaks(const Image& strength, const std::vector<char>& free, 
     return found;
 }
 
-// The order in which corners are taken. The image is cut into cells. A cell's corners are ranked by strength, after the
-// points (m, 2) that are there already; all first ranks come before all second ranks.
+// Sorts corners into the order in which they are selected. The image is divided into cells. A cell's corners are ranked by
+// strength, after the points (m, 2) that are there already; all first ranks come before all second ranks.
 void order(std::vector<Corner>& corners, Matrix taken, double cell, double width) {
     const double columns = std::floor(width / cell) + 1;
     auto cell_of = [&](double u, double v) { return std::floor(v / cell) * columns + std::floor(u / cell); };
-    std::unordered_map<double, std::int64_t> ranks;  // of a cell: how many points are before the next one
+    std::unordered_map<double, std::int64_t> ranks;  // per cell: the rank of the next point
     for (std::size_t i = 0; i < taken.shape[0]; i++) ranks[cell_of(std::max(taken[i][0], 0.0), std::max(taken[i][1], 0.0))]++;
     std::sort(corners.begin(), corners.end(), [](const Corner& a, const Corner& b) {
         return std::make_tuple(-a.strength, a.v, a.u) < std::make_tuple(-b.strength, b.v, b.u);
@@ -184,8 +184,8 @@ WIDER Array<std::int64_t, 2> new_corners(const Image& strength, View<bool, 2> al
     auto whole = [](double at) { return static_cast<std::int64_t>(std::clamp(std::nearbyint(at), -1e9, 1e9)); };
     for (std::size_t i = 0; i < taken.shape[0]; i++)
         if (std::isfinite(taken[i][0]) && std::isfinite(taken[i][1])) discs.take(whole(taken[i][0]), whole(taken[i][1]));
-    // in a dark image all contrast, and with it every response, is scaled down
-    std::vector<float> strongest(strength.data, strength.data + width);  // of columns: four at a time
+    // in a dark image the contrast is low, and so is every response
+    std::vector<float> strongest(strength.data, strength.data + width);  // per column, so that the compiler handles four at a time
     for (const float* row = strength.data; row < strength.data + pixels; row += width)
         for (std::size_t u = 0; u < width; u++) strongest[u] = std::max(strongest[u], row[u]);
     double limit = rules.dim_fraction * *std::max_element(strongest.begin(), strongest.end());

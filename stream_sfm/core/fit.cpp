@@ -8,7 +8,7 @@ namespace {
 
 constexpr std::size_t CHUNK = 16;  // views whose products are summed at once
 
-// The median of squared residuals over its expected value, at least 1, of those within so many gates, if there are any.
+// The median of the squared residuals within `gates` gates, over its expected value; at least 1.
 double spread_of(const double* squares, const double* gate, double gates, std::size_t n) {
     std::vector<double> within;
     within.reserve(n);
@@ -17,7 +17,7 @@ double spread_of(const double* squares, const double* gate, double gates, std::s
     return within.empty() ? 1.0 : std::max(1.0, median(std::move(within)) / MEDIAN_CHI2_4);
 }
 
-// The inverse of an information matrix (n, n), scaled by its own diagonal; false where a direction is not determined.
+// The inverse of an information matrix (n, n), scaled by its own diagonal; false if a direction is not determined.
 bool invert_information(const std::vector<double>& information, std::size_t n, double* out) {
     std::vector<double> scale(n), factor(n * n), inverse(n * n);
     for (std::size_t i = 0; i < n; i++) {
@@ -27,14 +27,14 @@ bool invert_information(const std::vector<double>& information, std::size_t n, d
     for (std::size_t i = 0; i < n; i++)
         for (std::size_t j = 0; j < n; j++) factor[i * n + j] = information[i * n + j] * scale[i] * scale[j];
     if (!factor_positive(factor.data(), n)) return false;
-    double variances = 0;  // of a matrix with a diagonal of 1
+    double variances = 0;  // of the scaled matrix, whose diagonal is 1
     for (std::size_t j = 0; j < n; j++) {
         double* column = inverse.data() + j * n;
         column[j] = 1;
         solve_factored(factor.data(), column, n);
         variances += column[j];
     }
-    if (!(variances < 1e10)) return false;  // a direction is not determined by the data
+    if (!(variances < 1e10)) return false;  // the data do not determine a direction
     for (std::size_t i = 0; i < n; i++)
         for (std::size_t j = 0; j < n; j++) out[i * n + j] = 0.5 * scale[i] * scale[j] * (inverse[i * n + j] + inverse[j * n + i]);
     return true;
@@ -60,10 +60,10 @@ class Fit {
             if ((k + 1) % rules.relinearised == 0) linearise();
             look();
         }
-        if (k >= rules.relinearised) linearise();  // fewer steps come from a start good enough to be linearised at
+        if (k >= rules.relinearised) linearise();  // with fewer steps, the start was good enough for linearisation
     }
 
-    // Gauss-Newton over the views that pass the gate, eq. (23), which is taken anew after each step.
+    // Gauss-Newton over the views that pass the gate, eq. (23), which is applied again after each step.
     Fitted finish(const double* votes) {
         Fitted result(n, size - 6);
         bool* accepted = result.accepted.data.get();
@@ -128,7 +128,7 @@ class Fit {
 
     const double* squares() const { return seen.squares.data.get(); }
 
-    // Take a weighted step; its squared length in standard deviations.
+    // Take a weighted step, and return its squared length in standard deviations.
     double step() {
         std::vector<double> delta(size), weighted(CHUNK * 4 * size), jacobians(CHUNK * 4 * size), residuals(CHUNK * 4);
         information.assign(size * size, 0.0);
@@ -188,7 +188,7 @@ WIDER Fitted fit_motion(const PointViews& views, Matrix start, Vector amplitudes
     return fit.finish(votes.data);
 }
 
-// The motions of halves of the views: those of near points, and those on one side or in the upper part of the image.
+// The motions of halves of the views: far and near, left and right, upper and lower ones.
 Halves motions_of_halves(const PointViews& views, Matrix motion, Vector amplitudes, Flags accepted,
                          double shared_noise) {
     std::size_t all = views.points.shape[0], m = 6 + amplitudes.shape[0], size = m + 6;
@@ -218,7 +218,7 @@ Halves motions_of_halves(const PointViews& views, Matrix motion, Vector amplitud
         std::fill(x.begin(), x.end(), 0.0);
         for (auto i = middle; i != half.end(); ++i) {
             add_product(of_view(*i), m, of_view(*i), 6, 4, 0, of_half.data());
-            for (std::size_t row = 0; row < 4; row++)  // the motion is at the minimum of all views, that of the half is not
+            for (std::size_t row = 0; row < 4; row++)  // the motion is at the minimum of all views, but not at that of the half
                 for (std::size_t a = 0; a < 6; a++)
                     x[m + a] += linear.jacobian[*i][row * m + a] * seen.residuals[0][4 * *i + row];
         }

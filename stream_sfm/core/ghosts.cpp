@@ -1,5 +1,5 @@
-// How much of the last image is in one, over patches of the same points: see frontend/ghost_check.py; and by how much patches
-// are smeared: see frontend/smear_check.py.
+// The share of the last image in the current one, from patches of the same points (frontend/ghost_check.py), and the smear of
+// patches (frontend/smear_check.py).
 
 #include "images.hpp"
 
@@ -8,7 +8,7 @@ namespace {
 
 constexpr int RADIUS_PX = PATCH_RADIUS_PX;
 constexpr int SIDE = 2 * RADIUS_PX + 1, WIDE = SIDE + 2, K = SIDE * SIDE;
-constexpr int CHANGES = 11, SECOND = 3;  // of a patch between two frames; the last of them are second derivatives
+constexpr int CHANGES = 11, SECOND = 3;  // of a patch between two frames; the last three are second derivatives
 constexpr int VIEWS = 5;             // of each point
 
 void centre(float* samples, int n) {
@@ -18,8 +18,8 @@ void centre(float* samples, int n) {
     for (int i = 0; i < n; i++) samples[i] -= mean;
 }
 
-// What may change of a patch between two frames, (CHANGES, K): light; the patch; its slopes, and these times x and y; its
-// second derivatives. From the samples of the patch and those around it, which are centred.
+// The possible changes of a patch between two frames, (CHANGES, K): light; the patch; its slopes, and these times x and y;
+// its second derivatives. They follow from the samples of the patch and those around it, which are centred here.
 void put_changes(float* wide, float* changes) {
     centre(wide, WIDE * WIDE);
     for (int i = 0, at = 0; i < SIDE; i++)
@@ -34,7 +34,7 @@ void put_changes(float* wide, float* changes) {
         }
 }
 
-// Takes out of views of a patch what its changes explain.
+// Subtracts from views of a patch what its possible changes explain.
 struct Explained {
     float changes[CHANGES][K];
     double gram[CHANGES * CHANGES], scale[CHANGES];
@@ -44,12 +44,12 @@ struct Explained {
         for (int n = 0; n < CHANGES; n++)
             for (int m = 0; m <= n; m++) gram[n * CHANGES + m] = dot(changes[n], changes[m], K);
         for (int n = 0; n < CHANGES; n++) scale[n] = 1 / std::sqrt(std::max(gram[n * CHANGES + n], least_square));
-        for (int n = 0; n < CHANGES; n++)  // changes may depend on each other, as where a patch is one straight edge
+        for (int n = 0; n < CHANGES; n++)  // changes may be linearly dependent, as in a patch with one straight edge
             for (int m = 0; m <= n; m++) gram[n * CHANGES + m] = gram[n * CHANGES + m] * scale[n] * scale[m] + (n == m ? 1e-6 : 0.0);
         require(factor_positive(gram, CHANGES), "a patch is not finite");
     }
 
-    // What each change has in common with a view.
+    // The products of each change with a view.
     void put_parts(const float* view, double* parts) const {
         for (int n = 0; n < CHANGES; n++) parts[n] = scale[n] * dot(changes[n], view, K);
     }

@@ -1,4 +1,4 @@
-// Images between their pixels; beyond the border the outermost pixels go on. No position, finite or not, reads outside.
+// Interpolation of images; beyond the border the outermost pixels repeat. No position, finite or not, reads outside.
 #pragma once
 
 #include <cstring>
@@ -17,10 +17,10 @@ using Image = ImageOf<float>;
 inline float as_float(float pixel) { return pixel; }
 inline float as_float(std::uint8_t pixel) { return static_cast<float>(pixel); }
 
-// A pixel's column or row that may be added to.
+// A pixel's column or row, limited so that additions cannot overflow.
 inline std::int64_t bounded(std::int64_t at) { return std::clamp<std::int64_t>(at, -1'000'000'000, 1'000'000'000); }
 
-// Of a coordinate along `extent` pixels: the pixel before it, the step to the one after, and the share of that one.
+// A coordinate along `extent` pixels: the pixel before it, the step to the next one, and the weight of the next one.
 struct Between {
     int before, step;
     float share;
@@ -49,21 +49,21 @@ inline float sample(const ImageOf<T>& image, float x, float y) {
     return bilinear(upper, upper + v.step * image.width, u, v.share);
 }
 
-// Whether what is between the pixels around (x, y) needs no pixel beyond the border; not for NaN.
+// Whether interpolation at (x, y) needs no pixel beyond the border; false for NaN.
 template <class T>
 inline bool is_inside(const ImageOf<T>& image, float x, float y) {
     return x > 0.01f && y > 0.01f && x < static_cast<float>(image.width - 1) - 0.01f &&
            y < static_cast<float>(image.height - 1) - 0.01f;
 }
 
-// Samples between pixels, up to `most` in one call. Pixels are gathered first, in pairs of neighbours on a row: what is
-// between them is then computed for several places at a time.
+// Samples between pixels, up to `most` in one call. Pixels are gathered first, in pairs of neighbours on a row, so that
+// several places are interpolated at a time.
 template <class T>
 class Sampler {
    public:
     explicit Sampler(std::size_t most) : upper(2 * most), lower(2 * most), rows(most), columns(most), across(most), down(most) {}
 
-    // At n places (x, y). `inside`: all are.
+    // Samples at n places (x, y). `inside`: whether all of them are inside.
     void at_places(const ImageOf<T>& image, const float* x, const float* y, std::size_t n, bool inside, float* out) {
         if (!inside) {
             for (std::size_t i = 0; i < n; i++) out[i] = sample(image, x[i], y[i]);
@@ -89,11 +89,11 @@ class Sampler {
                     out[i * k + j] = sample(image, left + static_cast<float>(j * spacing), top + static_cast<float>(i * spacing));
             return;
         }
-        Between u(left, image.width), v(top, image.height);  // all samples lie alike between their pixels
+        Between u(left, image.width), v(top, image.height);  // the same for all samples
         const T* first = image.data + static_cast<std::size_t>(v.before) * image.width + u.before;
         for (int i = 0; i < k; i++, first += spacing * static_cast<std::ptrdiff_t>(image.width)) {
             std::size_t at = static_cast<std::size_t>(i) * k;
-            if (spacing == 2) gather(first, image.width, k, at);  // pairs follow each other
+            if (spacing == 2) gather(first, image.width, k, at);  // pairs are contiguous
             else for (int j = 0; j < k; j++) gather(first + j * spacing, image.width, 1, at + j);
         }
         float share_across = u.share, share_down = v.share;
@@ -101,13 +101,13 @@ class Sampler {
     }
 
    private:
-    // Pairs of pixels from `first` on, and those below.
+    // Gathers pairs of pixels from `first` on, and those below them.
     void gather(const T* first, int width, std::size_t pairs, std::size_t at) {
         copy(first, 2 * pairs * sizeof(T), &upper[2 * at]);
         copy(first + width, 2 * pairs * sizeof(T), &lower[2 * at]);
     }
 
-    // Some tens of bytes, eight at a time: quicker than memcpy where their number is not known to the compiler.
+    // Copies some tens of bytes, eight at a time: quicker than memcpy if the compiler does not know their number.
     static void copy(const void* from, std::size_t bytes, void* to) {
         if (bytes < 8) {
             std::memcpy(to, from, bytes);

@@ -67,7 +67,7 @@ Array<std::int64_t, 2> new_corners(const Image& strength, View<bool, 2> allowed,
 template <class T>
 Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& right, Pixels points, Matrix right_px,
                                   int radius, int spacing, double std_grey, const PointRules& rules);
-std::vector<std::size_t> slanted_rows(Matrix slopes);  // those that do not face the camera
+std::vector<std::size_t> slanted_rows(Matrix slopes);  // those of surfaces that do not face the camera
 
 // ghosts.cpp
 constexpr int PATCH_RADIUS_PX = 5;

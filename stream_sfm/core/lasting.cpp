@@ -1,11 +1,11 @@
-// How long the errors of a track last, from its row differences, and what a further view of it adds, eqs. (68) and (69).
+// The duration of a track's errors, from its row differences, and the information that a further view adds, eqs. (68) and (69).
 
 #include "tracks.hpp"
 
 namespace core {
 namespace {
 
-// Row differences (n,) in standard deviations, at most so many, without what a whole frame shares; NaN without a right side.
+// Row differences (n,) in standard deviations, at most `most`, less the frame's median; NaN without a right side.
 Array<double, 1> whitened_rows(Matrix z, Matrices cov, double most) {
     std::size_t n = z.shape[0];
     Array<double, 1> rows(n);
@@ -23,8 +23,8 @@ Array<double, 1> whitened_rows(Matrix z, Matrices cov, double most) {
     return rows;
 }
 
-// Variances of white noise, in units of the white part, that say as much as the n-th view adds. A Kalman filter on the lasting
-// part, variance p, eq. (69); b is how much of a constant it has taken for that part.
+// Variances of white noise, in units of the white part, with the information that the n-th view adds. A Kalman filter
+// estimates the lasting part, with variance p, eq. (69); b is the share of a constant that it mistakes for that part.
 std::vector<double> inflation_by_age(double ratio, double decay, std::int64_t oldest) {
     std::vector<double> result;
     double p = ratio, b = 0;

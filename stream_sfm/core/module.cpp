@@ -8,7 +8,7 @@ NB_MODULE(_core, m) {
     m.attr("CAUCHY_WIDTH") = core::CAUCHY_WIDTH;
     m.attr("MIN_DEPTH") = core::MIN_DEPTH;
     m.attr("MIN_VIEWS") = core::MIN_VIEWS;
-    m.attr("__sources__") = SOURCES;  // their checksum, which checkout.py looks for in the file
+    m.attr("__sources__") = SOURCES;  // the mark that checkout.py searches for in the file
     nanobind::register_exception_translator([](const std::exception_ptr& pointer, void*) {
         try {
             std::rethrow_exception(pointer);

@@ -1,4 +1,4 @@
-// New points in the right image: aligned as if they faced the camera, again with their slant, and by their inner halves alone.
+// New points in the right image: patches are aligned facing the camera, then with their slant, then by their inner halves.
 
 #include "tracks.hpp"
 #include "images.hpp"
@@ -10,7 +10,7 @@ namespace {
 
 double apart(const double* a, const double* b) { return std::sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1])); }
 
-// Warps (n, 3, 2), right image to left template, of surfaces whose disparity has `slopes` (n, 2), below 1: affine.
+// Affine warps (n, 3, 2), right image to left template, of surfaces whose disparity has `slopes` (n, 2) below 1.
 Array<double, 3> sheared(Matrix slopes) {
     std::size_t n = slopes.shape[0];
     Array<double, 3> warps(n, 3, 2);
@@ -23,7 +23,7 @@ Array<double, 3> sheared(Matrix slopes) {
     return warps;
 }
 
-// Where right sides of corners (n, 2) with disparities (n,) are sought, in pixels of templates.
+// The positions where right sides of corners (n, 2) with disparities (n,) are sought, in pixels of templates.
 Array<double, 2> starts_of(const RightSides& by, double scale, Pixels corners, Vector disparity) {
     std::size_t n = corners.shape[0];
     Array<double, 2> z(n, 4);
@@ -37,7 +37,7 @@ Array<double, 2> starts_of(const RightSides& by, double scale, Pixels corners, V
     for (std::size_t i = 0; i < n; i++) start[i][1] -= offsets.data[i];
     turn_by(by.rows.projection, by.turn_rad, 1, start);
     for (std::size_t i = 0; i < n; i++) {
-        start[i][0] = z[i][2] / scale;  // the disparity has been seen with the turn
+        start[i][0] = z[i][2] / scale;  // the measured disparity already contains the turn
         start[i][1] /= scale;
     }
     return start;
@@ -78,7 +78,7 @@ NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, Vie
     Array<double, 2> at = rows_of(facing.at, kept);
     Array<double, 1> error = rows_of(facing.error, kept);
     Array<std::int64_t, 1> of_kept = rows_of(slots, kept);
-    double std_grey = rules.std_grey / kind.scale;  // a mean over pixels has so much less noise
+    double std_grey = rules.std_grey / kind.scale;  // the mean over pixels reduces noise
     Array<double, 2> slopes = disparity_slopes(left, right, rows_of(corners, kept), at, kind.config.window_radius_px, kind.spacing_px,
                                                std_grey, rules);
     std::vector<bool> fits(kept.size(), true);

@@ -1,8 +1,8 @@
-// Anchored templates: warped as today's image should show them, and found there; docs/mathematics.md, section 3.
+// Anchored templates: warped to the current view and found in the current image; docs/mathematics.md, section 3.
 //
-// Inverse compositional Gauss-Newton (Baker and Matthews 2004) over a patch's position and over gain and offset of its
-// grey values together: two cameras expose differently, and so does one from frame to frame. What lies towards the rim
-// counts less: there the warp is less right, and other surfaces begin.
+// The search is inverse compositional Gauss-Newton (Baker and Matthews 2004) over a patch's position and the gain and
+// offset of its grey values, because exposures differ between the cameras and from frame to frame. Pixels near the rim
+// have less weight: there the warp is less accurate, and other surfaces may begin.
 
 #include "images.hpp"
 
@@ -11,7 +11,7 @@
 namespace core {
 namespace {
 
-enum { PARAMETERS = 4 };  // that a patch's residual has been fitted with: position, gain, offset
+enum { PARAMETERS = 4 };  // fitted to each patch: position, gain, offset
 
 void require_size(int px, const char* otherwise) { require(px >= 1 && px <= 1000, otherwise); }
 
@@ -21,8 +21,8 @@ int samples_across(int radius, int spacing) {
     return 2 * radius / spacing + 1;
 }
 
-// Slopes along u and v and grey values (3, k²), each of weighted mean zero, of the square `grey` (side, side) whose
-// pixels are one pixel apart; returns the mean grey value.
+// Slopes along u and v and grey values (3, k²) of the square `grey` (side, side), whose pixels are one pixel apart. Each
+// has a weighted mean of zero. Returns the mean grey value.
 float columns_of(const float* grey, int side, int k, int spacing, const float* weights, float* columns) {
     int k2 = k * k;
     for (int i = 0; i < k; i++)
@@ -41,15 +41,15 @@ float columns_of(const float* grey, int side, int k, int spacing, const float* w
     return mean;
 }
 
-// The pixels within `reach` of a patch's middle that slopes and values of samples `spacing` apart need: where they are
-// from the middle, and in the square (side, side).
+// The pixels within `reach` of a patch's centre that slopes and values of samples `spacing` apart need: their offsets from
+// the centre, and their places in the square (side, side).
 struct Needed {
     std::vector<float> u, v;
     std::vector<int> at;
 
     Needed(int reach, int spacing) {
         for (int i = 0; i <= 2 * reach; i++) {
-            bool of_samples = (i - 1) % spacing == 0;  // of these rows the neighbours, too
+            bool of_samples = (i - 1) % spacing == 0;  // these rows need the neighbours as well
             for (int j = of_samples ? 0 : 1; j <= 2 * reach; j += of_samples ? 1 : spacing) {
                 u.push_back(static_cast<float>(j - reach));
                 v.push_back(static_cast<float>(i - reach));
@@ -59,8 +59,8 @@ struct Needed {
     }
 };
 
-// The stored patch (side, side) around its middle, at the places of the `needed` pixels of today's patch, whose warp is
-// δ = W u / (1 + h·u): W above h are `warp` (3, 2). `room` (3 n,): for places and samples.
+// Samples the stored patch (side, side) at the places of the `needed` pixels of the current patch, whose warp is
+// δ = W u / (1 + h·u), with W above h in `warp` (3, 2). `room` (3 n,): for places and samples.
 template <class T>
 void warp(Sampler<T>& sampler, const ImageOf<T>& stored, const double* warp, int reach, const Needed& needed, float* room, float* grey) {
     float w[6], middle = static_cast<float>(stored.width / 2);
@@ -81,7 +81,7 @@ void warp(Sampler<T>& sampler, const ImageOf<T>& stored, const double* warp, int
     for (std::size_t i = 0; i < n; i++) grey[needed.at[i]] = samples[i];
 }
 
-// Weights (k²,) of the samples, of mean 1.
+// Weights (k²,) of the samples, with mean 1.
 Array<float, 1> sample_weights(int radius, int spacing, double width) {
     int k = samples_across(radius, spacing);
     std::vector<double> across(k);
@@ -176,9 +176,9 @@ Array<double, 3> gradient_matrices(Matrices information, int spacing) {
     return result;
 }
 
-// Gain and offset of an image over the one before, in which patches, by their exposures, had other mean levels than `now`:
-// the line through pairs of patches that are half of all apart, eq. (15a). Levels show them, as contrast changes with the
-// distance, too. Exactly 1 and 0 where they differ by less than a change of the exposure.
+// Gain and offset of an image relative to the previous one, from mean levels of patches `before` and `now`: the line through
+// pairs of patches that are half of all apart in rank, eq. (15a). Levels are used because contrast also changes with the
+// distance. They are exactly 1 and 0 if the difference is too small for a change of the exposure.
 std::array<double, 2> change_of_exposure(const std::vector<double>& before, const std::vector<double>& now, const TemplateRules& rules) {
     const std::array<double, 2> none{1, 0};
     std::size_t half = before.size() / 2;
@@ -203,8 +203,8 @@ std::array<double, 2> change_of_exposure(const std::vector<double>& before, cons
     return none;
 }
 
-// The gains that patches have in common beside the exposures, most frequent ones first: light on a part of the scene, and
-// templates that have aged, have their own. With one of them for all, those of the minority would end.
+// The gains that patches have in common beside the exposures, most frequent ones first: light on a part of the scene and
+// aged templates each have their own. With a single gain for all, tracks of the minority would end.
 std::vector<double> gains_in_common(std::vector<double> gains, const TemplateRules& rules) {
     std::vector<double> common;
     do {
@@ -215,13 +215,13 @@ std::vector<double> gains_in_common(std::vector<double> gains, const TemplateRul
     return common;
 }
 
-// What is left of each patch where it was found, its own gain, and the mean grey value there.
+// The squared residual `rest` of each patch where it was found, its own gain, and the mean grey value there.
 struct Fits {
     std::vector<double> rest, gain, mean;
 };
 
-// Deviations of what was found, with the gain and offset that all have in common beside the exposures: eq. (15). Not made
-// twice within each stage, as it is not where the time goes.
+// Residual deviations of the found patches, with the common gains and offsets beside the exposures, eq. (15). It is not
+// compiled twice within each stage, because it takes little time.
 [[gnu::noinline]] void judge(AlignedPatches& result, const Fits& fits, Matrices information, View<float, 1> level, Matrix before, int samples,
            const TemplateRules& rules) {
     const std::vector<std::size_t> found = rows_where(fits.gain.size(), [&](std::size_t i) { return result.found.data[i]; });
@@ -261,9 +261,9 @@ struct Fits {
     }
 }
 
-// A position is found with the patch's own gain and offset. What it is worth is judged with those that all have in common
-// beside the exposures of the images that they were cut from: light that changes on one patch alone is a reflection or a
-// shadow.
+// A position is found with the patch's own gain and offset. Its error is judged with those that patches have in common
+// beside the exposures of the images that they were cut from, because light that changes on one patch alone is a
+// reflection or a shadow.
 template <class T>
 WIDER AlignedPatches align_patches(const ImageOf<T>& image, Matrix starts, View<float, 3> inverse, Matrices information,
                              View<float, 1> level, Matrix before, int radius, int spacing, const TemplateRules& rules) {

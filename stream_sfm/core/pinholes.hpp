@@ -1,11 +1,11 @@
-// A rectified pair, and homogeneous points (X, Y, Z, ρ) before it.
+// A rectified pair, and homogeneous points (X, Y, Z, ρ) in front of it.
 #pragma once
 
 #include "arrays.hpp"
 
 namespace core {
 
-constexpr double MIN_DEPTH = 1e-3;  // which geometry/stereo.py hands on
+constexpr double MIN_DEPTH = 1e-3;  // geometry/stereo.py exports it
 
 struct Pinholes {
     double f_px, cx_left_px, cx_right_px, cy_px, baseline_m;
@@ -15,7 +15,7 @@ struct Pinholes {
     std::array<double, 2> size() const { return {static_cast<double>(width), static_cast<double>(height)}; }
 };
 
-// A homogeneous point (4,) by a motion (4, 4).
+// Transforms a homogeneous point (4,) by a motion (4, 4).
 inline void move(const double* motion, const double* point, double* out) {
     for (int i = 0; i < 4; i++) {
         const double* row = motion + 4 * i;
@@ -23,7 +23,7 @@ inline void move(const double* motion, const double* point, double* out) {
     }
 }
 
-// The point in front of the camera; whether it was there.
+// Moves a point to at least MIN_DEPTH in front of the camera; returns whether it was there.
 inline bool clamp_depth(double* in_cam) {
     if (!(in_cam[2] < MIN_DEPTH)) return true;
     in_cam[2] = MIN_DEPTH;
@@ -57,7 +57,7 @@ inline void by_motion(const double* b, const double* point, double* out) {
     out[5] = b[1] * point[0] - b[0] * point[1];
 }
 
-// What a turn of the right camera does at (u, v) of its image, eq. (72d): (2, 3) px per radian.
+// The effect (2, 3), px per radian, of a turn of the right camera at (u, v) of its image, eq. (72d).
 inline void by_turn(const Pinholes& p, double u, double v, double* out) {
     double x = (u - p.cx_right_px) / p.f_px, y = (v - p.cy_px) / p.f_px;
     double columns[6] = {x * y, -1 - x * x, y, 1 + y * y, -x * y, -x};

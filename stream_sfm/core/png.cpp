@@ -1,4 +1,4 @@
-// Rows of a PNG image out of their filters (PNG specification, third edition, section 9).
+// Removes the filters of the rows of a PNG image (PNG specification, third edition, section 9).
 #include <cstdlib>
 
 #include "images.hpp"
@@ -7,15 +7,15 @@ namespace core {
 namespace {
 
 using Byte = std::uint8_t;
-constexpr Byte BY_LEFT = 1;  // the filter that OpenCV writes all rows with: they do not wait for each other
-enum : std::size_t { TOGETHER = 4 };  // of them
+constexpr Byte BY_LEFT = 1;  // the filter that OpenCV uses for all rows; they do not depend on each other
+enum : std::size_t { TOGETHER = 4 };  // such rows at a time
 
 Byte paeth(int left, int up, int corner) {
     int by_left = std::abs(up - corner), by_up = std::abs(left - corner), by_corner = std::abs(left + up - 2 * corner);
     return static_cast<Byte>(by_left <= by_up && by_left <= by_corner ? left : by_up <= by_corner ? up : corner);
 }
 
-// A row of `width` bytes, each what `predict` makes of the bytes to the left, above, and above that, plus the filtered.
+// Restores a row of `width` bytes: each is `predict` of the bytes to the left, above, and above left, plus the filtered one.
 template <std::size_t PIXEL, class Predict>
 void unfilter(const Byte* in, const Byte* up, std::size_t width, Byte* row, Predict&& predict) {
     Byte left[PIXEL]{}, corner[PIXEL]{};
@@ -36,7 +36,7 @@ void unfilter(Byte filter, const Byte* in, const Byte* up, std::size_t width, By
     if (filter == 4) by(paeth);
 }
 
-// As `unfilter`, of so many rows by the bytes to the left.
+// Does the same as `unfilter` for TOGETHER rows that are predicted by the bytes to the left.
 template <std::size_t PIXEL>
 void unfilter_by_left(const Byte* in, std::size_t width, Byte* rows) {
     Byte left[TOGETHER][PIXEL]{};

@@ -5,8 +5,8 @@
 namespace core {
 namespace {
 
-// Frames on either side that determine a velocity: a polynomial of fourth order, of third at the ends; and at least, as far as
-// there are any.
+// A velocity follows from a polynomial of fourth order through REACH frames on either side, and at the ends from one of third
+// order through NODES frames.
 enum : std::size_t { REACH = 2, NODES = 4 };
 
 // The rotation (3, 3) of a vector and the left Jacobian V with t = V ρ, eq. (3) (Barfoot, eq. 8.33). The last coefficient,
@@ -108,8 +108,8 @@ Array<double, 3> pose_adjoint(Matrices poses) {
     });
 }
 
-// By derivatives of Lagrange's polynomials through the poses around each; where the times are that of the pose, the value is 0.
-// The newest acceleration is that of the frame before: extrapolated, the noise of the newest pose would be in it seven times.
+// Derivatives of Lagrange polynomials through the poses around each; the value at its own time is 0. The newest acceleration is
+// that of the previous frame, because extrapolation would amplify the noise of the newest pose seven times.
 Array<double, 3> point_motions(Matrices poses, Vector seconds) {
     std::size_t n = poses.shape[0], nodes = std::min<std::size_t>(NODES, n);
     require_shape(seconds, {n}, "seconds");

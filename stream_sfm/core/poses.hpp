@@ -1,4 +1,4 @@
-// Stages on poses and small arrays, and what is reported of a frame.
+// Stages on poses and small arrays, and on the reported poses and points of a frame.
 #pragma once
 
 #include "algebra.hpp"

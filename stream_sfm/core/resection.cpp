@@ -1,5 +1,5 @@
-// Robust resection: a fit near the start, the global search where too few agree, the motion that the others share, and that of
-// one rigid scene where a body and the background agree with a motion between theirs.
+// Robust resection: a fit near the start, the global search if too few agree, the motion that the other views share, and that
+// of one rigid scene if a body and the background agree with a motion between theirs.
 
 #include "resection.hpp"
 #include "poses.hpp"
@@ -8,9 +8,9 @@
 namespace core {
 namespace {
 
-// A body nearby and a background far away may agree with one motion, each view within its noise, all together not at all. Halves
-// of the views tell: near and far, left and right, upper and lower ones give the same motion in a scene that stands still.
-enum : std::size_t { LEAST = 16 };  // views; fewer do not make two halves
+// A near body and a far background may agree with one motion, each view within its noise, although all together they do not.
+// Halves of the views show this: in a static scene near and far, left and right, upper and lower ones give the same motion.
+enum : std::size_t { LEAST = 16 };  // views; fewer are not enough for two halves
 
 class Resection {
    public:
@@ -21,7 +21,7 @@ class Resection {
         return fit_motion(views, start, amplitudes, votes, rules, anneal);
     }
 
-    // The motion that most views agree with, from a start, without annealing where that is close.
+    // The motion that most views agree with, from a start, without annealing if the start is close.
     Fitted first(Matrix start) const {
         Array<double, 1> amplitudes(views.shared.shape[2]);  // none
         if (wanted.start_is_close) {
@@ -30,26 +30,26 @@ class Resection {
         }
         Fitted found = fit(start, amplitudes, true);
         if (found.share >= rules.calm_share && !wanted.search) return found;
-        // no annealing: among many views that move together even small weights would lead away from what is found
+        // no annealing: even small weights of many views that move together would lead away from the result
         Array<double, 2> searched = search_motion(views, start, votes, rules, 0);
         Fitted other = fit(searched, amplitudes, false);
         return other.ok && support(other) > support(found) ? std::move(other) : std::move(found);
     }
 
-    // Of a motion and the one that views near the `predicted` motion lead to, the one that explains the views better.
+    // The better one of a motion and the fit that starts at the `predicted` motion.
     //
-    // Far points agree with any translation that a rotation makes up for. So a few near points of a body lead all of them along,
-    // each within its gate, where flow was led by them. The votes and the errors that all share decide together.
+    // Far points agree with any translation that a rotation compensates. So if flow has followed a few near points of a body, all
+    // far points may agree with their motion, each within its gate. The votes and the shared errors decide together.
     Fitted better(Fitted found, Matrix predicted) const {
         Fitted other = fit(predicted, Array<double, 1>(views.shared.shape[2]), false);
         bool same = found.ok && other.ok && are_one(found.cam_from_ref, found.cov_pose, other.cam_from_ref, other.cov_pose);
         return other.ok && !same && (!found.ok || support(other) > support(found)) ? std::move(other) : std::move(found);
     }
 
-    // The motion that the views which clearly disagree have in common, or the two exchanged where that is clear.
+    // The motion with that of the clearly disagreeing views as the second one; exchanged if the second is clearly better.
     //
-    // Many views may agree with both motions; they say nothing about which of the two is that of the background. A view
-    // has three coordinates of its own: it takes so many more where it also determines errors that all share.
+    // Many views may agree with both motions; they do not show which of the two is that of the background. A view has three
+    // coordinates of its own; correspondingly more views are required if they also determine shared errors.
     Resected with_second(Fitted found) const {
         std::vector<std::size_t> off = rows_where(n, [&](std::size_t i) { return is_beyond(found, i); });
         if (!wanted.second || !found.ok || off.size() < rules.second_views) return {std::move(found), std::nullopt};
@@ -70,8 +70,8 @@ class Resection {
         return {std::move(other), std::move(first)};
     }
 
-    // The motion of one rigid scene: where halves of the views disagree, it is sought again from that of each half, and from the
-    // predicted one. Of several that leave out views which the first one took the one with the most evidence is taken.
+    // The motion of one rigid scene: if halves of the views disagree, it is sought again from the motion of each half, and from
+    // the predicted one. Of several results that reject views which the first one accepted, the one with most evidence is used.
     Resected rigid(Resected first, Matrix predicted) const {
         if (!first.found.ok) return first;
         Halves halves = halves_of(first.found);
@@ -96,7 +96,7 @@ class Resection {
     }
 
    private:
-    // Whether two motions are within their covariances, so that it does not matter which one is right.
+    // Whether two motions agree within their covariances, so that it does not matter which one is right.
     bool are_one(Matrix motion, Matrix cov, Matrix other, Matrix cov_other) const {
         Array<double, 3> back = pose_inverse({other.data, {1, 4, 4}}), apart(1, 4, 4);
         multiply<4, 4, 4>(motion.data, back[0], apart[0]);
@@ -115,7 +115,7 @@ class Resection {
         return motions_of_halves(views, motion.cam_from_ref, motion.amplitudes, motion.accepted, rules.shared_noise);
     }
 
-    // Whether nearly all views agree with a motion, if their noise is as large as their median residual says.
+    // Whether nearly all views agree with a motion, with noise as large as their median residual indicates.
     bool nearly_all_agree(const Fitted& found) const {
         double agree = 0, all = 0, width = std::min(found.spread, rules.calm_spread);
         for (std::size_t i = 0; i < n; i++) {
@@ -125,7 +125,7 @@ class Resection {
         return agree >= rules.calm_share * all;
     }
 
-    // What the views say of a motion, less what the errors that all share would have to be, in votes as a view's squared residual.
+    // The support of a motion by the views, less the squared amplitudes of shared errors, which cost votes as residuals do.
     double support(const Fitted& of) const {
         double squares = 0, most = 0, gate = 0;
         for (std::size_t k = 0; k < of.amplitudes.shape[0]; k++) squares += of.amplitudes.data[k] * of.amplitudes.data[k];
@@ -135,7 +135,7 @@ class Resection {
 
     bool is_beyond(const Fitted& of, std::size_t i) const { return of.squared_residuals.data[i] > rules.beyond_gates * views.gate.data[i]; }
 
-    // The motion that most of these views agree with, without the errors that all share.
+    // The motion that most of these views agree with, after shared errors are subtracted.
     Array<double, 2> search_among(const std::vector<std::size_t>& rows, const Fitted& found) const {
         SelectedViews seen(views, rows);
         std::size_t amplitudes = found.amplitudes.shape[0];

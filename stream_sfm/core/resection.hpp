@@ -1,4 +1,4 @@
-// Stages that find a motion: by views, by flow; and the turn of the right camera.
+// Stages that find a motion, from views or from flow, and the turn of the right camera.
 #pragma once
 
 #include "views.hpp"
@@ -75,7 +75,7 @@ Resected resect(const PointViews& views, Matrix start, Vector votes, const Resec
                 std::optional<Matrix> predicted);
 
 // turn.cpp
-// Right positions (n, 2) with a turn (3,) of the right camera put in (sign 1) or taken out (-1).
+// Adds (sign 1) or subtracts (-1) the effect of a turn (3,) of the right camera on right positions (n, 2).
 void turn_by(const Pinholes& pinholes, Vector rad, double sign, Array<double, 2>& right);
 struct TurnRules {
     double std_rad;

@@ -1,4 +1,4 @@
-// What errors of the rig do to views, eqs. (70) to (72d): columns of its terms, the field over the image, velocities.
+// The effects of rig errors on views, eqs. (70) to (72d): columns of the terms, the field over the image, velocities.
 
 #include "rig.hpp"
 
@@ -12,7 +12,7 @@ enum Term : std::size_t {  // the order of rig_model/terms.py
 constexpr std::size_t TERMS = END;
 static_assert(DELAY == AT_TIMING);
 
-// Both coordinates (2, TERMS) of a ray (2,), px per pixel of each error of a lens; `corner` is the slope of that ray.
+// The effect (2, TERMS), px per px, of each lens error on both coordinates of a ray (2,); `corner`: the slope of a corner's ray.
 void lens_columns(const double* ray, const double* left_ray, double corner, double* out) {
     double x = ray[0] / corner, y = ray[1] / corner, squared = x * x + y * y;
     for (int i = 0; i < 2; i++) {
@@ -36,7 +36,7 @@ void velocity_by_twist(const Pinholes& pinholes, const double* of, double* out) 
     for (int row = 0; row < 4; row++) by_motion(a + 4 * row, point, out + 6 * row);
 }
 
-// How a homogeneous point (4,) moves with a twist: (3,), as its inverse depth stays.
+// The velocity (3,) of a homogeneous point (4,) with a twist; its last coordinate does not change.
 void motion_of_point(const double* point, const double* twist, double* out) {
     for (int k = 0; k < 3; k++) {
         int i = (k + 1) % 3, j = (k + 2) % 3;
@@ -44,7 +44,7 @@ void motion_of_point(const double* point, const double* twist, double* out) {
     }
 }
 
-// How its view moves, (4,) px/s: ∂ż/∂ξ̇ times the twist, without that matrix.
+// The velocity (4,) px/s of its view: ∂ż/∂ξ̇ times the twist, without computing that matrix.
 void velocity_of_view(const Pinholes& p, const double* of, const double* twist, double* out) {
     double point[4], moves[3];
     std::copy(of, of + 4, point);
@@ -64,12 +64,12 @@ void moved_by(const double* point, const double* twist, double seconds, double* 
     out[3] = point[3];
 }
 
-// In which rows both sides of a view (4,) are exposed (4,): Σ c x^a y^b, x and y from −1 to 1 over the image.
+// The rows (4,) in which both sides of a view (4,) are exposed: Σ c x^a y^b, x and y from −1 to 1 over the image.
 void rows_of_view(const ExposedRows& of, const double* z, double* rows) {
     std::size_t sides = of.coefficients.shape[0], k = of.coefficients.shape[1];
     for (std::size_t side = 0; side < 2; side++) {
         double x = 2 * z[2 * side] / of.size_px[0] - 1, y = 2 * z[2 * side + 1] / of.size_px[1] - 1, sum = 0;
-        for (std::size_t a = k; a-- > 0;) {  // Horner's scheme in both
+        for (std::size_t a = k; a-- > 0;) {  // Horner's scheme in x and y
             double inner = 0;
             for (std::size_t b = k; b-- > 0;) inner = inner * y + of.coefficients[std::min(side, sides - 1)][a * k + b];
             sum = sum * x + inner;
@@ -86,7 +86,7 @@ void timing_by_twist(const Pinholes& pinholes, const ExposedRows& exposed, const
     rows_of_view(exposed, z, rows);
 }
 
-// A motion (2, 6) of this twist (6,) all the time.
+// A motion (2, 6) with a constant twist (6,).
 Array<double, 2> without_acceleration(Vector twist) {
     require_shape(twist, {6}, "twist");
     Array<double, 2> motion(2, 6);
@@ -103,7 +103,7 @@ void disparity_polynomial(const Pinholes& p, const double* at, double* out) {
     std::copy(polynomial, polynomial + 6, out);
 }
 
-// What amplitudes of 1 of the terms do to a view: (4, TERMS).
+// The effect (4, TERMS) of amplitudes of 1 of the terms on a view.
 void terms_of_view(const Pinholes& p, Matrix root, const double* z, double age, double* out) {
     const auto size = p.size();
     double corner = std::hypot(std::max(p.cx_left_px, size[0] - p.cx_left_px), std::max(p.cy_px, size[1] - p.cy_px)) / p.f_px;
@@ -173,7 +173,7 @@ void slopes_of_rows(const ExposedRows& of, const double* z, double* out) {
     }
 }
 
-// An exposure some time after the stamp moves a view by that times its velocity halfway, where acceleration counts as well.
+// An exposure some time after the stamp moves a view by that time times its velocity halfway, which includes acceleration.
 void timing_of_view(const Pinholes& pinholes, const ExposedRows& exposed, const double* point, const double* motion,
                     const double* timing, const double* z, double* out) {
     double rows[4], velocity[4], at = std::numeric_limits<double>::quiet_NaN();
@@ -223,7 +223,7 @@ Array<double, 3> disparity_effects(const Pinholes& pinholes, Matrix points, Matr
         disparity_polynomial(pinholes, seen ? z[i] : expected, polynomial);
         for (int c = 0; c < 4; c++) {
             if (!std::isfinite(z[i][c])) continue;
-            double by_depth = 0;  // ∂z/∂ρ of the point as it was
+            double by_depth = 0;  // ∂z/∂ρ of the point in the previous camera
             for (int k = 0; k < 4; k++) by_depth += a[4 * c + k] * motion[static_cast<std::size_t>(k)][3];
             double moves = (c == LATE) + by_depth / (pinholes.f_px * pinholes.baseline_m);
             for (int k = 0; k < 6; k++) result[i][6 * c + k] = moves * polynomial[k];
@@ -255,7 +255,7 @@ Array<double, 2> velocities(const Pinholes& pinholes, Matrix points, Matrix twis
     return result;
 }
 
-// How fast right sides of points that move with one twist (6,) cross the rows.
+// The speeds at which right sides of points with one twist (6,) cross the rows.
 Array<double, 1> row_speeds(const Pinholes& pinholes, Matrix points, Vector twist) {
     require_shape(twist, {6}, "twist");
     Array<double, 2> moved = velocities(pinholes, points, {twist.data, {1, 6}});
@@ -332,7 +332,7 @@ Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& 
     require_shape(size, {2}, "size");
     require_shape(cov_twist, {6, 6}, "cov_twist");
     std::vector<double> information(36);
-    double moved[2][36] = {};  // transposed: by which twists the gradient of a pose is moved
+    double moved[2][36] = {};  // transposed: the change of the pose's gradient by the twist
     for (std::size_t i = 0; i < n; i++) {
         double by_twist[24], rows[4];
         timing_by_twist(pinholes, exposed, points[i], by_twist, rows);
@@ -370,7 +370,7 @@ WIDER Array<double, 2> principal_components(Matrix errors) {
     for (std::size_t a = 0; a < k; a++)
         for (std::size_t b = 0; b < a; b++) products[a * k + b] = products[b * k + a];
     const double least = 1e-2;  // px², of all views: the variance of a good one
-    diagonalise(products.data(), axes.data(), k, 1e-12 * least * least);  // any axes at right angles give the same errors
+    diagonalise(products.data(), axes.data(), k, 1e-12 * least * least);  // any orthogonal axes give the same errors
     std::size_t kept = 0;
     for (std::size_t a = 0; a < k; a++) {
         if (!(products[a * k + a] > least)) continue;

@@ -1,4 +1,4 @@
-// Stages on the errors of a rig that only Python calls: what they do to views and rows, and how large they are.
+// Stages on the errors of a rig that only Python calls: their effects on views and rows, and their sizes.
 #pragma once
 
 #include "row_timing.hpp"
@@ -38,7 +38,7 @@ Array<double, 3> timing_unknowns(const Pinholes& pinholes, const ExposedRows& ex
                                  Vector twist_before, Matrix points, Vector twist, Vector mean, Matrix cov, Vector std_twist);
 Array<double, 2> cov_of_timed_pose(const Pinholes& pinholes, const ExposedRows& exposed, Matrix points, Vector size,
                                    Matrix cov_twist);
-// Errors (n, k) as independent ones (n, j), of σ = 1 as they are, without those that do not matter beside a good view's noise.
+// Errors (n, k) of σ = 1 as principal components (n, j) of σ = 1, without those that are negligible beside a good view's noise.
 Array<double, 2> principal_components(Matrix errors);
 Array<double, 3> principal_errors(Matrices errors);  // of views (n, 4, k)
 

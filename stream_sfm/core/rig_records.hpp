@@ -1,4 +1,4 @@
-// What is known of a rig's errors, as stages take it.
+// The records of a rig's estimated errors that stages take.
 #pragma once
 
 #include "algebra.hpp"
@@ -6,7 +6,7 @@
 
 namespace core {
 
-constexpr std::size_t AT_TIMING = 14;  // of the terms in rig_model/terms.py: delay and readout follow each other
+constexpr std::size_t AT_TIMING = 14;  // index in the terms of rig_model/terms.py: delay, then readout
 
 struct Field {
     Vector u_px, v_px;
@@ -27,7 +27,7 @@ struct RowModel {
     RowGates rules;
     RECORD(Rows, projection, field, mean, cov, scatter_px, max_px, rules)
 };
-struct RightSides {  // where they are sought, of points that move with a twist, with a turn of the right camera
+struct RightSides {  // predicts where they are sought: row differences, a turn of the right camera, the twist of points
     RowModel rows;
     Vector turn_rad, twist;
     RECORD(RightSides, rows, turn_rad, twist)
@@ -37,7 +37,7 @@ struct ExposedRows {  // polynomials over the rectified image: the rows of the c
     Matrices coefficients;
     RECORD(ExposedRows, size_px, coefficients)
 };
-struct Timing {  // delay and readout, and how points moved in the frame before, if that is known
+struct Timing {  // delay and readout, and the twist of points in the previous frame, if it is known
     ExposedRows row_of;
     Vector mean;
     Matrix cov;

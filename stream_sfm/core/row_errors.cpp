@@ -1,4 +1,4 @@
-// What is known of the rows of left and right: by how much they differ, and whether a match lies on its row, eq. (19).
+// Row differences of left and right: their estimation, and whether a match lies on its row, eq. (19).
 
 #include "rig.hpp"
 
@@ -7,7 +7,7 @@ namespace {
 
 enum : std::size_t { POLYNOMIAL = 6 };  // coefficients; then the delay, then the field
 
-// The covariance (3, 3) of the turn of the right camera that errors (n, k) of right rows feign.
+// The covariance (3, 3) of the apparent turn of the right camera by errors (n, k) of right rows.
 Array<double, 2> as_turn(const Pinholes& pinholes, Matrix z, const Array<double, 2>& errors) {
     std::size_t k = errors.shape[1];
     std::vector<double> seen(3 * k), turns(3 * k);
@@ -148,7 +148,7 @@ WIDER UnknownOfViews unknown_errors(const Timing& timing, const RowModel& rows, 
         for (std::size_t c = 0; c < 4; c++) std::copy_n(by_time[i] + c * others, others, both[i] + c * both.shape[2]);
         std::copy_n(own[i], own.shape[1], both[i] + 3 * both.shape[2] + others);
     }
-    for (std::size_t a = 0; a < 3; a++)  // a late camera is turned by as much as the rig turns meanwhile
+    for (std::size_t a = 0; a < 3; a++)  // a late camera seems turned by the rig's turn during the delay
         for (std::size_t b = 0; b < 3; b++) cov_turn[a][b] += timing.cov[0][0] * (twist.data[3 + a] * twist.data[3 + b]);
     return {principal_errors(both), std::move(cov_turn)};
 }

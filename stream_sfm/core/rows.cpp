@@ -1,4 +1,4 @@
-// Left-right search along the row: normalised correlation of each corner, with a uniqueness test.
+// Left-right search along the row: normalised correlation for each corner, with a uniqueness test.
 
 #include "images.hpp"
 
@@ -37,7 +37,7 @@ WIDER RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& righ
     std::size_t n = points.shape[0];
     RowMatches result{{n}, {n}};
     int width = left.width, height = left.height;
-    first = std::max<std::int64_t>(first, -width);  // farther ones lie outside of every row
+    first = std::max<std::int64_t>(first, -width);  // larger ones are outside every row
     last = std::min<std::int64_t>(last, width);
     if (last < first) return result;
     int candidates = static_cast<int>(last - first) + 1, length = candidates + 2 * half;
@@ -74,7 +74,7 @@ WIDER RowMatches match_along_rows(const ImageOf<T>& left, const ImageOf<T>& righ
                 sum += sums[d + spacing * j];
                 square += squares[d + spacing * j];
             }
-            float variance = std::max(square - sum * sum / static_cast<float>(side * side), 1e-3f);  // finite correlation with one grey
+            float variance = std::max(square - sum * sum / static_cast<float>(side * side), 1e-3f);  // a uniform window has a finite correlation
             bool inside = start + d >= half && start + d < width - half;
             dot[d] = inside ? dot[d] / (norm * std::sqrt(variance) + 1e-6f) : -1.0f;
             if (dot[d] > top) {

@@ -1,8 +1,8 @@
 // The global search of the resection: the motion that most of the weight agrees with, whatever the start.
 //
-// Motions are fitted to many small random samples of views, each from two beginnings; all are scored by all views at the
-// views' own noise, with truncated costs, so that an outlier counts the same however far off it is; the best ones are
-// refined by all views near them.
+// Motions are fitted to many small random samples of views, each from two starts. All views score each of them at their own
+// noise, with truncated costs, so that an outlier counts the same however far off it is. The best ones are refined by all
+// views near them.
 
 #include <random>
 
@@ -12,8 +12,8 @@
 namespace core {
 namespace {
 
-// Views of a sample. Two stereo views determine a motion; a third keeps its noise from being levered up. Of three views of
-// one side there are up to four solutions.
+// Views of a sample. Two stereo views determine a motion; a third one avoids the amplification of their noise. Three views
+// of one side have up to four solutions.
 enum : std::size_t { STEREO_SAMPLE = 3, ONE_SIDED_SAMPLE = 4 };
 
 using Motion = std::array<double, 16>;
@@ -22,7 +22,7 @@ struct Scored {
     double support;
 };
 
-// The area over which agreement (n,) spreads, but not less than `least`: 1 where it is uniform over the image.
+// The area over which `agreement` (n,) spreads, at least `least`; 1 if it is uniform over the image.
 double extent(const Pinholes& p, Matrix z, const std::vector<double>& agreement, double least) {
     double m = 0, mu = 0, mv = 0, uu = 0, uv = 0, vv = 0;
     for (std::size_t i = 0; i < z.shape[0]; i++) {
@@ -35,9 +35,9 @@ double extent(const Pinholes& p, Matrix z, const std::vector<double>& agreement,
     return std::max(12 * std::sqrt(std::max(determinant, 0.0)), least);  // a uniform square has variances of 1/12
 }
 
-// The support of a motion by squared residuals (n,): each view gives its weight, less the share of the gate that its residual
-// uses up; the extent that the agreeing views have in the image adds a little. A background surrounds what moves in front of
-// it, and a body is compact.
+// The support of a motion by squared residuals (n,): each view adds its weight, reduced by the share of the gate that its
+// residual uses up. A larger extent of the agreeing views in the image adds a little, because a background surrounds the
+// bodies in front of it, and a body is compact.
 double support(const PointViews& views, const double* weights, const double* squares, const ResectionRules& rules) {
     std::size_t n = views.points.shape[0];
     std::vector<double> agreement(n);
@@ -46,7 +46,7 @@ double support(const PointViews& views, const double* weights, const double* squ
     return total * std::pow(extent(views.projection, views.z_px, agreement, rules.min_extent), rules.extent_power);
 }
 
-// `samples` of `size` different rows of n each, drawn by weight (Efraimidis and Spirakis 2006). They depend on n only.
+// `samples` sets of `size` different rows of n, drawn by weight (Efraimidis and Spirakis 2006). Random numbers depend on n only.
 std::vector<std::size_t> drawn(const double* weights, std::size_t n, std::size_t size, std::size_t samples) {
     std::mt19937_64 random(n);
     std::vector<double> keys(n);
@@ -69,7 +69,7 @@ class Search {
     Search(const PointViews& views, Matrix start)
         : views(views), linear(linearise_views(views, start)), amplitudes(views.shared.shape[2]) {}
 
-    // The rotation that turns points best towards the rays of their left views (Davenport's q-method).
+    // The rotation that best turns points towards the rays of their left views (Davenport's q-method).
     Motion by_rays(const std::size_t* rows, std::size_t k) const {
         const auto& [p, points, cov_points, z, cov, shared, gate] = views;
         double b[9] = {};
@@ -121,7 +121,7 @@ class Search {
     }
 
    private:
-    // One view's part of the information (6, 6), whose upper triangle is filled, and of the gradient (6,).
+    // Adds one view to the upper triangle of the information (6, 6), and to the gradient (6,).
     void add(const Motion& motion, std::size_t row, double weight, double* h, double* g) const {
         const double* root = linear.root.data.get() + 16 * row;
         double p[4], a[16], by_cam[16], expected[4], j[6];

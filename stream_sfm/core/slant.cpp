@@ -1,9 +1,9 @@
 // The slant of a new point's surface, from the shear between its left and right patch.
 //
 // On a plane the inverse depth is affine in the image, and so is the disparity: d + a·δu + b·δv around a corner. Each
-// corner is aligned by Gauss-Newton on (d, a, b, row), inverse compositional (Baker and Matthews 2004), with a Gaussian
-// prior on the slopes, so that a patch without enough texture stays facing the camera. A wrong slant biases the
-// disparity for as long as the point is followed: the walls of a corridor shift by a third of a pixel.
+// corner is aligned by inverse compositional Gauss-Newton on (d, a, b, row) (Baker and Matthews 2004), with a Gaussian
+// prior on the slopes, so that a patch without enough texture keeps facing the camera. A wrong slant biases the disparity
+// for as long as the point is followed: the walls of a corridor shift by a third of a pixel.
 
 #include "images.hpp"
 
@@ -51,7 +51,7 @@ Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& righ
     Array<double, 2> slopes(n, 2);
     int k = 2 * radius / spacing + 1, k2 = k * k;
     const double variance = std_grey * std_grey, of_slope = variance / (rules.std_slope * rules.std_slope);
-    // Of disparity and row nothing is known beforehand; 1e-6/px² keeps the matrix regular.
+    // Disparity and row have no prior; 1e-6/px² keeps the matrix regular.
     const double prior[4] = {variance * 1e-6, of_slope, of_slope, variance * 1e-6};
     std::vector<float> grey(k2), by_parameter(4 * k2), there(k2), at_u(k2), at_v(k2);
     Sampler<T> sampler(k2);
@@ -86,8 +86,8 @@ Array<double, 2> disparity_slopes(const ImageOf<T>& left, const ImageOf<T>& righ
             for (int at = 0; at < k2; at++) mean += there[at];
             mean /= k2;
             for (int at = 0; at < k2; at++) there[at] -= static_cast<float>(mean);
-            // of the left exposure to the right
-            double gain = dot(grey.data(), there.data(), k2) / (dot(there.data(), there.data(), k2) + 1.0);  // grey²: finite for one grey
+            // of the left exposure over the right one
+            double gain = dot(grey.data(), there.data(), k2) / (dot(there.data(), there.data(), k2) + 1.0);  // grey²: finite if uniform
             for (int at = 0; at < k2; at++) there[at] = grey[at] - static_cast<float>(gain) * there[at];
             for (int a = 0; a < 4; a++) g[a] = dot(by_parameter.data() + a * k2, there.data(), k2);
             g[1] -= prior[1] * p[1];

@@ -1,12 +1,12 @@
-// What is drawn over both images, in some of their lines: see frontend/still_check.py; and whether these are one image: see
-// frontend/image_checks.py.
+// Edges that are drawn over both images (frontend/still_check.py), and slopes that show whether both images are the same
+// one (frontend/image_checks.py).
 
 #include "images.hpp"
 
 namespace core {
 namespace {
 
-constexpr std::ptrdiff_t FAR_PX = 2;  // from a pixel to those whose difference to it is an edge
+constexpr std::ptrdiff_t FAR_PX = 2;  // from a pixel to those that it is compared with for an edge
 
 int step(const std::int16_t* at, std::ptrdiff_t to) { return at[0] - at[to]; }
 int sign(int number) { return (number > 0) - (number < 0); }
@@ -17,8 +17,8 @@ WIDER DrawnEdges drawn_edges(View<std::int16_t, 2> left, View<std::int16_t, 2> l
                        View<std::int16_t, 2> right, std::int64_t edge_grey, std::int64_t same_grey, std::int64_t same_step_grey) {
     const std::pair<const View<std::int16_t, 2>*, const char*> others[] = {{&last, "last"}, {&earlier, "earlier"}, {&right, "right"}};
     for (auto [other, name] : others) require_shape(*other, left.shape, name);
-    // Whether another line has an edge, too: there it is about as bright, and its step as large or, on a thin line, of
-    // the same sign on both sides.
+    // Whether another line has the same edge: about as bright there, with a step as large or, on a thin line, of the same
+    // sign on both sides.
     auto has = [&](const std::int16_t* line, const std::int16_t* other) {
         if (std::abs(line[0] - other[0]) > same_grey) return false;
         int before = step(line, -FAR_PX), after = step(line, FAR_PX);
@@ -43,7 +43,7 @@ WIDER DrawnEdges drawn_edges(View<std::int16_t, 2> left, View<std::int16_t, 2> l
             if (!is_edge[j]) continue;
             found.edges++;
             found.moved += std::abs(line[j] - last[i][j]) >= edge_grey;
-            // the rarest first
+            // the rarest condition first
             found.drawn += has(line + j, right[i] + j) && has(line + j, earlier[i] + j) && has(line + j, last[i] + j);
         }
     }

@@ -1,4 +1,4 @@
-// Tracks in a new frame: how their patches look there, whether templates can be warped so, and how exactly they are found.
+// Tracks in a new frame: the predicted look of their patches, whether templates allow that warp, and covariances of views.
 
 #include "tracks.hpp"
 #include "poses.hpp"
@@ -7,7 +7,7 @@
 namespace core {
 namespace {
 
-// The warp (3, 2), W above h, of the maps A (2, 2) and n (2,): W = A⁻¹ and h = −Wᵀn; W is finite also where A is singular.
+// The warp (3, 2), W above h, of the maps A (2, 2) and n (2,): W = A⁻¹ and h = −Wᵀn; W is finite even if A is singular.
 void warp(const double* a, const double* by_depth, double* out) {
     // A surface seen edge-on gets a finite warp that no template fits.
     double det = a[0] * a[3] - a[1] * a[2], safe = std::abs(det) < 1e-3 ? 1e-3 : det;
@@ -52,12 +52,12 @@ void warps_of(const Pinholes& pinholes, const double* point, const double* slope
     warp(right, by_depth, of_right);
 }
 
-// I − ż ∇rᵀ seconds (2, 2): by what a patch has to be multiplied to be as at one time.
+// I − ż ∇rᵀ seconds (2, 2): the factor that converts a patch to a single exposure time.
 void at_one_time(const double* velocity, const double* slope, double seconds, double* out) {
     for (int k = 0; k < 4; k++) out[k] = (k % 3 ? 0.0 : 1.0) - seconds * velocity[k / 2] * slope[k % 2];
 }
 
-// A point (4,) carried into a new camera, at unit depth; returns by how much it was divided.
+// A point (4,) transformed into a new camera, at unit depth; returns the divisor.
 double move_to_unit_depth(const double* motion, const double* point, double* out) {
     move(motion, point, out);
     double depth = std::max(out[2], MIN_DEPTH);
@@ -65,7 +65,7 @@ double move_to_unit_depth(const double* motion, const double* point, double* out
     return depth;
 }
 
-// The same warps between images of a shutter that reads out, with points that move now, eq. (14b).
+// Corrects the warps for a rolling shutter and points that move, eq. (14b).
 void shear_by_readout(const Pinholes& pinholes, const Timing& timing, const TrackTable& tracks, Vector twist,
                       PredictedTracks& now) {
     double readout = timing.mean.data[1];
@@ -75,7 +75,7 @@ void shear_by_readout(const Pinholes& pinholes, const Timing& timing, const Trac
         double z[4], slopes[4], of_anchor[4];
         project(pinholes, now.points[i], z);
         slopes_of_rows(timing.row_of, z, slopes);
-        at_one_time(tracks.anchor_velocity_px_s[i], slopes, readout, of_anchor);  // rows are nearly parallel all over an image
+        at_one_time(tracks.anchor_velocity_px_s[i], slopes, readout, of_anchor);  // rows are nearly parallel in an image
         double det = of_anchor[0] * of_anchor[3] - of_anchor[1] * of_anchor[2];
         double anchor[4] = {of_anchor[3] / det, -of_anchor[1] / det, -of_anchor[2] / det, of_anchor[0] / det};
         for (int side = 0; side < 2; side++) {
@@ -185,8 +185,8 @@ Array<double, 3> view_covariances(Matrices gradients, Vector error_left, Vector 
         double det = a * b - g[1] * g[2], shape[4] = {b / det, -g[1] / det, -g[2] / det, a / det};
         for (int side = 0; side < 2; side++) {
             double grey = (side ? error_right : error_left).data[i];
-            grey = std::max(std::isfinite(grey) ? grey : rules.unknown_error_grey, rules.least_error_grey / scale);  // of a mean over pixels less
-            double variance = 0.5 * shared_pixels * grey * grey;  // half of the variance is the template's
+            grey = std::max(std::isfinite(grey) ? grey : rules.unknown_error_grey, rules.least_error_grey / scale);  // a mean over pixels has less
+            double variance = 0.5 * shared_pixels * grey * grey;  // half of the variance is that of the template
             double* out = result[i] + 10 * side;
             for (int k = 0; k < 4; k++)
                 out[4 * (k / 2) + k % 2] = scale * scale * factor * (variance * shape[k] + (k % 3 ? 0.0 : rules.std_floor_px * rules.std_floor_px));

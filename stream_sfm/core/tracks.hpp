@@ -1,4 +1,4 @@
-// Stages on tracks: predicted, aligned, updated, begun; and errors that last along them.
+// Stages that predict, align, update and begin tracks, and the lasting errors along them.
 #pragma once
 
 #include "algebra.hpp"
@@ -68,7 +68,7 @@ struct Templates {
     TemplateKind kind;
     RECORD(Templates, left, right, stored, area, kind)
 };
-struct AlignedTracks {  // of tracks (n) which were expected in view, and of those found (k) their rows, points and views
+struct AlignedTracks {  // which tracks (n) were expected in view; rows, points and views of those found (k)
     Array<bool, 1> expected;
     Array<std::int64_t, 1> rows;
     Array<double, 2> points, z;
@@ -93,7 +93,7 @@ template <class T>  // float or std::uint8_t
 NewMatches match_new_points(const ImageOf<T>& left, const ImageOf<T>& right, View<T, 3> stored,
                             const TemplateKind& kind, const RightSides& right_sides, Pixels corners, Indices slots,
                             Vector disparity, double tolerance, const PointRules& rules);
-struct PlacedPoints {  // rows of those that are kept, their views, and their points with the variances of 1/Z
+struct PlacedPoints {  // rows of the kept ones, their views, and their points with the variances of 1/Z
     Array<std::int64_t, 1> rows;
     Array<double, 2> z, points;
     Array<double, 1> var_rho;

@@ -7,7 +7,7 @@ namespace {
 
 enum : std::size_t { UNKNOWNS = 9, COLUMNS };  // motion and turn; with the residual
 
-// xᵀ A⁻¹ x of a covariance A (3, 3), and log |A|; NaN where A is not definite.
+// xᵀ A⁻¹ x of a covariance A (3, 3), and log |A|; NaN if A is not definite.
 double squared_length(const double* a, const double* x, double& log_det) {
     double lower[9], solved[3], sum = 0;
     log_det = std::numeric_limits<double>::quiet_NaN();
@@ -22,7 +22,7 @@ double squared_length(const double* a, const double* x, double& log_det) {
     return sum;
 }
 
-// The whitened rows of views, by motion, by the turn, and their residual; `squares`: the squared residuals of each view.
+// The whitened rows of views: columns of motion and turn, and the residual; `squares`: the squared residuals of each view.
 std::vector<double> rows_of(const PointViews& views, const LinearisedViews& linear, const ViewResiduals& seen,
                             std::vector<double>& squares) {
     std::vector<double> rows(4 * squares.size() * COLUMNS);
@@ -42,7 +42,7 @@ std::vector<double> rows_of(const PointViews& views, const LinearisedViews& line
     return rows;
 }
 
-// The turn by so many steps of reweighting.
+// The turn after `steps` steps of reweighting.
 FittedTurn fitted(const PointViews& views, Matrix motion, int steps, Matrix usual, double std_knock) {
     std::size_t n = views.points.shape[0];
     LinearisedViews linear = linearise_views(views, motion);
@@ -62,7 +62,7 @@ FittedTurn fitted(const PointViews& views, Matrix motion, int steps, Matrix usua
                 step[a] += weight * j[a] * j[9];
             }
         }
-        for (std::size_t a = 0; a < UNKNOWNS; a++)  // a motion that hardly shows stays where it is
+        for (std::size_t a = 0; a < UNKNOWNS; a++)  // an undetermined part of the motion stays unchanged
             information[a * (UNKNOWNS + 1)] += DAMPING * (information[a * (UNKNOWNS + 1)] + DAMPING);
         double factor[UNKNOWNS * UNKNOWNS];
         std::copy(information, information + UNKNOWNS * UNKNOWNS, factor);

@@ -5,11 +5,11 @@
 namespace core {
 namespace {
 
-// A view that a point predicts to no better than this, a hundred images wide, says nothing about the motion; at a hundred
-// times more, the noise of the view itself would be lost to rounding in their sum.
+// A view whose prediction is no more certain than this, a hundred images wide, gives no information about the motion. At a
+// hundred times more, the noise of the view itself would be lost to rounding in their sum.
 constexpr double MAX_PREDICTED_PX2 = 1e5 * 1e5;
 
-// R (4, 4) with RᵀR the information of a view with this covariance, eq. (11); a side that is not finite in z has none.
+// R (4, 4) with RᵀR the information of a view with this covariance, eq. (11); zero for a side that is not finite in z.
 bool whitening(const double* z, const double* cov, double* root) {
     double seen_cov[16], lower[16];
     bool seen[4];

@@ -1,4 +1,4 @@
-// Stages on views of points: projected, whitened, linearised.
+// Stages that project, whiten and linearise views of points.
 #pragma once
 
 #include "algebra.hpp"

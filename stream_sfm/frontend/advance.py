@@ -1,4 +1,4 @@
-"""The front-end moves on to a frame: tracks are put where they were seen, and what is learnt from frames is learnt."""
+"""Advances the front-end to a frame: updates the tracks and all that is learnt from frames."""
 
 import numpy as np
 
@@ -21,11 +21,11 @@ from .unsteadiness import Unsteadiness
 
 @record
 class Followed:
-    """What following the tracks gave.
+    """The result of following the tracks.
 
-    The motion `cam_from_previous` (4, 4), and views `z_px` (n, 4) with covariances `cov_px` (n, 4, 4) of the tracks
-    that live on, in the order of their table. `found`: all that were found; `second`: a motion that may be right as
-    well; `settled`: as in `Observations`.
+    The motion `cam_from_previous` (4, 4), and views `z_px` (n, 4) with covariances `cov_px` (n, 4, 4) of the surviving
+    tracks, in the order of their table. `found`: all tracks that were found; `second`: an alternative motion that may
+    be the right one; `settled`: as in `Observations`.
     """
 
     cam_from_previous: Array
@@ -37,7 +37,7 @@ class Followed:
 
 
 def learn(state: FrontEndState, seen: Seen, motion: Resection, twist: Array) -> FrontEndState:
-    """Learn from a frame's residuals what views are worth, and how its points moved (6,)."""
+    """Learn the noise of views from a frame's residuals, and remember the twist (6,) of its points."""
     aligners = learn_noise(state.aligners, motion, seen.before.scale, seen.views.z_px)
     return changed(state, aligners=aligners, timing=changed(state.timing, twist=twist))
 
@@ -45,21 +45,21 @@ def learn(state: FrontEndState, seen: Seen, motion: Resection, twist: Array) -> 
 def advance(
     step: Step, state: FrontEndState, seen: Seen, motion: Resection, alike: SecondMotion | None
 ) -> tuple[FrontEndState, Followed]:
-    """Move on with the tracks that agree with a frame's motion, or with a second one that is not of a body in front.
+    """Advance with the tracks that agree with a frame's motion, or with a second one unless that is of a body in front.
 
-    The views returned are not corrected for delay and readout. `alike`: a motion for which the scene looks the same.
+    The returned views are not corrected for delay and readout. `alike`: a motion for which the scene looks the same.
     """
     cam_from_start = se3.orthonormalise(motion.cam_from_ref @ state.cam_from_start)
     second = motion.second
     kept = motion.accepted if second is None or second.in_front else motion.accepted | second.views
     rows = kept.nonzero()[0]
-    # where most views fit badly the frame itself is poor, blurred for instance, and not full of outliers
+    # if most views fit badly, the frame is poor (blurred, for instance) rather than full of outliers
     z_px, cov_px = rows_of(seen.views.z_px, rows), motion.spread * rows_of(seen.views.cov_px, rows)
     seen_px = z_px + rows_of(seen.views.taken_px, rows)
     now = _placed(step, state, seen.before.keep(rows), motion.cam_from_ref, z_px, cov_px, cam_from_start)
     now = changed(now, left_px=seen_px[:, :2].copy(), exposures=rows_of(seen.views.exposures, rows))
     ambiguity, other, settled = state.ambiguity.after(motion, seen.before, alike)
-    in_question = other is not None or ambiguity.frames_left > 0  # this frame's motion, or which set stands still
+    in_question = other is not None or ambiguity.frames_left > 0  # this motion, or which set of tracks is static
     state = changed(
         state,
         unsteadiness=_unsteadiness(step, state, motion.cam_from_ref),
@@ -83,7 +83,7 @@ def _placed(
     cov_px: Array,
     cam_from_start: Array,
 ) -> Tracks:
-    """The tracks (n) in the new camera, on the rays of their views (n, 4) with covariances (n, 4, 4)."""
+    """Return the tracks (n) in the new camera, on the rays of their views (n, 4) with covariances (n, 4, 4)."""
     projection, forgetting = step.setup.projection, step.setup.rules.motion.forgetting
     if projection.virtual_right:
         return update_by_parallax(
@@ -93,7 +93,7 @@ def _placed(
 
 
 def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, in_question: bool) -> StartCheck:
-    """The check of the start after a frame; where two motions are `in_question` that is said already."""
+    """Return the check of the start after a frame; if two motions are `in_question`, that is reported already."""
     start = state.start.settled() if is_camera(step, motion) else state.start
     if in_question or start.is_over:
         return start
@@ -106,7 +106,7 @@ def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, in_q
 
 
 def _unsteadiness(step: Step, state: FrontEndState, cam_from_previous: Array) -> Unsteadiness | None:
-    """How unsteady motions are after this one, where that can be said."""
+    """Return how unsteady motions are after this one; None while that is unknown."""
     before = state.unsteadiness
     if step.dt_s <= 0 or not state.velocity.any():
         return before

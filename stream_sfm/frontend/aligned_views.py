@@ -1,4 +1,4 @@
-"""The views of a frame: anchored templates, found where a rough motion puts them."""
+"""The views of a frame: anchored templates, found near where a rough motion puts them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +16,13 @@ _RIGHT = np.array([False, False, True, True])
 
 @record
 class AlignedViews:
-    """Views of tracks that were found in a frame (k), at least on the left.
+    """Views of the tracks (k) that were found in a frame, at least on the left.
 
-    Their `rows` in the table (n) of tracks, of which some should be `in_view` (n,); their `points` (k, 4) where the
-    rough motion puts them; `z_px` (k, 4), NaN where the right side was not found; `cov_px` (k, 4, 4). `any_row_px`
-    (k, 4): the same, including right sides that miss their row. `taken_px` (k, 4): what has been taken out of all these
-    for the timing. `exposures` (k, 2): gains and offsets of the left image over the templates.
+    `rows` (k,): their rows in the table (n) of tracks; `in_view` (n,): which tracks of the table should be in view;
+    `points` (k, 4): where the rough motion puts them; `z_px` (k, 4), NaN if the right side was not found; `cov_px`
+    (k, 4, 4). `any_row_px` (k, 4): views that include right sides off their row. `taken_px` (k, 4): the correction for
+    delay and readout that has been subtracted from all of these. `exposures` (k, 2): gains and offsets of the left
+    image over the templates.
     """
 
     rows: NDArray[np.int64]
@@ -37,9 +38,9 @@ class AlignedViews:
 def align(
     setup: Setup, state: FrontEndState, images: PreparedImages, rough: RoughMotion, twist: Array
 ) -> AlignedViews:
-    """Find the tracks (n) in the new images, near where a rough motion puts them: the views of those found.
+    """Find the tracks (n) in the new images, near where a rough motion puts them, and return the views of those found.
 
-    `twist` (6,): how the points move in the camera, per second.
+    `twist` (6,): the motion of the points in the camera, per second.
     """
     tracks, aligners, in_both = state.tracks, state.aligners, not setup.projection.virtual_right
     has_wide = WIDE in aligners and (tracks.scale == WIDE).any()
@@ -50,7 +51,7 @@ def align(
         tracks.slots,
         rough.cam_from_previous,
         rough.cam_from_previous @ state.cam_from_start,
-        rough.left_px,  # what flow lost, the motion may find
+        rough.left_px,  # the motion may recover tracks that flow has lost
         rough.agree,
         aligners[1].in_images(images, in_both),
         aligners[WIDE].in_images(images, in_both) if has_wide else None,

@@ -1,8 +1,8 @@
-"""Alignment of tracks: their anchored templates, warped as today's images should show them, found in both images.
+"""Alignment of tracks: anchored templates are warped to the current view and found in both images.
 
-The map between a patch's pixels now and in its template's frame is projective (`core/tracks.cpp`). What its affine part
-leaves moves every patch of a turning camera the same way, by hundredths of a pixel that an estimator takes for motion:
-docs/mathematics.md, section 3.
+The map between a patch's pixels now and in its template's frame is projective (`core/tracks.cpp`). An affine map would
+leave an error of hundredths of a pixel, the same for every patch of a turning camera, which an estimator takes for
+motion: docs/mathematics.md, section 3.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ WIDE = 4  # image pixels per template pixel of wide templates, for nearly textur
 
 
 class Templates(NamedTuple):
-    """Templates of one `kind` with the images in which they are sought, `right` None without right sides."""
+    """Templates of one `kind` with the images in which they are sought; `right` is None without right sides."""
 
     left: GreyImage
     right: GreyImage | None
@@ -38,9 +38,9 @@ class Templates(NamedTuple):
 class TemplateAligner:
     """Templates of one size, and the search for them in new images.
 
-    With a `scale` of `WIDE` their pixels are that many image pixels wide: they are cut from the reduced images, and
-    found in them. All positions, warps and covariances passed in or returned are in image pixels. `area` (h, w): pixels
-    around which a whole patch shows the scene; `noise`: the covariance of a view.
+    With a `scale` of `WIDE` a template pixel is that many image pixels wide: templates are cut from the reduced images
+    and found in them. All positions, warps and covariances passed in or returned are in image pixels. `area` (h, w):
+    pixels around which a whole patch shows the scene; `noise`: the covariance of a view.
     """
 
     config: FrontendConfig
@@ -53,7 +53,7 @@ class TemplateAligner:
 
     @classmethod
     def empty(cls, config: Config, valid: NDArray[np.bool_], scale: int = 1) -> "TemplateAligner":
-        """Return an aligner without templates; `valid` (h, w): pixels of the left image that hold picture."""
+        """Return an aligner without templates; `valid` (h, w): pixels of the left image that show the scene."""
         frontend, radius_px = config.frontend, config.frontend.window_radius_px
         return cls(
             frontend,
@@ -65,7 +65,7 @@ class TemplateAligner:
         )
 
     def in_images(self, images: PreparedImages, in_both: bool) -> Templates:
-        """The templates, and the images in which they are sought."""
+        """Return the templates with the images in which they are sought."""
         left, right = images.grey(self.scale)
         return Templates(left, right if in_both else None, self.atlas.grey, self.area, self)
 
@@ -74,7 +74,7 @@ class TemplateAligner:
     ) -> tuple["TemplateAligner", NDArray[np.intp]]:
         """Cut new templates around whole template pixels (n, 2) of the left image.
 
-        Returns the aligner with them, and their slots (n,), none of `taken`.
+        Returns the aligner with them, and their slots (n,), which are not in `taken`.
         """
         is_free = np.ones(self.config.max_tracks, bool)
         is_free[taken] = False
@@ -83,7 +83,7 @@ class TemplateAligner:
 
 
 def valid_area(valid: NDArray[np.bool_], radius_px: int) -> NDArray[np.bool_]:
-    """Pixels (h, w) around which a patch of 2 `radius_px` + 1 lies within the image and its `valid` pixels (h, w)."""
+    """Return at which pixels (h, w) a patch of 2 `radius_px` + 1 lies in the image and its `valid` pixels (h, w)."""
     r = radius_px
     inside = np.zeros_like(valid)
     inside[r:-r, r:-r] = True
@@ -95,15 +95,15 @@ Aligners = Mapping[int, TemplateAligner]
 
 
 def learn_noise(aligners: Aligners, motion: Resection, scale: NDArray[np.int64], z_px: Array) -> Aligners:
-    """The aligners after a frame: each size's noise by the squared residuals of its accepted views.
+    """Return the aligners after a frame, each with its noise updated from the squared residuals of its accepted views.
 
-    Tracks with that `scale` (n,), their views (n, 4).
+    `scale` (n,) is that of each track, `z_px` (n, 4) are their views.
     """
     learnt = {}
     for size, aligner in aligners.items():
         used = motion.accepted & (scale == size)
         n = int(np.count_nonzero(np.isfinite(z_px[used])))
-        fitted = round(6 * n / max(1, motion.dof + 6))  # their share of the motion
+        fitted = round(6 * n / max(1, motion.dof + 6))  # their share of the motion's 6 unknowns
         noise = aligner.noise.learnt(float(motion.squared_residuals[used].sum()), n - fitted)
         learnt[size] = changed(aligner, noise=noise)
     return learnt

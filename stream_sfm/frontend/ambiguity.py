@@ -1,10 +1,10 @@
-"""Remembers, for a while, a second motion that may be the camera's.
+"""Remembers for some frames a second motion that may be the camera's.
 
-Two sets of tracks move differently, and nothing shows which of them stands still. When one of them leaves the view,
-that does not say that the other one was the background: the ambiguity lasts as long again as it has lasted, and until
-tracks that have begun meanwhile have a full history at least. A frame in which both sets are in view and one motion
-explains them is not in question, whichever of them is the background. Where the scene repeats itself (`repetition.py`)
-it lasts until something is in view that does not.
+Two sets of tracks move differently, and nothing shows which of them is static. If one of them leaves the view, this
+does not prove that the other one is the background. So the ambiguity continues for as long again as it has lasted, and
+at least until tracks that have begun in the meantime have a full history. A frame is not ambiguous if both sets are in
+view and one motion explains them, whichever of them is the background. If the scene is repetitive (`repetition.py`),
+the ambiguity lasts until something unique comes into view.
 """
 
 from dataclasses import field
@@ -22,11 +22,11 @@ from .tracks import Tracks
 
 @record
 class AmbiguityMemory:
-    """The latest second motion, as its difference from the one followed, `second_from_first` (4, 4).
+    """The `last` second motion, and its difference from the motion followed, `second_from_first` (4, 4).
 
-    `frames_seen`: frames with a second motion since the last one without ambiguity; `frames_left`: how long it lasts.
-    `repeats`: it is there because the scene looks the same for both. `is_new`: none of its tracks were followed before.
-    `ids` (m,): its tracks.
+    `frames_seen`: frames with a second motion since the last one without ambiguity; `frames_left`: for how many more
+    frames the ambiguity lasts. `repeats`: it exists because the scene looks the same under both motions. `is_new`: none
+    of its tracks were followed before. `ids` (m,): its tracks.
     """
 
     last: SecondMotion | None = None
@@ -41,12 +41,13 @@ class AmbiguityMemory:
     def after(
         self, motion: Resection, before: Tracks, alike: SecondMotion | None = None
     ) -> tuple["AmbiguityMemory", SecondMotion | None, bool]:
-        """Return the memory after a frame's motion, and the second one that may be right as well.
+        """Return the memory after a frame's motion, and the second motion that may be the camera's.
 
-        That is the frame's own, or one for which the scene looks `alike`, or one that differs from the frame's motion
-        as the last one did. `before` (n): the tracks of its views. Also returns whether an ambiguity was resolved in
-        favour of the motion followed: the view no longer repeats itself, or the second set turns out to be a body
-        before the scene, or enough of the former background still agrees and none of it was part of the second set.
+        The second motion is the frame's own, or one for which the scene looks `alike`, or one that differs from the
+        frame's motion as the last one did. `before` (n): the tracks of its views. Also returns whether an ambiguity was
+        resolved in favour of the motion followed: the view is no longer repetitive, or the second set proves to be a
+        body in front of the scene, or enough of the former background still agrees and none of it was in the second
+        set.
         """
         second, old = motion.ambiguous or alike, before.agreed >= self.rules.full_history
         if second is not None:
@@ -68,20 +69,20 @@ class AmbiguityMemory:
         return memory, None if self._is_explained(motion, before) else remembered, False
 
     def _is_of_body(self, motion: Resection, before: Tracks) -> bool:
-        """Whether the second set is still in view, and lies before the points of the motion."""
+        """Whether the second set is still in view, and lies in front of the points of the motion."""
         second = motion.second
         if second is None or not second.in_front:
             return False
         return bool(np.count_nonzero(core.among(before.ids[second.views], self.ids)) >= MIN_VIEWS)
 
     def _is_explained(self, motion: Resection, before: Tracks) -> bool:
-        """Whether the second set is still in view, and nearly all of it agrees with a motion."""
+        """Whether the second set is still in view, and nearly all of it agrees with the motion."""
         its = core.among(before.ids, self.ids)
         n_agree = np.count_nonzero(its & motion.accepted)
         return bool(n_agree >= MANY_VIEWS and n_agree >= self.rules.as_many * np.count_nonzero(its))
 
     def second_beside(self, cam_from_ref: Array) -> SecondMotion | None:
-        """Return the second motion beside one (4, 4), from which it differs as the latest one did."""
+        """Return the second motion next to a given one (4, 4), which differs from it as the last one did."""
         if self.last is None or self.second_from_first is None or self.frames_left == 0:
             return None
         return changed(self.last, cam_from_ref=self.second_from_first @ cam_from_ref)

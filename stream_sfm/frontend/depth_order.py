@@ -1,8 +1,8 @@
-"""Of two motions at the start of a map, the one whose points lie behind the others is the background's.
+"""Chooses between two motions at the start of a map: the background is the set of points behind the other.
 
-While no track has a history, what most tracks agree on may be the robot's own arm, a bonnet or a body that fills the
-view: it stands still in the image, so flow finds it at once and nothing else. What the other tracks do is looked for
-then; and along the border of the two sets the background is the one behind.
+While no track has a history, most tracks may lie on the robot's own arm, on a bonnet or on a body that fills the view.
+It stands still in the image, so flow finds it at once, and only it. The motion of the other tracks is then sought as
+well. Along the border of the two sets, the one behind is the background.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ from .tracks import Tracks
 
 
 def of_background(step: Step, state: FrontEndState, rough: RoughMotion) -> RoughMotion:
-    """The rough motion found, or that of the tracks that do not agree with it, if these lie behind the others."""
+    """Return the rough motion, or that of the tracks that do not agree with it if these lie behind the others."""
     rules, tracks, rest = step.setup.rules, state.tracks, np.flatnonzero(~rough.agree)
     if state.start.is_over or len(rest) < max(MANY_VIEWS, rules.start.unexplained * len(tracks)):
         return rough
@@ -28,7 +28,7 @@ def of_background(step: Step, state: FrontEndState, rough: RoughMotion) -> Rough
     if other is None:
         return rough
     left_px = step.setup.projection.project_homogeneous(tracks.points @ other.cam_from_previous.T)[:, :2]
-    # far points that agree fit either motion, within six σ of a position by flow
+    # far points fit both motions, within six σ of a position by flow
     apart_px = np.linalg.norm(left_px - rough.left_px, axis=1)
     others = tracks.keep(rough.agree & (apart_px > 6 * rules.flow.std_px * tracks.scale))
     if not is_behind(step.setup, tracks.keep(rest[other.agree]), others):
@@ -40,10 +40,10 @@ def of_background(step: Step, state: FrontEndState, rough: RoughMotion) -> Rough
 
 
 def decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
-    """Of two motions that agree with views the one whose points lie behind the others, if these do.
+    """Return the one of two motions whose points lie behind the other's, if the depth order is clear.
 
-    Once the start is over tracks have a history, and the order of depths says only that what lies before the motion
-    followed is a body, not that what lies behind is the scene.
+    Once the start is over, tracks have a history. The depth order then shows only that points in front of those of the
+    motion followed are on a body. It does not show that points behind them are the scene.
     """
     second, at_start = motion.second, not state.start.is_over
     asked = motion.ambiguous is not None or at_start or state.ambiguity.frames_left > 0
@@ -61,17 +61,18 @@ def decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
 
 
 def uncovered(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
-    """Return a motion with a second one in question, where one lies behind all of the other, however small either is.
+    """Return the motion, ambiguous if the points of one motion lie behind all of the other's, however few they are.
 
-    What comes into view before a scene is a body. What comes into view behind all that was followed may be the scene,
-    which a body has hidden for as long as that has been followed. (Until a start is over its check says so.)
+    Points that come into view in front of a scene are on a body. Points that come into view behind everything followed
+    so far may be the scene, and what was followed may be a body that has hidden it. (Until a start is over, its check
+    reports this.)
     """
     second, tracks, setup = motion.second, seen.before, step.setup
     if not motion.ok or second is None or not state.start.is_over:
         return motion
     only_second, followed = tracks.keep(second.views), tracks.keep(motion.accepted)
     if _is_deeper(setup, only_second, followed):
-        # what these know by themselves: the motion found may be one that near points nearly agree with, too
+        # the motion of these views alone: the one found may be a compromise with near points
         alone = resect(seen.point_views.select(second.views), second.cam_from_ref, find_second=False)
         known = alone if alone.ok else second
         second = SecondMotion(known.cam_from_ref, known.cov_pose, second.views, 1.0, _history(followed))
@@ -83,7 +84,7 @@ def uncovered(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -
 
 
 def _is_deeper(setup: Setup, some: Tracks, others: Tracks) -> bool:
-    """Whether points lie behind their neighbours among others, and hardly any of these is as far away."""
+    """Whether some points lie behind their neighbours among the others, and hardly any of the others is as far away."""
     if len(some) < MIN_VIEWS:
         return False
     as_far = np.count_nonzero(others.points[:, 3] < setup.rules.start.deeper * median(some.points[:, 3]))
@@ -91,15 +92,16 @@ def _is_deeper(setup: Setup, some: Tracks, others: Tracks) -> bool:
 
 
 def _history(tracks: Tracks) -> int:
-    """For how many frames enough tracks for a motion have agreed."""
+    """Return for how many frames enough tracks for a motion have agreed."""
     return int(np.sort(tracks.agreed)[-MIN_VIEWS]) if len(tracks) >= MIN_VIEWS else 0
 
 
 def may_be_scene(rules: Rules, tracks: Tracks, accepted: NDArray[np.bool_], fills_view: bool) -> NDArray[np.bool_]:
-    """Return which tracks (n) that a motion does not explain may be of a scene that those `accepted` (n,) hide.
+    """Return which tracks (n) that a motion does not explain may belong to a scene hidden by those `accepted` (n,).
 
-    What lies before its neighbours that agree may move by itself. So may all of them where what agrees has covered the
-    view from the start (`fills_view`) and nearly all of it is as far away: it hides nothing, and they have come later.
+    A track in front of its accepted neighbours may be on a moving body and does not count. None counts if the accepted
+    tracks have covered the view from the start (`fills_view`) and nearly all of them are as far away: then they hide
+    nothing, and the others came into view later.
     """
     rest, followed = ~accepted, tracks.keep(accepted)
     if fills_view and rest.any():
@@ -110,10 +112,10 @@ def may_be_scene(rules: Rules, tracks: Tracks, accepted: NDArray[np.bool_], fill
 
 
 def is_behind(setup: Setup, some: Tracks, others: Tracks, fewest: int | None = None) -> bool:
-    """Whether others lie before their neighbours among some points, where depths differ; so many of them at least.
+    """Whether some points lie behind the others: where depths differ, most of the others are nearer than neighbours.
 
-    What moves by itself is asked, because all around it is the scene. (A floor before the camera lies before the
-    nearest points of a body, too, which are far from it in the image.)
+    At least `fewest` of them must be. Each of the others is compared with its own neighbour, because the scene
+    surrounds a body. (The floor in front of a camera is nearer than a body as well, but far from it in the image.)
     """
     rules, order = setup.rules.start, depth_order(others, some, setup.rules.start)
     before, behind = ((order == k).sum() for k in (-1, 1))
@@ -122,7 +124,7 @@ def is_behind(setup: Setup, some: Tracks, others: Tracks, fewest: int | None = N
 
 
 def depth_order(some: Tracks, others: Tracks, rules: StartRules) -> NDArray[np.int64]:
-    """Whether points (n,) lie behind (1) or before (−1) their neighbours among others; 0: neither, or there is none."""
+    """Return whether points (n,) lie behind (1) or in front of (−1) their nearest neighbours among the others, or 0."""
     if not len(others):
         return np.zeros(len(some), np.int64)
     nearest = np.argmin(((some.left_px[:, None] - others.left_px) ** 2).sum(axis=2), axis=1)

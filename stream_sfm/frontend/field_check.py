@@ -1,9 +1,9 @@
-"""Whether rows of both images are of two moments in turn, as of interlaced video.
+"""Checks whether alternate rows of both images are of two moments, as in interlaced video.
 
-What moves is combed then: rows next to each other differ by more than the distance between them explains. With S(k) the
-mean squared difference of pixels that are k rows apart, S(3) and S(5) are larger than their neighbours S(2) and S(4)
-suggest, and S(4) is smaller. In images of one moment S is smooth, also that of noise, which adds the same to each. A
-sensor whose even rows are brighter than its odd ones is distinguished from this by their means.
+Moving objects are then combed: adjacent rows differ by more than their distance explains. With S(k) the mean squared
+difference of pixels k rows apart, S(3) and S(5) are larger than their neighbours S(2) and S(4) suggest, and S(4) is
+smaller. In images of one moment S is smooth; noise adds the same amount to each S(k). If a sensor's even rows are
+brighter than its odd ones, the means of the rows show it, and the difference is removed.
 """
 
 import numpy as np
@@ -15,8 +15,10 @@ from .still_check import Line, Lines
 
 @record
 class FieldCheck:
-    """What the frames so far have shown: `waiting`: frames until the next one that is looked at; `lasts`: for how many
-    frames fields are still suspected."""
+    """The evidence so far.
+
+    `waiting`: frames until the next examined one; `lasts`: for how many more frames fields are suspected.
+    """
 
     waiting: int = 0
     lasts: int = 0
@@ -24,13 +26,13 @@ class FieldCheck:
 
     @property
     def problem(self) -> str:
-        """Say that rows are of two moments; or nothing."""
+        """The problem that rows are of two moments, or an empty string."""
         if not self.lasts:
             return ""
         return "rows of two moments alternate in both images: is this interlaced video? Record whole frames"
 
     def after(self, left: Lines, right: Lines) -> "FieldCheck":
-        """Return the check after a frame, by lines of both images as they came."""
+        """Return the check after a frame, from lines of both raw images."""
         lasts = max(0, self.lasts - 1)
         if self.waiting:
             return changed(self, waiting=self.waiting - 1, lasts=lasts)
@@ -42,10 +44,10 @@ class FieldCheck:
 
 
 def combed(columns: Line, rules: FieldRules) -> float:
-    """Return by how much S(k) of an odd k exceeds what its neighbours suggest, as a share of S(2).
+    """Return by how much S(k) for odd k exceeds the value that its neighbours suggest, as a share of S(2).
 
-    Of columns (m, h), −1 where they do not show the scene. The bands in which it does so by most do not count, as
-    those in which a line is drawn across the image.
+    `columns` (m, h) are −1 where they do not show the scene. The bands with the largest excess do not count, because a
+    line may be drawn across the image there.
     """
     bands, grey, known = rules.bands, columns.astype(np.float32), columns >= 0
     lines, size = len(grey), (grey.shape[1] - 5) // rules.bands

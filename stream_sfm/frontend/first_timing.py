@@ -1,7 +1,7 @@
-"""What is known of delay and readout, and where tracks are with that.
+"""Applies the estimated delay and readout to the tracks.
 
-In the first frame of a map it is not known how its points moved. What a late camera or a rolling shutter did to its
-views, and what its rows say, is taken in with the second frame.
+In the first frame of a map, the motion of its points is unknown. So the effect of a late camera or a rolling shutter on
+its views is corrected with the second frame, and its row differences are used then.
 """
 
 from ..geometry import Array
@@ -11,7 +11,7 @@ from .state import FrontEndState
 
 
 def first_timed(projection: StereoProjection, state: FrontEndState, twist: Array) -> FrontEndState:
-    """Take in what waited for a twist (6,) of the points: rows, and the places of the tracks of the first frame."""
+    """Process what waited for a twist (6,) of the points: row differences, and track positions of the first frame."""
     if state.rows_waiting is not None:
         state = changed(state, rows=state.rows.after(state.rows_waiting, twist), rows_waiting=None)
     if state.timing.twist is not None:
@@ -23,7 +23,7 @@ def first_timed(projection: StereoProjection, state: FrontEndState, twist: Array
 
 
 def learn_timing(projection: StereoProjection, state: FrontEndState, mean: Array, cov: Array) -> FrontEndState:
-    """Take in that delay and readout are N(`mean` (2,), `cov` (2, 2)), seconds, and place the tracks anew by it."""
+    """Update delay and readout to N(`mean` (2,), `cov` (2, 2)), seconds, and shift the tracks accordingly."""
     before, now = state.timing, state.timing.with_estimate(mean, cov)
     state = changed(state, timing=now)
     if now.twist is None or (before.mean == now.mean).all():

@@ -1,7 +1,7 @@
-"""Optical flow: where the tracked points have gone since the previous image, roughly.
+"""Optical flow: the approximate motion of the tracked points since the previous image.
 
-Pyramidal Lucas-Kanade from image to image, at half the size and started where the predicted motion puts the points.
-It gives a start only: the position of a point comes from its anchored template (`alignment.py`).
+It is pyramidal Lucas-Kanade between images at half the size, started where the predicted motion puts the points. Flow
+gives initial values only: the position of a point comes from its anchored template (`alignment.py`).
 """
 
 import cv2
@@ -25,17 +25,17 @@ def track(
     levels: int,
     zoom: float = 1.0,
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Positions (n, 2) in the new left image, and which were found where a patch of the aligner shows the scene.
+    """Return positions (n, 2) in the new left image, and which were found where a whole patch shows the scene.
 
-    From positions `left_px` (n, 2) in the previous left image, given at half its size, started at `predicted_px`.
-    Pyramid of so many `levels`, halvings of the image. `zoom`: of the previous image around its middle, for patches
-    that have come closer.
+    The search goes from `left_px` (n, 2) in the previous left image, which is given at half its size as `before_half`,
+    and starts at `predicted_px` (n, 2). The pyramid has `levels` halvings of the image. `zoom` enlarges the previous
+    image about its centre, for patches that have come closer.
     """
-    radius_px = 3 * aligner.config.window_radius_px // 4  # of the half-size image: one and a half times the patch
+    radius_px = 3 * aligner.config.window_radius_px // 4  # in the half-size image, 1.5 times the patch
     before_half, left_half_px = _zoomed(before_half, left_px / 2, zoom)
     at_px, found = _lucas_kanade(
         rules, before_half, images.left_half, left_half_px, predicted_px, 2, radius_px, levels - 1
-    )  # the lowest level is halved once already
+    )  # the lowest level is already halved once
     return at_px, found & core.inside_area(aligner.area, at_px)
 
 
@@ -47,7 +47,7 @@ def track_wide(
     left_px: Array,
     predicted_px: Array,
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """As `track`, for wide templates, in images at a quarter of the size with raised contrast."""
+    """Do the same as `track` for wide templates, in images at a quarter of the size with raised contrast."""
     radius_px = aligner.config.window_radius_px
     before, now = previous.quarter_flow, images.quarter_flow
     at_px, found = _lucas_kanade(
@@ -66,9 +66,10 @@ def _lucas_kanade(
     radius_px: int,
     levels: int,
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Image positions (n, 2) of what was at `before_px` (n, 2), pixels of images `scale` times smaller; what was found.
+    """Return the new positions (n, 2) of points that were at `before_px` (n, 2), and which were found (n,).
 
-    Windows of 2 `radius_px` + 1 pixels of these images, which are halved `levels` times.
+    The images are `scale` times smaller than the originals, and `before_px` and the windows of 2 `radius_px` + 1 are in
+    their pixels; `predicted_px` and the result are in pixels of the originals. The images are halved `levels` times.
     """
     start = np.ascontiguousarray(predicted_px, np.float32)
     at, status, _ = cv2.calcOpticalFlowPyrLK(
@@ -82,13 +83,13 @@ def _lucas_kanade(
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         minEigThreshold=rules.min_eigenvalue,
     )
-    found = status[:, 0] > 0  # the rest of what comes back is not initialised
+    found = status[:, 0] > 0  # other rows of the result are not initialised
     positions: Array = np.where(found[:, None], scale * np.asarray(at)[:, 0], start).astype(np.float64)
     return positions, found
 
 
 def _zoomed(image: Image, at_px: Array, zoom: float) -> tuple[Image, Array]:
-    """An image enlarged around its middle, and where positions (n, 2) are in it."""
+    """Return an image enlarged about its centre, and the positions (n, 2) in it."""
     if zoom == 1.0:
         return image, at_px
     height, width = image.shape

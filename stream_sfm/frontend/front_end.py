@@ -1,8 +1,8 @@
-"""The front-end of a pair: rectified images in, observations out.
+"""The front-end of a stereo pair: it turns rectified images into observations.
 
-Each frame: follow the points (`tracker.py`), begin new ones where they are missing (`new_points.py`), check the images
-(`image_checks.py`). A frame in which nothing can be followed and nothing new be found is skipped, and so is one in
-which the background is hidden: the next ones are followed from the last good frame, for a second.
+In each frame it follows the points (`tracker.py`), begins new ones where they are missing (`new_points.py`) and checks
+the images (`image_checks.py`). A frame is skipped if nothing can be followed and nothing new be found, or if the
+background is hidden. The next frames are then followed from the last good frame, for at most a second.
 """
 
 from dataclasses import replace
@@ -47,10 +47,10 @@ _HIDDEN = "background occluded: the remaining tracks are on moving objects"
 class StereoFrontEnd:
     """Follows points through rectified pairs.
 
-    Nothing in it changes: what is learnt from frames is in the `FrontEndState`, `start` before the first one, which
-    each step replaces. So a state can be kept, copied and gone on from more than once.
+    The object itself never changes. All that is learnt from frames is in the `FrontEndState`, which each step replaces;
+    `start` is the state before the first frame. So a state can be kept, copied and continued from more than once.
 
-    Observations do not have the errors of the rig's calibration that its refinement knows.
+    Observations are corrected for the calibration errors that the rig's refinement knows.
     """
 
     def __init__(self, rig: StereoRig, rectifier: Rectifier, config: Config) -> None:
@@ -58,7 +58,7 @@ class StereoFrontEnd:
         radius_px, rules = config.frontend.window_radius_px, config.rules
         self.setup = Setup(projection, config, None if in_right is None else valid_area(in_right, radius_px))
         self.masks = [camera.mask for camera in rig.cameras.values()]
-        self.problem = resolution_problem(rig, rules.pair)  # what is wrong with the calibration in any frame
+        self.problem = resolution_problem(rig, rules.pair)  # of the calibration, in every frame
         self.rig = RigModel.of(
             projection, config.rig, rig.refinement, rectifier.rows_of, rig.timing, rectifier.by_focal
         )
@@ -77,9 +77,9 @@ class StereoFrontEnd:
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
-        """Compute now what `step` would compute: corners, where a frame of this index needs them.
+        """Compute in advance what `step` needs: the corners, if a frame of this index needs them.
 
-        Any thread may call it at any time, in any order, also for frames that are never stepped.
+        Any thread may call it at any time and in any order, also for frames that are never stepped.
         """
         if renews(frame_index, self.setup.rules.points.period):
             _ = images.corner_strength  # computed now, kept for `step`
@@ -91,12 +91,12 @@ class StereoFrontEnd:
         stamp_ns: int,
         expected: ExpectedMotion | None = None,
     ) -> tuple[FrontEndState, Observations]:
-        """Return the state after the next frame, and the frame's observations; stamps ascend.
+        """Return the state after the next frame, and the frame's observations. Stamps must ascend.
 
-        `expected`: the motion up to this frame by inertial samples, if there are any.
+        `expected`: the motion up to this frame from inertial samples, if there are any.
         """
         if expected is not None and expected.since_ns != state.previous_ns:
-            expected = None  # it is of another frame than the one that is followed from
+            expected = None  # it starts at a frame other than the one that is followed from
         state, change = self._take_out_turn(state)
         state = changed(state, suspicions=state.suspicions.after_images(images, self.masks, state.frame_index))
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
@@ -115,14 +115,14 @@ class StereoFrontEnd:
         return changed(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns), observed
 
     def _take_out_turn(self, state: FrontEndState) -> tuple[FrontEndState, RigChange | None]:
-        """Correct all that is measured from now on for a turn of the right camera that earlier frames have shown."""
+        """Correct all further measurements for a turn of the right camera that earlier frames have shown."""
         watch = state.turn_watch
         rad = None if watch is None else watch.lasting_rad
         if watch is None or rad is None:
             return state, None
         first = state.frame_index - len(watch.unusual)
         calm, turn_rad = watch.calm(), state.turn_rad + rad
-        disparity = DisparityError.of(self.rig)  # what is left of it is as unknown as at first
+        disparity = DisparityError.of(self.rig)  # its error is as unknown as in the beginning
         now = state.frame_index
         state = changed(state, turn_rad=turn_rad, turned_at=now, turn_watch=calm, disparity=disparity)
         return state, rig_change(self.setup.projection, first, rad)
@@ -135,13 +135,13 @@ class StereoFrontEnd:
         stamp_ns: int,
         followed: Followed | None,
     ) -> tuple[FrontEndState, bool]:
-        """Check whether the view has made a step, and whether left and right fit; and whether to start anew for that.
+        """Check whether the view has jumped and whether left and right are consistent.
 
-        `before`: the state before the frame was followed.
+        Also returns whether to start anew because of this. `before`: the state before the frame was followed.
         """
         projection, config, change, fit = self.setup.projection, self.setup.config, None, None
         suspected = before.steps.suspected_px is not None
-        # after frozen images the view catches up at once, and nothing is wrong with the camera's motion
+        # after frozen images the view catches up in one frame; this is not an error of the camera's motion
         if followed is not None and (suspected or not before.pair.problem):
             change = before.change_to(followed.cam_from_previous, stamp_ns)
         if followed is not None and followed.found is not None:
@@ -157,7 +157,7 @@ class StereoFrontEnd:
     def _go_on(
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int, followed: Followed
     ) -> tuple[FrontEndState, Observations]:
-        """Observations of a frame that was followed, and of points that begin in it."""
+        """Return the observations of a frame that was followed, with the points that begin in it."""
         drift_px = state.tracks.drift_px(followed.cam_from_previous, self.setup.slide_px)
         z_new, cov_new = np.empty((0, 4)), np.empty((0, 4, 4))
         if state.turn_watch is None or not state.turn_watch.unusual:  # otherwise depths cannot be measured
@@ -184,9 +184,9 @@ class StereoFrontEnd:
     def _start_over(
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int, wait: bool
     ) -> tuple[FrontEndState, Observations]:
-        """Observations of a frame that could not be followed: new points only, or none, and then it is skipped.
+        """Return the observations of a frame that could not be followed: new points, or none if the frame is skipped.
 
-        Where nothing is to `wait` for, the tracks are dropped at once.
+        Without `wait`, the tracks are dropped at once.
         """
         rules, nothing = self.setup.rules, (np.empty((0, 4)), np.empty((0, 4, 4)))
         waits = wait and state.may_wait(stamp_ns, rules.motion.max_gap_s)
@@ -212,9 +212,10 @@ class StereoFrontEnd:
         std_slides: tuple[Array, float] | None = None,
         **others: Any,
     ) -> tuple[FrontEndState, Observations]:
-        """Observations of all tracks, views (n, 4) with covariances (n, 4, 4), or of none.
+        """Return the observations of all tracks, views (n, 4) with covariances (n, 4, 4), or of none.
 
-        `std_slides`: σ of their templates' drifts (n,) px and of the turn that these feign; `others`: further fields.
+        `std_slides`: σ of their template drifts (n,) px, and of the apparent turn that these cause; `others`: further
+        fields.
         """
         n = len(z_px)
         std_drift_px, std_turn_rad = (np.zeros(n), 0.0) if std_slides is None else std_slides
@@ -237,7 +238,7 @@ class StereoFrontEnd:
         return changed(state, errors=errors), observed
 
     def _note(self, state: FrontEndState, images: PreparedImages, z_px: Array) -> str:
-        """What is wrong with the images, from the views (n, 4) of all tracks."""
+        """Return what is wrong with the images, given the views (n, 4) of all tracks; or an empty string."""
         black_grey = self.setup.rules.images.black_grey
         n_in_both = int(np.count_nonzero(np.isfinite(z_px[:, 2])))
         return image_note(
@@ -245,7 +246,7 @@ class StereoFrontEnd:
         )
 
     def _turn_note(self, watch: TurnWatch | None) -> str:
-        """Say that the right camera seems to have turned."""
+        """Return the note that the right camera seems to have turned, or an empty string."""
         if watch is None or not watch.unusual:
             return ""
         shift_px = shift_of_turn(self.setup.projection, watch.unusual[-1])
@@ -255,13 +256,13 @@ class StereoFrontEnd:
         )
 
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
-        """Take in what an estimator has found out about the rig with the latest frame, in units of σ."""
+        """Return the state updated with an estimator's latest estimate of the rig, in units of σ."""
         step_px = self.setup.config.rig.disparity_step_px
         state = changed(state, disparity=DisparityError.of(self.rig, estimate, step_px))
         return learn_timing(self.setup.projection, state, *self.rig.timing(estimate))
 
     def rig_in_px(self, turn_rad: Array, estimate: RigEstimate | None) -> RigEstimate | None:
-        """Return errors of the calibration in units of their σ, in pixels; `turn_rad` (3,): of the right camera."""
+        """Return the rig estimate, given in units of σ, in pixels, with a turn (3,) of the right camera added."""
         if estimate is None:
             return None
         found = self.rig.in_units(estimate)
@@ -269,13 +270,13 @@ class StereoFrontEnd:
 
 
 def _seen(state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Array) -> FrontEndState:
-    """The state from which the next frame is followed, with what views (n, 4) of all tracks show of earlier images."""
+    """Return the state from which the next frame is followed, its image checks updated by all views (n, 4)."""
     view = View(images.left, state.tracks.ids[: len(z_px)], z_px[:, :2])
     return changed(state.followed_from(images, stamp_ns), suspicions=state.suspicions.after_views(view))
 
 
 def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:
-    """Why the motion of a frame may not be the camera's: another one may be, or left and right do not fit."""
+    """Return why a frame's motion may not be the camera's: another one may be, or left and right are inconsistent."""
     misfit, of_start = bool(_misfit(state)), bool(state.start.problem)
     if other is not None:
         return Ambiguity(other.cam_from_ref, other.cov_pose, misfit, other.lasted, of_start)
@@ -283,5 +284,5 @@ def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | 
 
 
 def _misfit(state: FrontEndState) -> str:
-    """Say why what agrees may not be the scene; empty where nothing suggests so."""
+    """Return why the agreeing points may not be the scene, or an empty string."""
     return state.pair.problem or state.start.problem or state.steps.problem

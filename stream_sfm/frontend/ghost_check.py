@@ -1,19 +1,19 @@
-"""Whether earlier images show through, as where cameras or recorders average frames against noise.
+"""Checks whether earlier images show through, as when cameras or recorders average frames against noise.
 
-A camera that gives a·(last image) + (1 − a)·(what it sees) delays all motion by a/(1 − a) frames as long as it is
-steady; where it changes, patches are mixtures of two places, which alignment puts somewhere between. Both cameras do
-the same, so left and right fit each other. What gives it away is a second picture in each patch: that which was at the
-same pixels a frame before. A patch I is compared with the patch T of the same point some frames earlier, and with what
-was at its place in the last image, P. Light, misplacement, warp and blur of T explain most of I: they are 1, T, its
-first derivatives, these times x and y, and its second derivatives. What they leave of I, r_I, is regressed on what they
-leave of P, r_P: over all patches, share = Σ r_I·(r_P − r_O) / Σ r_P², which is a where T has no ghost of its own, less
-where it has a similar one, and zero in all other images, whose noise at two moments is independent. O is what lies on
-the other side of the point in the last image: what a fast approach changes of a patch is as much like O as like P.
+A camera that delivers a·(last image) + (1 − a)·(current view) delays all steady motion by a/(1 − a) frames. While the
+motion changes, patches are mixtures of two places, and alignment puts them somewhere in between. Both cameras do the
+same, so left and right are consistent. The evidence is a second picture in each patch: the one that was at the same
+pixels in the last frame. A patch I is compared with the patch T of the same point some frames earlier, and with the
+patch P of the last image at the pixels of I. Changes of light, position, warp and blur of T explain most of I: their
+regressors are 1, T, its first derivatives, these times x and y, and its second derivatives. The residual of I, r_I, is
+regressed on the residual of P, r_P: over all patches, share = Σ r_I·(r_P − r_O) / Σ r_P². It is a if T has no ghost of
+its own, less if T has a similar one, and zero in sound images, whose noise is independent between frames. O is the
+patch of the last image on the other side of the point: changes by a fast approach resemble O as much as P.
 
-A second control is time itself: r_I·r_P less the same with the two images exchanged, r_J·r_N, where J is the patch in
-the last image and N what is at its place now. A pattern of the sensor that stays at its pixels, dust, and how
-sampling changes fine texture are the same in both directions; a ghost is of the past only. The control by which there
-is less evidence counts.
+The second control is the direction of time: r_I·r_P less the same with the two images exchanged, r_J·r_N, where J is
+the patch in the last image and N the patch of the current image at the pixels of J. Sensor patterns that stay at their
+pixels, dust, and the effect of sampling on fine texture are the same in both directions; a ghost is only of the past.
+The control with less evidence counts.
 """
 
 from dataclasses import field
@@ -37,9 +37,12 @@ _NOTHING = np.zeros((1, 2, 5))
 
 @record
 class GhostCheck:
-    """What the frames so far have shown: the latest views, and `sums` (n, 2, 5) of each of the latest that were
-    looked at: over all patches, of p = r_I·(r_P − r_O), s = r_P², p², p s and s², and of the same with p = r_I·r_P −
-    r_J·r_N; `waited`: frames since the last one. `lasts`: for how many frames a ghost is still suspected."""
+    """The evidence so far.
+
+    `views`: the latest views. `sums` (n, 2, 5): for each of the latest examined frames, sums over all patches of
+    p = r_I·(r_P − r_O), s = r_P², p², p s and s², and the same with p = r_I·r_P − r_J·r_N. `waited`: frames since the
+    last of these. `lasts`: for how many more frames a ghost is suspected.
+    """
 
     views: tuple[View, ...] = ()
     sums: Array = field(default_factory=lambda: np.empty((0, 2, 5)))
@@ -49,17 +52,19 @@ class GhostCheck:
 
     @property
     def share(self) -> tuple[float, float]:
-        """How much of each image is the one before it, and this in σ, of the control by which it is least; zero where
-        nothing is known."""
+        """The share of the previous image in each image, and its significance in σ, by the control with less evidence.
+
+        Both are zero if nothing is known.
+        """
         return min(map(share_of, self.sums.sum(axis=0)), key=itemgetter(1))
 
     @property
     def problem(self) -> str:
-        """Say that earlier images show through; or nothing."""
+        """The problem that earlier images show through, or an empty string."""
         return SHOWS_THROUGH if self.lasts else ""
 
     def after(self, view: View) -> "GhostCheck":
-        """Return the check after a frame: its smoothed left image, and where its tracks are in it."""
+        """Return the check after a frame, from its smoothed left image and the track positions in it."""
         rules = self.rules
         views = (*self.views, view)[-rules.back_frames - 1 :]
         if len(self.sums) == rules.remembered and self.waited + 1 < rules.every:
@@ -75,7 +80,7 @@ class GhostCheck:
 
 
 def _sums(views: tuple[View, ...], rules: GhostRules) -> Array:
-    """What a frame, the last of these, says: see `GhostCheck`."""
+    """Return the sums (1, 2, 5) of `GhostCheck` for the last of these frames."""
     before, now = views[-2] if len(views) > 1 else views[-1], views[-1]
     last_px = before.of(now.ids)
     usable = np.linalg.norm(now.left_px - last_px, axis=1) > rules.least_px
@@ -90,11 +95,10 @@ def _sums(views: tuple[View, ...], rules: GhostRules) -> Array:
 
 
 def _oldest(views: tuple[View, ...], now: View, usable: NDArray[np.bool_]) -> tuple[View, NDArray[np.bool_]]:
-    """The oldest of some views in which at least half as many of the usable tracks (n) are as in any later one, and
-    which these are."""
+    """Return the oldest view with at least half as many usable tracks (n) as any later one, and which these are."""
     best, found, most = now, np.zeros_like(usable), np.count_nonzero(usable)
     for view in views:
-        if 2 * np.count_nonzero(found) >= most:  # as is usual; no later one can have more than twice as many
+        if 2 * np.count_nonzero(found) >= most:  # the usual case: no later view can have more than twice as many
             break
         there = usable & now.inside(view.of(now.ids)) & (view.image.shape == now.image.shape)
         if np.count_nonzero(there) > 2 * np.count_nonzero(found):

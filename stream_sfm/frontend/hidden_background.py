@@ -1,8 +1,8 @@
-"""Whether a body hides the background, so that what agrees moves by itself.
+"""Checks whether a body hides the background, so that the agreeing tracks are on a moving object.
 
-It is so where fewer tracks agree that have ever agreed before than MANY_VIEWS and than half, while as many new tracks
-agree on a motion that has jumped, or that came while the background was hidden already. Where they lie before the
-background, a motion jumps that is unlike how this camera moves.
+This is so if two conditions hold. Of the tracks that have agreed before, fewer than MANY_VIEWS and fewer than half
+agree now. And many new tracks agree on a motion that has jumped, or the background was hidden already. If the new
+tracks lie in front of the background, a motion jumps if it is unlike the usual motion of this camera.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from .tracks import Tracks
 
 
 def is_background_hidden(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> bool:
-    """Whether the tracks that were found are mostly of things that move by themselves, and so is their motion."""
+    """Whether most of the tracks that were found, and so their motion, belong to moving objects."""
     trusted, agree = seen.before.agreed > 0, motion.accepted
     needed = min(MANY_VIEWS, 0.5 * np.count_nonzero(state.tracks.agreed))
     if np.count_nonzero(agree & trusted) >= needed:
@@ -29,6 +29,6 @@ def is_background_hidden(step: Step, state: FrontEndState, seen: Seen, motion: R
 
 
 def _is_before(step: Step, new: Tracks, tracks: Tracks) -> bool:
-    """Whether new tracks lie before those that have agreed, as a body does that comes to hide them."""
+    """Whether new tracks lie in front of those that have agreed, like a body that hides them."""
     old = tracks.points[tracks.agreed > 0, 3]
     return bool(len(old)) and median(new.points[:, 3]) > step.setup.rules.start.deeper * median(old)

@@ -1,4 +1,4 @@
-"""What is wrong with the images of a frame: black, white, frozen, covered, without texture."""
+"""Checks of the images of one frame: black, white, frozen, covered or without texture."""
 
 import cv2
 import numpy as np
@@ -9,10 +9,10 @@ from .prepared import Image, PreparedImages
 
 
 def are_alike(images: PreparedImages, previous: PreparedImages, alike: float) -> bool:
-    """Return whether the left image is about as sharp and as rich in contrast as the previous one.
+    """Return whether the left image has about the sharpness and contrast of the previous one.
 
-    If so, what was seen there would be found again; where it is not, the image shows something else. `alike`: least
-    share of contrast and sharpness that one has of the other.
+    If so, points of the previous image would be found again if the place were the same. `alike`: least ratio of their
+    contrasts and of their sharpness.
     """
     contrast, before = (float(x.left.astype(np.float32).std()) for x in (images, previous))
     edges, edges_before = _edges(images.left) * before, _edges(previous.left) * contrast
@@ -26,7 +26,7 @@ def _edges(image: Image) -> float:
 
 
 def are_one_image(left: Image, right: Image, rules: ImageRules) -> bool:
-    """Return whether left and right, as the cameras delivered them, are the same image: no pair has no disparity."""
+    """Return whether left and right, as delivered by the cameras, are the same image: real pairs have disparity."""
     if left.shape != right.shape:
         return False
     slopes, same = core.same_slopes(left, right, rules.spacing_px, rules.slope_grey, rules.same_grey)
@@ -41,10 +41,10 @@ def image_note(
     enough: int,
     black_grey: int,
 ) -> str:
-    """Say what is wrong with the images; empty when nothing is.
+    """Return what is wrong with the images, or an empty string.
 
-    `n_tracked` points are tracked in the left image, `n_in_both` of them are matched in the right one too; with less
-    than `enough` the images are looked at for the cause: one without a pixel of `black_grey` is black.
+    `n_tracked` points are tracked in the left image, and `n_in_both` of them are matched in the right one. If there are
+    fewer than `enough`, the images are examined for the cause: one without a pixel of `black_grey` is black.
     """
     if n_in_both < enough:
         for name, image in (("left", images.left), ("right", images.right)):
@@ -55,22 +55,22 @@ def image_note(
     if n_in_both >= enough:
         return ""
     if n_tracked >= enough and previous is not None and _same(images.right, previous.right):
-        return "the right image is that of the frame before, to the bit: is the right camera frozen?"
+        return "the right image is identical to that of the previous frame: is the right camera frozen?"
     if n_tracked < enough:
         return f"{n_tracked} points can be matched in the images: too little texture, or blurred"
     return (
         f"only {n_in_both} points are found in both images: is one camera covered, are left and right exchanged, or "
-        "the images not of one moment?"
+        "are the images not of one moment?"
     )
 
 
 def frozen(images: PreparedImages, previous: PreparedImages | None) -> str:
-    """Say that the left image, or both, are those of the frame before; empty where that is not so."""
+    """Return that the left image or both are identical to those of the previous frame, or an empty string."""
     if previous is None or not _same(images.left, previous.left):
         return ""
     if _same(images.right, previous.right):
-        return "the images are those of the frame before, to the bit: are the cameras frozen?"
-    return "the left image is that of the frame before, to the bit: is the left camera frozen?"
+        return "the images are identical to those of the previous frame: are the cameras frozen?"
+    return "the left image is identical to that of the previous frame: is the left camera frozen?"
 
 
 def _without_contrast(image: Image, black_grey: int) -> str:
@@ -80,6 +80,6 @@ def _without_contrast(image: Image, black_grey: int) -> str:
 
 
 def _same(image: Image, other: Image) -> bool:
-    """Whether two images are equal; one row distinguishes nearly all that are not."""
+    """Whether two images are equal; one row shows the difference of nearly all that are not."""
     middle = len(image) // 2
     return image[middle].tobytes() == other[middle].tobytes() and bool((image == other).all())

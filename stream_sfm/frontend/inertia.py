@@ -1,8 +1,8 @@
-"""Of two motions that tracks with a history agree with, the one that goes on as before is the camera's.
+"""Chooses between two motions that tracks with a history agree with: the steady one is the camera's.
 
-A body that comes into view has points with a motion of their own, and far points of the background agree with that as
-well, within their noise. To follow it the camera would have to jump. Where nothing was in question before, and many old
-tracks go on as before, such a motion is that of a body.
+A body that comes into view has its own motion, and far points of the background agree with it within their noise. If it
+were the camera's, the camera would have jumped. If there was no ambiguity before, and many old tracks continue as
+before, such a motion is that of a body.
 """
 
 import numpy as np
@@ -20,14 +20,14 @@ from .step import Step
 
 
 def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
-    """Return the motion near the predicted one in place of one that jumps, if as many old tracks agree.
+    """Return the motion near the predicted one in place of one that jumps, if about as many old tracks agree.
 
-    What jumps is then the second motion.
+    The motion that jumps then becomes the second motion.
     """
     usual = step.usual_change(state.unsteadiness)
     if not motion.ok or not step.jumps(motion.cam_from_ref, usual):
         return motion
-    if motion.second is not None and motion.second.in_front:  # what was followed is a body then
+    if motion.second is not None and motion.second.in_front:  # the tracks followed so far are then on a body
         return motion
     views, old = seen.point_views, seen.before.agreed > 0
     fewest = views.settings.second_views
@@ -42,9 +42,9 @@ def steadier(step: Step, state: FrontEndState, seen: Seen, motion: Resection) ->
 
 
 def _near(step: Step, seen: Seen, old: NDArray[np.bool_], std_change: Array) -> Resection:
-    """Return the motion near the predicted one: that of `old` tracks (n,), or of many with a full history.
+    """Return the motion near the predicted one, from `old` tracks (n,), or from those with a full history if many.
 
-    `std_change` (6,): σ of a change from the prediction. Where these tracks do not determine it, all views do.
+    `std_change` (6,): σ of a change from the prediction. If these tracks do not determine it, all views are used.
     """
     views, start = seen.point_views, step.predicted
     none, settled = np.zeros(views.shared.shape[2]), seen.before.agreed >= step.setup.rules.motion.full_history
@@ -54,7 +54,7 @@ def _near(step: Step, seen: Seen, old: NDArray[np.bool_], std_change: Array) -> 
         of_old = views.select(old)
         start = _turned(of_old, start)
         alone = refine(of_old, seen.weights[old], start, none)
-        # far tracks leave much open by themselves
+        # far tracks alone determine a motion poorly
         std_alone = np.sqrt(std_change**2 + np.diagonal(alone.cov_pose))
         if alone.ok and not step.jumps(alone.cam_from_ref, std_alone):
             return judged(expected(alone, start, std_change), views, seen.weights)
@@ -62,12 +62,12 @@ def _near(step: Step, seen: Seen, old: NDArray[np.bool_], std_change: Array) -> 
 
 
 def _turned(views: PointViews, cam_from_ref: Array) -> Array:
-    """Return a motion (4, 4) with the rotation that suits most of the views (n) at its translation.
+    """Return a motion (4, 4) with the rotation that fits most of the views (n), its translation unchanged.
 
-    Between two frames a camera that is carried turns by more than a prediction knows to a pixel.
+    The rotation of a hand-held camera between two frames cannot be predicted to a pixel.
     """
     found, none = cam_from_ref, np.zeros(views.shared.shape[2])
-    for _ in range(5):  # steps of Gauss-Newton, each with robust weights
+    for _ in range(5):  # Gauss-Newton steps, each with robust weights
         root, jacobian = views.linearise(found)
         residuals, squared = (of_motion[0] for of_motion in core.view_residuals(views, root, none, found[None]))
         finite = np.isfinite(squared)
@@ -77,7 +77,7 @@ def _turned(views: PointViews, cam_from_ref: Array) -> Array:
         by_turn = jacobian[finite, :, 3:6]
         weighted = weights[finite, None, None] * by_turn
         turn = np.linalg.solve(
-            np.einsum("nki,nkj->ij", weighted, by_turn) + np.eye(3),  # definite, also where views leave a turn open
+            np.einsum("nki,nkj->ij", weighted, by_turn) + np.eye(3),  # definite, even if views determine no turn
             np.einsum("nki,nk->i", weighted, residuals[finite]),
         )
         found = se3.exp(np.concatenate([np.zeros(3), turn])) @ found
@@ -86,10 +86,11 @@ def _turned(views: PointViews, cam_from_ref: Array) -> Array:
 
 
 def without_newcomer(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
-    """Return a motion that goes on as before with a second one no longer in question, if that came anew.
+    """Return a steady motion without ambiguity, if the second motion is that of a newcomer.
 
-    That is: many old tracks agree with the first motion, and hardly any with the second one only. How fast that is says
-    nothing: a body may pass slowly. (What comes into view behind all of it is in question again, by `uncovered`.)
+    This is so if many old tracks agree with the first motion, and hardly any with the second one only. The speed of the
+    second motion is no evidence, because a body may pass slowly. (If the newcomer lies behind everything else,
+    `uncovered` makes the motion ambiguous again.)
     """
     second, old = motion.ambiguous, seen.before.agreed >= step.setup.rules.motion.full_history
     if second is None or not state.start.is_over or state.ambiguity.frames_left > 0:

@@ -1,4 +1,4 @@
-"""Of two motions that views agree with, the one that inertial samples allow, where they allow one only."""
+"""Chooses between two motions that views agree with, if inertial samples allow only one of them."""
 
 import numpy as np
 
@@ -12,11 +12,11 @@ from .step import Step
 
 
 def nearer(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
-    """Return the nearer one of the motion found and the second one, by both covariances, eq. (85).
+    """Return the first or the second motion, whichever is nearer to the samples by both covariances, eq. (85).
 
-    A motion that the samples do not allow gives way to the one that they predict, if enough views agree with that. A
-    body in uniform motion looks to an accelerometer like one at rest, until it or the camera turns, or the velocity is
-    known. It is not known where it may be that of a body which has been followed until now.
+    A motion that the samples do not allow is replaced by the one that they predict, if enough views agree with that. An
+    accelerometer cannot distinguish a body in uniform motion from one at rest until it or the camera turns, or the
+    velocity is known. The velocity is not known if a body may have been followed until now.
     """
     expected, second = step.by_inertia, motion.second
     if expected is None or not motion.ok:
@@ -38,7 +38,7 @@ def nearer(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> R
 
 
 def is_camera(step: Step, motion: Resection) -> bool:
-    """Whether a motion is that of samples which were known before the map began: then it is not a body's."""
+    """Whether a motion agrees with samples from before the map began, so that it is not that of a body."""
     expected = step.by_inertia
     if expected is None or not expected.carried:
         return False
@@ -46,7 +46,7 @@ def is_camera(step: Step, motion: Resection) -> bool:
 
 
 def is_sampled(step: Step, motion: Resection) -> bool:
-    """Whether a motion is that of samples which have agreed with the images for a while, however few views show it."""
+    """Whether a motion agrees with samples that have agreed with the images for a while, however few views show it."""
     expected = step.by_inertia
     if expected is None or not expected.agreed:
         return False
@@ -54,7 +54,7 @@ def is_sampled(step: Step, motion: Resection) -> bool:
 
 
 def _may_be(step: Step, expected: ExpectedMotion, motion: Resection) -> bool:
-    """Whether a motion is not impossible by samples that have agreed with the images for a while."""
+    """Whether a motion is possible according to samples that have agreed with the images for a while."""
     rules = step.setup.rules.motion
     return not expected.agreed or _distance2(expected, motion) < rules.inertial_near + rules.inertial_apart
 

@@ -1,7 +1,8 @@
-"""At the start of a map, whether the nearest points that agree with a motion move by themselves.
+"""Checks at the start of a map whether the nearest points that agree with a motion are on a moving body.
 
-Far points agree with any translation that a rotation compensates. So while nothing has a history, a body before the
-camera leads all far points along. Only the few points in between contradict, too few to be a second motion.
+Far points agree with any translation that a rotation compensates. So while no track has a history, all far points may
+agree with the motion of a body in front of the camera. Only the points in between contradict it, and they are too few
+for a second motion.
 """
 
 import numpy as np
@@ -20,10 +21,10 @@ from .step import Step
 
 
 def of_rest(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
-    """Return the motion of all but the nearest points, where it explains them clearly better and lies behind these.
+    """Return the motion of all but the nearest points, if it explains them clearly better and they lie behind these.
 
-    It is sought by the far half of the points that agree and by those that do not. Errors that the views share count
-    against it.
+    It is found from the far half of the agreeing points and from those that disagree. Errors that the views share count
+    against it. The noise of its own views is the measure of a clear gain.
     """
     if state.start.is_over or not motion.ok or motion.second is not None:
         return motion
@@ -37,9 +38,10 @@ def of_rest(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
         return motion
     limit = views.clear_gate
     only_first = motion.accepted & (other.squared_residuals > limit)
-    only_other = other.accepted & (motion.squared_residuals > limit)
+    noise = other.chi2 / other.dof  # over that assumed, where the other motion is right
+    only_other = other.accepted & (motion.squared_residuals > noise * limit)
     tracks, clear = seen.before, step.setup.rules.start.clear_views * float(limit.max())
-    if _gain(motion, other, limit) < clear:
+    if _gain(motion, other, limit) < noise * clear:
         return motion
     if not is_behind(step.setup, tracks.keep(only_other), tracks.keep(only_first), fewest=MIN_VIEWS):
         return motion
@@ -47,9 +49,9 @@ def of_rest(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> 
 
 
 def _gain(motion: Resection, other: Resection, limit: Array) -> float:
-    """Return by how much another motion explains its views better, shared errors included; eq. (23d).
+    """Return by how much better another motion explains its views, including shared errors; eq. (23d).
 
-    Squared residuals by the first motion count up to a `limit` (n,).
+    Squared residuals under the first motion count up to a `limit` (n,).
     """
     views = np.minimum(motion.squared_residuals, limit) - other.squared_residuals
     shared = motion.amplitudes @ motion.amplitudes - other.amplitudes @ other.amplitudes
@@ -59,10 +61,10 @@ def _gain(motion: Resection, other: Resection, limit: Array) -> float:
 def contradict_far(
     rules: StartRules, seen: Seen, motion: Resection, others: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return which of `others` (n,), that may be of a scene, contradict what lies behind them and agrees with a motion.
+    """Return which of `others` (n,), which may belong to the scene, contradict the agreeing points behind them.
 
-    If the motion were that of a body before the scene, points that agree with it and lie farther away than these others
-    would belong to the scene as well. The others are judged by the motion of these far points and its covariance.
+    If the motion were that of a body in front of the scene, agreeing points farther away than these others would belong
+    to the scene. So the others are tested against the motion of these far points, with its covariance.
     """
     views, rho, none = seen.point_views, seen.before.points[:, 3], np.zeros(len(others), bool)
     if not others.any():

@@ -1,7 +1,7 @@
-"""New points of a pair where tracks are missing: corners that are unique on their row and fit in both images.
+"""New points of a pair where tracks are missing: corners with a unique match on their row in the other image.
 
-Where hardly any are found, in front of a bare wall, what faint texture there is gets wide templates: blotches of one
-grey value are corners too, once thirty pixels are averaged into one.
+If hardly any are found, as in front of a bare wall, faint texture gets wide templates: once thirty pixels are averaged
+into one, blotches of one grey value are corners too.
 """
 
 import numpy as np
@@ -19,12 +19,12 @@ from .tracks import Tracks
 
 
 def renews(frame_index: int, period: int) -> bool:
-    """Whether new points are added in this frame where few are missing; in the others only where most are."""
+    """Whether this frame adds new points even if few are missing; other frames do so only if most are."""
     return frame_index % period == 0
 
 
 def begin_points(setup: Setup, state: FrontEndState, images: PreparedImages) -> tuple[FrontEndState, Array, Array]:
-    """Begin tracks where they are missing; their views (k, 4) and covariances (k, 4, 4)."""
+    """Begin tracks where they are missing, and return their views (k, 4) and covariances (k, 4, 4)."""
     z_px, cov_px = np.empty((0, 4)), np.empty((0, 4, 4))
     cfg, rules = setup.config.frontend, setup.rules.points
     enough = cfg.renew_fraction if renews(state.frame_index, rules.period) else rules.urgent_fraction
@@ -41,7 +41,10 @@ def begin_points(setup: Setup, state: FrontEndState, images: PreparedImages) -> 
 
 
 def detect_missing(setup: Setup, state: FrontEndState, images: PreparedImages) -> NDArray[np.int64]:
-    """Return at most as many corners (k, 2) as are missing, whole pixels of the coarse left image, away from tracks."""
+    """Return up to as many corners (k, 2) as tracks are missing, in whole pixels of the coarse left image.
+
+    They keep a distance from the tracks.
+    """
     cfg, scale, every = setup.config.frontend, images.scale, round(1 / images.scale)
     return core.new_corners(
         images.corner_strength,
@@ -64,8 +67,10 @@ def begin_tracks(
     slopes: Array,
     scale: int = 1,
 ) -> FrontEndState:
-    """Begin tracks at left positions (n, 2) with covariances (n, 2, 2), templates in `slots` (n,), of homogeneous
-    points (n, 4) with variances (n,) of 1/Z and slopes (n, 2)."""
+    """Begin tracks at left positions (n, 2) with covariances (n, 2, 2).
+
+    Their templates are in `slots` (n,), their homogeneous points (n, 4) have variances (n,) of 1/Z and slopes (n, 2).
+    """
     n = len(slots)
     new = Tracks(
         ids=state.next_id + np.arange(n, dtype=np.int64),
@@ -96,9 +101,9 @@ def _begin(
     disparity_px: Array,
     tolerance_px: float,
 ) -> tuple[FrontEndState, Array, Array]:
-    """Begin tracks at those of the corners (k, 2) that fit in both images; their views and covariances.
+    """Begin tracks at those corners (k, 2) that fit in both images, and return their views and covariances.
 
-    Corners, their disparities (k,) and how far off these may be, in pixels of templates of that scale.
+    Corners, their disparities (k,) and the tolerance of these are in pixels of templates of that scale.
     """
     if not len(corners):
         return state, np.empty((0, 4)), np.empty((0, 4, 4))
@@ -111,7 +116,7 @@ def _begin(
         *of_templates, corners, slots, disparity_px, tolerance_px, setup.rules.points
     )
     state, right_sides = _learn_rows(state, z_px, twist) if scale == 1 else (state, state.right_sides(twist))
-    # the position of a wide template that is less certain than half of its pixels is noise or a bare edge
+    # if σ of a wide template's position is more than half of its pixels, it is noise or a bare edge
     gates = MIN_INVERSE_DEPTH_SIGMAS, np.inf if scale == 1 else WIDE / 2
     rows, z_px, points, var_rho = core.place_new_points(right_sides, state.timing, z_px, cov_px, scale, *gates)
     if setup.right_area is not None:
@@ -126,9 +131,10 @@ def _begin(
 
 
 def _learn_rows(state: FrontEndState, z_px: Array, twist: Array) -> tuple[FrontEndState, RightSides]:
-    """Learn by how much rows differ from new views (n, 4), and where right sides are with that.
+    """Learn the row differences from new views (n, 4), and return the right sides that follow.
 
-    While the velocity is unknown, they also wait for that of the next frame: a late camera would look like wrong rows.
+    While the velocity is unknown, the state keeps the views until the next frame, because a late camera would look like
+    wrong rows.
     """
     learnt = changed(state, rows=state.rows.after(z_px, twist))
     now = changed(state, rows_waiting=z_px) if state.timing.twist is None else learnt
@@ -146,7 +152,7 @@ def _match_along_row(setup: Setup, state: FrontEndState, images: PreparedImages)
 def _match_wide(
     setup: Setup, state: FrontEndState, images: PreparedImages, wanted: int
 ) -> tuple[NDArray[np.intp], Array]:
-    """As `_match_along_row`, of faint corners, in pixels of the reduced images."""
+    """Do the same as `_match_along_row` for faint corners, in pixels of the reduced images."""
     left, right = images.quarter_grey
     corners = core.new_corners(
         core.corner_strength(left),
@@ -163,7 +169,7 @@ def _match_wide(
 
 
 def _disparity_range(setup: Setup, state: FrontEndState, scale: float) -> tuple[int, int]:
-    """First and last disparity to search, px of the scaled image."""
+    """Return the first and last disparity to search, px of the scaled image."""
     p, cfg, rules, tracks = setup.projection, setup.config.frontend, setup.rules.points, state.tracks
     far = p.cx_left_px - p.cx_right_px
     near = far + cfg.max_disparity_fraction * p.width

@@ -1,9 +1,9 @@
-"""Covariance of a tracked view: from its patch, times a common factor learnt from the residuals.
+"""The covariance of a tracked view, from its patch and a common factor learnt from the residuals.
 
-Least-squares alignment under grey-level noise of deviation σ has covariance σ² c H⁻¹, eq. (13), with H the sum of
-gradient products over the window (Förstner and Gülch 1987) and c the number of pixels that share one noise value
-after smoothing. What the patch cannot know (perspective, interpolation, the lens model) enters as a floor and as one
-factor for all views.
+Least-squares alignment under grey-level noise of standard deviation σ has covariance σ² c H⁻¹, eq. (13), with H the sum
+of gradient products over the window (Förstner and Gülch 1987) and c the number of pixels that share one noise value
+after smoothing. Errors that the patch does not show (perspective, interpolation, the lens model) enter as a floor and
+as one factor for all views.
 """
 
 import numpy as np
@@ -16,10 +16,10 @@ from ..record import changed, record
 
 @record
 class ViewNoise:
-    """Covariances of views by templates of one size.
+    """The noise of views by templates of one size.
 
-    `shared_pixels`: how many pixels share one noise value after smoothing; `factor`: the variance factor learnt over
-    so many `frames`, 1 before anything is known.
+    `shared_pixels`: how many pixels share one noise value after smoothing; `factor`: the variance factor learnt from
+    `frames` frames, 1 before the first.
     """
 
     shared_pixels: float
@@ -29,12 +29,12 @@ class ViewNoise:
 
     @classmethod
     def unknown(cls, rules: ErrorRules, smoothing_px: float, scale: int = 1) -> "ViewNoise":
-        """Return the noise before any frame, of templates whose pixels are `scale` image pixels wide."""
-        smoothing_px = smoothing_px if scale == 1 else 0.6  # halving twice smooths by that, in reduced pixels
+        """Return the noise before any frame, for templates whose pixels are `scale` image pixels wide."""
+        smoothing_px = smoothing_px if scale == 1 else 0.6  # two halvings smooth by this, in reduced pixels
         return cls(max(1.0, 4 * np.pi * smoothing_px**2), rules)
 
     def learnt(self, chi2: float, dof: int) -> "ViewNoise":
-        """Return the noise after a frame whose accepted views have these squared residuals, eq. (16)."""
+        """Return the noise after a frame whose accepted views have squared residuals with the sum `chi2`, eq. (16)."""
         if dof < self.rules.min_dof:
             return self
         frames = self.frames + 1
@@ -44,5 +44,5 @@ class ViewNoise:
         return changed(self, factor=factor, frames=frames)
 
     def typical_cov(self, n: int) -> Array:
-        """Covariances (n, 2, 2) px² of left positions where nothing has been measured yet."""
+        """Return covariances (n, 2, 2) px² of left positions before anything is measured."""
         return np.tile(self.factor * self.rules.typical_std_px**2 * np.eye(2), (n, 1, 1))

@@ -1,12 +1,12 @@
-"""Whether left and right image, and the calibration, fit each other; while they do not, no motion is to be trusted.
+"""Checks whether left image, right image and calibration are consistent; while they are not, no motion is trusted.
 
-A frozen camera, one that was knocked, cameras exchanged or not triggered together: most of the left image may still
-move rigidly, and the motion that it shows need not be the camera's. What gives it away is the right image. Nearly all
-points whose left side agrees with the motion should be found in the right image, where their depth predicts them. Where
-half of them are not, the motion is ambiguous until points from before are found in both images again, or until
-everything has long fitted together anew: then all tracks are dropped, and a new map begins. Points vanish from the
-right image one after the other, too, where something near hides what the left camera still sees: those that were
-missing in the frame before, when nothing was wrong, are no evidence.
+A camera may be frozen or knocked, or the cameras exchanged or not triggered together. Most of the left image may then
+still move rigidly, but that motion need not be the camera's. The right image shows the problem. Nearly all points whose
+left side agrees with the motion should be found in the right image, where their depth predicts them. If half of them
+are not, the motion is ambiguous until earlier points are found in both images again. If instead new points fit for long
+enough, all tracks are dropped and a new map begins. Points also vanish from the right image one by one when a near
+object hides what the left camera still sees. So points that were already missing in the last frame without a problem
+are no evidence.
 """
 
 from dataclasses import field
@@ -35,8 +35,11 @@ def _none() -> NDArray[np.int64]:
 
 @record
 class Found:
-    """The tracks (n) that were found in a frame, as they were `before`, their views `z_px` (n, 4) with `cov_px`, and
-    the `motion` that was found from them; `has_samples`: inertial ones that have agreed with the images for a while."""
+    """The tracks (n) that were found in a frame, as they were `before` it.
+
+    `z_px` (n, 4), `cov_px` (n, 4, 4): their views; `motion`: the motion found from these; `has_samples`: whether there
+    are inertial samples that have agreed with the images for a while.
+    """
 
     before: Tracks
     z_px: Array
@@ -47,9 +50,11 @@ class Found:
 
 @record
 class PairFit:
-    """Of the tracks `ids` (n,) that were found in a frame and should be in the right image, too: which agree with its
-    motion in the `left` image (n,), and which in `both` (n,); `has_samples`: as in `Found`; `missing` (k,): ids of
-    those that were not found there."""
+    """How the tracks `ids` (n,) fit that were found in a frame and should be in the right image as well.
+
+    `left` (n,): which agree with the motion in the left image; `both` (n,): which do in both images; `has_samples`: as
+    in `Found`; `missing` (k,): ids of tracks that were not found in the right image.
+    """
 
     ids: NDArray[np.int64]
     left: NDArray[np.bool_]
@@ -59,7 +64,7 @@ class PairFit:
 
     @classmethod
     def of(cls, found: Found, projection: StereoProjection, config: Config, missed: NDArray[np.int64]) -> "PairFit":
-        """Of what was found in a frame; `missed` (k,): ids of tracks that were missing in the right image before."""
+        """Return the fit of the tracks found in a frame; `missed` (k,): ids of those missing on the right before."""
         motion, before, has_right = found.motion, found.before, np.isfinite(found.z_px[:, 2])
         right_px = projection.project_homogeneous(clamp_depth(before.points @ motion.cam_from_ref.T))[:, 2]
         margin_px = 2 * before.scale * config.frontend.window_radius_px
@@ -78,10 +83,11 @@ class PairFit:
 
 @record
 class PairCheck:
-    """What the frames so far have shown: `problem` says what is wrong, or is empty.
+    """The evidence so far: `problem` describes what is wrong, or is empty.
 
-    `first_id`: of the tracks that began while something was wrong; None while nothing is. `good_frames`: since, in a
-    row. `missing` (k,): ids of tracks that were not found in the right image in the last frame without a problem.
+    `first_id`: the first id of tracks that began during the problem, None if there is none. `good_frames`: consecutive
+    good frames since then. `missing` (k,): ids of tracks that were not found in the right image in the last frame
+    without a problem.
     """
 
     problem: str = ""
@@ -91,10 +97,10 @@ class PairCheck:
     rules: PairRules = PairRules()
 
     def after(self, problem: str, fit: PairFit | None, next_id: int) -> tuple["PairCheck", bool]:
-        """Return the check after a frame: what is wrong in it, and how its tracks fit (None: none were followed).
+        """Return the check after a frame with a `problem`, or none, and the `fit` of its tracks (None: none followed).
 
-        Tracks that begin in this frame have ids from `next_id` on. Also returns whether a problem has ended without any
-        point from before it, so that all tracks are to be dropped.
+        Tracks that begin in this frame have ids from `next_id` on. Also returns whether all tracks must be dropped,
+        because a problem has ended without points from before it.
         """
         rules = self.rules
         if problem:
@@ -105,7 +111,7 @@ class PairCheck:
         if self.first_id is None:
             return changed(self, missing=fit.missing), False
         old = fit.ids < self.first_id
-        # as many points from before the problem as no body has by chance, and half of the survivors
+        # more points from before the problem than a body has by chance, and half of the survivors
         if (old & fit.both).sum() >= max(rules.fewest_old, rules.fit * (old & fit.left).sum()):
             return PairCheck(missing=fit.missing, rules=rules), False
         good_frames = self.good_frames + 1 if fit.both.sum() > rules.good_share * len(fit.both) else 0
@@ -122,9 +128,9 @@ def problem_of(
     factor: float,
     rules: PairRules,
 ) -> str:
-    """What is wrong in a frame, with its likely cause, or nothing.
+    """Return what is wrong in a frame, with its likely cause, or an empty string.
 
-    Its images, those before, how its tracks fit; what is known of the rows, and the variance factor of the views.
+    `previous`: the images before; `fit`: of its tracks; `factor`: the variance factor of the views.
     """
     if images.one_image:
         return "left and right are the same image: is one camera recorded as both?"
@@ -132,48 +138,49 @@ def problem_of(
         return problem
     if factor > rules.max_factor:
         return (
-            f"views are off by {np.sqrt(factor):.1f} times what their images explain: is the calibration of these "
-            "cameras and of this resolution?"
+            f"view errors are {np.sqrt(factor):.1f} times as large as the images explain: does the calibration belong "
+            "to these cameras and this resolution?"
         )
     if fit is None:
         return ""
     if problem := frozen(images, previous):
         return problem
     n_left = np.count_nonzero(fit.left)
-    n_both = np.count_nonzero(fit.both)  # these agree in the left image, too
+    n_both = np.count_nonzero(fit.both)  # these agree in the left image as well
     if n_left < MANY_VIEWS or n_both >= rules.fit * n_left:
         return ""
     if fit.has_samples and n_left < rules.good_share * len(fit.left):  # bodies hide the scene
         return ""
     return (
         f"of {n_left} points that agree in the left image {n_both} do in the right one: is one "
-        "camera covered, frozen or moved, are left and right exchanged, or the images not of one moment?"
+        "camera covered, frozen or moved, are left and right exchanged, or are the images not of one moment?"
     )
 
 
 def rows_problem(rows: Rows, rules: PairRules) -> str:
-    """Say why the rows of matches cannot be those of a calibrated pair; empty where they can."""
+    """Return why the rows of matches cannot be those of a calibrated pair, or an empty string."""
     if rows.largest_px > rules.max_rows_px:
         return (
-            f"the rows of left and right differ by up to {rows.largest_px:.1f} px: is the calibration of these cameras "
-            "and of this resolution, are left and right exchanged?"
+            f"the rows of left and right differ by up to {rows.largest_px:.1f} px: does the calibration belong to "
+            "these cameras and this resolution, or are left and right exchanged?"
         )
     if rows.scatter_px > rules.max_scatter_px:
         return (
-            f"the rows of matches scatter by {rows.scatter_px:.1f} px: are left and right exchanged, or the images not "
-            "of one moment?"
+            f"the rows of matches scatter by {rows.scatter_px:.1f} px: are left and right exchanged, or are the images "
+            "not of one moment?"
         )
     return ""
 
 
 def resolution_problem(rig: StereoRig, rules: PairRules) -> str:
-    """Say that the calibration is that of images of half or twice the size, by its principal points; or nothing."""
+    """Return that the principal points are those of images of half or twice the size, or an empty string."""
     at = np.array([camera.K[:2, 2] / (camera.width, camera.height) for camera in rig.cameras.values()])
     for factor, name in ((0.5, "half"), (2.0, "twice")):
         if (np.abs(at - factor / 2) < rules.same_place).all():
             left = rig.left
             return (
-                f"the principal point ({left.K[0, 2]:.0f}, {left.K[1, 2]:.0f}) is the middle of images of {name} the "
-                f"size, these have {left.width}×{left.height} pixels: is the calibration of this resolution?"
+                f"the principal point ({left.K[0, 2]:.0f}, {left.K[1, 2]:.0f}) is the centre of images of {name} the "
+                f"size, but these have {left.width}×{left.height} pixels: does the calibration belong to this "
+                "resolution?"
             )
     return ""

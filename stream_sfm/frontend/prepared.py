@@ -1,4 +1,4 @@
-"""Rectified images of one frame in the forms that the front-end's steps need."""
+"""The rectified images of one frame in all forms that the front-end needs."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,11 +18,13 @@ _RULES = FlowRules()
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PreparedImages:
-    """The two smoothed images (h, w) of one frame, and the left one at half the size, for flow; `rectified`: both as
-    they came. Of the frame they were made of: `stamp_ns`, and `grey_bits`: how many bits of 16-bit images were taken to
-    be used, None of other images; `made_by`: equal where the same was done to images; `one_image`: both cameras have
-    delivered the same; `delivered`: both as they came, of 8 bits, None of one camera. Other forms are computed when
-    they are first asked for."""
+    """The two smoothed images (h, w) of one frame, and the left one at half the size for flow.
+
+    `rectified`: both before smoothing. `stamp_ns`: of the frame. `grey_bits`: the bits of 16-bit images that count as
+    used, None for other images. `made_by`: equal if images were processed the same way. `one_image`: whether both
+    cameras have delivered the same image. `delivered`: the raw 8-bit images, None with one camera. Other forms are
+    computed when first used.
+    """
 
     left: Image
     right: Image
@@ -45,44 +47,44 @@ class PreparedImages:
 
     @cached_property
     def coarse(self) -> tuple[Image, Image]:
-        """Left and right image at no more than `rules.coarse_columns`."""
+        """The left and right image with at most `rules.coarse_columns` columns."""
         left = self.left if self.scale == 1 else _coarse(self.left_half, 2 * self.scale)
         return left, _coarse(self.right, self.scale)
 
     @cached_property
     def corner_strength(self) -> NDArray[np.float32]:
-        """Strength of corners at every pixel of the coarse left image."""
+        """The strength of corners at every pixel of the coarse left image."""
         return core.corner_strength(self.coarse[0])
 
     @cached_property
     def quarter_grey(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Both images at a quarter of the size, from the rectified ones before any rounding.
+        """Both images at a quarter of the size, from the rectified ones without intermediate rounding.
 
-        One pixel is the mean of some thirty, so that blotches of one grey value stand out from noise and rounding.
+        One pixel is the mean of about thirty, so that blotches of one grey value stand out from noise and rounding.
         """
         left, right = (cv2.pyrDown(cv2.pyrDown(image.astype(np.float32))) for image in self.rectified)
         return np.asarray(left, np.float32), np.asarray(right, np.float32)
 
     @cached_property
     def quarter_flow(self) -> Image:
-        """The left image at a quarter of the size with its local contrast raised, for flow, which takes bytes."""
+        """The left image at a quarter of the size with increased local contrast, in bytes as flow needs it."""
         left = self.quarter_grey[0]
         local = left - cv2.GaussianBlur(left, (0, 0), self.rules.local_px)
         return np.asarray(np.rint(self.rules.contrast * local + 128).clip(0, 255), np.uint8)
 
     @cached_property
     def exposure(self) -> tuple[float, float]:
-        """Mean and standard deviation of the left image's grey values."""
+        """The mean and standard deviation of the left image's grey values."""
         mean, std = cv2.meanStdDev(np.ascontiguousarray(self.left_half[::4, ::4]))
         return float(mean[0, 0]), float(std[0, 0])
 
     def grey(self, scale: int) -> tuple[GreyImage, GreyImage]:
-        """Left and right image for alignment, with `scale` pixels per pixel: 1 or 4."""
+        """Return the left and right image for alignment, with `scale` image pixels per pixel: 1 or 4."""
         return (self.left, self.right) if scale == 1 else self.quarter_grey
 
     def shrunk(self) -> "PreparedImages":
-        """The same without the large forms that only the newest frame needs."""
-        kept = object.__new__(PreparedImages)  # some times quicker than `replace` of a frozen record
+        """Return the same without the large forms that only the newest frame needs."""
+        kept = object.__new__(PreparedImages)  # several times quicker than `replace` of a frozen record
         kept.__dict__.update(self.__dict__, delivered=None)
         for form in ("coarse", "corner_strength"):
             kept.__dict__.pop(form, None)
@@ -90,7 +92,7 @@ class PreparedImages:
 
     @property
     def scale(self) -> float:
-        """Size of the coarse images over that of the whole ones: 1, ½, ¼, …"""
+        """The size of the coarse images over that of the whole ones: 1, ½, ¼, …"""
         return 0.5 ** max(0, int(np.ceil(np.log2(self.left.shape[1] / self.rules.coarse_columns))))
 
 

@@ -1,9 +1,9 @@
-"""Whether the scene repeats itself, so that a motion other than the one found by flow explains the images as well.
+"""Checks whether the scene is repetitive, so that a second motion explains the images as well as the one from flow.
 
-In front of a grid or a wall of tiles each patch looks like others nearby. While the velocity is not known, flow may
-have followed each of them to a neighbour of where it is now, all by the same step: a motion off by a tile per frame,
-in perfect agreement with all that is seen. It must be so for all that is seen: what looks otherwise where that motion
-puts it, a post before the grid or the ground below it, decides between the two.
+In front of a grid or a wall of tiles, each patch looks like others nearby. While the velocity is unknown, flow may have
+followed every patch to a neighbour of its true place, all by the same step. The motion is then off by a tile per frame,
+in perfect agreement with the images. This requires that everything in view is repetitive. A post in front of the grid
+or the ground below it looks different where the wrong motion puts it, and decides between the two.
 """
 
 import cv2
@@ -23,9 +23,9 @@ from .tracks import Tracks
 
 
 def smaller_of_alike(step: Step, state: FrontEndState, rough: RoughMotion) -> RoughMotion:
-    """Return the motion with a second one for which the scene looks `alike`, if there is one; the smaller first.
+    """Return the motion with a second one for which the scene looks `alike`, if there is one, the smaller one first.
 
-    It is looked for while hardly any track has a history, and for as long as the scene repeats itself then.
+    It is sought while hardly any track has a history, and from then on as long as the scene is repetitive.
     """
     if state.ambiguity.repeats:
         second = state.ambiguity.second_beside(rough.cam_from_previous)
@@ -47,7 +47,7 @@ def smaller_of_alike(step: Step, state: FrontEndState, rough: RoughMotion) -> Ro
 
 
 def _second_motion(step: Step, tracks: Tracks, rough: RoughMotion) -> SecondMotion | None:
-    """Return the smallest second motion that look-alikes share, if nearly every track has one."""
+    """Return the second motion that the nearest look-alikes share, if nearly every track has one."""
     rows, alike_px = _look_alikes(step, tracks, rough)
     if not _repeats(step, alike_px):
         return None
@@ -64,19 +64,19 @@ def _second_motion(step: Step, tracks: Tracks, rough: RoughMotion) -> SecondMoti
 
 
 def _still_repeats(step: Step, tracks: Tracks, rough: RoughMotion, second: SecondMotion | None) -> bool:
-    """Return whether the view still does not show which of two motions, the rough and a `second` one, is right."""
+    """Whether the view still does not show which of two motions is right, the rough one or a `second` one."""
     if second is not None and _is_refuted(step, tracks, rough, second.cam_from_ref):
         return False
     return _repeats(step, _look_alikes(step, tracks, rough)[1])
 
 
 def _is_refuted(step: Step, tracks: Tracks, rough: RoughMotion, second_from_previous: Array) -> bool:
-    """Whether enough patches that flow has found look otherwise where a second motion (4, 4) puts them."""
+    """Whether enough patches that flow has found look different where a second motion (4, 4) puts them."""
     rules, before, now = step.setup.rules.repetition, step.previous.left_half, step.images.left_half
     rows = np.flatnonzero(rough.agree & (tracks.scale == 1))
     rows = rows[:: max(1, len(rows) // rules.compared)]
     other_px = step.setup.projection.project_homogeneous(tracks.points[rows] @ second_from_previous.T)[:, :2]
-    apart = np.linalg.norm(other_px - rough.left_px[rows], axis=1) > 4 * rules.half_px  # farther than a patch
+    apart = np.linalg.norm(other_px - rough.left_px[rows], axis=1) > 4 * rules.half_px  # by more than a patch
     against = 0
     for row, at_px in zip(rows[apart], other_px[apart], strict=True):
         patch = _window(before, tracks.left_px[row], rules.half_px)
@@ -87,7 +87,7 @@ def _is_refuted(step: Step, tracks: Tracks, rough: RoughMotion, second_from_prev
 
 
 def _window(half: Image, at_px: Array, reach: int) -> Image | None:
-    """The part of an image at half the size around a position of the whole one, if all of it is inside."""
+    """Return the part of a half-size image around a position of the whole one, None if it is not all inside."""
     if not np.isfinite(at_px).all():
         return None
     u, v = np.rint(at_px / 2).astype(int)
@@ -96,22 +96,22 @@ def _window(half: Image, at_px: Array, reach: int) -> Image | None:
 
 
 def _likeness(patch: Image | None, window: Image | None) -> float:
-    """The largest correlation of a patch with places of a window; NaN where one of them is not in its image."""
+    """Return the largest correlation of a patch in a window; NaN if one of them is not in its image."""
     if patch is None or window is None:
         return np.nan
     return float(cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED).max())
 
 
 def _repeats(step: Step, alike_px: Array) -> bool:
-    """Whether hardly any of the tracks is without a look-alike (n, 4)."""
+    """Whether hardly any track lacks a look-alike (n, 4)."""
     unique = np.isnan(alike_px[:, 0])
     return bool(unique.sum() < step.setup.config.robust.second_views and (~unique).sum() >= MIN_VIEWS)
 
 
 def _look_alikes(step: Step, tracks: Tracks, rough: RoughMotion) -> tuple[NDArray[np.intp], Array]:
-    """Return some tracks (k,) that agree, and their look-alikes as views (k, 4), those nearest to the tracks before.
+    """Return a sample of agreeing tracks (k,) and their look-alikes as views (k, 4), nearest to the previous positions.
 
-    NaN where it has none, and from where on enough have none.
+    Views are NaN for tracks without one, and for all further tracks once enough have none.
     """
     rules, before, now = step.setup.rules.repetition, step.previous.left_half, step.images.left_half
     rows = np.flatnonzero(rough.agree & (tracks.scale == 1))
@@ -120,14 +120,14 @@ def _look_alikes(step: Step, tracks: Tracks, rough: RoughMotion) -> tuple[NDArra
     for k, row in enumerate(rows):
         alike_px[k, :2] = _look_alike(rules, before, now, tracks.left_px[row], rough.left_px[row])
         if np.isnan(alike_px[: k + 1, 0]).sum() >= step.setup.config.robust.second_views:
-            break  # the rest, of which each costs most of a millisecond, changes nothing
+            break  # further ones change nothing, and each costs nearly a millisecond
     return rows, alike_px
 
 
 def _look_alike(rules: RepetitionRules, before: Image, now: Image, before_px: Array, at_px: Array) -> Array:
-    """Where (2,) else in the new image the patch may be, the place nearest to where it was; NaN where nowhere.
+    """Return the other place (2,) in the new image where the patch may be, the nearest to its old one; NaN if none.
 
-    Images at half the size; positions in pixels of the whole ones, before and now.
+    Images have half the size; positions before and now are in pixels of the whole ones.
     """
     none, half = np.full(2, np.nan), rules.half_px
     from_px, to_px = np.rint(before_px / 2).astype(int), np.rint(at_px / 2).astype(int)
@@ -140,7 +140,7 @@ def _look_alike(rules: RepetitionRules, before: Image, now: Image, before_px: Ar
     columns, rows = (slice(k - half, k + half + 1) for k in from_px)
     patch = before[rows, columns]
     alike = cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED)
-    u, v = to_px - first - half  # where flow has found it
+    u, v = to_px - first - half  # the position by flow
     near = tuple(slice(max(k - half // 2, 0), k + half // 2 + 1) for k in (v, u))  # no look-alikes
     if not alike[near].size:
         return none

@@ -1,12 +1,12 @@
-"""A right camera that is knocked out of alignment during a run: noticed at once, accepted when it persists.
+"""Detects a right camera that is knocked out of alignment during a run, and corrects a turn that persists.
 
-Depths and motion say where points are seen on the right, and the calibration in which rows. A small turn of the right
-camera moves them all from there, eq. (72d), by a field with three unknowns that is the same for near and far points. It
-is estimated in every frame together with the motion. A few hundredths of a milliradian are usual; real rigs that
-vibrate or are not quite synchronous have more, so a turn is judged by how large those of the same run were.
+Depths and motion predict where points are seen on the right, and the calibration predicts their rows. A small turn of
+the right camera shifts all of them, eq. (72d), by a field with three unknowns that is the same for near and far points.
+It is estimated in every frame together with the motion. A few hundredths of a milliradian are usual. Real rigs that
+vibrate or are not quite synchronous have more, so a turn is compared with the usual turns of the same run.
 
-A frame whose turn is unusual is estimated from the left image: the depths of its points are known from before. Once
-three such frames in a row have shown the same turn, it is taken out of everything that is measured on the right.
+The motion of a frame with an unusual turn is estimated from the left image, with the depths that are known from before.
+Once three such frames in a row have shown the same turn, all further measurements on the right are corrected for it.
 """
 
 import math
@@ -30,24 +30,24 @@ from ..types import RigChange
 
 
 def shift_of_turn(projection: StereoProjection, rad: Array) -> float:
-    """How far a turn (3,) of the right camera moves its image, root mean square over the left one; px."""
+    """Return the RMS shift, px, of the right image by a turn (3,) of its camera."""
     return float(np.sqrt((_over_image(projection, rad) ** 2).sum(axis=1).mean()))
 
 
 def rig_change(projection: StereoProjection, frame_index: int, rad: Array) -> RigChange:
-    """What a turn (3,) of the right camera in a frame means."""
+    """Return the record of a turn (3,) of the right camera in a frame, with its effect on the images and depths."""
     disparity_px = float(np.sqrt((_over_image(projection, rad)[:, 0] ** 2).mean()))
     per_metre = disparity_px / (projection.f_px * projection.baseline_m)
     return RigChange(frame_index, rad, shift_of_turn(projection, rad), disparity_px, per_metre)
 
 
 def _over_image(projection: StereoProjection, rad: Array) -> Array:
-    """By how much (n, 2) a turn (3,) moves far points all over the image, px."""
+    """Return the shifts (n, 2) px of far points all over the image by a turn (3,)."""
     return np.asarray(effects_of_turn(projection, places_over_image(projection, 9, 9)) @ rad)
 
 
 def with_turn(rig: RigModel, estimate: RigEstimate, rad: Array) -> RigEstimate:
-    """An estimate in units of the terms, with a turn (3,) that has been taken out of the views."""
+    """Return an estimate in units of the terms, with a turn (3,) added for which the views were corrected."""
     turned = np.zeros(len(estimate.mean))
     turned[: len(TERMS)] = terms_of_turn(rig.projection) @ rad
     return changed(
@@ -57,11 +57,11 @@ def with_turn(rig: RigModel, estimate: RigEstimate, rad: Array) -> RigEstimate:
 
 @record
 class TurnWatch:
-    """Statistics of a run's turns, learnt from so many `frames`: the covariance `usual` (3, 3) of ordinary ones as they
-    are measured, and `real` (3, 3), without the noise of the measurement, which is `root` times its transpose.
-    `settings`: of the gate of its views.
+    """Statistics of a run's turns.
 
-    `unusual`: the turns (3,) of the frames in a row, up to the latest, that were not usual.
+    `usual` (3, 3): the covariance of measured usual turns; `real` (3, 3): the same without measurement noise, with the
+    root `root`; `frames`: how many they are learnt from. `settings`: for the gate of its views. `unusual`: the unusual
+    turns (3,) of the latest consecutive frames.
     """
 
     projection: StereoProjection
@@ -82,7 +82,7 @@ class TurnWatch:
 
     @property
     def lasting_rad(self) -> Array | None:
-        """The turn (3,) that the latest frames have in common, once there are enough."""
+        """The turn (3,) that the latest frames have in common; None if they differ or are too few."""
         if len(self.unusual) < self.rules.lasting_frames:
             return None
         latest = np.array(self.unusual[-self.rules.lasting_frames :])
@@ -91,7 +91,7 @@ class TurnWatch:
         return mean if apart < self.rules.same * np.linalg.norm(mean) else None
 
     def calm(self) -> "TurnWatch":
-        """Return the watch without its unusual turns: they are corrected now, or no track is left that shows them."""
+        """Return the watch without its unusual turns, which are corrected now or have no track left to show them."""
         return changed(self, unusual=())
 
     def judge(
@@ -103,11 +103,11 @@ class TurnWatch:
         cam_from_previous: Array,
         cov_expected: Array,
     ) -> tuple["TurnWatch", NDArray[np.bool_] | None]:
-        """Return the watch after a frame, and which of its views (n,) agree with the turn that it shows, if unusual.
+        """Return the watch after a frame, and which views (n,) agree with its turn if that is unusual, else None.
 
-        Homogeneous points (n, 4) of the camera before with covariances (n, 4, 4), their views (n, 4) in this one, of
-        which none was refused for its row, with covariances (n, 4, 4), and the motion, which need not be exact.
-        `cov_expected` (3, 3): of apparent turns, caused by what is unknown of delay and rows.
+        `points` (n, 4) are homogeneous, in the previous camera, with covariances (n, 4, 4). Their views `z_px` (n, 4)
+        in this frame have covariances (n, 4, 4); none of them was rejected for its row. The motion may be approximate.
+        `cov_expected` (3, 3): of apparent turns that unknown delay and rows cause.
         """
         rules = self.rules
         n_seen = np.count_nonzero(np.isfinite(z_px[:, 2]))
@@ -124,9 +124,9 @@ class TurnWatch:
         return changed(self, unusual=(*self.unusual, rad)), agree
 
     def _learnt(self, rad: Array, cov: Array, stands_out: bool, chi2: float) -> "TurnWatch":
-        """Return the watch after a frame whose turn (3,) counts as usual, although it may stand out.
+        """Return the watch after a frame whose turn (3,) counts as usual, even if it stands out.
 
-        It was measured with `cov` (3, 3); how large the real ones are follows by expectation maximisation (Dempster,
+        It was measured with `cov` (3, 3). The covariance of real turns follows by expectation maximisation (Dempster,
         Laird and Rubin 1977).
         """
         square, counts = np.outer(rad, rad), 1.0 if chi2 < self.rules.limit else self.rules.limit / chi2

@@ -1,7 +1,7 @@
-"""The rough motion since the previous image: optical flow that most tracks agree with, searched for ever more widely.
+"""The rough motion since the previous image, from the optical flow that most tracks agree with.
 
-First as far as motions between frames usually go. Where that explains too little, or nothing is known of the motion
-yet, through a deeper pyramid, from the predicted motion, from none, and from motions forward and backward that change
+The first search covers the usual range of motions between frames. If it explains too little, or no motion is known yet,
+a deeper pyramid is used: from the predicted motion, from no motion, and from motions forward and backward that change
 the size of patches.
 """
 
@@ -24,8 +24,11 @@ from .tracks import Tracks
 
 @record
 class RoughMotion:
-    """`cam_from_previous` (4, 4) from flow alone; the tracks' positions `left_px` (n, 2) by flow, which of them `agree`
-    (n,) with it, and the `share` of the found ones that do. `alike`: a motion for which the scene looks the same."""
+    """A motion `cam_from_previous` (4, 4) from flow alone.
+
+    `left_px` (n, 2): the positions of tracks by flow; `agree` (n,): which of them agree with the motion; `share`: the
+    share of the found ones that agree. `alike`: another motion for which the scene looks the same.
+    """
 
     cam_from_previous: Array
     left_px: Array
@@ -35,7 +38,7 @@ class RoughMotion:
 
 
 def find_rough_motion(step: Step, aligners: Aligners, tracks: Tracks) -> RoughMotion | None:
-    """Return the motion that the flow of tracks shows, or None."""
+    """Return the motion that the flow of the tracks shows, or None."""
     best = None
     for motion in _found(step, aligners, tracks):
         if best is None or motion.agree.sum() > best.agree.sum():
@@ -46,11 +49,11 @@ def find_rough_motion(step: Step, aligners: Aligners, tracks: Tracks) -> RoughMo
 
 
 def _found(step: Step, aligners: Aligners, tracks: Tracks) -> Iterator[RoughMotion]:
-    """Yield what each attempt finds."""
+    """Yield the motion of each attempt that finds one."""
     projection, config, previous = step.setup.projection, step.setup.config, step.previous
     flow = config.rules.flow
     exposed, gate = as_exposed(previous, step.images, flow), chi2_gate(2, config.robust.gate_probability)
-    # where half of the view is covered, mean and contrast change, and the exposure does not
+    # if half of the view is covered, mean and contrast change although the exposure does not
     before_halves = [exposed] if exposed is previous.left_half else [exposed, previous.left_half]
     attempts = _attempts(config.frontend.pyramid_levels, tracks, step)
     for start, levels, zoom, before_half in ((*attempt, half) for attempt in attempts for half in before_halves):
@@ -75,9 +78,9 @@ def _found(step: Step, aligners: Aligners, tracks: Tracks) -> Iterator[RoughMoti
 
 
 def _attempts(near: int, tracks: Tracks, step: Step) -> Iterator[tuple[Array, int, float]]:
-    """What to try, in order: the motion (4, 4) that flow starts from, pyramid levels, zoom of the previous image.
+    """Yield the attempts in order: the start motion (4, 4) of flow, pyramid levels, and zoom of the previous image.
 
-    `near`: levels for a motion that is predicted well.
+    `near`: levels for a well-predicted motion.
     """
     deep = near + step.setup.rules.flow.more_levels
     if step.is_predicted:
@@ -90,5 +93,5 @@ def _attempts(near: int, tracks: Tracks, step: Step) -> Iterator[tuple[Array, in
         larger = step.setup.rules.flow.zoom
         for zoom in (larger, 1 / larger):
             forward = np.eye(4)
-            forward[2, 3] = -(1 - 1 / zoom) / rho  # points at the median depth grow by just this
+            forward[2, 3] = -(1 - 1 / zoom) / rho  # points at the median depth grow by this factor
             yield forward, deep, zoom

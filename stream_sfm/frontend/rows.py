@@ -1,10 +1,10 @@
-"""Rows: how v_left − v_right of correct matches varies over the image, learnt from the matches, eq. (19).
+"""Row differences: how v_left − v_right of correct matches varies over the image, learnt from the matches, eq. (19).
 
-After rectification a point lies on one row in both images. Real calibrations miss that by tenths of a pixel: by a
-polynomial of second order, for the cameras' relative rotation and their lenses, by a smooth field, for what these do
-not follow, and by how far the row moves while the right camera is late. Row differences depend on neither depth nor
-motion, so all of that is one linear Gaussian filter, and the size of the field follows from its marginal likelihood.
-Only new matches count: a point's later views repeat its first error.
+After rectification a point lies on the same row in both images. Real calibrations miss this by tenths of a pixel. The
+model is a polynomial of second order for the relative rotation of the cameras and for their lenses, a smooth field for
+the rest, and the motion of the row during the delay of the right camera. Row differences depend on neither depth nor
+motion, so one linear Gaussian filter estimates all of this, and the size of the field follows from its marginal
+likelihood. Only new matches count, because later views of a point repeat its first error.
 """
 
 import numpy as np
@@ -20,18 +20,18 @@ from ..record import changed, record
 from ..rig_model.field import LEAST_PX, Field, field_over
 
 _POLYNOMIAL = 6  # coefficients
-# σ of the field that are considered, px: from the noise of a good match to what no real rig has; beside them σ = 0, as
-# probable as all others together.
+# Candidates for σ of the field, px, from the noise of a good match to more than any real rig has. In addition σ = 0 is
+# considered, as probable as all of them together.
 _FIELD_STD_PX = np.geomspace(0.01, 0.5, 18)
 
 
 @record
 class Rows:
-    """What is known about rows: amplitudes `mean` (n,) with `cov` (n, n) of polynomial, delay and field.
+    """The estimated row differences: amplitudes `mean` (n,) with `cov` (n, n) of polynomial, delay and field.
 
-    `std_delay_s`: σ of the delay beforehand. `scatter_px`: σ of new matches around it, over the last `frames`.
-    `field_std_px`: σ of the field. `largest_px`: the largest v_left − v_right at rest where the latest matches
-    were; in corners without any the polynomial is an extrapolation.
+    `std_delay_s`: prior σ of the delay. `scatter_px`: σ of new matches around the model; `frames`: how many frames it
+    is learnt from. `field_std_px`: σ of the field. `largest_px`: the largest v_left − v_right at rest at the latest
+    matches; in corners without matches the polynomial is an extrapolation.
     """
 
     projection: StereoProjection
@@ -58,16 +58,16 @@ class Rows:
 
     @property
     def delay(self) -> tuple[float, float]:
-        """What matches alone say of the delay of the right camera: information, s⁻², and sum weighted by it, s⁻¹."""
+        """The delay of the right camera from matches alone: its information, s⁻², and information times delay, s⁻¹."""
         mean, var = self.mean[_POLYNOMIAL], self.cov[_POLYNOMIAL, _POLYNOMIAL]
         information = 1 / var - self.std_delay_s**-2
         wrong = 1 / (1 + information * (self.rules.speed_error * mean) ** 2)
         return float(wrong * information), float(wrong * mean / var)
 
     def with_delay(self, delay_s: float, variance_s2: float) -> "Rows":
-        """Return the rows with a delay N(`delay_s`, `variance_s2`), if that is more than they say of it themselves.
+        """Return the rows with a delay N(`delay_s`, `variance_s2`), if that is more certain than their own estimate.
 
-        Learning goes on without it: estimators get the delay through `delay`, and must not get it twice.
+        Learning continues without it: estimators receive the delay through `delay`, and must not receive it twice.
         """
         own = self.cov[_POLYNOMIAL]
         if variance_s2 * (self.delay[0] + self.std_delay_s**-2) >= 1:
@@ -78,17 +78,17 @@ class Rows:
 
     @property
     def field(self) -> Field:
-        """The field over the images, whose amplitudes come last."""
+        """The field over the images; its amplitudes are the last ones."""
         return field_over(self.projection.width, self.projection.height)
 
     def after(self, z_px: Array, twist: Array) -> "Rows":
-        """Return the knowledge after new views (n, 4) of a frame whose points move with a twist (6,)."""
+        """Return the rows after new views (n, 4) of a frame whose points move with a twist (6,)."""
         points = core.seen_points(self.projection, z_px)
         row_speed_px_s = velocities(self.projection, points, twist)[:, 3]
         return self.learnt(z_px[:, :2], z_px[:, 1] - z_px[:, 3], row_speed_px_s)
 
     def learnt(self, left_px: Array, difference_px: Array, row_speed_px_s: Array) -> "Rows":
-        """Return the knowledge after matches at (n, 2), whose rows differ by (n,) and move by (n,) px/s."""
+        """Return the rows after matches at (n, 2), whose rows differ by (n,) and move by (n,) px/s."""
         if len(left_px) < _POLYNOMIAL:
             return self
         matches, rules = (left_px, difference_px, row_speed_px_s), self.rules
@@ -114,7 +114,7 @@ class Rows:
         )
 
     def _likely_field_std_px(self, information: Array, mean: Array) -> float:
-        """Return the σ of the field that matches make likely, eq. (19a), by all that is known of the rows."""
+        """Return the likely σ of the field, eq. (19a), from all information about the rows."""
         other, field = slice(_POLYNOMIAL + 1), slice(_POLYNOMIAL + 1, None)
         across = information[other, field]
         own = information[field, field] - across.T @ np.linalg.solve(information[other, other], across)
@@ -128,6 +128,6 @@ class Rows:
 
 
 def row_terms(projection: StereoProjection, left_px: Array, row_speed_px_s: Array) -> Array:
-    """Return what amplitudes of 1 do to v_left − v_right (n, k) of views at (n, 2), which move by (n,) px/s."""
+    """Return the effect (n, k) of amplitudes of 1 on v_left − v_right of views at (n, 2), which move by (n,) px/s."""
     field = field_over(projection.width, projection.height)
     return core.row_terms(projection, field, left_px, row_speed_px_s)

@@ -1,4 +1,4 @@
-"""What of the tracks is found in a frame, and what is known of it beforehand: by this its motion is judged."""
+"""The tracks found in a frame with all that is known about them, from which its motion is estimated."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +19,11 @@ _LEFT = np.array([True, True, False, False])
 
 @record
 class Seen:
-    """Of the tracks (n) that were found in a frame: how they were `before`, their `views` now, and `point_views`.
+    """The tracks (n) that were found in a frame: their rows `before`, their `views` now, and `point_views`.
 
-    `weights` (n,): their votes, and `weight`: of all tracks that should have been found. `cov_turn` (3, 3): of turns of
-    the right camera that unknown errors of the rig feign, None of an exact rig. `turned` (n,): which views agree with
-    an unusual turn, where the motion is sought by the left sides alone.
+    `weights` (n,): their votes; `weight`: the sum of votes of all tracks that should have been found. `cov_turn`
+    (3, 3): of apparent turns of the right camera by unknown errors of the rig, None for an exact rig. `turned` (n,):
+    which views agree with an unusual turn, if the motion is sought from the left sides alone.
     """
 
     before: Tracks
@@ -36,9 +36,9 @@ class Seen:
 
     @classmethod
     def of(cls, step: Step, state: FrontEndState, rough: RoughMotion, twist: Array, views: AlignedViews) -> "Seen":
-        """Return what is known of the tracks that were found, near a rough motion, with a `twist` (6,) of the points.
+        """Return the tracks that were found, near a rough motion, with a `twist` (6,) of the points.
 
-        Errors that all views share are those of delay, readout, rows and disparity, and last a turn of the right
+        Errors that all views share are those of delay, readout, rows and disparity, and finally of a turn of the right
         camera.
         """
         setup, motion = step.setup, rough.cam_from_previous
@@ -55,7 +55,7 @@ class Seen:
             seen, std_twist = (before.points, views.points, views.z_px), setup.std_acceleration * step.dt_s
             of_timing, cov_turn = core.unknown_errors(*of_rig, *seen, twist, std_twist)
             if step.by_inertia is not None and state.timing.twist is not None:
-                # points have met the turns of earlier frames, which two frames smooth and a gyroscope does not
+                # points contain turns of earlier frames, which two frames smooth but a gyroscope resolves
                 earlier = state.timing.twist[3:]
                 cov_turn = cov_turn + state.timing.cov[0, 0] * np.outer(earlier, earlier)
             of_turn = by_turn(setup.projection, views.z_px, state.turn_root)
@@ -73,13 +73,13 @@ class Seen:
         return cls(before, views, point_views, weights[views.rows], weight, cov_turn)
 
     def by_left(self, turned: NDArray[np.bool_]) -> "Seen":
-        """Return the same without the right sides, of which those of views (n,) agree with a turn."""
+        """Return the same without right sides; `turned` (n,): the views whose right sides agree with a turn."""
         views = changed(self.views, z_px=np.where(_LEFT, self.views.z_px, np.nan))
         return changed(self, views=views, point_views=self.point_views.by_left(), turned=turned)
 
     @property
     def found_px(self) -> Array:
-        """The views (n, 4) by which left and right fit each other: with right sides that agree with a turn."""
+        """The views (n, 4) for the check of left against right, with the right sides that agree with a turn."""
         if self.turned is None:
             return self.views.z_px
         return np.where(self.turned[:, None], self.views.any_row_px, self.views.z_px)

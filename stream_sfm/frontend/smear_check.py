@@ -1,23 +1,23 @@
-"""Whether patches are smeared along their motion by more than a shutter can, as where cameras average frames.
+"""Checks whether patches are smeared along their motion by more than a shutter can, as when cameras average frames.
 
-An image that is a·(last image) + (1 − a)·(what the camera sees) shows a point that moves by d per frame where it was
-a/(1 − a) frames ago in the mean, with a variance of a/(1 − a)² frames². So it is smeared along its motion by a variance
-of a/(1 − a)²·d², and that is all that shows where motion is slow. A shutter that is open from one frame to the next
-smears by d²/12, and none by more; as much as with a = 0.07. Poses are wrong where the speed has changed, and there the
-smear has changed as well.
+An image that is a·(last image) + (1 − a)·(current view) shows a point with a speed of d per frame where it was
+a/(1 − a) frames ago on average, with a variance of a/(1 − a)² frames². So it is smeared along its motion by a variance
+of a/(1 − a)²·d², and if the motion is slow, this is the only evidence. A shutter that is open for a whole frame smears
+by d²/12, which is the most that a shutter can, and as much as a = 0.07. Poses are wrong when the speed changes, and
+then the smear changes as well.
 
-A patch now is compared with that of the same point in the slowest of the latest frames. Of C, the change of the
-covariance of what blurs it, the second derivatives of the patch show it: I = T + ½ tr(C·∇∇T), beside changes of light,
-place and shape. Noise blurs as well, namely what the other patch explains of it; so the same is done with the two
-exchanged, and half the difference taken. Focus blurs in all directions; so C is taken along the motion less across it.
-Sampling between pixels blurs by f·(1 − f), f the fraction of the position, which is taken out. What is left, y, is
-regressed on x = d² over all patches: Σ x·(y − x/12) over Σ x² is a/(1 − a)² − 1/12, less where the slowest frame is
-hardly slower, and not above zero in any other images.
+The current patch is compared with that of the same point in the slowest of the latest frames. C is the change of the
+covariance of its blur kernel. The second derivatives of the patch show it: I = T + ½ tr(C·∇∇T), beside changes of
+light, position and shape. Noise that the other patch explains looks like blur as well, so the same is done with the two
+exchanged, and half the difference is used. Defocus blurs in all directions, so C along the motion minus C across it is
+used. Sampling between pixels blurs by f·(1 − f), with f the fraction of the position, and is subtracted. The result, y,
+is regressed on x = d² over all patches: Σ x·(y − x/12) over Σ x² is a/(1 − a)² − 1/12. It is less if the slowest frame
+is hardly slower, and not above zero in sound images.
 
-In the first frame that moves after a start, half of what both cameras show may not have moved. Where that is more than
-a few pixels, alignment finds the half that is at rest, and no second derivative explains the other one. Noise is the
-same in all patches, and half of another picture is the more the more texture there is: what is left of patches,
-compared with those of the frame before, grows with their contrast.
+In the first moving frame after a standstill, half of the picture in both cameras may not have moved. If the motion is
+more than a few pixels, alignment finds the half at rest, and no second derivative explains the other one. Noise is the
+same in all patches, but half of another picture leaves larger residuals where there is more texture: relative to the
+previous frame, the residuals of patches grow with their contrast.
 """
 
 import numpy as np
@@ -30,15 +30,18 @@ from ..record import changed, record
 from .ghost_check import SHOWS_THROUGH
 from .patches import RADIUS_PX, View, at_least, patches_of, share_of
 
-_STD_OF_MEDIAN = 1.86  # over the median deviation, by the root of the number
-_SECOND = np.array([2.0, 2.0, 4.0])  # from coefficients of the last three changes to C: xx, yy, xy
+_STD_OF_MEDIAN = 1.86  # σ of a median over the median absolute deviation, times the root of the number
+_SECOND = np.array([2.0, 2.0, 4.0])  # from the coefficients of the second derivatives to C: xx, yy, xy
 
 
 @record
 class SmearCheck:
-    """What the frames so far have shown: the `last` view, and the `slow` one, whose tracks moved by `slow_px`, `age`
-    frames ago; `sums` (5,) of the latest frames that were looked at, over all patches: of p = w x (y − x/12), s = w x²,
-    p², p s and s²; `waited`: frames since the last one. `lasts`: for how many frames a smear is still suspected."""
+    """The evidence so far.
+
+    `last`: the last view; `slow`: the slow view of `age` frames ago, whose tracks moved by `slow_px`. `sums` (5,): for
+    each of the latest examined frames, sums over all patches of p = w x (y − x/12), s = w x², p², p s and s²; `waited`:
+    frames since the last of these. `lasts`: for how many more frames a smear is suspected.
+    """
 
     last: View | None = None
     slow: View | None = None
@@ -51,16 +54,16 @@ class SmearCheck:
 
     @property
     def share(self) -> tuple[float, float]:
-        """By how much variance, frames², patches are smeared more than by a shutter, and this in σ."""
+        """The variance, frames², by which patches are smeared more than by a shutter, and its significance in σ."""
         return share_of(np.sum(self.sums, axis=0)) if self.sums else (0.0, 0.0)
 
     @property
     def problem(self) -> str:
-        """Say that earlier images show through; or nothing."""
+        """The problem that earlier images show through, or an empty string."""
         return SHOWS_THROUGH if self.lasts else ""
 
     def after(self, now: View) -> "SmearCheck":
-        """Return the check after a frame: its smoothed left image, and where its tracks are in it."""
+        """Return the check after a frame, from its smoothed left image and the track positions in it."""
         rules = self.rules
         check = changed(self, last=now, age=self.age + 1, waited=self.waited + 1, lasts=max(0, self.lasts - 1))
         if self.last is None or self.slow is None:
@@ -86,13 +89,15 @@ class SmearCheck:
         return changed(self, last=None, slow=None)
 
     def _slow(self, view: View, moved_px: float) -> "SmearCheck":
-        """The check with another slow view, whose tracks moved by so much."""
+        """Return the check with another slow view, whose tracks moved by `moved_px`."""
         return changed(self, slow=view, slow_px=moved_px, age=0)
 
 
 def _found(slow: View, now: View, moved_px: Array, rules: SmearRules) -> tuple[Array, float] | None:
-    """What a frame says, the tracks of which moved by (n, 2): `sums` as in `SmearCheck`, and how much of its patches
-    is of another picture, at least; None where it is too little."""
+    """Return the evidence of a frame whose tracks moved by (n, 2), or None if it has too few patches.
+
+    It is the `sums` as in `SmearCheck`, and the least share of another picture in the patches.
+    """
     then_px, lengths_px = slow.of(now.ids), np.linalg.norm(moved_px, axis=1)
     usable = (lengths_px > rules.least_px) & (lengths_px < rules.most_px)
     usable &= now.inside(then_px) & now.inside(now.left_px)
@@ -102,7 +107,7 @@ def _found(slow: View, now: View, moved_px: Array, rules: SmearRules) -> tuple[A
     rows = rows[:: -(-len(rows) // rules.patches)]
     then_px, now_px, x = then_px[rows], now.left_px[rows], lengths_px[rows] ** 2
     across, down = (moved_px[rows] / lengths_px[rows, None]).T
-    turned, mixed = across**2 - down**2, 2 * across * down  # along less across: turned·(xx − yy) + 2 mixed·xy
+    turned, mixed = across**2 - down**2, 2 * across * down  # along minus across: turned·(xx − yy) + 2 mixed·xy
     before = patches_of(slow.image, then_px, RADIUS_PX + 1)
     after = patches_of(now.image, now_px, RADIUS_PX + 1)
     along = _SECOND * np.stack([turned, -turned, 2 * mixed], axis=1)
@@ -113,13 +118,16 @@ def _found(slow: View, now: View, moved_px: Array, rules: SmearRules) -> tuple[A
     sampled = _blur_of_sampling(now_px) - _blur_of_sampling(then_px)
     y = (forth - back) / 2 - turned * (sampled[:, 0] - sampled[:, 1])
     weights = 1 / ((var_forth + var_back) / 4 + rules.std_px2**2)
-    p, s = weights * x * (y - x / 12), weights * x**2  # 1/12: variance of a shutter that is open for a whole frame
+    p, s = weights * x * (y - x / 12), weights * x**2  # 1/12: a shutter that is open for a whole frame
     return np.array([p.sum(), s.sum(), p @ p, p @ s, s @ s]), _other(left, square, rules.other_sigmas)
 
 
 def _other(left: Array, square: Array, sigmas: float) -> float:
-    """The share of another picture in patches (n,), so many σ below it: how what is `left` of them grows with their
-    mean `square`, from the half with less texture to that with more."""
+    """Return the share of another picture in patches (n,), less `sigmas` of its σ.
+
+    It is the growth of their residuals `left` with their mean `square`, from the half with less texture to that with
+    more.
+    """
     if len(left) < 2:
         return 0.0
     order = square.argsort(kind="stable")
@@ -133,6 +141,6 @@ def _other(left: Array, square: Array, sigmas: float) -> float:
 
 
 def _blur_of_sampling(px: Array) -> Array:
-    """By how much variance (n, 2) interpolation blurs at positions (n, 2)."""
+    """Return the variance (n, 2) of the blur by interpolation at positions (n, 2)."""
     fraction = px - np.floor(px)
     return np.asarray(fraction * (1 - fraction))

@@ -1,12 +1,12 @@
-"""Whether the motion that a map has started with is the camera's, judged by the points that begin meanwhile.
+"""Checks whether the motion that a map has started with is the camera's, by points that begin later.
 
-At a start no track has a history, so bodies that cover most of the view outvote the background. Points that begin
-later reveal this, because they begin where points are missing, which is on the background. As long as too many of them
-disagree, the motion may be that of a body. Points that cannot be the scene (`depth_order.may_be_scene`) do not count: a
-body that comes into view later is found again and again at the same places, and would pass for many witnesses. Nor does
-any in a frame whose second motion is that of points before the others. Once new points agree, or no track of the start
-is left, the motion rests on points that began later and is no longer in doubt, but nothing has confirmed the poses up
-to there. The map goes on.
+At a start no track has a history, so bodies that cover most of the view outvote the background. Points that begin later
+reveal this, because they begin where points are missing, which is on the background. As long as too many of them
+disagree, the motion may be that of a body. Points that cannot belong to the scene (`depth_order.may_be_scene`) do not
+count: a body that comes into view later is found again and again at the same places, and would look like much evidence.
+Disagreeing points do not count either in a frame whose second motion is that of points in front of the others. Once new
+points agree, or no track of the start is left, the motion relies on points that began later and is no longer in doubt.
+The poses before that remain unconfirmed. The map continues.
 """
 
 import numpy as np
@@ -19,11 +19,12 @@ from ..record import changed, record
 
 @record
 class StartCheck:
-    """What new points have shown since the start, older ones counting less: how many were `found`, and `agreed`.
+    """The evidence of new points since the start, older ones counting less: how many were `found`, and `agreed`.
 
-    `calm_frames` in a row in which enough of them agreed. `doubted`: since the start they once did not. `next_id`: of
-    the tracks that have not been judged; those of the start are below `later_id`. `gone`: they are not followed now.
-    `first_share`: of the tracks of the first frame that agreed with its motion, 0 before it.
+    `calm_frames`: consecutive frames in which enough of them agreed. `doubted`: whether once too few agreed. `next_id`:
+    the first id of tracks that have not been judged. Tracks of the start have ids below `later_id`; `gone`: whether
+    they are no longer followed. `first_share`: the share of tracks that agreed with the motion of the first frame, 0
+    before it.
     """
 
     found: float = 0.0
@@ -38,36 +39,36 @@ class StartCheck:
 
     @property
     def problem(self) -> str:
-        """What is wrong, or an empty string."""
+        """The problem, or an empty string."""
         if not self.doubted or self.is_over:
             return ""
         return (
-            f"of the points that have begun lately {self.agreed / self.found:.0%} agree with the motion since the "
-            "start: it may be that of something that moves through the view"
+            f"only {self.agreed / self.found:.0%} of the latest new points agree with the motion since the start: it "
+            "may be that of an object that moves through the view"
         )
 
     @property
     def fills_view(self) -> bool:
-        """Whether nearly all of the view had one motion while nothing had a history."""
+        """Whether nearly all of the view had one motion while no track had a history."""
         return self.first_share >= self.rules.calm_start
 
     @property
     def is_over(self) -> bool:
-        """Whether the motion is taken for the camera's from now on."""
+        """Whether the motion is accepted as the camera's from now on."""
         return self.gone or self.calm_frames >= self.rules.full_history
 
     def begun_with(self, share: float) -> "StartCheck":
-        """Return the check with the share of the tracks in a frame that agree, if that is the first one."""
+        """Return the check with the `share` of a frame's tracks that agree, if it is the first frame."""
         return self if self.first_share else changed(self, first_share=share)
 
     def settled(self) -> "StartCheck":
-        """Return the check where it is known otherwise that the motion is the camera's."""
+        """Return the check after other evidence has shown that the motion is the camera's."""
         return changed(self, calm_frames=self.rules.full_history, doubted=False)
 
     def after(self, ids: NDArray[np.int64], accepted: NDArray[np.bool_]) -> "StartCheck":
         """Return the check after a frame in which the tracks `ids` (n,), ascending, were found.
 
-        Those `accepted` (n,) agree with its motion. Each track is judged once, when it is first found again.
+        `accepted` (n,): which of them agree with its motion. Each track is judged once, when it is first found again.
         """
         new, kept = ids >= self.next_id, 1 - 1 / self.rules.full_history
         if self.is_over or not len(ids):

@@ -1,4 +1,4 @@
-"""What the front-end knows between two frames: one record, which a step replaces and never changes."""
+"""The state of the front-end between two frames: one record, which a step replaces and never changes."""
 
 from dataclasses import field
 from functools import cached_property
@@ -31,7 +31,7 @@ from .unsteadiness import Unsteadiness
 
 
 class RightSides(NamedTuple):
-    """Where right sides are sought: the rows, a turn (3,) of the right camera, and the twist (6,) of the points."""
+    """Predicts right sides: by row differences, a turn (3,) of the right camera, and the twist (6,) of the points."""
 
     rows: Rows
     turn_rad: Array
@@ -40,9 +40,9 @@ class RightSides(NamedTuple):
 
 @record
 class Setup:
-    """What does not change during a run: the projection of the rectified images, and all settings.
+    """The constants of a run: the projection of the rectified images, and all settings.
 
-    `right_area` (h, w): pixels of the right image around which a whole patch shows the scene; None: all of them.
+    `right_area` (h, w): pixels of the right image around which a whole patch shows the scene; None if all do.
     """
 
     projection: StereoProjection
@@ -51,33 +51,33 @@ class Setup:
 
     @cached_property
     def rules(self) -> Rules:
-        """The numbers by which the front-end decides."""
+        """The thresholds of the front-end's decisions."""
         return self.config.rules
 
     @property
     def slide_px(self) -> float:
-        """s r of eq. (17): how far a template slides where it changes by all of itself, px of templates."""
+        """The drift s r of eq. (17) of a template that changes completely, in template pixels."""
         return self.rules.errors.slide * self.config.frontend.window_radius_px
 
     def unseen_in_right(self, z_px: Array) -> NDArray[np.bool_]:
-        """Which views (n, 4) have a right side where a mask says that it cannot be of the scene."""
+        """Return which views (n, 4) have a right side that a mask excludes from the scene."""
         if self.right_area is None:
             return np.zeros(len(z_px), bool)
         return ~core.inside_area(self.right_area, z_px[:, 2:].copy())
 
     @cached_property
     def std_acceleration(self) -> Array:
-        """σ (6,) of the acceleration, m/s², and of the angular one, rad/s², that the camera may have."""
+        """The assumed σ (6,) of the camera's acceleration, m/s², and angular acceleration, rad/s²."""
         return np.array(self.config.motion.std_acceleration)
 
 
 @record
 class MapState:
-    """How far the map of one camera has come; a pair does not need it.
+    """The progress of the map with one camera; a pair does not need it.
 
-    `mapped`: whether there is a map; before, `waiting` says for what, and the opening frame had `n_opened` points. Ids
-    from `first_unseen_id` on have not been handed out. `rho_scene`: median inverse depth of what was last in view, 0
-    before the first map; `cov_start` (6, 6): of first_from_now when the map has begun.
+    `mapped`: whether there is a map. Before that, `waiting` says what it waits for, and `n_opened` is the number of
+    points of the opening frame. Ids from `first_unseen_id` on have not been handed out. `rho_scene`: the median inverse
+    depth of the points last in view, 0 before the first map; `cov_start` (6, 6): of first_from_now at the map's start.
     """
 
     mapped: bool = False
@@ -90,24 +90,24 @@ class MapState:
 
 @record
 class FrontEndState:
-    """The state between two frames; nothing in it is ever written to.
+    """The state between two frames, whose fields are never modified.
 
-    - `frame_index`: of the next frame; `stamp_ns`: of the latest one, None before the first; `grey_bits`: of 16-bit
-      images that are used, by the brightest ones so far.
-    - `previous`: the images that the next frame is followed from, of a frame at `previous_ns`. `tracks` are the points
-      that are followed, `next_id` is the id of the next new one. `cam_from_start` (4, 4): the front-end's own chain of
-      motions, which predicts how patches look and is not an estimate; `velocity` (6,): ξ of the last motion per second;
-      `unsteadiness`: how motions change, None before there were two.
-    - `aligners`: templates and noise of views; `rows`, `timing`: what is known of the cameras; `turn_rad` (3,): of the
-      right camera since its calibration, for which right views are corrected, as they are since frame `turned_at`;
-      `rows_waiting` (n, 4): new views of a frame whose velocity is not known yet, which a late camera would turn into
-      rows that are off.
-    - `turn_watch`: of the right camera, None where it cannot turn; `pair`: whether left and right fit each other;
-      `background_hidden`: since the last frame that was followed; `ambiguity`: between two motions; `start`:
-      whether the map has started with the motion of the camera; `steps`: whether both images have been displaced;
-      `suspicions`: what several frames together say against their images.
-    - `errors`: what is learnt of errors that views of a point share; `disparity`: of its error, as far as it is known.
-    - `map`: with one camera, how far the map has come.
+    - `frame_index`: of the next frame; `stamp_ns`: of the latest one, None before the first; `grey_bits`: the bits of
+      16-bit images in use, according to the brightest so far.
+    - `previous`: the images, at `previous_ns`, from which the next frame is followed. `tracks`: the points that are
+      followed; `next_id`: the id of the next new one. `cam_from_start` (4, 4): the front-end's own chain of motions,
+      which predicts how patches look and is not an estimate; `velocity` (6,): ξ of the last motion per second;
+      `unsteadiness`: how much motions change, None before there are two.
+    - `aligners`: templates and noise of views; `rows`, `timing`: the estimated errors of the cameras; `turn_rad` (3,):
+      the turn of the right camera since its calibration for which right views are corrected, since frame `turned_at`;
+      `rows_waiting` (n, 4): new views of a frame of unknown velocity, in which a late camera would look like wrong
+      rows.
+    - `turn_watch`: detects turns of the right camera, None if it cannot turn; `pair`: whether left and right are
+      consistent; `background_hidden`: whether the background is, since the last frame that was followed; `ambiguity`:
+      between two motions; `start`: whether the map has started with the motion of the camera; `steps`: whether both
+      images have been displaced; `suspicions`: image checks over several frames.
+    - `errors`: the learnt errors that views of a point share; `disparity`: the estimated disparity error.
+    - `map`: with one camera, the progress of the map.
     """
 
     aligners: Aligners
@@ -139,34 +139,34 @@ class FrontEndState:
 
     @property
     def turn_root(self) -> Array:
-        """A root (3, e) of the covariance of turns that the right camera has from frame to frame, radians."""
+        """A root (3, e), rad, of the covariance of the right camera's turns from frame to frame."""
         return np.zeros((3, 0)) if self.turn_watch is None else self.turn_watch.root
 
     def with_turn(self, z_px: Array, cov_px: Array) -> Array:
-        """Return covariances (n, 4, 4) of views (n, 4) as measurements of depth, which a turn of their frame moves."""
+        """Return covariances (n, 4, 4) of views (n, 4) as depth measurements, with that of the turn of their frame."""
         return core.with_turn(self.rows.projection, z_px, cov_px, self.turn_root)
 
     @property
     def rows_with_delay(self) -> Rows:
-        """What is known of the rows with the delay that an estimator has found."""
+        """The row differences updated with the delay that an estimator has found."""
         return self.rows.with_delay(float(self.timing.mean[0]), float(self.timing.cov[0, 0]))
 
     def right_sides(self, twist: Array) -> RightSides:
-        """Where right sides of points with a twist (6,) are sought."""
+        """Return where right sides of points with a twist (6,) are sought."""
         return RightSides(self.rows_with_delay, self.turn_rad, twist)
 
     def change_to(self, cam_from_previous: Array, stamp_ns: int) -> Array | None:
-        """By how much (6,) the motion into a frame differs from the last one; None where that is not known."""
+        """Return the change (6,) of the motion into a frame from the last one; None if unknown."""
         if not self.velocity.any():
             return None
         return se3.log(cam_from_previous) - self.velocity * (stamp_ns - self.previous_ns) / 1e9
 
     def followed_from(self, images: PreparedImages, stamp_ns: int) -> "FrontEndState":
-        """The state after a frame from whose images the next one is followed."""
+        """Return the state after a frame from whose images the next one is followed."""
         return changed(self, previous=images.shrunk(), previous_ns=stamp_ns)
 
     def lost(self) -> "FrontEndState":
-        """The state without tracks and velocity, and all that was learnt from these."""
+        """Return the state without tracks, velocity, and what depends on these."""
         return changed(
             self,
             tracks=Tracks.none(),
@@ -174,12 +174,12 @@ class FrontEndState:
             timing=changed(self.timing, twist=None),
             ambiguity=AmbiguityMemory(rules=self.ambiguity.rules),
             start=StartCheck(rules=self.start.rules),
-            steps=StepCheck(rules=self.steps.rules),  # how a new map moves is not known
+            steps=StepCheck(rules=self.steps.rules),  # the motion of a new map is unknown
             suspicions=self.suspicions.interrupted(),
             background_hidden=False,
             turn_watch=None if self.turn_watch is None else self.turn_watch.calm(),
         )
 
     def may_wait(self, stamp_ns: int, max_gap_s: float) -> bool:
-        """Whether the tracks of the last frame that was followed may still be found later than at that stamp."""
+        """Whether the tracks of the last frame that was followed may still be found after a given stamp."""
         return len(self.tracks) > 0 and stamp_ns - self.previous_ns < max_gap_s * 1e9

@@ -1,4 +1,4 @@
-"""What is given for one step of the front-end: a frame, and how the camera is expected to have moved up to it."""
+"""The input of one step of the front-end: a frame, and the expected camera motion up to it."""
 
 import numpy as np
 
@@ -12,10 +12,10 @@ from .unsteadiness import Unsteadiness
 
 @record
 class Step:
-    """The images of the frame `previous` to this one, and of this one, `dt_s` later.
+    """The images of the `previous` frame, and the `images` of this one, `dt_s` later.
 
-    `predicted` (4, 4): cam_from_previous by the last velocity, or `by_inertia` where inertial samples predict it;
-    `is_predicted`: whether that says anything.
+    `predicted` (4, 4): cam_from_previous by the last velocity, or from inertial samples if they predict it
+    (`by_inertia`); `is_predicted`: whether any motion is known.
     """
 
     setup: Setup
@@ -35,7 +35,7 @@ class Step:
         stamp_ns: int,
         by_inertia: ExpectedMotion | None,
     ) -> "Step | None":
-        """Return the step from a state to a frame; None where nothing is there to follow."""
+        """Return the step from a state to a frame; None if there is nothing to follow."""
         if state.previous is None or not len(state.tracks):
             return None
         dt_s = (stamp_ns - state.previous_ns) / 1e9
@@ -46,20 +46,20 @@ class Step:
 
     @property
     def std_change(self) -> Array:
-        """σ (6,) of what the assumed acceleration does to a motion between the two frames."""
+        """The σ (6,) of a change of motion between the two frames by the assumed acceleration."""
         return self.setup.std_acceleration * self.dt_s**2
 
     def usual_change(self, unsteadiness: Unsteadiness | None) -> Array:
-        """σ (6,) of a change of the motion as this camera moves, if it is known to move more steadily than any may."""
+        """Return the σ (6,) of a change of motion of this camera, if it is known to be steadier than assumed."""
         return self.std_change if unsteadiness is None else np.minimum(self.std_change, unsteadiness.std)
 
     def jumps(self, cam_from_previous: Array, std_change: Array) -> bool:
-        """Whether a motion (4, 4) is beyond what the last velocity and changes of σ (6,) allow."""
+        """Whether a motion (4, 4) differs from the predicted one by more than changes of σ (6,) allow."""
         change = se3.log(se3.inverse(self.predicted) @ cam_from_previous)
         return bool((np.abs(change) > self.setup.rules.motion.jump_sigmas * std_change).any())
 
     def twist(self, velocity: Array, cam_from_previous: Array) -> Array:
-        """How the points move (6,) at the end of the interval, per second; `velocity` (6,): in the interval before."""
+        """Return the twist (6,) of the points at the end of the interval; `velocity` (6,): in the previous interval."""
         if self.dt_s <= 0:
             twist = np.zeros(6)
         else:
@@ -67,13 +67,13 @@ class Step:
             twist = between + 0.5 * (between - velocity) if velocity.any() else between
         if self.by_inertia is None:
             return twist
-        # a shaken camera turns now in a way that two frames do not show
+        # two frames do not show the current rotation of a shaken camera
         return np.concatenate([twist[:3], self.by_inertia.twist[3:]])
 
     def first_twist(self, twist: Array, cam_from_previous: Array) -> Array:
-        """How the points moved (6,) at the beginning of the interval, where it is the first one; `twist`: at its end.
+        """Return the twist (6,) of the points at the beginning of the first interval; `twist`: at its end.
 
-        Two frames alone show one twist for both ends.
+        Without inertial samples, two frames show only one twist for both ends.
         """
         if self.by_inertia is None or self.dt_s <= 0:
             return twist

@@ -1,9 +1,9 @@
-"""Whether both images have been displaced at once: a crop or a synchronisation that has changed.
+"""Checks whether both images have been displaced at once, by a changed crop or synchronisation.
 
-All points are then displaced alike, which looks like a turn of the camera between two frames, or where all of them are
-as far away like a step aside; before and after it the camera moves on as it did. A camera has mass: where it moves, its
-velocity changes and stays changed. So a motion that displaces points unlike the last one, and as none before it,
-is suspected; where the next one is as before, a step has been seen. Whether the camera has made it is not seen: the
+All points are then displaced alike. This looks like a turn of the camera between two frames, or like a step to the side
+if all points are equally far; before and after it the camera moves as usual. A camera has mass: if it really moves, its
+velocity changes and stays changed. So a motion is suspected if it displaces points unlike the last one and by more than
+any before. If the next motion is as before, a step is confirmed. Whether the camera has made the step is unknown: the
 frames count as before, and their poses may be off by the step.
 """
 
@@ -17,8 +17,11 @@ from ..record import record
 
 @record
 class StepCheck:
-    """What the changes of motion so far were: the sizes of the latest ones, pixels; `suspected_px` (3,): the change in
-    the last frame, if it may be a step; `confirmed_px`: the size of a step that the last frame has confirmed, or 0."""
+    """The changes of motion so far.
+
+    `sizes_px`: the sizes of the latest ones; `suspected_px` (3,): the change in the last frame, if it may be a step;
+    `confirmed_px`: the size of a step that the last frame has confirmed, or 0.
+    """
 
     sizes_px: tuple[float, ...] = ()
     suspected_px: Array | None = None
@@ -27,7 +30,7 @@ class StepCheck:
 
     @property
     def problem(self) -> str:
-        """Say that a step has been seen, in the frame that confirms it; or nothing."""
+        """The problem of a step, in the frame that confirms it; otherwise an empty string."""
         if not self.confirmed_px:
             return ""
         return (
@@ -36,8 +39,10 @@ class StepCheck:
         )
 
     def after(self, change_px: Array | None) -> "StepCheck":
-        """Return the check after a frame whose motion differs from the last one by `change_px` (3,), see
-        `displacement_px`; None: not known."""
+        """Return the check after a frame whose motion differs from the last one by `change_px` (3,); None if unknown.
+
+        `displacement_px` computes it.
+        """
         rules = self.rules
         if change_px is None:
             return StepCheck(self.sizes_px, rules=rules)
@@ -52,9 +57,9 @@ class StepCheck:
 
 
 def displacement_px(change: Array, f_px: float, inverse_depth: float) -> Array:
-    """Return by how much (3,) a change of motion (6,) displaces the middle of the view, and turns it about that, px.
+    """Return the displacement (3,) px of the view by a change of motion (6,): of its centre, and by a turn about that.
 
-    `inverse_depth`: of the points there, 1/m. Motions are those of points from one camera to the next.
+    `inverse_depth`: of the points, 1/m. Motions are those of points from one camera to the next.
     """
     step, turn = inverse_depth * change[:3], change[3:]
     return np.asarray(f_px * np.array([step[0] + turn[1], step[1] - turn[0], turn[2]]))

@@ -1,10 +1,10 @@
-"""Whether something is drawn over both images: it stays at its pixels, and is at the same ones left and right.
+"""Checks whether something is drawn over both images, which stays at the same pixels of the left and right image.
 
-A time or a frame shown on the display, a grid, a hot or a bright column: points on it are in both images and never
-move, as if the camera stood and saw them at one distance. Where they are many, they may outvote the scene. What a
-standing camera sees has a disparity, and points at infinity move with every turn, so that of the edges of real images
-under 1 in 200 are at the same pixels with the same grey values in both images, in those looked at before and in those
-some frames earlier, while others move.
+It may be a time stamp, a frame, a grid, or a hot column of the sensor. Its points are in both images and never move, as
+if the camera stood still and saw them at one distance. If they are many, they may outvote the scene. Real objects have
+a disparity, and points at infinity move with every turn. So while other edges move, less than 1 in 200 edges of real
+images have the same pixels and grey values in both images, in the last examined images and in those some frames
+earlier.
 """
 
 from typing import NamedTuple
@@ -20,14 +20,14 @@ Line = NDArray[np.int16]
 
 
 class Lines(NamedTuple):
-    """Some rows (k, w) and columns (m, h) of an image as it came, −1 where a mask leaves it out."""
+    """Some rows (k, w) and columns (m, h) of a raw image, −1 where a mask excludes it."""
 
     rows: Line
     columns: Line
 
     @classmethod
     def of(cls, image: NDArray[np.uint8], rules: StillRules, mask: NDArray[np.bool_] | None = None) -> "Lines":
-        """The lines of an image (h, w), of which a mask (h, w) is false where it does not show the scene."""
+        """Return the lines of an image (h, w); its mask (h, w) is false where it does not show the scene."""
         every = rules.spacing_px
         rows, columns = image[::every].astype(np.int16), image.T[::every].astype(np.int16, order="C")
         if mask is not None:
@@ -38,8 +38,11 @@ class Lines(NamedTuple):
 
 @record
 class StillCheck:
-    """What the frames that were looked at have shown: the left lines of the latest ones, and of each of the latest how
-    many edges there are, and how many of them are drawn over both images."""
+    """The evidence of the examined frames.
+
+    `lefts`: the left lines of the latest ones; `counts`: for each of the latest, the number of edges, and how many of
+    these are drawn over both images.
+    """
 
     lefts: tuple[Lines, ...] = ()
     counts: tuple[tuple[int, int], ...] = ()
@@ -47,17 +50,17 @@ class StillCheck:
 
     @property
     def problem(self) -> str:
-        """Say that something is drawn over both images; or nothing."""
+        """The problem that something is drawn over both images, or an empty string."""
         edges, drawn = np.sum(self.counts, axis=0) if self.counts else (0, 0)
         if edges < self.rules.fewest or drawn < self.rules.drawn * edges:
             return ""
         return (
             f"{drawn / edges:.0%} of the edges stay at the same pixels of both images while the rest moves: is "
-            "something drawn over them? A mask can leave it out"
+            "something drawn over them? A mask can exclude it"
         )
 
     def after(self, left: Lines, right: Lines) -> "StillCheck":
-        """Return the check after a frame, by lines of its images."""
+        """Return the check after a frame, from lines of its images."""
         rules, lefts = self.rules, self.lefts
         apart = max(1, rules.apart_frames // rules.every)
         shapes = [line.shape for line in left]

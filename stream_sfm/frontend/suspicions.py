@@ -1,6 +1,6 @@
-"""What several frames together say against their images: that these are not what two cameras saw at one moment.
+"""Image checks over several frames: whether the images really are the views of two cameras at one moment.
 
-Each check has a file of its own, and returns what it is `after` a frame; its `problem` says what is wrong, or nothing.
+Each check has its own file. `after` returns its state after a frame, and `problem` says what is wrong, or is empty.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from .prepared import PreparedImages
 from .smear_check import SmearCheck
 from .still_check import Lines, StillCheck
 
-Masks = Sequence[NDArray[np.bool_] | None]  # (h, w) of each camera, None where all of its image shows the scene
+Masks = Sequence[NDArray[np.bool_] | None]  # (h, w) per camera, None if all of its image shows the scene
 
 
 @record
@@ -27,7 +27,7 @@ class Suspicions:
     """The checks of images over several frames.
 
     `ghosts`, `smears`: whether earlier images show through; `still`: whether something is drawn over both; `echo`:
-    whether both show everything twice; `fields`: whether rows are of two moments in turn.
+    whether both show everything twice; `fields`: whether alternate rows are of two moments.
     """
 
     ghosts: GhostCheck = field(default_factory=GhostCheck)
@@ -49,12 +49,12 @@ class Suspicions:
 
     @property
     def problem(self) -> str:
-        """Say what is wrong with the images; or nothing."""
+        """The first problem of the images, or an empty string."""
         checks = self.ghosts, self.smears, self.still, self.echo, self.fields
         return next(filter(None, (check.problem for check in checks)), "")
 
     def after_images(self, images: PreparedImages, masks: Masks, frame_index: int) -> "Suspicions":
-        """Return the checks after images as they came, whatever is found in them; `masks`: of what they show."""
+        """Return the checks after a frame's raw images; `masks`: where they show the scene."""
         if images.delivered is None:
             return self
         still, fields = self.still, self.fields

@@ -1,8 +1,8 @@
 """Anchored templates: every point is aligned against the patch of its first frame, never against the last one.
 
-A patch that is followed from frame to frame drifts towards zero motion under image noise, and no estimator repairs
-that. The template's own noise moves the point once and for all, which harms nobody. A patch is warped by the map that
-pose, depth and slope predict (`core/tracks.cpp`), then found by Gauss-Newton (`core/patches.cpp`).
+A patch that is followed from frame to frame drifts towards zero motion under image noise, and no estimator can correct
+that. The template's own noise displaces the point once and for all, which does no harm. A patch is warped by the map
+that pose, depth and slope predict (`core/tracks.cpp`), then found by Gauss-Newton (`core/patches.cpp`).
 """
 
 import numpy as np
@@ -15,18 +15,18 @@ from ..record import record
 from .prepared import GreyImage
 
 Grey = NDArray[np.float32]
-JUST_CUT = np.array([1.0, 0.0])  # gain and offset of an image over a template that has been cut from it
-SPACING_PX = 2  # pixels between samples: smoothed neighbours share their noise, so every second one says as much
-_RULES = TemplateRules()  # places of all maps are verified with the defaults
+JUST_CUT = np.array([1.0, 0.0])  # gain and offset of an image over a template just cut from it
+SPACING_PX = 2  # pixels between samples: smoothed neighbours share their noise, so every second one suffices
+_RULES = TemplateRules()  # places of all maps are verified with the default settings
 
 
 @record
 class Patches:
     """Warped templates (n), ready to be aligned with an image.
 
-    Of k × k samples of 2 `radius_px` + 1 pixels, `spacing_px` apart: the weighted pseudo-inverse `inverse` (n, 3, k²)
-    of their slopes along u and v and of their grey values, each of mean zero; the products `information` (n, 3, 3) of
-    these; and the mean grey value `level` (n,).
+    Each has k × k samples, `spacing_px` apart, in a window of 2 `radius_px` + 1 pixels. `inverse` (n, 3, k²): the
+    weighted pseudo-inverse of their slopes along u and v and of their grey values, each of mean zero; `information`
+    (n, 3, 3): the products of these; `level` (n,): the mean grey value.
     """
 
     inverse: Grey
@@ -38,8 +38,8 @@ class Patches:
     def align(self, image: GreyImage, starts_px: Array) -> tuple[Array, NDArray[np.bool_], Array]:
         """Find the patches in an image, from starts (n, 2).
 
-        Returns positions (n, 2), whether each was found (n,), and the deviation (n,) of the grey differences that are
-        left, in grey values of the template, inf where it was not found.
+        Returns positions (n, 2), whether each was found (n,), and the standard deviation (n,) of the residual grey
+        differences, in grey values of the template, inf if it was not found.
         """
         just_cut = np.tile(JUST_CUT, (len(starts_px), 1))
         patches = self.inverse, self.information, self.level, just_cut, self.radius_px, self.spacing_px
@@ -48,10 +48,10 @@ class Patches:
 
 @record
 class TemplateAtlas:
-    """Patches (slots, side, side) of all tracks by slot.
+    """Patches `grey` (slots, side, side) of all tracks by slot.
 
-    `radius_px` of the alignment window (2r+1 pixels wide); patches are stored half as large again, so that a warp
-    finds its pixels.
+    `radius_px`: r of the alignment window, which is 2r + 1 pixels wide; the stored patches are larger, with room for a
+    warp.
     """
 
     radius_px: int
@@ -59,7 +59,7 @@ class TemplateAtlas:
 
     @classmethod
     def empty(cls, slots: int, radius_px: int, of_bytes: bool = False) -> "TemplateAtlas":
-        """Return an atlas with so many slots, for patches of images of bytes or of floats."""
+        """Return an atlas with empty slots, for patches of byte or float images."""
         shape = (slots, 2 * _half(radius_px) + 1, 2 * _half(radius_px) + 1)
         return cls(radius_px, np.zeros(shape, np.uint8) if of_bytes else np.zeros(shape, np.float32))
 
@@ -70,7 +70,7 @@ class TemplateAtlas:
         return TemplateAtlas(self.radius_px, grey)
 
     def fits(self, anchor_from_now: Array) -> NDArray[np.bool_]:
-        """Whether warps (n, 3, 2) stay inside the stored patches and do not blow them up beyond recognition."""
+        """Return which warps (n, 3, 2) stay inside the stored patches and do not enlarge them too much."""
         return core.templates_fit(anchor_from_now, self.radius_px, _half(self.radius_px), _RULES.least_area)
 
     def warped(self, slots: NDArray[np.intp], anchor_from_now: Array) -> Patches:
@@ -80,5 +80,5 @@ class TemplateAtlas:
 
 
 def _half(radius_px: int) -> int:
-    """Half width of a stored patch: of the window, with 2 px for derivatives and room for warps of a scale to 1.7."""
+    """Return the half width of a stored patch: the window's plus 2 px for derivatives, times 1.7 for scaling warps."""
     return int(1.7 * (radius_px + 2))

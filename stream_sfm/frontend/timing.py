@@ -1,8 +1,9 @@
-"""How a late right camera and a rolling shutter shift the views of a frame, as far as the front-end knows.
+"""The shift of views by a late right camera and a rolling shutter, predicted from the current delay and readout.
 
-Both move a view along its velocity, eq. (70a). Between frames only the change of that shift shows: its constant part is
-already in the points. So a resection has further unknowns: delay, readout and velocity. Views are corrected by the
-delay and readout that the estimator has found before any motion is sought. The estimator gets uncorrected views.
+Both move a view along its velocity, eq. (70a). Only the change of this shift between frames is visible, because its
+constant part is already in the points. So a resection has further unknowns: delay, readout and velocity. Before any
+motion is sought, views are corrected by the delay and readout that the estimator has found. The estimator receives
+uncorrected views.
 """
 
 import numpy as np
@@ -19,11 +20,11 @@ from ..rig_model.terms import AT_TIMING, prior_std
 
 @record
 class Timing:
-    """Delay and readout: `mean` (2,) s with `cov` (2, 2); `std` (2,): what is assumed of them beforehand;
-    `step`: by what share of it an estimator's σ is added to.
+    """Delay and readout: `mean` (2,) s with `cov` (2, 2).
 
-    `row_of`: in which rows of the cameras' images views are exposed. `twist` (6,) of the points in the last frame;
-    None before there was a motion.
+    `std` (2,): their prior σ; `step`: the share of it that is added in quadrature to an estimator's σ. `row_of`: the
+    rows of the cameras' images in which views are exposed. `twist` (6,): of the points in the last frame, None without
+    a motion.
     """
 
     projection: StereoProjection
@@ -42,7 +43,7 @@ class Timing:
         row_of: ExposedRows | None,
         known: KnownTiming | None = None,
     ) -> "Timing":
-        """Return the prior; nothing is unknown of an exact rig."""
+        """Return the prior; the timing of an exact rig is known."""
         row_of = ExposedRows.unknown() if row_of is None else row_of
         std = prior_std(config)[AT_TIMING] * (0.0 if config.exact else 1.0)
         if known is None or config.exact:
@@ -50,15 +51,15 @@ class Timing:
         return cls(projection, row_of, std, known.mean, np.diag(known.std**2), config.timing_step)
 
     def taken_out(self, points: Array, twist: Array) -> Array:
-        """Return what is taken out of views of homogeneous points (n, 4) with a twist (6,): (n, 4) px."""
+        """Return the shift (n, 4) px that is subtracted from views of homogeneous points (n, 4) with a twist (6,)."""
         if not self.mean.any():
             return np.zeros((len(points), 4))
         return core.shifts_by_timing(self.projection, self.row_of, points, twist, self.mean)
 
     def with_estimate(self, mean: Array, cov: Array) -> "Timing":
-        """Return the knowledge with delay and readout N(`mean` (2,), `cov` (2, 2)), as an estimator has found them.
+        """Return the timing with delay and readout N(`mean` (2,), `cov` (2, 2)), as an estimator has found them.
 
-        As far as it is probable that they are not zero: what is near it is not worth a correction.
+        The mean is weighted by the probability that it is not zero, so that insignificant values are not corrected.
         """
         if not self.std.any():
             return self

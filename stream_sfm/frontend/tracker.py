@@ -1,4 +1,4 @@
-"""Tracking: where the points of the previous frame are in this one, and the motion that they agree on.
+"""Tracking: finds the points of the previous frame in this one, and the motion that they agree on.
 
 Depths come from the right image, or from the parallax of one camera (`mono/parallax.py`).
 """
@@ -24,18 +24,18 @@ from .seen import Seen
 from .state import FrontEndState, Setup
 from .step import Step
 
-# What is decided in special cases, in this order: each policy has a file of its own, with the case that needs it in
-# docs/rules.md. It returns what it is given where its case is not there.
+# Policies for special cases, in this order. Each has its own file, and docs/rules.md describes the case that needs it.
+# Outside its case a policy returns its input unchanged.
 OF_FLOW: tuple[Callable[[Step, FrontEndState, RoughMotion], RoughMotion], ...] = (
-    of_background,  # at the start of a map, the motion of what lies behind
-    smaller_of_alike,  # where the scene repeats itself, the smaller motion of two
+    of_background,  # at the start of a map, the motion of the points behind
+    smaller_of_alike,  # if the scene is repetitive, the smaller of two motions
 )
 OF_MOTION: tuple[Callable[[Step, FrontEndState, Seen, Resection], Resection], ...] = (
-    steadier,  # the motion that goes on as before, not one that jumps
-    decided,  # at the start of a map, again by all views
-    of_rest,  # at the start of a map, not the motion of the nearest points that far ones agree with
-    without_newcomer,  # a body that comes into view is not in question
-    uncovered,  # a scene that comes into view behind all that was followed is in question, however small it is
+    steadier,  # the steady motion, not one that jumps
+    decided,  # at the start of a map, the motion of the points behind, by all views
+    of_rest,  # at the start of a map, not the motion of the nearest points with which far ones agree
+    without_newcomer,  # a body that comes into view causes no ambiguity
+    uncovered,  # a scene that comes into view behind all that was followed does, however small it is
     nearer,  # the motion that inertial samples allow
 )
 
@@ -47,10 +47,10 @@ def follow(
     stamp_ns: int,
     by_inertia: ExpectedMotion | None = None,
 ) -> tuple[FrontEndState, Followed | None]:
-    """Follow all tracks from the frame before into this one; None where no motion is found.
+    """Follow all tracks from the previous frame into this one; None if no motion is found.
 
-    `by_inertia`: the motion that inertial samples predict, from which flow and templates start then. Without a motion
-    the state is the same but for what the frame says about the cameras and about a hidden background.
+    `by_inertia`: the motion that inertial samples predict, from which flow and templates then start. Without a motion,
+    the state changes only by what the frame shows about the cameras and about a hidden background.
     """
     step = Step.of(setup, state, images, stamp_ns, by_inertia)
     rough = None if step is None else find_rough_motion(step, state.aligners, state.tracks)
@@ -76,9 +76,9 @@ def follow(
 def _without_turned(
     state: FrontEndState, seen: Seen, cam_from_previous: Array
 ) -> tuple[FrontEndState, Seen | None]:
-    """Return the state after a frame near a motion (4, 4), and its left sides where it shows an unusual turn.
+    """Return the state after a frame near a motion (4, 4), and its left sides if it shows an unusual turn.
 
-    The motion is sought by these until it is clear whether the right camera has turned.
+    The motion is then sought from these until it is clear whether the right camera has turned.
     """
     if state.turn_watch is None or seen.cov_turn is None:
         return state, None
@@ -91,9 +91,9 @@ def _without_turned(
 def _agreed_motion(
     step: Step, state: FrontEndState, seen: Seen, start: Array
 ) -> tuple[FrontEndState, Resection | None]:
-    """The motion that the views agree on, sought from `start` (4, 4); None where too few agree, or what hides others.
+    """Return the motion that the views agree on, sought from `start` (4, 4), and the state after that.
 
-    Its gate says which tracks live on.
+    It is None if too few agree, or if a body hides the background. Its gate decides which tracks survive.
     """
     rules = step.setup.rules.motion
     motion = resect(seen.point_views, start, seen.weights, step.predicted if rules.one_body else None)

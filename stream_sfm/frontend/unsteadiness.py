@@ -1,4 +1,4 @@
-"""How unsteadily a camera moves in a run: by how much its motions change from frame to frame."""
+"""The unsteadiness of a camera in a run: how much its motion changes from frame to frame."""
 
 import numpy as np
 
@@ -9,9 +9,9 @@ from ..record import record
 
 @record
 class Unsteadiness:
-    """By how much motions change from frame to frame in this run, by mean squares (2,) of translations and turns.
+    """How much motions change from frame to frame: mean squares (2,), m² and rad², of translations and turns.
 
-    In m² and rad², beside what is assumed of any camera, over so many `frames`.
+    They are averages over the assumption for any camera and over this run, `frames` in all.
     """
 
     mean_square: Array
@@ -26,5 +26,5 @@ class Unsteadiness:
 
     @property
     def std(self) -> Array:
-        """σ (6,) of a change."""
+        """The σ (6,) of a change."""
         return np.repeat(np.sqrt(self.mean_square), 3)

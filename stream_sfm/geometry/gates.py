@@ -21,7 +21,7 @@ def chi2_gate(dof: int, probability: float) -> float:
     log_rest = math.log(1 - probability)
     if dof == 2:
         return -2 * log_rest
-    # Newton on log(1 + y) − y − log(rest) with y = x/2, concave: from above, as here, each step is downward
+    # Newton on the concave log(1 + y) − y − log(rest) with y = x/2: from above, as here, each step goes down
     y, closer = math.inf, 0.4 - 2 * log_rest
     while closer < y:
         y = closer

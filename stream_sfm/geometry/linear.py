@@ -25,7 +25,7 @@ def symmetric_inverse(a: Array) -> Array:
 
 
 def product(a: Array, b: Array) -> Array:
-    """Return A B of stacked matrices (…, k) with one matrix (k, n), by one product in place of many small ones."""
+    """Return A B of stacked matrices (…, k) with one matrix (k, n), by a single product instead of many small ones."""
     *stack, k = a.shape
     return np.asarray((a.reshape(math.prod(stack), k) @ b).reshape(*stack, b.shape[1]))
 
@@ -74,8 +74,8 @@ class Cholesky:
 
     def __init__(self, matrix: Array, repair: bool = True) -> None:
         scaled, scale = core.scaled_by_diagonal(matrix)
-        # Where rounding has cost definiteness: on a diagonal of 1, from a thousand times the rounding of a double up
-        # to a change of 10⁻⁵ σ², which no reported figure shows.
+        # If rounding has cost definiteness, increase the diagonal of 1 by a thousand times the rounding of a double and
+        # more, up to a change of 10⁻⁵ σ², which no reported figure shows.
         for damping in (0.0, 1e-13, 1e-11, 1e-9, 1e-7, 1e-5) if repair else (0.0,):
             if damping:
                 scaled[np.diag_indices_from(scaled)] += damping
@@ -97,8 +97,8 @@ class Cholesky:
 class Elimination:
     """Elimination of the first n variables of a symmetric positive definite matrix [[A, Bᵀ], [B, C]].
 
-    `root` (n, n) = R, upper triangular, with R Rᵀ = A⁻¹; `by_others` (n, m) = −A⁻¹Bᵀ: how the eliminated variables move
-    with the others; and `left` (m, m) = C − B A⁻¹Bᵀ, the information about these. Bᵀ is not read.
+    `root` (n, n) = R, upper triangular, with R Rᵀ = A⁻¹; `by_others` (n, m) = −A⁻¹Bᵀ: the derivative of the eliminated
+    variables by the others; and `left` (m, m) = C − B A⁻¹Bᵀ, the information about the others. Bᵀ is not read.
     """
 
     def __init__(self, matrix: Array, n: int) -> None:
@@ -108,6 +108,6 @@ class Elimination:
         self.left = matrix[n:, n:] - self._coupling @ self._coupling.T
 
     def reduced(self, right: Array) -> tuple[Array, Array]:
-        """Return the eliminated variables (n,) where the others are 0, and the right-hand side (m,) left to these."""
+        """Return the eliminated variables (n,) if the others are 0, and the remaining right-hand side (m,) of these."""
         whitened = self.root.T @ right[: len(self.root)]
         return self.root @ whitened, right[len(self.root) :] - self._coupling @ whitened

@@ -4,14 +4,14 @@ from .. import core
 from .se3 import Array
 
 MAD_TO_STD = 1.4826  # closed form: median absolute deviation to σ of a Gaussian
-# Of Cauchy weights, in standard deviations; literature: 95 % efficiency on Gaussian noise.
+# Width of Cauchy weights, in standard deviations; it has 95 % efficiency on Gaussian noise (literature).
 CAUCHY_WIDTH = core.CAUCHY_WIDTH
-# Over which running averages are taken, chosen by hand: a second at 20 frames per second.
+# Length of running averages, chosen by hand: a second at 20 frames per second.
 MEMORY_FRAMES = 20
 
 
 def median(values: Array) -> float:
-    """Return the median of finite values (n,), of one at least; NumPy's own takes eight times as long."""
+    """Return the median of finite values (n,), n ≥ 1; NumPy's own takes eight times as long."""
     ordered, n = values.copy(), len(values)
     ordered.sort()
     return 0.5 * float(ordered[(n - 1) // 2] + ordered[n // 2])

@@ -95,18 +95,18 @@ def point_in_source_jacobian(points_in_source: Array) -> Array:
     return jacobian
 
 
-ROUNDED = 1e-2  # of R Rᵀ from the identity, where poses were written with three digits
+ROUNDED = 1e-2  # deviation of R Rᵀ from the identity if poses were written with three digits
 
 
 def is_rotation(matrices: ArrayLike, tolerance: float = 1e-3) -> NDArray[np.bool_]:
-    """Return whether matrices (…, 3, 3) are rotations, R Rᵀ within a tolerance: files give as few as four digits."""
+    """Return whether matrices (…, 3, 3) are rotations, R Rᵀ = I within a tolerance: files may have only four digits."""
     r = np.asarray(matrices, dtype=float)
     off = np.abs(r @ np.swapaxes(r, -1, -2) - _EYE)
     return np.asarray((off < tolerance).all(axis=(-2, -1)) & (np.linalg.det(r) > 0))
 
 
 def orthonormalise(pose: ArrayLike) -> Array:
-    """Return the pose with its rotation, which is nearly one, projected back onto SO(3).
+    """Return the pose with its approximate rotation projected back onto SO(3).
 
     Compositions need it: a constant-velocity prediction multiplies the loss of orthonormality by 2.4 per frame.
     Newton-Schulz iteration to the polar factor: an error of 10⁻³ is below 10⁻¹² after two steps (Higham, Functions of
@@ -131,5 +131,5 @@ def matrix_from_quat_xyzw(quat_xyzw: ArrayLike) -> Array:
     return rotation
 
 
-# As `stream_sfm` exports them, where their names stand without that of this module.
+# `stream_sfm` exports them under these names, which do not need the name of this module.
 se3_adjoint, se3_exp, se3_inverse, se3_log = adjoint, exp, inverse, log

@@ -15,8 +15,8 @@ from .se3 import Array
 # the depth relative to that of the anchor for a homogeneous one. It is smaller than any depth that a lens can
 # image; only wild steps and points behind the camera reach it.
 MIN_DEPTH = core.MIN_DEPTH
-# Limits in standard deviations of an inverse depth: with fewer, it gives no Gaussian in metres; and points at
-# infinity pass down to the second, while wrong matches beyond it do not.
+# Limits of an inverse depth in its standard deviations. Below the first, the depth is not Gaussian in metres. Points at
+# infinity are accepted down to the second; values below it are wrong matches.
 KNOWN_DEPTH_SIGMAS, MIN_INVERSE_DEPTH_SIGMAS = 3.0, -2.0
 
 
@@ -63,7 +63,7 @@ class StereoProjection:
         return core.project_points(self, points.reshape(-1, 4)).reshape(points.shape)
 
     def depth_m(self, z_px: Array) -> Array:
-        """Return the depth (…) m from the disparity of z (…, 4); infinite or negative if that is not positive."""
+        """Return the depth (…) m from the disparity of z (…, 4); infinite or negative if it is not positive."""
         disparity = (z_px[..., 0] - self.cx_left_px) - (z_px[..., 2] - self.cx_right_px)
         with np.errstate(divide="ignore"):
             return self.f_px * self.baseline_m / disparity

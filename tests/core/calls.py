@@ -1,4 +1,4 @@
-"""Every function of the compiled core with arguments that it takes, and what may be put in their place."""
+"""Every function of the compiled core with valid arguments, and possible replacements for them."""
 
 import random
 from collections.abc import Iterator
@@ -114,7 +114,7 @@ INTERVALS = Record(
 )
 ONE_INTERVAL = Record(**{name: array[:1] for name, array in vars(INTERVALS).items()})
 
-# Each function with arguments that it takes
+# Each function with valid arguments
 CALLS = {
     "preintegrate": (
         *(np.arange(4) / 200, np.ones((4, 3)), np.ones((4, 3))),
@@ -309,7 +309,7 @@ def arrays_of(arguments: tuple) -> list[tuple[Place, np.ndarray]]:
 
 
 def with_other(arguments: tuple, place: Place, other: object) -> tuple:
-    """The arguments with another one, or another field, in that place."""
+    """The arguments with another one, or another field, at that place."""
     changed, (at, *within) = list(arguments), place
     changed[at] = _with_field(arguments[at], within, other)
     return tuple(changed)
@@ -323,7 +323,7 @@ def _with_field(record: object, within: list[str], other: object) -> object:
 
 
 def _other(rng: random.Random, argument: object) -> object:
-    """Something in the place of an argument."""
+    """A replacement for an argument."""
     if isinstance(argument, np.ndarray) and rng.random() < 0.8:
         other = argument.copy()
         match rng.randrange(5):
@@ -368,7 +368,7 @@ _NUMBERS = (
 
 
 def attack(rng: random.Random) -> None:
-    """Call a function with up to three arguments or members exchanged; it answers, or refuses them."""
+    """Call a function with up to three arguments or fields replaced; it returns, or refuses them."""
     name = rng.choice(sorted(CALLS))
     arguments = CALLS[name]
     for _ in range(rng.randint(1, 3)):

@@ -1,4 +1,4 @@
-"""A checkout whose core has to be compiled says so, or refuses with the command that does it."""
+"""A checkout whose core must be compiled reports it, or refuses with the command that does it."""
 
 import ast
 import contextlib
@@ -35,10 +35,10 @@ def checkout(folder: Path) -> Path:
     return core / "__init__.py"
 
 
-def test_what_is_compiled_is_told_where_python_writes_its_errors(
+def test_compilation_is_reported_where_python_writes_its_errors(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As in a notebook, where that is not the standard error of the process."""
+    """In a notebook, this is not the standard error of the process."""
     file = checkout(tmp_path)
     spec = importlib.util.spec_from_file_location(
         "checkout_core", file, submodule_search_locations=[str(file.parent)]
@@ -55,7 +55,7 @@ def test_what_is_compiled_is_told_where_python_writes_its_errors(
     assert "python -m pip install" in str(refused.value)
 
 
-def test_a_module_of_other_sources_is_not_taken_for_theirs_however_new_it_is(tmp_path: Path) -> None:
+def test_a_module_of_other_sources_is_outdated_however_new_it_is(tmp_path: Path) -> None:
     sources = ROOT / "stream_sfm/core"
     for path in (*sources.glob("*.?pp"), sources / "CMakeLists.txt", sources / module_name()):
         shutil.copyfile(path, tmp_path / path.name)
@@ -68,8 +68,8 @@ def test_a_module_of_other_sources_is_not_taken_for_theirs_however_new_it_is(tmp
     assert not is_current(str(tmp_path))
 
 
-def test_the_stub_is_what_the_module_says() -> None:
-    """`python tools/build/stub.py` writes it anew."""
+def test_the_stub_matches_the_module() -> None:
+    """`python tools/build/stub.py` regenerates it."""
     spec = importlib.util.spec_from_file_location("stub", ROOT / "tools/build/stub.py")
     assert spec and spec.loader
     tool = importlib.util.module_from_spec(spec)

@@ -1,4 +1,4 @@
-"""The compiled core as a whole: it takes any array without harm, and gives the same bytes in every thread."""
+"""The compiled core as a whole: any array is harmless, and every thread gives the same bytes."""
 
 import pickle
 import re
@@ -45,7 +45,7 @@ from tests.helpers.places import ROOT
 
 
 def test_every_function_is_called_here_and_the_public_ones_by_the_package() -> None:
-    """A name with an underscore is that of a part of a stage, for the tests of its law."""
+    """A name with an underscore is part of a stage, bound for the tests of its law."""
     assert set(CALLS) == {
         name
         for name, function in vars(core).items()
@@ -77,7 +77,7 @@ def test_arrays_of_any_shape_and_content_are_taken_or_refused(name: str) -> None
             call(name, list(with_other(CALLS[name], at, other.copy())))
 
 
-def test_arguments_that_do_not_fit_are_value_errors_that_say_which() -> None:
+def test_errors_about_invalid_arguments_name_them() -> None:
     with pytest.raises(ValueError, match=r"slots has shape \(3\) in place of \(7\)"):
         core.match_new_points(
             *(IMAGE, IMAGE, STORED, TEMPLATES, RIGHT_SIDES, PIXELS, SLOTS[:3], STARTS[:, 0], 3.0, POINT_RULES)
@@ -88,8 +88,8 @@ def test_arguments_that_do_not_fit_are_value_errors_that_say_which() -> None:
         core.linearise_views(but(OF_VIEWS, cov_px=-COV), np.eye(4))
 
 
-def test_what_is_missing_or_too_large_is_refused() -> None:
-    """Read beyond its end, or into nothing, they ended the process."""
+def test_missing_and_too_large_arguments_are_refused() -> None:
+    """Without this, reads out of bounds end the process."""
     of_tracks = list(CALLS["_predict_tracks"])
     of_tracks[1] = but(TIMING, mean=np.ones(1))
     with pytest.raises(ValueError, match=r"mean has shape \(1\) in place of \(2\)"):
@@ -110,7 +110,7 @@ def test_what_is_missing_or_too_large_is_refused() -> None:
         core.poses_by_parts(*CALLS["poses_by_parts"][:-1], most)
 
 
-def test_a_field_that_is_missing_or_of_another_kind_is_named_with_its_record() -> None:
+def test_errors_about_missing_or_wrong_fields_name_field_and_record() -> None:
     without = Record(**{name: value for name, value in vars(TRACKS).items() if name != "var_rho"})
     arguments = list(CALLS["update_depths"])
     for tracks, said in (
@@ -126,7 +126,7 @@ def test_a_field_that_is_missing_or_of_another_kind_is_named_with_its_record() -
         core._on_one_row(rows, STARTS, STARTS, np.ones(N), 1.0)
 
 
-def test_only_the_sides_that_are_there_count() -> None:
+def test_only_visible_sides_count() -> None:
     views = VIEWS.copy()
     views[:, 2:] = np.nan
     root, jacobian = core.linearise_views(but(OF_VIEWS, cov_points=COV[:0], z_px=views), np.eye(4))
@@ -143,7 +143,7 @@ def test_threads_give_the_same_bytes(name: str) -> None:
     assert all(answer == answers[0] for answer in answers)
 
 
-def test_images_of_bytes_are_taken_as_images_of_floats_with_their_values() -> None:
+def test_byte_images_give_the_same_results_as_float_images_of_the_same_values() -> None:
     grey = RNG.integers(0, 256, (60, 80)).astype(np.uint8)
     found = []
     for image in (grey, grey.astype(np.float32)):
@@ -174,7 +174,7 @@ def test_whitened_views_have_their_information() -> None:
     assert np.swapaxes(root, 1, 2) @ root == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
 
 
-def test_whitened_blocks_have_the_covariance_taken_out() -> None:
+def test_whitened_blocks_have_unit_covariance() -> None:
     factor, blocks = RNG.normal(size=(N, 3, 5)), RNG.normal(size=(N, 3, 4))
     cov = factor @ np.swapaxes(factor, 1, 2)
     whitened = core.whiten_blocks(cov, blocks)

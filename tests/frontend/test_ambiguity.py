@@ -1,4 +1,4 @@
-"""An ambiguity is remembered for a while after the views that spoke for it have gone, then forgotten."""
+"""An ambiguity is remembered for some frames after its views have gone, then forgotten."""
 
 import numpy as np
 
@@ -13,11 +13,11 @@ OTHER_FROM_FIRST = se3.exp([0.05, 0.01, 0, 0, 0, 0.02])
 
 
 TRACKS = changed(Tracks.none(), ids=np.arange(40), agreed=np.zeros(40, np.int64))
-LATER = np.arange(40) >= 20  # those of the other set, where there is one
+LATER = np.arange(40) >= 20  # the views of the other set, if there is one
 
 
 def motion(cam_from_ref: np.ndarray, odds: float | None, views: np.ndarray = ~LATER & LATER) -> Resection:
-    """A resection of forty views with a second motion of such odds, of these `views`, or without one."""
+    """A resection of forty views, with a second motion of given `odds` and `views`, or without one."""
     second = None
     if odds is not None:
         second = SecondMotion(OTHER_FROM_FIRST @ cam_from_ref, np.eye(6), views, odds)
@@ -25,7 +25,7 @@ def motion(cam_from_ref: np.ndarray, odds: float | None, views: np.ndarray = ~LA
 
 
 def others(motions: list[Resection]) -> list[np.ndarray | None]:
-    """The other motion of each frame, where there is one."""
+    """The other motion of each frame, or None."""
     memory, found = AmbiguityMemory(), []
     for frame in motions:
         memory, other, _ = memory.after(frame, TRACKS)
@@ -35,7 +35,7 @@ def others(motions: list[Resection]) -> list[np.ndarray | None]:
 
 def test_an_ambiguity_outlives_its_views_by_ten_frames_with_the_same_difference() -> None:
     turned = FIRST @ se3.exp([0, 0, 0, 0, 0.1, 0])
-    small = motion(FIRST, 0.01)  # a body that has no history
+    small = motion(FIRST, 0.01)  # a body without history
     none, of_body, own, *remembered = others(
         [motion(FIRST, None), small, motion(FIRST, 0.5), *[motion(turned, None)] * 11]
     )
@@ -48,18 +48,18 @@ def test_an_ambiguity_outlives_its_views_by_ten_frames_with_the_same_difference(
 def test_a_long_ambiguity_lasts_for_as_long_again() -> None:
     clear, ambiguous = motion(FIRST, None), motion(FIRST, 0.5)
     found = [other is not None for other in others([ambiguous] * 25 + [clear] * 30 + [ambiguous] + [clear] * 30)]
-    # the second one is a new one, of which nothing is remembered but itself
+    # the second ambiguity is new, with no memory of the first
     assert found == [True] * 50 + [False] * 5 + [True] * 11 + [False] * 20
 
 
-def test_a_frame_whose_motion_explains_both_sets_is_not_in_question() -> None:
-    """While a body stands beside the background both move alike; a set that is out of view has not said so."""
+def test_a_frame_whose_motion_explains_both_sets_is_not_ambiguous() -> None:
+    """While a body stands still, both sets move alike; a set that is out of view is no evidence for this."""
     both, one_left = motion(FIRST, None), changed(motion(FIRST, None), accepted=~LATER)
     found = others([motion(FIRST, 0.5, LATER), both, one_left, *[both] * 3])
     assert [other is not None for other in found] == [True, False, True, False, False, False]
 
 
-def test_an_ambiguity_ends_when_the_other_set_turns_out_to_lie_before_the_scene() -> None:
+def test_an_ambiguity_ends_when_the_other_set_proves_to_be_in_front_of_the_scene() -> None:
     ambiguous, body = motion(FIRST, 0.5, LATER), motion(FIRST, 0.0, LATER)
     assert body.second is not None
     in_front = changed(body, second=changed(body.second, in_front=True))

@@ -1,4 +1,4 @@
-"""The robot's own arm in view from the first frame on: it stands still in the images, and is not the scene."""
+"""The robot's own arm is in view from the first frame on: it stands still in the images, but is not the scene."""
 
 import cv2
 import numpy as np
@@ -14,11 +14,11 @@ from tests.helpers.estimators import nees
 from tests.helpers.tracks import tracks_at
 from tests.helpers.wall import Wall, camera_path, rig
 
-N, DISPARITY_PX = 20, 65  # 0.8 m away, before a wall at 3 m
+N, DISPARITY_PX = 20, 65  # 0.8 m away, in front of a wall at 3 m
 
 
 def with_arm(frame: sfm.StereoFrame, share: float, seed: int) -> sfm.StereoFrame:
-    """The frame with an arm over so much of the view, from its lower border up."""
+    """The frame with an arm that covers a `share` of the view, from its lower border up."""
     height, width = frame.left.shape
     grain = np.random.default_rng(1).normal(size=(height, width + DISPARITY_PX)).astype(np.float32)
     blotches = cv2.GaussianBlur(grain, (0, 0), 2.5)
@@ -41,12 +41,12 @@ def test_an_arm_in_front_of_the_scene_is_not_taken_for_it(share: float) -> None:
     assert nees(estimates[-1].world_from_cam, estimates[-1].cov_pose, poses[-1]) < 22.5  # χ² of 6: 99.9 %
     begin, end = (estimates[k].world_from_cam for k in (N // 2, N - 1))
     lately = se3.inverse(se3.inverse(begin) @ end) @ se3.inverse(poses[N // 2]) @ poses[-1]
-    assert np.linalg.norm(lately[:3, 3]) < 0.01  # of 0.23 m, which is the error of who follows the arm
+    assert np.linalg.norm(lately[:3, 3]) < 0.01  # 0.23 m would be the error if the arm were followed
     assert estimates[-1].status is sfm.Status.OK
 
 
-def test_a_floor_before_the_camera_does_not_hide_that_a_body_lies_before_the_scene() -> None:
-    """The floor is nearer than the body, which is the nearest part of the other set; around the body is the wall."""
+def test_a_floor_in_front_of_the_camera_does_not_hide_that_a_body_is_in_front_of_the_scene() -> None:
+    """The floor is nearer than the body, but far from it in the image; the wall surrounds the body."""
     u, v = (x.ravel() for x in np.meshgrid(np.arange(10.0, 320, 20), np.arange(10.0, 240, 20)))
     on_body = (abs(u - 160) < 50) & (v > 60) & (v < 150)
     depth_m = np.where(on_body, 2.0, np.where(v > 180, 1.0, 4.0))

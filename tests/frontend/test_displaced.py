@@ -1,4 +1,4 @@
-"""One image on both sides, and both images displaced at once: suspected, told, and over when their cause is over."""
+"""One image on both sides, and both images displaced at once: suspected, reported, and over with their cause."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def turned(px: float) -> np.ndarray:
 
 
 def checked(*changes_px: float) -> StepCheck:
-    """After many small changes of motion, and then these."""
+    """Return the check after many small changes of motion, and then these."""
     check = StepCheck()
     for px in (*RNG.uniform(0.2, 1, 20), *changes_px):
         check = check.after(turned(px))
@@ -36,12 +36,12 @@ def test_a_step_is_a_change_that_the_next_frame_takes_back() -> None:
     assert not checked(12, -11.5, 0.1).problem
 
 
-def test_a_turn_that_goes_on_is_none() -> None:
+def test_a_turn_that_continues_is_no_step() -> None:
     assert not checked(12, 0.5).problem
 
 
 def test_a_change_of_motion_displaces_points_as_it_moves_them() -> None:
-    """By the difference of two projections of a point in the middle of the view, and of one beside it for the roll."""
+    """The reference is the difference of two projections of a central point, and of one beside it for the roll."""
     depth_m = 4.0
     points = depth_m * np.array([[0, 0, 1], [1e-3, 0, 1]])
     for change in 1e-6 * np.eye(6)[[0, 1, 3, 4, 5]]:
@@ -52,14 +52,14 @@ def test_a_change_of_motion_displaces_points_as_it_moves_them() -> None:
         np.testing.assert_allclose(displacement_px(change, F_PX, 1 / depth_m), expected, atol=1e-8)
 
 
-def test_a_step_aside_before_a_wall_is_one() -> None:
-    """Where all points are as far away, displaced images look like a step aside as well as like a turn."""
+def test_a_step_aside_in_front_of_a_wall_is_a_step() -> None:
+    """If all points are equally far, displaced images look like a step aside as well as like a turn."""
     aside = displacement_px(np.array([0, 0.18, 0, 0, 0, 0]), F_PX, 0.5)
     check = checked().after(aside)
     assert "moved by 36 px at once" in check.after(-0.96 * aside).problem
 
 
-def test_a_hand_that_shakes_is_none() -> None:
+def test_a_shaking_hand_makes_no_step() -> None:
     check = StepCheck()
     for px in RNG.normal(0, 7, 200):
         check = check.after(turned(px))
@@ -79,9 +79,9 @@ def test_a_pose_is_as_uncertain_as_a_step_that_the_camera_may_not_have_made() ->
     later = pose @ se3.exp([0, 0, 1, 0, 0, 0])
     cov = model.add(4 * 10**8, later, nothing)
     np.testing.assert_allclose(cov[0, 0], (0.1 + 0.02) ** 2, rtol=1e-6)  # by the lever of 1 m
-    assert model.predict(4 * 10**8)[1][0, 0] >= cov[0, 0]  # of a frame that is lost, too
+    assert model.predict(4 * 10**8)[1][0, 0] >= cov[0, 0]  # also for a lost frame
     model.restart(4 * 10**8, later, cov)
-    np.testing.assert_array_equal(model.add(5 * 10**8, later, cov), cov)  # of the new map it is a part, once
+    np.testing.assert_array_equal(model.add(5 * 10**8, later, cov), cov)  # the new map contains it once
 
 
 def test_a_step_of_images_that_do_not_fit_each_other_is_as_unknown_as_a_vehicle_allows() -> None:
@@ -96,7 +96,7 @@ def test_a_step_of_images_that_do_not_fit_each_other_is_as_unknown_as_a_vehicle_
 
 
 def test_displaced_images_show_later_motions_turned() -> None:
-    """By the motion that a camera turned by as much would show, and by that of points that are far away."""
+    """The references are the motion of a camera turned by as much, and that of distant points."""
     displaced, turn = Displaced(turn_rad=0.1, depth_m=5.0), se3.exp(np.array([0, 0, 0, 0, 0.1, 0]))
     for xi in np.random.default_rng(1).normal(0, 0.2, (50, 6)):
         motion = se3.exp(xi)
@@ -105,24 +105,24 @@ def test_displaced_images_show_later_motions_turned() -> None:
     assert not displaced.cov_of(np.eye(4)).any()
 
 
-def test_a_frame_that_may_be_displaced_covers_it_until_the_next_one_tells() -> None:
+def test_a_frame_that_may_be_displaced_covers_it_until_the_next_one_decides() -> None:
     model, nothing = MotionModel(sfm.Config().motion), np.zeros((6, 6))
     for n in range(3):
         model.add(n * 10**8, np.eye(4), nothing)
     step = np.array([0.1, 0, 0, 0, 0.02, 0])
     cov = model.add(3 * 10**8, se3.exp(step), nothing, Doubts(may_step=True))
     np.testing.assert_allclose(cov, np.outer(step, step), atol=1e-12)
-    assert model.predict(4 * 10**8)[1][0, 0] >= 0.9 * cov[0, 0]  # where nothing tells
+    assert model.predict(4 * 10**8)[1][0, 0] >= 0.9 * cov[0, 0]  # without a decision
     np.testing.assert_array_equal(model.add(4 * 10**8, se3.exp(2 * step), nothing), nothing)
 
 
-def test_after_a_doubtful_pose_its_velocity_is_in_doubt() -> None:
+def test_after_an_uncertain_pose_its_velocity_is_uncertain() -> None:
     model, nothing = MotionModel(sfm.Config().motion), np.zeros((6, 6))
     for n in range(3):
         model.add(n * 10**8, np.eye(4), nothing)
     step = np.array([0.1, 0, 0, 0, 0, 0])
     model.add(3 * 10**8, se3.exp(step), nothing, Doubts(misfit=True))
-    for frames in (1, 2, 5):  # lost since
+    for frames in (1, 2, 5):  # lost frames since then
         pose, cov = model.predict((3 + frames) * 10**8)
         np.testing.assert_allclose(pose[0, 3], 0.1 * (1 + frames))
         assert np.sqrt(cov[0, 0]) > pose[0, 3]
@@ -130,7 +130,7 @@ def test_after_a_doubtful_pose_its_velocity_is_in_doubt() -> None:
 
 @pytest.mark.parametrize("axis, by_px", [(0, 7), (0, 30), (1, 36)])
 def test_no_frame_is_ok_and_wrong_after_both_images_are_displaced(axis: int, by_px: int) -> None:
-    """By rows and by columns, at frame 15; the right one of a pair that is not rectified no longer fits, too."""
+    """They are displaced by rows and columns at frame 15; the right image of an unrectified pair then misfits, too."""
     log = sfm.open_log(ROOM)
     engine, truth = sfm.Engine(log.rig), log.ground_truth()
     assert truth is not None
@@ -145,13 +145,13 @@ def test_no_frame_is_ok_and_wrong_after_both_images_are_displaced(axis: int, by_
 
 
 @pytest.mark.parametrize("noise", [0, 2])
-def test_one_image_is_known_also_where_it_is_encoded_twice(noise: int) -> None:
+def test_one_image_is_recognised_even_if_it_is_encoded_twice(noise: int) -> None:
     other = np.clip(TEXTURE.astype(int) + RNG.integers(-noise, noise + 1, TEXTURE.shape), 0, 255).astype(np.uint8)
     assert are_one_image(TEXTURE, other, ImageRules())
     assert not are_one_image(TEXTURE, np.roll(TEXTURE, 1, axis=1), ImageRules())
     assert not are_one_image(
         np.full_like(TEXTURE, 90), np.full_like(TEXTURE, 90), ImageRules()
-    )  # bare: said elsewhere
+    )  # a bare image: other checks report it
 
 
 def test_while_both_sides_are_one_image_no_frame_is_ok() -> None:

@@ -1,4 +1,4 @@
-"""Whether both images show everything twice: told of copies at any place, and never of what repeats itself."""
+"""The check for doubled images finds copies at any displacement, and never suspects repetitive scenes."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def twice(image: np.ndarray, x: int, y: int, share: float = SHARE) -> np.ndarray
 
 
 def textured(seed: int, size: tuple[int, int] = (256, 320)) -> np.ndarray:
-    """Noise whose spectrum falls off as that of natural images does."""
+    """Noise whose spectrum falls off like that of natural images."""
     spectrum = np.fft.rfft2(np.random.default_rng(seed).normal(size=size))
     y, x = np.fft.fftfreq(size[0])[:, None], np.fft.rfftfreq(size[1])
     image = np.fft.irfft2(spectrum / np.maximum(np.hypot(x, y), 1 / 64), s=size)
@@ -29,7 +29,7 @@ def checked(left: np.ndarray, right: np.ndarray) -> EchoCheck:
 
 
 @pytest.mark.parametrize("at_px", [(8, 0), (0, 11), (17, 5), (-9, 20)])
-def test_the_place_of_a_copy_is_told(at_px: tuple[int, int]) -> None:
+def test_the_displacement_of_a_copy_is_reported(at_px: tuple[int, int]) -> None:
     check = checked(twice(textured(0), *at_px), twice(textured(1), *at_px))
     assert check.at_px == at_px and "everything twice" in check.problem
 
@@ -42,15 +42,15 @@ def test_a_copy_in_one_image_only_is_no_echo_of_both() -> None:
     assert not checked(twice(textured(0), 8, 0), textured(1)).problem
 
 
-def test_what_repeats_itself_in_the_scene_is_none() -> None:
-    """Tiles have a copy at their period in all frames and in both images, but the next but one, too."""
+def test_a_repetitive_scene_is_no_echo() -> None:
+    """Tiles have a copy at their period in all frames and in both images, but also one at twice the period."""
     rng = np.random.default_rng(2)
     tiles = np.tile(textured(3, (32, 32)), (8, 10)).astype(float)
     left, right = ((tiles + 0.5 * (textured(n) - 128.0)).clip(0, 255) for n in rng.integers(10, 99, 2))
     assert not checked(left.astype(np.uint8), right.astype(np.uint8)).problem
 
 
-def test_small_images_are_not_looked_at() -> None:
+def test_small_images_are_not_examined() -> None:
     assert not checked(twice(textured(0, (96, 128)), 8, 0), twice(textured(1, (96, 128)), 8, 0)).problem
 
 

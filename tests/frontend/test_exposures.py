@@ -1,4 +1,4 @@
-"""Exposures that change: each template is compared by the gain since its own frame."""
+"""Exposures that change: each template is compared with the gain since its own frame."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ CUT = [(1.0, 0.0, 90), (0.5, 20.0, 60), (0.7, 5.0, 30), (0.4, 0.0, 20), (0.85, 1
 LAST, NOW = (0.9, -4.0), (0.6, 8.0)  # gains and offsets of two images
 
 
-def test_templates_of_many_exposures_are_worth_the_same() -> None:
+def test_templates_of_many_exposures_have_the_same_error() -> None:
     """The deviation of grey differences is that of the noise, in grey values of each template."""
     rng = np.random.default_rng(3)
     scene = Wall(1).image(rig().left, np.eye(4)).astype(float)
@@ -49,8 +49,8 @@ def test_templates_of_many_exposures_are_worth_the_same() -> None:
         assert np.median(errors[first:end][there]) == pytest.approx(expected, rel=0.2)
 
 
-def test_what_changes_less_than_an_exposure_leaves_templates_as_they_are() -> None:
-    """Patches that show more contrast than their templates, and images that are brighter by a little."""
+def test_changes_smaller_than_one_of_the_exposure_leave_templates_unchanged() -> None:
+    """Patches have more contrast than their templates, and images are slightly brighter."""
     rng = np.random.default_rng(4)
     scene = cv2.GaussianBlur(Wall(1).image(rig().left, np.eye(4)).astype(np.float32), (0, 0), 1.5)
     slots, stored = np.arange(len(CORNERS)), np.zeros((len(CORNERS), 41, 41), np.float32)
@@ -67,7 +67,7 @@ def test_what_changes_less_than_an_exposure_leaves_templates_as_they_are() -> No
 
 
 def test_a_track_knows_its_exposure_since_it_began() -> None:
-    """After exposures that differ from frame to frame, and otherwise in either camera."""
+    """Exposures differ from frame to frame, and between the cameras."""
     gains = [1.0, 0.6, 0.9, 0.5, 0.45, 0.8, 1.0, 0.7]
     stereo, wall, front = rig(), Wall(3), SteppedFrontEnd(rig())
     begun: dict[int, int] = {}

@@ -1,4 +1,4 @@
-"""Rows of two moments in turn, as of interlaced video: told where something moves, and never of whole frames."""
+"""Rows of two moments, as in interlaced video, are reported if something moves, and never in whole frames."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from tests.helpers.wall import blotches
 
 
 def lines(at_px: int, before_px: int, seed: int = 0, std_grey: float = 2.0, odd_grey: float = 0.0) -> Lines:
-    """Of a wall seen from one place in even rows, and from another one in odd rows, which may be brighter."""
+    """Lines of a wall seen from one place in even rows, and from another one in odd rows, which may be brighter."""
     wall = blotches(seed)
     image = wall[100:400, 100 + at_px : 500 + at_px].copy()
     image[1::2] = wall[101:400:2, 100 + before_px : 500 + before_px] + odd_grey
@@ -30,21 +30,21 @@ def test_rows_of_a_moving_camera_are_combed(step_px: int) -> None:
 
 @pytest.mark.parametrize("odd_grey", [0.0, 4.0])
 @pytest.mark.parametrize("std_grey", [0.0, 2.0, 10.0])
-def test_whole_frames_are_not(std_grey: float, odd_grey: float) -> None:
-    """Noise adds the same to all differences, and rows of another brightness are known by their means."""
+def test_whole_frames_are_not_combed(std_grey: float, odd_grey: float) -> None:
+    """Noise adds the same to all differences, and the means of rows show a different brightness."""
     assert all(
         -0.06 < combed(lines(0, 0, seed, std_grey, odd_grey).columns, FieldRules()) < 0.02 for seed in range(6)
     )
 
 
-def test_lines_across_the_image_are_not() -> None:
-    """As of a frame that is drawn over it."""
+def test_lines_across_the_image_are_not_combed() -> None:
+    """They are like those of a frame that is drawn over it."""
     columns = lines(0, 0).columns
     columns[:, [3, 4, 5, -6, -5, -4]] = 255
     assert combed(columns, FieldRules()) < 0.02
 
 
-def test_what_a_mask_leaves_out_does_not_count() -> None:
+def test_masked_pixels_do_not_count() -> None:
     whole, part = lines(3, 0).columns, lines(3, 0).columns.copy()
     part[:, 200:] = -1
     part[:5] = -1
@@ -73,6 +73,6 @@ def test_interlaced_frames_are_not_ok() -> None:
             image[1::2] = before[1::2]
         last = new
         estimate, sound = fields.step(sfm.StereoFrame(frame.stamp_ns, *woven)), whole.step(frame)
-        if n > 3:  # it has hardly moved before
+        if n > 3:  # before that it hardly moves
             assert sound.status is sfm.Status.OK
             assert estimate.status is sfm.Status.DEGRADED and "rows of two moments" in estimate.reason

@@ -1,4 +1,4 @@
-"""Flow between two images: how far it reaches, and what it makes of a change of exposure."""
+"""Flow between two images: its reach, and a change of exposure."""
 
 import cv2
 import numpy as np
@@ -20,7 +20,7 @@ def prepared(image: np.ndarray) -> PreparedImages:
 
 
 def reached(levels: int, shift_px: int) -> float:
-    """Fraction of the corners that flow follows over a shift, started where they were."""
+    """The fraction of the corners that flow follows over a shift, from their old positions."""
     image = Wall(4).image(rig().left, np.eye(4))
     valid = np.ones(image.shape, bool)
     corners = new_corners(corner_strength(image), valid, np.empty((0, 2)), 60, 12.0, 1e-5, PointRules()).astype(
@@ -32,7 +32,7 @@ def reached(levels: int, shift_px: int) -> float:
     return float((found & (np.linalg.norm(at - corners - (shift_px, 0), axis=1) < 0.5)).mean())
 
 
-def test_every_halving_reaches_farther_and_the_first_one_cannot_be_left_out() -> None:
+def test_every_halving_reaches_farther_and_the_first_one_is_necessary() -> None:
     """Measured: one halving follows 15 % over 36 px, two 85 %; two follow 54 % over 50 px, three 78 %."""
     assert reached(1, 36) < 0.35 and reached(2, 36) > 0.7
     assert reached(2, 50) < 0.66 < reached(3, 50)
@@ -40,7 +40,7 @@ def test_every_halving_reaches_farther_and_the_first_one_cannot_be_left_out() ->
         FrontendConfig(pyramid_levels=0)
 
 
-def test_the_image_before_is_given_the_exposure_of_now() -> None:
+def test_the_previous_image_is_adjusted_to_the_current_exposure() -> None:
     image = Wall(4).image(rig().left, np.eye(4))
     darker = cv2.convertScaleAbs(image, alpha=0.6, beta=10)
     before, now = prepared(image), prepared(darker)

@@ -1,4 +1,4 @@
-"""What the front-end measures, against exact images of a wall."""
+"""The measurements of the front-end, against exact images of a wall."""
 
 import cv2
 import numpy as np
@@ -50,7 +50,7 @@ def test_row_search_finds_shifts_and_refuses_repetition() -> None:
 
 
 def waves(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """A texture that is known everywhere: grey values of waves of 7 px and longer in all directions."""
+    """An analytic texture: grey values of waves of 7 px and longer in all directions."""
     rng = np.random.default_rng(5)
     across, down, phase = rng.uniform(-0.9, 0.9, 40), rng.uniform(-0.9, 0.9, 40), rng.uniform(0, 6, 40)
     return 128 + 5 * np.cos(across * u[..., None] + down * v[..., None] + phase).sum(axis=-1)
@@ -68,7 +68,7 @@ def test_new_points_are_matched_on_slanted_surfaces(slope: tuple[float, float]) 
     disparity_px = 12 + corners @ slope + np.random.default_rng(6).uniform(-0.7, 0.7, len(corners))
     p = StereoProjection(200.0, 120.0, 120.0, 80.0, 0.1, 240, 160)
     rows = Rows.unknown(p, Config())
-    rows.mean[0] = 0.5  # px by which the rows are off, as far as one knows
+    rows.mean[0] = 0.5  # px, the estimated row difference
     near = RightSides(rows, np.zeros(3), np.zeros(6)), corners, slots
     config = Config(frontend=FrontendConfig(window_radius_px=radius_px))
     kind, tolerances = TemplateAligner.empty(config, np.ones((160, 240), bool)), (2.0, PointRules())
@@ -82,7 +82,7 @@ def test_new_points_are_matched_on_slanted_surfaces(slope: tuple[float, float]) 
 
 @pytest.mark.parametrize("vergence_rad", [0.0, 0.05])
 def test_views_stay_on_their_point_without_drifting(vergence_rad: float) -> None:
-    """After 20 frames a view is where the point of its first frame is; its covariance says how far it may be off."""
+    """After 20 frames a view is at the point of its first frame, within its covariance."""
     stereo, wall, poses = rig(vergence_rad), Wall(3), camera_path(20)
     front = SteppedFrontEnd(stereo)
     p, c = front.rectifier.projection, np.eye(4)

@@ -1,4 +1,4 @@
-"""Images that earlier ones show through, as by noise reduction over time: how much, told, and over when it is."""
+"""Images through which earlier ones show, as by noise reduction over time: found, reported, and over with the cause."""
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ def checked(
     seed: int = 0,
     speed: float = 1.0,
 ) -> GhostCheck:
-    """After a camera that moves faster and faster past a wall, whose images are `share` the one before."""
+    """The check after an accelerating camera has passed a wall; a `share` of each image is the one before."""
     rng, wall, check, shown = np.random.default_rng(seed), blotches(seed), GhostCheck(), None
     corners, at = rng.uniform((60, 60), (840, 640), (150, 2)), np.zeros(2)
     pattern = pattern_grey * rng.normal(size=(300, 400))
@@ -42,12 +42,12 @@ def checked(
 def test_a_ghost_is_found(share: float) -> None:
     check = checked(share)
     assert "earlier images show through" in check.problem
-    assert 0.2 * share < check.share[0] < 1.1 * share  # less than all: the patches compared with have ghosts, too
+    assert 0.2 * share < check.share[0] < 1.1 * share  # less than all: reference patches have ghosts, too
 
 
 @pytest.mark.parametrize("accelerates", [True, False])
-def test_without_one_the_share_is_zero_by_its_own_sigma(accelerates: bool) -> None:
-    """Noise, and a pattern of the sensor that stays at its pixels, are none."""
+def test_without_a_ghost_the_share_is_zero_within_its_sigma(accelerates: bool) -> None:
+    """Noise, and a pattern of the sensor that stays at its pixels, are no ghosts."""
     found = np.array([checked(0, 4.0, 2.0, accelerates, seed).share for seed in range(8)])
     assert np.abs(found[:, 0]).max() < 0.01
     assert np.abs(found[:, 1]).max() < 4
@@ -55,8 +55,8 @@ def test_without_one_the_share_is_zero_by_its_own_sigma(accelerates: bool) -> No
 
 
 @pytest.mark.parametrize("pattern_grey", [4.0, 8.0])
-def test_a_strong_pattern_of_the_sensor_is_no_ghost_where_the_view_moves_slowly(pattern_grey: float) -> None:
-    """It is in both images at the same pixels, but alike in both directions of time."""
+def test_a_strong_pattern_of_the_sensor_is_no_ghost_if_the_view_moves_slowly(pattern_grey: float) -> None:
+    """It is in both images at the same pixels, but the same in both directions of time."""
     found = [
         checked(0, 2.0, pattern_grey, accelerates, seed, 0.25) for accelerates in (True, False) for seed in (0, 1)
     ]
@@ -66,13 +66,13 @@ def test_a_strong_pattern_of_the_sensor_is_no_ghost_where_the_view_moves_slowly(
 
 def test_a_suspicion_ends() -> None:
     check = checked(0.4)
-    for _ in range(150):  # of a camera that stands
+    for _ in range(150):  # the camera stands still
         check = check.after(check.views[-1])
     assert not check.problem
 
 
 def test_frames_with_a_ghost_are_not_ok() -> None:
-    """Of a log with noise reduction of 0.3 no frame is ok; without it all are."""
+    """No frame of a log with noise reduction of 0.3 is ok; without it all are."""
     for n, (sound, blended) in enumerate(beside_blended(ROOM, 0.3, 16)):
         if n > 0:
             assert sound.status is sfm.Status.OK

@@ -1,4 +1,4 @@
-"""What comes to hide the background lies before it, and moves unlike the camera."""
+"""A body that hides the background lies in front of it, and moves unlike the camera."""
 
 from types import SimpleNamespace
 from typing import Any, cast
@@ -22,9 +22,9 @@ N_OLD, N_NEW, WALL_M, STD_M = 30, 20, 3.0, 1e-3
 
 
 def hidden(new_m: float, moves_m: float) -> bool:
-    """Whether the background is, where of a wall nothing is found, and new tracks so far away move by so much.
+    """Whether the background is hidden if no point of a wall is found, and new tracks at `new_m` move by `moves_m`.
 
-    The camera has moved evenly, by 1 mm from frame to frame.
+    The camera has moved steadily, by 1 mm per frame.
     """
     tracks = tracks_at(np.repeat([WALL_M, new_m], [N_OLD, N_NEW]), np.repeat([10, 0], [N_OLD, N_NEW]))
     new = np.arange(N_OLD + N_NEW) >= N_OLD
@@ -42,8 +42,8 @@ def hidden(new_m: float, moves_m: float) -> bool:
 @pytest.mark.parametrize(
     ("new_m", "moves_m", "is_hidden"),
     [
-        (0.6, 0.01, True),  # a body close by, which moves as slowly as a camera may
-        (0.6, 0.002, False),  # the scene, in a camera that goes on as before
+        (0.6, 0.01, True),  # a near body, which moves as slowly as a camera may
+        (0.6, 0.002, False),  # the scene, with a steady camera
         (WALL_M, 0.01, False),  # another part of the wall
         (WALL_M, 0.1, True),  # no camera moves like that
     ],

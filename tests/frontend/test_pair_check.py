@@ -1,4 +1,4 @@
-"""When left and right count as fitting each other: problems begin, and end with old points or with a new start."""
+"""When left and right count as consistent: problems begin, and end with old points or with a new start."""
 
 from collections.abc import Callable
 
@@ -27,13 +27,13 @@ def images(seed: int) -> PreparedImages:
 
 
 def fit(first_id: int, left: int, both: int, n: int = 100, has_samples: bool = False) -> PairFit:
-    """Of n tracks the first ones agree."""
+    """The fit of n tracks, of which the first ones agree."""
     rows = np.arange(n)
     return PairFit(first_id + rows, rows < left, rows < both, has_samples)
 
 
 class Run:
-    """A check that is shown frame after frame, each with images of its own."""
+    """A check over several frames, each with images of its own."""
 
     def __init__(self) -> None:
         self.rows, self.factor = Rows.unknown(PROJECTION, Config()), 1.0
@@ -60,7 +60,7 @@ def test_a_good_pair_is_no_problem_and_few_points_are_no_evidence(seen: list[tup
 
 
 @pytest.mark.parametrize(("left", "both"), [(40, 10), (95, 20)], ids=["bodies", "the right image"])
-def test_samples_tell_bodies_that_hide_the_scene_from_a_pair_that_does_not_fit(left: int, both: int):
+def test_samples_distinguish_bodies_that_hide_the_scene_from_an_inconsistent_pair(left: int, both: int):
     run = Run()
     run.show(fit(0, left, both, has_samples=True))
     assert bool(run.problem) == (left == 95)
@@ -68,7 +68,7 @@ def test_samples_tell_bodies_that_hide_the_scene_from_a_pair_that_does_not_fit(l
     assert run.problem
 
 
-def test_right_sides_that_are_missing_are_a_problem_until_old_points_are_back():
+def test_missing_right_sides_are_a_problem_until_old_points_are_back():
     run = Run()
     run.show(fit(0, 95, 95))
     run.show(fit(0, 95, 20))
@@ -76,14 +76,14 @@ def test_right_sides_that_are_missing_are_a_problem_until_old_points_are_back():
     run.show(None)
     run.show(fit(0, 15, 7))  # too few to confirm anything
     assert run.problem
-    run.show(fit(1000, 95, 95))  # tracks that began meanwhile do not end it
+    run.show(fit(1000, 95, 95))  # tracks that began during the problem do not end it
     assert run.problem
     assert not run.show(fit(0, 40, 35))
     assert run.problem == ""
 
 
 def found(in_right: int, n: int = 100) -> Found:
-    """Tracks at rest that all agree in the left image, of which the last ones are found in the right image, too."""
+    """Tracks at rest that all agree in the left image; the last `in_right` are also found in the right image."""
     tracks = tracks_at(np.full(n, 4.0))
     z_px = PROJECTION.project_homogeneous(tracks.points)
     z_px[: n - in_right, 2:] = np.nan
@@ -94,16 +94,16 @@ def found(in_right: int, n: int = 100) -> Found:
 @pytest.mark.parametrize(
     ("in_right", "is_problem"),
     [((95, 75, 55, 40, 30, 20), False), ((95, 20), True)],
-    ids=["a few a frame", "at once"],
+    ids=["a few per frame", "at once"],
 )
-def test_what_something_near_hides_bit_by_bit_is_no_problem(in_right: tuple[int, ...], is_problem: bool):
-    """The left camera still sees it; a camera that has been knocked or stopped loses nearly all points at once."""
+def test_points_that_a_near_object_hides_gradually_are_no_problem(in_right: tuple[int, ...], is_problem: bool):
+    """The left camera still sees them; a camera that is knocked or stops loses nearly all points at once."""
     run = Run()
     for n in in_right:
         run.show(PairFit.of(found(n), PROJECTION, Config(), run.check.missing))
     assert bool(run.problem) == is_problem
     run.show(PairFit.of(found(20), PROJECTION, Config(), run.check.missing))
-    assert bool(run.problem) == is_problem  # what went missing with a problem does not end it
+    assert bool(run.problem) == is_problem  # points that vanished with a problem do not end it
     run.show(PairFit.of(found(95), PROJECTION, Config(), run.check.missing))
     assert run.problem == ""
 
@@ -117,7 +117,7 @@ def test_a_problem_without_old_points_ends_with_a_new_start():
     assert not run.show(fit(300, 95, 90))
 
 
-def test_what_hardly_fits_ends_no_problem():
+def test_a_poor_fit_ends_no_problem():
     run = Run()
     run.show(fit(0, 95, 0), next_id=100)
     assert not any(run.show(fit(100, 60, 55)) for _ in range(40))
@@ -125,7 +125,7 @@ def test_what_hardly_fits_ends_no_problem():
 
 
 def far_apart(run: Run) -> None:
-    """Rows that no calibration has wrong by so much."""
+    """Row differences larger than those of any calibration."""
     x, y = np.meshgrid(np.linspace(0, 319, 12), np.linspace(0, 239, 12))
     at = np.stack([x.ravel(), y.ravel()], axis=1)
     for _ in range(10):
@@ -150,12 +150,10 @@ def noisy(run: Run) -> None:
         (lambda run: run.show(fit(0, 95, 95)), True, "are the cameras frozen"),
         (far_apart, False, "the rows of left and right differ"),
         (scattered, False, "not of one moment"),
-        (noisy, False, "3.0 times what their images explain"),
+        (noisy, False, "3.0 times as large as the images explain"),
     ],
 )
-def test_images_that_do_not_fit_each_other_are_a_problem(
-    before: Callable[[Run], object], frozen: bool, problem: str
-) -> None:
+def test_inconsistent_images_are_a_problem(before: Callable[[Run], object], frozen: bool, problem: str) -> None:
     run = Run()
     before(run)
     run.show(fit(0, 95, 95), frozen=frozen)

@@ -1,4 +1,4 @@
-"""Preparing a frame is pure: how often, in which order and for which frames it is done changes no estimate."""
+"""Preparing a frame is pure: the number, the order and the frames of such calls change no estimate."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -20,7 +20,7 @@ def frames() -> list[sfm.StereoFrame]:
 
 
 def estimates(prepare: Prepare) -> list[bytes]:
-    """What the engine says of each frame, each given to `step` with what `prepare` made of it."""
+    """The estimates of the engine, with each frame passed to `step` as `prepare` returned it."""
     engine = sfm.Engine(rig(), QUICK)
     done = [engine.step(frame, prepare(engine, n)) for n, frame in enumerate(frames())]
     assert sum(e.counts["new"] for e in done[1:]) > 0  # new points are sought in some frames, not in all
@@ -63,7 +63,7 @@ def test_estimates_do_not_depend_on_how_frames_are_prepared(plain: list[bytes], 
     assert estimates(prepare) == plain
 
 
-def test_corners_are_computed_ahead_where_the_index_says_that_they_are_needed() -> None:
+def test_corners_are_computed_ahead_if_a_frame_of_this_index_needs_them() -> None:
     engine = sfm.Engine(rig())
     computed = ["corner_strength" in vars(engine.prepare(frames()[0], index)) for index in (0, 1, 2, None)]
     assert computed == [True, False, True, False]

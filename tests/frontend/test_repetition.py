@@ -1,4 +1,4 @@
-"""A turn in front of a wall of equal tiles, by more than half of one per frame: nothing seen says by how many tiles."""
+"""A turn in front of a wall of equal tiles, by more than half a tile per frame: the view does not show by how many."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ POSES = [se3.exp([0, 0, 0, 0, 0.05 * k, 0]) for k in range(10)]  # 13 px per fra
 
 
 def tiled_wall(same: float) -> Wall:
-    """A wall of tiles; the share `same` of the contrast is a print that all bear, the rest is different everywhere."""
+    """A wall of tiles; the share `same` of the contrast is a print on every tile, the rest is different everywhere."""
     wall = Wall(4)
     n = round(TILE_M / wall.TEXEL_M)
     count = wall.SIZE // n + 1
@@ -24,13 +24,13 @@ def tiled_wall(same: float) -> Wall:
 
 
 def estimates(wall: Wall, frames: int = 5) -> list[FrameEstimate]:
-    """Of all frames but the first."""
+    """The estimates of all frames but the first."""
     engine = Engine(STEREO)
     return [engine.step(wall.frame(STEREO, pose, k)) for k, pose in enumerate(POSES[:frames])][1:]
 
 
 def errors_m(found: list[FrameEstimate]) -> np.ndarray:
-    """Of the positions."""
+    """The errors of the positions."""
     apart = [se3.log(se3.inverse(e.world_from_cam) @ pose) for e, pose in zip(found, POSES[1:], strict=False)]
     return np.linalg.norm(np.array(apart)[:, :3], axis=1)
 
@@ -39,17 +39,17 @@ def test_a_motion_that_may_be_off_by_a_tile_is_the_small_one_and_degraded() -> N
     found = estimates(tiled_wall(same=1.0))
     assert all(e.status is Status.DEGRADED and "two rigid motions" in e.reason for e in found)
     assert errors_m(found).max() < 0.1 * TILE_M
-    assert all(np.sqrt(np.trace(e.cov_pose[:3, :3])) > TILE_M for e in found)  # the other one is covered
+    assert all(np.sqrt(np.trace(e.cov_pose[:3, :3])) > TILE_M for e in found)  # the other motion is covered
 
 
 @pytest.mark.parametrize("same", [0.0, 0.6])
-def test_a_wall_with_enough_of_its_own_is_no_ambiguity(same: float) -> None:
+def test_a_wall_with_enough_unique_texture_causes_no_ambiguity(same: float) -> None:
     found = estimates(tiled_wall(same))
     assert all(e.status is Status.OK for e in found)
     assert errors_m(found).max() < 0.01
 
 
-def test_what_does_not_repeat_itself_settles_the_motions_before() -> None:
+def test_a_unique_object_settles_the_earlier_motions() -> None:
     wall = tiled_wall(same=1.0)
     first = wall.SIZE // 2 + round(1.7 / wall.TEXEL_M)  # at the right end of the first image
     wall.texture[:, first:] = Wall(4).texture[:, first:]

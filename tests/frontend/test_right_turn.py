@@ -1,4 +1,4 @@
-"""Turns of the right camera: what they do, which are noticed, and which are believed."""
+"""Turns of the right camera: their effects, which are noticed, and which are accepted."""
 
 import numpy as np
 import pytest
@@ -20,14 +20,14 @@ NONE = np.zeros(3)
 
 
 def right_view(p: np.ndarray, rad: np.ndarray) -> np.ndarray:
-    """Where (n, 2) a right camera turned by (3,) sees homogeneous points (n, 4)."""
+    """The positions (n, 2) at which a right camera turned by (3,) sees homogeneous points (n, 4)."""
     in_right = p[:, :3] - p[:, 3:] * np.array([P.baseline_m, 0, 0])
     turned = in_right @ se3.exp_so3(rad)  # its axes are the columns of the rotation
     return turned[:, :2] / turned[:, 2:] * P.f_px + (P.cx_right_px, P.cy_px)
 
 
 def frame(rng: np.random.Generator, rad: np.ndarray, motion: np.ndarray) -> tuple[np.ndarray, ...]:
-    """What a watch is given of a frame: points and views with covariances, a motion that is nearly right."""
+    """The input of a watch for a frame: points and views with covariances, and an approximate motion."""
     p = scattered_points(rng, N)
     cov_points = np.zeros((N, 4, 4))
     std_q = 0.03 / P.f_px * np.array([1, 1, 1 / P.baseline_m])
@@ -62,7 +62,7 @@ def test_the_effect_of_a_small_turn_is_that_of_a_rotated_camera() -> None:
 
 
 def test_a_turn_is_part_of_the_calibrations_error() -> None:
-    """For points far away it is just a field of the disparity."""
+    """For distant points it is just a disparity field."""
     rad = np.array([2e-4, 1e-3, -5e-4])
     model = RigModel.of(P, RigConfig())
     zero, cov = np.zeros(len(model)), 1e-6 * np.eye(len(model))
@@ -75,8 +75,8 @@ def test_a_turn_is_part_of_the_calibrations_error() -> None:
     assert disparity_error(P, estimate, left_px)[0] == pytest.approx(-moved_px[:, 0], abs=2e-3)
 
 
-def test_turns_to_and_fro_are_not_believed_and_become_usual() -> None:
-    """Cameras that are not quite of one moment seem to turn as the camera pair does."""
+def test_turns_to_and_fro_are_not_accepted_and_become_usual() -> None:
+    """Cameras that are not quite synchronous seem to turn as the rig does."""
     watch, unusual = watched([NONE] * 12 + [YAW * (-1) ** k for k in range(40)])
     assert watch.lasting_rad is None
     assert sum(unusual[-20:]) == 0
@@ -89,15 +89,15 @@ def test_a_run_with_large_turns_needs_a_larger_one() -> None:
     assert watched([NONE] * 30 + [YAW])[1][-1]
 
 
-def test_what_a_late_camera_may_have_done_is_no_knock() -> None:
+def test_a_possible_effect_of_a_late_camera_is_no_knock() -> None:
     """A delay of 8 ms makes a turn at 0.2 rad/s about y look like one of 1.6 mrad."""
     delayed = [NONE] * 12 + [YAW] * 3
     assert watched(delayed)[1][-3:] == [True] * 3
     assert not any(watched(delayed, by_delay_rad=1.6 * YAW)[1])
-    assert watched([NONE] * 12 + [YAW[[1, 0, 2]]], by_delay_rad=1.6 * YAW)[1][-1]  # about x it did not
+    assert watched([NONE] * 12 + [YAW[[1, 0, 2]]], by_delay_rad=1.6 * YAW)[1][-1]  # not about x
 
 
-def test_few_views_and_impossible_turns_tell_nothing() -> None:
+def test_few_views_and_impossible_turns_are_no_evidence() -> None:
     rng, watch = np.random.default_rng(5), TurnWatch.begun(P, TurnRules())
     few = frame(rng, YAW, np.eye(4))
     few[2][25:, 2:] = np.nan

@@ -1,4 +1,4 @@
-"""How large a motion between two frames the front-end follows, with nothing known of it."""
+"""The largest motion between two frames that the front-end follows without a prediction."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Rows of left and right: what is learnt about their differences, from matches of which some are wrong."""
+"""Row differences of left and right are learnt from matches, some of which are wrong."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def polynomial(left_px: np.ndarray) -> np.ndarray:
 
 
 def smooth(left_px: np.ndarray) -> np.ndarray:
-    """What a calibration leaves."""
+    """The row differences that a calibration leaves."""
     return polynomial(left_px) @ [0.3, -0.2, 0.1, 0.0, -0.5, 0.0]
 
 
@@ -46,12 +46,12 @@ def offsets_px(rows: Rows, left_px: np.ndarray, speed: np.ndarray = AT_REST) -> 
 
 
 def agree(rows: Rows, left_px: np.ndarray, right_px: np.ndarray, speed: np.ndarray = AT_REST) -> np.ndarray:
-    """Which matches lie on one row, the right sides corrected by `offsets_px`."""
+    """Which matches lie on one row, with the right sides corrected by `offsets_px`."""
     return _core._on_one_row(rows, left_px, right_px, speed, 1.0)
 
 
 def variance(rows: Rows) -> np.ndarray:
-    """Of what is known at rest, over the grid."""
+    """The variance of the row differences at rest, over the grid."""
     terms = row_terms(P, GRID, np.zeros(len(GRID)))
     return np.einsum("ni,ij,nj->n", terms, rows.cov, terms)
 
@@ -59,11 +59,11 @@ def variance(rows: Rows) -> np.ndarray:
 def learnt(
     rng: np.random.Generator, frames: int, amplitudes: np.ndarray, wrong: float = 0.0, delay_s: float = 0.0
 ) -> Rows:
-    """Rows after frames of a rig with that field and delay, the camera nodding at up to 60 px/s."""
+    """Rows after frames of a rig with that field and delay, with the camera nodding at about 60 px/s."""
     rows = Rows.unknown(P, Config())
     for _ in range(frames):
         at = places(rng)
-        speed = np.full(len(at), 60 * rng.normal()) + 10 * rng.normal(size=len(at))  # all alike, and by depth
+        speed = np.full(len(at), 60 * rng.normal()) + 10 * rng.normal(size=len(at))  # shared, and by depth
         seen = smooth(at) + field(at, amplitudes) - delay_s * speed + STD_PX * rng.normal(size=len(at))
         bad = rng.random(len(at)) < wrong
         seen[bad] += rng.uniform(-5, 5, int(bad.sum()))
@@ -75,7 +75,7 @@ NO_FIELD = np.zeros(field_over(P.width, P.height).size)
 
 
 def test_the_filter_is_a_dense_gaussian(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without robust weights and steps it is least squares over all matches at once."""
+    """Without robust weights and steps it equals least squares over all matches at once."""
     monkeypatch.setattr(rows_of, "CAUCHY_WIDTH", 1e9)
     monkeypatch.setattr(Rows, "_likely_field_std_px", lambda self, *_: self.field_std_px)
     rng = np.random.default_rng(1)
@@ -97,9 +97,9 @@ def test_the_filter_is_a_dense_gaussian(monkeypatch: pytest.MonkeyPatch) -> None
 def test_smooth_differences_are_learnt(wrong: float) -> None:
     rows = learnt(np.random.default_rng(2), 20, NO_FIELD, wrong)
     # six coefficients from 800 matches: STD_PX √(6/800) on average, twice that in the corners; and the share of wrong
-    # matches that no robust weight tells from good ones
+    # matches that robust weights cannot distinguish from good ones
     assert np.abs(offsets_px(rows, GRID) - smooth(GRID)).max() < 5 * STD_PX * np.sqrt(6 / 800)
-    # the median deviation takes wrong matches, symmetric about it, for a third more of scatter
+    # wrong matches, symmetric about it, increase the median deviation by a third
     assert 0.8 * STD_PX < rows.scatter_px < 1.5 * STD_PX
     down = np.array([0.0, 1.0])
     assert agree(rows, GRID, GRID + (offsets_px(rows, GRID) - smooth(GRID))[:, None] * down).all()
@@ -109,57 +109,57 @@ def test_smooth_differences_are_learnt(wrong: float) -> None:
 def test_nothing_is_claimed_before_anything_is_seen() -> None:
     rows = Rows.unknown(P, Config())
     assert (offsets_px(rows, GRID) == 0).all()
-    few = rows.learnt(GRID[:3], np.ones(3), np.zeros(3))  # too few to tell a surface from noise
+    few = rows.learnt(GRID[:3], np.ones(3), np.zeros(3))  # too few to distinguish a surface from noise
     assert (offsets_px(few, GRID) == 0).all()
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_no_field_is_seen_where_there_is_none(seed: int) -> None:
-    """Rendered rigs have none: a field of 10 mpx would cost them more than it gives."""
+    """Rendered rigs have none: a field of 10 mpx would do them more harm than good."""
     assert learnt(np.random.default_rng(seed), 60, NO_FIELD).field_std_px < 5e-3
 
 
 @pytest.mark.parametrize("std_px", [0.05, 0.15])
 def test_the_size_of_a_field_is_learnt(std_px: float) -> None:
-    """The amplitudes have σ = 1 each, K of them: what they show of it scatters by 1/√(2K) at the best."""
-    ratios, off2, said2 = [], [], []
+    """There are K amplitudes with σ = 1, so the estimate of their size scatters by at least 1/√(2K)."""
+    ratios, off2, expected2 = [], [], []
     for seed in range(4):
         rng = np.random.default_rng(seed)
         amplitudes = std_px * rng.normal(size=len(NO_FIELD))
         rows = learnt(rng, 60, amplitudes)
         ratios.append(rows.field_std_px / std_px)
         off2.append(((offsets_px(rows, GRID) - smooth(GRID) - field(GRID, amplitudes)) ** 2).mean())
-        said2.append(variance(rows).mean())
+        expected2.append(variance(rows).mean())
     scatter = 1 / np.sqrt(2 * len(NO_FIELD))
     assert np.mean(ratios) == pytest.approx(1, abs=3 * scatter)
     assert np.sqrt(np.mean(off2)) < 0.6 * std_px  # most of it is known
-    assert 0.7 < np.sqrt(np.mean(off2) / np.mean(said2)) < 1.4  # and what is not, is said
+    assert 0.7 < np.sqrt(np.mean(off2) / np.mean(expected2)) < 1.4  # and σ covers the rest
 
 
 def test_rows_that_drift_are_followed() -> None:
-    """By 2 px in 1200 frames, as lenses that warm up: the last frames' rows are right."""
+    """They drift by 2 px in 1200 frames, as in lenses that warm up: the rows of the last frames are right."""
     rng, rows, off = np.random.default_rng(3), Rows.unknown(P, Config()), []
     for frame in range(1200):
         at = places(rng, 12)  # new tracks per frame of a calm run
         drifted = 2 * frame / 1200
         off.append(np.abs(offsets_px(rows, GRID[::7]) - drifted).max())
         rows = rows.learnt(at, drifted + STD_PX * rng.normal(size=len(at)), np.zeros(len(at)))
-    # a filter that lags by τ frames is off by τ · 2/1200; with 12 matches of 0.1 px and steps of 2 mpx τ is some 15
+    # a filter that lags by τ frames is off by τ · 2/1200; with 12 matches of 0.1 px and steps of 2 mpx τ is about 15
     assert max(off[50:]) < 3 * STD_PX
     assert rows.scatter_px < 1.3 * STD_PX
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 2e-3, -8e-3])
-def test_a_late_camera_is_not_taken_for_rows_that_are_off(delay_s: float) -> None:
+def test_a_late_camera_is_not_mistaken_for_row_differences(delay_s: float) -> None:
     rows = learnt(np.random.default_rng(4), 30, NO_FIELD, delay_s=delay_s)
     assert np.abs(offsets_px(rows, GRID) - smooth(GRID)).max() < 5 * STD_PX * np.sqrt(7 / 1200)
     at = rows_of._POLYNOMIAL
     mean, std = rows.mean[at], np.sqrt(rows.cov[at, at])
     assert abs(mean - delay_s) < 3 * std and std < 1e-3
-    speed = np.full(len(GRID), 100.0)  # a match that has moved as far as the delay lets it agrees
+    speed = np.full(len(GRID), 100.0)  # a match that has moved by the effect of the delay agrees
     difference = offsets_px(rows, GRID, speed) - (smooth(GRID) - delay_s * speed)
     assert agree(rows, GRID, GRID + np.stack([np.zeros(len(GRID)), difference], axis=1), speed).all()
-    information, weighted = rows.delay  # what matches alone say; a share of it may be an error of the velocities
+    information, weighted = rows.delay  # from matches alone; a share of it may be an error of the velocities
     prior = Config().rig.std_delay_s ** -2.0
     assert weighted / information == pytest.approx(mean * (1 + prior * std**2), rel=0.01, abs=0.1 * std)
     assert information == pytest.approx(
@@ -167,24 +167,24 @@ def test_a_late_camera_is_not_taken_for_rows_that_are_off(delay_s: float) -> Non
     )
 
 
-def test_a_delay_that_is_told_counts_as_known() -> None:
-    """One frame of a nodding camera hardly tells a delay from rows that are off; told, it is the dense Gaussian."""
+def test_an_estimated_delay_counts_as_known() -> None:
+    """One frame of a nodding camera hardly separates delay from row differences; with a given delay it does."""
     rng = np.random.default_rng(6)
     at, speed = places(rng), 60 + rng.normal(size=N)
     rows = Rows.unknown(P, Config()).learnt(at, smooth(at) + 8e-3 * speed + STD_PX * rng.normal(size=N), speed)
     assert np.abs(offsets_px(rows, GRID) - smooth(GRID)).max() > 0.2
     std = 1e-4
-    told, d = rows.with_delay(-8e-3, std**2), rows_of._POLYNOMIAL
+    known, d = rows.with_delay(-8e-3, std**2), rows_of._POLYNOMIAL
     information = np.linalg.inv(rows.cov)
     information[d, d] += std**-2 - 1 / rows.cov[d, d]
-    assert told.cov == pytest.approx(np.linalg.inv(information), abs=1e-12, rel=1e-6)
-    assert told.mean[d] == pytest.approx(-8e-3)
-    off = np.abs(offsets_px(told, GRID) - smooth(GRID))
-    assert (off < 4 * np.sqrt(variance(told)) + 0.02).all()
-    assert rows.with_delay(0.0, 1.0) is rows  # of what is known worse nothing is taken
+    assert known.cov == pytest.approx(np.linalg.inv(information), abs=1e-12, rel=1e-6)
+    assert known.mean[d] == pytest.approx(-8e-3)
+    off = np.abs(offsets_px(known, GRID) - smooth(GRID))
+    assert (off < 4 * np.sqrt(variance(known)) + 0.02).all()
+    assert rows.with_delay(0.0, 1.0) is rows  # a less certain delay is ignored
 
 
-def test_a_delay_that_is_not_possible_is_not_found() -> None:
+def test_an_impossible_delay_is_not_found() -> None:
     rng, rows = np.random.default_rng(5), Rows.unknown(P, Config(rig=RigConfig(exact=True)))
     for _ in range(20):
         at, speed = places(rng), np.full(N, 60 * rng.normal())
@@ -193,7 +193,7 @@ def test_a_delay_that_is_not_possible_is_not_found() -> None:
 
 
 def test_errors_of_rows_are_those_of_the_right_sides() -> None:
-    """Beside those of timing: together they have the dense covariance, and feign the turn that fits it best."""
+    """Together with those of timing they have the dense covariance, and look like the turn that fits it best."""
     rng, twist = np.random.default_rng(7), np.array([0.3, -0.5, 0.2, 0.4, 0.1, -0.3])
     rows = learnt(rng, 5, 0.1 * rng.normal(size=len(NO_FIELD)))
     z_px = np.concatenate([places(rng), places(rng)], axis=1)
@@ -210,7 +210,7 @@ def test_errors_of_rows_are_those_of_the_right_sides() -> None:
     dense = np.concatenate([others, np.zeros((N, 4, errors.shape[1]))], axis=2)
     dense[:, 3, others.shape[2] :] = errors
     dense, found = dense.reshape(4 * N, -1), unknown.reshape(4 * N, -1)
-    assert found @ found.T == pytest.approx(dense @ dense.T, abs=0.02)  # px², except for what does not matter
+    assert found @ found.T == pytest.approx(dense @ dense.T, abs=0.02)  # px², except for negligible components
     by_turn = core.effects_of_turn(P, z_px[seen, 2:])
     turns = np.linalg.solve(np.einsum("nia,nib->ab", by_turn, by_turn), by_turn[:, 1].T @ errors[seen])
     by_delay = timing.cov[0, 0] * np.outer(twist[3:], twist[3:])

@@ -1,4 +1,4 @@
-"""Slow views that earlier images show through: by how much they are smeared, told, and over when it is."""
+"""Slow views through which earlier images show: the smear is measured, reported, and over when its cause is over."""
 
 import cv2
 import numpy as np
@@ -24,8 +24,10 @@ def checked(
     seed: int = 0,
     std_px: float = 0.03,
 ) -> SmearCheck:
-    """After a camera that moves past a wall at these speeds (n,), whose images are `share` the one before; the shutter
-    is open for that part of a frame."""
+    """The check after a camera has moved past a wall at these speeds (n,); a `share` of each image is the one before.
+
+    `shutter` is the part of a frame for which it is open.
+    """
     rng, wall, check, shown = np.random.default_rng(seed), blotches(seed), SmearCheck(), None
     corners, at = rng.uniform((60, 60), (440, 340), (200, 2)), np.zeros(2)
     way = np.array((0.9, 0.44))
@@ -50,7 +52,7 @@ def after_rest(speed_px: float, frames: int = 14) -> np.ndarray:
 
 @pytest.mark.parametrize(("share", "speed_px"), [(0.2, 0.4), (0.2, 0.7), (0.3, 0.4), (0.3, 0.7), (0.5, 0.4)])
 def test_the_smear_of_an_average_is_found_within_its_sigma(share: float, speed_px: float) -> None:
-    """n frames after the camera has begun to move, delays of 0 to n frames have the weights of a geometric series."""
+    """In frame n after the start of the motion, delays of 0 to n frames have the weights of a geometric series."""
     check = checked(share, after_rest(speed_px))
     expected = []
     for n in range(1, len(check.sums) + 1):
@@ -72,14 +74,14 @@ def test_no_shutter_smears_by_as_much(shutter: float, speeds_px: np.ndarray) -> 
 
 
 @pytest.mark.parametrize("shutter", [0.0, 0.5, 1.0])
-def test_the_smear_of_a_shutter_is_known(shutter: float) -> None:
-    """What is left of it after that of a whole frame has been taken out."""
+def test_the_smear_of_a_shutter_is_measured(shutter: float) -> None:
+    """It is the rest after that of a whole frame is subtracted."""
     found, _ = checked(0, after_rest(1.5), shutter).share
     assert abs(found - (shutter**2 - 1) / 12) < 0.01
 
 
-def test_a_camera_that_stands_says_nothing() -> None:
-    """Where its tracks are uncertain, those that seem to move most have noise that looks like a smear."""
+def test_a_camera_that_stands_still_is_not_judged() -> None:
+    """If its tracks are uncertain, those that seem to move most have noise that looks like a smear."""
     assert not checked(0.3, np.zeros(12), std_px=0.1).sums
     assert checked(0.3, after_rest(0.4), std_px=0.1).sums
 
@@ -88,15 +90,14 @@ def test_a_suspicion_ends() -> None:
     check = checked(0.4, after_rest(0.6))
     assert check.problem
     assert check.last is not None
-    for _ in range(150):  # of a camera that stands
+    for _ in range(150):  # the camera stands still
         check = check.after(check.last)
     assert not check.problem
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.65])
-def test_tracks_that_stay_with_the_half_at_rest_are_found_in_the_first_frame(share: float) -> None:
-    """The camera moves by 7 px and more past a wall with less contrast at the top; where it does not, and its noise is
-    strong, nothing is."""
+def test_tracks_that_follow_the_half_at_rest_are_found_in_the_first_frame(share: float) -> None:
+    """The camera moves by 7 px and more past a wall with less contrast at the top; at rest none are found."""
     contrast = np.linspace(0.1, 1, 300)[:, None]
     for seed in range(3):
         rng, wall = np.random.default_rng(seed), blotches(seed)[60:360].astype(float)
@@ -112,7 +113,7 @@ def test_tracks_that_stay_with_the_half_at_rest_are_found_in_the_first_frame(sha
 
 
 def test_slow_frames_with_an_average_are_not_ok() -> None:
-    """Points of the sample log move by a third of a pixel per frame at its beginning."""
+    """Points of the sample log move by a third of a pixel per frame at first."""
     for n, (sound, blended) in enumerate(beside_blended(DEMO, 0.5, 10)):
         assert n == 0 or sound.status is sfm.Status.OK
         if n > 2:

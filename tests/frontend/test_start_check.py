@@ -1,4 +1,4 @@
-"""What begins after the start of a map, and moves otherwise, counts where it may be a scene that a body hides."""
+"""Points that begin after the start of a map and move differently count if they may be a scene that a body hides."""
 
 import numpy as np
 import pytest
@@ -14,10 +14,10 @@ N_FOLLOWED, N_OTHERS = 40, 8
 @pytest.mark.parametrize(
     ("followed_m", "others_m", "fills_view", "counts"),
     [
-        (3.0, 3.0, True, False),  # a body that passes close to a wall, which was all of the view
-        (3.0, 3.0, False, True),  # where there were two motions from the start, nobody knows
-        (1.0, 3.0, True, True),  # a body that was all of the view, and the room behind it
-        (3.0, 1.0, False, False),  # before its neighbours: a body
+        (3.0, 3.0, True, False),  # a body that passes close to a wall, which filled the view
+        (3.0, 3.0, False, True),  # with two motions from the start, this is unknown
+        (1.0, 3.0, True, True),  # a body that filled the view, and the room behind it
+        (3.0, 1.0, False, False),  # in front of its neighbours: a body
     ],
 )
 def test_others_count_unless_they_cannot_be_the_scene(
@@ -30,11 +30,11 @@ def test_others_count_unless_they_cannot_be_the_scene(
     assert (others[~accepted] == counts).all()
 
 
-def test_all_that_agrees_leaves_nothing_to_doubt() -> None:
+def test_if_all_points_agree_none_counts_against_the_start() -> None:
     assert not may_be_scene(Rules(), tracks_at(np.full(9, 2.0)), np.ones(9, bool), True).any()
 
 
-def test_only_the_first_frame_says_whether_one_motion_filled_the_view() -> None:
+def test_only_the_first_frame_decides_whether_one_motion_filled_the_view() -> None:
     assert not StartCheck().fills_view
     full, crowd = StartCheck().begun_with(0.95), StartCheck().begun_with(0.6)
     assert full.begun_with(0.1).fills_view

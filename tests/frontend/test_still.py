@@ -1,4 +1,4 @@
-"""What is drawn over both images: told while the scene moves, and never what a standing camera sees."""
+"""Overlays on both images are reported while the scene moves, but never the static view of a standing camera."""
 
 from collections.abc import Callable
 
@@ -41,18 +41,18 @@ def checked(
     return check
 
 
-def test_columns_that_do_not_move_are_told() -> None:
+def test_columns_that_do_not_move_are_reported() -> None:
     assert "drawn over them" in checked(5, 12, with_columns).problem
 
 
 @pytest.mark.parametrize(("speed", "disparity"), [(5, 12), (0, 12), (5, 0), (0, 0)])
-def test_a_scene_is_not(speed: float, disparity: int) -> None:
-    """Neither what moves, nor what a standing camera sees, nor what is so far that it has no disparity."""
+def test_a_scene_is_not_reported(speed: float, disparity: int) -> None:
+    """This holds for moving scenes, for a standing camera, and for scenes too far for disparity."""
     assert not checked(speed, disparity, as_it_is).problem
 
 
-def test_what_is_far_is_not_where_the_camera_hardly_turns() -> None:
-    """Its edges are where they were in the image before, nearly, in both images; but not some frames earlier."""
+def test_a_distant_scene_is_not_reported_if_the_camera_hardly_turns() -> None:
+    """Its edges are nearly where they were in the previous image, in both images, but not some frames earlier."""
     now, before = StillCheck(), StillCheck(rules=StillRules(apart_frames=1))
     for n in range(0, 24, now.rules.every):
         turned = cv2.warpAffine(TEXTURE, np.float32([[1, 0, -100 - 0.5 * n], [0, 1, 0]]), (400, 300))
@@ -63,7 +63,7 @@ def test_what_is_far_is_not_where_the_camera_hardly_turns() -> None:
     assert before.problem and not now.problem
 
 
-def test_what_a_mask_leaves_out_is_not() -> None:
+def test_masked_overlays_are_not_reported() -> None:
     mask = np.ones((300, 400), bool)
     for column in range(20, 400, 40):
         mask[:, column - 2 : column + 3] = False
@@ -77,6 +77,6 @@ def test_frames_with_something_drawn_over_them_are_not_ok() -> None:
         if n < 8:
             left, right = with_columns(left), with_columns(right)
         estimate = engine.step(sfm.StereoFrame(frame.stamp_ns, left, right))
-        if 3 < n < 8:  # the camera hardly moves before
+        if 3 < n < 8:  # before that the camera hardly moves
             assert "drawn over" in estimate.reason and estimate.status is sfm.Status.DEGRADED
     assert "drawn over" not in estimate.reason  # over when it is

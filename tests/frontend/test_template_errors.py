@@ -1,4 +1,4 @@
-"""The template's own error: what is learnt of it, what estimates are worth with it, and points at depth edges."""
+"""The lasting errors of templates: their statistics, the consistency of estimates with them, and depth edges."""
 
 from dataclasses import replace
 
@@ -29,8 +29,8 @@ def lasting(rng: np.random.Generator, shape: tuple[int, ...], variance: float, d
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.3, 4.0])
-def test_information_adds_up_to_what_a_constant_can_be_known(ratio: float) -> None:
-    """Against the dense covariance of the views of a track."""
+def test_information_adds_up_to_that_about_a_constant(ratio: float) -> None:
+    """The reference is the dense covariance of the views of a track."""
     n = np.arange(60)
     cov = np.eye(60) + ratio * DECAY ** np.abs(n[:, None] - n)
     total = [np.ones(k) @ np.linalg.solve(cov[:k, :k], np.ones(k)) for k in n + 1]
@@ -41,7 +41,7 @@ def test_information_adds_up_to_what_a_constant_can_be_known(ratio: float) -> No
 
 @pytest.mark.parametrize(("white", "ratio", "decay"), [(1.0, 0.0, DECAY), (1.0, 0.7, DECAY), (0.3, 1.0, 0.8)])
 def test_parts_and_decay_are_learnt_from_rows(white: float, ratio: float, decay: float) -> None:
-    """Of white noise with a share of the claimed variance, and of a lasting part in units of what is claimed."""
+    """The white noise and the lasting part have variances in units of the assumed one."""
     rng = np.random.default_rng(3)
     tracks, frames = 150, 4 * FRAMES
     errors, ids = TemplateErrors(), np.arange(tracks)
@@ -53,7 +53,7 @@ def test_parts_and_decay_are_learnt_from_rows(white: float, ratio: float, decay:
         z[:, 1] += slow[n] + 0.3  # a row offset of the whole frame is not an error of tracks
         errors = errors.after(ids, z, cov)
     found_white, found_ratio = errors.parts
-    # of products that are alike for 1/(1 - decay) frames; differences are limited at three deviations: a few per cent
+    # products are correlated over 1/(1 - decay) frames; the limit of three deviations costs a few per cent
     standard_error = np.sqrt(2 / (tracks * frames * (1 - decay))) * (white + ratio) + 0.02 * (white + ratio)
     assert abs(found_ratio - ratio) < 3 * standard_error
     assert abs(found_white - white) < 3 * standard_error
@@ -82,7 +82,7 @@ def nees_of_short_motions(observations: list, sequence: Sequence, learnt: bool) 
 
 
 def test_covariances_hold_with_lasting_errors() -> None:
-    """White noise is assumed wrongly by more than a factor of two; with what is learnt the NEES of the pose is 6."""
+    """With white noise the NEES of the pose is wrong by more than a factor of two; with the learnt errors it is 6."""
     scene = Scene(frames=24, track_length=16, visible=80, std_px=STD_PX, round_off=False)
     white, learnt = [], []
     for seed in range(8):
@@ -97,8 +97,8 @@ def test_covariances_hold_with_lasting_errors() -> None:
     assert 3 < np.mean(learnt) < 6 + 3 * error
 
 
-def test_points_across_a_depth_edge_say_so() -> None:
-    """The same wall nearer by 6 px of disparity in the right half of the left image."""
+def test_points_across_a_depth_edge_have_larger_errors() -> None:
+    """The wall is nearer by 6 px of disparity in the right half of the left image."""
     stereo = rig()
     left, right = Wall(7).frame(stereo, np.eye(4), 0).images
     edge = left.shape[1] // 2
@@ -114,7 +114,7 @@ def test_points_across_a_depth_edge_say_so() -> None:
     assert std_px["edge"] > 1.5 * std_px["wall"]
 
 
-def test_what_is_not_known_has_the_least_and_memory_is_bounded() -> None:
+def test_unknown_points_have_the_least_error_and_memory_is_bounded() -> None:
     errors = TemplateErrors()
     assert (errors.std_disparity_px(np.arange(3)) == ErrorRules().std_shared_px).all()
     assert errors.std_disparity_px(np.empty(0, np.int64)).shape == (0,)
@@ -122,6 +122,6 @@ def test_what_is_not_known_has_the_least_and_memory_is_bounded() -> None:
         ids = np.arange(start, start + 1000)
         errors = errors.with_new(ids, np.full(1000, 0.3))
         assert errors.std_disparity_px(ids) == pytest.approx(np.hypot(ErrorRules().std_shared_px, 0.3))
-    assert len(errors.begun) == len(errors.stds_px) < 30_000  # the last ones begun
+    assert len(errors.begun) == len(errors.stds_px) < 30_000  # the latest ones
     assert errors.std_disparity_px(errors.begun[:1])[0] > 0.3
     assert errors.std_disparity_px(errors.begun[:1] - 1)[0] == ErrorRules().std_shared_px

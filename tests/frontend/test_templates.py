@@ -1,4 +1,4 @@
-"""Alignment of templates: exact shifts under any exposure, and an honest opinion of what was found."""
+"""Alignment of templates: exact shifts under any exposure, with consistent covariances."""
 
 import cv2
 import numpy as np
@@ -16,19 +16,19 @@ FREQUENCIES = np.stack(np.meshgrid(np.fft.fftfreq(320), np.fft.fftfreq(240)))
 
 
 def texture(rng: np.random.Generator) -> np.ndarray:
-    """The spectrum of a scene (240, 320), detail of 2.5 px and coarser."""
+    """The spectrum of a scene (240, 320) with detail of 2.5 px and coarser."""
     smooth = np.exp(-2 * np.pi**2 * 2.5**2 * (FREQUENCIES**2).sum(axis=0))
     return np.fft.fft2(rng.normal(size=(240, 320))) * smooth
 
 
 def grey(scene: np.ndarray, shift_px: tuple[float, float] = (0, 0)) -> np.ndarray:
-    """The scene in grey values about 85, moved exactly by (u, v)."""
+    """The scene in grey values around 85, shifted exactly by (u, v)."""
     moved = np.fft.ifft2(scene * np.exp(-2j * np.pi * np.tensordot(shift_px, FREQUENCIES, 1))).real
     return 85 + 15 * moved / moved.std()
 
 
 def seen(image: np.ndarray, gain: float, offset: float, rng: np.random.Generator) -> Grey:
-    """What a camera with that exposure shows of grey values, with noise, after the front-end's smoothing."""
+    """The image of grey values by a camera with that exposure, with noise, after the front-end's smoothing."""
     noisy = gain * image + offset + rng.normal(size=image.shape) * STD_GREY
     return cv2.GaussianBlur(np.clip(np.rint(noisy), 0, 255).astype(np.uint8), (0, 0), 1.0).astype(np.float32)
 
@@ -40,15 +40,15 @@ def corners(image: Grey) -> np.ndarray:
 
 
 def facing(image: Grey, points: np.ndarray) -> Patches:
-    """Patches around points (n, 2), to be found again as they are."""
+    """Unwarped patches around points (n, 2)."""
     slots = np.arange(len(points))
     atlas = TemplateAtlas.empty(64, RADIUS_PX).stored(image, points, slots)
     return atlas.warped(slots, np.stack([np.eye(3, 2)] * len(points)))
 
 
 @pytest.mark.parametrize(("gain", "offset"), [(1.0, 0.0), (0.6, 30.0), (1.7, -20.0)])
-def test_a_shift_is_found_whatever_the_exposure_and_as_well_as_it_says(gain: float, offset: float) -> None:
-    """Means and squares against the claimed covariance; the template's noise, which views share, is counted in."""
+def test_a_shift_is_found_whatever_the_exposure_within_its_covariance(gain: float, offset: float) -> None:
+    """Means and squares of errors fit the covariance, which includes the template's noise that views share."""
     rng = np.random.default_rng(4)
     shift = (0.37, -0.61)
     errors, squares = [], []
@@ -67,7 +67,7 @@ def test_a_shift_is_found_whatever_the_exposure_and_as_well_as_it_says(gain: flo
         ]
         cov = 2 * cov - TemplateRules().std_floor_px ** 2 * np.eye(
             2
-        )  # half of the grey difference is the template's noise
+        )  # half of the variance of grey differences is the template's noise
         errors.append(away)
         squares.append(np.einsum("ni,nij,nj->n", away, np.linalg.inv(cov), away))
     away, squares = np.concatenate(errors), np.concatenate(squares)
@@ -76,11 +76,11 @@ def test_a_shift_is_found_whatever_the_exposure_and_as_well_as_it_says(gain: flo
         np.abs(away.mean(axis=0)) < 4 * standard_error + CONVERGED_PX / 10
     ).all()  # a step leaves a tenth of itself
     # the number of pixels that share a noise value is an upper bound, reached by edges much wider than the smoothing;
-    # what is true of a run's images is learnt as one factor for all
+    # the actual value for the images of a run is learnt as one factor for all
     assert 0.3 < squares.mean() / 2 < 1.1
 
 
-def test_light_that_changes_on_one_patch_alone_makes_it_worth_less() -> None:
+def test_light_that_changes_on_one_patch_alone_increases_its_error() -> None:
     rng = np.random.default_rng(5)
     scene = grey(texture(rng))
     first = seen(scene, 1, 0, rng)
@@ -95,7 +95,7 @@ def test_light_that_changes_on_one_patch_alone_makes_it_worth_less() -> None:
     assert np.median(error["lit"][far]) == pytest.approx(np.median(error[""][far]), rel=0.1)
 
 
-def test_what_is_not_there_is_not_found() -> None:
+def test_patches_that_are_not_there_are_not_found() -> None:
     rng = np.random.default_rng(6)
     first, other = (seen(grey(texture(rng)), 1, 0, rng) for _ in range(2))
     points = corners(first)
@@ -104,7 +104,7 @@ def test_what_is_not_there_is_not_found() -> None:
         at, found, error = patches.align(image, points)
         assert found.mean() < 0.2  # patches of a few blobs look alike by chance
         assert np.isfinite(at).all()
-    assert np.isinf(error).all()  # of the image without any texture
+    assert np.isinf(error).all()  # the image has no texture
     starts = points.astype(float)
     starts[3] = np.nan
     assert not patches.align(first, starts)[1][3]

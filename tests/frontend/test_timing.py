@@ -1,4 +1,4 @@
-"""Delay and readout in the front-end: what an estimator tells of them, and where tracks are with that."""
+"""Delay and readout in the front-end: an estimator's values, and the track positions that follow."""
 
 from dataclasses import replace
 
@@ -22,32 +22,32 @@ POINTS = scattered_points(np.random.default_rng(1), 60)
 row_of = own_rows(P)
 
 
-def told(delay_s: float, readout_s: float, std_s: float = 2e-4) -> Timing:
+def estimated(delay_s: float, readout_s: float, std_s: float = 2e-4) -> Timing:
     prior = Timing.unknown(P, RigConfig(), row_of)
     return prior.with_estimate(np.array([delay_s, readout_s]), std_s**2 * np.eye(2))
 
 
-def test_what_is_certain_is_told_and_what_is_near_zero_shrinks() -> None:
-    assert told(8e-3, 20e-3).mean == pytest.approx([8e-3, 20e-3], rel=1e-6)
-    near = told(1e-4, -2e-4)  # half a σ and one
+def test_certain_values_are_used_and_values_near_zero_shrink() -> None:
+    assert estimated(8e-3, 20e-3).mean == pytest.approx([8e-3, 20e-3], rel=1e-6)
+    near = estimated(1e-4, -2e-4)  # half a σ and one
     assert (np.abs(near.mean) < 0.2 * np.array([1e-4, 2e-4])).all()
-    shares = [told(mean_s, 0.0).mean[0] / mean_s for mean_s in (1e-4, 4e-4, 6e-4, 8e-4, 2e-3)]
+    shares = [estimated(mean_s, 0.0).mean[0] / mean_s for mean_s in (1e-4, 4e-4, 6e-4, 8e-4, 2e-3)]
     assert shares == sorted(shares) and shares[0] < 0.2 and shares[-1] > 0.99
-    # an estimator that knows no more than the prior has found nothing
-    assert np.abs(told(5e-3, 0.0, std_s=5e-3).mean[0]) <= 0.5 * 5e-3
-    assert (np.diag(told(8e-3, 0.0).cov) >= 2e-4**2).all()
+    # an estimate that is no more certain than the prior is not significant
+    assert np.abs(estimated(5e-3, 0.0, std_s=5e-3).mean[0]) <= 0.5 * 5e-3
+    assert (np.diag(estimated(8e-3, 0.0).cov) >= 2e-4**2).all()
 
 
-def test_an_exact_rig_takes_nothing_in() -> None:
+def test_an_exact_rig_ignores_estimates() -> None:
     exact = Timing.unknown(P, RigConfig(exact=True), row_of)
     assert exact.with_estimate(np.array([8e-3, 0.0]), 1e-8 * np.eye(2)) is exact
     assert (exact.taken_out(POINTS, TWIST) == 0).all()
 
 
-def test_what_is_taken_out_is_how_far_views_have_moved() -> None:
-    """The right side was seen a delay later, each side by its row's share of the readout later.
+def test_the_correction_is_the_motion_of_the_views() -> None:
+    """The right side is seen later by the delay, and each side by its row's share of the readout.
 
-    What a delay does to the right row is not told from other rows, and taken out with them.
+    The effect of the delay on the right row is part of the row differences, and corrected with them.
     """
     delay_s, readout_s = 1e-4, 3e-4
 
@@ -58,16 +58,16 @@ def test_what_is_taken_out_is_how_far_views_have_moved() -> None:
 
     still = P.project_homogeneous(POINTS)
     seconds = readout_s * row_of(still) + delay_s * np.array([0, 0, 1, 1])
-    timing = replace(told(8e-3, 20e-3), mean=np.array([delay_s, readout_s]))
+    timing = replace(estimated(8e-3, 20e-3), mean=np.array([delay_s, readout_s]))
     expected = seen(seconds) - still
     in_row = seen(readout_s * row_of(still)) - still
     expected[:, 3] = in_row[:, 3]
-    # of second order in the time
+    # the rest is of second order in time
     assert timing.taken_out(POINTS, TWIST) == pytest.approx(expected, abs=2e-3 * np.abs(expected).max())
 
 
-def test_what_is_told_places_the_tracks_of_a_run_anew() -> None:
-    """And what is told a second time changes nothing more: no part of it is taken out twice."""
+def test_a_new_estimate_shifts_the_tracks_of_a_run() -> None:
+    """The same estimate again changes nothing more: no part of it is subtracted twice."""
     stereo = rig()
     front, projection = SteppedFrontEnd(stereo), SteppedFrontEnd(stereo).rectifier.projection
     *frames, later = Wall(2).frames(stereo, camera_path(5))
@@ -77,22 +77,22 @@ def test_what_is_told_places_the_tracks_of_a_run_anew() -> None:
     before, twist = start.tracks, start.timing.twist
     assert twist is not None and len(before) > 100
 
-    def told_of(state: FrontEndState, seconds: list[float]) -> FrontEndState:
+    def learnt(state: FrontEndState, seconds: list[float]) -> FrontEndState:
         return learn_timing(projection, state, np.array(seconds), 1e-8 * np.eye(2))
 
-    told_once = told_of(start, [8e-3, 20e-3])
-    placed = told_once.tracks.points
-    expected = before.shifted(projection, told_once.timing.taken_out(before.points, twist)).points
+    once = learnt(start, [8e-3, 20e-3])
+    placed = once.tracks.points
+    expected = before.shifted(projection, once.timing.taken_out(before.points, twist)).points
     assert placed == pytest.approx(expected, abs=1e-12)
     assert np.abs(placed - before.points).max() > 1e-3
-    assert (told_once.tracks.left_px == before.left_px).all()  # it was seen there
+    assert (once.tracks.left_px == before.left_px).all()  # the measured positions
 
-    assert (told_of(told_once, [8e-3, 20e-3]).tracks.points == placed).all()
-    back = told_of(told_once, [0.0, 0.0])
-    # taken back, except for what the columns change over the few mrad by which the points were moved
+    assert (learnt(once, [8e-3, 20e-3]).tracks.points == placed).all()
+    back = learnt(once, [0.0, 0.0])
+    # undone, except for the change of the columns over the few mrad by which the points were moved
     assert np.abs(back.tracks.points - before.points).max() < 0.05 * np.abs(placed - before.points).max()
 
-    front.state = told_once
+    front.state = once
     observed = front.step(later)
     assert np.abs(observed.rig.timing_px).max() > 0.2
     # observations keep the delay; track positions are corrected for it
@@ -102,8 +102,8 @@ def test_what_is_told_places_the_tracks_of_a_run_anew() -> None:
 
 
 @pytest.mark.parametrize("anew", [False, True], ids=["first frame", "after a loss"])
-def test_points_begun_before_any_motion_are_placed_by_a_timing_that_is_known(anew: bool) -> None:
-    """A right camera that does not move is not taken for one that has turned by what the delay does to all views."""
+def test_points_begun_before_any_motion_are_placed_by_a_known_timing(anew: bool) -> None:
+    """The effect of the delay on all views is not mistaken for a turn of the right camera."""
     stereo, path, delay_s = rig(), camera_path(8), 0.03
     at_stamp = Wall(2).frames(stereo, path)
     of_step = delay_s / (PERIOD_NS / 1e9)  # the path has equal steps

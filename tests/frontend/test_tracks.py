@@ -1,4 +1,4 @@
-"""The inverse depths of tracks: how soon they recover from a wrong motion."""
+"""The inverse depths of tracks recover from a wrong motion."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ STAYS, FORWARD = np.eye(4), se3.exp([0, 0, -0.3, 0, 0, 0])
 
 
 def test_depths_recover_from_a_wrong_motion_within_a_second() -> None:
-    """A camera that stands still for 100 frames is taken for one that moves by 0.3 m at once.
+    """After 100 frames of a camera at rest, a motion of 0.3 m is assumed by mistake.
 
     If all views counted alike, these would outvote the next 20, and points 3 m away would stay 0.25 m too near.
     """

@@ -1,4 +1,4 @@
-"""What one camera learns from motion: two views, then parallax."""
+"""Motion and depths with one camera, from two views and from parallax."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def views(rng, now_from_first, count=150, noise=STD):
 
 
 @pytest.mark.parametrize("direction", [(1, 0.2, 0.1), (0.1, 0, -1)])
-def test_motion_and_depths_are_found_with_honest_covariances(direction) -> None:
+def test_motion_and_depths_are_found_with_consistent_covariances(direction) -> None:
     """Mean NEES over 60 draws: five degrees of freedom of the motion, one of a depth once the motion is given."""
     rng = np.random.default_rng(0)
     true = se3.exp([0, 0, 0, 0.05, -0.08, 0.1])
@@ -40,7 +40,7 @@ def test_motion_and_depths_are_found_with_honest_covariances(direction) -> None:
     assert 0.9 < np.mean(depth) < 1.1
 
 
-def test_rays_of_something_else_are_told() -> None:
+def test_rays_of_something_else_are_recognised() -> None:
     rng = np.random.default_rng(1)
     true = se3.exp([1.0, 0, 0, 0, 0.05, 0])
     first, now, _ = views(rng, true)
@@ -52,7 +52,7 @@ def test_rays_of_something_else_are_told() -> None:
 
 
 @pytest.mark.parametrize("turn", [(0, 0, 0), (0.02, -0.1, 0.05)])
-def test_without_a_baseline_nothing_is_claimed(turn) -> None:
+def test_without_a_baseline_no_depth_is_estimated(turn) -> None:
     rng = np.random.default_rng(2)
     first, now, _ = views(rng, se3.exp([0, 0, 0, *turn]))
     found = two_view_motion(first, now, STD, MonoRules())
@@ -60,6 +60,6 @@ def test_without_a_baseline_nothing_is_claimed(turn) -> None:
     assert found is None or np.allclose(se3.log_so3(found.now_from_first[:3, :3]), turn, atol=3e-3)
 
 
-def test_too_few_rays_are_no_motion() -> None:
+def test_too_few_rays_give_no_motion() -> None:
     first, now, _ = views(np.random.default_rng(3), se3.exp([1, 0, 0, 0, 0, 0]), count=7)
     assert two_view_motion(first, now, STD, MonoRules()) is None

@@ -1,4 +1,4 @@
-"""Warps of patches against the images of a plane, point by point, and what they are worth to a turning camera."""
+"""Warps of patches against the images of a plane, point by point, and their benefit to a turning camera."""
 
 from dataclasses import replace
 
@@ -23,14 +23,14 @@ OFFSETS_PX = np.stack(np.meshgrid(np.arange(-8, 9, 4.0), np.arange(-8, 9, 4.0)),
 
 
 def images_of(offsets_px: np.ndarray) -> np.ndarray:
-    """Views (n, 4) in the camera of surface points at offsets (n, 2) around the template's middle."""
+    """Views (n, 4) in the camera of surface points at offsets (n, 2) around the template's centre."""
     d = offsets_px / P.f_px
     anchor = np.concatenate([RAY + d, np.ones((len(d), 1)), (RHO + d @ SLOPES)[:, None]], axis=1)
     return P.project_homogeneous(anchor @ CAM_FROM_ANCHOR.T)
 
 
 def track(anchor_velocity_px_s: np.ndarray) -> Tracks:
-    """The point in the middle, seen in the camera."""
+    """A track of the central point, seen in the camera."""
     point = CAM_FROM_ANCHOR @ np.array([*RAY, 1, RHO])
     return replace(
         Tracks.none(),
@@ -59,12 +59,12 @@ def test_a_warp_is_the_plane_s_exact_map(side: int) -> None:
     back = (now_px @ warp[:2].T) / (1 + now_px @ warp[2])[:, None]
     assert np.abs(back - OFFSETS_PX).max() < 1e-9
     affine = now_px @ warp[:2].T
-    assert np.abs(affine - OFFSETS_PX).max() > 0.05  # what the affine part alone would leave
+    assert np.abs(affine - OFFSETS_PX).max() > 0.05  # the error of the affine part alone
 
 
 @pytest.mark.parametrize("side", [0, 1])
 def test_a_warp_knows_how_a_readout_shears_patches(side: int) -> None:
-    """Images at the times of their rows, by points with a twist: small offsets now become those of the template.
+    """Images have the times of their rows, and points have a twist: small offsets now become those of the template.
 
     What is left is that velocities differ over a patch, a tenth of the shear.
     """
@@ -94,8 +94,10 @@ def test_a_warp_knows_how_a_readout_shears_patches(side: int) -> None:
 
 @pytest.mark.parametrize("axis", [(0, 1, 0), (1, 0, 0), (0, 0, 1), (0.6, 0.7, 0.4)], ids=str)
 def test_a_turn_in_front_of_a_slanted_wall_is_no_sideways_step(axis: tuple[float, float, float]) -> None:
-    """NEES of the pose, 6 expected; with affine warps it is 70 to 160. Frames share the first one's error, so that a
-    run's mean scatters like a χ²₆/6 of few degrees of freedom: between 2 and 12."""
+    """The NEES of the pose is 6 as expected; with affine warps it is 70 to 160.
+
+    Frames share the error of the first one, so that a run's mean scatters like that of few samples: between 2 and 12.
+    """
     wall, stereo = Wall(2), rig(0.02, 480, 360)
     engine, squares = Engine(stereo, Config()), []
     for i in range(20):

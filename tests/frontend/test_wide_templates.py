@@ -1,4 +1,4 @@
-"""A wall that is all but white: blotches of a grey value or two, below what ordinary templates can be aligned with."""
+"""A nearly white wall with blotches of a grey value or two, which are too faint for ordinary templates."""
 
 import cv2
 import numpy as np
@@ -16,7 +16,7 @@ from tests.helpers.wall import Wall, camera_path, rig
 
 
 class BareWall(Wall):
-    """The wall painted white: blotches of some centimetres with a standard deviation of one and a half grey values."""
+    """The wall painted white, with blotches of some centimetres with a standard deviation of 1.5 grey values."""
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
@@ -25,8 +25,8 @@ class BareWall(Wall):
 
 
 def followed(wall: Wall, stereo: StereoRig, poses: np.ndarray) -> tuple[Tracks, list[Solution]]:
-    """The tracks after those frames of the wall, and the solutions of the default estimator."""
-    front_end = SteppedFrontEnd(stereo)  # of a rectified pair: its axes are the camera's
+    """The tracks after some frames of the wall, and the solutions of the default estimator."""
+    front_end = SteppedFrontEnd(stereo)  # the pair is rectified, so its axes are those of the camera
     estimator = CrossFrame(front_end.rectifier.projection, Config())
     solutions = [estimator.step(front_end.step(frame)) for frame in wall.frames(stereo, poses)]
     return front_end.state.tracks, solutions

@@ -1,9 +1,9 @@
-"""The front-end of one camera: what takes the place of the right image.
+"""The front-end of one camera, with virtual right sides in place of the right image.
 
-A map begins when the motion since an opening frame shows depths (`map_start.py`); from then on they are learnt from
-parallax (`parallax.py`) and handed to the estimator as virtual right sides: as the view of a right camera that does not
-exist. Estimators meet a point in its second view, whose right side holds its depth with its variance; later views have
-no right side.
+A map begins when depths are observable from the motion since an opening frame (`map_start.py`). From then on depths are
+learnt from parallax (`parallax.py`) and passed to the estimator as virtual right sides, the views of a right camera
+that does not exist. Estimators first get a point in its second view, whose right side holds its depth and variance.
+Later views have no right side.
 """
 
 from dataclasses import replace
@@ -34,18 +34,18 @@ _LOST = "the motion was lost; a new map needs parallax"
 
 
 class MonoFrontEnd:
-    """Follows points through the rectified images of one camera; nothing in it changes (see `StereoFrontEnd`).
+    """Follows points through the rectified images of one camera; the object never changes (see `StereoFrontEnd`).
 
     `projection` has a virtual right camera.
     """
 
     def __init__(self, projection: StereoProjection, config: Config, valid: NDArray[np.bool_]) -> None:
-        import scipy.optimize  # noqa: F401 - what starts the map: here, so that its BLAS is found before the first frame
+        import scipy.optimize  # noqa: F401 - for the start of the map; here, so that its BLAS loads before any frame
 
         self.setup, rules = Setup(projection, config), config.rules
         self.start = FrontEndState(
             aligners={1: TemplateAligner.empty(config, valid)},
-            timing=Timing.unknown(projection, RigConfig(exact=True), None),  # one camera is not late
+            timing=Timing.unknown(projection, RigConfig(exact=True), None),  # one camera has no delay
             rows=Rows.unknown(projection, config),
             turn_watch=None,
             errors=replace(TemplateErrors.begun_by(rules.errors), least_px=0.0),  # there is no other patch
@@ -54,7 +54,7 @@ class MonoFrontEnd:
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
-        """As `StereoFrontEnd.prepare`: nothing, as corners are rarely wanted, and computed in `step`."""
+        """Do nothing, unlike `StereoFrontEnd.prepare`: corners are rarely needed, and `step` computes them."""
 
     def step(
         self,
@@ -63,7 +63,7 @@ class MonoFrontEnd:
         stamp_ns: int,
         expected: ExpectedMotion | None = None,
     ) -> tuple[FrontEndState, Observations]:
-        """As `StereoFrontEnd.step`, where nothing is `expected`; no views while depths are not observable."""
+        """Do the same as `StereoFrontEnd.step`, without views before depths are observable; `expected` is not used."""
         if state.map.mapped:
             state, followed = self._follow(state, images, stamp_ns)
         else:
@@ -81,17 +81,17 @@ class MonoFrontEnd:
         return state.followed_from(images, stamp_ns), replace(observed, note=note)
 
     def learn(self, state: FrontEndState, estimate: RigEstimate) -> FrontEndState:
-        """As `StereoFrontEnd.learn`; one camera has no rig that could err."""
+        """Return the state unchanged: one camera has no rig errors to learn."""
         return state
 
     def rig_in_px(self, turn_rad: Array, estimate: RigEstimate | None) -> RigEstimate | None:
-        """As `StereoFrontEnd.rig_in_px`: None, because a single camera has no rig."""
+        """Return None, because a single camera has no rig."""
         return None
 
     def _follow(
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int
     ) -> tuple[FrontEndState, Followed | None]:
-        """Follow the map's points, without those that the motion puts behind the camera."""
+        """Follow the map's points, and drop those that the motion puts behind the camera."""
         state, followed = follow(self.setup, state, images, stamp_ns)
         if followed is None:
             return open_map(state.lost(), _LOST), None
@@ -105,8 +105,10 @@ class MonoFrontEnd:
     def _with_right_sides(
         self, state: FrontEndState, observed: Observations, followed: Followed
     ) -> tuple[FrontEndState, Observations]:
-        """The views, with virtual right sides where a track is handed out for the first time; and, where a map could
-        begin, all of them with right sides."""
+        """Return the views, with virtual right sides for tracks that are handed out for the first time.
+
+        In case a map begins, all of them with right sides are in `start`.
+        """
         rules = self.setup.rules.mono
         p, tracks, rho_scene = self.setup.projection, state.tracks, state.map.rho_scene
         rho = tracks.points[:, 3]
@@ -133,7 +135,7 @@ class MonoFrontEnd:
         )
 
     def _add_points(self, state: FrontEndState, images: PreparedImages) -> FrontEndState:
-        """Begin tracks where they are missing, at the depth of the scene; before a map in the opening frame only."""
+        """Begin tracks where they are missing, at the depth of the scene; before a map, only in the opening frame."""
         cfg, mapped = self.setup.config.frontend, state.map.mapped
         opened = len(state.tracks) > 0 and not mapped
         if opened or state.tracks.missing(cfg.max_tracks) < cfg.max_tracks * cfg.renew_fraction:
@@ -153,10 +155,10 @@ class MonoFrontEnd:
 def with_virtual_right(
     p: StereoProjection, z_px: Array, cov_px: Array, rho: Array, var_rho: Array
 ) -> tuple[Array, Array]:
-    """Left sides of views z (n, 4), cov (n, 4, 4) with right sides of inverse depths (n,) and variances, eq. (66)."""
+    """Return views (n, 4), cov (n, 4, 4), with right sides from inverse depths (n,) and their variances, eq. (66)."""
     cov = cov_px.copy()
     cov[:, 2:] = cov[:, :, 2:] = 0
     cov[:, 2, 2] = (p.f_px * p.baseline_m) ** 2 * var_rho
-    cov[:, 3, 3] = 1e4**2  # a row that is known to 10 000 px says nothing
+    cov[:, 3, 3] = 1e4**2  # a row with a σ of 10 000 px is no information
     u_right = z_px[:, 0] - p.f_px * p.baseline_m * rho
     return np.stack([z_px[:, 0], z_px[:, 1], u_right, z_px[:, 1]], axis=1), cov

@@ -1,4 +1,4 @@
-"""How a map begins with one camera: points are followed from an opening frame until the motion shows their depths."""
+"""The start of a map with one camera: points are followed from an opening frame until their depths are observable."""
 
 import numpy as np
 
@@ -15,17 +15,16 @@ from .two_view import TwoView, two_view_motion
 
 
 def open_map(state: FrontEndState, why: str) -> FrontEndState:
-    """Make this frame the opening one."""
+    """Return the state with this frame as the opening one; `why`: what the map waits for."""
     return changed(
         state, tracks=Tracks.none(), cam_from_start=np.eye(4), map=changed(state.map, mapped=False, waiting=why)
     )
 
 
 def begin_map(setup: Setup, state: FrontEndState, images: PreparedImages) -> tuple[FrontEndState, Followed | None]:
-    """The motion since the opening frame, not since the previous one, as soon as it shows depths.
+    """Return the motion since the opening frame, not since the previous one, as soon as depths are observable.
 
-    Its length is the unit of the first map; after a loss the best guess of the unit is that the scene is as far
-    away as it was.
+    Its length is the unit of the first map. After a loss, the best guess is that the scene is as far away as before.
     """
     state = changed(state, map=changed(state.map, first_unseen_id=state.next_id))
     if not len(state.tracks):
@@ -42,14 +41,14 @@ def begin_map(setup: Setup, state: FrontEndState, images: PreparedImages) -> tup
     state = changed(state, map=changed(state.map, waiting=waiting))
     if found is None:
         return state, None
-    if waiting:  # the motion's direction may mean nothing yet, its rotation turns the templates
+    if waiting:  # the direction of motion may be meaningless yet, but the rotation turns the templates
         rotation = found.now_from_first[:3, :3]
         return changed(state, cam_from_start=se3.from_rotation_translation(rotation, np.zeros(3))), None
     return _begin(state, found, cov_px)
 
 
 def _follow_directions(setup: Setup, state: FrontEndState, images: PreparedImages) -> tuple[FrontEndState, Array]:
-    """Follow the tracks, all taken for infinitely far; covariances (n, 4, 4) of what is left of them."""
+    """Follow the tracks as points at infinity, and return the covariances (n, 4, 4) of those that survive."""
     tracks, p, aligner = state.tracks, setup.projection, state.aligners[1]
     if state.previous is None:
         return state, np.empty((0, 4, 4))
@@ -67,7 +66,7 @@ def _follow_directions(setup: Setup, state: FrontEndState, images: PreparedImage
 
 
 def _begin(state: FrontEndState, found: TwoView, cov_px: Array) -> tuple[FrontEndState, Followed]:
-    """Give the points that agree with the motion their depths, in the unit of the map."""
+    """Set the depths of the points that agree with the motion, in the unit of the map."""
     tracks, rho, var_rho = state.tracks.keep(found.agree), found.rho[found.agree], found.var_rho[found.agree]
     rho_scene = state.map.rho_scene or float(np.median(rho))
     unit = float(np.median(rho)) / rho_scene

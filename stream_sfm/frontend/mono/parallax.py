@@ -1,4 +1,4 @@
-"""Depths from the motion of one camera: each point on the ray of the frame where its template was cut."""
+"""Depths from the motion of one camera: each point lies on its ray in the frame where its template was cut."""
 
 import numpy as np
 
@@ -10,10 +10,10 @@ from ..tracks import Tracks
 def update_by_parallax(
     p: StereoProjection, tracks: Tracks, z_px: Array, cov_px: Array, cam_from_start: Array, forgetting: float
 ) -> Tracks:
-    """Tracks put where they were seen; 1/Z by a scalar Kalman update in the anchor camera, where the parallax of
-    all frames since adds up, and its variance grows by `forgetting`.
+    """Return the tracks at the positions of their views, with 1/Z by a scalar Kalman update in the anchor camera.
 
-    With Z(ρ) = (R a)₃ + t₃ ρ, a point of inverse depth ρ there has ρ/Z here.
+    There the parallax of all frames since then adds up. The variance is multiplied by `forgetting` first. With
+    Z(ρ) = (R a)₃ + t₃ ρ, a point of inverse depth ρ there has ρ/Z here.
     """
     now_from_anchor = cam_from_start @ se3.inverse(tracks.anchor_from_start)
     rays = p.rays(z_px)
@@ -33,10 +33,10 @@ def update_by_parallax(
 def depths_from_motion(
     now_from_anchor: Array, rays_anchor: Array, rays_now: Array, cov_rays: Array
 ) -> tuple[Array, Array]:
-    """Inverse depths (n,) in the anchor camera from where its rays (n, 2) are seen now, and their variances.
+    """Return inverse depths (n,) in the anchor camera from rays (n, 2) there and now, and their variances (n,).
 
-    Eq. (65): x (R a + t ρ)₃ = (R a + t ρ)₁₂ is linear in ρ. Poses (4, 4) or (n, 4, 4);
-    `cov_rays` (n, 2, 2) or (2, 2) of the rays now.
+    Eq. (65): x (R a + t ρ)₃ = (R a + t ρ)₁₂ is linear in ρ. Poses are (4, 4) or (n, 4, 4), and `cov_rays`, of the
+    current rays, (n, 2, 2) or (2, 2).
     """
     far = directions(now_from_anchor, rays_anchor)
     t = now_from_anchor[..., :3, 3]
@@ -48,6 +48,6 @@ def depths_from_motion(
 
 
 def directions(now_from_anchor: Array, rays_anchor: Array) -> Array:
-    """R a (n, 3): where rays (n, 2) point in today's camera, at unit depth in their own."""
+    """Return R a (n, 3), the directions of rays (n, 2) in the current camera, at unit depth in their own."""
     a = np.concatenate([rays_anchor, np.ones((len(rays_anchor), 1))], axis=1)
     return np.asarray((now_from_anchor[..., :3, :3] @ a[..., None])[..., 0])

@@ -1,8 +1,8 @@
-"""The motion of one camera between two images, up to scale, and the depths that it shows, eqs. (64) and (65).
+"""The motion of one camera between two images, up to scale, and the resulting depths, eqs. (64) and (65).
 
-The five-point method in RANSAC (Nistér, PAMI 2004; OpenCV's) finds it, least squares over Sampson's distance in the
-five degrees of freedom that are observable refine it. |t| = 1: the first baseline is the unit of all that follows.
-A scene that is one plane allows two motions; the one with more points in front is taken.
+The five-point method in RANSAC (Nistér, PAMI 2004; OpenCV's) finds it. Least squares of Sampson distances refine it in
+its five observable degrees of freedom. |t| = 1: the first baseline is the unit of length from then on. A planar scene
+allows two motions; the one with more points in front is used.
 """
 
 import cv2
@@ -18,10 +18,10 @@ from .parallax import depths_from_motion, directions
 
 @record
 class TwoView:
-    """The motion between two views of one camera, and the depths that it shows.
+    """The motion between two views of one camera, and the resulting depths.
 
-    `now_from_first` (4, 4) with |t| = 1; `cov_first_from_now` (6, 6); `agree` (n,) bool: rays that fit it, in front of
-    both cameras; `rho`, `var_rho` (n,): inverse depths in the first camera.
+    `now_from_first` (4, 4) with |t| = 1; `cov_first_from_now` (6, 6); `agree` (n,) bool: rays that fit it, with points
+    in front of both cameras; `rho`, `var_rho` (n,): inverse depths in the first camera.
     """
 
     now_from_first: Array
@@ -33,24 +33,26 @@ class TwoView:
 
     @property
     def problem(self) -> str:
-        """Why no map can begin with it; empty when it can."""
+        """Why no map can begin with it, or an empty string."""
         agreement, rules = self.agree.mean(), self.rules
         if agreement < rules.min_agreement:
             explained, needed = 100 * agreement, 100 * rules.min_agreement
-            return f"one motion explains {explained:.0f} % of the points, {needed:.0f} % needed"
+            return f"one motion explains {explained:.0f} % of the points, {needed:.0f} % are needed"
         significance = float(np.median(self.rho[self.agree] / np.sqrt(self.var_rho[self.agree])))
         if significance < rules.min_significance:
             known = f"known to {100 / significance:.0f} %" if significance > 1 else "not known"
-            return f"too little parallax yet: depths are {known}, {100 / rules.min_significance:.0f} % needed"
+            return f"too little parallax yet: depths are {known}, {100 / rules.min_significance:.0f} % are needed"
         worst = float(np.sqrt(np.linalg.eigvalsh(self.cov_first_from_now[:3, :3])[-1]))
         if worst > rules.max_std_direction_rad:
-            return f"the direction of motion is known to {worst:.2f} rad only, {rules.max_std_direction_rad} needed"
+            return f"the direction of motion is known only to {worst:.2f} rad, {rules.max_std_direction_rad} are needed"
         return ""
 
 
 def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float, rules: MonoRules) -> TwoView | None:
-    """The motion that rays (n, 2) = (X/Z, Y/Z) of the same points show, those of both views with deviation `std_ray`;
-    None where there is none."""
+    """Return the motion between two sets of rays (n, 2) = (X/Z, Y/Z) of the same points, or None if there is none.
+
+    `std_ray`: the standard deviation of the rays in both views.
+    """
     if len(rays_first) < 8:  # five for the minimal solver, and some to distinguish its solutions
         return None
     cv2.setRNGSeed(0)  # the same rays give the same answer
@@ -64,15 +66,15 @@ def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float, rules: M
     )
     if essential is None or essential.shape != (3, 3):
         return None
-    # OpenCV leaves out points beyond 50 baselines otherwise.
+    # By default OpenCV excludes points beyond 50 baselines.
     _, rotation, t, *_ = cv2.recoverPose(
         essential, rays_first, rays_now, np.eye(3), distanceThresh=1e6, mask=inliers.copy()
     )
     inlier = inliers[:, 0] > 0
     start = se3.from_rotation_translation(rotation, t[:, 0])
     pose, cov = _refined(start, rays_first[inlier], rays_now[inlier], std_ray, rules)
-    rho, var_rho = depths_from_motion(pose, rays_first, rays_now, 2 * std_ray**2 * np.eye(2))  # of both views
-    depth_now = directions(pose, rays_first)[:, 2] + pose[2, 3] * rho  # of what is at depth 1 in the first camera
+    rho, var_rho = depths_from_motion(pose, rays_first, rays_now, 2 * std_ray**2 * np.eye(2))  # of both
+    depth_now = directions(pose, rays_first)[:, 2] + pose[2, 3] * rho  # relative to the depth in the first camera
     agree = (np.abs(_sampson(pose, rays_first, rays_now) / std_ray) < rules.gate_sigmas) & (
         rho > MIN_INVERSE_DEPTH_SIGMAS * np.sqrt(var_rho)
     )
@@ -83,8 +85,8 @@ def two_view_motion(rays_first: Array, rays_now: Array, std_ray: float, rules: M
 def _refined(
     start: Array, rays_first: Array, rays_now: Array, std_ray: float, rules: MonoRules
 ) -> tuple[Array, Array]:
-    """Return the motion (4, 4) near a first one that fits the rays best, and its covariance (6, 6)."""
-    from scipy.optimize import least_squares  # a quarter of a second, spent only where there is one camera
+    """Return the motion (4, 4) near a start that fits the rays best, and its covariance (6, 6)."""
+    from scipy.optimize import least_squares  # takes a quarter of a second, and only one camera needs it
 
     across = np.linalg.svd(start[:3, 3:].T)[2][1:]  # two directions across t
 
@@ -103,13 +105,13 @@ def _refined(
     by_x = np.zeros((6, 5))
     by_x[:3, :3], by_x[:3, 3:], by_x[3:, :3] = -se3.skew(pose[:3, 3]), -across.T, -np.eye(3)
     cov = by_x @ np.linalg.pinv(found.jac.T @ found.jac) @ by_x.T
-    # |t| is exact; the depths that carry the unit on agree with it about as well as they fix its direction
+    # |t| is exact, but the depths that preserve the unit agree with it about as well as they fix its direction
     cov[:3, :3] += np.linalg.eigvalsh(cov[:3, :3])[-1] * np.outer(pose[:3, 3], pose[:3, 3])
     return pose, cov
 
 
 def _sampson(now_from_first: Array, rays_first: Array, rays_now: Array) -> Array:
-    """Distances (n,) to the epipolar lines to first order, eq. (64) (Hartley and Zisserman, section 11.4.3)."""
+    """Return distances (n,) to the epipolar lines to first order, eq. (64) (Hartley and Zisserman, section 11.4.3)."""
     e = se3.skew(now_from_first[:3, 3]) @ now_from_first[:3, :3]
     one = np.ones((len(rays_first), 1))
     a, b = np.concatenate([rays_first, one], axis=1), np.concatenate([rays_now, one], axis=1)
