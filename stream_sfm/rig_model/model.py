@@ -129,6 +129,11 @@ class RigModel:
         moved = core.timed_views(*self.cameras, points_in_cam, motion, timing_s, z_px)
         return moved * self.units_of_timing
 
+    def late_s(self, z_px: Array, timing_s: Array) -> Array:
+        """Return how much later (n, 4) than the left image's middle views are exposed, by delay and readout (2,), s."""
+        rows = np.zeros_like(z_px) if self.row_of is None else self.row_of(z_px)
+        return timing_s[1] * rows + timing_s[0] * np.array([0.0, 0.0, 1.0, 1.0])
+
     def without_timing(self, n: int) -> Array:
         """Return the effects (n, 4, 2) of delay and readout on n views that do not move: zeros."""
         return np.zeros((n, 4, len(self.units_of_timing)))

@@ -72,6 +72,17 @@ def test_columns_of_timing_are_views_taken_at_other_times(term: str, times: Arra
     assert np.abs(views[:, :, at] - expected).max() < 1e-6 * np.abs(expected).max()
 
 
+def test_views_are_as_late_as_delay_and_readout_make_them() -> None:
+    """So an error of the twist moves them by their velocities under it, for that long."""
+    model = replace(MODEL, row_of=row_of)
+    timing_s, error, step = np.array([0.004, 0.02]), np.array([0.02, -0.01, 0.03, 0.1, -0.2, 0.05]), 1e-3
+    late_s = model.late_s(Z_PX, timing_s)
+    np.testing.assert_allclose(late_s, 0.004 * np.array([0, 0, 1, 1]) + 0.02 * ROWS)
+    moved = (seen_at(step * late_s, np.stack([error, 0 * error])) - Z_PX) / step
+    np.testing.assert_allclose(moved, late_s * velocities(P, POINTS, error), atol=1e-4 * np.abs(moved).max())
+    np.testing.assert_array_equal(MODEL.late_s(Z_PX, np.array([0.0, 0.02])), np.zeros_like(Z_PX))
+
+
 @pytest.mark.parametrize(("delay_s", "readout_s"), [(0.008, 0.0), (0.0, 0.02), (0.004, 0.01)])
 def test_timing_is_exact_to_second_order(delay_s: float, readout_s: float) -> None:
     """A view is taken later, while its points accelerate: with half the timing, an eighth of the rest remains."""

@@ -9,7 +9,10 @@ the run; with the current delay and readout it shifts the views, and so adds to 
 (70b).
 """
 
+from dataclasses import field
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ... import core
 from ...geometry import Array
@@ -82,8 +85,8 @@ class Exposures:
     """A block of a map's state: when the reference camera and the window's frames were exposed.
 
     `seconds` (F + 1,) since the first of them, and `motions` (F + 1, 2, 6) of points at these times. `has_twist`:
-    whether the error of a frame's twist is one of its unknowns, as a delay is probable. `clock` and `twist_error`
-    learn.
+    whether frames have room for the errors of their twists. `by_twist` (2,): whether the error of the newest twist
+    counts, through delay and through readout. `clock` and `twist_error` learn.
     """
 
     seconds: Array
@@ -91,6 +94,7 @@ class Exposures:
     clock: ExposureClock
     twist_error: TwistError
     has_twist: bool = False
+    by_twist: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(2, bool))
 
     @classmethod
     def of_reference(cls) -> "Exposures":

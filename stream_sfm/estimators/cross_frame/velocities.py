@@ -58,16 +58,18 @@ def expect(
     by_timing[rows] = frame.rig.by_timing(moved, now, timing[0], views.expected_px[rows])
     views = changed(views, timing=by_timing)
     of_twist = std_acceleration * (seconds[-1] - seconds[-2])
-    delay_s, std_s, rules = timing[0][0], np.sqrt(timing[1][0, 0]), current.prior.rig.rules
-    if current.exposures.has_twist or abs(delay_s) > rules.probable_delay * std_s:
-        _begin_twist(current)
+    size_s = np.copysign(np.sqrt(timing[0] ** 2 + np.diag(timing[1])), timing[0])
+    by_readout_px = by_timing[rows, :, 1] * (size_s[1] / frame.rig.units_of_timing[1])
+    by_twist = _matters(current, timing, by_readout_px)
+    if current.exposures.has_twist or by_twist.any():
+        _begin_twist(current, by_twist)
         in_cam = core.seen_points(current.projection, views.z_px)
         in_cam[rows] = moved
         in_cam[~np.isfinite(in_cam).all(axis=1)] = 0, 0, 1, 0  # far ahead: the left side alone has no delay
         cov_twist = current.exposures.twist_error.cov(std_acceleration, seconds)
-        cov_twist = cov_twist + np.diag((rules.least_twist * of_twist) ** 2)
-        size_s = np.copysign(np.hypot(delay_s, std_s), delay_s)
-        own = _twist_columns(current.projection, views, in_cam, size_s, cov_twist)
+        cov_twist = cov_twist + np.diag((current.prior.rig.rules.least_twist * of_twist) ** 2)
+        late_s = frame.rig.late_s(views.expected_px, np.where(by_twist, size_s, 0.0))
+        own = _twist_columns(current.projection, views, in_cam, late_s, cov_twist)
         views = changed(views, own=np.concatenate([views.own, own], axis=2))
     of_timing = core.timing_unknowns(*frame.rig.cameras, points, before[0], moved, now[0], *timing, of_twist)
     cov_held = current.prior.rig.cov_held[DISPARITY, DISPARITY] + LEAST_VARIANCE * np.eye(DISPARITY.stop)
@@ -76,10 +78,27 @@ def expect(
     return views, np.concatenate([of_timing, views.own[rows], of_disparity], axis=2)
 
 
-def _begin_twist(current: Map) -> None:
-    """Add the error of the twist to the unknowns of each frame; that of earlier frames counts as known."""
-    if not current.exposures.has_twist:
-        current.exposures = changed(current.exposures, has_twist=True)
+def _matters(current: Map, timing: tuple[Array, Array], by_readout_px: Array) -> NDArray[np.bool_]:
+    """Return whether the error of the newest twist is an unknown (2,), through delay and through readout.
+
+    A delay that was probable once stays. The readout counts while its possible effect on the views (n, 4) is large:
+    while a camera turns fast and its readout is not known.
+    """
+    rules, (mean_s, cov_s) = current.prior.rig.rules, timing
+    is_late = abs(mean_s[0]) > rules.probable_delay * np.sqrt(cov_s[0, 0])
+    seen_px = by_readout_px[np.isfinite(by_readout_px)]
+    is_read_out = bool(len(seen_px)) and (seen_px**2).mean() > rules.readout_moves_px**2
+    return np.array([is_late or current.exposures.by_twist[0], is_read_out])
+
+
+def _begin_twist(current: Map, by_twist: NDArray[np.bool_]) -> None:
+    """Add the error of the twist to the unknowns of each frame; that of earlier frames counts as known.
+
+    `by_twist` (2,): whether it matters in the newest frame through delay and through readout.
+    """
+    had_twist = current.exposures.has_twist
+    current.exposures = changed(current.exposures, has_twist=True, by_twist=by_twist)
+    if not had_twist:
         current.own = np.concatenate([current.own, np.zeros((len(current.own), _TWIST))], axis=1)
         current.views = changed(current.views, own=_with_room(current.views.own))
         if current.first_views is not None:
@@ -93,15 +112,14 @@ def _begin_twist(current: Map) -> None:
 
 
 def _twist_columns(
-    projection: StereoProjection, views: WhitenedViews, points: Array, delay_s: float, cov_twist: Array
+    projection: StereoProjection, views: WhitenedViews, points: Array, late_s: Array, cov_twist: Array
 ) -> Array:
     """Return the effect (V, 4, 6) px of an error of the twist, of covariance (6, 6), on views of points (V, 4).
 
-    The points are homogeneous, and the right camera has a `delay_s`. The effect on a missing side is zero.
+    `late_s` (V, 4) is the exposure of each side after the stamp. The effect on a missing side is zero.
     """
     by_twist = np.stack([core.velocities(projection, points, e[None]) for e in np.eye(_TWIST)], axis=2)
-    moved = np.zeros_like(by_twist)
-    moved[:, 2:] = delay_s * by_twist[:, 2:]
+    moved = late_s[:, :, None] * by_twist
     moved[~np.isfinite(views.expected_px)] = 0.0
     return np.asarray(moved @ scaled_cholesky(cov_twist))
 
@@ -148,8 +166,8 @@ def cov_of_timing(current: Map, std_acceleration: Array) -> Array:
     exposures = current.exposures
     exposures.twist_error.add(indices, exposures.motions[:, 0])
     mean, cov = _timing(current, rig)
-    if exposures.has_twist:  # its effect with a delay is in the joint covariance
-        mean, cov = mean * [0.0, 1.0], cov * np.outer([0.0, 1.0], [0.0, 1.0])
+    elsewhere = ~exposures.by_twist  # the effect of the others is in the joint covariance
+    mean, cov = mean * elsewhere, cov * np.outer(elsewhere, elsewhere)
     in_cam = core.points_of_views(current.state(), newest)
     cov_twist = exposures.twist_error.cov(std_acceleration, exposures.seconds)
     return core.cov_of_timed_pose(*rig.cameras, in_cam, np.sqrt(mean**2 + np.diag(cov)), cov_twist)
