@@ -381,7 +381,7 @@ class Wanted(Protocol):
     def search(self) -> bool: ...
 
 class WindowState(Protocol):
-    # The state of a window: poses (F, 4, 4); of the points ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the
+    # The state of a window: poses (F, 4, 4); points with ids (P,), ascending, anchors (P, 4, 4) and q (P, 3); the
     # rig's errors (m,); amplitudes (F, e) of each frame's own.
     @property
     def cams_from_ref(self) -> Array: ...
@@ -397,10 +397,10 @@ class WindowState(Protocol):
     def own(self) -> Array: ...
 
 class WindowViews(Protocol):
-    # Its views: frame (V,), ids (V,), used (V,), z_px (V, 4), weight (V, 4) and whitening roots (V, 4, 4).
-    # Amplitudes of σ = 1 that each frame has of its own move a view by own (V, 4, e). Errors of the rig move it by
-    # terms (V, 4, t), of which those of delay and readout get timing (V, 4, 2) added, or (V, 4, 0), and by the
-    # parts of a field: moves (4, p) ⊗ field (V, K), m = t + p K.
+    # The views of a window: frame (V,), ids (V,), used (V,), z_px (V, 4), weight (V, 4) and whitening roots (V, 4,
+    # 4). The frame's own amplitudes of σ = 1 shift a view by own (V, 4, e). Errors of the rig shift it by terms (V,
+    # 4, t), where timing (V, 4, 2), or (V, 4, 0), is added to those of delay and readout, and by the parts of a
+    # field: moves (4, p) ⊗ field (V, K), m = t + p K.
     @property
     def frame(self) -> Pixels: ...
     @property
@@ -432,7 +432,7 @@ class RigState(Protocol):
     def weighted(self) -> Array: ...
 
 class Prior(Protocol):
-    # Points of a prior (N,): mean (N, 3), D (N, 3, 3) and modes F (N, 3, k), of which the last m are those of the
+    # Points of a prior (N,): mean (N, 3), D (N, 3, 3) and modes F (N, 3, k), the last m of which are those of the
     # rig's errors.
     @property
     def mean(self) -> Array: ...
@@ -445,9 +445,9 @@ class Prior(Protocol):
 
 class NormalBlocks(tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array]):
     # The normal equations of all views, eq. (26): blocks of the frames, of the points, and between them. A frame
-    # has f = 6 + e unknowns: its pose, and e amplitudes of its own with their prior of σ = 1. `u` (F, f, f), `v`
-    # (P, 3, 3), `w` (P, 3, fF); right-hand sides `g_pose` (F, f), `g_point` (P, 3). Of the rig's errors `rig` (m,
-    # m), with the frames `rig_pose` (F, f, m), with the points `rig_point` (P, 3, m), and `g_rig` (m,).
+    # has f = 6 + e unknowns: its pose, and e amplitudes of its own with a prior of σ = 1. `u` (F, f, f), `v` (P, 3,
+    # 3), `w` (P, 3, fF); right-hand sides `g_pose` (F, f), `g_point` (P, 3). For the rig's errors: `rig` (m, m),
+    # `rig_pose` (F, f, m) with the frames, `rig_point` (P, 3, m) with the points, and `g_rig` (m,).
     u: Array
     v: Array
     w: Array
@@ -472,7 +472,7 @@ class CovariancePart(Protocol):
     def both(self) -> Array: ...
 
 class AbsorbedPoints(tuple[Ids, Array, Array, Array]):
-    # Points of a prior (N,): ids, which are ascending, mean (N, 3), D (N, 3, 3) and modes (N, 3, k).
+    # Points of a prior (N,): ascending ids, mean (N, 3), D (N, 3, 3) and modes (N, 3, k).
     ids: Ids
     mean: Array
     cov: Array
@@ -480,8 +480,8 @@ class AbsorbedPoints(tuple[Ids, Array, Array, Array]):
 
 class PointMarginals(tuple[Array, Array, Array, Array, Array, Array, Mask]):
     # Points (P,): q in the camera (P, 3), its covariance (P, 3, 3) given the rig's errors; metric points in the
-    # camera (P, 3) and in the world, each with covariances (P, 3, 3); and which are finite: 1/Z is so many σ away
-    # from 0.
+    # camera (P, 3) and in the world, each with covariances (P, 3, 3); and whether each is finite: 1/Z differs from
+    # 0 by more than `known_sigmas` σ.
     q_in_cam: Array
     cov_q_in_cam: Array
     points_in_cam: Array
@@ -492,8 +492,8 @@ class PointMarginals(tuple[Array, Array, Array, Array, Array, Array, Mask]):
 
 class Intervals(Protocol):
     # Intervals (n) between frames: `rotation` (n, 3, 3), velocity and position `motion` (n, 6), Jacobians `by_bias`
-    # (n, 9, 6) and `by_clock` (n, 9), `cov` (n, 9, 9), and at which `biases` (n, 6) and `clock` offsets (n,) they
-    # were integrated, over how many `seconds` (n,).
+    # (n, 9, 6) and `by_clock` (n, 9), `cov` (n, 9, 9), the `biases` (n, 6) and `clock` offsets (n,) at which they
+    # were integrated, and their `seconds` (n,).
     @property
     def rotation(self) -> Array: ...
     @property
@@ -513,9 +513,9 @@ class Intervals(Protocol):
 
 class Preintegrated(tuple[Array, Array, Array, Array, Array, Array]):
     # The motion of an inertial unit between two times, in its axes at the first one: `rotation` (3, 3), velocity
-    # and position `motion` (2, 3) without gravity, their Jacobians `by_bias` (9, 6) and `by_clock` (3, 3), by the
-    # time of both ends, and their covariances (9, 9) by either sensor, of (rotation on the right, velocity,
-    # position).
+    # and position `motion` (2, 3) without gravity, their Jacobians `by_bias` (9, 6) and `by_clock` (3, 3), the
+    # latter by the time of both ends, and their covariances (9, 9) from either sensor, of (rotation on the right,
+    # velocity, position).
     rotation: Array
     motion: Array
     by_bias: Array
