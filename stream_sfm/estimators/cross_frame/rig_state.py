@@ -217,6 +217,6 @@ def impossible(rig: RigEstimate | None, rules: RigConfig) -> str:
     if length < rules.impossible:
         return ""
     return (
-        f"the errors of the calibration would be {length:.1f} times the σ assumed for them: is it of these cameras "
-        "and of this resolution, and has none of them moved?"
+        f"the errors of the calibration would be {length:.1f} times the σ assumed for them: does it belong to these "
+        "cameras and this resolution, and has none of them moved?"
     )
