@@ -105,8 +105,10 @@ def show(results: dict[str, Any]) -> None:
         for key, value in r["ground_truth"].items():
             if value is not None:
                 table.add_row(key, f"{value:.4g}")
-        for whose, calls in r["calls_a_frame"].items():
-            table.add_row(f"calls of {whose} a frame", f"{calls['a_frame']:.0f}")
+        counts = r["calls_a_frame"]
+        for whose in ("core", "python"):
+            table.add_row(f"calls of {whose} a frame", f"{counts[whose]['a_frame']:.0f}")
+        table.add_row("files that a frame enters", f"{counts['files']['entered']:.0f}")
         for stage, times in r["stages_ms"].items():
             table.add_row(f"{stage}, ms p50 / p95", f"{times['p50']:.2f} / {times['p95']:.2f}")
         console.print(table)
