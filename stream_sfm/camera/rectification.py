@@ -9,6 +9,7 @@ from functools import cached_property
 
 import cv2
 import numpy as np
+from numpy.polynomial.polynomial import polyvander2d
 from numpy.typing import NDArray
 
 from ..errors import RigError
@@ -130,8 +131,8 @@ class Rectifier:
     def _polynomials(self, values: Sequence[Array]) -> list[ExposedRows]:
         """Return k polynomials over both images, fitted to values (n, k) at the places of each side."""
         size = self.projection.width, self.projection.height
-        x, y = (np.vander(at, SETTINGS.degree + 1, increasing=True) for at in (2 * self._nodes / size - 1).T)
-        products = (x[:, :, None] * y[:, None]).reshape(len(x), -1)
+        x, y = (2 * self._nodes / size - 1).T
+        products = polyvander2d(x, y, (SETTINGS.degree, SETTINGS.degree))
         fitted = [
             np.linalg.lstsq(products[at], of_side, rcond=None)[0].T
             for (_, at, _), of_side in zip(self._places, values, strict=True)

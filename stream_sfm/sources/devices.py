@@ -73,7 +73,7 @@ def open_device(names: Sequence[str], rig: StereoRig | None, options: CameraOpti
 
 
 def _opencv(names: Sequence[str], rig: StereoRig | None, options: CameraOptions) -> Device:
-    """Open cameras by number, or by what else OpenCV opens: a device file, the address of a stream."""
+    """Open cameras by number, by a device file, or by the address of a stream: all that OpenCV opens."""
     import cv2
 
     if len(names) not in (1, 2):

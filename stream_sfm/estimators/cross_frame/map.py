@@ -70,7 +70,8 @@ class Map:
         self.reference, self.exposures = frame, Exposures.of_reference()
         self.rules, self.rejections = rules, RejectionCounts(rig.held, rules)
         self.begun_anew = self._dropped = np.empty(0, np.int64)
-        self.doubt, self.focus, self.has_focus = Doubt(), FocusWatch.begun(rig.rules), False
+        self.doubt = Doubt()
+        self.focus, self.has_focus = FocusWatch.begun(rig.rules), False
         ids = first.track_ids
         views = changed(views, used=core.among(views.ids, ids))
         self.first_views: WhitenedViews | None = views
@@ -313,17 +314,16 @@ class Map:
             return None
         rig, model = self.prior.rig, self.frames[-1].rig
         mean, cov, information = self.system.rig_errors()
-        changes, agreement = (
-            not rig.steady or (model is not None and model.focus_moves(mean, cov)),
-            rig.parts.agreement,
-        )
+        changes = not rig.steady or (model is not None and model.focus_moves(mean, cov))
+        agreement = rig.parts.agreement
         counted = (mean, cov) if changes else rig.tempered(mean, cov, information)
         rig, found = rig.contradicted(mean, cov).judged(*counted, agreement)
         self._move(*self.system.follow_rig(rig.held - self.rig_error))
         self.prior = changed(self.prior, rig=rig)
         self.rejections.ask_again(self.views[self.newest], rig.held)
         self.system.cov_rig = found.cov
-        age, evidence = rig.age_s(self.frames[-1].stamp_ns), None if agreement is None else agreement.evidence
+        age = rig.age_s(self.frames[-1].stamp_ns)
+        evidence = None if agreement is None else agreement.evidence
         return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age, evidence=evidence)
 
     def learn_rig(self, estimate: RigEstimate, field_std_px: float, by_rows: tuple[Array, Array]) -> None:
