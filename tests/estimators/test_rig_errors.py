@@ -193,6 +193,19 @@ def test_while_a_readout_is_not_known_a_camera_that_turns_loses_neither_its_view
             assert np.linalg.norm(off[:3, 3]) < 0.01
 
 
+def test_the_error_of_a_twist_is_an_unknown_only_until_the_readout_is_known() -> None:
+    """A smooth flight needs it in two frames; it ends once no view of the window shows it."""
+    flight = Flight(0, 0.0, 0.0, 24)
+    estimator, unknowns = CrossFrame(flight.P, Config()), []
+    for o in flight.observations():
+        estimator.step(o)
+        assert estimator.map is not None
+        unknowns.append(estimator.map.own.shape[1])
+    assert max(unknowns) == unknowns[0] + 6
+    assert unknowns[-1] == unknowns[0]
+    assert estimator.map is not None and not estimator.map.exposures.has_twist
+
+
 def zoomed(flight: Flight, longer: Array, off_px: float = 0.0) -> list[Observations]:
     """Observations of a flight with focal lengths `longer` (n,) times the calibrated ones in each frame.
 

@@ -61,6 +61,8 @@ def expect(
     size_s = np.copysign(np.sqrt(timing[0] ** 2 + np.diag(timing[1])), timing[0])
     by_readout_px = by_timing[rows, :, 1] * (size_s[1] / frame.rig.units_of_timing[1])
     by_twist = _matters(current, timing, by_readout_px)
+    if not by_twist.any():
+        _end_twist(current)
     if current.exposures.has_twist or by_twist.any():
         _begin_twist(current, by_twist)
         in_cam = core.seen_points(current.projection, views.z_px)
@@ -109,6 +111,15 @@ def _begin_twist(current: Map, by_twist: NDArray[np.bool_]) -> None:
     rows, own = current.newest, current.views.own.copy()
     own[rows, :3, -_TWIST:] = 0.0
     current.views = changed(current.views, own=own)
+
+
+def _end_twist(current: Map) -> None:
+    """Remove the errors of twists from the unknowns of all frames, if no view of the window shows one."""
+    if not current.exposures.has_twist or current.first_views is not None or current.views.own[..., -_TWIST:].any():
+        return
+    current.exposures = changed(current.exposures, has_twist=False, by_twist=np.zeros(2, bool))
+    current.own = current.own[:, :-_TWIST].copy()
+    current.views = changed(current.views, own=current.views.own[..., :-_TWIST].copy())
 
 
 def _twist_columns(
