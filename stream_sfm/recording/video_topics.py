@@ -80,8 +80,8 @@ class _Decoded(Derived):
             for (image, log_time_ns, sent), picture in stream.pictures():
                 if sent < last_sent and image.stamp_ns < newest_ns:
                     raise LogError(
-                        f"{where}: the images are shown in another order than they are sent (B frames), and their stamps "
-                        "have the order of sending, so they belong to other images: record without B frames"
+                        f"{where}: the images are shown in another order than they are sent (B frames), but their "
+                        "stamps have the order of sending, so they belong to other images: record without B frames"
                     )
                 if sent > last_sent:
                     last_sent, newest_ns = sent, image.stamp_ns

@@ -75,7 +75,7 @@ def write(
     codec: str = "h264",
     numbers: Sequence[Sequence[int]] = (range(FRAMES), range(FRAMES)),
 ) -> Path:
-    """A log of both sides; an empty packet is left out. `form`: of the messages of video; `numbers`: for their stamps."""
+    """A log of both sides; an empty packet is left out. `form`: of the messages; `numbers`: of their stamps."""
     log, infos = LogWriter(path), calibration_of(rig(), "plumb_bob")
     for n, pair in enumerate(zip(*packets, strict=True)):
         for side, (topic, data) in enumerate(zip(TOPICS, pair, strict=True)):
