@@ -57,9 +57,13 @@ class Ghosts:
         return min(self._nats(*each) for each in found if each is not None)
 
     def _nats(self, share: float, std: float) -> float:
-        """Return the log-likelihood ratio of a ghost, of the share that fits best, against none."""
-        ghost = min(max(share, self.rules.share), 1.0)
-        return log_ratio(share, std**2 + self.rules.std_share**2, ghost)
+        """Return the log-likelihood ratio of a ghost, of the share that fits best, against none.
+
+        Nor does a ghost show in steady motion.
+        """
+        rules = self.rules
+        shows = log_ratio(share, std**2 + rules.std_share**2, min(max(share, rules.share), 1.0))
+        return float(np.logaddexp(np.log(rules.steady), np.log1p(-rules.steady) + shows))
 
 
 def _sums(views: tuple[View, ...], rules: GhostRules) -> Array:
