@@ -152,7 +152,6 @@ class Observer:
             grey_bits=bits,
             made_by=self._made_by,
             one_image=pair and are_one_image(sides[0], sides[1], self._rules.images),
-            delivered=(sides[0], sides[1]) if pair else None,
             rules=self._rules.flow,
         )
         if frame_index is not None:

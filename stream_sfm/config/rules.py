@@ -6,7 +6,7 @@ alone (`tools/ablation.py`).
 
 from typing import Annotated
 
-from .image_rules import EchoRules, FieldRules, GhostRules, ImageRules, SmearRules, StillRules
+from .image_rules import GhostRules, ImageRules
 from .inertia_rules import InertiaRules
 from .point_rules import PointRules, TemplateRules
 from .section import Section, expert
@@ -145,18 +145,6 @@ class PairRules(Section, frozen=True, kw_only=True):
     same_place: Annotated[float, expert("share of the size by which a principal point may differ", 0, 0.5)] = 0.03
 
 
-class StepRules(Section, frozen=True, kw_only=True):
-    """Whether both images have been shifted at once."""
-
-    # On sample logs, hand-held ones among them, changes that the next frame undoes stay below a third of this.
-    least_px: Annotated[float, expert("least size of a step, px", 0.1, 10_000)] = 2.0
-    unusual: Annotated[float, expert("least size of a step, multiple of recent changes", 1, 1e6)] = 6.0
-    remembered: Annotated[int, expert("changes that are remembered", 1, 10_000)] = 20
-    fewest: Annotated[int, expert("changes needed to know their usual size", 1, 10_000)] = 5
-    # Noise and the motion of the camera leave some.
-    back: Annotated[float, expert("share of the change that may remain in the next frame", 0, 1)] = 0.5
-
-
 class TurnRules(Section, frozen=True, kw_only=True):
     """A right camera that is knocked out of alignment."""
 
@@ -288,15 +276,10 @@ class Rules(Section, frozen=True, kw_only=True):
     points: PointRules = PointRules()
     templates: TemplateRules = TemplateRules()
     pair: PairRules = PairRules()
-    step: StepRules = StepRules()
     turn: TurnRules = TurnRules()
     rows: RowRules = RowRules()
     errors: ErrorRules = ErrorRules()
     ghosts: GhostRules = GhostRules()
-    still: StillRules = StillRules()
-    echo: EchoRules = EchoRules()
-    smears: SmearRules = SmearRules()
-    fields: FieldRules = FieldRules()
     images: ImageRules = ImageRules()
     mono: MonoRules = MonoRules()
     inertia: InertiaRules = InertiaRules()

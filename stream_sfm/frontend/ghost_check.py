@@ -26,13 +26,36 @@ from .. import core
 from ..config.image_rules import GhostRules
 from ..geometry import Array
 from ..record import changed, record
-from .patches import View, at_least, share_of
+from .prepared import Image
 
-SHOWS_THROUGH = (
+_SHOWS_THROUGH = (
     "earlier images show through: is noise reduction over time on in the cameras, or were frames blended? "
     "Positions lag behind"
 )
 _NOTHING = np.zeros((1, 2, 5))
+
+
+@record
+class View:
+    """The left image (h, w) of a frame, and the positions `left_px` (n, 2) of its tracks `ids` (n,), which ascend."""
+
+    image: Image
+    ids: NDArray[np.int64]
+    left_px: Array
+
+    def of(self, ids: NDArray[np.int64]) -> Array:
+        """Return the positions (n, 2) of the given tracks; NaN for those that are not in it."""
+        if not len(self.ids):
+            return np.full((len(ids), 2), np.nan)
+        rows = np.minimum(self.ids.searchsorted(ids), len(self.ids) - 1)
+        px = self.left_px.take(rows, axis=0)
+        px[self.ids.take(rows) != ids] = np.nan
+        return px
+
+    def inside(self, px: Array) -> NDArray[np.bool_]:
+        """Return at which positions (n, 2) a patch, with all pixels that its sampling needs, lies within the image."""
+        (x, y), (height, width), margin = px.T, self.image.shape, core.PATCH_RADIUS_PX + 3
+        return np.asarray((x > margin - 1) & (x < width - margin) & (y > margin - 1) & (y < height - margin))
 
 
 @record
@@ -56,12 +79,12 @@ class GhostCheck:
 
         Both are zero if nothing is known.
         """
-        return min(map(share_of, self.sums.sum(axis=0)), key=itemgetter(1))
+        return min(map(_share_of, self.sums.sum(axis=0)), key=itemgetter(1))
 
     @property
     def problem(self) -> str:
         """The problem that earlier images show through, or an empty string."""
-        return SHOWS_THROUGH if self.lasts else ""
+        return _SHOWS_THROUGH if self.lasts else ""
 
     def after(self, view: View) -> "GhostCheck":
         """Return the check after a frame, from its smoothed left image and the track positions in it."""
@@ -71,7 +94,7 @@ class GhostCheck:
             return changed(self, views=views, waited=self.waited + 1, lasts=max(0, self.lasts - 1))
         sums = np.concatenate([self.sums, _sums(views, rules)])[-rules.remembered :]
         check = changed(self, views=views, sums=sums, waited=0)
-        shown = at_least(*check.share, rules.sigmas) > rules.share
+        shown = _at_least(*check.share, rules.sigmas) > rules.share
         return changed(check, lasts=rules.lasting_frames if shown else max(0, self.lasts - 1))
 
     def interrupted(self) -> "GhostCheck":
@@ -104,3 +127,18 @@ def _oldest(views: tuple[View, ...], now: View, usable: NDArray[np.bool_]) -> tu
         if np.count_nonzero(there) > 2 * np.count_nonzero(found):
             best, found = view, there
     return best, found
+
+
+def _share_of(sums: Array) -> tuple[float, float]:
+    """Return a share and its significance in σ from the sums (5,) of a control."""
+    p, s, pp, ps, ss = sums
+    if s <= 0:
+        return 0.0, 0.0
+    share = p / s
+    variance = pp - 2 * share * ps + share**2 * ss  # of p, from the scatter of the patches
+    return float(share), float(p / np.sqrt(max(variance, 1e-6 * pp)))
+
+
+def _at_least(share: float, significance: float, sigmas: float) -> float:
+    """Return the lower bound of a share, `sigmas` of its σ below it."""
+    return share * (1 - sigmas / significance) if significance > 0 else share

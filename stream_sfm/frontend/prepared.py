@@ -23,8 +23,7 @@ class PreparedImages:
 
     `rectified`: both before smoothing. `stamp_ns`: of the frame. `grey_bits`: the bits of 16-bit images that count as
     used, None for other images. `made_by`: equal if images were processed the same way. `one_image`: whether both
-    cameras have delivered the same image. `delivered`: the raw 8-bit images, None with one camera. Other forms are
-    computed when first used.
+    cameras have delivered the same image. Other forms are computed when first used.
     """
 
     left: Image
@@ -35,7 +34,6 @@ class PreparedImages:
     grey_bits: int | None = None
     made_by: str = ""
     one_image: bool = False
-    delivered: tuple[Image, Image] | None = None
     rules: FlowRules = _RULES
 
     @classmethod
@@ -86,7 +84,6 @@ class PreparedImages:
     def shrunk(self) -> "PreparedImages":
         """Return the same without the large forms that only the newest frame needs."""
         kept = copy(self)  # with the forms that were computed, which `replace` leaves out
-        kept.__dict__["delivered"] = None
         for form in ("coarse", "corner_strength"):
             kept.__dict__.pop(form, None)
         return kept

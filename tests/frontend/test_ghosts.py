@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.frontend.ghost_check import GhostCheck
-from stream_sfm.frontend.patches import View
+from stream_sfm.frontend.ghost_check import GhostCheck, View
 from tests.helpers.blends import beside_blended
 from tests.helpers.places import ROOM
 from tests.helpers.wall import blotches
