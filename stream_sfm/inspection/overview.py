@@ -17,6 +17,7 @@ from ..camera.rig import StereoRig, baseline_warnings
 from ..engine import Engine
 from ..errors import LogError, StreamSfmError
 from ..mcap_file.message import Damage, Source
+from ..pictures.interlacing import is_interlaced
 from ..recording.beside import calibration_beside, note_of
 from ..recording.both_sides import both_sides
 from ..recording.ground_truth import depth_topic, read_truth, truth_topic
@@ -211,7 +212,13 @@ class _Inspection:
         decoded = list(self._decoded(pairs))
         if pairs and not decoded:
             self.problems.append(f"{self.source.path}: none of the sampled image pairs can be decoded")
-        corners = [matched_corners(*images_of(frame)) for frame in decoded]
+        images = [images_of(frame) for frame in decoded]
+        if any(all(map(is_interlaced, pair)) for pair in images):
+            self.problems.append(
+                f"{self.source.path}: the images are interlaced: their odd and even rows were exposed at different "
+                "times; record progressive video"
+            )
+        corners = [matched_corners(*pair) for pair in images]
         check = check_calibration(rig, corners)
         self.result["calibration_check"] = {k: None if v != v else v for k, v in asdict(check).items()}  # no NaN
         # of exchanged sides the images show which are wrong
