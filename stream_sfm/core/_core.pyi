@@ -794,7 +794,12 @@ def view_inflation(
 def view_residuals(views: Views, root: Array, amplitudes: Array, cams_from_ref: Array) -> tuple[Array, Array]: ...
 def views_by_turn(pinholes: Pinholes, z_px: Array, root: Array) -> Array: ...
 def views_within_gates(
-    pinholes: Pinholes, state: WindowState, views: WindowViews, gate_of_one: float, gate_of_both: float
+    pinholes: Pinholes,
+    state: WindowState,
+    views: WindowViews,
+    var_slide_px2: Array,
+    gate_of_one: float,
+    gate_of_both: float,
 ) -> Mask: ...
 def warp_patches(
     stored: Image, slots: Pixels, anchor_from_now: Array, radius_px: int, spacing_px: int, rules: TemplateRules

@@ -13,12 +13,12 @@ from ..camera.rectification import Rectifier
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import ConfigError, LogError
-from ..frontend.prepared import Image
 from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
 from ..inspection.calibration_check import images_of, log_problems
 from ..interrupts import deferred_interrupts
 from ..observer import Observer
+from ..pictures.prepared import Image
 from ..recording.frames import RecordedFrame
 from ..recording.images import decode_rgb
 from ..recording.stereo_log import StereoLog, open_log

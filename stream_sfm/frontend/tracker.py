@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from ..geometry import Array
 from ..geometry.resection import Resection, resect
+from ..pictures.prepared import PreparedImages
 from ..record import changed
 from ..types import ExpectedMotion
 from .advance import Followed, advance, learn
@@ -17,7 +18,6 @@ from .hidden_background import is_background_hidden
 from .inertia import steadier, without_newcomer
 from .inertial_choice import is_sampled, nearer
 from .nearest_apart import of_rest
-from .prepared import PreparedImages
 from .repetition import smaller_of_alike
 from .rough_motion import RoughMotion, find_rough_motion
 from .seen import Seen

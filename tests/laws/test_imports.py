@@ -21,7 +21,7 @@ LAYERS = (
     ("geometry", "blas", "files", "deflate", "interrupts", "executors", "memory", "methods"),
     ("inertial",),
     ("camera",),
-    ("rig_model",),
+    ("rig_model", "pictures"),
     ("types",),
     ("motion",),
     ("frontend", "estimators", "evaluation", "mcap_file"),
@@ -39,7 +39,7 @@ LAYERS = (
 LEVEL = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
 # Packages that cost time or memory to import, or that only one room should know: where they may be.
 HOMES = {
-    "cv2": ("camera", "frontend", "dense", "recording", "sources", "inspection", "places", "viewer"),
+    "cv2": ("camera", "pictures", "frontend", "dense", "recording", "sources", "inspection", "places", "viewer"),
     "mcap": ("mcap_file", "sources", "recording", "results"),
     "mcap_protobuf": ("sources", "recording"),
     "google": ("recording",),  # protobuf, which the two beside it need

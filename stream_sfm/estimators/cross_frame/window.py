@@ -319,8 +319,9 @@ def _unknown_rig(observations: Observations, rules: RigConfig) -> RigState:
     """Return the knowledge of the rig before any view."""
     if observations.rig is None:
         return NO_RIG
-    mean, size, learnt = observations.rig.model.before_views()
-    return RigState.unknown(size, learnt, observations.stamp_ns, mean, rules)
+    model = observations.rig.model
+    mean, size, learnt = model.before_views()
+    return RigState.unknown(size, learnt, observations.stamp_ns, mean, rules, model.refined)
 
 
 def _corrected(observations: Observations, views: WhitenedViews, rig_error: Array) -> Observations:
