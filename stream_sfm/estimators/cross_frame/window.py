@@ -256,9 +256,9 @@ class CrossFrame(TakesSamples):
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Return the Solution from the joint covariance, and give the pose to the motion model."""
         rig, self._in_question = current.judge_rig(), motion.ambiguous is not None
-        before, factors = current.marginals, self._factors
+        before = current.marginals
         tells = observations.lasting.inflation is not None and motion.ambiguous is None and not observations.misfit
-        read_off, self._factors, self._noise = reported(current, factors, self._noise, tells)
+        read_off, self._factors, self._noise = reported(current, self._factors, self._noise, tells)
         in_question = motion.ambiguous is not None or bool(observations.misfit)
         now, inertial = self._marginals(current, read_off, before, in_question)
         cov_timing = cov_of_timing(current, self._std_acceleration)
@@ -290,7 +290,9 @@ class CrossFrame(TakesSamples):
             nis=motion.chi2,
             nis_dof=motion.dof,
             rig=rig,
-            relative=relative_motions(read_off, cov_timing, factors.by_span, self.config.window.feigned_turns),
+            relative=relative_motions(
+                read_off, cov_timing, self._factors.by_span, self.config.window.feigned_turns
+            ),
             common=common_errors(read_off, rig),
             inertial=inertial,
         )
