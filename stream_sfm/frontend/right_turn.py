@@ -55,12 +55,6 @@ def with_turn(rig: RigModel, estimate: RigEstimate, rad: Array) -> RigEstimate:
     )
 
 
-NOTHING = np.zeros(2)
-SIZES = np.array([1.0, 4.0, 16.0])
-FIRST = np.array([0.9, 0.08, 0.02])
-DRAWN_ANEW = 0.05  # per frame
-
-
 @record
 class TurnWatch:
     """The turns of a run.
