@@ -6,8 +6,8 @@ alone (`tools/ablation.py`).
 
 from typing import Annotated
 
-from .image_rules import GhostRules, ImageRules
 from .inertia_rules import InertiaRules
+from .picture_rules import GhostRules, ImageRules
 from .point_rules import PointRules, TemplateRules
 from .section import Section, expert
 

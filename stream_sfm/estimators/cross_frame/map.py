@@ -26,7 +26,7 @@ from .doubt import Doubt
 from .focus_watch import FocusWatch
 from .inertial_window import InertialWindow
 from .interval import JOINT, Known
-from .inverse_depth import State, WhitenedViews, at_rest, expected, held, linearise, q_of_views
+from .inverse_depth import State, WhitenedViews, at_rest, expected, held, linearise, q_of_views, slides_px2
 from .map_points import MapPoints
 from .marginals import Marginals
 from .normal_equations import System
@@ -298,9 +298,10 @@ class Map:
         return decrease
 
     def gate(self, probability: float) -> None:
-        """Stop using the views that contradict the joint minimum, each by its own covariance."""
+        """Stop using the views that contradict the joint minimum, each by its own covariance and slide, eq. (26a)."""
         gates = chi2_gate(2, probability), chi2_gate(4, probability)
-        used = core.views_within_gates(self.projection, self.state(), self.views, *gates)
+        slides = slides_px2(self.projection, self.views)
+        used = core.views_within_gates(self.projection, self.state(), self.views, slides, *gates)
         self.rejections.add(self.views.ids[self.views.used & ~used])
         self.views = changed(self.views, used=used)
 
