@@ -47,12 +47,7 @@ RULES: dict[str, tuple[str, ...]] = {  # the settings that switch it off
     "noise of bad frames": ("rules.motion.poor_frames=false",),
     "depths forget": ("rules.motion.forgetting=1",),
     "drift of templates": ("rules.errors.slide=0",),
-    "displaced images": ("rules.step.least_px=1e4",),
-    "earlier images show through": ("rules.ghosts.sigmas=1e8",),
-    "smeared patches": ("rules.smears.sigmas=1e8", "rules.smears.other=1"),
-    "all is seen twice": ("rules.echo.strength=1",),
-    "drawn over": ("rules.still.drawn=1",),
-    "rows of two moments": ("rules.fields.combed=100",),
+    "earlier images show through": ("rules.ghosts.share=1",),
     "left and right are one image": ("rules.images.fewest_slopes=1000000000",),
 }
 

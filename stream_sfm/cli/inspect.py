@@ -40,7 +40,7 @@ def inspect(
                 found["imu"]["first_frames"] = look["imu"]
                 found["warnings"] += look["imu"]["findings"] if look["imu"] else []
         except StreamSfmError as error:
-            found["warnings"].append(f"the first frames cannot be estimated: {error}")
+            found["problems"].append(f"the first frames cannot be estimated: {error}")
     code = ExitCode.INPUT if found["problems"] else ExitCode.DONE
     if json:
         print_json(found)

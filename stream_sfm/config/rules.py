@@ -6,8 +6,8 @@ alone (`tools/ablation.py`).
 
 from typing import Annotated
 
-from .image_rules import EchoRules, FieldRules, GhostRules, ImageRules, SmearRules, StillRules
 from .inertia_rules import InertiaRules
+from .picture_rules import GhostRules, ImageRules
 from .point_rules import PointRules, TemplateRules
 from .section import Section, expert
 
@@ -59,9 +59,8 @@ class StartRules(Section, frozen=True, kw_only=True):
     unexplained: Annotated[float, expert("share of disagreeing tracks from which a motion is sought", 0, 1)] = 0.2
     # The share is smaller along the ground, which lies behind and in front of its neighbours.
     behind: Annotated[float, expert("share of neighbours that must be in front", 0.5, 1)] = 0.95
-    # Two determine a motion. Frames that follow a body have 2.6 to 34, in the noise of their views; on sound logs no
-    # other motion is found at all.
-    clear_views: Annotated[float, expert("views that contradict the motion of the nearest points", 0, 1000)] = 2.0
+    # One start in a thousand follows a body, and 5 σ are 14 more.
+    body: Annotated[float, expert("log-odds from which points that agree are on a body in front", 0, 1e6)] = 21.0
     # Depths of neighbours on one surface differ by less.
     deeper: Annotated[float, expert("factor between two depths that differ", 1.01, 100)] = 1.25
 
@@ -143,18 +142,6 @@ class PairRules(Section, frozen=True, kw_only=True):
     # Principal points of real cameras are within 0.1 of the middle. In a calibration for half the resolution they
     # lie at a quarter of the size, for twice the resolution in the corner. In a cropped image they can be anywhere.
     same_place: Annotated[float, expert("share of the size by which a principal point may differ", 0, 0.5)] = 0.03
-
-
-class StepRules(Section, frozen=True, kw_only=True):
-    """Whether both images have been shifted at once."""
-
-    # On sample logs, hand-held ones among them, changes that the next frame undoes stay below a third of this.
-    least_px: Annotated[float, expert("least size of a step, px", 0.1, 10_000)] = 2.0
-    unusual: Annotated[float, expert("least size of a step, multiple of recent changes", 1, 1e6)] = 6.0
-    remembered: Annotated[int, expert("changes that are remembered", 1, 10_000)] = 20
-    fewest: Annotated[int, expert("changes needed to know their usual size", 1, 10_000)] = 5
-    # Noise and the motion of the camera leave some.
-    back: Annotated[float, expert("share of the change that may remain in the next frame", 0, 1)] = 0.5
 
 
 class TurnRules(Section, frozen=True, kw_only=True):
@@ -288,15 +275,10 @@ class Rules(Section, frozen=True, kw_only=True):
     points: PointRules = PointRules()
     templates: TemplateRules = TemplateRules()
     pair: PairRules = PairRules()
-    step: StepRules = StepRules()
     turn: TurnRules = TurnRules()
     rows: RowRules = RowRules()
     errors: ErrorRules = ErrorRules()
     ghosts: GhostRules = GhostRules()
-    still: StillRules = StillRules()
-    echo: EchoRules = EchoRules()
-    smears: SmearRules = SmearRules()
-    fields: FieldRules = FieldRules()
     images: ImageRules = ImageRules()
     mono: MonoRules = MonoRules()
     inertia: InertiaRules = InertiaRules()

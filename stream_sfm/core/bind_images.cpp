@@ -49,21 +49,10 @@ void bind_images(nb::module_& m) {
 
 Raises ValueError for a filter that does not exist.)",
         "filtered"_a, "pixel"_a);
-    def<&patch_smears>(m, "patch_smears", R"(Return the smears of patches (n, 13, 13) relative to earlier ones, and three more statistics: (n, 4).
-
-These are the smear as a variance, px²; its own variance; the mean square of the part that earlier patches do not
-explain; and that of the patch itself, grey values squared. `along` (n, 3): weights of the coefficients of the second
-derivatives xx, yy and xy; see frontend/smear_check.py.)",
-        "before"_a, "after"_a, "along"_a, "noise_grey"_a, "least_square"_a);
     def<&ghost_sums>(m, "ghost_sums", R"(Return sums (2, 5) over patches for the share of the last image in the current one, by two controls.
 
-Points (n, 2) are given in the current image, the last one and an earlier one; see frontend/ghost_check.py.)",
+Points (n, 2) are given in the current image, the last one and an earlier one; see pictures/ghosts.py.)",
         pixels<std::uint8_t>("now"), pixels<std::uint8_t>("last"), pixels<std::uint8_t>("earlier"), "now_px"_a, "last_px"_a, "earlier_px"_a, "noise_grey"_a, "least_square"_a);
-    def<&drawn_edges>(m, "drawn_edges", R"(Return how many edges are in lines (k, n) of the left image, how many have changed, and how many are drawn over it.
-
-Changed edges differ from the last image. Drawn ones are the same in the last image, in an earlier one and in the right
-one. A value of −1 is a pixel that does not show the scene.)",
-        "left"_a, "last"_a, "earlier"_a, "right"_a, "edge_grey"_a, "same_grey"_a, "same_step_grey"_a);
     def<&same_slopes>(m, "same_slopes", R"(Return how many pixels are on a slope of the left image, and how many of these are the same in the right one.
 
 Every `spacing_px`-th row counts. A slope is a difference of `slope_grey` two pixels apart; the same pixel differs by

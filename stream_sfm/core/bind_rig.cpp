@@ -30,8 +30,8 @@ The right side of a view has the error, and so has the inverse depth of its poin
 
 All views give N(`mean` (m,), `cov` (m, m)), with the sizes (m,) so far. The first `lenses` terms are those of lenses.
 The next n may be 0 in the combinations `is_zero` (c, n) of log probability `log_prior` (c,); for these the share
-`counts` of their information counts, and `counts_of_lenses` of that about lenses. The others are of a field, which is
-wrong together with the lenses. A `share_alone` of lenses has an error in one term only. `known_wrong`: whether lenses
+`counts` of their information counts, and `counts_of_lenses` of that about lenses. The others are of a field, whose size
+already contains the odds that there is none. A `share_alone` of lenses has an error in one term only. `known_wrong`: whether lenses
 are known to have errors. Raises LinAlgError if the arguments are not finite.)",
         "mean"_a, "cov"_a, "size"_a, "lenses"_a, "is_zero"_a, "log_prior"_a, "counts"_a, "counts_of_lenses"_a, "share_alone"_a, "known_wrong"_a);
     def<&velocities>(m, "velocities", R"(Return the velocities (n, 4), px/s, of views of homogeneous points (n, 4) with `twists` (n, 6), or (1, 6) for all.)",
@@ -55,7 +55,7 @@ if `cov` is not definite.)",
 
 They are those of `timing_unknowns`, for homogeneous points (n, 4) in the previous and the current frame, which move
 with `twist` (6,), and those of the rows of right sides. Also returns the covariance (3, 3) of the apparent turn of the
-right camera by rows and delay. Raises LinAlgError if a covariance is not definite.)",
+right camera by rows. Raises LinAlgError if a covariance is not definite.)",
         "timing"_a, "rows"_a, "before"_a, "now"_a, "z_px"_a, "twist"_a, "std_twist"_a);
     def<&cov_of_timed_pose>(m, "cov_of_timed_pose", R"(Return the covariance (6, 6) of a pose by that of a twist, `cov_twist` (6, 6), eq. (70b).
 

@@ -1,5 +1,4 @@
-// The share of the last image in the current one, from patches of the same points (frontend/ghost_check.py), and the smear of
-// patches (frontend/smear_check.py).
+// The share of the last image in the current one, from patches of the same points (pictures/ghosts.py).
 
 #include "images.hpp"
 
@@ -8,7 +7,7 @@ namespace {
 
 constexpr int RADIUS_PX = PATCH_RADIUS_PX;
 constexpr int SIDE = 2 * RADIUS_PX + 1, WIDE = SIDE + 2, K = SIDE * SIDE;
-constexpr int CHANGES = 11, SECOND = 3;  // of a patch between two frames; the last three are second derivatives
+constexpr int CHANGES = 11;  // of a patch between two frames
 constexpr int VIEWS = 5;             // of each point
 
 void centre(float* samples, int n) {
@@ -66,37 +65,6 @@ struct Explained {
 };
 
 }  // namespace
-
-Array<double, 2> patch_smears(View<float, 3> before, View<float, 3> after, Matrix along, double noise_grey, double least_square) {
-    std::size_t n = before.shape[0];
-    for (const View<float, 3>& patches : {before, after}) require_shape(patches, {n, WIDE, WIDE}, "patches");
-    require_shape(along, {n, SECOND}, "along");
-    Array<double, 2> smears(n, 4);
-    float wide[WIDE * WIDE], seen[K];
-    for (std::size_t i = 0; i < n; i++) {
-        std::copy_n(before[i], WIDE * WIDE, wide);
-        Explained explained(wide, least_square);
-        for (int row = 0; row < SIDE; row++) std::copy_n(after[i] + (row + 1) * WIDE + 1, SIDE, seen + row * SIDE);
-        centre(seen, K);
-        double parts[CHANGES], counts[CHANGES] = {}, found[CHANGES], of_counts[CHANGES];
-        explained.put_parts(seen, parts);
-        for (int k = 0, first = CHANGES - SECOND; k < SECOND; k++) counts[first + k] = along[i][k] * explained.scale[first + k];
-        std::copy_n(parts, CHANGES, found);
-        std::copy_n(counts, CHANGES, of_counts);
-        solve_factored(explained.gram, found, CHANGES);
-        solve_factored(explained.gram, of_counts, CHANGES);
-        double left = dot(seen, seen, K), variance = 0;
-        for (int k = 0; k < CHANGES; k++) {
-            left -= parts[k] * found[k];
-            smears[i][0] += counts[k] * found[k];
-            variance += counts[k] * of_counts[k];
-        }
-        smears[i][1] = (left / (K - CHANGES) + noise_grey * noise_grey) * variance;
-        smears[i][2] = left / (K - CHANGES);
-        smears[i][3] = dot(seen, seen, K) / K;
-    }
-    return smears;
-}
 
 WIDER Array<double, 2> ghost_sums(const ImageOf<std::uint8_t>& now, const ImageOf<std::uint8_t>& last, const ImageOf<std::uint8_t>& earlier,
                             Matrix now_px, Matrix last_px, Matrix earlier_px, double noise_grey, double least_square) {

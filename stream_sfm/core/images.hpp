@@ -71,17 +71,10 @@ std::vector<std::size_t> slanted_rows(Matrix slopes);  // those of surfaces that
 
 // ghosts.cpp
 constexpr int PATCH_RADIUS_PX = 5;
-Array<double, 2> patch_smears(View<float, 3> before, View<float, 3> after, Matrix along, double noise_grey, double least_square);
 Array<double, 2> ghost_sums(const ImageOf<std::uint8_t>& now, const ImageOf<std::uint8_t>& last, const ImageOf<std::uint8_t>& earlier,
                             Matrix now_px, Matrix last_px, Matrix earlier_px, double noise_grey, double least_square);
 
-// still.cpp
-struct DrawnEdges {
-    std::int64_t edges, moved, drawn;
-    FIELDS(edges, moved, drawn)
-};
-DrawnEdges drawn_edges(View<std::int16_t, 2> left, View<std::int16_t, 2> last, View<std::int16_t, 2> earlier,
-                       View<std::int16_t, 2> right, std::int64_t edge_grey, std::int64_t same_grey, std::int64_t same_step_grey);
+// slopes.cpp
 struct SameSlopes {
     std::int64_t slopes, same;
     FIELDS(slopes, same)

@@ -216,34 +216,34 @@ Mixture rig_mixture(Vector mean, Matrix cov, Vector size, std::size_t lenses, Vi
     require_shape(size, {m}, "size");
     require_shape(log_prior, {is_zero.shape[0]}, "log_prior");
     require(lenses > 0 && terms <= m && is_zero.shape[0] > 0, "there are fewer errors than terms");
-    Which of_lenses(lenses), considered(terms - lenses), lens_and_field(m - considered.size());
+    Which of_lenses(lenses), considered(terms - lenses), others(m - lenses);
     std::iota(of_lenses.begin(), of_lenses.end(), 0);
     std::iota(considered.begin(), considered.end(), lenses);
-    std::iota(lens_and_field.begin(), lens_and_field.end(), 0);
-    for (std::size_t& i : lens_and_field) i += i < lenses ? 0 : considered.size();
+    std::iota(others.begin(), others.end(), lenses);  // the considered terms, then the field
     Numbers sizes(size.data, size.data + m), of_considered = at(sizes, considered);
     auto zeros = zeros_of(is_zero);
     Gaussian all{Numbers(mean.data, mean.data + m), Numbers(cov.data, cov.data + m * m)}, wrong = all;
-    Gaussian own = without(all, lens_and_field, considered);
+    Gaussian right = without(all, of_lenses, others);
+    Which first(considered.size());
+    std::iota(first.begin(), first.end(), 0);
+    Gaussian own = part(right, first);
     double log_odds =
         log_odds_lenses(all, own, sizes, of_lenses, zeros, log_prior.data, counts, counts_of_lenses, share_alone);
     require_definite(std::isfinite(log_odds), "the errors of the rig are not determined");
     double p = 1 / (1 + std::exp(-log_odds));
     Mixture result{{m}, {m, m}, known_wrong ? 1.0 : p};
     consider(wrong, lenses, averaged(part(all, considered), of_considered, zeros, log_prior.data, counts));
-    consider(own, 0, averaged(own, of_considered, zeros, log_prior.data, counts));
-    Gaussian right{Numbers(m), Numbers(m * m)};
-    for (std::size_t i = 0; i < considered.size(); i++) {
-        right.mean[considered[i]] = own.mean[i];
-        for (std::size_t j = 0; j < considered.size(); j++)
-            right.cov[considered[i] * m + considered[j]] = own.cov[i * considered.size() + j];
-    }
+    consider(right, 0, averaged(own, of_considered, zeros, log_prior.data, counts));
     p = result.p_wrong;
     for (std::size_t i = 0; i < m; i++) {
-        result.mean.data[i] = p * wrong.mean[i] + (1 - p) * right.mean[i];
+        double mean_i = i < lenses ? 0.0 : right.mean[i - lenses];
+        result.mean.data[i] = p * wrong.mean[i] + (1 - p) * mean_i;
         for (std::size_t j = 0; j < m; j++) {
-            double apart = (wrong.mean[i] - right.mean[i]) * (wrong.mean[j] - right.mean[j]);
-            result.cov[i][j] = p * wrong.cov[i * m + j] + (1 - p) * right.cov[i * m + j] + p * (1 - p) * apart;
+            bool free = i >= lenses && j >= lenses;
+            double mean_j = j < lenses ? 0.0 : right.mean[j - lenses];
+            double apart = (wrong.mean[i] - mean_i) * (wrong.mean[j] - mean_j);
+            double cov = free ? right.cov[(i - lenses) * others.size() + j - lenses] : 0.0;
+            result.cov[i][j] = p * wrong.cov[i * m + j] + (1 - p) * cov + p * (1 - p) * apart;
         }
     }
     return result;

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from .. import core
 from ..config import RobustConfig
 from ..geometry import Array
-from ..geometry.medians import median
 from ..geometry.resection import Resection
 from ..geometry.stereo import StereoProjection
 from ..record import columns_at
 from ..types import Observations, Solution, Status
-from .motion_model import Displaced, Doubts, MotionModel
+from .motion_model import Doubts, MotionModel
 from .triangulation import points_to_world, triangulate, usable_births
 
 
@@ -103,18 +102,14 @@ def recorded(motion: MotionModel, observations: Observations, solution: Solution
 
     A pose from images that do not fit each other is used, although the pose predicted from earlier frames may be the
     true one: the covariances of the pose and of the points in the world cover both, and relative motions are not
-    reported. After a step of both images, the covariances cover that the camera may not have moved, and that later
-    motions appear rotated by as much. After a doubt that was never settled, they keep what they covered last. Raises
+    reported. After a doubt that was never settled, they keep what they covered last. Raises
     LinAlgError for a pose that is not finite, before anything learns from it.
     """
     if not (np.isfinite(solution.world_from_cam).all() and np.isfinite(solution.cov_pose).all()):
         raise np.linalg.LinAlgError("the pose is not finite")
     solution = with_ended(solution, ended)
     of_start = observations.ambiguity is not None and observations.ambiguity.of_start
-    stepped, depths_m = None, solution.points_in_cam[:, 2]
-    if observations.stepped_rad:
-        stepped = Displaced(observations.stepped_rad, median(depths_m) if len(depths_m) else 0.0)
-    doubts = Doubts(observations.misfit, of_start, observations.unconfirmed, stepped, observations.may_step)
+    doubts = Doubts(observations.misfit, of_start, observations.unconfirmed)
     cov = motion.add(observations.stamp_ns, solution.world_from_cam, solution.cov_pose, doubts)
     if observations.misfit:
         solution = replace(solution, relative=None)

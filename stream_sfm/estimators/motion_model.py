@@ -1,4 +1,4 @@
-"""The motion model: constant velocity, with an uncertainty that grows by an assumed acceleration, eqs. (42) and (43).
+"""The motion model: constant velocity, with an uncertainty that grows by an acceleration, eqs. (42) to (43b).
 
 The estimate of every frame starts from its prediction; while lost, the prediction is the estimate.
 """
@@ -10,40 +10,19 @@ import numpy as np
 
 from ..config import MotionConfig
 from ..geometry import Array, se3
-
-
-class Displaced(NamedTuple):
-    """Images displaced as if the camera had rotated by `turn_rad`, of a scene at `depth_m`."""
-
-    turn_rad: float = 0.0
-    depth_m: float = 0.0
-
-    def cov_of(self, motion: Array) -> Array:
-        """Return the covariance (6, 6) of a motion (4, 4) estimated from such images: its axes are rotated by that
-        angle, and for a distant scene a wrong rotation looks like a sideways translation."""
-        xi = se3.log(motion)
-        moved_m, turned_rad = np.linalg.norm(xi[:3]), np.linalg.norm(xi[3:])
-        std = self.turn_rad * np.repeat([moved_m + self.depth_m * turned_rad, turned_rad], 3)
-        return np.diag(std**2)
-
-
-_NOT_DISPLACED = Displaced()
+from .accelerations import Accelerations
 
 
 class Doubts(NamedTuple):
     """Why a pose may be wrong.
 
     `misfit`: the true pose may be the one predicted from the last pose without a misfit. `of_start`: it may be the one
-    predicted from the first pose of the map. `unconfirmed`: the start ended before its doubt was settled. `stepped`:
-    both images were displaced before this pose, and the camera may or may not have moved with them. `may_step`: they
-    may have been displaced since the last pose; the next pose shows whether they were.
+    predicted from the first pose of the map. `unconfirmed`: the start ended before its doubt was settled.
     """
 
     misfit: bool = False
     of_start: bool = False
     unconfirmed: bool = False
-    stepped: Displaced | None = None
-    may_step: bool = False
 
 
 NO_DOUBTS = Doubts()
@@ -53,15 +32,14 @@ class MotionModel:
     """The last estimated pose, its covariance, and the velocity that led to it. Frames are added in order of time."""
 
     def __init__(self, config: MotionConfig) -> None:
-        self._config, self._std_acceleration = config, np.array(config.std_acceleration)
+        self._config, self._accelerations = config, Accelerations.of(np.array(config.std_acceleration))
         self._pose = np.eye(4)
         self._cov = np.zeros((6, 6))
         self._stamp_ns: int | None = None
         self._velocity = np.zeros(6)  # ξ per second, in the camera's own axes
         self._velocity_known = False
-        # For each step of both images and each doubt that was never settled: the pose after it, the covariance that
-        # remains, and the displacement of the images since.
-        self._left: list[tuple[Array, Array, Displaced]] = []
+        # For each doubt that was never settled: the pose after it, and the covariance that remains.
+        self._left: list[tuple[Array, Array]] = []
         self._known_at_ns: int | None = None  # when the velocity was last measured, or else the first pose
         self._trusted: MotionModel | None = None  # as it was before the doubtful frames up to the latest one
         self._at_start: MotionModel | None = None  # as it was when the map began
@@ -77,7 +55,7 @@ class MotionModel:
     @property
     def std_speed(self) -> Array:
         """σ (6,) of the difference of two velocities of a vehicle, per second: what it gains while it accelerates."""
-        return np.asarray(self._config.speeds_up_s * self._std_acceleration)
+        return self._config.speeds_up_s * self._accelerations.assumed
 
     def add(
         self,
@@ -89,20 +67,11 @@ class MotionModel:
         """Add the estimated pose of a frame and the velocity that it implies, and return its covariance (6, 6).
 
         A doubtful pose is used, and its covariance covers the alternative, eq. (43a). If a doubt of the start is never
-        settled, its covariance stays in all later poses. When both images step, the camera may have moved by the part
-        of the motion that the model does not explain; that part stays in all later poses, even if the images step back.
+        settled, its covariance stays in all later poses.
         """
-        if doubts.stepped is not None:
-            if doubts.misfit:  # images that do not fit each other do not show the step either
-                covering = (self._trusted or self)._covering(stamp_ns, world_from_cam)
-            else:
-                covering = self._step_into(stamp_ns, world_from_cam)
-            self._leave(world_from_cam, covering, doubts.stepped)
         if doubts.unconfirmed and self._covered is not None:
-            self._leave(*self._covered)
+            self._left = [*self._left, self._covered][-16:]  # memory is bounded
         cov_pose = self._with_left(world_from_cam, cov_pose)
-        if doubts.may_step:
-            cov_pose = cov_pose + self._step_into(stamp_ns, world_from_cam)
         if not doubts.misfit:
             self._trusted = self._covered = None
         else:
@@ -116,15 +85,18 @@ class MotionModel:
             self._velocity = se3.log(se3.inverse(self._pose) @ world_from_cam) / dt
             self._velocity_known = True
             self._known_at_ns = stamp_ns
+        learnt = self._accelerations.interrupted() if doubts.misfit else self._accelerations
+        self._accelerations = learnt.after(stamp_ns, world_from_cam)
         self._go_on(stamp_ns, world_from_cam, cov_pose)
         return cov_pose
 
     def restart(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
         """Set the pose at which a new map begins; the velocity and its age are kept.
 
-        Earlier steps and doubts are part of the covariance of this pose, which all poses of the map share.
+        Earlier doubts are part of the covariance of this pose, which all poses of the map share.
         """
         self._left, self._trusted, self._covered = [], None, None
+        self._accelerations = self._accelerations.interrupted().after(stamp_ns, world_from_cam)
         self._go_on(stamp_ns, world_from_cam, cov_pose)
         self._at_start = None
         self._at_start = copy(self)
@@ -138,26 +110,13 @@ class MotionModel:
         """Assume that the camera has left its last pose in a way that no velocity explains."""
         self._velocity, self._velocity_known = np.zeros(6), False
         reach_s2 = self._config.speeds_up_s * (0.5 * self._config.speeds_up_s + self._config.build_up_s)
-        self._cov = self._cov + np.diag((reach_s2 * self._std_acceleration) ** 2)
-
-    def _step_into(self, stamp_ns: int, world_from_cam: Array) -> Array:
-        """Return the covariance (6, 6) of a pose whose error may be as large as the part the model does not explain."""
-        step = se3.log(se3.inverse(self.predict(stamp_ns)[0]) @ world_from_cam)
-        return np.outer(step, step)
-
-    def _leave(self, world_from_cam: Array, cov: Array, displaced: Displaced = _NOT_DISPLACED) -> None:
-        """Add a covariance (6, 6) of a pose to all later ones, and the error of `displaced` images since.
-
-        Only the latest 16 are kept, so that memory is bounded when images are displaced all the time.
-        """
-        self._left = [*self._left, (world_from_cam, cov, displaced)][-16:]
+        self._cov = self._cov + np.diag((reach_s2 * self._accelerations.std) ** 2)
 
     def _with_left(self, world_from_cam: Array, cov_pose: Array) -> Array:
-        """Return the covariance (6, 6) of a pose with those that earlier steps and doubts have left."""
-        for pose, cov, displaced in self._left:
-            cam_from_pose = se3.inverse(world_from_cam) @ pose
-            ad = se3.adjoint(cam_from_pose)
-            cov_pose = cov_pose + ad @ cov @ ad.T + displaced.cov_of(cam_from_pose)
+        """Return the covariance (6, 6) of a pose with those that earlier doubts have left."""
+        for pose, cov in self._left:
+            ad = se3.adjoint(se3.inverse(world_from_cam) @ pose)
+            cov_pose = cov_pose + ad @ cov @ ad.T
         return cov_pose
 
     def _covering(self, stamp_ns: int, world_from_cam: Array) -> Array:
@@ -176,7 +135,7 @@ class MotionModel:
         step = se3.exp(self._velocity * dt)
         ad = se3.adjoint(se3.inverse(step))
         time = np.sqrt(max(self._reach_s2(stamp_ns) ** 2 - self._reach_s2(self._stamp_ns) ** 2, 0.0))
-        std = self._std_acceleration * time
+        std = self._accelerations.std * time
         predicted, cov = se3.orthonormalise(self._pose @ step), ad @ self._cov @ ad.T + np.diag(std**2)
         return predicted, cov if self._trusted is None else cov + self._trusted._covering(stamp_ns, predicted)
 

@@ -1,7 +1,7 @@
 """The front-end of a stereo pair: it turns rectified images into observations.
 
 In each frame it follows the points (`tracker.py`), begins new ones where they are missing (`new_points.py`) and checks
-the images (`image_checks.py`). A frame is skipped if nothing can be followed and nothing new be found, or if the
+the images (`pictures/`). A frame is skipped if nothing can be followed and nothing new be found, or if the
 background is hidden. The next frames are then followed from the last good frame, for at most a second.
 """
 
@@ -14,8 +14,10 @@ from ..camera.rectification import Rectifier
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..geometry import Array
-from ..geometry.medians import median
 from ..geometry.resection import SecondMotion
+from ..pictures.checks import Suspicions
+from ..pictures.content import are_alike, image_note
+from ..pictures.prepared import PreparedImages
 from ..record import changed
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
@@ -25,17 +27,12 @@ from .alignment import WIDE, TemplateAligner, valid_area
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
 from .first_timing import learn_timing
-from .image_checks import are_alike, image_note
 from .new_points import begin_points, renews
 from .pair_check import PairCheck, PairFit, problem_of, resolution_problem
-from .patches import View
-from .prepared import PreparedImages
 from .right_turn import TurnWatch, rig_change, shift_of_turn, with_turn
 from .rows import Rows
 from .start_check import StartCheck
 from .state import FrontEndState, Setup
-from .step_check import StepCheck, displacement_px
-from .suspicions import Suspicions
 from .template_errors import TemplateErrors, turn_of_slides
 from .timing import Timing
 from .tracker import follow
@@ -57,7 +54,6 @@ class StereoFrontEnd:
         projection, in_right = rectifier.projection, rectifier.valid_in_right
         radius_px, rules = config.frontend.window_radius_px, config.rules
         self.setup = Setup(projection, config, None if in_right is None else valid_area(in_right, radius_px))
-        self.masks = [camera.mask for camera in rig.cameras.values()]
         self.problem = resolution_problem(rig, rules.pair)  # of the calibration, in every frame
         self.rig = RigModel.of(
             projection, config.rig, rig.refinement, rectifier.rows_of, rig.timing, rectifier.by_focal
@@ -71,9 +67,8 @@ class StereoFrontEnd:
             errors=TemplateErrors.begun_by(rules.errors),
             ambiguity=AmbiguityMemory(rules=rules.motion),
             start=StartCheck(rules=rules.motion),
-            steps=StepCheck(rules=rules.step),
             pair=PairCheck(rules=rules.pair),
-            suspicions=Suspicions.begun_by(rules),
+            pictures=Suspicions.begun(rules),
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
@@ -98,10 +93,9 @@ class StereoFrontEnd:
         if expected is not None and expected.since_ns != state.previous_ns:
             expected = None  # it starts at a frame other than the one that is followed from
         state, change = self._take_out_turn(state)
-        state = changed(state, suspicions=state.suspicions.after_images(images, self.masks, state.frame_index))
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
         unconfirmed = bool(before.start.problem) and state.start.is_over and state.start.doubted
-        state, start_anew = self._check(before, state, images, stamp_ns, followed)
+        state, start_anew = self._check(before, state, images, followed)
         if followed is None or start_anew:
             state, observed = self._start_over(state, images, stamp_ns, wait=not start_anew)
         else:
@@ -132,27 +126,20 @@ class StereoFrontEnd:
         before: FrontEndState,
         state: FrontEndState,
         images: PreparedImages,
-        stamp_ns: int,
         followed: Followed | None,
     ) -> tuple[FrontEndState, bool]:
-        """Check whether the view has jumped and whether left and right are consistent.
+        """Check whether left and right are consistent.
 
         Also returns whether to start anew because of this. `before`: the state before the frame was followed.
         """
-        projection, config, change, fit = self.setup.projection, self.setup.config, None, None
-        suspected = before.steps.suspected_px is not None
-        # after frozen images the view catches up in one frame; this is not an error of the camera's motion
-        if followed is not None and (suspected or not before.pair.problem):
-            change = before.change_to(followed.cam_from_previous, stamp_ns)
+        projection, config, fit = self.setup.projection, self.setup.config, None
         if followed is not None and followed.found is not None:
             fit = PairFit.of(followed.found, projection, config, before.pair.missing)
         factor = state.aligners[1].noise.factor
-        problem = self.problem or problem_of(images, state.previous, fit, state.rows, factor, config.rules.pair)
+        problem = self.problem or state.pictures.problem_of_pair
+        problem = problem or problem_of(images, state.previous, fit, state.rows, factor, config.rules.pair)
         pair, start_anew = state.pair.after(problem, fit, state.next_id)
-        if change is not None and len(before.tracks):
-            change = displacement_px(change, projection.f_px, median(before.tracks.points[:, 3]))
-        state = changed(state, steps=state.steps.after(change), pair=pair)
-        return state, start_anew
+        return changed(state, pair=pair), start_anew
 
     def _go_on(
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int, followed: Followed
@@ -171,14 +158,12 @@ class StereoFrontEnd:
             stamp_ns,
             z_px,
             cov_px,
-            note or state.suspicions.problem,
+            note or state.pictures.problem,
             std_slides=(drifts_px, turn_of_slides(drift_px, f_px, self.setup.rules.errors.alike)),
             cam_from_previous=followed.cam_from_previous,
             n_new=len(z_new),
             ambiguity=_ambiguity(followed.second, state),
             settled=followed.settled,
-            may_step=state.steps.suspected_px is not None,
-            stepped_rad=state.steps.confirmed_px / f_px,
         )
 
     def _start_over(
@@ -249,7 +234,7 @@ class StereoFrontEnd:
         """Return the note that the right camera seems to have turned, or an empty string."""
         if watch is None or not watch.unusual:
             return ""
-        shift_px = shift_of_turn(self.setup.projection, watch.unusual[-1])
+        shift_px = shift_of_turn(self.setup.projection, watch.unusual[-1].rad)
         return (
             f"right image shifted by {shift_px:.2f} px relative to the left; using the left image only until the cause "
             "is clear"
@@ -271,8 +256,8 @@ class StereoFrontEnd:
 
 def _seen(state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Array) -> FrontEndState:
     """Return the state from which the next frame is followed, its image checks updated by all views (n, 4)."""
-    view = View(images.left, state.tracks.ids[: len(z_px)], z_px[:, :2])
-    return changed(state.followed_from(images, stamp_ns), suspicions=state.suspicions.after_views(view))
+    pictures = state.pictures.after(images, state.tracks.ids[: len(z_px)], z_px[:, :2])
+    return changed(state.followed_from(images, stamp_ns), pictures=pictures)
 
 
 def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:
@@ -285,4 +270,4 @@ def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | 
 
 def _misfit(state: FrontEndState) -> str:
     """Return why the agreeing points may not be the scene, or an empty string."""
-    return state.pair.problem or state.start.problem or state.steps.problem
+    return state.pair.problem or state.start.problem

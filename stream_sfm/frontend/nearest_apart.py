@@ -1,8 +1,8 @@
-"""Checks at the start of a map whether the nearest points that agree with a motion are on a moving body.
+"""Checks at the start of a map whether points that agree with a motion are on a body in front of the scene.
 
 Far points agree with any translation that a rotation compensates. So while no track has a history, all far points may
-agree with the motion of a body in front of the camera. Only the points in between contradict it, and they are too few
-for a second motion.
+agree with the motion of a body in front of the camera, or of the robot's own body, which is at rest in the image. Only
+the points in between contradict it, and they are too few for a second motion, or each of them by too little.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from .. import core
 from ..config.rules import StartRules
 from ..geometry import Array
 from ..geometry.medians import median
-from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion, refine, resect
+from ..geometry.resection import MANY_VIEWS, Resection, SecondMotion, refine, resect, residuals_of
 from ..record import changed
 from .depth_order import is_behind
 from .seen import Seen
@@ -21,41 +21,52 @@ from .step import Step
 
 
 def of_rest(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
-    """Return the motion of all but the nearest points, if it explains them clearly better and they lie behind these.
+    """Return the motion without some of the points, if it explains all others clearly better and these are in front.
 
-    It is found from the far half of the agreeing points and from those that disagree. Errors that the views share count
-    against it. The noise of its own views is the measure of a clear gain.
+    They are those at rest in the image, or the nearer half of those that agree.
     """
-    if state.start.is_over or not motion.ok or motion.second is not None:
+    if state.start.is_over or not motion.ok:
         return motion
     views, rho = seen.point_views, seen.before.points[:, 3]
-    rest = ~(motion.accepted & (rho >= median(rho[motion.accepted])))
-    if np.count_nonzero(rest) < MANY_VIEWS:
+    at_rest = residuals_of(views, np.eye(4)) < views.gate
+    moving = np.count_nonzero(motion.accepted & ~at_rest)
+    if moving > np.count_nonzero(motion.accepted & at_rest):  # otherwise the camera is at rest
+        motion = _without(step, seen, motion, at_rest)
+    if motion.second is not None:
+        return motion
+    return _without(step, seen, motion, motion.accepted & (rho >= median(rho[motion.accepted])))
+
+
+def _without(step: Step, seen: Seen, motion: Resection, apart: NDArray[np.bool_]) -> Resection:
+    """Return the motion of the points (n) that are not `apart` (n,), if the points only of the other are a body."""
+    views, rest, rules = seen.point_views, ~apart, step.setup.rules
+    if np.count_nonzero(motion.accepted & rest) < MANY_VIEWS or not (motion.accepted & apart).any():
         return motion
     alone = resect(views.select(rest), motion.cam_from_ref, seen.weights[rest], find_second=False, search=True)
     other = refine(views, seen.weights, alone.cam_from_ref, alone.amplitudes)
     if not alone.ok or not other.ok:
         return motion
-    limit = views.clear_gate
-    only_first = motion.accepted & (other.squared_residuals > limit)
-    noise = other.chi2 / other.dof  # over that assumed, where the other motion is right
-    only_other = other.accepted & (motion.squared_residuals > noise * limit)
-    tracks, clear = seen.before, step.setup.rules.start.clear_views * float(limit.max())
-    if _gain(motion, other, limit) < noise * clear:
+    body = motion.accepted & (other.squared_residuals > views.clear_gate)
+    scene = other.accepted & ~apart
+    if np.count_nonzero(scene & motion.accepted) < rules.motion.as_many * np.count_nonzero(motion.accepted & rest):
+        return motion  # the motion of other points than these
+    if log_odds(motion, other, ~body, views.clear_gate) < rules.start.body:
         return motion
-    if not is_behind(step.setup, tracks.keep(only_other), tracks.keep(only_first), fewest=MIN_VIEWS):
+    if not is_behind(step.setup, seen.before.keep(scene), seen.before.keep(body), fewest=1):
         return motion
-    return changed(other, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_first, 0.0, in_front=True))
+    return changed(other, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, body, 0.0, in_front=True))
 
 
-def _gain(motion: Resection, other: Resection, limit: Array) -> float:
-    """Return by how much better another motion explains its views, including shared errors; eq. (23d).
+def log_odds(motion: Resection, other: Resection, rows: NDArray[np.bool_], limit: Array) -> float:
+    """Return the log-odds of another motion over one by the views `rows` (n,), eq. (23d).
 
-    Squared residuals under the first motion count up to a `limit` (n,).
+    Residuals are measured in the noise that the views of the other motion show. Squared ones count up to a `limit`
+    (n,), so that views of neither motion say nothing.
     """
-    views = np.minimum(motion.squared_residuals, limit) - other.squared_residuals
+    noise = other.chi2 / max(other.dof, 1)
+    first, then = (np.minimum(m.squared_residuals[rows] / noise, limit[rows]) for m in (motion, other))
     shared = motion.amplitudes @ motion.amplitudes - other.amplitudes @ other.amplitudes
-    return float(views[other.accepted].sum() + shared)
+    return 0.5 * float((first - then).sum() + shared)
 
 
 def contradict_far(

@@ -11,19 +11,18 @@ from .. import core
 from ..camera.pixels import FEWEST_BITS
 from ..config import Config
 from ..config.rules import Rules
-from ..geometry import Array, se3
+from ..geometry import Array
 from ..geometry.stereo import StereoProjection
+from ..pictures.checks import Suspicions
+from ..pictures.prepared import PreparedImages
 from ..record import changed, record
 from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
 from .pair_check import PairCheck
-from .prepared import PreparedImages
 from .right_turn import TurnWatch
 from .rows import Rows
 from .start_check import StartCheck
-from .step_check import StepCheck
-from .suspicions import Suspicions
 from .template_errors import TemplateErrors
 from .timing import Timing
 from .tracks import Tracks
@@ -104,8 +103,8 @@ class FrontEndState:
       rows.
     - `turn_watch`: detects turns of the right camera, None if it cannot turn; `pair`: whether left and right are
       consistent; `background_hidden`: whether the background is, since the last frame that was followed; `ambiguity`:
-      between two motions; `start`: whether the map has started with the motion of the camera; `steps`: whether both
-      images have been displaced; `suspicions`: image checks over several frames.
+      between two motions; `start`: whether the map has started with the motion of the camera; `pictures`: what is
+      suspected of all images.
     - `errors`: the learnt errors that views of a point share; `disparity`: the estimated disparity error.
     - `map`: with one camera, the progress of the map.
     """
@@ -131,8 +130,7 @@ class FrontEndState:
     background_hidden: bool = False
     ambiguity: AmbiguityMemory = field(default_factory=AmbiguityMemory)
     start: StartCheck = field(default_factory=StartCheck)
-    steps: StepCheck = field(default_factory=StepCheck)
-    suspicions: Suspicions = field(default_factory=Suspicions)
+    pictures: Suspicions = field(default_factory=Suspicions)
     rows_waiting: Array | None = None
     pair: PairCheck = field(default_factory=PairCheck)
     map: MapState = field(default_factory=MapState)
@@ -140,7 +138,7 @@ class FrontEndState:
     @property
     def turn_root(self) -> Array:
         """A root (3, e), rad, of the covariance of the right camera's turns from frame to frame."""
-        return np.zeros((3, 0)) if self.turn_watch is None else self.turn_watch.root
+        return np.zeros((3, 0)) if self.turn_watch is None else self.turn_watch.usual.root
 
     def with_turn(self, z_px: Array, cov_px: Array) -> Array:
         """Return covariances (n, 4, 4) of views (n, 4) as depth measurements, with that of the turn of their frame."""
@@ -155,12 +153,6 @@ class FrontEndState:
         """Return where right sides of points with a twist (6,) are sought."""
         return RightSides(self.rows_with_delay, self.turn_rad, twist)
 
-    def change_to(self, cam_from_previous: Array, stamp_ns: int) -> Array | None:
-        """Return the change (6,) of the motion into a frame from the last one; None if unknown."""
-        if not self.velocity.any():
-            return None
-        return se3.log(cam_from_previous) - self.velocity * (stamp_ns - self.previous_ns) / 1e9
-
     def followed_from(self, images: PreparedImages, stamp_ns: int) -> "FrontEndState":
         """Return the state after a frame from whose images the next one is followed."""
         return changed(self, previous=images.shrunk(), previous_ns=stamp_ns)
@@ -174,8 +166,7 @@ class FrontEndState:
             timing=changed(self.timing, twist=None),
             ambiguity=AmbiguityMemory(rules=self.ambiguity.rules),
             start=StartCheck(rules=self.start.rules),
-            steps=StepCheck(rules=self.steps.rules),  # the motion of a new map is unknown
-            suspicions=self.suspicions.interrupted(),
+            pictures=self.pictures.interrupted(),
             background_hidden=False,
             turn_watch=None if self.turn_watch is None else self.turn_watch.calm(),
         )

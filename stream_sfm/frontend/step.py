@@ -3,9 +3,9 @@
 import numpy as np
 
 from ..geometry import Array, se3
+from ..pictures.prepared import PreparedImages
 from ..record import record
 from ..types import ExpectedMotion
-from .prepared import PreparedImages
 from .state import FrontEndState, Setup
 from .unsteadiness import Unsteadiness
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from ..geometry import Array
 from ..geometry.resection import Resection, resect
+from ..pictures.prepared import PreparedImages
 from ..record import changed
 from ..types import ExpectedMotion
 from .advance import Followed, advance, learn
@@ -17,7 +18,6 @@ from .hidden_background import is_background_hidden
 from .inertia import steadier, without_newcomer
 from .inertial_choice import is_sampled, nearer
 from .nearest_apart import of_rest
-from .prepared import PreparedImages
 from .repetition import smaller_of_alike
 from .rough_motion import RoughMotion, find_rough_motion
 from .seen import Seen
@@ -80,11 +80,11 @@ def _without_turned(
 
     The motion is then sought from these until it is clear whether the right camera has turned.
     """
-    if state.turn_watch is None or seen.cov_turn is None:
+    if state.turn_watch is None or seen.feigned is None:
         return state, None
     points, cov_points = seen.point_views.points, seen.point_views.cov_points
     views = points, cov_points, seen.views.any_row_px, seen.views.cov_px
-    watch, agree = state.turn_watch.judge(*views, cam_from_previous, seen.cov_turn)
+    watch, agree = state.turn_watch.judge(*views, cam_from_previous, seen.feigned)
     return changed(state, turn_watch=watch), None if agree is None else seen.by_left(agree)
 
 

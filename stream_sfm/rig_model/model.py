@@ -28,7 +28,7 @@ class RigModel:
     """Errors of a rig as amplitudes (m,): those of the `TERMS` first, then those of the field's three parts, px.
 
     `root` (t, t): from amplitudes of σ = 1 to units of the terms; `known` (t,): errors already removed from all views;
-    `refined`: σ is that of a refinement, and not a guess whose size can be learnt. `row_of`: the rows of the cameras'
+    `refined`: σ of lenses and disparity is that of a refinement. `row_of`: the rows of the cameras'
     own images in which rectified views are exposed; if it is None, delay and readout have no effect. `known_timing`:
     prior knowledge of delay and readout; it is not removed from the views, as its effect depends on their velocities.
     `has_field`: if false, there are only the amplitudes of the terms.
@@ -163,7 +163,7 @@ class RigModel:
 
     def before_views(self) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Return mean and σ of all amplitudes (m,) before any view, and whether each size (m,) is to be learnt."""
-        mean, size, learnt = np.zeros(len(self)), np.ones(len(self)), np.full(len(self), not self.refined)
+        mean, size, learnt = np.zeros(len(self)), np.ones(len(self)), np.ones(len(self), dtype=bool)
         if self.known_timing is not None:
             at, unit = AT_TIMING, self.units_of_timing
             mean[at], size[at], learnt[at] = self.known_timing.mean / unit, self.known_timing.std / unit, False

@@ -29,7 +29,7 @@ _THERE = np.sum(~np.array(_COMBINATIONS), axis=1)  # the number of causes that a
 
 @record
 class Mixture:
-    """Errors c as a mixture in which groups may be exactly zero; `p_wrong`: the probability that c is not 0."""
+    """Errors c as a mixture in which groups may be exactly zero; `p_wrong`: the probability that lenses are not."""
 
     mean: Array
     cov: Array
@@ -61,8 +61,9 @@ def mixture(
     spread: float = 1.0,
     refocused: bool = False,
 ) -> Mixture:
-    """Return the errors by N(`mean`, `cov`), where lenses with their field, or each of the other causes, may be zero.
+    """Return the errors by N(`mean`, `cov`), where lenses, or each of the other causes, may be zero.
 
+    The field has odds of its own: σ of the rows, which is its size, is an average over a field and none, eq. (19a).
     Noise alone can look like an error of the focal length or a delay while the camera rotates: until one is probable,
     its full σ stays in the covariance. `spread`: the difference of these terms between parts of the run, in σ;
     `refocused`: the focal length is known not to be the calibrated one.

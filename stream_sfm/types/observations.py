@@ -166,8 +166,6 @@ class Observations:
     - `jumped`: the whole view has changed at once, so that no velocity predicts where the camera is.
     - `settled`: of two motions in earlier frames, the one that was followed was the camera's.
     - `unconfirmed`: a misfit since the map began has ended, and nothing has shown that the motion was the camera's.
-    - `may_step`: both images may have shifted at once in this frame; the next one shows it.
-    - `stepped_rad`: the turn of the camera that it looks like if they were displaced in the previous frame; 0 if not.
     - `lasting`: errors that the views share with those of earlier frames.
     - `rig`: what errors of the rig do to the views; None if the calibration is exact.
     - `start`: with one camera, what a map can start from, as soon as depths are known.
@@ -186,8 +184,6 @@ class Observations:
     jumped: bool = False
     settled: bool = False
     unconfirmed: bool = False
-    may_step: bool = False
-    stepped_rad: float = 0.0
     lasting: LastingErrors = field(default_factory=LastingErrors)
     rig: RigView | None = None
     start: MapStart | None = None

@@ -59,7 +59,6 @@ TRACKS = Record(
 )
 AXES = Record(rotation=np.eye(3), std_scale=0.1, std_axes_rad=0.1)
 BYTES, BYTES_STORED = IMAGE.astype(np.uint8), STORED.astype(np.uint8)
-LINES = BYTES[::8].astype(np.int16)
 STATE = Record(
     cams_from_ref=MOTIONS[:2],
     ids=SLOTS,
@@ -131,15 +130,7 @@ CALLS = {
     "store_patches": (STORED.copy(), IMAGE, PIXELS, SLOTS),
     "corner_strength": (IMAGE,),
     "new_corners": (IMAGE, IMAGE > 9, STARTS, 20, 4.0, 80.0, POINT_RULES),
-    "patch_smears": (
-        STORED[:, :13, :13],
-        STORED[:, :13, :13] + np.float32(1),
-        np.ones((len(STORED), 3)),
-        0.5,
-        1e-3,
-    ),
     "ghost_sums": (BYTES, BYTES, BYTES, STARTS, STARTS + 2.0, STARTS + 5.0, 1.0, 1e-3),
-    "drawn_edges": (LINES, LINES + np.int16(3), LINES, LINES, 16, 3, 4),
     "among": (SLOTS, SLOTS[2:]),
     "union_of": (SLOTS % 3,),
     "row_errors_of_tracks": (SLOTS, SLOTS, np.ones((N, 5)), SLOTS, VIEWS, COV, ErrorRules()),
@@ -249,7 +240,7 @@ CALLS = {
         *(np.eye(4), np.eye(4), 3.0),
     ),
     "points_of_views": (STATE, SEEN),
-    "views_within_gates": (PINHOLES, STATE, SEEN, 5.0, 9.0),
+    "views_within_gates": (PINHOLES, STATE, SEEN, np.ones(N), 5.0, 9.0),
     "squares_of_tracks": (PINHOLES, STATE, SEEN),
     "points_seen_again": (SLOTS, SLOTS > 0, np.ones((N, 3)), SLOTS, POINTS[:, :3], COV[:, :3, :3]),
     "_drift_covariances": (SLOTS, MOTIONS, POINTS[:, :3], SLOTS[1:], np.ones((N - 1, 3))),

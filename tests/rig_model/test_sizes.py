@@ -126,7 +126,7 @@ def test_a_share_of_the_information_of_views_counts_for_the_odds(std: float, err
 def test_a_mixture_has_the_moments_of_its_two_halves(
     std: float, errors: float, trusted: bool, refocused: bool
 ) -> None:
-    """A calibration that is wrong with the probability from its likelihood, and otherwise only has errors of timing.
+    """Lenses that are wrong with the probability from their likelihood; all other errors are in both halves.
 
     Wrong lenses have errors in all terms, or, one in twenty, in a single one; this is judged over all combinations of
     the other terms. If parts of a run disagree entirely, views do not show which of these are present; a focal length
@@ -138,13 +138,13 @@ def test_a_mixture_has_the_moments_of_its_two_halves(
     spread = 1.0 if trusted else 1e6
     found = mixture(views.mean, views.cov, SIZE, rules, spread=spread, refocused=refocused)
     k = np.arange(M)
-    weights, sizes = combinations(views, np.where((k >= AT_FOCAL) & (k < T), SIZE, 0.0), trusted, refocused)
-    odds = [lens_odds(views, np.where(k < T, size, SIZE)) for size in sizes]
+    weights, sizes = combinations(views, np.where(k >= AT_FOCAL, SIZE, 0.0), trusted, refocused)
+    odds = [lens_odds(views, size) for size in sizes]
     average = logsumexp(odds, b=np.array(weights) / np.sum(weights))
     assert found.p_wrong == pytest.approx(1 / (1 + np.exp(-average)), rel=1e-5)
     halves = []
     for lenses, p in ((1.0, found.p_wrong), (0.0, 1 - found.p_wrong)):
-        size = SIZE * np.where(np.arange(M) < AT_FOCAL, lenses, 1.0) * np.where(np.arange(M) < T, 1.0, lenses)
+        size = SIZE * np.where(k < AT_FOCAL, lenses, 1.0)
         held, cov = considered(views, size, trusted, refocused)
         halves.append((p, held, cov + np.outer(held, held)))
     mean = sum(p * m for p, m, _ in halves)

@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Grey = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
-Lines = NDArray[np.int16]
 Image = NDArray[np.float32] | NDArray[np.uint8]
 Pixels = NDArray[np.integer]
 Ids = NDArray[np.int64]

@@ -33,7 +33,8 @@ class RigState:
     The points of the prior are given at `mean`; a are the amplitudes of its last modes. `held` (m,): the value at which
     the window holds c, the mean of the mixture, and `cov_held` (m, m): the covariance of the mixture. `size` (m,): σ of
     each error before any view, which is learnt where `sizes_unknown`. `steady`: the errors have not changed; once they
-    have, the prior cannot be replaced, and the calibration is wrong. `zooms`: a focal length changes by itself;
+    have, the prior cannot be replaced, and the calibration is wrong. `refined`: the calibration has a refinement,
+    so that its lens errors are Gaussian about that, and never exactly zero. `zooms`: a focal length changes by itself;
     `has_refocused`: it has changed and rests, so that it is not the calibrated one. `since_ns`: when errors that grow
     began to. `parts`: information from parts of the run since the last change. `innovation2` (t,): mean squared
     innovation of each term by windows, in its σ, over the last `frames`.
@@ -47,6 +48,7 @@ class RigState:
     cov_held: Array
     sizes_unknown: NDArray[np.bool_] | bool = True
     steady: bool = True
+    refined: bool = False
     zooms: bool = False
     has_refocused: bool = False
     since_ns: int = 0
@@ -63,6 +65,7 @@ class RigState:
         since_ns: int = 0,
         mean: Array | float = 0.0,
         rules: RigConfig | None = None,
+        refined: bool = False,
     ) -> "RigState":
         """Return the prior: m errors of σ `size` (m,) about a mean."""
         m, rules = len(size), rules or _RULES
@@ -70,7 +73,7 @@ class RigState:
         size[len(TERMS) :] = LEAST_PX
         cov = np.diag(size**2)
         knowledge = cls(mean, np.diag(size**-2.0), np.zeros(m), size, mean, cov, sizes_unknown, since_ns=since_ns)
-        return changed(knowledge, frames=rules.calm_frames, rules=rules)
+        return changed(knowledge, frames=rules.calm_frames, rules=rules, refined=refined)
 
     def __len__(self) -> int:
         return len(self.mean)
@@ -122,7 +125,8 @@ class RigState:
         `agreement`: of the parts of the run.
         """
         spread = 1.0 if agreement is None else float(agreement.spread[_FOCAL:].max())
-        found = mixture(mean, cov, self.size, self.rules, not self.steady, spread, self.has_refocused)
+        never_zero = self.refined or not self.steady
+        found = mixture(mean, cov, self.size, self.rules, never_zero, spread, self.has_refocused)
         knowledge = changed(self, held=found.mean, cov_held=found.cov)
         return knowledge, Mixture(found.mean, found.cov * np.outer(self.growth, self.growth), found.p_wrong)
 

@@ -22,9 +22,8 @@ class PreparedImages:
     """The two smoothed images (h, w) of one frame, and the left one at half the size for flow.
 
     `rectified`: both before smoothing. `stamp_ns`: of the frame. `grey_bits`: the bits of 16-bit images that count as
-    used, None for other images. `made_by`: equal if images were processed the same way. `one_image`: whether both
-    cameras have delivered the same image. `delivered`: the raw 8-bit images, None with one camera. Other forms are
-    computed when first used.
+    used, None for other images. `made_by`: equal if images were processed the same way. `delivered`:
+    some rows of both as the cameras have delivered them. Other forms are computed when first used.
     """
 
     left: Image
@@ -34,7 +33,6 @@ class PreparedImages:
     stamp_ns: int | None = None
     grey_bits: int | None = None
     made_by: str = ""
-    one_image: bool = False
     delivered: tuple[Image, Image] | None = None
     rules: FlowRules = _RULES
 
@@ -86,9 +84,9 @@ class PreparedImages:
     def shrunk(self) -> "PreparedImages":
         """Return the same without the large forms that only the newest frame needs."""
         kept = copy(self)  # with the forms that were computed, which `replace` leaves out
-        kept.__dict__["delivered"] = None
         for form in ("coarse", "corner_strength"):
             kept.__dict__.pop(form, None)
+        kept.__dict__["delivered"] = None
         return kept
 
     @property

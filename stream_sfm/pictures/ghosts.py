@@ -16,71 +16,61 @@ pixels, dust, and the effect of sampling on fine texture are the same in both di
 The control with less evidence counts.
 """
 
-from dataclasses import field
-from operator import itemgetter
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config.image_rules import GhostRules
+from ..config.picture_rules import GhostRules
 from ..geometry import Array
-from ..record import changed, record
-from .patches import View, at_least, share_of
+from ..geometry.evidence import log_ratio
+from ..record import record
+from .prepared import PreparedImages
+from .view import View
 
-SHOWS_THROUGH = (
-    "earlier images show through: is noise reduction over time on in the cameras, or were frames blended? "
-    "Positions lag behind"
-)
-_NOTHING = np.zeros((1, 2, 5))
+_NOTHING = np.zeros((2, 5))
 
 
 @record
-class GhostCheck:
-    """The evidence so far.
+class Ghosts:
+    """Compares patches with what was at their pixels in the last image."""
 
-    `views`: the latest views. `sums` (n, 2, 5): for each of the latest examined frames, sums over all patches of
-    p = r_I·(r_P − r_O), s = r_P², p², p s and s², and the same with p = r_I·r_P − r_J·r_N. `waited`: frames since the
-    last of these. `lasts`: for how many more frames a ghost is suspected.
-    """
-
-    views: tuple[View, ...] = ()
-    sums: Array = field(default_factory=lambda: np.empty((0, 2, 5)))
-    waited: int = 0
-    lasts: int = 0
     rules: GhostRules = GhostRules()
 
-    @property
-    def share(self) -> tuple[float, float]:
-        """The share of the previous image in each image, and its significance in σ, by the control with less evidence.
+    sentence: ClassVar[str] = (
+        "earlier images show through: is noise reduction over time on in the cameras, or were frames blended? "
+        "Positions lag behind"
+    )
+    of_pair: ClassVar[bool] = False
 
-        Both are zero if nothing is known.
+    @property
+    def earlier(self) -> int:
+        """The frames between the two views of a patch."""
+        return self.rules.back_frames
+
+    def nats(self, images: PreparedImages, views: tuple[View, ...]) -> float | None:
+        """Return the evidence by the control that has less of it, or None if too few patches move."""
+        found = [share_of(sums) for sums in _sums(views, self.rules)]
+        if None in found:
+            return None
+        return min(self._nats(*each) for each in found if each is not None)
+
+    def _nats(self, share: float, std: float) -> float:
+        """Return the log-likelihood ratio of a ghost, of the share that fits best, against none.
+
+        Nor does a ghost show in steady motion.
         """
-        return min(map(share_of, self.sums.sum(axis=0)), key=itemgetter(1))
-
-    @property
-    def problem(self) -> str:
-        """The problem that earlier images show through, or an empty string."""
-        return SHOWS_THROUGH if self.lasts else ""
-
-    def after(self, view: View) -> "GhostCheck":
-        """Return the check after a frame, from its smoothed left image and the track positions in it."""
         rules = self.rules
-        views = (*self.views, view)[-rules.back_frames - 1 :]
-        if len(self.sums) == rules.remembered and self.waited + 1 < rules.every:
-            return changed(self, views=views, waited=self.waited + 1, lasts=max(0, self.lasts - 1))
-        sums = np.concatenate([self.sums, _sums(views, rules)])[-rules.remembered :]
-        check = changed(self, views=views, sums=sums, waited=0)
-        shown = at_least(*check.share, rules.sigmas) > rules.share
-        return changed(check, lasts=rules.lasting_frames if shown else max(0, self.lasts - 1))
-
-    def interrupted(self) -> "GhostCheck":
-        """Return the check after a frame that could not be followed."""
-        return changed(self, views=())
+        shows = log_ratio(share, std**2 + rules.std_share**2, min(max(share, rules.share), 1.0))
+        return float(np.logaddexp(np.log(rules.steady), np.log1p(-rules.steady) + shows))
 
 
 def _sums(views: tuple[View, ...], rules: GhostRules) -> Array:
-    """Return the sums (1, 2, 5) of `GhostCheck` for the last of these frames."""
+    """Return sums (2, 5) over patches of the last of these frames, for both controls; zeros if too few move.
+
+    They are those of p = r_I·(r_P − r_O), s = r_P², p², p s and s², and the same with p = r_I·r_P − r_J·r_N.
+    """
     before, now = views[-2] if len(views) > 1 else views[-1], views[-1]
     last_px = before.of(now.ids)
     usable = np.linalg.norm(now.left_px - last_px, axis=1) > rules.least_px
@@ -91,7 +81,7 @@ def _sums(views: tuple[View, ...], rules: GhostRules) -> Array:
         return _NOTHING
     rows = rows[:: -(-len(rows) // rules.patches)]
     at_px = now.left_px[rows], last_px[rows], first.of(now.ids)[rows]
-    return core.ghost_sums(now.image, before.image, first.image, *at_px, rules.noise_grey, rules.least_square)[None]
+    return core.ghost_sums(now.image, before.image, first.image, *at_px, rules.noise_grey, rules.least_square)
 
 
 def _oldest(views: tuple[View, ...], now: View, usable: NDArray[np.bool_]) -> tuple[View, NDArray[np.bool_]]:
@@ -104,3 +94,16 @@ def _oldest(views: tuple[View, ...], now: View, usable: NDArray[np.bool_]) -> tu
         if np.count_nonzero(there) > 2 * np.count_nonzero(found):
             best, found = view, there
     return best, found
+
+
+def share_of(sums: Array) -> tuple[float, float] | None:
+    """Return the share of the last image and its σ, by the scatter of patches, from the sums (5,) of a control.
+
+    None if there are no patches.
+    """
+    p, s, pp, ps, ss = sums
+    if s <= 0:
+        return None
+    share = p / s
+    variance = pp - 2 * share * ps + share**2 * ss
+    return float(share), float(np.sqrt(max(variance, 1e-6 * pp)) / s)
