@@ -80,11 +80,11 @@ def _without_turned(
 
     The motion is then sought from these until it is clear whether the right camera has turned.
     """
-    if state.turn_watch is None or seen.cov_turn is None:
+    if state.turn_watch is None or seen.feigned is None:
         return state, None
     points, cov_points = seen.point_views.points, seen.point_views.cov_points
     views = points, cov_points, seen.views.any_row_px, seen.views.cov_px
-    watch, agree = state.turn_watch.judge(*views, cam_from_previous, seen.cov_turn)
+    watch, agree = state.turn_watch.judge(*views, cam_from_previous, seen.feigned)
     return changed(state, turn_watch=watch), None if agree is None else seen.by_left(agree)
 
 
