@@ -15,13 +15,13 @@ from .aligned_views import align
 from .depth_order import decided, of_background, uncovered
 from .first_timing import first_timed
 from .hidden_background import is_background_hidden
-from .inertia import steadier, without_newcomer
 from .inertial_choice import is_sampled, nearer
 from .nearest_apart import of_rest
 from .repetition import smaller_of_alike
 from .rough_motion import RoughMotion, find_rough_motion
 from .seen import Seen
 from .state import FrontEndState, Setup
+from .steadiness import steadier, without_newcomer
 from .step import Step
 
 # Policies for special cases, in this order. Each has its own file, and docs/rules.md describes the case that needs it.
