@@ -10,7 +10,7 @@ import numpy as np
 
 from ..blas import one_thread
 from ..camera.rectification import Rectifier
-from ..camera.rig import StereoRig
+from ..camera.rig import StereoRig, masked_by
 from ..config import Config
 from ..errors import ConfigError, LogError
 from ..geometry import Array, se3
@@ -142,7 +142,7 @@ def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Select
         if not log.stats.complete:
             raise LogError(f"{log.path}: frame {number} could not be read: {'; '.join(log.stats.warnings)}")
         raise ConfigError(f"{log.path} has no frame {number}: the last one is {read - 1}")
-    view = DenseView(Rectifier(config.masked(log.stereo_rig)), config)
+    view = DenseView(Rectifier(masked_by(config, log.stereo_rig)), config)
     found, picture = view.see(frame)
     mesh = mesh_of_frame(view.projection, found, picture, config.dense.max_disparity_step_px)
     if not len(mesh.faces):

@@ -234,7 +234,7 @@ class StereoFrontEnd:
         """Return the note that the right camera seems to have turned, or an empty string."""
         if watch is None or not watch.unusual:
             return ""
-        shift_px = shift_of_turn(self.setup.projection, watch.unusual[-1])
+        shift_px = shift_of_turn(self.setup.projection, watch.unusual[-1].rad)
         return (
             f"right image shifted by {shift_px:.2f} px relative to the left; using the left image only until the cause "
             "is clear"

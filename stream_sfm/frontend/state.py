@@ -138,7 +138,7 @@ class FrontEndState:
     @property
     def turn_root(self) -> Array:
         """A root (3, e), rad, of the covariance of the right camera's turns from frame to frame."""
-        return np.zeros((3, 0)) if self.turn_watch is None else self.turn_watch.root
+        return np.zeros((3, 0)) if self.turn_watch is None else self.turn_watch.usual.root
 
     def with_turn(self, z_px: Array, cov_px: Array) -> Array:
         """Return covariances (n, 4, 4) of views (n, 4) as depth measurements, with that of the turn of their frame."""
