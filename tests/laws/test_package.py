@@ -32,7 +32,7 @@ def test_the_container_is_built_of_files_that_are_there():
     assert all((ROOT / name).exists() for name in kept)
     content = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     project, build = content["project"], content["build-system"]
-    assert {project["readme"], *project["license-files"], *build["backend-path"], "stream_sfm"} <= kept
+    assert {"README.md", *project["license-files"], *build["backend-path"], "stream_sfm"} <= kept
     image = re.search(r"python:3\.(\d+)", (ROOT / "Dockerfile").read_text(encoding="utf-8"))
     versions = re.findall(r"Python :: 3\.(\d+)", " ".join(project["classifiers"]))
     assert image and image[1] in versions and project["requires-python"] == f">=3.{versions[0]}"
