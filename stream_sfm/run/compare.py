@@ -238,7 +238,8 @@ class _Comparing:
         warnings += [place_map.problem for place_map in places]
         found.warnings = list(dict.fromkeys(filter(None, warnings)))
         found.complete, found.interrupted = stats.complete and outcome.complete, outcome.interrupted
-        found.calibration = None if rig is None else describe(self._finder.observer.projection, rig)
+        observer = self._finder.observer
+        found.calibration = None if rig is None else describe(observer.projection, rig, observer.state.rows)
         found.runs = [lane.record for lane in self._lanes]
         if found.truth.poses is not None:
             stamps_ns = max(found.runs, key=len).stamps_ns
