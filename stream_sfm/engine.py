@@ -20,13 +20,13 @@ from .camera.rig import MonoRig, StereoRig, baseline_warnings, checked_pose
 from .config import Config
 from .errors import EngineBusyError
 from .estimators import make_estimator
-from .frontend.prepared import PreparedImages
 from .geometry import Array, se3
 from .geometry.stereo import StereoProjection
 from .inertial.driver import DriverSamples
 from .lane import BareLane
 from .motion import in_world
 from .observer import Observer
+from .pictures.prepared import PreparedImages
 from .types import Estimator, Frame, FrameEstimate, InertialEstimator, Observations, Prediction
 
 

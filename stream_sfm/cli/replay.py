@@ -182,10 +182,11 @@ def _run(
 
     viewers = []
     if shown.rrd or shown.view:
+        from ..camera.rig import masked_by
         from ..viewer import open_viewer
 
         truth = None if config.mono else log.ground_truth()
-        viewers.append(open_viewer(config.masked(log.rig), shown.rrd, shown.view, truth, log.path.stem))
+        viewers.append(open_viewer(masked_by(config, log.rig), shown.rrd, shown.view, truth, log.path.stem))
     interrupted = False
     try:
         total = selection.count(log.expected_frames)

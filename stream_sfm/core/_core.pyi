@@ -99,8 +99,8 @@ class PhysicalAxes(Protocol):
     def std_axes_rad(self) -> float: ...
 
 class Field(Protocol):
-    # A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and its root (K, K); K = U
-    # V.
+    # A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and its root (U V, K): K
+    # functions as sums of kernels.
     @property
     def u_px(self) -> Array: ...
     @property
@@ -592,7 +592,7 @@ def fit_rows(
 ) -> tuple[Array, Array, Array, Array]: ...
 def fit_turn(
     views: Views, cam_from_ref: Array, usual: Array, rules: TurnRules
-) -> tuple[Array, Array, Mask, float, float]: ...
+) -> tuple[Array, Array, Mask, float]: ...
 def gates_of_views(z_px: Array, of_one_side: float, of_both: float) -> Array: ...
 def ghost_sums(
     now: Image,

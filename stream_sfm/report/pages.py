@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
+from ..camera.rig import masked_by
 from ..errors import InputError
 from ..evaluation.figures import (
     ABSOLUTE,
@@ -90,7 +91,7 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
         charts=_charts(c, content, traces, errors),
         more_charts=more,
         lives=charts.lives(c.front),
-        masks=charts.masks(c.config.masked(c.rig)),
+        masks=charts.masks(masked_by(c.config, c.rig)),
         statuses=[(look.name, {s: r.count(s) for s in Status}) for look, r in zip(looks, c.runs, strict=True)],
         warnings=list(dict.fromkeys([*(content["health"].get("problems") or ()), *content["warnings"]])),
     )

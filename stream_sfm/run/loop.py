@@ -17,9 +17,9 @@ from ..blas import one_thread
 from ..camera.models import MANY_PIXELS
 from ..camera.rig import MonoRig, StereoRig
 from ..errors import FrameError, InputError, LogError
-from ..frontend.prepared import PreparedImages
 from ..interrupts import Interruption
 from ..observer import Observed, Observer
+from ..pictures.prepared import PreparedImages
 from ..record import changed
 from ..recording.frames import RecordedFrame
 from ..recording.stereo_log import StereoLog

@@ -19,8 +19,8 @@ def methods(**factors: float) -> dict[str, dict[str, object]]:
         ({"cross_frame": 1.0}, "Covariances are consistent for cross-frame"),
         (
             {"cross_frame": 1.0, "ekf": 2.0, "frame_to_frame": 0.1},
-            "Covariances are consistent for cross-frame, not for EKF with plain weights (σ 2 times too small) and frame-to-frame "
-            "(σ 10 times too large)",
+            "Covariances are consistent for cross-frame, not for EKF with plain weights (σ 2 times too small) and "
+            "frame-to-frame (σ 10 times too large)",
         ),
         (
             {"cross_frame": 2.0, "ekf": 3.0, "iterated_ekf": 2.0, "frame_to_frame": 10.0},

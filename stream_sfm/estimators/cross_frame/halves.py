@@ -53,7 +53,7 @@ class SpanFactors:
         return np.asarray(np.sqrt(np.maximum.accumulate(np.maximum(self.squares.max(axis=0), 1.0))))
 
     def asks_for(self, frame_index: int) -> bool:
-        """Whether halves are to be compared in this frame; never in a window of one, which has no own motions."""
+        """Whether halves are to be compared in this frame; never in a window of one frame."""
         young = self.frames[:, :-1].min(initial=np.inf) < self.rules.halves_memory
         return self.rules.frames > 1 and (bool(young) or frame_index % self.rules.halves_every == 0)
 

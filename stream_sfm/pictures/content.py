@@ -1,10 +1,8 @@
-"""Checks of the images of one frame: black, white, frozen, covered or without texture."""
+"""What is wrong with the images of one frame: black, white, frozen, covered or without texture."""
 
 import cv2
 import numpy as np
 
-from .. import core
-from ..config.image_rules import ImageRules
 from .prepared import Image, PreparedImages
 
 
@@ -23,14 +21,6 @@ def are_alike(images: PreparedImages, previous: PreparedImages, alike: float) ->
 
 def _edges(image: Image) -> float:
     return float(cv2.Laplacian(image, cv2.CV_32F).std())
-
-
-def are_one_image(left: Image, right: Image, rules: ImageRules) -> bool:
-    """Return whether left and right, as delivered by the cameras, are the same image: real pairs have disparity."""
-    if left.shape != right.shape:
-        return False
-    slopes, same = core.same_slopes(left, right, rules.spacing_px, rules.slope_grey, rules.same_grey)
-    return slopes >= rules.fewest_slopes and same > rules.same_share * slopes
 
 
 def image_note(
@@ -65,7 +55,7 @@ def image_note(
 
 
 def frozen(images: PreparedImages, previous: PreparedImages | None) -> str:
-    """Return that the left image or both are identical to those of the previous frame, or an empty string."""
+    """Return a note if the left image, or both, repeat the previous frame's; otherwise an empty string."""
     if previous is None or not _same(images.left, previous.left):
         return ""
     if _same(images.right, previous.right):
