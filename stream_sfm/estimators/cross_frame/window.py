@@ -302,6 +302,14 @@ class CrossFrame(TakesSamples):
         return recorded(self.motion, observations, solution, before.ended(current.points.ids))
 
 
+class PlainCrossFrame(CrossFrame):
+    """The same filter without the weights of eq. (69): views count by their covariances alone, as in an EKF."""
+
+    def step(self, observations: Observations) -> Solution:
+        """Process the next frame; see `Estimator.step`."""
+        return super().step(replace(observations, lasting=replace(observations.lasting, inflation=None)))
+
+
 def _with_misfit(observations: Observations, reason: str) -> Observations:
     """Return the observations with one more reason why images and calibration do not fit, if there is one."""
     if not reason:
