@@ -304,7 +304,7 @@ class Second(tuple[Array, Array, Mask, float]):
     odds: float
 
 class ResectionRules(Protocol):
-    # The settings of a resection, as in `RobustConfig`.
+    # The settings of a resection, as in `RobustRules`.
     @property
     def calm_share(self) -> float: ...
     @property

@@ -33,9 +33,9 @@ OF_FLOW: tuple[Callable[[Step, FrontEndState, RoughMotion], RoughMotion], ...] =
 OF_MOTION: tuple[Callable[[Step, FrontEndState, Seen, Resection], Resection], ...] = (
     steadier,  # the steady motion, not one that jumps
     decided,  # at the start of a map, the motion of the points behind, by all views
-    of_rest,  # at the start of a map, not the motion of the nearest points with which far ones agree
+    of_rest,  # at the start of a map, reject a foreground motion that distant points happen to fit
     without_newcomer,  # a body that comes into view causes no ambiguity
-    uncovered,  # a scene that comes into view behind all that was followed does, however small it is
+    uncovered,  # a newly uncovered background wins, however few its points
     nearer,  # the motion that inertial samples allow
 )
 

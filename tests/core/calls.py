@@ -6,8 +6,8 @@ from types import SimpleNamespace as Record
 
 import numpy as np
 
-from stream_sfm.config import RobustConfig
 from stream_sfm.config.point_rules import PointRules, TemplateRules
+from stream_sfm.config.robust_rules import RobustRules
 from stream_sfm.config.rules import ErrorRules, RowRules
 from stream_sfm.core import _core as core
 from stream_sfm.geometry.resection import Wanted
@@ -46,7 +46,7 @@ TEMPLATES = Record(
     rules=TemplateRules(),
 )
 POINT_RULES = PointRules(std_grey=4.0, max_halves_apart_px=2.0)
-RULES = RobustConfig(second_views=4)
+RULES = RobustRules(second_views=4)
 TRACKS = Record(
     points=POINTS,
     var_rho=np.ones(N),
