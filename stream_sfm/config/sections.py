@@ -63,11 +63,11 @@ class WindowConfig(Section, frozen=True, kw_only=True):
     # continues from there. A tenth of it changes the figures of eight logs in the third digit, and takes 8 % more
     # time.
     converged: Annotated[float, expert("stop below this expected decrease of the squares, σ²", 1e-6, 1e12)] = 1e4
-    # It is at most 0.017 px on rendered images, and larger within four frames on real ones. Without a field the rig
-    # has 20 errors instead of a hundred.
+    # It is at most 0.025 px on rendered images, and larger within six frames on real ones. Without a field the rig
+    # has 20 errors instead of 44 to 65.
     least_field_px: Annotated[
         float, expert("σ of the disparity error field beyond which it is estimated, px", 0, 100)
-    ] = 0.02
+    ] = 0.03
     # A point that never agreed carries little weight beside one that did.
     no_history: Annotated[float, expert("weight of a point that never agreed with the map, frames", 1e-6, 100)] = (
         0.1

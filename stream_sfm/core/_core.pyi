@@ -99,8 +99,8 @@ class PhysicalAxes(Protocol):
     def std_axes_rad(self) -> float: ...
 
 class Field(Protocol):
-    # A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and its root (K, K); K = U
-    # V.
+    # A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and its root (U V, K): K
+    # functions as sums of kernels.
     @property
     def u_px(self) -> Array: ...
     @property

@@ -45,7 +45,7 @@ class SpanFactors:
     @classmethod
     def unknown(cls, frames: int, rules: ReportedRules) -> "SpanFactors":
         """Return the first guess for a window of so many frames: errors are not correlated in time."""
-        return cls(np.ones((2, frames)), np.full((2, frames), rules.halves_guess), rules)
+        return cls(np.ones((2, frames)), np.full((2, frames), float(rules.halves_guess)), rules)
 
     @property
     def by_span(self) -> Array:
@@ -53,7 +53,7 @@ class SpanFactors:
         return np.asarray(np.sqrt(np.maximum.accumulate(np.maximum(self.squares.max(axis=0), 1.0))))
 
     def asks_for(self, frame_index: int) -> bool:
-        """Whether to compare halves in this frame; never in a window of one, which has no motions of its own."""
+        """Whether halves are to be compared in this frame; never in a window of one frame."""
         young = self.frames[:, :-1].min(initial=np.inf) < self.rules.halves_memory
         return self.frames.shape[1] > 1 and (bool(young) or frame_index % self.rules.halves_every == 0)
 
