@@ -206,7 +206,6 @@ CALLS = {
     "place_new_points": (RIGHT_SIDES, TIMING, VIEWS, COV, 1.0, -2.0, 9.0),
     "effects_of_turn": (PINHOLES, STARTS),
     "fit_rows": (ROWS, STARTS, np.ones(N), np.ones(N), 1e-3, 2.4, 2),
-    "same_slopes": (BYTES, BYTES, 8, 16, 2),
     "views_by_turn": (PINHOLES, VIEWS, np.eye(3)),
     "with_turn": (PINHOLES, VIEWS, COV, np.eye(3)),
     "point_motions": (MOTIONS, np.arange(N) / 10),
