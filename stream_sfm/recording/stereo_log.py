@@ -327,6 +327,11 @@ class StereoLog:
         topic = truth_topic(self.survey)
         return None if topic is None else read_truth(self._source, topic, self._left_frame, self.stats.warnings)
 
+    @property
+    def std_truth(self) -> tuple[float, float]:
+        """σ of the ground truth, m and rad, that its data set is known for; zeros where it is not known, or given."""
+        return self._source.std_truth if self._given_truth is None else (0.0, 0.0)
+
     def age_s(self, stamp_ns: int) -> float | None:
         """Return the seconds since a live camera delivered the pair of a stamp; None for recordings and old pairs."""
         return self._source.age_s(stamp_ns)
