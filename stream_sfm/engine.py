@@ -164,8 +164,8 @@ class Engine:
             raise EngineBusyError(
                 f"the engine was {wanted} within a step: copy and pickle it between two steps"
                 if wanted
-                else "step was called while another thread is in it, or a pipeline has the engine: give all frames of a "
-                "stream to its engine from one thread, and make one engine per stream"
+                else "step was called while another thread is in it, or a pipeline has the engine: give all frames of "
+                "a stream to its engine from one thread, and make one engine per stream"
             )
         try:
             yield
