@@ -17,6 +17,7 @@ from filterpy.kalman import KalmanFilter
 import stream_sfm as sfm
 
 UNSEEN = 3  # of the common errors: no view shows them, so the odometry never learns them, but another sensor may
+MOST_STD_ROTATION_RAD = 0.3  # beyond it, the filter's linear model of a position is off by 5 % of the way since
 Fused = Callable[[sfm.RunResults, dict[int, np.ndarray], float], tuple[int, np.ndarray, np.ndarray]]
 
 
@@ -64,8 +65,16 @@ class Filter:
             self._reset()
 
     def fix(self, position: np.ndarray, std_m: float) -> None:
-        """Take a position (3,) of σ `std_m`."""
+        """Take a position (3,) of σ `std_m`.
+
+        Raises ConfigError after a loss that no view bridges, where the rotation is unknown.
+        """
         f = self._filter
+        if np.linalg.eigvalsh(f.P[3:6, 3:6])[-1] > MOST_STD_ROTATION_RAD**2:
+            raise sfm.ConfigError(
+                "no view bridges a loss, so the rotation is unknown, and a filter cannot correct that: fuse the frames "
+                "before and after the loss on their own, or use fuse_gtsam.py"
+            )
         h = np.zeros((3, f.dim_x))
         h[:, :3] = self.pose[:3, :3]
         f.update((position - self.pose[:3, 3])[:, None], R=std_m**2 * np.eye(3), H=h)

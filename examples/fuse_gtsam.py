@@ -58,14 +58,28 @@ def fused(
         values.insert(end, values.atPose3(before).compose(gtsam.Pose3(motion.earlier_from_newest)))
         if (position := positions.get(stamps_ns[end])) is not None:
             graph.add(gtsam.GPSFactor(end, position, gtsam.noiseModel.Isotropic.Sigma(3, std_m)))
-    solution = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
-    cov = gtsam.Marginals(graph, solution).marginalCovariance(end)
-    return end, solution.atPose3(end).matrix(), cov[np.ix_(TURNED, TURNED)]
+    solution, cov = _solved(graph, values, end)
+    return end, solution.matrix(), cov[np.ix_(TURNED, TURNED)]
+
+
+def _solved(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, at: int) -> tuple[gtsam.Pose3, np.ndarray]:
+    """Return a pose of the best solution, and its covariance.
+
+    After a loss that no view bridges, variances differ by 10¹⁵: Cholesky decompositions fail there, and QR does not.
+    """
+    settings, of_covariances = gtsam.LevenbergMarquardtParams(), gtsam.ISAM2Params()
+    settings.setLinearSolverType("MULTIFRONTAL_QR")
+    of_covariances.setFactorization("QR")  # `gtsam.Marginals` knows no QR in Python
+    solution = gtsam.LevenbergMarquardtOptimizer(graph, values, settings).optimize()
+    solver = gtsam.ISAM2(of_covariances)
+    solver.update(graph, solution)
+    return solution.atPose3(at), solver.marginalCovariance(at)
 
 
 def _factor(motion: sfm.Motion) -> gtsam.CustomFactor:
     """Return the factor of a motion: truth = measured·Exp(J (c − mean) + own)."""
-    measured, ends, m = gtsam.Pose3(motion.earlier_from_newest), [motion.earlier, motion.newest], len(motion.mean)
+    measured, m = gtsam.Pose3(motion.earlier_from_newest), len(motion.mean)
+    ends = [frame for frame in (motion.earlier, motion.newest) if frame is not None]  # both: it is of a chain
     parts = {LENGTHS: slice(0, UNSEEN)} if m else {}
     if m > UNSEEN:
         parts[rig_of(motion)] = slice(UNSEEN, m)

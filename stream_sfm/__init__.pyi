@@ -42,6 +42,7 @@ from .inspection.overview import inspect_log as inspect
 from .motion import Motion as Motion
 from .motion import Odometry as Odometry
 from .motion import chain as chain
+from .pipeline import Pipeline as Pipeline
 from .places.place_map import PlaceMap as PlaceMap
 from .recording.ros_images import RosImages as RosImages
 from .recording.stereo_log import StereoLog as StereoLog

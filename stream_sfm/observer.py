@@ -17,13 +17,13 @@ from .checked import check_arguments, check_images, checked_stamp, used_cameras
 from .config import Config
 from .errors import FrameError
 from .frontend.front_end import StereoFrontEnd
-from .frontend.image_checks import are_one_image
-from .frontend.prepared import PreparedImages
 from .frontend.state import FrontEndState
 from .geometry.stereo import StereoProjection
 from .inertial.samples import ImuSamples
 from .physical import Observed as Observed
 from .physical import PhysicalEstimates
+from .pictures.one_image import delivered
+from .pictures.prepared import PreparedImages
 from .record import changed
 from .rig_model.estimate import RigEstimate
 from .types import ExpectedMotion, Frame, InertialView, Solution, StereoFrame
@@ -151,7 +151,7 @@ class Observer:
             stamp_ns=frame.stamp_ns,
             grey_bits=bits,
             made_by=self._made_by,
-            one_image=pair and are_one_image(sides[0], sides[1], self._rules.images),
+            delivered=delivered(sides[0], sides[1], self._rules.images) if pair else None,
             rules=self._rules.flow,
         )
         if frame_index is not None:

@@ -196,6 +196,41 @@ def test_the_rig_is_that_of_the_camera_infos() -> None:
         rig_of(*empty)
 
 
+def test_camera_infos_that_change_begin_a_new_map_at_the_last_pose() -> None:
+    from stream_sfm_ros.odometry import StereoOdometry
+
+    node, before, later = StereoOdometry(), infos(rig()), infos(rig())
+    for info in later:
+        info.k[0] = info.p[0] = 286.0
+    frames = Wall(5).frames(rig(), camera_path(FRAMES))
+
+    def shown(frame: sfm.StereoFrame, sent: list[Any]) -> Any:
+        for side, info in enumerate(sent):
+            node.calibrate(side, info)
+        for side, picture in enumerate(frame.images):
+            node.put(side, image(picture, "mono8", frame.stamp_ns))
+        said = dict(node.take(0.0))
+        return STORE.deserialize_cdr(said["/stream_sfm/pose"], node.topics["/stream_sfm/pose"]).pose.pose.position
+
+    for frame in frames[:2]:
+        last = shown(frame, before)
+        engine = node.engine
+    assert engine is not None and np.hypot(last.x, last.z) > 1e-3
+    assert list(node.take(0.0)) == [] and node.engine is engine  # equal infos change nothing
+    for side, info in enumerate(later):
+        node.calibrate(side, info)
+    assert list(node.take(0.0)) == []  # the images of the other calibration are dropped
+    p = shown(frames[2], later)
+    assert node.engine is not engine and node.engine is not None
+    assert node.engine.rig.left.K[0, 0] == 286.0 != rig().left.K[0, 0]
+    assert (p.x, p.y, p.z) == pytest.approx((last.x, last.y, last.z), abs=1e-12)
+    broken = infos(rig())
+    broken[0].k[:] = 0
+    with pytest.raises(sfm.ConfigError, match="hold no calibration"):
+        node.calibrate(0, broken[0])
+    assert list(node.take(0.0)) == [] and node.engine.rig.left.K[0, 0] > 0
+
+
 def test_what_knows_of_rclpy_is_short_and_declared() -> None:
     text = (PACKAGE / "stream_sfm_ros/node.py").read_text(encoding="utf-8")
     assert len(text.splitlines()) < 150

@@ -47,7 +47,7 @@ RULES: dict[str, tuple[str, ...]] = {  # the settings that switch it off
     "noise of bad frames": ("rules.motion.poor_frames=false",),
     "depths forget": ("rules.motion.forgetting=1",),
     "drift of templates": ("rules.errors.slide=0",),
-    "earlier images show through": ("rules.ghosts.sigmas=1e8",),
+    "earlier images show through": ("rules.ghosts.share=1",),
     "left and right are one image": ("rules.images.fewest_slopes=1000000000",),
 }
 

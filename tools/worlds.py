@@ -8,6 +8,7 @@ frames by status; ok poses, and ok motions over one frame, that are wrong by mor
 dimensions); ATE after alignment, over that of the same scene without its faults; the loop's share of inliers and its
 ATE (a body that fills the view has many inliers too, so that a loop that follows may still be wrong);
 and terms of the rig that the run states with more than 5 σ though they were not drawn, or by much more than was drawn.
+With --starts N each world also runs from N starting frames, and with strides of 2 and 3, as `tools/starts.py` does it.
 """
 
 import argparse
@@ -16,7 +17,7 @@ import os
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -30,27 +31,26 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 from make_logs import WorldOrder, asked_faults, write_logs
 from render.faults import Fault
+from starts import BEYOND, Plan, Start, error_of, estimates_of, judged, runs_from, told
+from starts import Run as JudgedRun
 from textbook import FEW_DEGRADED, FOLLOWED, follow, verdict
 
-from stream_sfm import StreamSfmError, open_log, read_config, replay
+from stream_sfm import open_log, read_config
 from stream_sfm.camera.refinement import LENS_TERMS
 from stream_sfm.config import Config
 from stream_sfm.evaluation import trajectory
 from stream_sfm.evaluation.association import truth_of_frames
-from stream_sfm.geometry import se3
-from stream_sfm.geometry.linear import mahalanobis2
-from stream_sfm.motion import Motion
 from stream_sfm.recording.stereo_log import StereoLog
 from stream_sfm.rig_model.estimate import CERTAIN
 from stream_sfm.rig_model.terms import AT_TURNING, DELAY, FOCAL, FOCUSING, READOUT, TERMS
-from stream_sfm.types import Frame, FrameEstimate, Status
+from stream_sfm.types import FrameEstimate
 
-BEYOND = 5.0  # σ
 TURNING, KNOCK, DISPARITY = "turning", "knock", "disparity"
 # Terms that a fault makes, beside those whose size it is; what it moves is not judged by size.
 MAKES = {
     "focal": (DISPARITY,),
     "zoom": (FOCAL, FOCUSING, DISPARITY),
+    "breathing": (FOCAL, FOCUSING, DISPARITY),
     "knock": (KNOCK, DISPARITY),
     "slow_turn": (TURNING, KNOCK, DISPARITY),
 }
@@ -84,25 +84,23 @@ class Stated:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
-    """A replay of a world. `beyond_poses` and `beyond_motions`: ok frames, wrong by more than 5 σ."""
+class Run(JudgedRun):
+    """A replay of a world, and the terms of the rig that it states."""
 
-    frames: int
-    ok: int
-    degraded: int
-    lost: int
-    beyond_poses: int
-    beyond_motions: int
-    ate_m: float
     stated: list[Stated]
-    problems: list[str]
+
+    @property
+    def ate_m(self) -> float:
+        """A world has the truth of all frames."""
+        assert self.error_m is not None
+        return self.error_m
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """A world, its run, that of the same scene without faults (None: it has none), and the loop's inliers and ATE.
 
-    `path_m`: the length of the true path.
+    `path_m`: the length of the true path. `starts`: runs from other starting frames, if they were asked for.
     """
 
     seed: int
@@ -114,6 +112,7 @@ class Outcome:
     median_inliers: float
     loop_ate_m: float
     path_m: float
+    starts: list[Start]
 
     @property
     def loop_is_right(self) -> bool:
@@ -147,56 +146,15 @@ class Outcome:
             *run.problems,
             *filter(None, [self.verdict]),
         )
-        return " | ".join(parts)
-
-
-class _Kept:
-    """A sink that keeps the estimates."""
-
-    def __init__(self) -> None:
-        self.estimates: list[FrameEstimate] = []
-
-    def write(self, estimate: FrameEstimate, frame: Frame) -> None:
-        self.estimates.append(estimate)
-
-    def close(self) -> None:
-        pass
+        return "\n     ".join([" | ".join(parts), *map(str, self.starts)])
 
 
 def run_log(path: Path, config: Config, faults: dict[str, Fault]) -> Run:
     """Replay a log and judge it by its ground truth, and by what was drawn."""
-    kept = _Kept()
-    try:
-        problems = replay(path, None, config, sinks=[kept]).problems
-    except StreamSfmError as error:
-        if not kept.estimates:
-            raise
-        problems = [str(error)]
-    estimates = kept.estimates
-    poses = np.array([e.world_from_cam for e in estimates])
-    true = _true(open_log(path), [e.stamp_ns for e in estimates])
-    covs = np.array([e.cov_pose for e in estimates])
-    ok = np.array([e.status == Status.OK for e in estimates])
-    return Run(
-        len(estimates),
-        int(ok.sum()),
-        sum(e.status == Status.DEGRADED for e in estimates),
-        sum(e.status == Status.LOST for e in estimates),
-        int((trajectory.nees_pose(poses, covs, true)[ok] > BEYOND**2).sum()),
-        sum(_motion_beyond(e, true) for e in estimates if e.status == Status.OK),
-        trajectory.ate_rmse_aligned_m(poses, true),
-        stated(estimates, faults),
-        problems,
-    )
-
-
-def _motion_beyond(estimate: FrameEstimate, true: np.ndarray) -> bool:
-    """Whether the motion since the frame before is wrong by more than 5 σ; False if there is none."""
-    motion, i = Motion.of(estimate), estimate.frame_index
-    if motion is None:
-        return False
-    error = se3.log(se3.inverse(motion.earlier_from_newest) @ se3.inverse(true[i - 1]) @ true[i])
-    return bool(mahalanobis2(error[None], motion.cov[None])[0] > BEYOND**2)
+    log = open_log(path)
+    estimates, problems = estimates_of(log, config)
+    run = judged(estimates, problems, _true(log, [e.stamp_ns for e in estimates]))
+    return Run(*(getattr(run, f.name) for f in fields(run)), stated(estimates, faults))
 
 
 def stated(estimates: Sequence[FrameEstimate], faults: dict[str, Fault]) -> list[Stated]:
@@ -236,8 +194,8 @@ def drawn_sizes(faults: dict[str, Fault]) -> dict[str, float | None]:
     return sizes
 
 
-def measure(folder: Path, config: Config, asked: Any, seed: int) -> Outcome:
-    """Render what is missing of a world, and run it."""
+def measure(folder: Path, config: Config, asked: Any, plan: Plan | None, seed: int) -> Outcome:
+    """Render what is missing of a world, and run it; from other starts, too, if there is a plan of them."""
     cv2.setNumThreads(1)
     order, clean = WorldOrder(seed, asked), WorldOrder(seed, ())
     orders = [order, clean] if order.world.faults else [order]
@@ -256,8 +214,9 @@ def measure(folder: Path, config: Config, asked: Any, seed: int) -> Outcome:
         run_log(path, config, order.world.faults),
         run_log(paths_clean[0], config, {}) if paths_clean else None,
         loop.median_inliers,
-        trajectory.ate_rmse_aligned_m(loop.world_from_cam, true_of_loop),
+        error_of(loop.world_from_cam, true_of_loop) or 0.0,
         trajectory.path_length_m(true_of_loop),
+        [] if plan is None else list(runs_from(log, config, plan, loop)),
     )
 
 
@@ -301,6 +260,9 @@ def summary(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "stated_wrong_size": sum(s.there for s in wrong),
         "worse_than_loop": sum(o.run.ate_m > o.loop_ate_m for o in outcomes),
         "with_problems": sum(bool(r.problems) for r in all_runs),
+        "starts": told([start for o in outcomes for start in o.starts])
+        if any(o.starts for o in outcomes)
+        else None,
     }
 
 
@@ -334,7 +296,7 @@ def _told(s: dict[str, Any]) -> str:
         f"terms stated with more than 5 σ: {s['stated_not_there']} are not there, {s['stated_wrong_size']} are far "
         f"from what was drawn; {s['with_problems']} runs say that they cannot be trusted",
     )
-    return "\n".join(lines)
+    return "\n".join([*lines, *([f"from other starts: {s['starts']}"] if s["starts"] else [])])
 
 
 def main() -> None:
@@ -347,6 +309,7 @@ def main() -> None:
     parser.add_argument("--even", action="store_true", help="even seeds only")
     parser.add_argument("--odd", action="store_true", help="odd seeds only")
     parser.add_argument("--faults", nargs="+", metavar="NAME", help="as of make_logs")
+    parser.add_argument("--starts", type=int, metavar="N", help="also run from N starting frames, and with strides")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of lines")
@@ -357,7 +320,8 @@ def main() -> None:
         asked = asked_faults(arguments.faults)
     except ValueError as error:
         parser.error(str(error))
-    one = partial(measure, arguments.folder, read_config(None, arguments.overrides), asked)
+    plan = None if arguments.starts is None else Plan(arguments.starts)
+    one = partial(measure, arguments.folder, read_config(None, arguments.overrides), asked, plan)
     outcomes = []
     with ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool:
         for future in as_completed([pool.submit(one, seed) for seed in seeds]):

@@ -29,5 +29,7 @@ def project_into_image(camera: Camera, points_in_cam: Array) -> Array:
 def rays_of(camera: Camera, pixels: Array) -> Array:
     """Return the rays (n, 3), Z = 1, of pixels (n, 2); not finite where the lens model has no solution."""
     fisheye, d = distortion(camera)
-    rays = (cv2.fisheye if fisheye else cv2).undistortPoints(pixels[:, None], camera.K, d)[:, 0]
+    found: Array | None = (cv2.fisheye if fisheye else cv2).undistortPoints(pixels[:, None], camera.K, d)
+    # OpenCV 5 returns None if the iteration fails
+    rays = np.full((len(pixels), 2), np.nan) if found is None else found[:, 0]
     return np.concatenate([rays, np.ones((len(pixels), 1))], axis=1)

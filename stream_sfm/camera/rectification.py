@@ -71,6 +71,11 @@ class Rectifier:
         """The same for the right image if it has a mask, otherwise None."""
         return None if self._sides[-1][0].mask is None or len(self._sides) < 2 else self._shows_scene(1)
 
+    def check_image(self) -> None:
+        """Raise the RigError of `valid` if hardly any node of the rectified left image is in the raw one."""
+        if len(self._places[0][1]) < SETTINGS.min_valid * len(self._nodes):
+            raise _no_image([camera for camera, *_ in self._sides])
+
     def _shows_scene(self, side: int) -> NDArray[np.bool_]:
         camera = self._sides[side][0]
         white = np.full((self.projection.height, self.projection.width), 255, np.uint8)
@@ -155,7 +160,7 @@ def _rectified_px(rays: Array, rotation: Array, k_rectified: Array) -> Array:
 
 def check_rectifiable(rig: StereoRig | MonoRig) -> None:
     """Raise the RigError that a rectifier of this rig would raise, without computing its maps."""
-    _extents(rig, list(rig.cameras.values()), _rectifying_rotations(rig))
+    Rectifier(rig).check_image()
 
 
 def _rectifying_rotations(rig: StereoRig | MonoRig) -> tuple[Array, ...]:

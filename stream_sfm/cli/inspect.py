@@ -54,7 +54,7 @@ def inspect(
                 found["imu"]["first_frames"] = look["imu"]
                 found["warnings"] += look["imu"]["findings"] if look["imu"] else []
         except StreamSfmError as error:
-            found["warnings"].append(f"the first frames cannot be estimated: {error}")
+            found["problems"].append(f"the first frames cannot be estimated: {error}")
             found["verdict"] = judged({})
     elif found["rig"] is not None:
         found["verdict"] = {"fit": str(Fit.WRONG), "text": f"wrong: {found['problems'][0]}"}

@@ -189,7 +189,8 @@ def _truth_rows(truth: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
     yield "scale error", f"{shown('scale_error_percent', '+.2f')} %"
     if truth["relative_consistency"]:
         yield "relative motion", f"error of {factors_text(truth['relative_consistency'])}"
-    yield "NEES of the pose", f"{shown('nees_pose_mean')} (expected: 6)"
+    exact = "" if any(truth["std_truth"]) else ", against a truth taken as exact"
+    yield "NEES of the pose", f"{shown('nees_pose_mean')} (expected: 6){exact}"
     if truth["local_structure_rms_m"] is not None:
         median, rms = (shown(f"local_structure_{kind}_m", ".4f") for kind in ("median", "rms"))
         over, usual = (shown(f"local_structure_error_over_sigma{kind}") for kind in ("", "_median"))

@@ -6,8 +6,8 @@ alone (`tools/ablation.py`).
 
 from typing import Annotated
 
-from .image_rules import GhostRules, ImageRules
 from .inertia_rules import InertiaRules
+from .picture_rules import GhostRules, ImageRules
 from .point_rules import PointRules, TemplateRules
 from .section import Section, expert
 
@@ -59,9 +59,8 @@ class StartRules(Section, frozen=True, kw_only=True):
     unexplained: Annotated[float, expert("share of disagreeing tracks from which a motion is sought", 0, 1)] = 0.2
     # The share is smaller along the ground, which lies behind and in front of its neighbours.
     behind: Annotated[float, expert("share of neighbours that must be in front", 0.5, 1)] = 0.95
-    # Two determine a motion. Frames that follow a body have 2.6 to 34, in the noise of their views; on sound logs no
-    # other motion is found at all.
-    clear_views: Annotated[float, expert("views that contradict the motion of the nearest points", 0, 1000)] = 2.0
+    # One start in a thousand follows a body, and 5 σ are 14 more.
+    body: Annotated[float, expert("log-odds from which points that agree are on a body in front", 0, 1e6)] = 21.0
     # Depths of neighbours on one surface differ by less.
     deeper: Annotated[float, expert("factor between two depths that differ", 1.01, 100)] = 1.25
 

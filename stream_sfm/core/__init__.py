@@ -11,6 +11,6 @@ import os
 if os.path.exists(os.path.join(os.path.dirname(__file__), "CMakeLists.txt")):  # a wheel has no sources
     from . import checkout
 
-    checkout.build_if_other(os.path.dirname(__file__))
+    __path__.insert(0, checkout.folder_of_module(os.path.dirname(__file__)))  # where Python looks for `_core`
 
 from ._core import *  # noqa: F403 `help` describes each

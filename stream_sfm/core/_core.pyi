@@ -99,8 +99,8 @@ class PhysicalAxes(Protocol):
     def std_axes_rad(self) -> float: ...
 
 class Field(Protocol):
-    # A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and its root (K, K); K = U
-    # V.
+    # A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and its root (U V, K): K
+    # functions as sums of kernels.
     @property
     def u_px(self) -> Array: ...
     @property
@@ -592,7 +592,7 @@ def fit_rows(
 ) -> tuple[Array, Array, Array, Array]: ...
 def fit_turn(
     views: Views, cam_from_ref: Array, usual: Array, rules: TurnRules
-) -> tuple[Array, Array, Mask, float, float]: ...
+) -> tuple[Array, Array, Mask, float]: ...
 def gates_of_views(z_px: Array, of_one_side: float, of_both: float) -> Array: ...
 def ghost_sums(
     now: Image,
@@ -794,7 +794,12 @@ def view_inflation(
 def view_residuals(views: Views, root: Array, amplitudes: Array, cams_from_ref: Array) -> tuple[Array, Array]: ...
 def views_by_turn(pinholes: Pinholes, z_px: Array, root: Array) -> Array: ...
 def views_within_gates(
-    pinholes: Pinholes, state: WindowState, views: WindowViews, gate_of_one: float, gate_of_both: float
+    pinholes: Pinholes,
+    state: WindowState,
+    views: WindowViews,
+    var_slide_px2: Array,
+    gate_of_one: float,
+    gate_of_both: float,
 ) -> Mask: ...
 def warp_patches(
     stored: Image, slots: Pixels, anchor_from_now: Array, radius_px: int, spacing_px: int, rules: TemplateRules

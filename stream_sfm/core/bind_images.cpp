@@ -51,7 +51,7 @@ Raises ValueError for a filter that does not exist.)",
         "filtered"_a, "pixel"_a);
     def<&ghost_sums>(m, "ghost_sums", R"(Return sums (2, 5) over patches for the share of the last image in the current one, by two controls.
 
-Points (n, 2) are given in the current image, the last one and an earlier one; see frontend/ghost_check.py.)",
+Points (n, 2) are given in the current image, the last one and an earlier one; see pictures/ghosts.py.)",
         pixels<std::uint8_t>("now"), pixels<std::uint8_t>("last"), pixels<std::uint8_t>("earlier"), "now_px"_a, "last_px"_a, "earlier_px"_a, "noise_grey"_a, "least_square"_a);
     def<&same_slopes>(m, "same_slopes", R"(Return how many pixels are on a slope of the left image, and how many of these are the same in the right one.
 

@@ -44,9 +44,8 @@ The covariance of the turn is `root` (3, e) times its transpose, rad². The effe
         "pinholes"_a, "z_px"_a, "cov_px"_a, "root"_a);
     def<&fit_turn>(m, "fit_turn", R"(Return the turn (3,) rad of the right camera that views show, its covariance (3, 3), and which (n,) agree, eq. (72d).
 
-It is estimated together with the motion (4, 4), in a few steps of reweighting. Also returns the log likelihood ratio of
-a knock of σ `std_rad` to a `usual` turn of covariance (3, 3), eq. (72f), and χ² of the latter. The views must have no
-shared errors.)",
+It is estimated together with the motion (4, 4), in a few steps of reweighting if a knock of σ `std_rad` may be likelier
+than a `usual` turn of covariance (3, 3). Also returns χ² of the latter. The views must have no shared errors.)",
         "views"_a, "cam_from_ref"_a, "usual"_a, "rules"_a);
 }
 

@@ -6,7 +6,7 @@
 namespace binding {
 
 void bind_rig(nb::module_& m) {
-    describe_taken<Field>(m, R"(A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and its root (K, K); K = U V.)");
+    describe_taken<Field>(m, R"(A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and its root (U V, K): K functions as sums of kernels.)");
     describe_taken<RowModel>(m, R"(Estimated row differences: amplitudes (7 + K,) of polynomial, delay and field with their covariance, the scatter of
 matches and the largest row difference.)");
     describe_taken<ExposedRows>(m, R"(The rows of the raw images in which views are exposed: size of the rectified image, and coefficients (s, k, k) of one
@@ -55,7 +55,7 @@ if `cov` is not definite.)",
 
 They are those of `timing_unknowns`, for homogeneous points (n, 4) in the previous and the current frame, which move
 with `twist` (6,), and those of the rows of right sides. Also returns the covariance (3, 3) of the apparent turn of the
-right camera by rows and delay. Raises LinAlgError if a covariance is not definite.)",
+right camera by rows. Raises LinAlgError if a covariance is not definite.)",
         "timing"_a, "rows"_a, "before"_a, "now"_a, "z_px"_a, "twist"_a, "std_twist"_a);
     def<&cov_of_timed_pose>(m, "cov_of_timed_pose", R"(Return the covariance (6, 6) of a pose by that of a twist, `cov_twist` (6, 6), eq. (70b).
 

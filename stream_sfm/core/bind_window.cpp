@@ -48,8 +48,9 @@ ids are ascending.)",
         "ids"_a, "ref_from_anchor"_a, "q"_a, "seen"_a, "var_drift"_a);
     def<&views_within_gates>(m, "views_within_gates", R"(Return which views (V,) are used and agree with the state, each by its own covariance, which `weight` restores.
 
+`var_slide_px2` (V,): the variance of the slide of each view's patch, which this covariance contains too, eq. (26a).
 The gates are on the squared residuals of views with one side and with both.)",
-        "pinholes"_a, "state"_a, "views"_a, "gate_of_one"_a, "gate_of_both"_a);
+        "pinholes"_a, "state"_a, "views"_a, "var_slide_px2"_a, "gate_of_one"_a, "gate_of_both"_a);
     def<&squares_of_tracks>(m, "squares_of_tracks", R"(Return the sums (P,) of squared residuals of the views of each point, by their own covariances, and the numbers of
 values.)",
         "pinholes"_a, "state"_a, "views"_a);

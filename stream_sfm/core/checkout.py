@@ -1,7 +1,10 @@
-"""The compiled module of a checkout: checks whether it was built from the sources beside it, and builds it if not.
+"""The compiled module of a checkout: finds the one that was built from the checkout's sources, or builds it.
 
 The module contains a checksum of its sources. So one that was copied, or left by another branch, is recognised as
-outdated, however new it is. `tools/build/in_place.py` imports this file without the package around it.
+outdated, however new it is. A module that lies beside the sources comes first. After `pip install .` there is none, and
+Python finds the checkout before the installed package in the checkout's own folder: then the module of the installed
+package is used, if it was built from the same sources. `tools/build/in_place.py` imports this file without the package
+around it.
 """
 
 import os
@@ -25,19 +28,27 @@ def mark_of(folder: str) -> str:
     return f"stream_sfm-sources-{checksum:08x}"
 
 
-def is_current(folder: str) -> bool:
-    """Whether the module in a folder was built from the sources there."""
+def is_current(folder: str, mark: str) -> bool:
+    """Whether the module in a folder was built from the sources with this mark."""
     try:
         with open(os.path.join(folder, module_name()), "rb") as module:
-            return mark_of(folder).encode() in module.read()
-    except FileNotFoundError:
+            return mark.encode() in module.read()
+    except OSError:
         return False
 
 
-def build_if_other(folder: str) -> None:
-    """Build the module in place if it is not that of its sources; standard error shows it, even in a notebook."""
-    if is_current(folder):
-        return
+def folder_of_module(sources: str) -> str:
+    """Return the folder of the module of these sources; if there is none, build it beside them."""
+    mark = mark_of(sources)
+    for folder in (sources, *(os.path.join(entry, "stream_sfm", "core") for entry in sys.path)):
+        if is_current(folder, mark):
+            return folder
+    _build(sources)
+    return sources
+
+
+def _build(folder: str) -> None:
+    """Build the module in place; standard error shows it, even in a notebook."""
     import subprocess
 
     tool = os.path.join(folder, "..", "..", "tools", "build", "in_place.py")
@@ -50,5 +61,5 @@ def build_if_other(folder: str) -> None:
     if building.returncode:
         raise ImportError(
             f"{folder}: the compiled core is not that of its sources and could not be built, for the reason above: "
-            'python -m pip install -e ".[test]"; a package that is installed is found from any other folder'
+            'python -m pip install . or, to change the sources, python -m pip install -e ".[test]"'
         )

@@ -1,4 +1,4 @@
-// The share of the last image in the current one, from patches of the same points (frontend/ghost_check.py).
+// The share of the last image in the current one, from patches of the same points (pictures/ghosts.py).
 
 #include "images.hpp"
 

@@ -87,7 +87,7 @@ struct FittedTurn {
     Array<double, 2> cov;
     Array<bool, 1> agree;
     double log_odds, squared;
-    FIELDS(rad, cov, agree, log_odds, squared)
+    FIELDS(rad, cov, agree, squared)  // the odds only decide how many steps are needed
 };
 Array<double, 3> effects_of_turn(const Pinholes& pinholes, Matrix right);
 Array<double, 3> views_by_turn(const Pinholes& pinholes, Matrix z, Matrix root);

@@ -148,8 +148,6 @@ WIDER UnknownOfViews unknown_errors(const Timing& timing, const RowModel& rows, 
         for (std::size_t c = 0; c < 4; c++) std::copy_n(by_time[i] + c * others, others, both[i] + c * both.shape[2]);
         std::copy_n(own[i], own.shape[1], both[i] + 3 * both.shape[2] + others);
     }
-    for (std::size_t a = 0; a < 3; a++)  // a late camera seems turned by the rig's turn during the delay
-        for (std::size_t b = 0; b < 3; b++) cov_turn[a][b] += timing.cov[0][0] * (twist.data[3 + a] * twist.data[3 + b]);
     return {principal_errors(both), std::move(cov_turn)};
 }
 

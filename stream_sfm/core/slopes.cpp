@@ -1,4 +1,4 @@
-// Slopes that show whether both images are the same one (frontend/image_checks.py).
+// Slopes that show whether both images are the same one (pictures/one_image.py).
 
 #include "images.hpp"
 

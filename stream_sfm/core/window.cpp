@@ -106,13 +106,13 @@ bool sees_both(const WindowViews& views, const Seen& seen) {
     return views.root[seen.view][10] != 0;  // of u_right
 }
 
-// The squared residual of a view by its own covariance.
-double own_square(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, const Seen& seen) {
+// The squared residual of a view by its own covariance, which contains a slide of this variance a coordinate, eq. (26a).
+double own_square(const Pinholes& pinholes, const WindowState& state, const WindowViews& views, const Seen& seen, double var_slide_px2) {
     double in_cam[4], r[4], sum = 0;
     residual(pinholes, state, views, seen, in_cam, r);
     for (int c = 0; c < 4; c++) {
-        double own = r[c] / views.weight[seen.view][c];
-        sum += own * own;
+        const double *row = views.root[seen.view] + 4 * c, weight = views.weight[seen.view][c];
+        sum += r[c] * r[c] / (weight * weight + var_slide_px2 * (row[0] * row[0] + row[1] * row[1] + row[2] * row[2] + row[3] * row[3]));
     }
     return sum;
 }
@@ -223,17 +223,20 @@ Array<double, 3> drift_covariances(Indices ids, Matrices ref_from_anchor, Matrix
 }
 
 Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
-                                  double of_one, double of_both) {
+                                  Vector var_slide_px2, double of_one, double of_both) {
     Array<bool, 1> result(views.frame.shape[0]);
-    for (const Seen& seen : seen_by(state, views))
-        result.data[seen.view] = !(own_square(pinholes, state, views, seen) > (sees_both(views, seen) ? of_both : of_one));
+    require_shape(var_slide_px2, {views.frame.shape[0]}, "var_slide_px2");
+    for (const Seen& seen : seen_by(state, views)) {
+        double square = own_square(pinholes, state, views, seen, var_slide_px2.data[seen.view]);
+        result.data[seen.view] = !(square > (sees_both(views, seen) ? of_both : of_one));
+    }
     return result;
 }
 
 TrackSquares squares_of_tracks(const Pinholes& pinholes, const WindowState& state, const WindowViews& views) {
     TrackSquares result{{state.q.shape[0]}, {state.q.shape[0]}};
     for (const Seen& seen : seen_by(state, views)) {
-        result.squares.data[seen.point] += own_square(pinholes, state, views, seen);
+        result.squares.data[seen.point] += own_square(pinholes, state, views, seen, 0.0);
         result.values.data[seen.point] += sees_both(views, seen) ? 4 : 2;
     }
     return result;

@@ -49,7 +49,7 @@ struct SeenAgain {
 SeenAgain points_seen_again(Indices ids, Flags usable, Matrix var_drift, Indices known, Matrix q, Matrices cov_q);
 Array<double, 3> drift_covariances(Indices ids, Matrices ref_from_anchor, Matrix q, Indices seen, Matrix var_drift);
 Array<bool, 1> views_within_gates(const Pinholes& pinholes, const WindowState& state, const WindowViews& views,
-                                  double of_one, double of_both);
+                                  Vector var_slide_px2, double of_one, double of_both);
 struct TrackSquares {
     Array<double, 1> squares, values;
     FIELDS(squares, values)

@@ -10,15 +10,15 @@ import numpy as np
 
 from ..blas import one_thread
 from ..camera.rectification import Rectifier
-from ..camera.rig import StereoRig
+from ..camera.rig import StereoRig, masked_by
 from ..config import Config
 from ..errors import ConfigError, LogError
-from ..frontend.prepared import Image
 from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
 from ..inspection.calibration_check import images_of, log_problems
 from ..interrupts import deferred_interrupts
 from ..observer import Observer
+from ..pictures.prepared import Image
 from ..recording.frames import RecordedFrame
 from ..recording.images import decode_rgb
 from ..recording.stereo_log import StereoLog, open_log
@@ -142,7 +142,7 @@ def _of_one_frame(log: StereoLog, number: int, config: Config, selection: Select
         if not log.stats.complete:
             raise LogError(f"{log.path}: frame {number} could not be read: {'; '.join(log.stats.warnings)}")
         raise ConfigError(f"{log.path} has no frame {number}: the last one is {read - 1}")
-    view = DenseView(Rectifier(config.masked(log.stereo_rig)), config)
+    view = DenseView(Rectifier(masked_by(config, log.stereo_rig)), config)
     found, picture = view.see(frame)
     mesh = mesh_of_frame(view.projection, found, picture, config.dense.max_disparity_step_px)
     if not len(mesh.faces):

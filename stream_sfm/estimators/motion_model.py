@@ -1,4 +1,4 @@
-"""The motion model: constant velocity, with an uncertainty that grows by an assumed acceleration, eqs. (42) and (43).
+"""The motion model: constant velocity, with an uncertainty that grows by an acceleration, eqs. (42) to (43b).
 
 The estimate of every frame starts from its prediction; while lost, the prediction is the estimate.
 """
@@ -10,6 +10,7 @@ import numpy as np
 
 from ..config import MotionConfig
 from ..geometry import Array, se3
+from .accelerations import Accelerations
 
 
 class Doubts(NamedTuple):
@@ -31,7 +32,7 @@ class MotionModel:
     """The last estimated pose, its covariance, and the velocity that led to it. Frames are added in order of time."""
 
     def __init__(self, config: MotionConfig) -> None:
-        self._config, self._std_acceleration = config, np.array(config.std_acceleration)
+        self._config, self._accelerations = config, Accelerations.of(np.array(config.std_acceleration))
         self._pose = np.eye(4)
         self._cov = np.zeros((6, 6))
         self._stamp_ns: int | None = None
@@ -54,7 +55,7 @@ class MotionModel:
     @property
     def std_speed(self) -> Array:
         """σ (6,) of the difference of two velocities of a vehicle, per second: what it gains while it accelerates."""
-        return np.asarray(self._config.speeds_up_s * self._std_acceleration)
+        return self._config.speeds_up_s * self._accelerations.assumed
 
     def add(
         self,
@@ -84,6 +85,8 @@ class MotionModel:
             self._velocity = se3.log(se3.inverse(self._pose) @ world_from_cam) / dt
             self._velocity_known = True
             self._known_at_ns = stamp_ns
+        learnt = self._accelerations.interrupted() if doubts.misfit else self._accelerations
+        self._accelerations = learnt.after(stamp_ns, world_from_cam)
         self._go_on(stamp_ns, world_from_cam, cov_pose)
         return cov_pose
 
@@ -93,6 +96,7 @@ class MotionModel:
         Earlier doubts are part of the covariance of this pose, which all poses of the map share.
         """
         self._left, self._trusted, self._covered = [], None, None
+        self._accelerations = self._accelerations.interrupted().after(stamp_ns, world_from_cam)
         self._go_on(stamp_ns, world_from_cam, cov_pose)
         self._at_start = None
         self._at_start = copy(self)
@@ -106,7 +110,7 @@ class MotionModel:
         """Assume that the camera has left its last pose in a way that no velocity explains."""
         self._velocity, self._velocity_known = np.zeros(6), False
         reach_s2 = self._config.speeds_up_s * (0.5 * self._config.speeds_up_s + self._config.build_up_s)
-        self._cov = self._cov + np.diag((reach_s2 * self._std_acceleration) ** 2)
+        self._cov = self._cov + np.diag((reach_s2 * self._accelerations.std) ** 2)
 
     def _with_left(self, world_from_cam: Array, cov_pose: Array) -> Array:
         """Return the covariance (6, 6) of a pose with those that earlier doubts have left."""
@@ -131,7 +135,7 @@ class MotionModel:
         step = se3.exp(self._velocity * dt)
         ad = se3.adjoint(se3.inverse(step))
         time = np.sqrt(max(self._reach_s2(stamp_ns) ** 2 - self._reach_s2(self._stamp_ns) ** 2, 0.0))
-        std = self._std_acceleration * time
+        std = self._accelerations.std * time
         predicted, cov = se3.orthonormalise(self._pose @ step), ad @ self._cov @ ad.T + np.diag(std**2)
         return predicted, cov if self._trusted is None else cov + self._trusted._covering(stamp_ns, predicted)
 

@@ -5,9 +5,9 @@ from numpy.typing import NDArray
 
 from .. import core
 from ..geometry import Array
+from ..pictures.prepared import PreparedImages
 from ..record import record
 from .alignment import WIDE
-from .prepared import PreparedImages
 from .rough_motion import RoughMotion
 from .state import FrontEndState, Setup
 

@@ -16,9 +16,9 @@ from ..config import Config, FrontendConfig
 from ..config.point_rules import TemplateRules
 from ..geometry import Array
 from ..geometry.resection import Resection
+from ..pictures.prepared import GreyImage, PreparedImages
 from ..record import changed, record
 from .noise import ViewNoise
-from .prepared import GreyImage, PreparedImages
 from .templates import SPACING_PX, TemplateAtlas
 
 WIDE = 4  # image pixels per template pixel of wide templates, for nearly textureless surfaces

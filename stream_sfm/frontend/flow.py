@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from .. import core
 from ..config.rules import FlowRules
 from ..geometry import Array
+from ..pictures.prepared import Image, PreparedImages
 from .alignment import WIDE, TemplateAligner
-from .prepared import Image, PreparedImages
 
 
 def track(

@@ -1,7 +1,7 @@
 """The front-end of a stereo pair: it turns rectified images into observations.
 
 In each frame it follows the points (`tracker.py`), begins new ones where they are missing (`new_points.py`) and checks
-the images (`image_checks.py`). A frame is skipped if nothing can be followed and nothing new be found, or if the
+the images (`pictures/`). A frame is skipped if nothing can be followed and nothing new be found, or if the
 background is hidden. The next frames are then followed from the last good frame, for at most a second.
 """
 
@@ -15,6 +15,9 @@ from ..camera.rig import StereoRig
 from ..config import Config
 from ..geometry import Array
 from ..geometry.resection import SecondMotion
+from ..pictures.checks import Suspicions
+from ..pictures.content import are_alike, image_note
+from ..pictures.prepared import PreparedImages
 from ..record import changed
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel
@@ -24,11 +27,8 @@ from .alignment import WIDE, TemplateAligner, valid_area
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
 from .first_timing import learn_timing
-from .ghost_check import GhostCheck, View
-from .image_checks import are_alike, image_note
 from .new_points import begin_points, renews
 from .pair_check import PairCheck, PairFit, problem_of, resolution_problem
-from .prepared import PreparedImages
 from .right_turn import TurnWatch, rig_change, shift_of_turn, with_turn
 from .rows import Rows
 from .start_check import StartCheck
@@ -68,7 +68,7 @@ class StereoFrontEnd:
             ambiguity=AmbiguityMemory(rules=rules.motion),
             start=StartCheck(rules=rules.motion),
             pair=PairCheck(rules=rules.pair),
-            ghosts=GhostCheck(rules=rules.ghosts),
+            pictures=Suspicions.begun(rules),
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
@@ -136,7 +136,8 @@ class StereoFrontEnd:
         if followed is not None and followed.found is not None:
             fit = PairFit.of(followed.found, projection, config, before.pair.missing)
         factor = state.aligners[1].noise.factor
-        problem = self.problem or problem_of(images, state.previous, fit, state.rows, factor, config.rules.pair)
+        problem = self.problem or state.pictures.problem_of_pair
+        problem = problem or problem_of(images, state.previous, fit, state.rows, factor, config.rules.pair)
         pair, start_anew = state.pair.after(problem, fit, state.next_id)
         return changed(state, pair=pair), start_anew
 
@@ -157,7 +158,7 @@ class StereoFrontEnd:
             stamp_ns,
             z_px,
             cov_px,
-            note or state.ghosts.problem,
+            note or state.pictures.problem,
             std_slides=(drifts_px, turn_of_slides(drift_px, f_px, self.setup.rules.errors.alike)),
             cam_from_previous=followed.cam_from_previous,
             n_new=len(z_new),
@@ -233,7 +234,7 @@ class StereoFrontEnd:
         """Return the note that the right camera seems to have turned, or an empty string."""
         if watch is None or not watch.unusual:
             return ""
-        shift_px = shift_of_turn(self.setup.projection, watch.unusual[-1])
+        shift_px = shift_of_turn(self.setup.projection, watch.unusual[-1].rad)
         return (
             f"right image shifted by {shift_px:.2f} px relative to the left; using the left image only until the cause "
             "is clear"
@@ -255,8 +256,8 @@ class StereoFrontEnd:
 
 def _seen(state: FrontEndState, images: PreparedImages, stamp_ns: int, z_px: Array) -> FrontEndState:
     """Return the state from which the next frame is followed, its image checks updated by all views (n, 4)."""
-    view = View(images.left, state.tracks.ids[: len(z_px)], z_px[:, :2])
-    return changed(state.followed_from(images, stamp_ns), ghosts=state.ghosts.after(view))
+    pictures = state.pictures.after(images, state.tracks.ids[: len(z_px)], z_px[:, :2])
+    return changed(state.followed_from(images, stamp_ns), pictures=pictures)
 
 
 def _ambiguity(other: SecondMotion | None, state: FrontEndState) -> Ambiguity | None:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from .. import core
 from ..geometry import Array
 from ..geometry.stereo import MIN_INVERSE_DEPTH_SIGMAS
+from ..pictures.prepared import PreparedImages
 from ..record import changed
 from .alignment import WIDE
-from .prepared import PreparedImages
 from .state import FrontEndState, RightSides, Setup
 from .templates import JUST_CUT
 from .tracks import Tracks

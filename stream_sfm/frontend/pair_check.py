@@ -22,9 +22,9 @@ from ..geometry import Array
 from ..geometry.point_views import PointViews
 from ..geometry.resection import MANY_VIEWS, Resection
 from ..geometry.stereo import StereoProjection, clamp_depth
+from ..pictures.content import frozen
+from ..pictures.prepared import PreparedImages
 from ..record import changed, record
-from .image_checks import frozen
-from .prepared import PreparedImages
 from .rows import Rows
 from .tracks import Tracks
 
@@ -132,8 +132,6 @@ def problem_of(
 
     `previous`: the images before; `fit`: of its tracks; `factor`: the variance factor of the views.
     """
-    if images.one_image:
-        return "left and right are the same image: is one camera recorded as both?"
     if problem := rows_problem(rows, rules):
         return problem
     if factor > rules.max_factor:

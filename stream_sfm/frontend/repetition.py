@@ -14,8 +14,8 @@ from ..config.rules import RepetitionRules
 from ..geometry import Array, se3
 from ..geometry.point_views import PointViews
 from ..geometry.resection import MANY_VIEWS, MIN_VIEWS, SecondMotion, resect
+from ..pictures.prepared import Image
 from ..record import changed
-from .prepared import Image
 from .rough_motion import RoughMotion, find_rough_motion
 from .state import FrontEndState
 from .step import Step

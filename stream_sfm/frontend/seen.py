@@ -13,6 +13,7 @@ from .rough_motion import RoughMotion
 from .state import FrontEndState
 from .step import Step
 from .tracks import Tracks
+from .usual_turns import Feigned
 
 _LEFT = np.array([True, True, False, False])
 
@@ -21,9 +22,9 @@ _LEFT = np.array([True, True, False, False])
 class Seen:
     """The tracks (n) that were found in a frame: their rows `before`, their `views` now, and `point_views`.
 
-    `weights` (n,): their votes; `weight`: the sum of votes of all tracks that should have been found. `cov_turn`
-    (3, 3): of apparent turns of the right camera by unknown errors of the rig, None for an exact rig. `turned` (n,):
-    which views agree with an unusual turn, if the motion is sought from the left sides alone.
+    `weights` (n,): their votes; `weight`: the sum of votes of all tracks that should have been found. `feigned`:
+    apparent turns of the right camera, None for an exact rig. `turned` (n,): which views agree with an unusual turn, if
+    the motion is sought from the left sides alone.
     """
 
     before: Tracks
@@ -31,7 +32,7 @@ class Seen:
     point_views: PointViews
     weights: Array
     weight: float
-    cov_turn: Array | None = None
+    feigned: Feigned | None = None
     turned: NDArray[np.bool_] | None = None
 
     @classmethod
@@ -48,16 +49,18 @@ class Seen:
         )
         cov_points = before.cov_points(setup.projection, drift_px)
         known_px: Array | float = 0.0
-        unknown_px = cov_turn = None
+        unknown_px = feigned = None
         if state.turn_watch is not None and state.disparity is not None:
             known_px, of_disparity = state.disparity.effects(before.points, motion, views.z_px)
             of_rig = state.timing, state.rows_with_delay
             seen, std_twist = (before.points, views.points, views.z_px), setup.std_acceleration * step.dt_s
             of_timing, cov_turn = core.unknown_errors(*of_rig, *seen, twist, std_twist)
+            var_delay_s2 = float(state.timing.cov[0, 0])
             if step.by_inertia is not None and state.timing.twist is not None:
                 # points contain turns of earlier frames, which two frames smooth but a gyroscope resolves
                 earlier = state.timing.twist[3:]
-                cov_turn = cov_turn + state.timing.cov[0, 0] * np.outer(earlier, earlier)
+                cov_turn = cov_turn + var_delay_s2 * np.outer(earlier, earlier)
+            feigned = Feigned(cov_turn, twist[3:], var_delay_s2)
             of_turn = by_turn(setup.projection, views.z_px, state.turn_root)
             unknown_px = np.concatenate([of_timing, of_disparity, of_turn], axis=2)
         point_views = PointViews(
@@ -70,7 +73,7 @@ class Seen:
             unknown_px,
         )
         weight = float(weights[views.in_view].sum())
-        return cls(before, views, point_views, weights[views.rows], weight, cov_turn)
+        return cls(before, views, point_views, weights[views.rows], weight, feigned)
 
     def by_left(self, turned: NDArray[np.bool_]) -> "Seen":
         """Return the same without right sides; `turned` (n,): the views whose right sides agree with a turn."""

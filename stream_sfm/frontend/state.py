@@ -13,13 +13,13 @@ from ..config import Config
 from ..config.rules import Rules
 from ..geometry import Array
 from ..geometry.stereo import StereoProjection
+from ..pictures.checks import Suspicions
+from ..pictures.prepared import PreparedImages
 from ..record import changed, record
 from .alignment import Aligners
 from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
-from .ghost_check import GhostCheck
 from .pair_check import PairCheck
-from .prepared import PreparedImages
 from .right_turn import TurnWatch
 from .rows import Rows
 from .start_check import StartCheck
@@ -103,8 +103,8 @@ class FrontEndState:
       rows.
     - `turn_watch`: detects turns of the right camera, None if it cannot turn; `pair`: whether left and right are
       consistent; `background_hidden`: whether the background is, since the last frame that was followed; `ambiguity`:
-      between two motions; `start`: whether the map has started with the motion of the camera; `ghosts`: whether earlier
-      images show through.
+      between two motions; `start`: whether the map has started with the motion of the camera; `pictures`: what is
+      suspected of all images.
     - `errors`: the learnt errors that views of a point share; `disparity`: the estimated disparity error.
     - `map`: with one camera, the progress of the map.
     """
@@ -130,7 +130,7 @@ class FrontEndState:
     background_hidden: bool = False
     ambiguity: AmbiguityMemory = field(default_factory=AmbiguityMemory)
     start: StartCheck = field(default_factory=StartCheck)
-    ghosts: GhostCheck = field(default_factory=GhostCheck)
+    pictures: Suspicions = field(default_factory=Suspicions)
     rows_waiting: Array | None = None
     pair: PairCheck = field(default_factory=PairCheck)
     map: MapState = field(default_factory=MapState)
@@ -138,7 +138,7 @@ class FrontEndState:
     @property
     def turn_root(self) -> Array:
         """A root (3, e), rad, of the covariance of the right camera's turns from frame to frame."""
-        return np.zeros((3, 0)) if self.turn_watch is None else self.turn_watch.root
+        return np.zeros((3, 0)) if self.turn_watch is None else self.turn_watch.usual.root
 
     def with_turn(self, z_px: Array, cov_px: Array) -> Array:
         """Return covariances (n, 4, 4) of views (n, 4) as depth measurements, with that of the turn of their frame."""
@@ -166,7 +166,7 @@ class FrontEndState:
             timing=changed(self.timing, twist=None),
             ambiguity=AmbiguityMemory(rules=self.ambiguity.rules),
             start=StartCheck(rules=self.start.rules),
-            ghosts=self.ghosts.interrupted(),
+            pictures=self.pictures.interrupted(),
             background_hidden=False,
             turn_watch=None if self.turn_watch is None else self.turn_watch.calm(),
         )

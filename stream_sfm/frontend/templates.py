@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from .. import core
 from ..config.point_rules import TemplateRules
 from ..geometry import Array
+from ..pictures.prepared import GreyImage
 from ..record import record
-from .prepared import GreyImage
 
 Grey = NDArray[np.float32]
 JUST_CUT = np.array([1.0, 0.0])  # gain and offset of an image over a template just cut from it

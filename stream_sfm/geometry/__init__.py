@@ -1,4 +1,4 @@
-"""Poses, the rectified camera pair, robust resection, χ² gates and small linear algebra; no images and no files.
+"""Poses, the rectified camera pair, robust resection, χ² gates, evidence over frames and small linear algebra.
 
 The conventions of the whole package (equations: docs/mathematics.md, section 1):
 

@@ -63,6 +63,11 @@ class PointViews:
         seen, of_all = (self.points, self.cov_points, self.z_px, self.cov_px), [self.shared, shared]
         return PointViews(self.projection, *seen, self.settings, np.concatenate(of_all, axis=2))
 
+    def scaled(self, sizes: Array) -> "PointViews":
+        """Return the same views with shared errors that are larger by factors (j,)."""
+        seen = self.points, self.cov_points, self.z_px, self.cov_px
+        return PointViews(self.projection, *seen, self.settings, self.shared * sizes)
+
     def by_left(self) -> "PointViews":
         """Return the same points with only the left sides of their views."""
         left_px = np.where([True, True, False, False], self.z_px, np.nan)

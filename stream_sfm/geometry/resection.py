@@ -131,8 +131,7 @@ def expected(found: Resection, predicted: Array, std_change: Array) -> Resection
 
 def judged(found: Resection, views: PointViews, weights: Array) -> Resection:
     """Return a motion of some of the views (n) judged by all of them: which agree with it unchanged."""
-    root, _ = views.linearise(found.cam_from_ref)
-    squared = views.squared_residuals(found.cam_from_ref, root, found.amplitudes)
+    squared = residuals_of(views, found.cam_from_ref, found.amplitudes)
     accepted = squared < views.gate
     return changed(
         found,
@@ -142,3 +141,9 @@ def judged(found: Resection, views: PointViews, weights: Array) -> Resection:
         dof=int(np.isfinite(views.z_px[accepted]).sum()),
         share=float(weights[accepted].sum() / weights.sum()),
     )
+
+
+def residuals_of(views: PointViews, cam_from_ref: Array, amplitudes: Array | None = None) -> Array:
+    """Return the squared whitened residuals (n,) of views under a motion (4, 4), with amplitudes (j,) or without."""
+    root, _ = views.linearise(cam_from_ref)
+    return views.squared_residuals(cam_from_ref, root, amplitudes)

@@ -17,13 +17,15 @@ from ..camera.rig import StereoRig, baseline_warnings
 from ..engine import Engine
 from ..errors import LogError, StreamSfmError
 from ..mcap_file.message import Damage, Source
+from ..pictures.interlacing import is_interlaced
+from ..recording.beside import calibration_beside, note_of
 from ..recording.both_sides import both_sides
 from ..recording.ground_truth import depth_topic, read_truth, truth_topic
 from ..recording.images import UndecodableImage, decode_grey, image_size
 from ..recording.messages import ImageMessage
 from ..recording.pair_reader import PairReader, StereoPair
 from ..recording.pairing import gaps_after
-from ..recording.rig import check_rig, find_rig
+from ..recording.rig import check_rig, find_rig, right_is_left
 from ..recording.stereo_log import choose_cameras
 from ..recording.survey import Survey, survey_log
 from ..recording.topics import PairChoice, is_rectified
@@ -120,6 +122,9 @@ class _Inspection:
     def run(self, left: str | None, right: str | None, calibration: Where | StereoRig | None) -> None:
         """Find the pair, its frames and its calibration, and check whether they fit each other."""
         try:
+            if calibration is None and (beside := calibration_beside(self.source, self.survey, mono=False)):
+                calibration = beside
+                self.warnings.append(note_of(beside))
             self.source, self.survey, calibration = both_sides(self.source, self.survey, calibration)
             choice = choose_cameras(self.source, self.survey, left, right)
         except LogError as error:
@@ -207,14 +212,22 @@ class _Inspection:
         decoded = list(self._decoded(pairs))
         if pairs and not decoded:
             self.problems.append(f"{self.source.path}: none of the sampled image pairs can be decoded")
-        corners = [matched_corners(*images_of(frame)) for frame in decoded]
+        images = [images_of(frame) for frame in decoded]
+        if any(all(map(is_interlaced, pair)) for pair in images):
+            self.problems.append(
+                f"{self.source.path}: the images are interlaced: their odd and even rows were exposed at different "
+                "times; record progressive video"
+            )
+        corners = [matched_corners(*pair) for pair in images]
         check = check_calibration(rig, corners)
         self.result["calibration_check"] = {k: None if v != v else v for k, v in asdict(check).items()}  # no NaN
-        if np.isnan(check.negative_share):  # otherwise the images show which of the two is wrong
+        # of exchanged sides the images show which are wrong
+        if right_is_left(rig) is None or np.isnan(check.negative_share):
             try:
                 check_rig(self.source, rig)
             except LogError as error:
                 self.problems.append(str(error))
+                return
         frames = self.result["frames"]
         if frames["median_offset_ms"] and frames["rate_hz"]:
             warning = stamp_warning(frames["median_offset_ms"], 1e3 / frames["rate_hz"], choice.right)

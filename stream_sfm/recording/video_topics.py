@@ -75,8 +75,16 @@ class _Decoded(Derived):
 
         channel, where = raw_channel(topic), f"{self.path}: topic {topic}"
         stream = VideoStream(self._videos[topic], self._frames(topic, damage))
+        last_sent, newest_ns = -1, 0  # of the images shown so far
         try:
-            for (image, log_time_ns), picture in stream.pictures():
+            for (image, log_time_ns, sent), picture in stream.pictures():
+                if sent < last_sent and image.stamp_ns < newest_ns:
+                    raise LogError(
+                        f"{where}: the images are shown in another order than they are sent (B frames), but their "
+                        "stamps have the order of sending, so they belong to other images: record without B frames"
+                    )
+                if sent > last_sent:
+                    last_sent, newest_ns = sent, image.stamp_ns
                 made = raw_message(channel, image.frame_id, image.stamp_ns, picture)
                 yield made._replace(log_time_ns=log_time_ns)
         finally:
@@ -86,13 +94,13 @@ class _Decoded(Derived):
             if stream.lost:
                 damage.add(f"{where}: {counted(stream.lost, 'frame')} of video could not be decoded")
 
-    def _frames(self, topic: str, damage: Damage) -> Iterator[tuple[tuple[ImageMessage, int], bytes]]:
-        """Yield each frame without its bytes, with its log time, and then its bytes."""
+    def _frames(self, topic: str, damage: Damage) -> Iterator[tuple[tuple[ImageMessage, int, int], bytes]]:
+        """Yield each frame without its bytes, with its log time and its number as sent, and then its bytes."""
         decoder = MessageDecoder(self.path)
-        for message in self.source.messages(damage, frozenset([topic])):
+        for sent, message in enumerate(self.source.messages(damage, frozenset([topic]))):
             try:
                 image = decoder.image(message)
             except UndecodableMessage as error:
                 damage.add(f"{self.path}: a frame of video was skipped: {error}")
                 continue
-            yield (replace(image, data=b""), message.log_time_ns), image.data
+            yield (replace(image, data=b""), message.log_time_ns, sent), image.data

@@ -11,7 +11,7 @@ from ..geometry import Array
 from ..geometry.stereo import StereoProjection, places_over_image
 from ..record import changed, record
 from .estimate import CERTAIN, Amplitudes, RigEstimate
-from .field import NO_FIELD, Field, field_over
+from .field import NO_FIELD, WORTH_ESTIMATING, Field, field_over
 from .terms import AT_TIMING, DISPARITY, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
 
 _FOCAL, _FOCUSING = TERMS.index(FOCAL), TERMS.index(FOCUSING)
@@ -68,7 +68,7 @@ class RigModel:
 
     @property
     def _field(self) -> Field:
-        return field_over(self.projection.width, self.projection.height) if self.has_field else NO_FIELD
+        return _field_over(self.projection) if self.has_field else NO_FIELD
 
     @property
     def cameras(self) -> tuple[StereoProjection, ExposedRows]:
@@ -237,6 +237,10 @@ class RigModel:
         return np.stack([mean, np.sqrt(thirds[:, 1] ** 2 @ self.root.T**2)], axis=1)
 
 
+def _field_over(projection: StereoProjection) -> Field:
+    return field_over(projection.width, projection.height, WORTH_ESTIMATING)
+
+
 def _of_field(moves: Array, field: Array) -> Array:
     """Return the effects (n, k, 3K) of amplitudes of the parts, from `moves` (k, 3) of each and a field (n, K)."""
     n, parts = field.shape
@@ -251,7 +255,7 @@ def disparity_error(projection: StereoProjection, estimate: RigEstimate, left_px
     by_term = effects[:, 0] - effects[:, 2]
     if len(estimate.mean) > len(TERMS):  # files of a run do not contain the field
         moves = FIELD_MOVES[:1] - FIELD_MOVES[2:3]
-        by_field = _of_field(moves, field_over(p.width, p.height).at(left_px))[:, 0]
+        by_field = _of_field(moves, _field_over(p).at(left_px))[:, 0]
         by_term = np.concatenate([by_term, by_field], axis=1)
     return by_term @ estimate.mean, np.sqrt(np.einsum("ni,ij,nj->n", by_term, estimate.cov, by_term))
 

@@ -115,6 +115,16 @@ def test_a_lens_that_leaves_next_to_nothing_is_refused() -> None:
         _ = Rectifier(StereoRig(camera, camera, rig().right_from_left)).valid
 
 
+@pytest.mark.parametrize(
+    "d", [(0.0, 0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1000.0, 0.0, 0.0), (0.0, 0.0, 1e300, 0.0, 0.0)]
+)
+def test_a_lens_without_a_solution_is_refused_and_no_defect(d) -> None:
+    """As when k3 stands where p1 belongs: OpenCV finds no ray for a pixel."""
+    camera = Camera(320, 240, rig().left.K, d)
+    with pytest.raises(ConfigError, match="leave no image: they must be of these cameras, in OpenCV's order"):
+        _ = Rectifier(StereoRig(camera, camera, rig().right_from_left)).valid
+
+
 def test_lens_models_have_the_names_that_others_give_them() -> None:
     k = rig().left.K
     assert Camera(320, 240, k, (0.1, 0, 0, 0), "radtan").distortion_model == "plumb_bob"

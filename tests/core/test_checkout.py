@@ -1,4 +1,4 @@
-"""A checkout whose core must be compiled reports it, or refuses with the command that does it."""
+"""A checkout finds the module of its sources, or reports that it compiles it, or names the command that does."""
 
 import ast
 import contextlib
@@ -6,13 +6,14 @@ import importlib.util
 import io
 import os
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 from stream_sfm.core import _core
-from stream_sfm.core.checkout import is_current, module_name
+from stream_sfm.core.checkout import is_current, mark_of, module_name
 from tests.helpers.places import ROOT
 
 TOOL = """\
@@ -55,17 +56,45 @@ def test_compilation_is_reported_where_python_writes_its_errors(
     assert "python -m pip install" in str(refused.value)
 
 
-def test_a_module_of_other_sources_is_outdated_however_new_it_is(tmp_path: Path) -> None:
+def copy_sources(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
     sources = ROOT / "stream_sfm/core"
-    for path in (*sources.glob("*.?pp"), sources / "CMakeLists.txt", sources / module_name()):
-        shutil.copyfile(path, tmp_path / path.name)
-    assert is_current(str(tmp_path))
+    for path in (*sources.glob("*.?pp"), *sources.glob("*.py"), sources / "CMakeLists.txt"):
+        shutil.copyfile(path, folder / path.name)
+
+
+def test_a_module_of_other_sources_is_outdated_however_new_it_is(tmp_path: Path) -> None:
+    copy_sources(tmp_path)
+    shutil.copyfile(str(_core.__file__), tmp_path / module_name())
+    assert is_current(str(tmp_path), mark_of(str(tmp_path)))
     with open(tmp_path / "rig.cpp", "a", encoding="utf-8") as source:
         source.write("// another branch\n")
     os.utime(tmp_path / module_name())
-    assert not is_current(str(tmp_path))
+    assert not is_current(str(tmp_path), mark_of(str(tmp_path)))
     (tmp_path / module_name()).unlink()
-    assert not is_current(str(tmp_path))
+    assert not is_current(str(tmp_path), mark_of(str(tmp_path)))
+
+
+@pytest.mark.parametrize("beside", [None, b"a module of other sources"])
+def test_a_checkout_uses_the_installed_module_of_the_same_sources(tmp_path: Path, beside: bytes | None) -> None:
+    """After `pip install .` in a clone, where Python finds the clone first; nothing there can compile or be written."""
+    clone, installed = tmp_path / "clone/stream_sfm", tmp_path / "site-packages/stream_sfm/core"
+    copy_sources(clone / "core")
+    (clone / "__init__.py").touch()
+    if beside is not None:
+        (clone / "core" / module_name()).write_bytes(beside)
+    installed.mkdir(parents=True)
+    shutil.copyfile(str(_core.__file__), installed / module_name())
+    before = sorted(tmp_path.rglob("*"))
+    program = "from stream_sfm.core import _core, pose_exp; print(_core.__file__, pose_exp.__name__)"
+    environment = {**os.environ, "PYTHONPATH": str(installed.parents[1]), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-c", program]
+    run = subprocess.run(command, cwd=clone.parent, env=environment, capture_output=True, text=True)
+    assert (run.stdout, run.stderr) == (f"{installed / module_name()} pose_exp\n", "")
+    assert sorted(tmp_path.rglob("*")) == before
+    (clone / "core/rig.cpp").write_text("// another branch\n", encoding="utf-8")
+    run = subprocess.run(command, cwd=clone.parent, env=environment, capture_output=True, text=True)
+    assert "not that of its sources" in run.stderr and "pip install ." in run.stderr
 
 
 def test_the_stub_matches_the_module() -> None:

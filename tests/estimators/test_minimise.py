@@ -61,6 +61,11 @@ def test_steps_end_once_the_predicted_decrease_is_small(
     assert steps.done == done
 
 
+def test_a_step_that_gating_enlarges_is_no_divergence_however_late_the_iteration_ends(of_steps) -> None:
+    steps: Any = Steps([1e6, 1e-2, 40.0, 1e-4], is_timed=False)
+    assert minimise(steps, WindowConfig(max_iterations=10, converged=1e-3), 0.99) == 4
+
+
 @pytest.mark.parametrize(
     ("decreases", "is_timed"),
     [([1e5, 1e6], False), ([1e5, 1e6], True), ([5.0, 1e5], True), ([np.nan], False), ([5.0, np.nan], True)],

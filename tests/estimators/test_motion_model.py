@@ -58,3 +58,15 @@ def test_a_doubted_start_is_covered_from_the_start_and_permanently_if_nothing_co
     assert settles["open", 5] > 5 * 0.05  # these poses may be relative to a body
     assert settles["settled", 16] < 1e-3
     assert settles["open", 16] >= 0.9 * settles["open", 14]
+
+
+def test_after_an_uncertain_pose_its_velocity_is_uncertain() -> None:
+    model, nothing = MotionModel(MotionConfig()), np.zeros((6, 6))
+    for n in range(3):
+        model.add(n * 10**8, np.eye(4), nothing)
+    step = np.array([0.1, 0, 0, 0, 0, 0])
+    model.add(3 * 10**8, se3.exp(step), nothing, Doubts(misfit=True))
+    for frames in (1, 2, 5):  # lost frames since then
+        pose, cov = model.predict((3 + frames) * 10**8)
+        np.testing.assert_allclose(pose[0, 3], 0.1 * (1 + frames))
+        assert np.sqrt(cov[0, 0]) > pose[0, 3]

@@ -171,6 +171,30 @@ def test_truncating_modes_keeps_every_marginal_and_the_world(prior) -> None:
     assert difference.max() < 1e-3  # of σ, between two points: the error of truncation
 
 
+@pytest.mark.parametrize(("share", "stays"), [(0.49, False), (0.51, True)])
+def test_a_truncated_mode_adds_half_a_variance_at_most_to_all_that_follows_from_points(prior, share, stays) -> None:
+    """Eq. (36a), for x (6,) by least squares with random Jacobians, and with those that have most of the mode."""
+    rng = np.random.default_rng(8)
+    mode, own = rng.normal(size=(N, 3)), np.zeros((3 * N, 3 * N))
+    for i, block in enumerate(prior.cov):
+        own[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = block
+    information = np.linalg.inv(own)
+    mode *= np.sqrt(share / (mode.ravel() @ information @ mode.ravel()))
+    exact = replace(prior, modes=np.zeros_like(prior.modes), world_modes=np.eye(6, K))
+    modes = np.concatenate([mode[..., None], exact.modes], axis=2)
+    shared = replace(exact, modes=modes, world_modes=np.concatenate([np.zeros((6, 1)), exact.world_modes], axis=1))
+    assert shared.truncate_modes().modes.shape[2] == (6 + M + 1 if stays else 6 + M)
+    added = []
+    for of_mode in (0.0, 1e6):
+        jacobian = rng.normal(size=(3 * N, 6))
+        jacobian[:, 0] += of_mode * mode.ravel()
+        of_x = jacobian.T @ information @ jacobian
+        moved = np.linalg.solve(of_x, jacobian.T @ information @ mode.ravel())
+        added.append(moved @ of_x @ moved)
+    assert added[0] < added[1] <= share * (1 + 1e-9)
+    assert added[1] == pytest.approx(share, rel=0.05)
+
+
 def expected(prior: Prior) -> np.ndarray:
     """Points, world and errors of the rig, the last with their knowledge."""
     return np.concatenate([prior.mean.ravel(), np.zeros(6), prior.rig.mean]) + _estimated(prior)

@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from stream_sfm.config import Config
+from stream_sfm.estimators.cross_frame.doubt import Doubt, InQuestion
 from stream_sfm.estimators.cross_frame.window import CrossFrame
 from stream_sfm.geometry import se3
+from stream_sfm.geometry.resection import Resection, SecondMotion
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.types import Ambiguity, Observations, Status
 from tests.helpers.estimators import nees
@@ -89,6 +91,51 @@ def test_a_settled_doubt_no_longer_counts() -> None:
     assert in_world[1] > 0.01 and abs(in_world[2] / in_world[0] - 1) < 0.1
     relative = [run[8].relative.cov[0] for run in runs]
     assert np.allclose(relative[2], relative[0], atol=1e-7)
+
+
+def test_what_later_tracks_do_not_confirm_stays_in_doubt() -> None:
+    """The same points get new tracks at frame 6: at frame 8, none shows how the camera moved in frames 3 to 5."""
+    frames, _ = observations(10, moves_from=99)
+    other = Ambiguity(se3.exp(-OWN) @ se3.inverse(STEP), 1e-8 * np.eye(6))
+    std_m, in_world = {}, {}
+    for anew_at in (6, 99):
+        estimator, runs = CrossFrame(P, Config()), []
+        for k, o in enumerate(frames):
+            old, new = np.arange(160), np.arange(160, 320)
+            rows = old if k < anew_at else np.r_[old, old] if k == anew_at else old
+            ids = old if k < anew_at else np.r_[old, new] if k == anew_at else new
+            ambiguity = other if 3 <= k < 6 else None
+            seen = replace(o, track_ids=ids, z_px=o.z_px[rows], cov_px=o.cov_px[rows], ambiguity=ambiguity)
+            start = se3.inverse(STEP) if k else None
+            runs.append(estimator.step(replace(seen, cam_from_previous=start, settled=k == 8)))
+        std_m[anew_at] = np.sqrt(np.trace(runs[-1].cov_pose[:3, :3]))
+        in_world[anew_at] = np.linalg.eigvalsh(runs[-1].cov_points_in_world).mean()
+    assert std_m[6] > 3 * np.linalg.norm(OWN[:3]) and std_m[99] < 0.01
+    assert in_world[6] > 0.01 > 10 * in_world[99]
+
+
+def test_the_path_to_the_last_unconfirmed_motion_stays_in_doubt() -> None:
+    ids = np.arange(40)
+    motions = tuple(InQuestion(ids[k : k + 12], (k + 1.0) * np.eye(6)) for k in range(4))
+    doubt = Doubt(cov=4 * np.eye(6), frames=4, motions=motions)
+    for first, confirmed in ((0, 4), (1, 3), (3, 1), (4, 0)):
+        after, n = doubt.settled(ids[first:])
+        assert n == confirmed and not after.cov.any() and not after.motions
+        assert np.array_equal(after.cov_left, (4 - confirmed) * np.eye(6))
+        assert np.array_equal(after.of_newest(np.eye(4)), after.cov_left)
+
+
+def test_the_memory_of_motions_in_question_is_bounded() -> None:
+    """Nothing confirms the forgotten ones any more, so that the path up to them stays in doubt."""
+    doubt, ids = Doubt(), np.arange(40)
+    second = SecondMotion(se3.exp(OWN) @ STEP, 1e-8 * np.eye(6), np.zeros(40, bool), 1.0)
+    motion = Resection(STEP, np.eye(6), np.ones(40, bool), 0.0, 34, 1.0, True, np.zeros(40), second=second)
+    for _ in range(200):
+        doubt, _ = doubt.with_second(motion, np.full(6, 0.1), np.eye(4), ids)
+    assert len(doubt.motions) < 200
+    after, confirmed = doubt.settled(ids)
+    assert confirmed == len(doubt.motions) - 1
+    assert 0 < np.trace(after.cov_left) < np.trace(doubt.cov)
 
 
 def test_motions_that_may_have_been_wrong_for_some_frames_are_covered_at_once() -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -78,6 +79,20 @@ def test_a_pair_that_does_not_fit_is_never_ok_and_wrong(name: str, room) -> None
     bad = [e for e in estimates[1:] if e.status != sfm.Status.OK]
     assert len(bad) >= FRAMES - FAULT - 1
     assert any(cause in e.reason for e in bad), {e.reason for e in bad}
+
+
+def test_a_repeated_pair_of_another_brightness_is_no_new_one(room) -> None:
+    rig, frames, truth = room
+    seen = [
+        replace(frame, **{side: cv2.add(getattr(frames[k - 1], side), 7) for side in ("left", "right")})
+        if k % 10 == 9
+        else frame
+        for k, frame in enumerate(frames)
+    ]
+    estimates, squares = judged(rig, seen, truth)
+    assert squares[1:].max() < TEN_SIGMA
+    bad = [k for k, e in enumerate(estimates) if e.status == sfm.Status.DEGRADED]
+    assert bad == [9, 19, 29] and all("the images are identical" in estimates[k].reason for k in bad)
 
 
 def test_the_calibration_of_half_the_resolution_is_never_ok_and_wrong(room) -> None:

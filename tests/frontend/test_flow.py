@@ -11,7 +11,7 @@ from stream_sfm.config.rules import FlowRules
 from stream_sfm.core import corner_strength, new_corners
 from stream_sfm.frontend.alignment import TemplateAligner
 from stream_sfm.frontend.flow import as_exposed, track
-from stream_sfm.frontend.prepared import PreparedImages
+from stream_sfm.pictures.prepared import PreparedImages
 from tests.helpers.wall import Wall, rig
 
 

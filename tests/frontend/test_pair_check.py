@@ -10,11 +10,11 @@ from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config
 from stream_sfm.config.rules import PairRules
 from stream_sfm.frontend.pair_check import Found, PairCheck, PairFit, problem_of, resolution_problem
-from stream_sfm.frontend.prepared import PreparedImages
 from stream_sfm.frontend.rows import Rows
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.resection import Resection
 from stream_sfm.geometry.stereo import StereoProjection
+from stream_sfm.pictures.prepared import PreparedImages
 from tests.helpers.tracks import tracks_at
 
 PROJECTION = StereoProjection(300.0, 160.0, 160.0, 120.0, 0.1, 320, 240)

@@ -1,5 +1,7 @@
 """A turn in front of a wall of equal tiles, by more than half a tile per frame: the view does not show by how many."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from stream_sfm import Engine, FrameEstimate
 from stream_sfm.geometry import se3
 from stream_sfm.types import Status
 from tests.helpers.wall import Wall, rig
+from tools.render.inertial import BMI160, measured
 
 STEREO = rig()
 TILE_M = 0.25  # 22 px
@@ -60,3 +63,20 @@ def test_a_unique_object_settles_the_earlier_motions() -> None:
     std_m = [float(np.sqrt(np.trace(e.cov_pose[:3, :3]))) for e in found]
     assert std_m[settled - 1] > TILE_M and max(std_m[settled:]) < 0.02
     assert errors_m(found).max() < 0.02
+
+
+def test_predictions_by_samples_cover_the_other_motion_too() -> None:
+    start_ns, wall = 10**9, tiled_wall(same=1.0)
+    samples = measured(
+        lambda t: se3.exp([0, 0, 0, 0, t, 0]), (-0.2, 0.3), np.array([0.0, 1.0, 0.0]), seed=3, start_ns=start_ns
+    )
+    engine, std_m = Engine(replace(STEREO, imu=BMI160.calibration)), []
+    for k, pose in enumerate(POSES[:4]):
+        frame = wall.frame(STEREO, pose, k)
+        estimate = engine.step(replace(frame, stamp_ns=frame.stamp_ns + start_ns, imu=samples))
+        if k:
+            found = engine.predict(estimate.stamp_ns + 10_000_000)
+            assert found is not None and estimate.inertial is not None
+            covs = found.cov_pose, estimate.cov_pose, estimate.inertial.cov[:6, :6]
+            std_m.append([float(np.sqrt(np.trace(cov[:3, :3]))) for cov in covs])
+    assert all(min(stds) > TILE_M for stds in std_m)

@@ -7,6 +7,7 @@ from stream_sfm import core
 from stream_sfm.config import RigConfig
 from stream_sfm.config.rules import TurnRules
 from stream_sfm.frontend.right_turn import TurnWatch, with_turn
+from stream_sfm.frontend.usual_turns import Feigned, Turn, UsualTurns
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.estimate import RigEstimate
@@ -17,6 +18,7 @@ P = StereoProjection(420.0, 255.0, 257.0, 190.0, 0.16, 512, 384)
 N, STD_PX = 150, 0.08
 YAW = np.array([0.0, 1e-3, 0.0])
 NONE = np.zeros(3)
+NOTHING = Feigned(np.zeros((3, 3)), NONE, 0.0)
 
 
 def right_view(p: np.ndarray, rad: np.ndarray) -> np.ndarray:
@@ -47,9 +49,9 @@ def watched(
 ) -> tuple[TurnWatch, list[bool]]:
     """A watch after frames with these turns, and which of them were unusual."""
     rng, watch, unusual = np.random.default_rng(seed), TurnWatch.begun(P, TurnRules()), []
-    motion, by_delay = se3.exp([0.01, 0, -0.05, 0, 0.01, 0]), np.outer(by_delay_rad, by_delay_rad)
+    motion, feigned = se3.exp([0.01, 0, -0.05, 0, 0.01, 0]), Feigned(np.zeros((3, 3)), by_delay_rad, 1.0)
     for rad in turns:
-        watch, turn = watch.judge(*frame(rng, rad, motion), by_delay)
+        watch, turn = watch.judge(*frame(rng, rad, motion), feigned)
         unusual.append(turn is not None)
     return watch, unusual
 
@@ -97,9 +99,47 @@ def test_a_possible_effect_of_a_late_camera_is_no_knock() -> None:
     assert watched([NONE] * 12 + [YAW[[1, 0, 2]]], by_delay_rad=1.6 * YAW)[1][-1]  # not about x
 
 
+def test_nobody_knows_at_the_start_how_much_a_rig_shakes() -> None:
+    """A turn by 12 σ of the first guess is a knock after twelve frames without one, and not in the second frame."""
+    assert not watched([NONE, 1.2 * YAW])[1][-1]
+    assert watched([NONE] * 12 + [1.2 * YAW])[1][-1]
+
+
+def test_unusual_turns_that_end_were_usual_ones() -> None:
+    """They are learnt, each with χ² of at most `rules.turn.limit`: a rig that shakes does not stay unusual."""
+    ended, _ = watched([NONE] * 12 + [YAW, -YAW, YAW, NONE])
+    calm, _ = watched([NONE] * 16)
+    assert not ended.unusual
+    assert ended.usual.frames == calm.usual.frames
+    assert ended.usual.real[1, 1] > 4 * calm.usual.real[1, 1]
+
+
+def test_the_delay_is_one_unknown_of_the_run_and_hides_no_turns() -> None:
+    """Turns about y that a delay of 8 ms could feign are real if they are not in proportion to the rig's own turn."""
+    rng = np.random.default_rng(6)
+    shaking = 2e-4 * rng.normal(size=40)
+    usual, feigned = UsualTurns.begun(TurnRules()), [8e-3 * np.array([0, r, 0]) for r in rng.normal(0.2, 0.1, 40)]
+    for shaken, per_delay in zip(shaking, feigned, strict=True):
+        at = Feigned(np.zeros((3, 3)), per_delay, 1.0)
+        usual = usual.learnt(Turn(np.array([0, shaken, 0]), 1e-10 * np.eye(3), 3.0, at))
+    assert np.sqrt(usual.real[1, 1]) == pytest.approx(2e-4, rel=0.35)  # of 20 frames: 3 σ
+    delayed = UsualTurns.begun(TurnRules())
+    for per_delay in feigned:
+        at = Feigned(np.zeros((3, 3)), per_delay, 1.0)
+        delayed = delayed.learnt(Turn(0.7 * per_delay, 1e-10 * np.eye(3), 3.0, at))
+    assert np.sqrt(delayed.real[1, 1]) < 5e-5
+
+
+def test_turns_of_the_present_have_their_own_size() -> None:
+    calm = watched([NONE] * 30)[0].usual
+    shaken = watched([NONE] * 30 + [0.4 * YAW, -0.4 * YAW])[0].usual
+    assert calm.sizes.probable == 1 and shaken.sizes.probable > 1
+    assert shaken.root[1, 1] > 3 * calm.root[1, 1]
+
+
 def test_few_views_and_impossible_turns_are_no_evidence() -> None:
     rng, watch = np.random.default_rng(5), TurnWatch.begun(P, TurnRules())
     few = frame(rng, YAW, np.eye(4))
     few[2][25:, 2:] = np.nan
-    assert watch.judge(*few, NONE)[1] is None
-    assert watch.judge(*frame(rng, 20 * YAW, np.eye(4)), NONE)[1] is None
+    assert watch.judge(*few, NOTHING)[1] is None
+    assert watch.judge(*frame(rng, 20 * YAW, np.eye(4)), NOTHING)[1] is None

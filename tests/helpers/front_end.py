@@ -7,8 +7,8 @@ from stream_sfm.camera.refinement import KnownTiming
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config
 from stream_sfm.frontend.front_end import StereoFrontEnd
-from stream_sfm.frontend.prepared import PreparedImages
 from stream_sfm.frontend.state import FrontEndState
+from stream_sfm.pictures.prepared import PreparedImages
 from stream_sfm.types import Observations, StereoFrame
 
 

@@ -186,3 +186,11 @@ def test_exit_codes_and_json(path, frames, cli):
     for words in (LEFT, "baseline 0.2000 m", "matched corners", "8 at 10.00 Hz", "this log can be replayed"):
         assert words in text
     assert "the images are swapped" in cli("inspect", write(path, frames, swapped=True), code=3).out
+
+
+@pytest.mark.parametrize("d", [(0.0, 0.0, 1.0, 0.0, 0.0), (100.0, 100.0, 100.0, 100.0)])
+def test_a_lens_that_a_replay_refuses_is_a_problem(d, path, frames, cli):
+    write(path, frames, [replace(info, D=d) for info in INFOS])
+    assert "leave no image" in cli("replay", path, code=3).err
+    shown = cli("inspect", path, code=3).out
+    assert "leave no image" in shown and "this log can be replayed" not in shown

@@ -34,20 +34,26 @@ ROS = {
 
 def encoded(images: Sequence[np.ndarray], codec: str = "h264") -> list[bytes]:
     """One packet per image, a key frame with every sixth, nothing held back."""
+    return [data for _, data in numbered(images, codec, 0)]
+
+
+def numbered(images: Sequence[np.ndarray], codec: str, b_frames: int) -> list[tuple[int, bytes]]:
+    """The packets in the order of sending, each with the number of its image."""
     av = pytest.importorskip("av", reason="PyAV, which encodes video for the tests, is not installed")
     encoder = av.CodecContext.create(ENCODERS[codec], "w")
     encoder.height, encoder.width = images[0].shape
     encoder.pix_fmt, encoder.time_base, encoder.framerate = "yuv420p", Fraction(1, 20), 20
     encoder.options = {
-        "tune": "zerolatency", "crf": "8", "g": str(GROUP), "bf": "0",
-        "x265-params": f"keyint={GROUP}:bframes=0:repeat-headers=1:log-level=none", "x264-params": f"keyint={GROUP}",
+        "crf": "8", "g": str(GROUP), "bf": str(b_frames), **({} if b_frames else {"tune": "zerolatency"}),
+        "x265-params": f"keyint={GROUP}:bframes={b_frames}:repeat-headers=1:log-level=none",
+        "x264-params": f"keyint={GROUP}",
     }  # fmt: skip
     packets = []
     for n, image in enumerate(images):
         frame = av.VideoFrame.from_ndarray(np.repeat(image[:, :, None], 3, axis=2), format="rgb24")
         frame.pts = n
-        packets += [bytes(packet) for packet in encoder.encode(frame)]
-    packets += [bytes(packet) for packet in encoder.encode(None)]
+        packets += [(packet.pts, bytes(packet)) for packet in encoder.encode(frame)]
+    packets += [(packet.pts, bytes(packet)) for packet in encoder.encode(None)]
     assert len(packets) == len(images)
     return packets
 
@@ -62,8 +68,14 @@ def packets(pairs) -> tuple[list[bytes], list[bytes]]:
     return encoded([p[0] for p in pairs]), encoded([p[1] for p in pairs])
 
 
-def write(path: Path, packets: Sequence[list[bytes]], form: str = "foxglove", codec: str = "h264") -> Path:
-    """A log of both sides; an empty packet is left out. `form`: of the messages of video."""
+def write(
+    path: Path,
+    packets: Sequence[list[bytes]],
+    form: str = "foxglove",
+    codec: str = "h264",
+    numbers: Sequence[Sequence[int]] = (range(FRAMES), range(FRAMES)),
+) -> Path:
+    """A log of both sides; an empty packet is left out. `form`: of the messages; `numbers`: of their stamps."""
     log, infos = LogWriter(path), calibration_of(rig(), "plumb_bob")
     for n, pair in enumerate(zip(*packets, strict=True)):
         for side, (topic, data) in enumerate(zip(TOPICS, pair, strict=True)):
@@ -71,13 +83,16 @@ def write(path: Path, packets: Sequence[list[bytes]], form: str = "foxglove", co
             if n == 0:
                 write_info(log, "ros2", INFOS[side], time, infos[side], frame_id)
             if data:
-                write_video(log, form, topic, time, frame_id, codec, data)
+                stamp_ns = START_NS + numbers[side][n] * PERIOD_NS
+                write_video(log, form, topic, time, frame_id, codec, data, stamp_ns)
     log.close()
     return path
 
 
-def write_video(log: LogWriter, form: str, topic: str, time: int, frame_id: str, codec: str, data: bytes) -> None:
-    stamp = {"sec": time // 10**9, "nanosec": time % 10**9}
+def write_video(
+    log: LogWriter, form: str, topic: str, time: int, frame_id: str, codec: str, data: bytes, stamp_ns: int
+) -> None:
+    stamp = {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
     if form in ("foxglove", "json"):
         fields = {"frame_id": frame_id, "data": data, "format": codec}
         log.foxglove(form, topic, CompressedVideo, fields, time)
@@ -125,6 +140,20 @@ def test_every_message_that_holds_video_is_read(form, pairs, packets, tmp_path):
 def test_h265(pairs, tmp_path):
     packets = [encoded([p[side] for p in pairs], "h265") for side in (0, 1)]
     check(sfm.open_log(write(tmp_path / "v.mcap", packets, codec="h265")), pairs, range(FRAMES))
+
+
+@pytest.mark.parametrize("codec", ENCODERS)
+def test_b_frames_are_right_with_their_own_stamps_and_refused_with_those_of_sending(codec, pairs, tmp_path):
+    ros = "sensor_msgs/msg/CompressedImage"
+    sent = [numbered([pair[side] for pair in pairs], codec, 3) for side in (0, 1)]
+    packets, numbers = ([[packet[k] for packet in side] for side in sent] for k in (1, 0))
+    assert all(n != sorted(n) for n in numbers)
+    check(sfm.open_log(write(tmp_path / "own.mcap", packets, ros, codec, numbers)), pairs, range(FRAMES))
+    log = sfm.open_log(write(tmp_path / "arrival.mcap", packets, ros, codec))
+    shown = []
+    with pytest.raises(sfm.LogError, match="shown in another order than they are sent"):
+        shown.extend(log.frames())
+    assert not shown
 
 
 def test_frames_before_the_first_key_frame_are_counted(pairs, packets, tmp_path):

@@ -53,7 +53,7 @@ def test_loops_are_a_row_of_their_own(tmp_path: Path) -> None:
     log = write_log(tmp_path / "log.mcap", spec(range(8), truth=True))
     report, page = run(log, tmp_path / "out", "--loops")
     first, second, *_ = report["methods"]
-    assert (first, second) == ("cross_frame", "cross_frame_loops") and "cross-frame with loops" in page
+    assert (first, second) == ("cross_frame", "cross_frame_loops") and "cross-frame, with loops" in page
     assert report["methods"][first]["ate_rmse_m"] == report["methods"][second]["ate_rmse_m"]
 
 

@@ -45,7 +45,7 @@ get_requires_for_build_editable = get_requires_for_build_wheel
 def build_wheel(folder: str, config_settings: Settings = None, metadata: str | None = None) -> str:
     """Build a wheel."""
     with tempfile.TemporaryDirectory() as tools, _explained():
-        arguments = toolchain.cmake_arguments(Path(tools))
+        arguments = [*toolchain.cmake_arguments(Path(tools)), in_place.mark_argument()]
         os.environ["CMAKE_ARGS"] = shlex.join([*shlex.split(os.environ.get("CMAKE_ARGS", "")), *arguments])
         return scikit.build_wheel(folder, config_settings, metadata)
 

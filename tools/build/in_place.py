@@ -33,7 +33,7 @@ def build() -> None:
         except BlockingIOError:
             _say("another process builds the compiled core: waiting for it")
             fcntl.flock(lock, fcntl.LOCK_EX)
-        if checkout.is_current(str(SOURCES)):
+        if checkout.is_current(str(SOURCES), checkout.mark_of(str(SOURCES))):
             return
         began_s = time.monotonic()
         _say(
@@ -53,10 +53,15 @@ def configure_and_build(folder: Path, *options: str) -> None:
     cmake = _program("cmake")
     _run(
         cmake, "-S", str(SOURCES), "-B", str(folder), "-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={_program('ninja')}",
-        f"-DPython_EXECUTABLE={sys.executable}", f"-DSOURCES={checkout.mark_of(str(SOURCES))}",
+        f"-DPython_EXECUTABLE={sys.executable}", mark_argument(),
         *toolchain.cmake_arguments(folder / "compiler"), *options,
     )  # fmt: skip
     _run(cmake, "--build", str(folder))
+
+
+def mark_argument() -> str:
+    """The argument of CMake that puts the mark of the sources into the module."""
+    return f"-DSOURCES={checkout.mark_of(str(SOURCES))}"
 
 
 def module() -> Path:

@@ -13,7 +13,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 import stream_sfm as sfm
 
-from .odometry import StereoOdometry, rig_of
+from .odometry import StereoOdometry
 
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _SIDES = ("left", "right")
@@ -36,7 +36,6 @@ class OdometryNode(Node):
         )
         compressed = self.declare_parameter("image_transport", "raw").value == "compressed"
         kind, ending = (CompressedImage, "image_raw/compressed") if compressed else (Image, "image_raw")
-        self._infos: dict[int, CameraInfo] = {}
         for side, name in enumerate(_SIDES):
             self.create_subscription(kind, f"{name}/{ending}", partial(self.put, side), qos_profile_sensor_data)
             self.create_subscription(
@@ -57,14 +56,11 @@ class OdometryNode(Node):
         self._thread.start()
 
     def calibrate(self, side: int, info: CameraInfo) -> None:
-        """Make the engine as soon as both cameras have sent their calibration."""
-        self._infos[side] = info
-        if self.odometry.engine is None and len(self._infos) == len(_SIDES):
-            try:
-                self.odometry.begin(rig_of(self._infos[0], self._infos[1], self.odometry.rectified))
-            except sfm.ConfigError as error:
-                self._infos.clear()
-                self._warn(error)
+        """Take the calibration of one camera."""
+        try:
+            self.odometry.calibrate(side, info)
+        except sfm.ConfigError as error:
+            self._warn(error)
 
     def put(self, side: int, image: Any) -> None:
         """Queue an image of one camera."""

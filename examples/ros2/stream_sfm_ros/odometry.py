@@ -30,6 +30,10 @@ class StereoOdometry:
         self.engine: sfm.Engine | None = None
         self.images: sfm.RosImages | None = None
         self._wanted: list[np.ndarray | None] = []  # poses of resets that have been asked for
+        self._infos: dict[int, tuple[tuple[Any, ...], Any]] = {}  # by side, their numbers and the message
+        self._changed: sfm.StereoRig | None = None  # other cameras than those of the engine
+        self._world_from_cam = np.eye(4)  # the latest one
+        self._calibrated = bool(calibration)
         if calibration:
             self.begin(sfm.StereoRig.from_calibration(calibration))
 
@@ -44,6 +48,22 @@ class StereoOdometry:
     def begin(self, rig: sfm.StereoRig) -> None:
         """Make the engine for these cameras; images that came before are not used. Raises ConfigError."""
         self.engine, self.images = sfm.Engine(rig, self.config), sfm.RosImages(rig)
+
+    def calibrate(self, side: int, info: Any) -> None:
+        """Take a camera info, unless a file has calibrated the cameras; another one begins a new map at the last pose.
+
+        Raises ConfigError if both together are no calibration; the cameras then stay as they were.
+        """
+        numbers = (info.width, info.height, info.distortion_model, *map(tuple, (info.d, info.k, info.r, info.p)))
+        if self._calibrated or (side in self._infos and self._infos[side][0] == numbers):
+            return
+        self._infos[side] = numbers, info
+        if len(self._infos) == 2:
+            rig = rig_of(self._infos[0][1], self._infos[1][1], self.rectified)
+            if self.engine is None:
+                self.begin(rig)
+            else:
+                self._changed = rig
 
     def put(self, side: int, image: Any) -> None:
         """Take an image of the left (0) or right (1) camera. Raises FrameError for one that cannot be used."""
@@ -72,16 +92,25 @@ class StereoOdometry:
         """
         if self.engine is None or self.images is None:
             return
+        self._begin_if_changed()
         self._reset_if_wanted()
         frame = self.images.take(timeout_s)
         if frame is None or (self._reset_if_wanted() and not self.images.is_current):
             return
         estimate = self.engine.step(frame)
+        self._world_from_cam = estimate.world_from_cam
         for topic, message in self.messages.of(estimate):
             if topic in self.topics:
                 yield topic, self.messages.encode(message)
         counts = {"dropped": self.images.dropped, "unpaired": self.images.unpaired}
         yield DIAGNOSTICS, self.messages.encode(self.messages.diagnostics(estimate, counts))
+
+    def _begin_if_changed(self) -> None:
+        """Go on with other cameras in the thread of the engine: a new map, in the same world."""
+        rig, self._changed = self._changed, None
+        if rig is not None:
+            self.begin(rig)
+            self._wanted.insert(0, self._world_from_cam)
 
     def _reset_if_wanted(self) -> bool:
         """Do a requested `reset` in the thread of the engine; return whether there was one."""

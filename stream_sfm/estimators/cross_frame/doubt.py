@@ -1,13 +1,25 @@
 """Uncertainty of the newest pose beyond the joint covariance: alternative motions, and patches that slide alike."""
 
 from dataclasses import field
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ... import core
 from ...geometry import Array, se3
 from ...geometry.linear import Cholesky, scaled_cholesky
-from ...geometry.resection import Resection
+from ...geometry.resection import MANY_VIEWS, Resection
 from ...record import changed, record
+
+_MOST = 128  # motions that are remembered
+
+
+class InQuestion(NamedTuple):
+    """A motion beside which there was a second one: the `ids` (n,) of its tracks, and the `cov` (6, 6) after it."""
+
+    ids: NDArray[np.int64]
+    cov: Array
 
 
 def _none() -> Array:
@@ -18,28 +30,35 @@ def _none() -> Array:
 class Doubt:
     """A block of a map's state, in axes of the reference camera.
 
-    `cov` (6, 6): of second motions, any of which may have been the camera's, one in each of the last `frames`.
-    `cov_slides` (6, 6): of apparent rotations by patches that slid alike.
+    `cov` (6, 6): of second motions, any of which may have been the camera's, one in each of the last `frames`;
+    `motions`: those that were followed. `cov_slides` (6, 6): of apparent rotations by patches that slid alike.
+    `cov_left` (6, 6): of second motions that were not excluded when later ones were.
     """
 
     cov: Array = field(default_factory=_none)
     cov_slides: Array = field(default_factory=_none)
     frames: int = 0
+    motions: tuple[InQuestion, ...] = ()
+    cov_left: Array = field(default_factory=_none)
 
     def seen_from(self, cam_from_ref: Array) -> "Doubt":
         """Return the same in axes of another reference camera (4, 4)."""
         ad = se3.adjoint(cam_from_ref)
-        return changed(self, cov=ad @ self.cov @ ad.T, cov_slides=ad @ self.cov_slides @ ad.T)
+        covs = {name: ad @ getattr(self, name) @ ad.T for name in ("cov", "cov_slides", "cov_left")}
+        return changed(self, motions=tuple(m._replace(cov=ad @ m.cov @ ad.T) for m in self.motions), **covs)
 
     def with_slide(self, cam_from_ref: Array, std_turn_rad: float) -> "Doubt":
         """Return it with an apparent rotation by sliding patches, of this σ about each axis of a camera (4, 4)."""
         turns = std_turn_rad * se3.adjoint(se3.inverse(cam_from_ref))[:, 3:]
         return changed(self, cov_slides=self.cov_slides + turns @ turns.T)
 
-    def with_second(self, motion: Resection, std_moved: Array, cam_from_ref: Array) -> tuple["Doubt", Array | None]:
+    def with_second(
+        self, motion: Resection, std_moved: Array, cam_from_ref: Array, ids: NDArray[np.int64]
+    ) -> tuple["Doubt", Array | None]:
         """Return it with the second of two plausible motions to a camera (4, 4), if there is one, and the `ambiguity`.
 
-        `std_moved` (6,): σ of the change of a vehicle's motion between two frames.
+        `std_moved` (6,): σ of the change of a vehicle's motion between two frames; `ids` (n,): the tracks of the first
+        motion.
 
         Added are the difference of the two motions, in any direction, as the camera may have moved with a third set of
         views that is hidden, and the error of the second motion, eq. (36a). The differences of consecutive frames have
@@ -59,9 +78,25 @@ class Doubt:
         modes = se3.adjoint(se3.inverse(cam_from_ref)) @ ambiguity
         modes[:, :6] *= np.sqrt(frames**2 - self.frames**2)  # n frames of one sign: n²
         modes[:, 6:] *= frames - self.frames  # the second motion is known this well in each of these frames
-        return changed(self, cov=self.cov + modes @ modes.T, frames=frames), ambiguity
+        cov = self.cov + modes @ modes.T
+        motions = (*self.motions, InQuestion(ids, cov))
+        if len(motions) > _MOST:  # memory is bounded: the oldest one can no longer be confirmed
+            motions = (InQuestion(ids[:0], motions[1].cov), *motions[2:])
+        return changed(self, cov=cov, frames=frames, motions=motions), ambiguity
+
+    def settled(self, ids: NDArray[np.int64]) -> tuple["Doubt", int]:
+        """Return it after tracks `ids` (n,) have clearly shown the camera's motion, and how many motions they confirm.
+
+        An earlier motion is confirmed if many of its tracks are among these, and all motions after it are confirmed as
+        well. The uncertainty of the path up to the last unconfirmed one stays.
+        """
+        for confirmed, motion in enumerate(reversed(self.motions)):
+            if np.count_nonzero(core.among(motion.ids, ids)) < MANY_VIEWS:
+                left = self.cov_left + motion.cov
+                return changed(self, cov=_none(), motions=(), cov_left=left), confirmed
+        return changed(self, cov=_none(), motions=()), len(self.motions)
 
     def of_newest(self, cam_from_ref: Array) -> Array:
         """Return its contribution to the covariance (6, 6) of the newest pose, that of a camera (4, 4)."""
         ad = se3.adjoint(cam_from_ref)
-        return np.asarray(ad @ (self.cov + self.cov_slides) @ ad.T)
+        return np.asarray(ad @ (self.cov + self.cov_slides + self.cov_left) @ ad.T)

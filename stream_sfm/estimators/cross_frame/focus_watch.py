@@ -50,11 +50,16 @@ class FocusWatch:
         """Whether the latest frame is the first that shows the change."""
         return len(self.shown) == 1
 
-    def judge(self, views: PointViews, weights: Array, found: Resection) -> tuple["FocusWatch", Resection]:
+    def judge(
+        self, views: PointViews, weights: Array, found: Resection, tells: bool = True
+    ) -> tuple["FocusWatch", Resection]:
         """Return the watch after a frame, and its motion, with a focal length of its own while that changes.
 
         The last of the errors that `views` share is a change of the focal length by `rules.std_refocused`; the last of
         the motion's amplitudes belongs to it. `found` is the motion without it, with `weights` (n,) as in `resect`.
+
+        Unless the frame `tells`, it cannot show a zoom: its views are shifted by a velocity that is not known yet,
+        through the readout or the delay.
         """
         start, unit = np.append(found.amplitudes, 0.0), self.rules.std_refocused
         own = refine(views, weights, found.cam_from_ref, start)
@@ -68,6 +73,8 @@ class FocusWatch:
         before = self.shown[-1][0] if self.moves else 0.0
         if abs(shown[0] - before) > self.rules.most_refocused * unit:  # a moving body, not a zoom
             return self.calm(), changed(found, amplitudes=start)
+        if not tells:
+            return self.calm() if self.moves else self._learnt(shown[0] ** 2 / shown[1]), found
         if self.moves:
             return changed(self, shown=(*self.shown[-self.rules.rested_frames :], shown)), own
         square = shown[0] ** 2 / shown[1]

@@ -4,8 +4,14 @@ Given the modes of the prior, points are independent of each other. So are the p
 tracks, each of which is one Newton step away from the common minimum. Their difference in units of its σ needs neither
 ground truth nor a model of the correlation. There are two kinds of halves: even and odd tracks, and tracks first seen
 left and right of the image centre, which show errors that neighbours share.
+
+What the halves share hides how far they are apart. The views that a joint minimum has gated, and the weights of tracks
+by their residuals there, were chosen so that all views agree with that minimum; and what is known of a point from
+earlier frames draws both halves to the same poses. So halves have all views of the window's tracks, equally weighted,
+and points that are known from these views alone.
 """
 
+import copy
 from contextlib import suppress
 
 import numpy as np
@@ -16,11 +22,12 @@ from ...config import WindowConfig
 from ...geometry import Array, se3
 from ...geometry.linear import Cholesky, mahalanobis2
 from ...geometry.medians import median
-from ...record import record
-from .inverse_depth import State
+from ...record import changed, record
+from .inverse_depth import State, linearise, slides_px2
 from .map import Map
-from .normal_equations import System
 from .relative import apart_from_newest
+
+_TRACE = 1e-6  # share of the prior's information about points, which moves no half by a thousandth of its σ
 
 
 @record
@@ -46,8 +53,9 @@ class SpanFactors:
         return np.asarray(np.sqrt(np.maximum.accumulate(np.maximum(self.squares.max(axis=0), 1.0))))
 
     def asks_for(self, frame_index: int) -> bool:
-        """Whether halves are to be compared in this frame."""
-        return frame_index % self.rules.halves_every == 0 or bool(self.frames.min() < self.rules.halves_memory)
+        """Whether halves are to be compared in this frame; never in a window of one frame."""
+        young = self.frames[:, :-1].min(initial=np.inf) < self.rules.halves_memory
+        return self.rules.frames > 1 and (bool(young) or frame_index % self.rules.halves_every == 0)
 
     def after(self, found: Array) -> "SpanFactors":
         """Return the factors after a frame with squares `found` (2, f) over its spans, NaN where there is none."""
@@ -60,21 +68,36 @@ class SpanFactors:
         return SpanFactors(squares, frames, self.rules)
 
 
-def squares_of_halves(of: Map, system: System, at: State, rules: WindowConfig) -> Array:
-    """Return δᵀC⁻¹δ/6 (2, f) over spans of 1 … f frames, of both kinds of halves; NaN if a half does not determine the
-    poses.
+def squares_of_halves(of: Map) -> Array:
+    """Return δᵀC⁻¹δ/6 (2, f) over spans of 1 … f frames, of both kinds of halves.
 
-    `system`: of a map, with the rig as it is, linearised at its state `at`.
+    NaN if a half does not determine the poses, and for the last span: no view of the window is of the reference camera.
     """
-    parts = _poses_by(of, system, at, _quarters(of, at, rules))
-    from_newest = of.cams_from_ref[:-1] @ se3.inverse(of.cams_from_ref[-1])
+    alone = _unselected(of)
     found = np.full((2, len(of.frames)), np.nan)
-    for kind, (first, second) in enumerate(((0, 1), (0, 2))):  # quarters of even tracks, and of those on the left
-        third, fourth = (k for k in range(4) if k not in (first, second))
-        with suppress(np.linalg.LinAlgError):
-            halves = _together(parts[first], parts[second]), _together(parts[third], parts[fourth])
-            found[kind] = _squares(from_newest, *halves)
+    from_newest = of.cams_from_ref[:-1] @ se3.inverse(of.cams_from_ref[-1])
+    with suppress(np.linalg.LinAlgError):
+        parts = _poses_by(alone, _quarters(alone, alone.state(), of.rules), 4)
+        for kind, (first, second) in enumerate(
+            ((0, 1), (0, 2))
+        ):  # quarters of even tracks, and of those on the left
+            third, fourth = (k for k in range(4) if k not in (first, second))
+            with suppress(np.linalg.LinAlgError):
+                halves = _together(parts[first], parts[second]), _together(parts[third], parts[fourth])
+                found[kind, :-1] = _squares(from_newest, *halves)[:-1]
     return found
+
+
+def _unselected(of: Map) -> Map:
+    """Return the map with all views of its points but gross mismatches, equally weighted."""
+    alone, views, most = copy.copy(of), changed(of.views, used=np.ones(len(of.views), bool)), of.rules.halves_within
+    slides = slides_px2(of.projection, views)
+    near = core.views_within_gates(of.projection, of.state(), views, slides, most, most)
+    alone.views = changed(
+        views, used=near, root=views.root / views.weight[:, None, :], weight=np.ones_like(views.weight)
+    )
+    alone.drop_undetermined()
+    return alone
 
 
 def _together(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -97,9 +120,15 @@ def _quarters(of: Map, at: State, rules: WindowConfig) -> NDArray[np.int64]:
     return 2 * odd.astype(np.int64) + right
 
 
-def _poses_by(of: Map, system: System, at: State, quarters: NDArray[np.int64]) -> list[tuple[Array, Array]]:
-    """Return the normal equations of the poses by quarters of the points, given all modes: (n, n) and (n,) each."""
-    found = core.poses_by_parts(of.projection, at, of.views, *system.by_points, quarters, 4)
+def _poses_by(of: Map, parts_of: NDArray[np.int64], parts: int) -> list[tuple[Array, Array]]:
+    """Return the normal equations of the poses by parts of the points, given all else: (n, n) and (n,) each."""
+    at, frames = of.state(), len(of.frames)
+    blocks = linearise(of.projection, at, of.views, with_rig=False)
+    # a trace of what is known from earlier frames: points that no stereo view of the window shows have depths
+    blocks.v[np.searchsorted(of.points.ids, of.prior.ids)] += _TRACE * np.linalg.inv(of.prior.cov)
+    by_pose = blocks.w.reshape(*blocks.w.shape[:2], frames, -1)[..., :6].reshape(-1, 3, 6 * frames)
+    _, reach = core.eliminate_points(blocks.v, np.concatenate([by_pose, blocks.g_point[..., None]], axis=2))
+    found = core.poses_by_parts(of.projection, at, of.views, reach, reach[..., -1], parts_of, parts)
     return list(zip(*found, strict=True))
 
 

@@ -293,7 +293,9 @@ class Inertia:
             window.learn(current.system, *seen)
             self._densities = self._densities.after(window.surprise)
         known = self._with_odds(known, cov)
-        self.now = known
+        doubted = known.cov.copy()
+        doubted[JOINT["pose"], JOINT["pose"]] += current.cov_doubt
+        self.now = changed(known, cov=doubted)  # predictions begin there
         is_wrong = impossible(known.state, known.cov_state, self._rules)
         if is_wrong or (
             self._agreement.contradicts and self._agreement.is_young
@@ -301,8 +303,7 @@ class Inertia:
             self._agreement = self._agreement.anew()
             self._anew = self.begun(stamp_ns, known.world_from_cam, known.cov_pose)
         note = "; ".join(filter(None, [self._agreement.note, self._note]))
-        estimate = inertial_estimate(known, self._densities.factors, self._distance2, note)
-        return known, estimate
+        return known, inertial_estimate(self.now, self._densities.factors, self._distance2, note)
 
     def placed(self, estimate: InertialEstimate | None, world_from_cam: Array) -> InertialEstimate | None:
         """Move the latest pose to the reported one; the move is a known error, and is added to its covariance."""

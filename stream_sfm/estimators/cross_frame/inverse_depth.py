@@ -85,6 +85,12 @@ class WhitenedViews:
             columns.append(column)
         return WhitenedViews(*columns)
 
+    def with_larger_own(self, columns: slice, factor: float) -> "WhitenedViews":
+        """Return the views with some of the errors that the views of a frame share larger by a factor."""
+        own = self.own.copy()
+        own[..., columns] *= factor
+        return changed(self, own=own)
+
     def __len__(self) -> int:
         return len(self.ids)
 
@@ -146,6 +152,20 @@ def timed(state: State, views: WhitenedViews, rig: RigModel, motions: Array, tim
         return views
     by_second = core.timing_of_views(*rig.cameras, state, views, views.expected_px, motions, timing_s)
     return changed(views, timing=by_second * rig.units_of_timing)
+
+
+def slides_px2(projection: StereoProjection, views: WhitenedViews) -> Array:
+    """Return the variance (V,), px² a coordinate, of the slide of each view's patch since the middle of its track.
+
+    A point does not move within the window, so it lies in the middle of where its patch has been. A view differs from
+    the one in the middle of its track by the slides between both, which add up as a random walk, eq. (26a).
+    """
+    by_track = np.lexsort((views.frame, views.ids))
+    ids, walked = views.ids[by_track], np.cumsum(views.var_drift[by_track, 0]) * projection.f_px**2
+    first, end = np.searchsorted(ids, ids), np.searchsorted(ids, ids, side="right")
+    result = np.empty(len(ids))
+    result[by_track] = np.abs(walked - walked[first + (end - first) // 2])
+    return result
 
 
 def linearise(

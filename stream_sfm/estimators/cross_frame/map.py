@@ -26,7 +26,7 @@ from .doubt import Doubt
 from .focus_watch import FocusWatch
 from .inertial_window import InertialWindow
 from .interval import JOINT, Known
-from .inverse_depth import State, WhitenedViews, at_rest, expected, held, linearise, q_of_views
+from .inverse_depth import State, WhitenedViews, at_rest, expected, held, linearise, q_of_views, slides_px2
 from .map_points import MapPoints
 from .marginals import Marginals
 from .normal_equations import System
@@ -246,7 +246,8 @@ class Map:
 
     def consider_second(self, motion: Resection, std_moved: Array) -> None:
         """Add the uncertainty from the second of two plausible motions, which may be the true one; see `Doubt`."""
-        self.doubt, ambiguity = self.doubt.with_second(motion, std_moved, self.newest_cam_from_ref)
+        seen = self.newest_cam_from_ref, self._agreeing(fewest=2)
+        self.doubt, ambiguity = self.doubt.with_second(motion, std_moved, *seen)
         if motion.ambiguous is None or ambiguity is None:
             return
         for frame in self.frames[-1 - motion.ambiguous.lasted :]:
@@ -254,10 +255,18 @@ class Map:
                 frame.ambiguity = ambiguity
 
     def settle(self) -> None:
-        """Drop the uncertainty about second motions: the motions used have turned out to be the camera's."""
-        self.doubt = changed(self.doubt, cov=np.zeros((6, 6)))
-        for frame in self.frames:
+        """Drop the uncertainty about second motions as far back as tracks confirm the motions that were followed."""
+        n, ambiguous = len(self.doubt.motions), [f for f in self.frames if f.ambiguity.shape[1]]
+        self.doubt, confirmed = self.doubt.settled(self._agreeing(fewest=1))
+        first = 0 if confirmed == n else max(len(ambiguous) - confirmed, 0)
+        for frame in ambiguous[first:]:
             frame.ambiguity = np.zeros((6, 0))
+
+    def _agreeing(self, fewest: int) -> NDArray[np.int64]:
+        """Return the ascending ids of the newest frame's used views of points that have so many of them in the map."""
+        ids = self.views.ids[self.newest][self.views.used[self.newest]]
+        seen = core.times_among(ids, self.views.ids, self.views.used) >= fewest
+        return ids[seen | core.among(ids, self.prior.ids)]
 
     @property
     def cov_doubt(self) -> Array:
@@ -289,9 +298,10 @@ class Map:
         return decrease
 
     def gate(self, probability: float) -> None:
-        """Stop using the views that contradict the joint minimum, each by its own covariance."""
+        """Stop using the views that contradict the joint minimum, each by its own covariance and slide, eq. (26a)."""
         gates = chi2_gate(2, probability), chi2_gate(4, probability)
-        used = core.views_within_gates(self.projection, self.state(), self.views, *gates)
+        slides = slides_px2(self.projection, self.views)
+        used = core.views_within_gates(self.projection, self.state(), self.views, slides, *gates)
         self.rejections.add(self.views.ids[self.views.used & ~used])
         self.views = changed(self.views, used=used)
 

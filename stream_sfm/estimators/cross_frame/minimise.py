@@ -6,6 +6,10 @@ from ...config import WindowConfig
 from .map import Map
 from .velocities import is_timed, renew_timing
 
+# Views that a minimum gates out, and new velocities, enlarge the decrease that the next step predicts. One that is
+# smaller than this, σ², is that of such a change: at most one standard deviation is left after the step.
+_CHANGED = 1e4
+
 
 def minimise(current: Map, rules: WindowConfig, gate_probability: float) -> int:
     """Move the map to the joint minimum of the window and return the number of steps.
@@ -20,9 +24,8 @@ def minimise(current: Map, rules: WindowConfig, gate_probability: float) -> int:
         if not len(current.points):
             raise np.linalg.LinAlgError("no points are left")
         decrease = current.gauss_newton_step()
-        # If a step predicts a larger decrease than the one before, the iteration diverges. The only step after
-        # convergence is the one with new velocities, which may have moved the minimum a little.
-        if not decrease < max(before, rules.converged):
+        # If a step predicts a larger decrease than the one before, the iteration diverges.
+        if not decrease < max(before, rules.converged, _CHANGED):
             raise np.linalg.LinAlgError("Gauss-Newton diverges")
         current.gate(gate_probability)  # with the velocities of this minimum
         if timed:

@@ -22,7 +22,9 @@ def judge_focus(
     `found`: the motion without it; `seen`: the `rows` of the views from which it was found, with `weights` (n,).
     """
     columns = _columns(current, views)
-    current.focus, motion = current.focus.judge(seen.with_shared(columns[rows]), weights, found)
+    current.focus, motion = current.focus.judge(
+        seen.with_shared(columns[rows]), weights, found, tells=not current.exposures.by_twist.any()
+    )
     if current.focus.has_begun:
         _begin(current)
     if current.has_focus:

@@ -39,9 +39,8 @@ def expect(
     """Set the effects of the rig's errors on `rows` of the views of the next frame, with the motion of their points.
 
     `points` (n, 4): homogeneous, in the previous camera; the rough motion (4, 4) since. Returns the views, and (n, 4,
-    j) px of σ = 1: the errors that these views share, from the uncertainty of the timing, with accelerations of σ (6,),
-    from the `own` amplitudes of the frame, and from the uncertainty of the disparity. The latter is None for an exact
-    rig.
+    j) px of σ = 1: the errors that these views share, from the `own` amplitudes of the frame, from the uncertainty of
+    the timing, with accelerations of σ (6,), and from that of the disparity. The latter is None for an exact rig.
     """
     if frame.rig is None:
         return views, None
@@ -77,7 +76,7 @@ def expect(
     cov_held = current.prior.rig.cov_held[DISPARITY, DISPARITY] + LEAST_VARIANCE * np.eye(DISPARITY.stop)
     by_disparity = frame.rig.by_disparity(points, cam_from_previous, views.z_px[rows])
     of_disparity = by_disparity @ np.linalg.cholesky(cov_held)
-    return views, np.concatenate([of_timing, views.own[rows], of_disparity], axis=2)
+    return views, np.concatenate([views.own[rows], of_timing, of_disparity], axis=2)
 
 
 def _matters(current: Map, timing: tuple[Array, Array], by_readout_px: Array) -> NDArray[np.bool_]:

@@ -17,6 +17,7 @@ from ...config import Config, RigConfig
 from ...geometry import Array, se3
 from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection
+from ...geometry.sizes import Sizes
 from ...geometry.stereo import StereoProjection
 from ...record import changed, columns_at
 from ...rig_model.terms import DELAY, TERMS
@@ -39,6 +40,7 @@ from .map import Map
 from .marginals import Marginals
 from .minimise import minimise
 from .own_focus import end_refocusing, judge_focus, own_at_first, place_focus
+from .own_turn import size_turn
 from .relative import common_errors, newest_motion, relative_motions
 from .reported import reported
 from .rig_state import NO_RIG, RigState, impossible
@@ -65,6 +67,7 @@ class CrossFrame(TakesSamples):
         self._factors = SpanFactors.unknown(config.window)
         self._noise = TrackNoise.unknown(config.window)
         self._known_by_rows = np.zeros(2)  # information about the delay, and its weighted sum
+        self._turns = Sizes()  # of turns of the right camera, in those that the front-end has learnt
         self._in_question = False  # whether the motion to the latest estimated frame is ambiguous
         self._impossible = ""  # why the calibration cannot be right; empty if it can
 
@@ -228,6 +231,9 @@ class CrossFrame(TakesSamples):
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} or more of the {len(rows)} tracked points")
         if unknown_px is not None:
+            e = 0 if observations.rig is None else observations.rig.turn_root.shape[1]
+            self._turns, seen, found = size_turn(self._turns, e, seen, weights, found)
+            views = views.with_larger_own(slice(0, e), self._turns.probable)
             found, views = judge_focus(current, views, rows, seen, weights, found)
         return found, views.ids[rows[~found.accepted]], views, corrected.z_px
 
@@ -250,9 +256,9 @@ class CrossFrame(TakesSamples):
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Return the Solution from the joint covariance, and give the pose to the motion model."""
         rig, self._in_question = current.judge_rig(), motion.ambiguous is not None
-        before, factors = current.marginals, self._factors
+        before = current.marginals
         tells = observations.lasting.inflation is not None and motion.ambiguous is None and not observations.misfit
-        read_off, self._factors, self._noise = reported(current, factors, self._noise, tells)
+        read_off, self._factors, self._noise = reported(current, self._factors, self._noise, tells)
         in_question = motion.ambiguous is not None or bool(observations.misfit)
         now, inertial = self._marginals(current, read_off, before, in_question)
         cov_timing = cov_of_timing(current, self._std_acceleration)
@@ -284,7 +290,9 @@ class CrossFrame(TakesSamples):
             nis=motion.chi2,
             nis_dof=motion.dof,
             rig=rig,
-            relative=relative_motions(read_off, cov_timing, factors.by_span, self.config.window.feigned_turns),
+            relative=relative_motions(
+                read_off, cov_timing, self._factors.by_span, self.config.window.feigned_turns
+            ),
             common=common_errors(read_off, rig),
             inertial=inertial,
         )

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from ...config import Config, RigConfig
 from ...geometry import Array, se3
 from ...geometry.stereo import KNOWN_DEPTH_SIGMAS, StereoProjection
+from ...pictures.content import image_note
+from ...pictures.prepared import PreparedImages
 from ...rig_model.estimate import RigEstimate
 from ...types import ExpectedMotion, LastingErrors, MapStart, Observations
 from ..advance import Followed
 from ..alignment import TemplateAligner
 from ..ambiguity import AmbiguityMemory
-from ..image_checks import image_note
 from ..new_points import begin_tracks, detect_missing
-from ..prepared import PreparedImages
 from ..rows import Rows
 from ..start_check import StartCheck
 from ..state import FrontEndState, Setup

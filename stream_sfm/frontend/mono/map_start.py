@@ -3,11 +3,11 @@
 import numpy as np
 
 from ...geometry import Array, se3
+from ...pictures.prepared import PreparedImages
 from ...record import changed
 from ..advance import Followed
 from ..aligned_views import align
 from ..flow import as_exposed, track
-from ..prepared import PreparedImages
 from ..rough_motion import RoughMotion
 from ..state import FrontEndState, Setup
 from ..tracks import Tracks

@@ -6,7 +6,7 @@ from functools import lru_cache
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.frontend.prepared import PreparedImages
+from stream_sfm.pictures.prepared import PreparedImages
 from tests.helpers.wall import PERIOD_NS, Wall, camera_path, rig
 
 N = 9

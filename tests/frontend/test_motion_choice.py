@@ -1,16 +1,18 @@
 """All far points agree with the motion of a body in front of the camera, but the few points in between do not."""
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from stream_sfm.config import Config
-from stream_sfm.frontend.nearest_apart import contradict_far, of_rest
+from stream_sfm.frontend.ambiguity import AmbiguityMemory
+from stream_sfm.frontend.motion_choice import choose, contradict_far
 from stream_sfm.frontend.seen import Seen
 from stream_sfm.frontend.start_check import StartCheck
 from stream_sfm.frontend.state import Setup
+from stream_sfm.frontend.step import Step
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.point_views import PointViews
 from stream_sfm.geometry.resection import Resection, resect
@@ -45,19 +47,47 @@ def seen(
     first_px = P.project(points) + rng.normal(size=(len(of), 4)) * noise * STD_PX
     z_px = P.project(se3.transform(TURNS, now)) + rng.normal(size=(len(of), 4)) * noise * STD_PX
     before = np.column_stack([P.rays(first_px), np.ones(len(of)), P.inverse_depth(first_px)])
-    cov_points = np.zeros((len(of), 4, 4))
+    return with_views(before, first_px, depth_m, z_px, np.zeros((4, 0))), of
+
+
+def with_own_body(seed: int) -> tuple[Seen, np.ndarray]:
+    """The views of 60 far points, which turn, and of five on the robot, at rest in the image; which are far (n,).
+
+    All right sides have one unknown error. The noise of the views is half of their σ.
+    """
+    rng = np.random.default_rng(seed)
+    far = np.arange(65) < 60
+    least, most = (np.where(far[:, None], *of) for of in (([0.05, 0.1], [0.3, 0.8]), ([0.95, 0.7], [0.7, 0.95])))
+    depth_m = np.where(far, rng.uniform(6, 14, 65), rng.uniform(1.2, 1.4, 65))
+    points = (
+        np.column_stack([P.rays(rng.uniform(least, most) * [P.width, P.height]), np.ones(65)]) * depth_m[:, None]
+    )
+    now = np.where(far[:, None], se3.transform(TURNS, points), points)
+    first_px, z_px = (P.project(x) + rng.normal(size=(65, 4)) * 0.5 * STD_PX for x in (points, now))
+    before = np.column_stack([P.rays(first_px), np.ones(65), P.inverse_depth(first_px)])
+    return with_views(before, first_px, depth_m, z_px, 0.5 * np.eye(4)[:, 2:3]), far
+
+
+def with_views(
+    before: np.ndarray, first_px: np.ndarray, depth_m: np.ndarray, z_px: np.ndarray, shared: np.ndarray
+) -> Seen:
+    """Points `before` (n, 4) from their first views and their views now (n, 4), with `shared` (4, j) errors of all."""
+    n, nothing = len(z_px), cast(Any, None)
+    cov_points = np.zeros((n, 4, 4))
     cov_points[:, [0, 1], [0, 1]] = (STD_PX / P.f_px) ** 2
     cov_points[:, 3, 3] = 2 * (STD_PX / (P.f_px * P.baseline_m)) ** 2
-    views = PointViews(P, before, cov_points, z_px, np.broadcast_to(STD_PX**2 * np.eye(4), (len(of), 4, 4)))
+    cov_px = np.broadcast_to(STD_PX**2 * np.eye(4), (n, 4, 4))
+    shared_px = np.broadcast_to(shared, (n, *shared.shape))
+    views = PointViews(P, before, cov_points, z_px, cov_px, shared=shared_px)
     tracks = changed(tracks_at(depth_m, left_px=first_px[:, :2]), points=before)
-    nothing: Any = None
-    return Seen(tracks, nothing, views, np.ones(len(of)), float(len(of))), of
+    return Seen(tracks, nothing, views, np.ones(n), float(n))
 
 
 def chosen(found: Seen, motion: Resection, start: StartCheck) -> Resection:
-    step: Any = SimpleNamespace(setup=Setup(P, Config()))
-    state: Any = SimpleNamespace(start=start)
-    return of_rest(step, state, found, motion)
+    nothing = cast(Any, None)
+    step = Step(Setup(P, Config()), nothing, nothing, 0.05, TURNS, True, None)
+    state: Any = SimpleNamespace(start=start, unsteadiness=None, ambiguity=AmbiguityMemory())
+    return choose(step, state, found, motion)
 
 
 def test_at_the_start_the_motion_of_a_body_is_not_followed() -> None:
@@ -87,6 +117,17 @@ def test_with_views_quieter_than_assumed_few_points_in_between_are_enough() -> N
             assert not motion.accepted[of == 2].any()
             assert np.linalg.norm(se3.log(motion.cam_from_ref @ se3.inverse(TURNS))[:3]) < 0.012
     assert misled > 6  # otherwise nothing is tested
+
+
+def test_the_robots_own_body_does_not_lead_the_far_points_along() -> None:
+    """An unknown disparity error lets far points agree with a motion that keeps the body at rest."""
+    for seed in range(6):
+        found, far = with_own_body(seed)
+        motion = resect(found.point_views, np.eye(4), predicted=np.eye(4))
+        assert np.linalg.norm(se3.log(motion.cam_from_ref @ se3.inverse(TURNS))[:3]) > 0.03  # metres
+        motion = chosen(found, motion, StartCheck())
+        assert motion.accepted[far].mean() > 0.9 and not motion.accepted[~far].any()
+        assert np.linalg.norm(se3.log(motion.cam_from_ref @ se3.inverse(TURNS))[:3]) < 0.01
 
 
 @pytest.mark.parametrize("noise", [QUIET, 1.0, 2.0])

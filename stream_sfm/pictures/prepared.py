@@ -22,8 +22,8 @@ class PreparedImages:
     """The two smoothed images (h, w) of one frame, and the left one at half the size for flow.
 
     `rectified`: both before smoothing. `stamp_ns`: of the frame. `grey_bits`: the bits of 16-bit images that count as
-    used, None for other images. `made_by`: equal if images were processed the same way. `one_image`: whether both
-    cameras have delivered the same image. Other forms are computed when first used.
+    used, None for other images. `made_by`: equal if images were processed the same way. `delivered`:
+    some rows of both as the cameras have delivered them. Other forms are computed when first used.
     """
 
     left: Image
@@ -33,7 +33,7 @@ class PreparedImages:
     stamp_ns: int | None = None
     grey_bits: int | None = None
     made_by: str = ""
-    one_image: bool = False
+    delivered: tuple[Image, Image] | None = None
     rules: FlowRules = _RULES
 
     @classmethod
@@ -86,6 +86,7 @@ class PreparedImages:
         kept = copy(self)  # with the forms that were computed, which `replace` leaves out
         for form in ("coarse", "corner_strength"):
             kept.__dict__.pop(form, None)
+        kept.__dict__["delivered"] = None
         return kept
 
     @property

@@ -1,0 +1,109 @@
+"""Checks whether earlier images show through, as when cameras or recorders average frames against noise.
+
+A camera that delivers a·(last image) + (1 − a)·(current view) delays all steady motion by a/(1 − a) frames. While the
+motion changes, patches are mixtures of two places, and alignment puts them somewhere in between. Both cameras do the
+same, so left and right are consistent. The evidence is a second picture in each patch: the one that was at the same
+pixels in the last frame. A patch I is compared with the patch T of the same point some frames earlier, and with the
+patch P of the last image at the pixels of I. Changes of light, position, warp and blur of T explain most of I: their
+regressors are 1, T, its first derivatives, these times x and y, and its second derivatives. The residual of I, r_I, is
+regressed on the residual of P, r_P: over all patches, share = Σ r_I·(r_P − r_O) / Σ r_P². It is a if T has no ghost of
+its own, less if T has a similar one, and zero in sound images, whose noise is independent between frames. O is the
+patch of the last image on the other side of the point: changes by a fast approach resemble O as much as P.
+
+The second control is the direction of time: r_I·r_P less the same with the two images exchanged, r_J·r_N, where J is
+the patch in the last image and N the patch of the current image at the pixels of J. Sensor patterns that stay at their
+pixels, dust, and the effect of sampling on fine texture are the same in both directions; a ghost is only of the past.
+The control with less evidence counts.
+"""
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import core
+from ..config.picture_rules import GhostRules
+from ..geometry import Array
+from ..geometry.evidence import log_ratio
+from ..record import record
+from .prepared import PreparedImages
+from .view import View
+
+_NOTHING = np.zeros((2, 5))
+
+
+@record
+class Ghosts:
+    """Compares patches with what was at their pixels in the last image."""
+
+    rules: GhostRules = GhostRules()
+
+    sentence: ClassVar[str] = (
+        "earlier images show through: is noise reduction over time on in the cameras, or were frames blended? "
+        "Positions lag behind"
+    )
+    of_pair: ClassVar[bool] = False
+
+    @property
+    def earlier(self) -> int:
+        """The frames between the two views of a patch."""
+        return self.rules.back_frames
+
+    def nats(self, images: PreparedImages, views: tuple[View, ...]) -> float | None:
+        """Return the evidence by the control that has less of it, or None if too few patches move."""
+        found = [share_of(sums) for sums in _sums(views, self.rules)]
+        if None in found:
+            return None
+        return min(self._nats(*each) for each in found if each is not None)
+
+    def _nats(self, share: float, std: float) -> float:
+        """Return the log-likelihood ratio of a ghost, of the share that fits best, against none.
+
+        Nor does a ghost show in steady motion.
+        """
+        rules = self.rules
+        shows = log_ratio(share, std**2 + rules.std_share**2, min(max(share, rules.share), 1.0))
+        return float(np.logaddexp(np.log(rules.steady), np.log1p(-rules.steady) + shows))
+
+
+def _sums(views: tuple[View, ...], rules: GhostRules) -> Array:
+    """Return sums (2, 5) over patches of the last of these frames, for both controls; zeros if too few move.
+
+    They are those of p = r_I·(r_P − r_O), s = r_P², p², p s and s², and the same with p = r_I·r_P − r_J·r_N.
+    """
+    before, now = views[-2] if len(views) > 1 else views[-1], views[-1]
+    last_px = before.of(now.ids)
+    usable = np.linalg.norm(now.left_px - last_px, axis=1) > rules.least_px
+    usable &= now.inside(now.left_px) & now.inside(2 * last_px - now.left_px)
+    first, usable = _oldest(views[:-1], now, usable)
+    rows = usable.nonzero()[0]
+    if len(rows) < rules.fewest:
+        return _NOTHING
+    rows = rows[:: -(-len(rows) // rules.patches)]
+    at_px = now.left_px[rows], last_px[rows], first.of(now.ids)[rows]
+    return core.ghost_sums(now.image, before.image, first.image, *at_px, rules.noise_grey, rules.least_square)
+
+
+def _oldest(views: tuple[View, ...], now: View, usable: NDArray[np.bool_]) -> tuple[View, NDArray[np.bool_]]:
+    """Return the oldest view with at least half as many usable tracks (n) as any later one, and which these are."""
+    best, found, most = now, np.zeros_like(usable), np.count_nonzero(usable)
+    for view in views:
+        if 2 * np.count_nonzero(found) >= most:  # the usual case: no later view can have more than twice as many
+            break
+        there = usable & now.inside(view.of(now.ids)) & (view.image.shape == now.image.shape)
+        if np.count_nonzero(there) > 2 * np.count_nonzero(found):
+            best, found = view, there
+    return best, found
+
+
+def share_of(sums: Array) -> tuple[float, float] | None:
+    """Return the share of the last image and its σ, by the scatter of patches, from the sums (5,) of a control.
+
+    None if there are no patches.
+    """
+    p, s, pp, ps, ss = sums
+    if s <= 0:
+        return None
+    share = p / s
+    variance = pp - 2 * share * ps + share**2 * ss
+    return float(share), float(np.sqrt(max(variance, 1e-6 * pp)) / s)

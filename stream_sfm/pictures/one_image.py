@@ -1,0 +1,44 @@
+"""Checks whether one camera is delivered as both: real pairs have disparity."""
+
+from typing import ClassVar
+
+from .. import core
+from ..config.picture_rules import ImageRules
+from ..record import record
+from .prepared import Image, PreparedImages
+from .view import View
+
+_CERTAIN_NATS = 100.0  # two cameras deliver no such images, and one camera only such
+
+
+@record
+class OneImage:
+    """Compares pixels of both images, as the cameras have delivered them, on slopes."""
+
+    rules: ImageRules = ImageRules()
+
+    sentence: ClassVar[str] = "left and right are the same image: is one camera recorded as both?"
+    of_pair: ClassVar[bool] = True
+
+    @property
+    def earlier(self) -> int:
+        """No earlier frame."""
+        return 0
+
+    def nats(self, images: PreparedImages, views: tuple[View, ...]) -> float | None:
+        """Return certainty either way, or None where images have too few slopes."""
+        if images.delivered is None:
+            return None
+        left, right = images.delivered
+        slopes, same = core.same_slopes(left, right, 1, self.rules.slope_grey, self.rules.same_grey)
+        if slopes < self.rules.fewest_slopes:
+            return None
+        return _CERTAIN_NATS if same > self.rules.same_share * slopes else -_CERTAIN_NATS
+
+
+def delivered(left: Image, right: Image, rules: ImageRules) -> tuple[Image, Image] | None:
+    """Return some rows of both images as the cameras have delivered them; None if their sizes differ."""
+    if left.shape != right.shape:
+        return None
+    every = rules.spacing_px
+    return left[every // 2 :: every].copy(), right[every // 2 :: every].copy()
