@@ -8,7 +8,7 @@ import numpy as np
 
 from .camera.models import Camera
 from .camera.pixels import image_problem
-from .camera.rig import MonoRig, StereoRig
+from .camera.rig import MonoRig, StereoRig, masked_by
 from .config import Config
 from .errors import ConfigError, FrameError
 from .inputs import INT64
@@ -22,7 +22,7 @@ _MIN_INTERVAL_NS = 10_000
 
 def used_cameras(rig: StereoRig | MonoRig, config: Config) -> StereoRig | MonoRig:
     """Return the rig to estimate with. `Config.mono` is read only here; everything else asks the rig."""
-    rig = config.masked(rig)
+    rig = masked_by(config, rig)
     if config.mono:
         if isinstance(rig, StereoRig) and rig.timing is not None:
             logging.getLogger("stream_sfm").warning(

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
+from hashlib import sha256
 
 import numpy as np
 import pytest
@@ -17,10 +18,11 @@ from tests.helpers.places import DEMO
 from tools import textbook, worlds
 from tools.make_logs import WorldOrder, asked_faults
 from tools.render.caster import FOUR_RAYS, NINE_RAYS, Sampling
+from tools.render.covers import Reflection
 from tools.render.places import SITES
 from tools.render.recording import Recording
 from tools.render.ways import WAYS, passers
-from tools.render.worlds import DRAWN_FAULTS, PATHS, World, drawn_world
+from tools.render.worlds import ALL_FAULTS, DRAWN_FAULTS, FIRST_KINDS, KINDS, PATHS, World, drawn_world
 
 NOISE = 7
 
@@ -69,7 +71,55 @@ def test_a_seed_is_one_world_to_the_byte() -> None:
 def test_seeds_have_none_to_three_faults_and_all_of_them_occur() -> None:
     drawn = [drawn_world(seed).faults for seed in range(1000, 1200)]
     assert {len(faults) for faults in drawn} == {0, 1, 2, 3}
-    assert {name for faults in drawn for name in faults} == set(DRAWN_FAULTS)
+    assert {name for faults in drawn for name in faults} == set(ALL_FAULTS)
+
+
+def test_seeds_below_those_with_kinds_and_worlds_without_one_are_what_they_were() -> None:
+    """Figures of these worlds stand in commits, and other worlds cannot be compared with them."""
+    told = "\n".join(drawn_world(seed).truth for seed in range(FIRST_KINDS + 1))
+    assert sha256(told.encode()).hexdigest()[:16] == "e71d67dbc4df7a65"
+    above = [drawn_world(seed) for seed in range(FIRST_KINDS + 1, FIRST_KINDS + 200)]
+    assert {world.kind for world in above} == {None, *KINDS}
+    assert np.mean([world.kind is None for world in above]) == pytest.approx(0.4, abs=0.11)  # 3 σ
+    assert all(world.imu is None and world.path in PATHS for world in above if world.kind is None)
+
+
+def test_a_world_of_a_kind_has_its_path_place_faults_and_samples() -> None:
+    for seed in range(FIRST_KINDS + 1, FIRST_KINDS + 100):
+        world = drawn_world(seed)
+        if world.kind is None:
+            continue
+        kind = KINDS[world.kind]
+        assert world.path in kind.paths and world.place in (kind.places or PATHS[world.path])
+        assert tuple(world.faults) == kind.faults and not drawn_world(seed, ()).faults
+        assert (world.imu is not None) in {0.0: (False,), 1.0: (True,)}.get(kind.sampled, (False, True))
+        assert world.truth.startswith(f"{world.kind}: {world.path}, {world.place}")
+        assert WorldOrder(seed).imu == WorldOrder(seed, ()).imu == world.imu
+
+
+def test_a_reflection_adds_to_the_light_of_each_side_at_its_own_disparity() -> None:
+    mirrored = Reflection(3, 0.5, 0.3, 0.1)
+    (opacity, left), (_, right) = (mirrored.layer(side, (320, 240)) for side in (0, 1))
+    assert opacity[:100].max() == 0 and opacity[-80:].min() == pytest.approx(0.3)
+    np.testing.assert_allclose(right[:, :-32], left[:, 32:], atol=0.01)
+    assert left.std() > 20  # enough to be tracked
+
+
+def test_tiles_are_the_same_in_both_directions() -> None:
+    wall = SITES["tiled"](np.random.default_rng(1), True).boxes[0].paint
+    assert isinstance(wall, tuple)
+    image = wall[0](np.random.default_rng(0), 2.0, 1.5, 0.01)
+    joints = np.flatnonzero((image == 90).all(axis=0))
+    period = int(joints[2] - joints[0])
+    assert np.array_equal(image[:, :-period], image[:, period:]) and np.array_equal(image[:-period], image[period:])
+    assert image[2:period, 2:period].std() > 5
+
+
+def test_focal_lengths_breathe_and_come_back() -> None:
+    for seed in range(20):
+        focus = drawn_world(seed, ("breathing",)).faults["breathing"].focus
+        share = np.array([focus(t, 0) for t in np.arange(0, 5, 0.02)]) - 1
+        assert 0.002 < np.ptp(share) / 2 < 0.0081 and share.max() > 0 > share.min()
 
 
 def test_a_fault_that_is_asked_for_has_the_same_size_alone_and_with_others() -> None:
@@ -155,6 +205,26 @@ def test_paths_are_smooth_and_stay_in_the_place_away_from_who_passes(path: str, 
         for centre_m, _ in bodies(t).values():
             assert np.linalg.norm(np.array(centre_m[:2]) - way(t)[:2, 3]) > 0.8
     assert len(bodies(0.0)) == len(boxes)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_shaken_camera_turns_by_up_to_ninety_degrees_per_second(seed: int) -> None:
+    speeds = _speeds("shaken", seed)
+    assert 40 < np.rad2deg(np.linalg.norm(speeds[:, 3:], axis=1)).max() < 95
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rotors_shake_a_camera_that_stays_where_it_is(seed: int) -> None:
+    speeds = _speeds("vibrating", seed)
+    assert 10 < np.rad2deg(np.linalg.norm(speeds[:, 3:], axis=1)).max() < 55
+    assert np.abs(np.cumsum(speeds, axis=0) * 5e-4).max() < 0.01  # metres, radians
+
+
+def _speeds(path: str, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    way = WAYS[path](rng, SITES["hall"](rng, False), 2.0)
+    poses = np.array([way(t) for t in np.arange(0, 2, 5e-4)])
+    return se3.log(se3.inverse(poses[:-1]) @ poses[1:]) / 5e-4
 
 
 def test_orders_of_logs_have_names_and_faults_as_asked() -> None:

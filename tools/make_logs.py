@@ -46,7 +46,7 @@ from mcap_protobuf.writer import Writer
 sys.path.insert(0, str(Path(__file__).parent))
 from render import FAULTS, LOOPS, MOTIONS, RECORDINGS, SIDES, Recording, Sensor, demo_recording, room_recording
 from render.inertial import UNITS, measured
-from render.worlds import DRAWN_FAULTS, World, drawn_world
+from render.worlds import ALL_FAULTS, World, drawn_world
 
 from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rig import StereoRig
@@ -82,6 +82,8 @@ class Rendered(Protocol):
     def jpeg_quality(self) -> int: ...
     @property
     def depth_every(self) -> int: ...  # frames; 0: no depth images
+    @property
+    def imu(self) -> str | None: ...  # the inertial unit whose samples the log has
     @property
     def truth(self) -> str: ...  # what is wrong in this log; {middle} is its middle frame
     def recording(self) -> Recording: ...
@@ -133,6 +135,10 @@ class WorldOrder:
     asked: tuple[str, ...] | int | None = None
 
     depth_every = 0
+
+    @property
+    def imu(self) -> str | None:
+        return self.world.imu
 
     @property
     def world(self) -> World:
@@ -280,7 +286,7 @@ def _frame(task: tuple[Rendered, int, Path]) -> tuple[int, list[tuple[str, str, 
     ]
 
 
-def inertial_messages(order: Order) -> list[Stored]:
+def inertial_messages(order: Rendered) -> list[Stored]:
     """The mounting and the samples of the inertial unit of a log, in order of time; none without one."""
     if order.imu is None:
         return []
@@ -320,7 +326,7 @@ def write_logs(folder: Path, orders: Sequence[Rendered], workers: int) -> None:
             (frames,) = mapped(_frames, [order])
             path = folder / f"{order.stem}.mcap"
             part = path.with_name(f"{path.name}.{os.getpid()}.part")  # another process may render the same
-            waiting = inertial_messages(order) if isinstance(order, Order) else []
+            waiting = inertial_messages(order)
             _write(part, mapped(_frame, ((order, i, shared) for i in range(frames))), frames, waiting)
             part.replace(path)
             print(f"{path}: {path.stat().st_size / 1e6:.2f} MB", file=sys.stderr)
@@ -364,9 +370,9 @@ def asked_faults(given: Sequence[str] | None) -> tuple[str, ...] | int | None:
         return None
     if len(given) == 1 and given[0].isdigit():
         return int(given[0])
-    unknown = [name for name in given if name not in DRAWN_FAULTS]
+    unknown = [name for name in given if name not in ALL_FAULTS]
     if unknown:
-        raise ValueError(f"no fault is called {unknown[0]}; there are {', '.join(DRAWN_FAULTS)}")
+        raise ValueError(f"no fault is called {unknown[0]}; there are {', '.join(ALL_FAULTS)}")
     return tuple(given)
 
 
@@ -384,7 +390,7 @@ def main() -> None:
         "--without-faults", action="store_true", help="of a random world: the same scene, nothing wrong"
     )
     parser.add_argument("--faults", nargs="+", metavar="NAME", help="of a random world: a number, or names of "
-                        f"{', '.join(DRAWN_FAULTS)}; default: as the seed has it")  # fmt: skip
+                        f"{', '.join(ALL_FAULTS)}; default: as the seed has it")  # fmt: skip
     parser.add_argument("--workers", type=int, default=2, help="processes that render")
     parser.add_argument("--width", type=int, default=640, help="pixels, of hard logs")
     parser.add_argument(

@@ -50,6 +50,7 @@ TURNING, KNOCK, DISPARITY = "turning", "knock", "disparity"
 MAKES = {
     "focal": (DISPARITY,),
     "zoom": (FOCAL, FOCUSING, DISPARITY),
+    "breathing": (FOCAL, FOCUSING, DISPARITY),
     "knock": (KNOCK, DISPARITY),
     "slow_turn": (TURNING, KNOCK, DISPARITY),
 }

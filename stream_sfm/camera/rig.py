@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
+from ..config import Config
 from ..errors import ConfigError, as_error
 from ..geometry import Array, se3
 from ..inertial.samples import ImuCalibration
@@ -144,6 +145,16 @@ def _masked(camera: Camera, mask: MaskOrFile | None) -> Camera:
     if isinstance(mask, str | Path):
         mask = read_mask(mask, camera.width, camera.height)
     return replace(camera, mask=mask)
+
+
+Rig = TypeVar("Rig", StereoRig, MonoRig, StereoRig | MonoRig)
+
+
+def masked_by(config: Config, rig: Rig) -> Rig:
+    """Return a rig with the masks of a configuration. Raises ConfigError if they do not fit."""
+    if not (config.mask_left or config.mask_right):
+        return rig
+    return rig.masked(config.mask_left or None, config.mask_right or None)
 
 
 def baseline_warnings(rig: StereoRig | MonoRig) -> list[str]:

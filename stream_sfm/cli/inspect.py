@@ -1,5 +1,6 @@
 """`stream-sfm inspect`: what a log contains, and whether it can be replayed."""
 
+import shlex
 from collections.abc import Iterator
 from typing import Any
 
@@ -18,29 +19,34 @@ def inspect(
 
     Shows the topics of a log, the stereo pair that would be used and why, frame rate, gaps and calibration, and checks
     the calibration against the images: the rows of matched corners; and lens errors, focal length, right-camera delay
-    and shutter readout, as estimated from the first frames. An IMU is checked for rate and gaps, and against the images
-    for its clock, axes, biases and noise. If a replay cannot work, the exit code is 3 and the output
-    says what to change.
+    and shutter readout, as estimated from the first frames. The last line is the verdict on the calibration. An IMU is
+    checked for rate and gaps, and against the images for its clock, axes, biases and noise. If a replay cannot work,
+    the exit code is 3 and the output says what to change.
     """
     from ..inspection.overview import inspect_log
     from ..recording.stereo_log import open_log
+    from ..report.verdict import Fit, judged
     from ..run import replay
     from ..types import Selection
 
     found = inspect_log(log, **cameras.chosen)
-    found["rig_errors"] = None
+    found["rig_errors"] = found["verdict"] = None
     if not found["problems"]:
         try:
             # in some seconds most cameras turn
             opened = open_log(log, **cameras.chosen)
             look = replay.replay(opened, selection=Selection(max_frames=60)).summary
             found["rig_errors"] = look.get("rig")
+            found["verdict"] = judged(look)
             found["warnings"] += filter(None, [opened.imu_problem])
             if found["imu"] is not None:
                 found["imu"]["first_frames"] = look["imu"]
                 found["warnings"] += look["imu"]["findings"] if look["imu"] else []
         except StreamSfmError as error:
             found["problems"].append(f"the first frames cannot be estimated: {error}")
+            found["verdict"] = judged({})
+    elif found["rig"] is not None:
+        found["verdict"] = {"fit": str(Fit.WRONG), "text": f"wrong: {found['problems'][0]}"}
     code = ExitCode.INPUT if found["problems"] else ExitCode.DONE
     if json:
         print_json(found)
@@ -54,6 +60,13 @@ def inspect(
     print_notes("problem", found["problems"], stderr=False)
     if not found["problems"]:
         print("this log can be replayed")
+    if (verdict := found["verdict"]) is not None:
+        if verdict["fit"] in (Fit.WRONG, Fit.CORRECTED) and not found["problems"]:
+            given = ["--calibration", *map(str, cameras.calibration)] if cameras.calibration else []
+            print(
+                f"to refine it: {shlex.join(['stream-sfm', 'refine', str(log), *given, '--out', 'refined.toml'])}"
+            )
+        print(f"calibration: {verdict['text']}")
     return code
 
 
@@ -97,8 +110,6 @@ def _facts(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
         rows = f"vertical difference {check['vertical_px']:+.2f} ± {check['vertical_spread_px']:.2f} px"
         disparity = f"median disparity {check['median_disparity_px']:.1f} px"
         yield "calibration check", f"{check['matches']} matched corners: {rows}, {disparity}"
-    if errors := found.get("rig_errors"):
-        yield "first frames", errors["text"]
     if imu := found.get("imu"):
         yield from _inertial_facts(imu)
     depth = f", depth on {found['ground_truth_depth']}" if found["ground_truth_depth"] else ""

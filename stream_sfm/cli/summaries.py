@@ -17,6 +17,8 @@ def print_summary(summary: dict[str, Any], folder: Path | None, stages: bool) ->
     """Print the summary of a replay and the place of the results; `stages` adds the time of each stage."""
     rows = [*_run_rows(summary, stages), *_truth_rows(summary.get("ground_truth")), ("results", str(folder))]
     print_table(rows, title=f"{summary['log']}: {summary['method']}")
+    if rig := summary.get("rig"):
+        print(f"calibration: {rig['text']}")
 
 
 def print_comparison(content: dict[str, Any]) -> None:
@@ -143,8 +145,6 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
         share = f", {end['std_position_percent']:.2g} % of the path" if end["std_position_percent"] else ""
         yield "ends at", f"({x:.3f}, {y:.3f}, {z:.3f}) m, σ {end['std_position_m']:.2g} m{share}"
         yield "", f"heading {end['heading_deg']:.2f}°, σ {end['std_heading_deg']:.2g}°"
-    if rig := summary.get("rig"):
-        yield "calibration", rig["text"]
     if imu := summary.get("imu"):
         from ..report.inertia import inertial_rows
 
@@ -189,7 +189,8 @@ def _truth_rows(truth: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
     yield "scale error", f"{shown('scale_error_percent', '+.2f')} %"
     if truth["relative_consistency"]:
         yield "relative motion", f"error of {factors_text(truth['relative_consistency'])}"
-    yield "NEES of the pose", f"{shown('nees_pose_mean')} (expected: 6)"
+    exact = "" if any(truth["std_truth"]) else ", against a truth taken as exact"
+    yield "NEES of the pose", f"{shown('nees_pose_mean')} (expected: 6){exact}"
     if truth["local_structure_rms_m"] is not None:
         median, rms = (shown(f"local_structure_{kind}_m", ".4f") for kind in ("median", "rms"))
         over, usual = (shown(f"local_structure_error_over_sigma{kind}") for kind in ("", "_median"))

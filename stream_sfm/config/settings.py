@@ -1,6 +1,6 @@
 """All settings in one struct."""
 
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import Annotated
 
 from msgspec import Meta
 
@@ -13,15 +13,9 @@ from .sections import (
     ImuConfig,
     MotionConfig,
     RigConfig,
-    RobustConfig,
     RosConfig,
     WindowConfig,
 )
-
-if TYPE_CHECKING:
-    from ..camera.rig import MonoRig, StereoRig
-
-Rig = TypeVar("Rig", "StereoRig", "MonoRig", "StereoRig | MonoRig")
 
 
 class Config(Section, frozen=True, kw_only=True):
@@ -33,11 +27,12 @@ class Config(Section, frozen=True, kw_only=True):
     mask_left: Annotated[
         str, Meta(description="PNG of the left images' size, black where they show the robot or dirt; empty: none")
     ] = ""
-    mask_right: Annotated[str, Meta(description="the same of the right images")] = ""
+    mask_right: Annotated[
+        str, Meta(description="PNG of the right images' size, black where they show the robot or dirt; empty: none")
+    ] = ""
     mono: Annotated[bool, Meta(description="use the left camera only; lengths have no unit")] = False
     frontend: FrontendConfig = FrontendConfig()
     window: WindowConfig = WindowConfig()
-    robust: RobustConfig = RobustConfig()
     motion: MotionConfig = MotionConfig()
     rig: RigConfig = RigConfig()
     imu: ImuConfig = ImuConfig()
@@ -49,12 +44,6 @@ class Config(Section, frozen=True, kw_only=True):
         super().__post_init__()
         if self.mono and self.method != "cross-frame":
             raise ConfigError(f"method {self.method} needs two cameras: with mono the method is cross-frame")
-
-    def masked(self, rig: Rig) -> Rig:
-        """Return a StereoRig or MonoRig with the masks of this configuration. Raises ConfigError if they do not fit."""
-        if not (self.mask_left or self.mask_right):
-            return rig
-        return rig.masked(self.mask_left or None, self.mask_right or None)
 
     def needs_scale(self, what: str) -> None:
         """Raise a ConfigError if `what` was requested with one camera."""

@@ -99,8 +99,8 @@ class PhysicalAxes(Protocol):
     def std_axes_rad(self) -> float: ...
 
 class Field(Protocol):
-    # A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and its root (K, K); K = U
-    # V.
+    # A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and its root (U V, K): K
+    # functions as sums of kernels.
     @property
     def u_px(self) -> Array: ...
     @property
@@ -304,7 +304,7 @@ class Second(tuple[Array, Array, Mask, float]):
     odds: float
 
 class ResectionRules(Protocol):
-    # The settings of a resection, as in `RobustConfig`.
+    # The settings of a resection, as in `RobustRules`.
     @property
     def calm_share(self) -> float: ...
     @property
@@ -736,7 +736,6 @@ def row_errors_of_tracks(
     known: Pixels, ages: Pixels, rows: Array, ids: Pixels, z_px: Array, cov_px: Array, rules: LastingRules
 ) -> tuple[Ids, Array, Array]: ...
 def row_terms(pinholes: Pinholes, field: Field, left_px: Array, row_speed_px_s: Array) -> Array: ...
-def same_slopes(left: Image, right: Image, spacing_px: int, slope_grey: int, same_grey: int) -> tuple[int, int]: ...
 def scaled_by_diagonal(matrix: Array) -> tuple[Array, Array]: ...
 def seen_points(pinholes: Pinholes, z_px: Array) -> Array: ...
 def shifts_by_timing(

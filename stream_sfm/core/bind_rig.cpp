@@ -6,7 +6,7 @@
 namespace binding {
 
 void bind_rig(nb::module_& m) {
-    describe_taken<Field>(m, R"(A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and its root (K, K); K = U V.)");
+    describe_taken<Field>(m, R"(A field over the image: nodes of its grid, columns (U,) and rows (V,), its length, and its root (U V, K): K functions as sums of kernels.)");
     describe_taken<RowModel>(m, R"(Estimated row differences: amplitudes (7 + K,) of polynomial, delay and field with their covariance, the scatter of
 matches and the largest row difference.)");
     describe_taken<ExposedRows>(m, R"(The rows of the raw images in which views are exposed: size of the rectified image, and coefficients (s, k, k) of one

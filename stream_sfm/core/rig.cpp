@@ -133,7 +133,7 @@ void terms_of_view(const Pinholes& p, Matrix root, const double* z, double age, 
 // The field's basis (K,) at (u, v) on the left.
 void field_at(const Field& field, const double* at, double* out) {
     const auto& [u, v, length, root] = field;
-    std::size_t across = u.shape[0], down = v.shape[0], k = across * down;
+    std::size_t across = u.shape[0], down = v.shape[0], k = root.shape[1];
     if (!(std::isfinite(at[0]) && std::isfinite(at[1]))) return;
     auto kernel = [length = length](double apart) {
         apart /= length;
@@ -194,9 +194,9 @@ void timing_of_view(const Pinholes& pinholes, const ExposedRows& exposed, const 
 }
 
 RigEffects rig_effects(const Pinholes& pinholes, Matrix root, const Field& field, Matrix z, Vector age) {
-    std::size_t n = z.shape[0], ages = age.shape[0], k = field.u_px.shape[0] * field.v_px.shape[0];
+    std::size_t n = z.shape[0], ages = age.shape[0], k = field.root.shape[1];
     require_shape(root, {TERMS, TERMS}, "root");
-    require_shape(field.root, {k, k}, "root of the field");
+    require_shape(field.root, {field.u_px.shape[0] * field.v_px.shape[0], k}, "root of the field");
     require_shape(z, {n, 4}, "z_px");
     require(ages == 1 || ages == n, "there are not as many ages as views");
     RigEffects result{{n, 4, TERMS}, {n, k}};
@@ -233,9 +233,9 @@ Array<double, 3> disparity_effects(const Pinholes& pinholes, Matrix points, Matr
 }
 
 Array<double, 2> field_basis(const Field& field, Matrix at) {
-    std::size_t n = at.shape[0], k = field.u_px.shape[0] * field.v_px.shape[0];
+    std::size_t n = at.shape[0], k = field.root.shape[1];
     require_shape(at, {n, 2}, "left_px");
-    require_shape(field.root, {k, k}, "root");
+    require_shape(field.root, {field.u_px.shape[0] * field.v_px.shape[0], k}, "root");
     return each(at, Array<double, 2>(n, k), [&](const double* left, double* out) { field_at(field, left, out); });
 }
 

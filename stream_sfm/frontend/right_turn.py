@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config import RobustConfig
+from ..config.robust_rules import RobustRules
 from ..config.rules import TurnRules
 from ..geometry import Array
 from ..geometry.point_views import PointViews
@@ -55,12 +55,6 @@ def with_turn(rig: RigModel, estimate: RigEstimate, rad: Array) -> RigEstimate:
     )
 
 
-NOTHING = np.zeros(2)
-SIZES = np.array([1.0, 4.0, 16.0])
-FIRST = np.array([0.9, 0.08, 0.02])
-DRAWN_ANEW = 0.05  # per frame
-
-
 @record
 class TurnWatch:
     """The turns of a run.
@@ -71,14 +65,14 @@ class TurnWatch:
 
     projection: StereoProjection
     rules: TurnRules
-    settings: RobustConfig
+    settings: RobustRules
     usual: UsualTurns
     unusual: tuple[Turn, ...] = ()
 
     @classmethod
     def begun(cls, projection: StereoProjection, rules: TurnRules) -> "TurnWatch":
         """Return the watch before any frame."""
-        return cls(projection, rules, RobustConfig(gate_probability=rules.gate), UsualTurns.begun(rules))
+        return cls(projection, rules, RobustRules(gate_probability=rules.gate), UsualTurns.begun(rules))
 
     @property
     def lasting_rad(self) -> Array | None:

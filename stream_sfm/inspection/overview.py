@@ -18,6 +18,7 @@ from ..engine import Engine
 from ..errors import LogError, StreamSfmError
 from ..mcap_file.message import Damage, Source
 from ..pictures.interlacing import is_interlaced
+from ..recording.beside import calibration_beside, note_of
 from ..recording.both_sides import both_sides
 from ..recording.ground_truth import depth_topic, read_truth, truth_topic
 from ..recording.images import UndecodableImage, decode_grey, image_size
@@ -121,6 +122,9 @@ class _Inspection:
     def run(self, left: str | None, right: str | None, calibration: Where | StereoRig | None) -> None:
         """Find the pair, its frames and its calibration, and check whether they fit each other."""
         try:
+            if calibration is None and (beside := calibration_beside(self.source, self.survey, mono=False)):
+                calibration = beside
+                self.warnings.append(note_of(beside))
             self.source, self.survey, calibration = both_sides(self.source, self.survey, calibration)
             choice = choose_cameras(self.source, self.survey, left, right)
         except LogError as error:

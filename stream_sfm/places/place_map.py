@@ -20,7 +20,7 @@ from scipy.special import chdtri
 from ..blas import one_thread
 from ..camera.pixels import GreyScaler, to_grey
 from ..camera.rectification import Rectifier
-from ..camera.rig import MonoRig, StereoRig
+from ..camera.rig import MonoRig, StereoRig, masked_by
 from ..camera.unseen_errors import PhysicalAxes
 from ..config import Config
 from ..errors import ConfigError
@@ -85,9 +85,9 @@ class PlaceMap:
         self._nodes: dict[int, _Node] = {}
         self._max_keyframes = max_keyframes
         config = config or Config()
-        self._rectifier = Rectifier(config.masked(rig))
+        self._rectifier = Rectifier(masked_by(config, rig))
         self._rect_from_cam = se3.from_rotation_translation(self._rectifier.rect_from_cam, np.zeros(3))
-        self._gate = float(chdtri(6, 1 - config.robust.gate_probability))  # χ² of equal motions
+        self._gate = float(chdtri(6, 1 - config.rules.robust.gate_probability))  # χ² of equal motions
         errors, rect_from_cam = config.rig, self._rectifier.rect_from_cam
         self._axes = self._axes_with_unseen = PhysicalAxes(rect_from_cam)
         if not errors.exact:

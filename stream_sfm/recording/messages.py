@@ -3,6 +3,7 @@
 import base64
 import json
 import math
+import re
 from array import array
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -29,9 +30,11 @@ _KINDS = {
     "CameraCalibration": "calibration", "CameraInfo": "calibration",
     "PoseInFrame": "pose", "PoseStamped": "pose", "PoseWithCovarianceStamped": "pose", "Odometry": "pose",
     "FrameTransform": "transform", "FrameTransforms": "transform", "TransformStamped": "transform",
-    "TFMessage": "transform", "tfMessage": "transform", "Imu": "imu",
+    "TFMessage": "transform", "tfMessage": "transform", "Transform": "transform", "Imu": "imu",
 }  # fmt: skip
 
+# Topics of librealsense's recordings, which name no frames: each stream is one, and so is each reference of poses.
+_REALSENSE = re.compile(r"(/device_\d+)(/sensor_\d+/\w+_\d+)/(?:\w+/)*(\w+)")
 _MISSING = object()
 _QUATERNION_NORMS = (0.5, 2.0)  # beyond any rounding error; outside them the numbers are not a rotation
 
@@ -199,7 +202,7 @@ def decoded(
 
 def image_of(topic: str, m: Any) -> ImageMessage:
     """Return the image in a message with the fields of an image. Raises UndecodableMessage, ValueError, TypeError."""
-    known = topic, _stamp_ns(m), _frame_id(m)
+    known = topic, _stamp_ns(m), _frame_id(m, topic)
     data = _bytes(_get(m, "data"))
     if _has(m, "format") or _has(m, "pts"):  # pts: of ffmpeg_image_transport, which also has width and height
         return ImageMessage(*known, True, _text(_get(m, "format", "encoding")), data)
@@ -211,10 +214,10 @@ def image_of(topic: str, m: Any) -> ImageMessage:
 def _calibration(topic: str, m: Any) -> CalibrationMessage:
     return CalibrationMessage(
         topic=topic,
-        frame_id=_frame_id(m),
+        frame_id=_frame_id(m, topic),
         width=int(_get(m, "width")),
         height=int(_get(m, "height")),
-        distortion_model=_text(_get(m, "distortion_model", default="")).strip().lower(),
+        distortion_model=_text(_get(m, "distortion_model", default="")).strip().lower().replace(" ", "_"),
         D=tuple(float(x) for x in _get(m, "D", "d", default=())),
         K=_matrix(_get(m, "K", "k", default=()), 3, 3),
         R=_matrix(_get(m, "R", "r", default=()), 3, 3),
@@ -223,7 +226,14 @@ def _calibration(topic: str, m: Any) -> CalibrationMessage:
 
 
 def _poses(topic: str, m: Any) -> list[PoseMessage]:
-    return [_pose(t) for t in _get(m, "transforms")] if _has(m, "transforms") else [_pose(m)]
+    if _has(m, "transforms"):
+        return [_pose(t) for t in _get(m, "transforms")]
+    if _has(m, "header") or _has(m, "parent_frame_id") or _has(m, "pose"):
+        return [_pose(m)]
+    if (known := _REALSENSE.fullmatch(topic)) is None:
+        raise ValueError("a pose that names no frames")
+    # points of the reference -> points of the stream
+    return [PoseMessage(0, known[1] + known[2], f"{known[1]}/{known[3]}", _matrix_of(m, "translation", "rotation"))]
 
 
 def _imu(topic: str, m: Any) -> ImuMessage:
@@ -233,7 +243,7 @@ def _imu(topic: str, m: Any) -> ImuMessage:
         of, cov = _get(m, name), _get(m, f"{name}_covariance", default=())
         missing = len(cov) > 0 and float(cov[0]) == -1
         values.append(np.full(3, np.nan) if missing else np.array([float(_get(of, axis)) for axis in "xyz"]))
-    return ImuMessage(topic, _stamp_ns(m), _frame_id(m), *values)
+    return ImuMessage(topic, _stamp_ns(m), _frame_id(m, topic), *values)
 
 
 def same_numbers(a: Any, b: Any) -> bool:
@@ -294,10 +304,12 @@ def _stamp_ns(message: Any) -> int:
     return stamp_ns
 
 
-def _frame_id(message: Any) -> str:
+def _frame_id(message: Any, topic: str = "") -> str:
     if _has(message, "header"):
         message = _get(message, "header")
-    return _text(_get(message, "frame_id", "parent_frame_id", default="")).lstrip("/")
+    frame_id = _text(_get(message, "frame_id", "parent_frame_id", default="")).lstrip("/")
+    known = _REALSENSE.fullmatch(topic) if frame_id in ("", "0") else None
+    return frame_id if known is None else known[1] + known[2]
 
 
 def _text(value: Any) -> str:
@@ -334,12 +346,15 @@ def _pose(message: Any) -> PoseMessage:
         body, position, rotation = _get(message, "pose"), "position", "orientation"
         if _has(body, "pose"):  # with covariance
             body = _get(body, "pose")
+    child = _text(_get(message, "child_frame_id", default="")).lstrip("/")
+    return PoseMessage(_stamp_ns(message), _frame_id(message), child, _matrix_of(body, position, rotation))
+
+
+def _matrix_of(body: Any, position: str, rotation: str) -> Array:
     t, q = _get(body, position), _get(body, rotation)
     quat_xyzw, position_m = [float(_get(q, x)) for x in "xyzw"], [float(_get(t, x)) for x in "xyz"]
     if not _QUATERNION_NORMS[0] < math.hypot(*quat_xyzw) < _QUATERNION_NORMS[1]:  # NaN is in no order
         raise ValueError(f"a pose with the quaternion {quat_xyzw}")
     if not all(map(math.isfinite, position_m)):
         raise ValueError("a pose that is not finite")
-    pose = se3.from_rotation_translation(se3.matrix_from_quat_xyzw(quat_xyzw), position_m)
-    child = _text(_get(message, "child_frame_id", default="")).lstrip("/")
-    return PoseMessage(_stamp_ns(message), _frame_id(message), child, pose)
+    return se3.from_rotation_translation(se3.matrix_from_quat_xyzw(quat_xyzw), position_m)

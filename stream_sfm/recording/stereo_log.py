@@ -19,6 +19,7 @@ from ..record import changed
 from ..sources.recognise import open_source
 from ..types import Selection, Trajectory
 from ..wording import counted
+from .beside import calibration_beside, note_of
 from .frames import FrameDecoder, RecordedFrame
 from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_truth, truth_topic
 from .inertial import SamplesOfFrames, find_topics, mounted, with_imu
@@ -125,6 +126,8 @@ def _open(
 ) -> "StereoLog":
     damage = Damage()
     source, survey = with_videos(source, survey_log(source, damage))
+    beside = None if calibration is not None else calibration_beside(source, survey, mono)
+    calibration = calibration if beside is None else beside
     if mono:
         choice = choose_one(source.path, _image_topics(source, survey, left, None, damage.notes), left)
     elif isinstance(calibration, MonoRig):
@@ -137,7 +140,7 @@ def _open(
         choice = choose_cameras(source, survey, left, right, damage.notes)
     found = find_rig(source, survey, choice, calibration, mono)
     check_rig(source, found.rig)
-    return StereoLog(source, survey, choice, found)
+    return StereoLog(source, survey, choice, found, "" if beside is None else note_of(beside))
 
 
 def choose_cameras(
@@ -176,7 +179,7 @@ class StereoLog:
     clock; both None without an index.
     """
 
-    def __init__(self, source: Source, survey: Survey, choice: PairChoice, found: FoundRig) -> None:
+    def __init__(self, source: Source, survey: Survey, choice: PairChoice, found: FoundRig, note: str = "") -> None:
         self._source = source
         self.survey = survey
         self.path = source.path
@@ -187,6 +190,7 @@ class StereoLog:
         self.expected_frames = survey.topics[choice.left].count if survey.whole else None
         self.duration_s = (survey.end_ns - survey.start_ns) / 1e9 if survey.whole else None
         self.imu_topics = find_topics(survey) if isinstance(found.rig, StereoRig) else None
+        self._note = note  # where the calibration was found
         self.imu_problem = ""  # why the inertial unit of the log is not used
         self._mount_imu()
         self._given_truth: Trajectory | None = None
@@ -235,7 +239,7 @@ class StereoLog:
         and `recorded.rig` of a frame is the rig at that time.
         """
         selection = selection or Selection()
-        decoder = FrameDecoder(self.path, self.rig)
+        decoder = FrameDecoder(self.path, self.rig, ahead=self._source.waiting() is None)
         delivered = 0
         pairs = self._selected(selection, all_calibrations)
         try:
@@ -250,7 +254,7 @@ class StereoLog:
         finally:
             pairs.close()  # first, as it completes `stats`
             stats = self.stats
-            stats.warnings += [*baseline_warnings(self.rig), *filter(None, [self.imu_problem])]
+            stats.warnings += [*baseline_warnings(self.rig), *filter(None, [self._note, self.imu_problem])]
             stats.undecodable += decoder.skipped
             if decoder.skipped:
                 stats.complete = False
@@ -322,6 +326,15 @@ class StereoLog:
             return self._given_truth
         topic = truth_topic(self.survey)
         return None if topic is None else read_truth(self._source, topic, self._left_frame, self.stats.warnings)
+
+    @property
+    def std_truth(self) -> tuple[float, float]:
+        """σ of the ground truth, m and rad, that its data set is known for; zeros where it is not known, or given."""
+        return self._source.std_truth if self._given_truth is None else (0.0, 0.0)
+
+    def is_next_here(self) -> bool:
+        """Whether the next frame can be read without waiting for a live camera."""
+        return self._source.waiting() != 0
 
     def age_s(self, stamp_ns: int) -> float | None:
         """Return the seconds since a live camera delivered the pair of a stamp; None for recordings and old pairs."""

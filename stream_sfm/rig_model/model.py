@@ -11,7 +11,7 @@ from ..geometry import Array
 from ..geometry.stereo import StereoProjection, places_over_image
 from ..record import changed, record
 from .estimate import CERTAIN, Amplitudes, RigEstimate
-from .field import NO_FIELD, Field, field_over
+from .field import NO_FIELD, WORTH_ESTIMATING, Field, field_over
 from .terms import AT_TIMING, DISPARITY, FOCAL, FOCUSING, TERMS, columns, growth, prior_std, terms_of_turn
 
 _FOCAL, _FOCUSING = TERMS.index(FOCAL), TERMS.index(FOCUSING)
@@ -68,7 +68,7 @@ class RigModel:
 
     @property
     def _field(self) -> Field:
-        return field_over(self.projection.width, self.projection.height) if self.has_field else NO_FIELD
+        return _field_over(self.projection) if self.has_field else NO_FIELD
 
     @property
     def cameras(self) -> tuple[StereoProjection, ExposedRows]:
@@ -206,6 +206,9 @@ class RigModel:
         t = len(TERMS)
         root = growth(self.projection, estimate.age_s) @ self.root
         known = np.concatenate([self.known, np.zeros(len(estimate.mean) - t)])
+        contained, timing = known.copy(), self.known_timing
+        if timing is not None:
+            contained[AT_TIMING] = timing.mean
 
         def in_units(mean: Array, cov: Array) -> tuple[Array, Array]:
             mean, cov = mean.copy(), cov.copy()
@@ -224,8 +227,18 @@ class RigModel:
             prior_std=np.concatenate(
                 [np.linalg.norm(self.root * estimate.prior_std[:t], axis=1), estimate.prior_std[t:]]
             ),
-            refined=known if self.refined else None,
+            refined=contained if self.refined or timing is not None else None,
+            thirds=None if estimate.thirds is None else self._thirds_in_units(estimate.thirds),
         )
+
+    def _thirds_in_units(self, thirds: Array) -> Array:
+        """Return what thirds of a run say, (3, 2, t), with the known errors, in units of the terms."""
+        mean = self.known + thirds[:, 0] @ self.root.T
+        return np.stack([mean, np.sqrt(thirds[:, 1] ** 2 @ self.root.T**2)], axis=1)
+
+
+def _field_over(projection: StereoProjection) -> Field:
+    return field_over(projection.width, projection.height, WORTH_ESTIMATING)
 
 
 def _of_field(moves: Array, field: Array) -> Array:
@@ -242,7 +255,7 @@ def disparity_error(projection: StereoProjection, estimate: RigEstimate, left_px
     by_term = effects[:, 0] - effects[:, 2]
     if len(estimate.mean) > len(TERMS):  # files of a run do not contain the field
         moves = FIELD_MOVES[:1] - FIELD_MOVES[2:3]
-        by_field = _of_field(moves, field_over(p.width, p.height).at(left_px))[:, 0]
+        by_field = _of_field(moves, _field_over(p).at(left_px))[:, 0]
         by_term = np.concatenate([by_term, by_field], axis=1)
     return by_term @ estimate.mean, np.sqrt(np.einsum("ni,ij,nj->n", by_term, estimate.cov, by_term))
 

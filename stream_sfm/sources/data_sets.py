@@ -1,4 +1,4 @@
-"""Recordings that are folders: KITTI, EuRoC, TartanAir, folders of images or videos of left and right.
+"""Recordings that are folders: KITTI and its kin, EuRoC, TartanAir, folders of images or videos of left and right.
 
 A data set is recognised by the folders of its two cameras and by files beside them; any other folder by the names
 of its folders or files. To add a data set, add a line in `LAYOUTS` and the function that opens it.
@@ -21,7 +21,7 @@ from ..camera.calibration.read import has_calibration, is_calibration, read_docu
 from ..camera.calibration.slam import body_from_left
 from ..camera.models import Camera
 from ..camera.rig import StereoRig
-from ..errors import ConfigError, LogError
+from ..errors import ConfigError, LogError, as_error
 from ..geometry import Array, se3
 from ..inertial.samples import ImuCalibration
 from ..mcap_file.message import Source
@@ -46,13 +46,18 @@ _CONTENTS = {
     "KITTI": "image_0 and image_1 (or 2 and 3): one sequence, or one drive of its raw data (…_sync)",
     "EuRoC": "mav0 with cam0 and cam1",
 }
+_FORM = re.compile(" (odometry|raw)$")  # of one data set
 _STAMPS = ("times.txt", "stamps.txt", "timestamps.txt")
 _EUROC_FILES = ("cam0/sensor.yaml", "cam1/sensor.yaml", "cam0/data.csv", "cam1/data.csv")
 _EUROC_TRUTHS = ("state_groundtruth_estimate0/data.csv", "mocap0/data.csv", "gt/data.csv")
 _EUROC_CALIBRATIONS = ("", "..", "../dso", "../calibration")  # relative to mav0, where one for all cameras may be
+# σ of ground truth, m and rad. EuRoC's Vicon and Leica: 1 mm (Burri et al., 2016), over the half metre of the body.
+# KITTI's OXTS: 2 cm with RTK (data sheet); its axes differ from those of the cameras by up to 9 mrad, taken as 2 σ.
+_STD_EUROC, _STD_KITTI = (0.001, 0.002), (0.02, 0.0045)
 _VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm")
 # All cameras of TartanAir are identical and parallel.
 _TARTANAIR_F_PX, _TARTANAIR_BASELINE_M = 320.0, 0.25
+_VIRTUAL_KITTI_BASELINE_M = 0.532725
 # The columns are right, down and forward of the camera in the axes of TartanAir's poses: x forward, y right, z
 # down.
 _BODY_FROM_CAM = se3.from_rotation_translation([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [0, 0, 0])
@@ -80,12 +85,17 @@ def open_folder(folder: Path, given: Given) -> Source | None:
     """Return the recording in a folder; None if no layout fits. Raises LogError, ConfigError."""
     if (layout := next((layout for layout in LAYOUTS if layout.fits(folder)), None)) is not None:
         return layout.open(folder, layout, given)
-    return _open_videos(folder, given) or _open_images(folder, given)
+    found = _open_videos(folder, given) or _open_images(folder, given)
+    if found is None and len(videos := videos_in(folder)) == 1:
+        return VideoSource(videos[0])
+    return found
 
 
 def known_data_sets() -> list[str]:
     """Return the names of the known data sets."""
-    return list(dict.fromkeys(name for layout in LAYOUTS for name in (layout.name.split()[0], layout.also) if name))
+    return list(
+        dict.fromkeys(name for layout in LAYOUTS for name in (_FORM.sub("", layout.name), layout.also) if name)
+    )
 
 
 def is_data_set(folder: Path) -> bool:
@@ -136,7 +146,7 @@ def _open_kitti(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
             notes.append(f"{truth_file} has poses for the first {count} of {len(stamps)} frames")
         truth = list(zip(stamps, world_from_left, strict=False))
     used = None if given.calibrated else rig
-    return ImageFilesSource(folder, layout.name, used, (left, right), truth, notes)
+    return ImageFilesSource(folder, layout.name, used, (left, right), truth, notes, std_truth=_STD_KITTI)
 
 
 def _kitti_rig(folder: Path, layout: Layout, size: tuple[int, int]) -> tuple[StereoRig, Array]:
@@ -189,7 +199,7 @@ def _open_euroc(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
         notes.append(f"{truth_file} is not used: no calibration says where the camera is on the body")
     imu = None if body_from_cam is None else _euroc_imu(mav / "imu0", se3.inverse(body_from_cam), notes)
     used = None if given.calibrated else rig
-    return ImageFilesSource(folder, layout.name, used, images, poses, notes, imu)
+    return ImageFilesSource(folder, layout.name, used, images, poses, notes, imu, _STD_EUROC)
 
 
 def _euroc_imu(
@@ -275,6 +285,29 @@ def _open_tartanair(folder: Path, layout: Layout, given: Given) -> ImageFilesSou
     return ImageFilesSource(folder, layout.name, None if given.calibrated else rig, source.images, truth, notes)
 
 
+def _open_virtual_kitti(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
+    """Open a variant of a scene: two equal, parallel cameras; tables have a line per frame and camera."""
+    left, right = (str(folder / side) for side in layout.sides)
+    source = open_images(left, right, None, rate_hz=given.rate_hz, path=folder)
+    path = folder / layout.files[0]
+    lines = [cells for _, cells in read_table(path, "intrinsics") if cells[0].isdecimal()]
+    try:
+        k = camera_matrix(*map(float, next(cells for cells in lines if cells[1] == "0")[2:6]))
+    except (StopIteration, ValueError, TypeError, IndexError):
+        raise LogError(f"{path} has no line `frame cameraID fx fy cx cy` of camera 0") from None
+    camera = Camera(*source.images[0][0].size(), k, (), "none")
+    rig = StereoRig(camera, camera, se3.exp([-_VIRTUAL_KITTI_BASELINE_M, 0, 0, 0, 0, 0]))
+    truth = list[tuple[int, Array]]()
+    if (poses := folder / "extrinsic.txt").is_file():
+        with as_error(LogError, f"{poses} is not `frame cameraID` and a 4×4 matrix per line", ValueError):
+            rows = [list(map(float, cells)) for _, cells in read_table(poses, "poses") if cells[0].isdecimal()]
+            of = {int(row[0]): np.reshape(row[2:], (4, 4)) for row in rows if row[1] == 0}
+        numbered = [(image.stamp_ns, int(re.findall(r"\d+", image.path.stem)[-1])) for image in source.images[0]]
+        truth = [(stamp_ns, se3.inverse(se3.orthonormalise(of[n]))) for stamp_ns, n in numbered if n in of]
+    used = None if given.calibrated else rig
+    return ImageFilesSource(folder, layout.name, used, source.images, truth, source.notes)
+
+
 def _open_images(folder: Path, given: Given) -> ImageFilesSource | None:
     """Open images by the names of their folders or their own, with stamps and calibration beside them, if any."""
     sides = image_sides(folder)
@@ -305,10 +338,14 @@ def _open_videos(folder: Path, given: Given) -> Source | None:
     return JoinedSource(folder, [VideoSource(path, side, rig) for side, path in enumerate(videos)])
 
 
+def videos_in(folder: Path) -> list[Path]:
+    """Return the videos in a folder, by name."""
+    return [folder / name for name in sorted(os.listdir(folder)) if name.lower().endswith(_VIDEO_SUFFIXES)]
+
+
 def _videos(folder: Path) -> tuple[Path, Path] | None:
     """Return the videos of left and right in a folder."""
-    files = [name for name in os.listdir(folder) if name.lower().endswith(_VIDEO_SUFFIXES)]
-    pairs = possible_pairs(files)
+    pairs = possible_pairs(path.name for path in videos_in(folder))
     return (folder / pairs[0][0], folder / pairs[0][1]) if len(pairs) == 1 else None
 
 
@@ -318,6 +355,9 @@ LAYOUTS = (
     Layout("KITTI odometry", _open_kitti, ("image_2", "image_3"), ("calib.txt",)),
     Layout("KITTI raw", _open_kitti, ("image_00/data", "image_01/data"), _KITTI_RAW),
     Layout("KITTI raw", _open_kitti, ("image_02/data", "image_03/data"), _KITTI_RAW),
+    Layout("KITTI-360", _open_kitti, ("image_00/data_rect", "image_01/data_rect"),
+           ("../../calibration/perspective.txt",)),
+    Layout("Virtual KITTI 2", _open_virtual_kitti, ("frames/rgb/Camera_0", "frames/rgb/Camera_1"), ("intrinsic.txt",)),
     Layout("EuRoC", _open_euroc, ("mav0/cam0", "mav0/cam1"), [f"mav0/{name}" for name in _EUROC_FILES], "TUM-VI"),
     Layout("EuRoC", _open_euroc, ("cam0", "cam1"), _EUROC_FILES),
     Layout("TartanAir", _open_tartanair, ("image_left", "image_right"),

@@ -14,13 +14,11 @@ from ..errors import ConfigError, LogError
 from ..record import record
 from .image_files import ImageFile, ImageFilesSource
 from .image_header import IMAGE_SUFFIXES
+from .image_stamps import listed_stamps, named_stamps
 from .joined import natural_order
-from .pose_files import check_ascending, read_times, stamp_ns
+from .pose_files import read_times
 from .sides import RULES, is_camera, possible_pairs, side_keys
 
-# Names that are times since 1970: digits of the number (today and for 200 years) -> its unit in nanoseconds.
-_UNITS_NS = {19: 1, 16: 1_000, 13: 1_000_000}
-_SECONDS = re.compile(r"\d{10}\.\d{1,9}")
 DEFAULT_RATE_HZ = 10.0
 _OF_KITTI = ("image_2", "image_3")  # the colour cameras, which the naming rules do not pair
 _MOST_FOLDERS = 200  # per folder that are searched
@@ -36,8 +34,9 @@ def open_images(
 ) -> ImageFilesSource:
     """Open the images `left` and `right`, each files, folders or globs. Raises LogError, ConfigError.
 
-    `stamps`: a file with one time per line, seconds with a decimal point or whole nanoseconds; without it names that
-    are stamps are used, otherwise frames follow at `rate_hz`. `path` names the recording. One camera has no `right`.
+    `stamps`: a file with one time per line, seconds with a decimal point or whole nanoseconds; without it those in the
+    names or in a table of the names are used, otherwise frames follow at `rate_hz`. `path` names the recording. One
+    camera has no `right`.
     """
     sides = [_matches("left", left), _matches("right", right)]
     if both := set(sides[0]) & set(sides[1]):
@@ -45,12 +44,14 @@ def open_images(
         raise ConfigError(problem, hint=("left", "right"))
     path = path if path is not None else sides[0][0].parent
     notes: list[str] = []
-    named = [named_stamps(side) for side in sides]
-    if stamps is None and rate_hz is None and named[0] is not None and named[1] is not None:
-        left_images, right_images = (_stamped(t or (), side) for t, side in zip(named, sides, strict=True))
-        return ImageFilesSource(path, "image files", rig, (left_images, right_images))
+    own = [None, None] if stamps is not None or rate_hz is not None else _own_stamps(sides, path, notes)
+    if own[0] is not None and own[1] is not None:
+        left_images, right_images = (_stamped(t or (), side) for t, side in zip(own, sides, strict=True))
+        return ImageFilesSource(path, "image files", rig, (left_images, right_images), notes=notes)
     places, count = _places(*sides)
-    if stamps is not None:
+    if own[0] is not None and sorted(places[0]) == list(range(count)):  # those of the left images are for both
+        times = sorted(own[0])
+    elif stamps is not None:
         times = read_times(Path(stamps))
         if len(times) != count:
             raise LogError(f"{stamps} has {len(times)} times for {count} pairs of images; give one line for each")
@@ -66,6 +67,17 @@ def open_images(
         for of_side, side in zip(places, sides, strict=True)
     )
     return ImageFilesSource(path, "image files", rig, (left_images, right_images), notes=notes)
+
+
+def _own_stamps(sides: Sequence[Sequence[Path]], path: Path, notes: list[str]) -> list[list[int] | None]:
+    """Return the stamps of each side in the names of its files, or else in a table, which is added to the notes."""
+    named = [named_stamps(side) for side in sides]
+    if None not in named:
+        return named
+    listed = [listed_stamps(side, path) for side in sides]
+    tables = dict.fromkeys(str(table) for found in listed if found is not None for table in found[1:])
+    notes += [f"the stamps are those of {' and '.join(tables)}"] if tables else []
+    return [found[0] if found is not None else name for found, name in zip(listed, named, strict=True)]
 
 
 def _stamped(times: Sequence[int], files: Sequence[Path]) -> list[ImageFile]:
@@ -101,22 +113,6 @@ def _matches(side: str, patterns: str | Sequence[str]) -> list[Path]:
             raise LogError(problem, hint=(side,))
         found.update(matches)
     return sorted(found, key=lambda p: natural_order(str(p)))
-
-
-def named_stamps(files: Sequence[Path]) -> list[int] | None:
-    """Return the ascending stamps that the names of the files are; None if they are not stamps."""
-    stamps = []
-    for file in files:
-        name = file.stem
-        if name.isdecimal() and len(name) in _UNITS_NS:
-            stamps.append(int(name) * _UNITS_NS[len(name)])
-        elif _SECONDS.fullmatch(name):
-            stamps.append(stamp_ns(name, str(file)))
-        else:
-            return None
-    if files:
-        check_ascending(stamps, files[0].parent)
-    return stamps
 
 
 def _places(left: list[Path], right: list[Path]) -> tuple[list[list[int]], int]:

@@ -28,7 +28,7 @@ _OTHER_FILES = (
 _BAG_METADATA = "metadata.yaml"  # marks the folder of a ROS 2 bag
 _WITHOUT_STAMPS = ("image files", "TartanAir")  # formats
 _RESULT = "estimates.mcap"  # of a run
-_LEVELS = 3  # of folders that are searched for a recording: dataset/sequences/00
+_LEVELS = 4  # of folders that are searched for a recording: dataset/sequences/00, Scene01/clone/frames/rgb
 _MOST_ENTRIES = 1000  # per level that are searched
 _LONGEST_START = 512  # bytes
 
@@ -85,6 +85,8 @@ def _open_file(path: Path) -> Source:
     with reading(path), open_regular(path) as stream:
         start = stream.read(_LONGEST_START)
         ends_as_mcap = ends_with_magic(stream)
+    if start.startswith(b"SVO") or path.suffix.lower() == ".svo2":  # MCAP, with images in a form of its own
+        raise LogError(f"{path} is a ZED recording: export it with the ZED tools to a video that holds both images")
     if start.startswith(MCAP_MAGIC):
         return LogFile(path)
     for kind in containers():
@@ -124,7 +126,7 @@ def _visible(folder: Path) -> list[Path]:
 
 
 def _open_folder(path: Path, given: Given) -> Source:
-    from .data_sets import open_folder
+    from .data_sets import open_folder, videos_in
     from .image_sets import image_folders
     from .rosbag2 import bag_files, open_rosbag2
 
@@ -145,4 +147,9 @@ def _open_folder(path: Path, given: Given) -> Source:
     which = "give the one of a single camera" if given.mono else "of which no names tell left from right"
     images = f"; there are images in {some_of(listed)}, {which}" if listed else ""
     hint = () if given.mono else ("import_images",)
+    if videos := list(map(str, videos_in(path))):
+        images = (
+            f"; of its videos, {some_of(videos)}, no names tell left from right: name them left.mp4 and right.mp4"
+        )
+        hint = ()
     raise LogError(f"{path} is a folder without a recording ({supported()}){images}", hint=hint)

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stream_sfm import Camera, ConfigError, StereoRig, open_log
+from stream_sfm import Camera, ConfigError, ImuCalibration, StereoRig, open_log
 from stream_sfm.camera.calibration.read import read_document
 from stream_sfm.camera.calibration.slam import body_from_left
 from stream_sfm.camera.lens import project_into_image
@@ -71,6 +71,63 @@ def test_openvins_with_the_camera_in_the_imu(tmp_path):
     path = write(tmp_path / "chain.yaml", "%YAML:1.0\n\n" + text.replace("T_cam_imu", "T_imu_cam"))
     check(path, RIG)
     np.testing.assert_allclose(body_from_left(read_document(path)), se3.inverse(cam_from_imu), atol=1e-9)
+
+
+def test_openvins_by_the_configuration_that_names_the_files(tmp_path):
+    cam_from_imu = se3.exp(RNG.normal(size=6) * 0.3)
+    write(tmp_path / "chain.yaml", "%YAML:1.0\n\n" + kalibr(BOTH, from_imu=(cam_from_imu, POSE @ cam_from_imu)))
+    write(tmp_path / "imu.yaml", "%YAML:1.0\n\nimu0:\n  accelerometer_noise_density: 2.0e-3\n")
+    named = 'relative_config_imu: "imu.yaml"\nrelative_config_imucam: "chain.yaml"\n'
+    check(path := write(tmp_path / "estimator_config.yaml", f"%YAML:1.0 # \n\nuse_stereo: true\n{named}"))
+    imu = StereoRig.from_calibration(path).imu
+    assert imu.accel_noise == 2e-3
+    np.testing.assert_allclose(imu.cam_from_imu, cam_from_imu, atol=1e-9)
+
+
+@pytest.mark.parametrize("model", ["PINHOLE", "KANNALA_BRANDT", "MEI"])
+def test_vins_fusion(tmp_path, model):
+    """Its matrices are OpenCV's, and each camera has a file of its own; MEI with ξ = 0 is a pinhole without D."""
+    d = {"PINHOLE": (-0.28, 0.07, 2e-4, 1.8e-5), "KANNALA_BRANDT": (-0.01, 0.02, -3e-3, 1e-3), "MEI": (0, 0, 0, 0)}
+    names = {"PINHOLE": "fx fy cx cy", "KANNALA_BRANDT": "mu mv u0 v0", "MEI": "gamma1 gamma2 u0 v0"}[model].split()
+    lens = "k2 k3 k4 k5" if model == "KANNALA_BRANDT" else "k1 k2 p1 p2"
+    for n, camera in enumerate(BOTH):
+        numbers = dict(zip(names, camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], strict=True))
+        coefficients = dict(zip(lens.split(), d[model], strict=True))
+        if model == "KANNALA_BRANDT":  # all in one table
+            numbers, coefficients = coefficients | numbers, {}
+        rows = [("projection_parameters", numbers), ("distortion_parameters", coefficients)]
+        rows += [("mirror_parameters", {"xi": 0.0})] if model == "MEI" else []
+        tables = "".join(f"{t}:\n" + "".join(f"   {k}: {v}\n" for k, v in row.items()) for t, row in rows if row)
+        head = f"%YAML:1.0\n---\nmodel_type: {model}\ncamera_name: camera\nimage_width: 752\nimage_height: 480\n"
+        write(tmp_path / f"cam{n}.yaml", head + tables)
+    poses = {"body_T_cam0": BODY_FROM_LEFT, "body_T_cam1": BODY_FROM_LEFT @ se3.inverse(POSE)}
+    named = {"imu": 1, "cam0_calib": "cam0.yaml", "cam1_calib": "cam1.yaml", "acc_n": 0.1, "td": 0.01}
+    path = storage(tmp_path / "config.yaml", **named, **poses)
+    found = StereoRig.from_calibration(path)
+    np.testing.assert_allclose(found.right_from_left, POSE, atol=1e-9)
+    np.testing.assert_allclose(found.imu.cam_from_imu, se3.inverse(BODY_FROM_LEFT), atol=1e-9)
+    assert (found.imu.time_offset_s, found.imu.accel_noise) == (0.01, ImuCalibration(np.eye(4)).accel_noise)
+    if model == "MEI":
+        pixel = project_into_image(found.left, np.array([[0.3, -0.2, 1.0]]))[0]
+        np.testing.assert_allclose(pixel, LEFT.K[:2] @ (0.3, -0.2, 1), atol=0.01)  # px, of the nearest fisheye
+    else:
+        np.testing.assert_allclose(found.left.K, LEFT.K, atol=1e-9)
+        assert found.left.D[:4] == d[model]
+        assert found.left.distortion_model == ("plumb_bob" if model == "PINHOLE" else "equidistant")
+
+
+def test_mrpt_as_in_the_malaga_data_sets(tmp_path):
+    text = ""
+    for name, camera in (("LEFT", LEFT), ("RIGHT", RIGHT)):
+        fx, fy, cx, cy = camera.K[[0, 1, 0, 1], [0, 1, 2, 2]]
+        dist = " ".join(map(repr, [*camera.D, 0.0]))
+        text += (
+            f"[CAMERA_PARAMS_{name}]\nresolution=[752 480]\ncx={cx}\ncy={cy}\nfx={fx}\nfy={fy}\ndist=[{dist}]\n\n"
+        )
+    left_from_right = se3.inverse(POSE)
+    x, y, z, w = se3.quat_xyzw_from_matrix(left_from_right[:3, :3])
+    numbers = " ".join(repr(float(v)) for v in (*left_from_right[:3, 3], w, x, y, z))
+    check(write(tmp_path / "params.txt", f"{text}[CAMERA_PARAMS_LEFT2RIGHT_POSE]\npose_quaternion=[{numbers}]\n"))
 
 
 @pytest.mark.parametrize("by_third", [False, True])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.camera.rig import masked_by
 from stream_sfm.cli.main import main
 from stream_sfm.places.keyframes import _features
 from stream_sfm.report.charts import masks
@@ -109,7 +110,7 @@ def test_the_command_line_and_the_viewer_and_the_page_have_them(tmp_path: Path) 
     config = sfm.read_config(out / "config.toml")
     assert [config.mask_left, config.mask_right] == paths
     assert b"/left/mask" in rrd.read_bytes() and b"/right/mask" in rrd.read_bytes()
-    left, right = masks(config.masked(log.rig))
+    left, right = masks(masked_by(config, log.rig))
     assert "mask of the left camera, 22 % of its image" in left and "mask of the right camera" in right
 
 

@@ -1,22 +1,32 @@
 """The reported minimum beside that of the filter, and the factors on σ from halves of the tracks."""
 
+import copy
+
 import numpy as np
 import pytest
 
-from stream_sfm.config import Config, WindowConfig
+from stream_sfm.config import Config
+from stream_sfm.config.reported_rules import ReportedRules
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.cross_frame.halves import SpanFactors, _poses_by, _quarters, squares_of_halves
-from stream_sfm.estimators.cross_frame.inverse_depth import State, linearise
+from stream_sfm.estimators.cross_frame.halves import (
+    SpanFactors,
+    _poses_by,
+    _quarters,
+    _unselected,
+    squares_of_halves,
+)
+from stream_sfm.estimators.cross_frame.inverse_depth import linearise
 from stream_sfm.estimators.cross_frame.map import Map
-from stream_sfm.estimators.cross_frame.normal_equations import System
 from stream_sfm.estimators.cross_frame.reported import reported
 from stream_sfm.estimators.cross_frame.track_noise import TrackNoise
 from stream_sfm.geometry import se3
+from stream_sfm.record import changed
 from stream_sfm.simulation.scenes import Scene, Sequence
 
 SCENE = Scene(frames=20, track_length=8, visible=80, std_px=0.1, round_off=False)
 SPANS = 8
-UNKNOWN = SpanFactors.unknown(WindowConfig(frames=SPANS)), TrackNoise.unknown(WindowConfig())
+RULES = ReportedRules()
+UNKNOWN = SpanFactors.unknown(SPANS, RULES), TrackNoise.unknown(RULES)
 
 
 def map_after(sequence: Sequence) -> Map:
@@ -27,14 +37,6 @@ def map_after(sequence: Sequence) -> Map:
     return estimator.map
 
 
-def system_at(current: Map) -> tuple[State, System]:
-    """The state of a map, and the normal equations there."""
-    at = current.state()
-    blocks = linearise(current.projection, at, current.views)
-    known = np.searchsorted(current.points.ids, current.prior.ids)
-    return at, System(current.prior, known, blocks, current.points.q, current.amplitudes)
-
-
 @pytest.fixture(scope="module")
 def current() -> Map:
     return map_after(SCENE.sequence(np.random.SeedSequence(4)))
@@ -42,17 +44,17 @@ def current() -> Map:
 
 def test_halves_add_up_to_all_tracks(current):
     """Their information and right-hand sides are those of all tracks, of the dense equations without the points."""
-    at, system = system_at(current)
-    quarters = _quarters(current, at, WindowConfig())
+    alone = _unselected(current, RULES.halves_within)
+    quarters = _quarters(alone, alone.state(), RULES.halves_least)
     assert np.bincount(quarters, minlength=4).min() > 0.15 * len(quarters)
-    parts = _poses_by(current, system, at, quarters)
-    every = _poses_by(current, system, at, np.zeros_like(quarters))[0]
+    parts = _poses_by(alone, quarters, 4)
+    every = _poses_by(alone, np.zeros_like(quarters), 1)[0]
     scale = np.abs(every[0]).max()
     assert np.abs(sum(p[0] for p in parts) - every[0]).max() < 1e-9 * scale
     assert sum(p[1] for p in parts) == pytest.approx(every[1], abs=1e-9 * np.abs(every[1]).max() + 1e-6)
-    # given modes: points by their views and by the prior of each
-    blocks, prior = linearise(current.projection, at, current.views), current.prior
-    n, points = 6 * len(current.frames), len(at.ids)
+    # points by the views of the window alone, but for a millionth of what the prior knows
+    blocks = linearise(alone.projection, alone.state(), alone.views)
+    n, points = 6 * len(alone.frames), len(alone.points)
     h, right = np.zeros((n + 3 * points,) * 2), np.concatenate([blocks.g_pose.ravel(), blocks.g_point.ravel()])
     for f, u in enumerate(blocks.u):
         h[6 * f : 6 * f + 6, 6 * f : 6 * f + 6] = u
@@ -60,13 +62,26 @@ def test_halves_add_up_to_all_tracks(current):
     h[:n, n:] = h[n:, :n].T
     for i, v in enumerate(blocks.v):
         h[n + 3 * i : n + 3 * i + 3, n + 3 * i : n + 3 * i + 3] = v
-    for i, row in enumerate(np.searchsorted(current.points.ids, prior.ids)):
-        rows, information = slice(n + 3 * row, n + 3 * row + 3), np.linalg.inv(prior.cov[i])
-        h[rows, rows] += information
-        right[rows] -= information @ (current.points.q[row] - prior.mean[i] - prior.modes[i] @ current.amplitudes)
     gain = h[:n, n:] @ np.linalg.inv(h[n:, n:])
-    assert np.abs(h[:n, :n] - gain @ h[n:, :n] - every[0]).max() < 1e-6 * scale
-    assert right[:n] - gain @ right[n:] == pytest.approx(every[1], abs=1e-5 * np.abs(every[1]).max() + 1e-3)
+    assert np.abs(h[:n, :n] - gain @ h[n:, :n] - every[0]).max() < 1e-4 * scale
+    assert right[:n] - gain @ right[n:] == pytest.approx(every[1], abs=1e-3 * np.abs(every[1]).max())
+
+
+def test_halves_have_no_memory_and_no_selection(current):
+    """They are apart as far whatever the prior knows, whichever views were gated, and whatever the views count."""
+    found, views = squares_of_halves(current, RULES), current.views
+    assert np.isfinite(found[:, :-1]).all()
+    known, gated, lighter = (copy.copy(current) for _ in range(3))
+    known.prior = changed(current.prior, cov=current.prior.cov / 100)
+    rare = views.ids % 7 == 0
+    gated.views = changed(views, used=views.used & ~rare)
+    lighter.views = changed(views, root=0.6 * views.root, weight=0.6 * views.weight)
+    for other in (known, gated, lighter):
+        assert squares_of_halves(other, RULES)[:, :-1] == pytest.approx(found[:, :-1], rel=1e-3)
+    wrong = copy.copy(current)  # gross mismatches are no part of the halves
+    wrong.views = changed(views, z_px=views.z_px + np.where(rare, 2.0, 0.0)[:, None])
+    without = _unselected(wrong, RULES.halves_within)
+    assert not without.views.used[rare].any() and without.views.used[~rare].mean() > 0.9
 
 
 @pytest.mark.parametrize("kind", ["even numbers", "left"])
@@ -75,7 +90,7 @@ def test_tracks_of_half_a_scene_have_both_kinds_of_halves(current, kind):
     ids, x = current.points.ids, current.points.q[:, 0]
     kept = ids % 2 == 0 if kind == "even numbers" else x < np.median(x)
     at = current.state()._replace(ids=ids[kept], q=current.points.q[kept])
-    assert np.bincount(_quarters(current, at, WindowConfig()), minlength=4).min() > 0.15 * kept.sum()
+    assert np.bincount(_quarters(current, at, RULES.halves_least), minlength=4).min() > 0.15 * kept.sum()
 
 
 def test_one_step_leads_to_the_minimum(current):
@@ -112,8 +127,7 @@ def mean_squares(autocorrelation: float, trials: int) -> tuple[np.ndarray, np.nd
             frames=10, track_length=10, visible=80, std_px=0.1, round_off=False, autocorrelation=autocorrelation
         )
         current = map_after(scene.sequence(np.random.SeedSequence([7, seed])))
-        at, system = system_at(current)
-        found.append(squares_of_halves(current, system, at, WindowConfig())[0])
+        found.append(squares_of_halves(current, RULES)[0, :-1])
     return np.mean(found, axis=0), np.std(found, axis=0) / np.sqrt(trials)
 
 
@@ -127,7 +141,7 @@ def test_factors_are_1_with_white_noise_and_grow_with_correlated_errors():
 
 def test_factors_keep_their_bounds():
     """They are at least 1 and do not decrease with the span; one frame counts at most ten times the mean."""
-    factors = SpanFactors.unknown(WindowConfig(frames=4))
+    factors = SpanFactors.unknown(4, RULES)
     assert (factors.by_span == 1).all()
     found = np.array([[0.2, 3.0, 1.0], [0.2, 2.0, np.nan]])
     for _ in range(60):

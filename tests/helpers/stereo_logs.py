@@ -34,7 +34,7 @@ START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 100_000_000
 
 _IN_ROS2, _IN_ROS1 = get_typestore(Stores.ROS2_HUMBLE), get_typestore(Stores.ROS1_NOETIC)
 _STEREO = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo")
-_PLACES = ("tf2_msgs/msg/TFMessage", "geometry_msgs/msg/PoseStamped")
+_PLACES = ("tf2_msgs/msg/TFMessage", "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/Transform")
 ROS2 = {name: _IN_ROS2.generate_msgdef(name, ros_version=2)[0] for name in (*_STEREO, *_PLACES)}
 _IN_ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
 

@@ -12,6 +12,7 @@ from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.geometry.stereo import StereoProjection, velocities
 from stream_sfm.rig_model.estimate import Amplitudes, RigEstimate
+from stream_sfm.rig_model.field import WORTH_ESTIMATING, field_over
 from stream_sfm.rig_model.model import RigModel, disparity_over_image
 from stream_sfm.rig_model.terms import (
     DELAY,
@@ -178,18 +179,33 @@ def test_terms_of_a_rotation_shift_far_points_like_the_rotation() -> None:
 
 
 def test_a_field_has_the_covariance_of_its_process() -> None:
-    """It is exp(−d²/(2ℓ²)) with ℓ a tenth of the width, without the part that a grid of 1.6 ℓ cannot represent."""
+    """It is exp(−d²/(2ℓ²)), without the part that a grid and the leading functions on it do not have."""
     at_px = np.random.default_rng(1).uniform([0, 0], [P.width, P.height], (80, 2))
     basis = MODEL.effects(np.tile(at_px, 2))[:, :, len(TERMS) :]
     disparity, u, v = basis[:, 0] - basis[:, 2], basis[:, 0], basis[:, 1]
     assert (basis[:, 3] == v).all()
     assert not any((a @ b.T).any() for a, b in ((disparity, u), (disparity, v), (u, v)))  # three processes
     apart = np.linalg.norm(at_px[:, None] - at_px, axis=2)
-    expected = np.exp(-0.5 * (apart / (0.1 * P.width)) ** 2)
+    expected = np.exp(-0.5 * (apart / (0.13 * P.width)) ** 2)
     inside = ((at_px > 40) & (at_px < np.array([P.width, P.height]) - 40)).all(axis=1)
     for part in (disparity, u, v):
         off = (part @ part.T - expected)[np.ix_(inside, inside)]
         assert np.linalg.eigvalsh(off).max() < 1e-9 and -np.diag(off).mean() < 0.2
+
+
+@pytest.mark.parametrize("size", [(752, 480), (1241, 376), (480, 640)])
+def test_the_functions_of_a_field_are_those_that_have_most_of_it(size: tuple[int, int]) -> None:
+    """Each adds less than the one before; all have the process at its points, and those of the window 7/8 of it."""
+    whole, part = field_over(*size), field_over(*size, WORTH_ESTIMATING)
+    nodes = np.stack(np.meshgrid(whole.u_px, whole.v_px), axis=2).reshape(-1, 2)
+    basis = whole.at(nodes)
+    apart = np.linalg.norm(nodes[:, None] - nodes, axis=2)
+    assert basis @ basis.T == pytest.approx(np.exp(-0.5 * (apart / (0.13 * size[0])) ** 2), abs=1e-9)
+    variances = (basis**2).sum(axis=0)
+    assert (np.diff(variances) <= 1e-9).all()
+    n = part.size
+    assert np.array_equal(part.at(nodes), basis[:, :n])
+    assert variances[: n - 1].sum() < WORTH_ESTIMATING * len(nodes) <= variances[:n].sum()
 
 
 def test_units_and_amplitudes_of_a_model_are_the_same_errors() -> None:

@@ -119,3 +119,22 @@ def test_a_video_without_a_calibration_is_distinguished_from_damage(
     (tmp_path / f"t{ending}").write_bytes(video.read_bytes()[:100])
     said = cli("inspect", tmp_path / f"t{ending}", code=3).err
     assert f"t{ending} is not a video that OpenCV can decode: convert it" in said
+
+
+def test_a_folder_with_one_video_of_both_sides_or_with_two_of_any_name(pairs: Pairs, tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text(rig().to_toml())
+    write(tmp_path / "v/GX010012.mkv", [np.hstack(images) for images in pairs])
+    log = sfm.open_log(tmp_path / "v")
+    assert_same_frames(log, pairs)
+    assert any("c.toml" in warning for warning in log.stats.warnings)
+    write(tmp_path / "v/GX010077.mkv", [right for _, right in pairs])
+    with pytest.raises(sfm.LogError, match=r"GX010012\.mkv, .*GX010077\.mkv.*name them left\.mp4") as refused:
+        sfm.open_log(tmp_path / "v")
+    assert not refused.value.hint  # images are imported, videos are not
+
+
+@pytest.mark.parametrize("name", ["a.svo", "a.svo2"])
+def test_a_recording_of_a_zed_says_what_to_do(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes((b"SVO" if name == "a.svo" else b"\x89MCAP0\r\n") + bytes(99))
+    with pytest.raises(sfm.LogError, match="a ZED recording: export it"):
+        sfm.open_log(tmp_path / name)

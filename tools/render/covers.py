@@ -59,6 +59,34 @@ def _dirt(dirt: Dirt, side: int, size_px: tuple[int, int]) -> Layer:
 
 
 @dataclass(frozen=True, slots=True)
+class Reflection:
+    """What a windscreen mirrors: a faint, textured layer over the lower part, with a disparity of its own.
+
+    `height`: share of the image; `opacity`: share of the light; `disparity`: as a share of the width.
+    """
+
+    seed: int
+    height: float
+    opacity: float
+    disparity: float
+
+    def layer(self, side: int, size_px: tuple[int, int]) -> Layer:
+        """The same part in both images, farther left in the right one; it fades out upwards."""
+        return _reflection(self, side, size_px)
+
+
+@lru_cache(maxsize=4)
+def _reflection(mirrored: Reflection, side: int, size_px: tuple[int, int]) -> Layer:
+    rng = np.random.default_rng(mirrored.seed)
+    width, height = size_px
+    fade = np.clip((np.arange(height) / height - 1 + mirrored.height) / 0.1, 0, 1)
+    opacity = np.repeat(mirrored.opacity * fade[:, None], width, axis=1).astype(np.float32)
+    grey = np.clip(110 + 45 * fractal(rng, (height, width), _TEXEL_M, coarsest_m=0.4), 4, 250)
+    moved = np.array([[1, 0, -side * mirrored.disparity * width], [0, 1, 0]], np.float32)
+    return opacity, cv2.warpAffine(grey, moved, size_px, borderMode=cv2.BORDER_REFLECT)
+
+
+@dataclass(frozen=True, slots=True)
 class OwnBody:
     """A textured part of the robot along the lower edge, with a jagged outline; nearer than anything else.
 

@@ -134,4 +134,32 @@ def yard(rng: Rng, repetition: bool) -> Site:
     return Site(tuple(boxes), (3.2, 2.6), float(rng.uniform(1.0, 1.7)), 0.01, outdoors=True)
 
 
-SITES: dict[str, Callable[[Rng, bool], Site]] = {maker.__name__: maker for maker in (hall, corridor, street, yard)}
+def tiled(rng: Rng, repetition: bool) -> Site:
+    """A room with tiles or wallpaper all over, whose pattern returns after 0.12 to 0.4 m, and a few things in it."""
+    length, width, height = _size(rng, (6, 5, 2.5), (9, 8, 3))
+    papers = [_pattern(float(rng.uniform(0.12, 0.4)), int(rng.integers(1000))) for _ in range(3)]
+    walls = [papers[k] for k in rng.integers(0, 2, 4)]
+    boxes = [Box((0, 0, height / 2), (length, width, height), (*walls, papers[2], ground(200, 4)), inside=True)]
+    for _ in range(int(rng.integers(1, 5))):
+        size, side = _size(rng, (0.4, 0.4, 0.5), (1.2, 0.9, 2.0)), rng.choice([-1, 1])
+        along, off = rng.uniform(-0.46, 0.46), 0.5 - rng.uniform(0.05, 0.11)
+        boxes.append(standing(float(along * length), float(side * off * width), size, _surface(rng)))
+    return Site(tuple(boxes), (length / 2 - 1.7, width / 2 - 1.7), float(rng.uniform(0.9, 1.6)), 0.004)
+
+
+def _pattern(period_m: float, number: int) -> Painter:
+    """One square of a painter, again and again in both directions, with joints between them."""
+
+    def painted(_: Rng, w: float, h: float, texel_m: float) -> Image:
+        square = ground(150, 22)(np.random.default_rng(number), period_m, period_m, texel_m)
+        square[:2], square[:, :2] = 90, 90
+        rows, columns = max(8, round(h / texel_m)), max(8, round(w / texel_m))
+        again = -(-rows // len(square)), -(-columns // len(square[0]))
+        return np.tile(square, again)[:rows, :columns]
+
+    return painted
+
+
+SITES: dict[str, Callable[[Rng, bool], Site]] = {
+    maker.__name__: maker for maker in (hall, corridor, street, yard, tiled)
+}

@@ -92,6 +92,28 @@ def hand_held(rng: Rng, site: Site, duration_s: float) -> Path:
     return lambda t: robot_pose(middle + moved(t), np.array([heading + pan * t, -3, 0]) + size * shaken(t))
 
 
+def shaken(rng: Rng, site: Site, duration_s: float) -> Path:
+    """In a hand that shakes it: turns of up to 45 to 90 degrees per second at 2 to 4 Hz."""
+    middle, heading = _spot(rng, site)
+    moved, swung = _waves(rng, (0.25, 0.25, 0.1), (0.2, 0.8)), _waves(rng, (3.0, 3.0, 2.0), (2.0, 4.0))
+    size = rng.uniform(45, 90) / _peak_rate(swung, duration_s)
+    return lambda t: robot_pose(middle + moved(t), np.array([heading, -3, 0]) + size * swung(t))
+
+
+def vibrating(rng: Rng, site: Site, duration_s: float) -> Path:
+    """At rest with rotors running: turns of 10 to 30 degrees per second and 1 to 4 m/s² at 20 to 80 Hz."""
+    middle, heading = _spot(rng, site)
+    hz = rng.uniform(20, 80, 6)
+    rate, phase = 2 * np.pi * hz, rng.uniform(0, 2 * np.pi, 6)
+    size = np.concatenate([rng.uniform(1, 4, 3) / rate[:3] ** 2, rng.uniform(10, 30, 3) / rate[3:]])
+
+    def path(t: float) -> Array:
+        wave = size * np.sin(rate * t + phase)
+        return robot_pose(middle + wave[:3], np.array([heading, -3, 0]) + wave[3:])
+
+    return path
+
+
 def _speed(rng: Rng, site: Site, duration_s: float, walked: bool) -> float:
     """Metres per second: of somebody who walks, of a car in a street, else of a small robot."""
     wanted = (
@@ -158,7 +180,7 @@ def stop_and_go(rng: Rng, site: Site, duration_s: float) -> Path:
 
 
 WAYS: dict[str, Callable[[Rng, Site, float], Path]] = {
-    maker.__name__: maker for maker in (hand_held, walk, drive, spin, stand, stop_and_go)
+    maker.__name__: maker for maker in (hand_held, walk, drive, spin, stand, stop_and_go, shaken, vibrating)
 }
 _ABOVE_M = 100.0
 _NEAREST_M = 0.9  # of somebody who passes, to the camera

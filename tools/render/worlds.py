@@ -1,11 +1,12 @@
 """Worlds drawn at random, each from its seed: place, path, rig, light, movers, repetition, and none to three faults.
 
-A world without its faults has the same scene, path, noise and stamps, so that errors can be compared. What faults
-are asked for changes nothing else either.
+Of the seeds above `FIRST_KINDS` six in ten have one of `KINDS` instead of drawn faults. Smaller seeds, and the rest,
+are the worlds that they were before there were kinds. A world without its faults has the same scene, path, noise and
+stamps, so that errors can be compared. What faults are asked for changes nothing else either.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,8 +16,9 @@ from stream_sfm.camera.rig import StereoRig
 from stream_sfm.geometry import se3
 
 from .caster import FOUR_RAYS, Sensor
-from .covers import Dirt, OwnBody
+from .covers import Dirt, OwnBody, Reflection
 from .faults import Fault, focal, knock, late, rolling, slow_turn, zoom
+from .inertial import UNITS
 from .places import SITES, Rng
 from .recording import Recording
 from .scene import build_scene
@@ -37,6 +39,7 @@ LIGHTS = {
     "dim": Sensor(2.0, 0.04, 0.4, 0.39),
     "drifting": Sensor(1.4, 0.02, 0.9, 0.9),  # exposures follow the light, smoothly
 }
+FIRST_KINDS, _KINDS_SHARE = 1000, 0.6  # the last seed without kinds, and the share of worlds above it that have one
 _FAULTS_SHARE = (0.25, 0.4, 0.2, 0.15)  # of worlds with none to three faults
 
 
@@ -92,6 +95,28 @@ def _jpeg(rng: Rng, frames: int, rate_hz: float) -> Fault:
     return Fault(f"JPEG of quality {quality}", jpeg_quality=quality)
 
 
+def _breathing(rng: Rng, frames: int, rate_hz: float) -> Fault:
+    size, hz, phase = (
+        float(rng.uniform(0.002, 0.008)),
+        float(rng.uniform(0.2, 0.7)),
+        float(rng.uniform(0, 2 * np.pi)),
+    )
+    return Fault(
+        f"true focal lengths of both cameras are 1 + {size:.4f} sin({2 * np.pi * hz:.2f} t + {phase:.2f}) times the "
+        "calibrated ones",
+        focus=lambda t, i: float(1 + size * np.sin(2 * np.pi * hz * t + phase)),
+    )
+
+
+def _reflection(rng: Rng, frames: int, rate_hz: float) -> Fault:
+    height, opacity, disparity = rng.uniform((0.3, 0.15, 0.02), (0.7, 0.4, 0.12)).tolist()
+    return Fault(
+        f"a reflection on a windscreen over {height:.0%} of the height, {opacity:.0%} of the light, with a disparity "
+        f"of {disparity:.1%} of the width",
+        covers=(Reflection(_seed(rng), height, opacity, disparity),),
+    )
+
+
 def _seed(rng: Rng) -> int:
     return int(rng.integers(2**31))
 
@@ -109,6 +134,32 @@ DRAWN_FAULTS: dict[str, Callable[[Rng, int, float], Fault]] = {
     "dirt": _dirt,
     "body": _body,
     "jpeg": _jpeg,
+}
+ALL_FAULTS = DRAWN_FAULTS | {"breathing": _breathing, "reflection": _reflection}
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A kind of world: its paths and places, its faults, how often it has inertial samples, and its shutter.
+
+    No `places`: those of the path.
+    """
+
+    paths: tuple[str, ...]
+    places: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+    sampled: float = 0.5
+    shutter_s: tuple[float, float] = (0.0, 0.0)
+
+
+KINDS = {
+    "shaken": Kind(("shaken",), ("hall", "corridor", "yard"), ("readout",), sampled=0.0),
+    "vibrating": Kind(("vibrating",), ("hall", "corridor", "yard"), shutter_s=(0.004, 0.01)),
+    "tiles": Kind(("hand_held", "walk", "drive", "spin"), ("tiled",)),
+    "own body": Kind(("spin", "drive", "stop_and_go"), faults=("body",)),
+    "windscreen": Kind(("drive", "stop_and_go"), ("street",), ("reflection",)),
+    "breathing": Kind(("hand_held", "walk", "drive"), faults=("breathing",), sampled=1.0),
+    "stop and go": Kind(("stop_and_go",), ("street", "corridor", "yard"), sampled=1.0),
 }
 
 
@@ -137,7 +188,10 @@ def drawn_rig(rng: Rng, kind: str, width: int, outdoors: bool) -> StereoRig:
 
 @dataclass(frozen=True)
 class World:
-    """All that a seed draws. `asked`: faults by name, or how many; None for as many as the seed has."""
+    """All that a seed draws. `asked`: faults by name, or how many; None for as many as the seed has.
+
+    `kind`: of `KINDS`, if it has one; `imu`: the unit whose samples the log has, if any.
+    """
 
     seed: int
     asked: tuple[str, ...] | int | None
@@ -150,6 +204,8 @@ class World:
     width: int
     frames: int
     rate_hz: float
+    kind: str | None = None
+    imu: str | None = None
 
     def _rng(self, stream: int) -> Rng:
         return np.random.default_rng((self.seed, stream))
@@ -160,12 +216,13 @@ class World:
         rng, names = self._rng(1), list(DRAWN_FAULTS)
         count = int(rng.choice(len(_FAULTS_SHARE), p=_FAULTS_SHARE))
         order = rng.permutation(names).tolist()
-        wanted = (
-            self.asked if isinstance(self.asked, tuple) else order[: count if self.asked is None else self.asked]
-        )
+        if self.asked is not None:
+            wanted = self.asked if isinstance(self.asked, tuple) else order[: self.asked]
+        else:
+            wanted = order[:count] if self.kind is None else KINDS[self.kind].faults
         return {
             name: draw(self._rng(100 + k), self.frames, self.rate_hz)
-            for k, (name, draw) in enumerate(DRAWN_FAULTS.items())
+            for k, (name, draw) in enumerate(ALL_FAULTS.items())
             if name in wanted
         }
 
@@ -184,8 +241,10 @@ class World:
             gain = 1 + size * np.sin(2 * np.pi * hz * i / self.rate_hz + phase)
             return gain, gain
 
+        shutter_s = 0.0 if self.kind is None else float(self._rng(8).uniform(*KINDS[self.kind].shutter_s))
         return Recording(
-            scene, rig, self.frames, self.rate_hz, path, bodies, gains, sensor=LIGHTS[self.light], sampling=FOUR_RAYS
+            scene, rig, self.frames, self.rate_hz, path, bodies, gains, shutter_s, LIGHTS[self.light],
+            sampling=FOUR_RAYS,
         )  # fmt: skip
 
     def with_faults(self, clean: Recording) -> Recording:
@@ -197,10 +256,12 @@ class World:
     @property
     def scene_truth(self) -> str:
         """What was drawn beside the faults, in a line."""
+        kind = "" if self.kind is None else f"{self.kind}: "
+        samples = "" if self.imu is None else f", samples of a {self.imu}"
         movers, again = f"{self.movers or 'nobody'} passing", ", repeating" * self.repetition
         return (
-            f"{self.path}, {self.place}{again}, {self.rig} rig, {self.light} light, {movers}, "
-            f"{self.frames} frames of {self.width} px at {self.rate_hz:g} Hz"
+            f"{kind}{self.path}, {self.place}{again}, {self.rig} rig, {self.light} light, {movers}, "
+            f"{self.frames} frames of {self.width} px at {self.rate_hz:g} Hz{samples}"
         )
 
     @property
@@ -229,7 +290,7 @@ def drawn_world(seed: int, asked: tuple[str, ...] | int | None = None) -> World:
     """Draw the world of a seed."""
     rng = np.random.default_rng((seed, 0))
     path = str(rng.choice(list(PATHS)))
-    return World(
+    world = World(
         seed,
         asked,
         path=path,
@@ -242,3 +303,18 @@ def drawn_world(seed: int, asked: tuple[str, ...] | int | None = None) -> World:
         frames=int(rng.integers(60, 101)),
         rate_hz=float(rng.choice([10, 12.5, 15] if path in ("drive", "stop_and_go") else [15, 20, 25])),
     )
+    return world if seed <= FIRST_KINDS else _of_kind(world)
+
+
+def _of_kind(world: World) -> World:
+    """The world as a kind of it, where its seed has one; drawn by a generator of its own."""
+    rng = np.random.default_rng((world.seed, 7))
+    if rng.random() >= _KINDS_SHARE:
+        return world
+    name = str(rng.choice(list(KINDS)))
+    kind = KINDS[name]
+    path = str(rng.choice(kind.paths))
+    place = str(rng.choice(kind.places or PATHS[path]))
+    imu = str(rng.choice(list(UNITS))) if rng.random() < kind.sampled else None
+    repetition = world.repetition or place == "tiled"
+    return replace(world, path=path, place=place, repetition=repetition, kind=name, imu=imu)

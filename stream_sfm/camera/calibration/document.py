@@ -24,10 +24,10 @@ Size = tuple[int, int]  # width, height in pixels
 Where: TypeAlias = str | Path | Sequence[str | Path]  # a file, the files of left and right, or a folder
 
 _TOML_SECTION = re.compile(rb"^[ \t]*\[(left|right|right_from_left)\b", re.MULTILINE)
-_YAML_OF_OPENCV = re.compile(r"\s*%YAML:[\d.]+[ \t]*(?=[\r\n])")
+_YAML_OF_OPENCV = re.compile(r"\s*%YAML:[\d.]+[ \t]*(#[^\r\n]*)?(?=[\r\n])")
 # KITTI: a name and at least two numbers; one such line has more, which no YAML has.
 _ROW = re.compile(r"^(\w+):((?:[ \t]+[-+\d.eE]+){2,})[ \t\r]*$", re.MULTILINE)
-_ZED_SECTION = re.compile(rb"^[ \t]*\[LEFT_CAM_\w+\]", re.MULTILINE)
+_SECTION = re.compile(rb"^[ \t]*\[(LEFT_CAM_\w+|\w+_LEFT2RIGHT_POSE)\]", re.MULTILINE)  # of a ZED, of MRPT
 
 
 @record
@@ -154,7 +154,7 @@ def load(content: bytes, name: str | Path) -> Document:
         raise ConfigError(f"calibration {name} has {len(content) / 1e6:.1f} MB: it is not a calibration file")
     if name.lower().endswith(".toml") or _TOML_SECTION.search(content):
         return Document(name, _load_toml(content, name), is_toml=True)
-    if _ZED_SECTION.search(content):
+    if _SECTION.search(content):
         return Document(name, _load_ini(content, name))
     if content.startswith(b"PK"):
         return Document(name, _load_npz(content, name))

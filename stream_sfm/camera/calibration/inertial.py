@@ -111,6 +111,12 @@ def of_orb_slam(document: Document) -> ImuCalibration | None:
     return imu_of(document, pose, noise_of(document, document.data, _ORB_SLAM))
 
 
+def of_vins(document: Document, imu_from_cam: Array) -> ImuCalibration | None:
+    """Return the unit of VINS-Fusion, whose body it is; its noise is tuned, and is not that of a data sheet."""
+    shift = {"time_offset_s": document.number(document.data.get("td", 0.0), "td")}  # t_imu = t_cam + td
+    return imu_of(document, np.asarray(se3.inverse(imu_from_cam)), shift) if document.data.get("imu", 1) else None
+
+
 def of_euroc(document: Document) -> ImuCalibration | None:
     """Return the unit of the left camera's sensor.yaml, whose body is the unit of EuRoC."""
     pose = np.asarray(se3.inverse(document.pose(document.data["T_BS"], "T_BS")))

@@ -1,4 +1,4 @@
-"""Calibrations by manufacturers of stereo cameras: the JSON file of an OAK, and the conf file of a ZED."""
+"""Calibrations of stereo cameras by their makers, the JSON of an OAK and the conf of a ZED, and by MRPT (Malaga)."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -16,6 +16,7 @@ _ZED_SIZES = {
     (2208, 1242): "2K", (1920, 1080): "FHD", (1920, 1200): "FHD1200", (1280, 720): "HD", (960, 600): "SVGA",
     (672, 376): "VGA",
 }  # fmt: skip
+_MRPT_POSE = "_LEFT2RIGHT_POSE"
 _ZED_LENS = ("k1", "k2", "p1", "p2", "k3")
 
 
@@ -112,6 +113,34 @@ def _zed_numbers(
     return [document.number(table.get(name.lower(), missing), f"{section}.{name}") for name in names]
 
 
+def _mrpt_section(document: Document, end: str) -> tuple[str, Mapping[str, Any]]:
+    """Return the section whose name ends so: what is in front is the user's."""
+    for name, table in document.data.items():
+        if str(name).endswith(end) and isinstance(table, Mapping):
+            return name, table
+    raise document.error(f"a section […{end}] is missing")
+
+
+def _mrpt_list(document: Document, end: str, key: str, count: int) -> Array:
+    name, table = _mrpt_section(document, end)
+    return document.numbers(str(table.get(key, "")).strip("[] ").split(), f"{name}.{key}", (count,))
+
+
+def _mrpt_camera(document: Document, side: int, _size: Size | None) -> Camera:
+    end = ("_LEFT", "_RIGHT")[side]
+    name, table = _mrpt_section(document, end)
+    k = camera_matrix(*(document.number(table.get(key), f"{name}.{key}") for key in ("fx", "fy", "cx", "cy")))
+    size = document.size(_mrpt_list(document, end, "resolution", 2), f"{name}.resolution")
+    return document.camera(size, k, "plumb_bob", _mrpt_list(document, end, "dist", 5).tolist())
+
+
+def _mrpt_pose(document: Document, _: Document, _size: Size | None) -> Array:
+    """Return the pose; the file has that of the right camera in the left one, with the quaternion's w first."""
+    x, y, z, *wxyz = _mrpt_list(document, _MRPT_POSE, "pose_quaternion", 7)
+    rotation = se3.matrix_from_quat_xyzw(np.array([*wxyz[1:], wxyz[0]]))
+    return se3.inverse(se3.from_rotation_translation(rotation, np.array([x, y, z])))
+
+
 def _is_oak(data: Mapping[str, Any]) -> bool:
     return isinstance(data.get("cameraData"), list)
 
@@ -120,5 +149,10 @@ def _is_zed(data: Mapping[str, Any]) -> bool:
     return isinstance(data.get("STEREO"), Mapping) and any(str(key).startswith("LEFT_CAM_") for key in data)
 
 
+def _is_mrpt(data: Mapping[str, Any]) -> bool:
+    return any(str(key).endswith(_MRPT_POSE) for key in data)
+
+
 OAK = Format("OAK calibration (JSON)", 1, _is_oak, _oak_camera, _oak_pose)
 ZED = Format("ZED conf file", 1, _is_zed, _zed_camera, _zed_pose)
+MRPT = Format("MRPT stereo camera (INI)", 1, _is_mrpt, _mrpt_camera, _mrpt_pose)

@@ -1,9 +1,11 @@
 """Reads a calibration in any known format, recognised by its content: a file, two files, or the folder they are in."""
 
 import os
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from ...errors import ConfigError, as_error
 from ...inputs import LIMITS, read_small
@@ -11,19 +13,37 @@ from ...wording import described
 from ..models import Camera
 from .document import Document, Format, Pair, Size, Where, load
 from .inertial import is_imu_file
-from .makers import OAK, ZED
+from .makers import MRPT, OAK, ZED
 from .projections import KITTI, OPENCV, ROS
-from .slam import BASALT, EUROC, KALIBR, ORB_SLAM
+from .slam import BASALT, EUROC, KALIBR, ORB_SLAM, VINS
 from .toml_file import TOML
 
-FORMATS: tuple[Format, ...] = (TOML, KALIBR, BASALT, ORB_SLAM, ROS, EUROC, KITTI, OAK, ZED, OPENCV)
+FORMATS: tuple[Format, ...] = (TOML, KALIBR, BASALT, ORB_SLAM, VINS, ROS, EUROC, KITTI, OAK, ZED, MRPT, OPENCV)
 _SUFFIXES = (".toml", ".yaml", ".yml", ".xml", ".json", ".txt", ".npz", ".conf")
 _IN_FOLDERS = ("cam0/sensor.yaml", "cam1/sensor.yaml", "mav0/cam0/sensor.yaml", "mav0/cam1/sensor.yaml")
+_NAMES_A_FILE = re.compile(r"relative_config_imu(cam)?|cam[01]_calib")
+_NEAR = re.compile("calib|config|settings|params", re.IGNORECASE)  # names of folders that may hold the calibration
+_LEVELS = 3  # of folders around a recording that are searched for its calibration
+_MOST_NEAR = 50  # files of a folder that may be calibrations; more are something else
 _SIDES = (("left", "cam0", "camera0"), ("right", "cam1", "camera1"))
 
 
 def read_document(path: Path) -> Document:
-    """Return the content of a file. Raises ConfigError."""
+    """Return the content of a file, with that of the files that it names: OpenVINS, VINS-Fusion. Raises ConfigError."""
+    document = _read(path)
+    named = {key: value for key, value in document.data.items() if _NAMES_A_FILE.fullmatch(str(key))}
+    if not named or not all(isinstance(value, str) for value in named.values()):
+        return document
+    parts: dict[str, Any] = {key: _read(path.parent / value).data for key, value in named.items()}
+    chains = [
+        parts.pop(key) for key in list(parts) if key.startswith("relative")
+    ]  # they are as they would be alone
+    return Document(
+        document.name, {**document.data, **parts, **{k: v for chain in chains for k, v in chain.items()}}
+    )
+
+
+def _read(path: Path) -> Document:
     with as_error(ConfigError, f"cannot read calibration {path}", OSError):
         return load(read_small(path, LIMITS.small_bytes), path)
 
@@ -103,23 +123,44 @@ def _candidates(folder: Path) -> list[Path]:
 
 def _in_folder(folder: Path) -> list[Document]:
     """Return the calibration in a folder: one file, or the files of left and right. Raises ConfigError."""
-    files = _candidates(folder) + [folder / name for name in _IN_FOLDERS if (folder / name).is_file()]
+    found = _all_in(folder)
+    if not found:
+        raise ConfigError(f"{folder} holds no calibration; known are {_known()}")
+    if len(found) == 1:
+        return found[0]
+    listed = ", ".join(Path(d.name).name for documents in found for d in documents if not is_imu_file(d.data))
+    raise ConfigError(f"{folder} holds several calibrations ({listed}): give one of them, or left and right")
+
+
+def _all_in(folder: Path) -> list[list[Document]]:
+    """Return the calibrations in a folder, each of one file or those of left and right, and with an inertial unit's."""
     readable: list[Document] = []
-    for path in files:
+    for path in _candidates(folder) + [folder / name for name in _IN_FOLDERS if (folder / name).is_file()]:
         with suppress(ConfigError):
             readable.append(read_document(path))
-    documents = [document for document in readable if _format_of(document) is not None]
+    found: list[list[Document]] = []
+    for form in FORMATS:
+        if documents := [document for document in readable if _format_of(document) is form]:
+            of_one = form is OPENCV or (form.files == 2 and len(documents) == 2)
+            found += [sorted(documents, key=_is_right)] if of_one else [[document] for document in documents]
     units = [document for document in readable if is_imu_file(document.data)]
-    if not documents:
-        raise ConfigError(f"{folder} holds no calibration; known are {_known()}")
-    forms = [form for document in documents if (form := _format_of(document)) is not None]
-    if all(form is forms[0] for form in forms):
-        if forms[0] is OPENCV or len(documents) == 1:
-            return documents + units[:1]
-        if forms[0].files == 2 and len(documents) == 2:
-            return sorted(documents, key=_is_right)
-    listed = ", ".join(Path(d.name).name for d in documents)
-    raise ConfigError(f"{folder} holds several calibrations ({listed}): give one of them, or left and right")
+    return [documents + units[:1] for documents in found]
+
+
+def calibrations_near(recording: Path) -> Iterator[list[list[Path]]]:
+    """Yield the calibrations beside a recording, each the paths of its files; then those beside its folder, and so on.
+
+    Folders beside it whose names say so count as well, such as `calibration`.
+    """
+    home = recording.absolute() if recording.is_dir() else recording.absolute().parent
+    for place in [home, *home.parents][:_LEVELS]:
+        found: list[list[Path]] = []
+        with suppress(OSError):
+            inside = [path for path in sorted(place.iterdir()) if _NEAR.match(path.name) and path.is_dir()]
+            for folder in [place, *inside]:
+                if len(_candidates(folder)) <= _MOST_NEAR:
+                    found += [[Path(document.name) for document in documents] for documents in _all_in(folder)]
+        yield found
 
 
 def _is_right(document: Document) -> bool:

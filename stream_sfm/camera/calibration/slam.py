@@ -1,4 +1,4 @@
-"""Calibrations of SLAM systems, with lenses by name and poses of cameras in a body: Kalibr, EuRoC, Basalt, ORB-SLAM."""
+"""Calibrations of SLAM systems, with named lenses and poses in a body: Kalibr, EuRoC, Basalt, ORB-SLAM, VINS-Fusion."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -22,6 +22,13 @@ _ORB_SLAM: dict[str, tuple[str, tuple[str, ...]]] = {
     "KannalaBrandt8": ("equidistant", ("k1", "k2", "k3", "k4")),
     "Rectified": ("none", ()),
 }
+# camodocal's: the names of focal lengths and centre come before those of the coefficients
+_VINS: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
+    "PINHOLE": ("plumb_bob", ("fx", "fy", "cx", "cy"), ("k1", "k2", "p1", "p2")),
+    "KANNALA_BRANDT": ("equidistant", ("mu", "mv", "u0", "v0"), ("k2", "k3", "k4", "k5")),
+    "MEI": ("omni", ("gamma1", "gamma2", "u0", "v0"), ("k1", "k2", "p1", "p2")),
+}
+_VINS_TABLES = ("projection_parameters", "distortion_parameters", "mirror_parameters")
 
 
 def body_from_left(document: Document) -> Array | None:
@@ -145,6 +152,29 @@ def _orb_slam_pose(document: Document, _: Document, _size: Size | None) -> Array
     return se3.exp([-baseline_m, 0, 0, 0, 0, 0])
 
 
+def _vins_camera(document: Document, side: int, _size: Size | None) -> Camera:
+    """Read one camera of camodocal; all but the matrix may be in either table of its file."""
+    where = f"cam{side}_calib"
+    if not isinstance(file := document.data.get(where), Mapping):
+        raise document.error(f"{where} is missing: a pair needs two cameras")
+    model = str(file.get("model_type"))
+    if model not in _VINS:
+        raise document.error(f"{where}: model_type {model!r} is not supported; supported are {', '.join(_VINS)}")
+    lens, of_matrix, of_lens = _VINS[model]
+    values = {k: v for name in _VINS_TABLES if isinstance(t := file.get(name), Mapping) for k, v in t.items()}
+    size = document.size([file.get("image_width"), file.get("image_height")], f"{where}: image_width, image_height")
+    k = camera_matrix(*(document.number(values.get(x), f"{where}: {x}") for x in of_matrix))
+    d = [document.number(values.get(x, 0.0), f"{where}: {x}") for x in of_lens]
+    if lens in MODELS:
+        xi = document.number(values.get("xi"), f"{where}: xi")
+        return nearest_fisheye(document, f"{where}: ", lens, size, k, {"xi": xi}, np.array(d))
+    return document.camera(size, k, lens, d)
+
+
+def _vins_body_from_cam(document: Document, n: int) -> Array:
+    return document.pose(document.data.get(f"body_T_cam{n}"), f"body_T_cam{n}")
+
+
 def _is_basalt(data: Mapping[str, Any]) -> bool:
     inside = _basalt(data)
     return isinstance(inside, Mapping) and {"T_imu_cam", "intrinsics", "resolution"} <= set(inside)
@@ -182,4 +212,12 @@ BASALT = Format(
 )
 ORB_SLAM = Format(
     "ORB-SLAM settings (YAML)", 1, _is_orb_slam, _orb_slam_camera, _orb_slam_pose, imu=inertial.of_orb_slam
+)
+VINS = Format(
+    "VINS-Fusion configuration (YAML)",
+    1,
+    lambda data: isinstance(data.get("cam0_calib"), Mapping) and "body_T_cam0" in data,
+    _vins_camera,
+    lambda calib, _, _size: se3.inverse(_vins_body_from_cam(calib, 1)) @ _vins_body_from_cam(calib, 0),
+    imu=lambda calib: inertial.of_vins(calib, _vins_body_from_cam(calib, 0)),
 )

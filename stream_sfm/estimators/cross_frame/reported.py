@@ -38,6 +38,8 @@ def _reported(
     current: Map, factors: SpanFactors, noise: TrackNoise, learns: bool
 ) -> tuple[Map, SpanFactors, TrackNoise]:
     """Return the same as `reported`. Raises LinAlgError if the views do not determine the window."""
+    if learns and factors.asks_for(current.frames[-1].index):
+        factors = factors.after(squares_of_halves(current, factors.rules))
     result, views, factor = copy.copy(current), current.views, factors.by_span[-1]
     ids, tracks = current.points.ids, core.squares_of_tracks(current.projection, current.state(), views)
     residuals = *tracks, core.among(ids, current.prior.ids)
@@ -63,8 +65,6 @@ def _reported(
     )
     if learns:
         noise = noise.after(*residuals)
-    if learns and factors.asks_for(result.frames[-1].index):
-        factors = factors.after(factor**2 * squares_of_halves(result, system, at, factors.rules))
     result.follow(system)
     system.with_rig_of(current.system, np.searchsorted(current.points.ids, result.points.ids))
     return result, factors, noise
