@@ -18,6 +18,8 @@ def print_summary(summary: dict[str, Any], folder: Path | None, stages: bool) ->
     """Print the summary of a replay and the place of the results; `stages` adds the time of each stage."""
     rows = [*_run_rows(summary, stages), *_truth_rows(summary.get("ground_truth")), ("results", str(folder))]
     print_table(rows, title=f"{summary['log']}: {summary['method']}")
+    if rig := summary.get("rig"):
+        print(f"calibration: {rig['text']}")
 
 
 def print_comparison(content: dict[str, Any]) -> None:
@@ -147,8 +149,6 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
         yield "ends at", f"{known}, σ {end['std_position_m']:.2g} m{share}"
         known = f"{end['heading_deg']:.2f}°, σ {std_deg:.2g}°" if std_deg < _UNKNOWN_DEG else "unknown"
         yield "", f"heading {known}"
-    if rig := summary.get("rig"):
-        yield "calibration", rig["text"]
     if imu := summary.get("imu"):
         from ..report.inertia import inertial_rows
 

@@ -97,6 +97,10 @@ class Source(Protocol):
         """Yield the files attached to the recording, of at most 1 MiB each."""
         return iter(())
 
+    def waiting(self) -> int | None:
+        """Number of pairs that a live camera has delivered and that wait to be read; None of a recording."""
+        return None
+
     def age_s(self, stamp_ns: int) -> float | None:
         """Seconds since a camera has delivered the images of this stamp; None of a recording."""
         return None

@@ -23,6 +23,7 @@ from ..outputs import GRAVITY_TRAJECTORY, MAP_TRAJECTORY, RESULTS, TRAJECTORIES,
 from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration import describe
 from ..report.records import RunRecord, Truth
+from ..report.verdict import rows_warning
 from ..types import Frame, FrameEstimate, InertialEstimator, Selection, Sink, Trajectory
 from .lane import Lane
 from .loop import RunOutcome, run
@@ -122,6 +123,14 @@ def replay(
     return replayed.run(sinks, truth)
 
 
+def replay_with_lane(
+    log: StereoLog, config: Config, selection: Selection, sinks: Sequence[Sink] = ()
+) -> tuple[ReplayResult, Lane]:
+    """Replay without files; also return the lane, with what its front-end has learnt. Raises as `replay`."""
+    replayed = _Replay(log, config, selection, None, False, False)
+    return replayed.run(sinks, Truth(None, checked_ranges(()), (0.0, 0.0))), replayed.lane
+
+
 class _Replay:
     """The lane of a replay, its sinks and checks, and its result."""
 
@@ -219,7 +228,9 @@ class _Replay:
         if self._latency.ages_ms:
             further["live"] = self._latency.summary()
         if record.rig is not None:
-            further["rig"] = describe(self.lane.observer.projection, record.rig)
+            observer = self.lane.observer
+            further["rig"] = describe(observer.projection, record.rig, observer.state.rows)
+            outcome.warnings += filter(None, [rows_warning(observer.state.rows)])
         for test in self.checks:
             with closing(test):
                 further["self_test"] = test.result(interruption)
