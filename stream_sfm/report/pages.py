@@ -63,7 +63,7 @@ def write_report(comparison: Comparison, content: dict[str, Any], folder: Path) 
 
 def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
     """Render a comparison and its figures, the content of report.json, as HTML."""
-    traces = traces_of((run.name, run.trajectory(), c.truth.poses) for run in c.runs)
+    traces = traces_of((run.name, run.trajectory(), c.truth.poses, c.truth.std) for run in c.runs)
     ratios, of_spans = content["error_over_cross_frame"], content["drift"]
     methods = [content["methods"][r.key] | {"ratio": ratios.get(r.key, {}).get("position")} for r in c.runs]
     looks = [of_method(run.name) for run in c.runs]
@@ -174,7 +174,7 @@ class Evaluated(NamedTuple):
 def render_evaluation(runs: Sequence[Evaluated]) -> str:
     """Render runs as HTML; one with a single camera, whose lengths have no unit, appears in the table only."""
     scaled = [run for run in runs if "ate_rmse_m" in run.figures]
-    traces = traces_of((run.name, run.trajectory, run.truth) for run in scaled)
+    traces = traces_of((run.name, run.trajectory, run.truth, tuple(run.figures["std_truth"])) for run in scaled)
     unit = unit_for(*(trace.position_m for trace in traces.values()))
     looks = of_runs([run.name for run in runs])
     names = [Name(run.name, of_method(run.method).name, looks(run.name).colour) for run in runs]

@@ -1,139 +1,108 @@
-"""The first line of a comparison: which methods drift less than the window, or more, and which covariances hold.
+"""The verdict on a calibration: whether it fits the images, and what to do if it does not.
 
-A method is ahead or behind only if an interval says so: of two equal methods, this names a winner in 5 % of logs.
+It is one sentence, the same from `inspect`, `replay` and `refine`. Causes that are certain come from
+`RigEstimate.findings`.
 """
 
-from collections.abc import Mapping
-from typing import Any
+from enum import StrEnum
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..evaluation.drift import KINDS, Compared, of_interval
-from ..evaluation.figures import NEES_INTERVAL
-from ..evaluation.relative import paired_ratio
-from ..methods import REFERENCE, REPLAYED, key_of
-from ..wording import in_a_row
-from .tables import of_method
-
-_MOST_NAMED = 3  # inconsistent methods that are named with their figures; for more, the range is given
-
-
-def verdict_of(methods: Mapping[str, Compared]) -> dict[str, Any] | None:
-    """Return the ratios of the errors of methods to those of the window, and who is ahead of it, behind, or neither.
-
-    None without the window, or if no ratio has an interval: the log is too short. The ratios of position and rotation
-    hold together in 95 % of logs. A method is ahead if one of them is below 1 and the other not above, `mixed` if they
-    contradict each other.
-    """
-    window = methods.get(key_of(REFERENCE))
-    ratios: dict[str, Any] = {}
-    found: dict[str, list[str]] = {"ahead": [], "behind": [], "mixed": [], "level": []}
-    for key, method in methods.items():
-        if window is None or method is window:
-            continue
-        both = paired_ratio(method.poses, window.poses, method.truth, window.truth)
-        if both is None:
-            continue
-        better, worse = any(ratio.high < 1 for ratio in both), any(ratio.low > 1 for ratio in both)
-        found["mixed" if better and worse else "ahead" if better else "behind" if worse else "level"].append(key)
-        ratios[key] = dict(zip(KINDS, map(of_interval, both), strict=True))
-    return {"ratios": ratios, **found} if ratios else None
+from ..camera.refinement import LENS_TERMS, disparity_rms_px
+from ..frontend.row_turn import turn_by_rows
+from ..frontend.rows import Rows
+from ..geometry.stereo import StereoProjection
+from ..record import record
+from ..rig_model.estimate import RigEstimate
+from ..rig_model.model import disparity_over_image
+from ..rig_model.terms import lens_shift_rms_px
+from .motions import shows_focal
 
 
-def in_words(content: dict[str, Any], methods: dict[str, Any]) -> str:
-    """Return the first line of page, terminal and report.json; `content`: the section `drift` of report.json.
+class Fit(StrEnum):
+    """Whether a calibration fits the images of a run."""
 
-    What is decided against the window comes first.
-    """
-    found = [*_who_is_ahead(content["verdict"]), _which_hold(methods, content["as_is"]), _as_replayed(methods)]
-    if content["common"] is not None:
-        found.append(f"All methods share {content['common']['text']}, which is removed here")
-    sentences = [sentence for sentence in found if sentence]
-    if not sentences:
-        return "There is no ground truth for these frames."
-    if content["against"] == "halves":
-        sentences.insert(0, "There is no ground truth: errors come from halves of the tracks")
-    elif content["verdict"] is not None and content["verdict"]["against"] == "halves":
-        sentences.insert(0, "The truth cannot separate the methods: their ratios come from halves of the tracks")
-    return " ".join(f"{sentence}." for sentence in sentences)
+    FITS = "fits"
+    CORRECTED = "corrected"  # wrong, and corrected in this run
+    WRONG = "wrong"  # rows, focal length or timing: should be mended before the next run
+    NOT_JUDGED = "not judged"
 
 
-def _who_is_ahead(verdict: dict[str, Any] | None) -> list[str]:
-    """Return a sentence on the methods ahead of the window, on those behind it, and on those that are neither."""
-    if verdict is None:
-        return []
-    window, sentences = of_method(REFERENCE).name, []
+class Verdict(NamedTuple):
+    """The fit, and the sentence."""
 
-    def listed(group: str) -> str:
-        return in_a_row([f"{of_method(key).name} ({_decided(verdict['ratios'][key])})" for key in verdict[group]])
-
-    if verdict["ahead"]:
-        errs = "errs" if len(verdict["ahead"]) == 1 else "err"
-        sentences.append(f"{_capital(listed('ahead'))} {errs} less than {window}")
-    if verdict["mixed"]:
-        sentences.append(f"One kind of error is smaller, and the other larger, of {listed('mixed')}")
-    if verdict["behind"]:
-        sentences.append(f"{_capital(window)} errs less than {listed('behind')}")
-    if verdict["level"]:
-        names = [of_method(key).name for key in verdict["level"]]
-        sentences.append(f"This log cannot separate {window} from {in_a_row(names)}")
-    return sentences
+    fit: Fit
+    text: str
 
 
-def _decided(ratios: dict[str, Any]) -> str:
-    """Return the ratios of the errors to those of the window that an interval decides."""
-    cells = []
-    for kind, ratio in ratios.items():
-        low, high = ratio["ci95"]
-        if not low <= 1 <= high:
-            cells.append(f"{kind} ×{ratio['value']:.2f} [{low:.2f}, {high:.2f}]")
-    return ", ".join(cells)
+@record
+class _Rules:
+    """What counts as wrong; RMS over the image."""
+
+    # Sound rigs differ by a fifth of a pixel between two recordings. Rows beyond half a pixel cost matches.
+    small_px: float = 0.25
+    rows_px: float = 0.5
+    shown: float = 3.0  # σ from which an error counts
+    most_std_px: float = (
+        0.3  # of the disparity: with more, the motion shows nothing, unless thirds of the run agree
+    )
+    telling: float = 0.1  # share by which a distance is wrong
 
 
-def _capital(sentence: str) -> str:
-    return sentence[:1].upper() + sentence[1:]
+_RULES = _Rules()
+_NOTHING_TRACKED = "not judged: no frame was tracked"
+UNSEEN = (
+    "no image shows a wrong baseline, or one error of both principal points: compare a length with a tape"  # (73)
+)
 
 
-def _as_replayed(methods: dict[str, Any]) -> str:
-    """Say what NEES the window has if it finds the calibration on the way, as `replay` runs it."""
-    nees = methods.get(key_of(REPLAYED), {}).get("nees_pose_mean")
-    if nees is None:
+def rows_warning(rows: Rows) -> str:
+    """Return that rows differ by more than half a pixel, RMS over the image, and what to do; empty otherwise."""
+    if not rows.rms_px > _RULES.rows_px:
         return ""
-    least, most = NEES_INTERVAL
-    held = "is consistent" if least <= nees <= most else "is not consistent"
-    return f"As replayed, finding the calibration on the way, {of_method(REFERENCE).name} {held} (NEES {nees:.2g})"
+    differ = f"the rows of left and right differ by {rows.rms_px:.2f} px"
+    if turn_by_rows([rows]).is_real:
+        return f"{differ}: refine the calibration, which turns the right camera"
+    return f"{differ}, which no turn of the right camera explains: calibrate the lenses again"
 
 
-def _which_hold(methods: dict[str, Any], as_is: bool) -> str:
-    """Say which covariances hold, and how wrong those of the other methods are; for many methods, give the range."""
-    low, high = (np.sqrt(x / 6) for x in NEES_INTERVAL)
-    given = {key: of for key, of in methods.items() if key != key_of(REPLAYED)}
-    factors = {key: factor for key, of in given.items() if (factor := of["sigma_factor"]) is not None}
-    hold = [of_method(key).name for key, factor in factors.items() if low <= factor <= high]
-    wrong = {key: factor for key, factor in factors.items() if not low <= factor <= high}
-    by_halves = any(figures["sigma_factor_from"] == "halves" for figures in given.values())
-    source = (
-        ", by halves of the tracks," if by_halves else "" if as_is else ", with the calibration taken as exact,"
+def verdict(projection: StereoProjection, estimate: RigEstimate, rows: Rows) -> Verdict:
+    """Return the verdict on a calibration, from the errors and the rows that a run has found."""
+    causes = [f"{cause}: refine the calibration" for cause in estimate.findings()]
+    if causes := [*filter(None, [rows_warning(rows)]), *causes]:
+        return Verdict(Fit.WRONG, f"wrong: {'; '.join(causes)}")
+    further = estimate.further
+    std_px = float(np.sqrt((disparity_over_image(projection, estimate, (5, 9))[1] ** 2).mean()))
+    disparity_px, lens_px = disparity_rms_px(further), lens_shift_rms_px(projection, further)
+    agrees, rows_px = estimate.agrees(LENS_TERMS), rows.rms_px
+    if not np.isfinite(rows_px) or (std_px > _RULES.most_std_px and not agrees):
+        return Verdict(
+            Fit.NOT_JUDGED,
+            f"not judged: σ of the disparity is {std_px:.2f} px, as the camera hardly moved or saw few points: carry "
+            "it sideways past near things, and turn it",
+        )
+    refined = estimate.refined is not None and bool(estimate.refined[: len(LENS_TERMS)].any())
+    shown = disparity_px > max(_RULES.small_px, _RULES.shown * std_px) or rows_px > _RULES.small_px
+    if shown or (estimate.applied and not refined):
+        far_m = _RULES.telling * projection.f_px * projection.baseline_m / max(disparity_px, 1e-9)
+        sizes = f"{disparity_px:.2f} px of disparity, {rows_px:.2f} px of rows and {lens_px:.2f} px of both lenses"
+        return Verdict(
+            Fit.CORRECTED,
+            f"wrong by {sizes}, and corrected: fine for this run (without that, distances beyond {far_m:.3g} m would "
+            f"be wrong by {100 * _RULES.telling:.0f} % or more); refine the calibration to keep the correction",
+        )
+    known = f", with its refinement of {disparity_rms_px(estimate.mean - further):.2f} px" if refined else ""
+    known += "" if shows_focal(estimate) else ", but this motion does not show the focal length"
+    fits_px = float(np.sqrt(rows_px**2 + disparity_px**2 + std_px**2))
+    return Verdict(Fit.FITS, f"fits the images to {fits_px:.2f} px{known}; {UNSEEN}")
+
+
+def judged(summary: dict[str, Any]) -> dict[str, str]:
+    """Return `fit` and `text` of the verdict in the summary of a run; that nothing was tracked if there is none."""
+    rig = summary.get("rig")
+    return (
+        {"fit": str(Fit.NOT_JUDGED), "text": _NOTHING_TRACKED}
+        if rig is None
+        else {"fit": rig["verdict"], "text": rig["text"]}
     )
-    text = f"Covariances{source} are consistent for {in_a_row(hold)}" if hold else ""
-    if not wrong:
-        return text
-    text += ", not for " if text else f"Covariances{source} are not consistent for "
-    if len(wrong) <= _MOST_NAMED:
-        return text + in_a_row([f"{of_method(key).name} ({_off(size)})" for key, size in wrong.items()])
-    mine = wrong.pop(key_of(REFERENCE), None)
-    others = (
-        f"{len(wrong)} {'methods' if mine is None and not hold else 'others'} ({_off(*sorted(wrong.values()))})"
-    )
-    return text + (others if mine is None else f"{of_method(REFERENCE).name} ({_off(mine)}) and {others}")
-
-
-def _off(*sizes: float) -> str:
-    """Say by how much σ is too small or too large."""
-    least, most = (
-        (f"{float(f'{max(x, 1 / x):.2g}'):g}", "small" if x > 1 else "large") for x in (sizes[0], sizes[-1])
-    )
-    if least[1] != most[1]:
-        return f"σ up to {least[0]} times too {least[1]} and {most[0]} times too {most[1]}"
-    ends = sorted({least[0], most[0]}, key=float)
-    return f"σ {' to '.join(ends)} times too {least[1]}"

@@ -68,7 +68,7 @@ def compare(
     inspection: dict[str, Any] | None = None,
     self_test: bool = False,
     loops: bool = False,
-    std_truth: tuple[float, float] = (0.0, 0.0),
+    std_truth: tuple[float, float] | None = None,
     sinks: Sequence[Sink] = (),
     on_frame: Callable[[], None] = lambda: None,
 ) -> ComparisonResult:
@@ -93,9 +93,10 @@ def compare(
     config, selection = config or Config(), selection or Selection()
     config.needs_scale("compare")
     _check_names(methods)
-    truth = Truth(None, checked_ranges(ignore_ground_truth), std_truth)
+    ignored = checked_ranges(ignore_ground_truth)
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration)
+    truth = Truth(None, ignored, log.std_truth if std_truth is None else std_truth)
     methods = methods or compared_on(log, config)
     folder = None if out_dir is None else Path(out_dir)
     if folder is not None:
@@ -238,7 +239,8 @@ class _Comparing:
         warnings += [place_map.problem for place_map in places]
         found.warnings = list(dict.fromkeys(filter(None, warnings)))
         found.complete, found.interrupted = stats.complete and outcome.complete, outcome.interrupted
-        found.calibration = None if rig is None else describe(self._finder.observer.projection, rig)
+        observer = self._finder.observer
+        found.calibration = None if rig is None else describe(observer.projection, rig, observer.state.rows)
         found.runs = [lane.record for lane in self._lanes]
         if found.truth.poses is not None:
             stamps_ns = max(found.runs, key=len).stamps_ns
