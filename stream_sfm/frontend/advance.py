@@ -6,10 +6,8 @@ from ..geometry import Array, se3
 from ..geometry.resection import Resection, SecondMotion
 from ..record import changed, record, rows_of
 from .alignment import learn_noise
-from .depth_order import may_be_scene
-from .inertial_choice import is_camera
 from .mono.parallax import update_by_parallax
-from .nearest_apart import contradict_far
+from .motion_choice import contradict_far, may_be_scene
 from .pair_check import Found
 from .seen import Seen
 from .start_check import StartCheck
@@ -94,7 +92,7 @@ def _placed(
 
 def _start(step: Step, state: FrontEndState, seen: Seen, motion: Resection, in_question: bool) -> StartCheck:
     """Return the check of the start after a frame; if two motions are `in_question`, that is reported already."""
-    start = state.start.settled() if is_camera(step, motion) else state.start
+    start = state.start.settled() if step.is_carried(motion) else state.start
     if in_question or start.is_over:
         return start
     start = start.begun_with(float(motion.accepted.mean()))

@@ -2,7 +2,7 @@
 
 At a start no track has a history, so bodies that cover most of the view outvote the background. Points that begin later
 reveal this, because they begin where points are missing, which is on the background. As long as too many of them
-disagree, the motion may be that of a body. Points that cannot belong to the scene (`depth_order.may_be_scene`) do not
+disagree, the motion may be that of a body. Points that cannot belong to the scene (`may_be_scene`) do not
 count: a body that comes into view later is found again and again at the same places, and would look like much evidence.
 Disagreeing points do not count either in a frame whose second motion is that of points in front of the others. Once new
 points agree, or no track of the start is left, the motion relies on points that began later and is no longer in doubt.

@@ -3,8 +3,6 @@
 Depths come from the right image, or from the parallax of one camera (`mono/parallax.py`).
 """
 
-from collections.abc import Callable
-
 from ..geometry import Array
 from ..geometry.resection import Resection, resect
 from ..pictures.prepared import PreparedImages
@@ -12,32 +10,14 @@ from ..record import changed
 from ..types import ExpectedMotion
 from .advance import Followed, advance, learn
 from .aligned_views import align
-from .depth_order import decided, of_background, uncovered
 from .first_timing import first_timed
-from .hidden_background import is_background_hidden
-from .inertia import steadier, without_newcomer
-from .inertial_choice import is_sampled, nearer
-from .nearest_apart import of_rest
+from .motion_choice import choose, is_scene_hidden, of_background
+from .overlays import overlays
 from .repetition import smaller_of_alike
-from .rough_motion import RoughMotion, find_rough_motion
+from .rough_motion import find_rough_motion
 from .seen import Seen
 from .state import FrontEndState, Setup
 from .step import Step
-
-# Policies for special cases, in this order. Each has its own file, and docs/rules.md describes the case that needs it.
-# Outside its case a policy returns its input unchanged.
-OF_FLOW: tuple[Callable[[Step, FrontEndState, RoughMotion], RoughMotion], ...] = (
-    of_background,  # at the start of a map, the motion of the points behind
-    smaller_of_alike,  # if the scene is repetitive, the smaller of two motions
-)
-OF_MOTION: tuple[Callable[[Step, FrontEndState, Seen, Resection], Resection], ...] = (
-    steadier,  # the steady motion, not one that jumps
-    decided,  # at the start of a map, the motion of the points behind, by all views
-    of_rest,  # at the start of a map, not the motion of the nearest points with which far ones agree
-    without_newcomer,  # a body that comes into view causes no ambiguity
-    uncovered,  # a scene that comes into view behind all that was followed does, however small it is
-    nearer,  # the motion that inertial samples allow
-)
 
 
 def follow(
@@ -56,8 +36,12 @@ def follow(
     rough = None if step is None else find_rough_motion(step, state.aligners, state.tracks)
     if step is None or rough is None:
         return state, None
-    for flow_policy in OF_FLOW:
-        rough = flow_policy(step, state, rough)
+    if (laid_over := overlays(setup, state.tracks, rough.left_px)).any():
+        state = changed(state, tracks=state.tracks.keep(~laid_over))
+        rough = find_rough_motion(step, state.aligners, state.tracks)
+        if rough is None:
+            return state, None
+    rough = smaller_of_alike(step, state, of_background(step, state, rough))
     twist = step.twist(state.velocity, rough.cam_from_previous)
     state = first_timed(setup.projection, state, step.first_twist(twist, rough.cam_from_previous))
     views = align(setup, state, images, rough, twist)
@@ -99,10 +83,9 @@ def _agreed_motion(
     motion = resect(seen.point_views, start, seen.weights, step.predicted if rules.one_body else None)
     if not rules.poor_frames:
         motion = changed(motion, spread=1.0)
-    for policy in OF_MOTION:
-        motion = policy(step, state, seen, motion)
+    motion = choose(step, state, seen, motion)
     many = seen.weights[motion.accepted].sum() >= rules.min_agreement * seen.weight
-    agree = motion.ok and (many or is_sampled(step, motion))
-    hidden = is_background_hidden(step, state, seen, motion)
+    agree = motion.ok and (many or step.is_sampled(motion))
+    hidden = is_scene_hidden(step, state, seen, motion)
     state = changed(state, background_hidden=hidden or (state.background_hidden and not agree))
     return state, motion if agree and not hidden else None

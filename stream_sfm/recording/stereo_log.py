@@ -332,6 +332,11 @@ class StereoLog:
             return None
         return read_truth(self._source, topic, self._left_frame, self.stats.warnings, until_ns)
 
+    @property
+    def std_truth(self) -> tuple[float, float]:
+        """σ of the ground truth, m and rad, that its data set is known for; zeros where it is not known, or given."""
+        return self._source.std_truth if self._given_truth is None else (0.0, 0.0)
+
     def is_next_here(self) -> bool:
         """Whether the next frame can be read without waiting for a live camera."""
         return self._source.waiting() != 0

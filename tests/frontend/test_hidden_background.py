@@ -8,7 +8,7 @@ import pytest
 
 from stream_sfm.config import Config
 from stream_sfm.config.rules import MotionRules
-from stream_sfm.frontend.hidden_background import is_background_hidden
+from stream_sfm.frontend.motion_choice import is_scene_hidden
 from stream_sfm.frontend.state import Setup
 from stream_sfm.frontend.step import Step
 from stream_sfm.frontend.unsteadiness import Unsteadiness
@@ -36,7 +36,7 @@ def hidden(new_m: float, moves_m: float) -> bool:
     cam_from_ref, all_new = se3.exp([moves_m, 0, 0, 0, 0, 0]), np.ones(N_NEW, bool)
     motion = Resection(cam_from_ref, np.eye(6), all_new, 0.0, 34, 1.0, True, np.zeros(N_NEW), 1.0)
     assert not step.jumps(cam_from_ref, step.std_change) or moves_m > 0.03
-    return is_background_hidden(step, state, seen, motion)
+    return is_scene_hidden(step, state, seen, motion)
 
 
 @pytest.mark.parametrize(

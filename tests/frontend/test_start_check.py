@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.config.rules import Rules
-from stream_sfm.frontend.depth_order import may_be_scene
+from stream_sfm.frontend.motion_choice import may_be_scene
 from stream_sfm.frontend.start_check import StartCheck
 from tests.helpers.tracks import tracks_at
 

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
-from stream_sfm.frontend.nearest_apart import contradict_far, of_rest
+from stream_sfm.frontend.ambiguity import AmbiguityMemory
+from stream_sfm.frontend.motion_choice import choose, contradict_far
 from stream_sfm.frontend.seen import Seen
 from stream_sfm.frontend.start_check import StartCheck
 from stream_sfm.frontend.state import Setup
+from stream_sfm.frontend.step import Step
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.point_views import PointViews
 from stream_sfm.geometry.resection import Resection, resect
@@ -82,9 +84,10 @@ def with_views(
 
 
 def chosen(found: Seen, motion: Resection, start: StartCheck) -> Resection:
-    step: Any = SimpleNamespace(setup=Setup(P, Config()))
-    state: Any = SimpleNamespace(start=start)
-    return of_rest(step, state, found, motion)
+    nothing = cast(Any, None)
+    step = Step(Setup(P, Config()), nothing, nothing, 0.05, TURNS, True, None)
+    state: Any = SimpleNamespace(start=start, unsteadiness=None, ambiguity=AmbiguityMemory())
+    return choose(step, state, found, motion)
 
 
 def test_at_the_start_the_motion_of_a_body_is_not_followed() -> None:
