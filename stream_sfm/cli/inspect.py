@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from ..errors import ExitCode, StreamSfmError
@@ -10,10 +11,16 @@ from . import options
 from .printing import broken_at, number, output_width, print_json, print_notes, print_table
 
 _MAX_TOPICS = 200  # shown; --json lists all
+_FRAMES = 60  # that are estimated: in some seconds most cameras turn
 
 
 def inspect(
-    log: options.Recording, /, *, cameras: options.Cameras = options.Cameras(), json: options.Json = False
+    log: options.Recording,
+    /,
+    *,
+    report: options.ResultFile = None,
+    cameras: options.Cameras = options.Cameras(),
+    json: options.Json = False,
 ) -> int:
     """Show what a log contains and check whether it can be replayed.
 
@@ -22,6 +29,10 @@ def inspect(
     and shutter readout, as estimated from the first frames. The last line is the verdict on the calibration. An IMU is
     checked for rate and gaps, and against the images for its clock, axes, biases and noise. If a replay cannot work,
     the exit code is 3 and the output says what to change.
+
+    Args:
+        report: write a page (HTML) about the calibration: rows and disparity over the image, each error with its σ; if
+            the calibration is refined, without and with the refinement
     """
     from ..inspection.overview import inspect_log
     from ..recording.stereo_log import open_log
@@ -29,13 +40,13 @@ def inspect(
     from ..run import replay
     from ..types import Selection
 
+    options.protect([report], log, cameras.calibration)
     found = inspect_log(log, **cameras.chosen)
     found["rig_errors"] = found["verdict"] = None
     if not found["problems"]:
         try:
-            # in some seconds most cameras turn
             opened = open_log(log, **cameras.chosen)
-            look = replay.replay(opened, selection=Selection(max_frames=60)).summary
+            look = replay.replay(opened, selection=Selection(max_frames=_FRAMES)).summary
             found["rig_errors"] = look.get("rig")
             found["verdict"] = judged(look)
             found["warnings"] += filter(None, [opened.imu_problem])
@@ -47,6 +58,8 @@ def inspect(
             found["verdict"] = judged({})
     elif found["rig"] is not None:
         found["verdict"] = {"fit": str(Fit.WRONG), "text": f"wrong: {found['problems'][0]}"}
+    if report is not None and not found["problems"]:
+        _write_page(log, report, cameras)
     code = ExitCode.INPUT if found["problems"] else ExitCode.DONE
     if json:
         print_json(found)
@@ -68,6 +81,23 @@ def inspect(
             )
         print(f"calibration: {verdict['text']}")
     return code
+
+
+def _write_page(log: str, file: str, cameras: options.Cameras) -> None:
+    """Write the page about the calibration of a log; before and after, if there is something before it."""
+    from ..config import Config
+    from ..files import write_whole
+    from ..recording.stereo_log import open_log
+    from ..report.rig_page import render_rig
+    from ..run.looks import calibrations, look
+    from ..types import Selection
+
+    first_frames = Selection(max_frames=_FRAMES)
+    runs = []
+    for title, calibration in calibrations(log, cameras.chosen):
+        opened = open_log(log, **(cameras.chosen | {"calibration": calibration}))
+        runs.append(look(opened, Config(), first_frames).as_run(title))
+    write_whole(Path(file), render_rig(log, runs, Config()).encode())
 
 
 def _topics(found: dict[str, Any]) -> Iterator[list[str]]:

@@ -20,8 +20,8 @@ from ..geometry import Array
 from ..methods import REFERENCE, REPLAYED, STEPWISE, key_of
 from ..record import record
 from ..types import Trajectory
-from .records import Comparison, RunRecord
 from .conclusion import verdict_of
+from .records import Comparison, RunRecord
 
 
 @record

@@ -17,6 +17,7 @@ from ..record import record
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import disparity_over_image
 from ..rig_model.terms import lens_shift_rms_px
+from .motions import shows_focal
 
 
 class Fit(StrEnum):
@@ -92,6 +93,7 @@ def verdict(projection: StereoProjection, estimate: RigEstimate, rows: Rows) -> 
             f"be wrong by {100 * _RULES.telling:.0f} % or more); refine the calibration to keep the correction",
         )
     known = f", with its refinement of {disparity_rms_px(estimate.mean - further):.2f} px" if refined else ""
+    known += "" if shows_focal(estimate) else ", but this motion does not show the focal length"
     fits_px = float(np.sqrt(rows_px**2 + disparity_px**2 + std_px**2))
     return Verdict(Fit.FITS, f"fits the images to {fits_px:.2f} px{known}; {UNSEEN}")
 

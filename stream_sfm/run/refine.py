@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..camera.calibration.document import Where
-from ..camera.refinement import LENS_TERMS, KnownTiming, Refinement, combine
+from ..camera.refinement import LENS_TERMS, LENSES, KnownTiming, Refinement, combine
 from ..camera.rig import StereoRig
 from ..camera.settings import SETTINGS
 from ..config import Config
@@ -17,13 +17,13 @@ from ..geometry import se3
 from ..inertial.state import AXES, CLOCK, SCALE
 from ..recording.stereo_log import open_log
 from ..report.inertia import fixed_error, inertial_findings
+from ..report.motions import not_shown, shows_focal
 from ..rig_model.estimate import CERTAIN, RigEstimate, is_certain
 from ..rig_model.terms import AT_TIMING, TERMS, prior_std
 from ..types import InertialEstimate, Selection
 from .held_back import checked, worse
 from .looks import Look, look
 from .mending import focal_of, with_longer_focal, with_right_turned
-from .motions import not_shown
 
 _TURNS = 2  # rounds of mending rows; the second one removes a per cent of the first
 
@@ -97,7 +97,7 @@ class _Refining:
         return [of.rig for of in self.looks if of.rig is not None]
 
     def _look(self, rig: StereoRig) -> list[Look]:
-        return [look(path, rig, self._config, self._selection) for path in self._paths]
+        return [look(open_log(path, calibration=rig), self._config, self._selection) for path in self._paths]
 
     def _take(self, rig: StereoRig, name: str) -> bool:
         """Use a rig for what follows, unless one of the logs becomes worse; returns whether it is used."""
@@ -147,11 +147,18 @@ class _Refining:
             return combine([e.refinement for e in estimates], std_px, prior_px)
 
         def again(of: Look, refinement: Refinement | None, selection: Selection) -> Look:
-            return look(of.path, replace(rig, refinement=refinement), self._config, selection)
+            with_it = replace(rig, refinement=refinement)
+            return look(open_log(of.path, calibration=with_it), self._config, selection)
 
         found = checked(known, again, of_looks)
         self.said += found.said
-        refinement = of_looks(known).only(found.parts, prior_px) if found.parts else None
+        parts = found.parts
+        if LENSES in parts and not any(shows_focal(estimate) for estimate in self._estimates):
+            parts = [part for part in parts if part != LENSES]
+            self.said.append(
+                "lenses of both cameras: not written, as a focal length that is not shown looks like them"
+            )
+        refinement = of_looks(known).only(parts, prior_px) if parts else None
         if found.why:
             self.said.append(f"no refinement of disparity and lenses: {found.why}")
         name = "refinement" if timing is None else "refinement and timing"

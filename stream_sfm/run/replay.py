@@ -123,10 +123,12 @@ def replay(
     return replayed.run(sinks, truth)
 
 
-def replay_with_lane(log: StereoLog, config: Config, selection: Selection) -> tuple[ReplayResult, Lane]:
+def replay_with_lane(
+    log: StereoLog, config: Config, selection: Selection, sinks: Sequence[Sink] = ()
+) -> tuple[ReplayResult, Lane]:
     """Replay without files; also return the lane, with what its front-end has learnt. Raises as `replay`."""
     replayed = _Replay(log, config, selection, None, False, False)
-    return replayed.run((), Truth(None, checked_ranges(()), (0.0, 0.0))), replayed.lane
+    return replayed.run(sinks, Truth(None, checked_ranges(()), (0.0, 0.0))), replayed.lane
 
 
 class _Replay:

@@ -5,8 +5,8 @@ import pytest
 
 from stream_sfm.evaluation.drift import Compared
 from stream_sfm.geometry import se3
-from stream_sfm.report.drift import _truth_separates
 from stream_sfm.report.conclusion import _which_hold, _who_is_ahead, verdict_of
+from stream_sfm.report.drift import _truth_separates
 
 
 def methods(**factors: float) -> dict[str, dict[str, object]]:

@@ -42,6 +42,13 @@ def test_a_calibration_without_errors_fits_and_what_no_image_shows_is_said() -> 
     assert found.fit == "fits" and found.text.startswith("fits the images to 0.0") and found.text.endswith(UNSEEN)
 
 
+def test_a_focal_length_that_the_motion_does_not_show_is_said() -> None:
+    unknown = estimate()
+    unknown.cov_if_wrong[TERMS.index(FOCAL), TERMS.index(FOCAL)] = 0.6**2
+    assert "does not show the focal length" in verdict(P, unknown, rows()).text
+    assert "focal length" not in verdict(P, estimate(), rows()).text
+
+
 @pytest.mark.parametrize("name", ["1", "xx", "radial 3", "radial difference"])
 def test_lenses_and_disparity_that_are_wrong_are_corrected(name: str) -> None:
     """However small the error is, as long as it is more probable than none."""

@@ -12,11 +12,11 @@ from stream_sfm.config import Config, RigConfig
 from stream_sfm.errors import ConfigError
 from stream_sfm.geometry import se3
 from stream_sfm.recording.stereo_log import open_log
+from stream_sfm.report.motions import MOTIONS, coverage, not_shown
 from stream_sfm.rig_model.estimate import CERTAIN, RigEstimate
 from stream_sfm.rig_model.terms import DELAY, FOCAL, TERMS, prior_std
 from stream_sfm.run.held_back import worse
 from stream_sfm.run.mending import focal_of, with_longer_focal, with_right_turned
-from stream_sfm.run.motions import MOTIONS, coverage, not_shown
 from stream_sfm.run.refine import refine, timing_of
 from stream_sfm.run.replay import replay
 from stream_sfm.types import Selection

@@ -34,6 +34,11 @@ def coverage(estimate: RigEstimate, config: Config) -> Array:
     return np.array([1 - min(1.0, float(np.mean(std[where] / assumed[where]))) for _, where, _ in MOTIONS])
 
 
+def shows_focal(estimate: RigEstimate) -> bool:
+    """Whether a run has shown the focal length, right or wrong; its assumed σ is not learnt."""
+    return bool(estimate.cov_if_wrong[_AT_FOCAL, _AT_FOCAL] < (_SHOWN * estimate.prior_std[_AT_FOCAL]) ** 2)
+
+
 def not_shown(estimates: Sequence[RigEstimate], config: Config) -> list[str]:
     """Return a sentence about each cause of which no run has shown much, with the motion that would."""
     if not estimates:
