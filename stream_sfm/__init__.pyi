@@ -10,7 +10,6 @@ from .config import FrontendConfig as FrontendConfig
 from .config import ImuConfig as ImuConfig
 from .config import MotionConfig as MotionConfig
 from .config import RigConfig as RigConfig
-from .config import RobustConfig as RobustConfig
 from .config import RosConfig as RosConfig
 from .config import WindowConfig as WindowConfig
 from .config import config_to_toml as config_to_toml

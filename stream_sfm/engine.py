@@ -4,6 +4,8 @@ frame -> observer (rectification and front-end) -> observations -> estimator -> 
 the physical left camera. A run takes the same steps, with record and files (`run/loop.py`).
 """
 
+from __future__ import annotations  # `help` shows `ArrayLike`, not the six lines that it stands for
+
 import copy
 import logging
 import threading
@@ -137,13 +139,13 @@ class Engine:
                 return found
             return replace(found, world_from_cam=se3.orthonormalise(self._world_from_first @ found.world_from_cam))
 
-    def __copy__(self) -> "Engine":
+    def __copy__(self) -> Engine:
         """Return an engine that continues independently from here, as `copy.deepcopy` does."""
         other = type(self).__new__(type(self))
         other.__setstate__(self.__getstate__())
         return other
 
-    def __deepcopy__(self, _: dict[int, Any]) -> "Engine":
+    def __deepcopy__(self, _: dict[int, Any]) -> Engine:
         return self.__copy__()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -164,8 +166,8 @@ class Engine:
             raise EngineBusyError(
                 f"the engine was {wanted} within a step: copy and pickle it between two steps"
                 if wanted
-                else "step was called while another thread is in it, or a pipeline has the engine: give all frames of a "
-                "stream to its engine from one thread, and make one engine per stream"
+                else "step was called while another thread is in it, or a pipeline has the engine: give all frames of "
+                "a stream to its engine from one thread, and make one engine per stream"
             )
         try:
             yield

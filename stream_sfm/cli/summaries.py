@@ -10,6 +10,7 @@ from .printing import broken_at, factors_text, number, print_table
 if TYPE_CHECKING:
     from ..evaluation.figures import Figure, LengthUnit
 
+_UNKNOWN_DEG = 100.0  # σ of a heading that may be any one
 _NAME_WIDTH, _EVALUATION_WIDTH = 28, 130  # characters of the name of a run; columns of a table in a pipe
 
 
@@ -142,9 +143,12 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
     yield "speed", f"{summary['frames_per_s']:.1f} frames/s, {summary['cpu_s']:.1f} s of CPU time, {memory} MiB"
     if end := summary.get("end"):
         x, y, z = end["position_m"]
-        share = f", {end['std_position_percent']:.2g} % of the path" if end["std_position_percent"] else ""
-        yield "ends at", f"({x:.3f}, {y:.3f}, {z:.3f}) m, σ {end['std_position_m']:.2g} m{share}"
-        yield "", f"heading {end['heading_deg']:.2f}°, σ {end['std_heading_deg']:.2g}°"
+        percent, std_deg = end["std_position_percent"], end["std_heading_deg"]
+        share = "" if not percent else f", {percent:.2g} % of the path" if percent < 100 else ", more than the path"
+        known = "unknown" if percent is not None and percent >= 100 else f"({x:.3f}, {y:.3f}, {z:.3f}) m"
+        yield "ends at", f"{known}, σ {end['std_position_m']:.2g} m{share}"
+        known = f"{end['heading_deg']:.2f}°, σ {std_deg:.2g}°" if std_deg < _UNKNOWN_DEG else "unknown"
+        yield "", f"heading {known}"
     if imu := summary.get("imu"):
         from ..report.inertia import inertial_rows
 

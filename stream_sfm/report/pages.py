@@ -24,6 +24,7 @@ from ..evaluation.figures import (
     units_of,
 )
 from ..files import json_bytes, write_whole
+from ..methods import REPLAYED
 from ..sources.pose_files import read_tum
 from ..types import Status, Trajectory
 from ..wording import counted, in_a_row
@@ -150,8 +151,9 @@ def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:
         notes.append(f"Time gap before frame {where}{' …' if len(c.front.gaps) > 8 else ''}.")
     if not c.complete:
         notes.append(f"This report does not cover the whole log{': ' + c.warnings[-1] if c.warnings else ''}.")
-    inertial = [of_method(run.name).name for run in c.runs if run.inertial() is not None]
-    if inertial and len(inertial) < len(c.runs):
+    own = [run for run in c.runs if run.name != REPLAYED]
+    inertial = [of_method(run.name).name for run in own if run.inertial() is not None]
+    if inertial and len(inertial) < len(own):
         notes.append(f"Inertial samples are used by {in_a_row(inertial)}, and by no other method here.")
     for run in c.runs:
         if lost := run.count(Status.LOST):

@@ -141,12 +141,18 @@ class RunRecord:
         """Return all poses with their covariances."""
         return Trajectory(self.stamps_ns, self.poses, self._table[:, _COV].reshape(-1, 6, 6))
 
+    def named(self, name: str) -> "RunRecord":
+        """Return the same run under another name."""
+        record = copy(self)
+        record.name = name
+        return record
+
     def with_poses(self, name: str, trajectory: Trajectory) -> "RunRecord":
         """Return the same run with other poses, and covariances, under another name."""
-        record, rows = copy(self), self._table
+        record, rows = self.named(name), self._table
         rows[:, _POSE] = trajectory.world_from_cam.reshape(-1, 16)
         rows[:, _COV] = np.asarray(trajectory.cov_pose).reshape(-1, 36)
-        record.name, record._rows = name, array("d", rows.tobytes())
+        record._rows = array("d", rows.tobytes())
         return record
 
     def count(self, status: Status) -> int:

@@ -14,11 +14,11 @@ import msgspec
 from ..blas import one_thread
 from ..camera.rig import StereoRig
 from ..config import Config
-from ..errors import ConfigError
+from ..errors import ConfigError, require_study
 from ..estimators import check_method
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..interrupts import deferred_interrupts
-from ..methods import COMPARED, REFERENCE, WITHOUT_IMU, key_of
+from ..methods import COMPARED, REFERENCE, REPLAYED, WITHOUT_IMU, key_of
 from ..observer import Observed, Observer
 from ..outputs import RESULTS, refuse_overwriting
 from ..recording.pair_reader import ReadStats
@@ -76,7 +76,8 @@ def compare(
 
     The first pass observes all frames and finds the calibration errors with the window. The second gives all
     methods, the window included, the same observations without these errors from the first frame on, as if the
-    calibration were exact. With `rig.exact` no errors are sought. `as_is`: each method uses the calibration of the
+    calibration were exact. The window of the first pass is a row of its own: it finds the errors on the way, as in a
+    replay. With `rig.exact` no errors are sought. `as_is`: each method uses the calibration of the
     log instead, and estimates its errors itself if it can; the window then has two rows, for its poses and for its
     newest motions added up.
 
@@ -91,6 +92,7 @@ def compare(
     """
     config, selection = config or Config(), selection or Selection()
     config.needs_scale("compare")
+    require_study("compare")
     _check_names(methods)
     ignored = checked_ranges(ignore_ground_truth)
     if not isinstance(log, StereoLog):
@@ -245,6 +247,10 @@ class _Comparing:
             stamps_ns = max(found.runs, key=len).stamps_ns
             poses = without_frames(found.truth.poses, stamps_ns, found.truth.ignored)
             found.truth = found.truth._replace(poses=poses)
+        if not found.as_is and not found.config.rig.exact and self._finder.error is None:
+            names = [record.name for record in found.runs]
+            if REFERENCE in names:  # the first pass is a replay
+                found.runs.insert(names.index(REFERENCE) + 1, self._finder.record.named(REPLAYED))
         for motions in added:
             at = next(k for k, record in enumerate(found.runs) if record.name == REFERENCE)
             if len(record := found.runs[at]):
