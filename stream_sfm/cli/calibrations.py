@@ -1,5 +1,6 @@
 """`stream-sfm refine` and `convert-calibration`: calibrations as TOML, from recordings and from other tools."""
 
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 from cyclopts import Parameter
@@ -47,7 +48,12 @@ def refine(
     if json:
         print_json({"out": out, "said": list(refined.said), "logs": found})
         return
-    print("\n".join([*refined.said, *(f"{of['log']}: {'; '.join(of['imu'])}" for of in found if of["imu"])]))
+    _print(found, refined.said, out)
+
+
+def _print(found: list[dict[str, Any]], said: Sequence[str], out: str) -> None:
+    """Print what was said, the figures of each log without and with the result, and the verdict on it."""
+    print("\n".join([*said, *(f"{of['log']}: {'; '.join(of['imu'])}" for of in found if of["imu"])]))
     headings = [
         "log",
         "calibration",

@@ -35,35 +35,46 @@ def inspect(
             the calibration is refined, without and with the refinement
     """
     from ..inspection.overview import inspect_log
+
+    options.protect([report], log, cameras.calibration)
+    found = inspect_log(log, **cameras.chosen)
+    _add_first_frames(found, log, cameras)
+    if report is not None and not found["problems"]:
+        _write_page(log, report, cameras)
+    if json:
+        print_json(found)
+    else:
+        _print(found, log, cameras)
+    return ExitCode.INPUT if found["problems"] else ExitCode.DONE
+
+
+def _add_first_frames(found: dict[str, Any], log: str, cameras: options.Cameras) -> None:
+    """Add what the first frames show of the rig and of the IMU, and the verdict on the calibration."""
     from ..recording.stereo_log import open_log
     from ..report.verdict import Fit, judged
     from ..run import replay
     from ..types import Selection
 
-    options.protect([report], log, cameras.calibration)
-    found = inspect_log(log, **cameras.chosen)
     found["rig_errors"] = found["verdict"] = None
-    if not found["problems"]:
-        try:
-            opened = open_log(log, **cameras.chosen)
-            look = replay.replay(opened, selection=Selection(max_frames=_FRAMES)).summary
-            found["rig_errors"] = look.get("rig")
-            found["verdict"] = judged(look)
-            found["warnings"] += filter(None, [opened.imu_problem])
-            if found["imu"] is not None:
-                found["imu"]["first_frames"] = look["imu"]
-                found["warnings"] += look["imu"]["findings"] if look["imu"] else []
-        except StreamSfmError as error:
-            found["problems"].append(f"the first frames cannot be estimated: {error}")
-            found["verdict"] = judged({})
-    elif found["rig"] is not None:
-        found["verdict"] = {"fit": str(Fit.WRONG), "text": f"wrong: {found['problems'][0]}"}
-    if report is not None and not found["problems"]:
-        _write_page(log, report, cameras)
-    code = ExitCode.INPUT if found["problems"] else ExitCode.DONE
-    if json:
-        print_json(found)
-        return code
+    if found["problems"]:
+        if found["rig"] is not None:
+            found["verdict"] = {"fit": str(Fit.WRONG), "text": f"wrong: {found['problems'][0]}"}
+        return
+    try:
+        opened = open_log(log, **cameras.chosen)
+        look = replay.replay(opened, selection=Selection(max_frames=_FRAMES)).summary
+        found["rig_errors"] = look.get("rig")
+        found["verdict"] = judged(look)
+        found["warnings"] += filter(None, [opened.imu_problem])
+        if found["imu"] is not None:
+            found["imu"]["first_frames"] = look["imu"]
+            found["warnings"] += look["imu"]["findings"] if look["imu"] else []
+    except StreamSfmError as error:
+        found["problems"].append(f"the first frames cannot be estimated: {error}")
+        found["verdict"] = judged({})
+
+
+def _print(found: dict[str, Any], log: str, cameras: options.Cameras) -> None:
     headings = ("topic", "schema", "kind", "messages", "rate")
     print_table(_topics(found), headings, title=found["log"], text_columns=3)
     if (more := len(found["topics"]) - _MAX_TOPICS) > 0:
@@ -74,13 +85,11 @@ def inspect(
     if not found["problems"]:
         print("this log can be replayed")
     if (verdict := found["verdict"]) is not None:
-        if verdict["fit"] in (Fit.WRONG, Fit.CORRECTED) and not found["problems"]:
+        if verdict["fit"] in ("wrong", "corrected") and not found["problems"]:
             given = ["--calibration", *map(str, cameras.calibration)] if cameras.calibration else []
-            print(
-                f"to refine it: {shlex.join(['stream-sfm', 'refine', str(log), *given, '--out', 'refined.toml'])}"
-            )
+            command = shlex.join(["stream-sfm", "refine", str(log), *given, "--out", "refined.toml"])
+            print(f"to refine it: {command}")
         print(f"calibration: {verdict['text']}")
-    return code
 
 
 def _write_page(log: str, file: str, cameras: options.Cameras) -> None:

@@ -51,7 +51,8 @@ def test_several_logs_check_each_other_and_show_how_much_they_differ(log: Path) 
     assert len(refined.before) == len(refined.after) == 2
     assert refined.rig.refinement is not None
     assert "σ of the refinement contains how much the logs differ" in refined.said
-    assert all(after.rows.rms_px < 0.1 for after in refined.after)
+    for before, after in zip(refined.before, refined.after, strict=True):
+        assert after.rows.rms_px < 0.3 * before.rows.rms_px  # the yaw moves rows as well, towards the corners
     # two logs that agree: the difference is smaller than the one that is assumed of a single log
     one = refine([log], calibration=rig).rig.refinement
     assert one is None or refined.rig.refinement.std_px[0] < 1.01 * one.std_px[0]
