@@ -8,6 +8,7 @@ from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection
 from ...record import changed
 from ...rig_model.terms import FOCAL, TERMS
+from .frame_unknowns import begin_unknown, place_unknown
 from .inverse_depth import WhitenedViews
 from .map import Map
 
@@ -69,17 +70,10 @@ def _begin(current: Map) -> None:
     current.prior = changed(current.prior, rig=changed(current.prior.rig, zooms=True))
     if not current.has_focus:
         current.has_focus = True
-        current.own = np.insert(current.own, 0, 0.0, axis=1)
-        current.views = changed(current.views, own=np.insert(current.views.own, 0, 0.0, axis=2))
-        if (first := current.first_views) is not None:
-            current.first_views = changed(first, own=np.insert(first.own, 0, 0.0, axis=2))
-            current.prior = current.prior.with_own_of_first(6, 1)
-            current.amplitudes = np.insert(current.amplitudes, 6, 0.0)
+        begin_unknown(current, 0, 1)
     _place(current, slice(None))
 
 
 def _place(current: Map, rows: slice) -> None:
     """Set the effect of the focal length on some of the window's views from their terms."""
-    own = current.views.own.copy()
-    own[rows, :, :1] = _columns(current, current.views[rows])
-    current.views = changed(current.views, own=own)
+    place_unknown(current, rows, slice(0, 1), _columns(current, current.views[rows]))

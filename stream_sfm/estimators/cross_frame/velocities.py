@@ -19,8 +19,8 @@ from ...record import changed
 from ...rig_model.estimate import CERTAIN
 from ...rig_model.model import LEAST_VARIANCE, RigModel
 from ...rig_model.terms import DISPARITY
+from .frame_unknowns import begin_unknown, end_unknown, place_unknown
 from .inverse_depth import WhitenedViews, at_rest, expected, held, timed
-from .layout import Layout
 from .map import Map
 from .window_frame import WindowFrame
 
@@ -100,16 +100,10 @@ def _begin_twist(current: Map, by_twist: NDArray[np.bool_]) -> None:
     had_twist = current.exposures.has_twist
     current.exposures = changed(current.exposures, has_twist=True, by_twist=by_twist)
     if not had_twist:
-        current.own = np.concatenate([current.own, np.zeros((len(current.own), _TWIST))], axis=1)
-        current.views = changed(current.views, own=_with_room(current.views.own))
-        if current.first_views is not None:
-            current.first_views = changed(current.first_views, own=_with_room(current.first_views.own))
-            at = Layout(pose=6, own=current.own.shape[1] - _TWIST).size
-            current.prior = current.prior.with_own_of_first(at, _TWIST)
-            current.amplitudes = np.insert(current.amplitudes, [at] * _TWIST, 0.0)
-    rows, own = current.newest, current.views.own.copy()
-    own[rows, :3, -_TWIST:] = 0.0
-    current.views = changed(current.views, own=own)
+        begin_unknown(current, current.own.shape[1], _TWIST)
+    left = current.views.own[current.newest, :, -_TWIST:].copy()
+    left[:, :3] = 0.0
+    place_unknown(current, current.newest, slice(-_TWIST, None), left)
 
 
 def _end_twist(current: Map) -> None:
@@ -117,8 +111,7 @@ def _end_twist(current: Map) -> None:
     if not current.exposures.has_twist or current.first_views is not None or current.views.own[..., -_TWIST:].any():
         return
     current.exposures = changed(current.exposures, has_twist=False, by_twist=np.zeros(2, bool))
-    current.own = current.own[:, :-_TWIST].copy()
-    current.views = changed(current.views, own=current.views.own[..., :-_TWIST].copy())
+    end_unknown(current, slice(-_TWIST, None))
 
 
 def _twist_columns(
@@ -132,11 +125,6 @@ def _twist_columns(
     moved = late_s[:, :, None] * by_twist
     moved[~np.isfinite(views.expected_px)] = 0.0
     return np.asarray(moved @ scaled_cholesky(cov_twist))
-
-
-def _with_room(own: Array) -> Array:
-    """Return columns (n, 4, e) of frames followed by zero columns for the twist."""
-    return np.concatenate([own, np.zeros((*own.shape[:2], _TWIST))], axis=2)
 
 
 def renew_timing(current: Map) -> None:
