@@ -93,6 +93,17 @@ class Rectifier:
         """Rectify an image (h, w) uint8 of each camera; return the same array if it is rectified already."""
         return [self._rectified(image, side) for side, image in enumerate(images)]
 
+    def raw_shifts_px(self, z_px: Array) -> Array:
+        """Return right minus left positions (n, 2) px in the raw images of views (n, 4) in the rectified ones.
+
+        A picture that is burnt into both images is at the same pixels there, wherever the cameras look.
+        """
+        raw = []
+        for (camera, rotation, k_rectified), px in zip(self._sides, (z_px[:, :2], z_px[:, 2:]), strict=True):
+            rays = np.column_stack([px, np.ones(len(px))]) @ np.linalg.inv(k_rectified).T @ rotation
+            raw.append(project_into_image(camera, rays))
+        return np.asarray(raw[1] - raw[0])
+
     @cached_property
     def rows_of(self) -> ExposedRows:
         """The rows of the raw images in which views are exposed."""

@@ -32,6 +32,12 @@ class GhostRules(Section, frozen=True, kw_only=True):
 class ImageRules(Section, frozen=True, kw_only=True):
     """Faults of images."""
 
+    # Rectification and templates move a picture by less.
+    overlay_px: Annotated[float, expert("largest shift of a picture that is laid over both images, px", 0, 100)] = (
+        0.5
+    )
+    # Where only one in ten points is not on such a picture, these show nothing.
+    overlay_share: Annotated[float, expert("share of the points on such a picture that is reported", 0, 1)] = 0.9
     # A recorder treats all images alike, so that the first ones tell.
     first_looks: Annotated[int, expert("telling frames that are examined first, and remembered", 1, 10_000)] = 40
     every: Annotated[int, expert("frames from one examined frame to the next, after the first", 1, 10**9)] = 100

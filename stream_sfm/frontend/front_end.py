@@ -28,6 +28,7 @@ from .ambiguity import AmbiguityMemory
 from .disparity_error import DisparityError
 from .first_timing import learn_timing
 from .new_points import begin_points, renews
+from .overlays import are_laid_over
 from .pair_check import PairCheck, PairFit, problem_of, resolution_problem
 from .right_turn import TurnWatch, rig_change, shift_of_turn, with_turn
 from .rows import Rows
@@ -38,6 +39,7 @@ from .timing import Timing
 from .tracker import follow
 
 _JUMPED = "the whole view has changed at once: were images held back, or is this another place?"
+_LAID_OVER = "nearly all points are at the same pixels of left and right: is a picture laid over the images?"
 _HIDDEN = "background occluded: the remaining tracks are on moving objects"
 
 
@@ -53,7 +55,8 @@ class StereoFrontEnd:
     def __init__(self, rig: StereoRig, rectifier: Rectifier, config: Config) -> None:
         projection, in_right = rectifier.projection, rectifier.valid_in_right
         radius_px, rules = config.frontend.window_radius_px, config.rules
-        self.setup = Setup(projection, config, None if in_right is None else valid_area(in_right, radius_px))
+        right_area = None if in_right is None else valid_area(in_right, radius_px)
+        self.setup = Setup(projection, config, right_area, rectifier.raw_shifts_px)
         self.problem = resolution_problem(rig, rules.pair)  # of the calibration, in every frame
         self.rig = RigModel.of(
             projection, config.rig, rig.refinement, rectifier.rows_of, rig.timing, rectifier.by_focal
@@ -224,10 +227,13 @@ class StereoFrontEnd:
 
     def _note(self, state: FrontEndState, images: PreparedImages, z_px: Array) -> str:
         """Return what is wrong with the images, given the views (n, 4) of all tracks; or an empty string."""
-        black_grey = self.setup.rules.images.black_grey
+        rules = self.setup.rules.images
+        points = state.tracks.points
+        if np.count_nonzero(are_laid_over(self.setup, points)) > rules.overlay_share * len(points):
+            return _LAID_OVER
         n_in_both = int(np.count_nonzero(np.isfinite(z_px[:, 2])))
         return image_note(
-            images, state.previous, len(z_px), n_in_both, self.setup.rules.robust.min_inliers, black_grey
+            images, state.previous, len(z_px), n_in_both, self.setup.rules.robust.min_inliers, rules.black_grey
         )
 
     def _turn_note(self, watch: TurnWatch | None) -> str:

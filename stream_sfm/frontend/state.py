@@ -1,5 +1,6 @@
 """The state of the front-end between two frames: one record, which a step replaces and never changes."""
 
+from collections.abc import Callable
 from dataclasses import field
 from functools import cached_property
 from typing import NamedTuple
@@ -42,11 +43,13 @@ class Setup:
     """The constants of a run: the projection of the rectified images, and all settings.
 
     `right_area` (h, w): pixels of the right image around which a whole patch shows the scene; None if all do.
+    `raw_shifts_px`: returns right minus left positions (n, 2) in the raw images of views (n, 4), None for one camera.
     """
 
     projection: StereoProjection
     config: Config
     right_area: NDArray[np.bool_] | None = None
+    raw_shifts_px: Callable[[Array], Array] | None = None
 
     @cached_property
     def rules(self) -> Rules:

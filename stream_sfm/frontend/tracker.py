@@ -12,6 +12,7 @@ from .advance import Followed, advance, learn
 from .aligned_views import align
 from .first_timing import first_timed
 from .motion_choice import choose, is_scene_hidden, of_background
+from .overlays import overlays
 from .repetition import smaller_of_alike
 from .rough_motion import find_rough_motion
 from .seen import Seen
@@ -35,6 +36,11 @@ def follow(
     rough = None if step is None else find_rough_motion(step, state.aligners, state.tracks)
     if step is None or rough is None:
         return state, None
+    if (laid_over := overlays(setup, state.tracks, rough.left_px)).any():
+        state = changed(state, tracks=state.tracks.keep(~laid_over))
+        rough = find_rough_motion(step, state.aligners, state.tracks)
+        if rough is None:
+            return state, None
     rough = smaller_of_alike(step, state, of_background(step, state, rough))
     twist = step.twist(state.velocity, rough.cam_from_previous)
     state = first_timed(setup.projection, state, step.first_twist(twist, rough.cam_from_previous))
