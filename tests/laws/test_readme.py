@@ -99,6 +99,9 @@ def user(tmp_path_factory):
         (folder / name).write_text(rig.to_toml(), encoding="utf-8")
     (folder / "camchain.yaml").write_text(kalibr((rig.left, rig.right), rig.right_from_left), encoding="utf-8")
     sfm.replay(log, folder / "runs/latest", selection=sfm.Selection(max_frames=FRAMES))
+    for batch in ("a", "b"):  # as from other commands, which may run in another process
+        (folder / batch).mkdir()
+        (folder / batch / "latest").symlink_to(folder / "runs/latest")
     (folder / "mine.mcap").symlink_to(ROOM)
     return folder
 
