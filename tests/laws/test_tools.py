@@ -50,4 +50,4 @@ def test_the_budget_of_a_step_adds_up() -> None:
     assert set(found["ms"]) == {"core", "OpenCV", "Python and NumPy"} and min(found["ms"].values()) > 0
     unknowns = found["unknowns"]
     assert unknowns["of frames"] == 8 * (6 + 3) and unknowns["of the rig"] == len(TERMS)
-    assert 6 <= unknowns["modes"] and unknowns["all"] == pytest.approx(72 + unknowns["modes"] + len(TERMS))
+    assert unknowns["modes"] >= 6 and unknowns["all"] == pytest.approx(72 + unknowns["modes"] + len(TERMS))
