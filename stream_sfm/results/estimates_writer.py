@@ -5,9 +5,9 @@ follow the settings `[ros]`, except in /stream_sfm/estimate, which has the pose 
 
 Metadata `stream_sfm` (software_version, schema_version, method) and `configuration` (config.toml); attachment
 `calibration.toml`. All times of a message are the frame's stamp, its sequence the frame index; two runs differ
-in /stream_sfm/timing only. A chunk is closed at the latest after half a second of log time or 20 frames, and the
-file is moved to its name by `close`: a killed process leaves all but the last chunk in `<name>.part`, which
-`read_estimates` reads.
+in /stream_sfm/timing only. A chunk is closed at the latest after half a second of log time or 20 frames, and the first
+ones after 1, 2, 4 … frames, as a disk may soon be full. The file is moved to its name by `close`: a killed process
+leaves all but the last chunk in `<name>.part`, which `read_estimates` reads.
 """
 
 from collections.abc import Callable
@@ -83,6 +83,7 @@ class EstimatesWriter:
         self._counts = dict.fromkeys(topics, 0)
         self._times_ns = (2**63, 0)  # times of the first and the last message
         self._chunk_began_ns = self._frames_in_chunk = 0
+        self._most_frames = 1  # of the current chunk
         self._closed = False
 
     def write(self, estimate: FrameEstimate, frame: Frame | None = None) -> None:
@@ -92,9 +93,9 @@ class EstimatesWriter:
         self._add(estimate, self._messages.of(estimate))
         self._frames_in_chunk += 1
         since_ns = abs(estimate.stamp_ns - self._chunk_began_ns)
-        if self._frames_in_chunk >= _CHUNK_FRAMES or since_ns >= _CHUNK_NS:
+        if self._frames_in_chunk >= self._most_frames or since_ns >= _CHUNK_NS:
             self._writer.flush()
-            self._frames_in_chunk = 0
+            self._frames_in_chunk, self._most_frames = 0, min(2 * self._most_frames, _CHUNK_FRAMES)
 
     def close(self) -> None:
         """Add the whole path, and the points still visible to the map; finish the file and move it into place."""
