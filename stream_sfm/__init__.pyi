@@ -10,7 +10,6 @@ from .config import FrontendConfig as FrontendConfig
 from .config import ImuConfig as ImuConfig
 from .config import MotionConfig as MotionConfig
 from .config import RigConfig as RigConfig
-from .config import RobustConfig as RobustConfig
 from .config import RosConfig as RosConfig
 from .config import WindowConfig as WindowConfig
 from .config import config_to_toml as config_to_toml
@@ -42,6 +41,7 @@ from .inspection.overview import inspect_log as inspect
 from .motion import Motion as Motion
 from .motion import Odometry as Odometry
 from .motion import chain as chain
+from .pipeline import Pipeline as Pipeline
 from .places.place_map import PlaceMap as PlaceMap
 from .recording.ros_images import RosImages as RosImages
 from .recording.stereo_log import StereoLog as StereoLog

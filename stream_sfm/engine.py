@@ -4,6 +4,8 @@ frame -> observer (rectification and front-end) -> observations -> estimator -> 
 the physical left camera. A run takes the same steps, with record and files (`run/loop.py`).
 """
 
+from __future__ import annotations  # `help` shows `ArrayLike`, not the six lines that it stands for
+
 import copy
 import logging
 import threading
@@ -25,7 +27,7 @@ from .geometry.stereo import StereoProjection
 from .inertial.driver import DriverSamples
 from .lane import BareLane
 from .motion import in_world
-from .observer import Observer
+from .observer import Observed, Observer
 from .pictures.prepared import PreparedImages
 from .types import Estimator, Frame, FrameEstimate, InertialEstimator, Observations, Prediction
 
@@ -84,15 +86,18 @@ class Engine:
         """Return the estimate of the next frame; `prepared` is what `prepare` returned for it, if it was called.
 
         Raises FrameError for images of the wrong kind or a stamp that does not increase; the engine is then unchanged
-        and takes the next frame. Raises EngineBusyError while another thread is in `step`.
+        and takes the next frame. Raises EngineBusyError while another thread or a `Pipeline` has the engine.
         """
         with self._exclusively(), one_thread:
-            frame = self._samples.joined_to(frame)
-            observed = self.observer.observe(frame, prepared, self.lane.expect)
-            self.observations = observed.observations
-            estimate = self.lane.estimate(observed)
-            self.observer.learn(self.lane.solution)
-            return estimate if self._world_from_first is None else in_world(estimate, self._world_from_first)
+            observed = self.observer.observe(self._samples.joined_to(frame), prepared, self.lane.expect)
+            self.observer.learn(self.lane.solution)  # of the frame before: `Pipeline` has that of this one too late
+            return self._estimated(observed)
+
+    def _estimated(self, observed: Observed) -> FrameEstimate:
+        """Return the estimate of a frame that has been observed, in the world of this engine."""
+        self.observations = observed.observations
+        estimate = self.lane.estimate(observed)
+        return estimate if self._world_from_first is None else in_world(estimate, self._world_from_first)
 
     def reset(self, world_from_cam: ArrayLike | None = None) -> None:
         """Start over: the next frame is the first one, as for a new engine, whatever its stamp is.
@@ -134,13 +139,13 @@ class Engine:
                 return found
             return replace(found, world_from_cam=se3.orthonormalise(self._world_from_first @ found.world_from_cam))
 
-    def __copy__(self) -> "Engine":
+    def __copy__(self) -> Engine:
         """Return an engine that continues independently from here, as `copy.deepcopy` does."""
         other = type(self).__new__(type(self))
         other.__setstate__(self.__getstate__())
         return other
 
-    def __deepcopy__(self, _: dict[int, Any]) -> "Engine":
+    def __deepcopy__(self, _: dict[int, Any]) -> Engine:
         return self.__copy__()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -161,8 +166,8 @@ class Engine:
             raise EngineBusyError(
                 f"the engine was {wanted} within a step: copy and pickle it between two steps"
                 if wanted
-                else "step was called while another thread is in it: give all frames of a stream to its engine from "
-                "one thread, and make one engine per stream"
+                else "step was called while another thread is in it, or a pipeline has the engine: give all frames of "
+                "a stream to its engine from one thread, and make one engine per stream"
             )
         try:
             yield

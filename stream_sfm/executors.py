@@ -38,7 +38,7 @@ def processes(workers: int) -> Iterator[Executor]:
             try:
                 yield pool
             except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
+                pool.shutdown(wait=False)
                 for worker in set(active_children()) - others:
                     worker.kill()  # a run defers SIGTERM, and each worker has one more task queued
                 raise

@@ -4,7 +4,16 @@ import time
 
 from .observer import Observed, Observer
 from .rig_model.estimate import RigEstimate
-from .types import Estimator, ExpectedMotion, FrameEstimate, InertialEstimator, InertialView, Solution
+from .types import (
+    Estimator,
+    ExpectedMotion,
+    Frame,
+    FrameEstimate,
+    InertialEstimator,
+    InertialView,
+    Solution,
+    StereoFrame,
+)
 
 
 class BareLane:
@@ -23,6 +32,11 @@ class BareLane:
     def expect(self, stamp_ns: int, view: InertialView) -> ExpectedMotion | None:
         """Return the motion up to a frame as its inertial samples predict it; None if the method takes none."""
         return self.estimator.expect(stamp_ns, view) if isinstance(self.estimator, InertialEstimator) else None
+
+    def predicts(self, frame: Frame) -> bool:
+        """Whether `expect` is asked about a frame, which then needs the estimates of all frames before."""
+        samples = frame.imu if isinstance(frame, StereoFrame) else None
+        return samples is not None and isinstance(self.estimator, InertialEstimator)
 
     def estimate(self, observed: Observed) -> FrameEstimate:
         """Return the estimate of the next frame, in axes of the physical left camera."""

@@ -20,13 +20,19 @@ class Method(NamedTuple):
 
 REFERENCE = "cross-frame"  # the method of this package, by whose errors those of others are divided
 STEPWISE = "frame-to-frame"  # the method whose errors accumulate by construction, with which drift is compared
+# All methods have the covariances of the views. The window reports with these, and filters by how long errors last; two
+# filters with the latter weights are rows of their own, so that rows differ in one thing.
 METHODS = {
     REFERENCE: Method("cross_frame.window", "CrossFrame", "cross-frame"),
-    "ekf": Method("baselines.ekf", "Ekf", "EKF"),
+    "ekf": Method("baselines.ekf", "Ekf", "EKF with plain weights"),
+    "ekf-lasting": Method("baselines.ekf", "EkfLasting", "EKF with lasting errors"),
     # Gauss-Newton on one frame's views and the joint prior is the iterated update (Bell and Cathey, The iterated Kalman
     # filter update as a Gauss-Newton method, 1993); the world is one more pose, for which iterating changes
     # nothing.
-    "iterated-ekf": Method("cross_frame.window", "CrossFrame", "iterated EKF", frames=1),
+    "iterated-ekf": Method("cross_frame.window", "PlainCrossFrame", "iterated EKF with plain weights", frames=1),
+    "iterated-ekf-lasting": Method(
+        "cross_frame.window", "CrossFrame", "iterated EKF with lasting errors", frames=1, compared=False
+    ),
     STEPWISE: Method("baselines.frame_to_frame", "FrameToFrame", "frame-to-frame"),
     "cross-frame-wc": Method("baselines.per_point", "CrossFrameWC", "per-point WC"),
     "cross-frame-cc": Method("baselines.per_point", "CrossFrameCC", "per-point CC"),
@@ -34,8 +40,10 @@ METHODS = {
     "cross-frame-cc-literal": Method(
         "baselines.per_point", "CrossFrameCCLiteral", "per-point CC, literal", compared=False
     ),
-    "depth-filter": Method("baselines.per_point", "CrossFrameWC", "depth filter", frames=1, compared=False),
+    # the conventional filter: frame by frame, each point with a covariance of its own
+    "depth-filter": Method("baselines.per_point", "CrossFrameWC", "filter without cross-correlations", frames=1),
 }
+REPLAYED = f"{REFERENCE}-replayed"  # its row with the calibration found on the way, as in a replay
 WITHOUT_IMU = "cross-frame-no-imu"  # `compare` runs it if a log has samples
 METHODS[WITHOUT_IMU] = METHODS[REFERENCE]._replace(label="cross-frame without IMU", compared=False, inertial=False)
 COMPARED = tuple(name for name, method in METHODS.items() if method.compared)

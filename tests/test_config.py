@@ -1,6 +1,7 @@
 """Invalid settings are refused on construction, with what is wanted; all values within the bounds work."""
 
 import math
+import re
 from dataclasses import replace
 from functools import reduce
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
@@ -177,3 +178,13 @@ def test_settings_that_few_runs_need_are_printed_where_they_are_asked_for_or_cha
     assert "smoothing_px" not in short and "[expert.frontend]" in whole
     changed = sfm.Config(frontend=FrontendConfig(smoothing_px=2.0))
     assert "smoothing_px = 2.0" in config_to_toml(changed, expert=False)
+
+
+def test_few_settings_are_promises_and_each_is_described_by_itself() -> None:
+    """All others are rules, which may change; no description needs that of a neighbour."""
+    assert sum(not name.startswith("rules.") for name in setting_names()) <= 75
+    told = [line[2:] for line in config_to_toml(sfm.Config()).splitlines() if line.startswith("# ")]
+    leaning = re.compile(
+        r"^the same|^to the left|that weight|after that$|of the two|this (average|check|judgement)|these"
+    )
+    assert not [text for text in told if leaning.search(text)]

@@ -17,6 +17,7 @@ from stream_sfm.camera.pixels import to_grey
 from stream_sfm.camera.refinement import KnownTiming
 from stream_sfm.errors import EngineBusyError
 from stream_sfm.geometry import se3
+from tests.helpers.estimates import bytes_of
 from tests.helpers.estimators import nees
 from tests.helpers.wall import Wall, camera_path, rig
 
@@ -141,7 +142,7 @@ def test_wrong_input_is_refused_and_changes_nothing(frames, engine) -> None:
             engine.step(good, prepared)
     fresh = sfm.Engine(rig(0.03), sfm.Config())
     fresh.step(frames[0])
-    assert _bytes(fresh.step(good)) == _bytes(engine.step(good))
+    assert bytes_of(fresh.step(good)) == bytes_of(engine.step(good))
 
 
 def test_stamps_that_count_something_else_are_questioned_once(frames, caplog) -> None:
@@ -183,7 +184,7 @@ FORMS = {
 @pytest.fixture(scope="module")
 def of_plain_images(frames) -> list[bytes]:
     engine = sfm.Engine(rig(0.03), sfm.Config())
-    return [_bytes(engine.step(frame)) for frame in frames[:3]]
+    return [bytes_of(engine.step(frame)) for frame in frames[:3]]
 
 
 @pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
@@ -191,7 +192,7 @@ def test_images_are_taken_in_the_forms_in_which_logs_have_them(frames, engine, o
     """The same pixels give the same estimates."""
     for frame, expected in zip(frames, of_plain_images, strict=False):
         other = sfm.StereoFrame(frame.stamp_ns, form(frame.left), form(frame.right))
-        assert _bytes(engine.step(other, engine.prepare(other))) == expected
+        assert bytes_of(engine.step(other, engine.prepare(other))) == expected
 
 
 def test_colour_is_blue_first() -> None:
@@ -275,27 +276,18 @@ def test_a_second_thread_in_step_is_refused_and_the_first_is_not_disturbed(frame
     first.join()
     results.append(engine.step(frames[2], prepared))
     alone = sfm.Engine(rig(0.03), sfm.Config())
-    assert [_bytes(alone.step(f)) for f in frames[:3]][1:] == [_bytes(e) for e in results]
-
-
-def _bytes(estimate: sfm.FrameEstimate) -> bytes:
-    parts = []
-    for field in dataclasses.fields(estimate):
-        value = getattr(estimate, field.name)
-        if field.name != "timings_ms":
-            parts.append(value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
-    return b"|".join(parts)
+    assert [bytes_of(alone.step(f)) for f in frames[:3]][1:] == [bytes_of(e) for e in results]
 
 
 @pytest.mark.parametrize("changed", [{}, {"method": "ekf"}, {"mono": True}], ids=str)
-def test_a_copied_engine_goes_on_with_the_same_bytes(frames, changed: dict[str, object]) -> None:
+def test_a_copied_engine_goes_on_with_the_samebytes_of(frames, changed: dict[str, object]) -> None:
     engine = sfm.Engine(rig(0.03), sfm.Config(**changed))
     for frame in frames[:8]:
         engine.step(frame)
     copies = copy.copy(engine), copy.deepcopy(engine), pickle.loads(pickle.dumps(engine))
-    went_on = [_bytes(engine.step(frame)) for frame in frames[8:10]]
+    went_on = [bytes_of(engine.step(frame)) for frame in frames[8:10]]
     for other in copies:
-        assert [_bytes(other.step(frame)) for frame in frames[8:10]] == went_on
+        assert [bytes_of(other.step(frame)) for frame in frames[8:10]] == went_on
 
 
 def test_a_copy_within_a_step_is_refused(frames) -> None:
@@ -323,7 +315,7 @@ def test_stamps_of_any_integer_type_are_the_same(frames, kind: type) -> None:
     for stamps in ([kind(5), kind(100)], [5, 100]):
         engine = sfm.Engine(rig(0.03))
         timed = [dataclasses.replace(frame, stamp_ns=ns) for ns, frame in zip(stamps, frames, strict=False)]
-        ends.append([_bytes(engine.step(frame)) for frame in timed])
+        ends.append([bytes_of(engine.step(frame)) for frame in timed])
     assert ends[0] == ends[1]
 
 
@@ -341,7 +333,7 @@ def test_a_bright_frame_that_is_prepared_but_not_stepped_changes_nothing(frames)
         prepared.prepare(deep(frames[n], 256), n)
         brighter_frame = deep(frame, 64 if n == 3 else 16)
         expected = plain.step(dim)
-        assert _bytes(prepared.step(dim, prepared.prepare(dim, n))) == _bytes(expected)
+        assert bytes_of(prepared.step(dim, prepared.prepare(dim, n))) == bytes_of(expected)
         brighter.step(brighter_frame, brighter.prepare(brighter_frame))
     assert [engine.observer.state.grey_bits for engine in (plain, prepared, brighter)] == [12, 12, 14]
 

@@ -15,6 +15,7 @@ import os
 import platform
 import sys
 from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -99,12 +100,12 @@ class _Times:
         pass
 
 
-def measure(path: Path, overrides: list[str]) -> Figures | str:
+def measure(path: Path, overrides: list[str], std_truth: tuple[float, float] | None = None) -> Figures | str:
     """The figures of one recording, or why there are none."""
     times = _Times()
     try:
         log = open_log(path)
-        done = replay(log, None, read_config(None, overrides), sinks=[times])
+        done = replay(log, None, read_config(None, overrides), std_truth=std_truth, sinks=[times])
     except StreamSfmError as error:
         return str(error)
     summary, truth = done.summary, log.ground_truth()
@@ -191,6 +192,9 @@ def main() -> int:
         "--workers", type=int, default=1, help="recordings at a time (1: cost is measured undisturbed)"
     )
     parser.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE")
+    parser.add_argument(
+        "--ground-truth-std", type=float, nargs=2, metavar=("M", "RAD"), help="its σ; known for KITTI and EuRoC"
+    )
     a = parser.parse_args()
     if a.what[0] not in SUITES:
         parser.error(f"begin with one of {', '.join(SUITES)}")
@@ -206,7 +210,7 @@ def main() -> int:
     machine = f"{platform.machine()}, {os.cpu_count()} cores"
     results: dict[str, Figures] = {}
     with processes(a.workers) as pool:
-        measured = pool.map(measure, recordings.values(), [a.overrides] * len(recordings))
+        measured = pool.map(measure, recordings.values(), repeat(a.overrides), repeat(a.ground_truth_std))
         for name, figures in zip(recordings, measured, strict=True):
             if isinstance(figures, str):
                 print(f"{name}: {figures}", file=sys.stderr)

@@ -39,6 +39,15 @@ class CameraSettings:
     most_apart_px: float = 0.5  # anywhere in the image; with 0.0004, as of KITTI-360, it is 0.33
     fewest: int = 200  # least number of rays in the image
 
+    # Refinements. A single log does not show by how much logs of one rig differ. Six drives with KITTI's cameras differ
+    # by 0.2 to 0.9 prior σ in each term, a hundred times their own variance.
+    logs_differ: float = 0.4  # prior σ of each error
+    logs_weight: float = 2.0  # the number of logs as which this guess counts
+    # σ before any log, prior σ, of disparity errors that all logs share: KITTI's are 6 in one term. Those of lenses are
+    # hardly seen without their prior.
+    common_disparity: float = 3.0
+    rounds: int = 50  # of variational Bayes
+
     # 16-bit images.
     bright_share: float = 1e-3  # share of pixels that may be brighter than white: hot pixels, lamps
 

@@ -1,12 +1,12 @@
 """`stream-sfm refine` and `convert-calibration`: calibrations as TOML, from recordings and from other tools."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from ..errors import RigError
 from . import options
-from .printing import print_json, print_notes
+from .printing import number, print_json, print_notes, print_table
 
 
 def refine(
@@ -19,19 +19,20 @@ def refine(
 ) -> None:
     """Refine the calibration of a rig from its recordings.
 
-    Estimates the errors of a calibration from one or more logs of the same cameras. Writes a calibration with these
-    errors, and with delay and readout if they are certain; other commands read it with --calibration. Images cannot
-    show an error of the baseline, because it scales everything alike. An IMU can: then the baseline, and the clock
-    and the axes of the IMU, are corrected if the correction is certain.
+    Estimates the errors of a calibration from one or more logs of the same cameras. Rows that differ turn the right
+    camera, a certain focal length goes into K, and errors of disparity and lenses are written if frames that they were
+    not made from become better: other logs, or the other half of a single one. Delay and readout are written if they
+    are certain. The logs are replayed with and without the result, and what makes them worse is refused, with the
+    reason. Other commands read the result with --calibration. Images cannot show an error of the baseline, because it
+    scales everything alike. An IMU can: then the baseline, and the clock and the axes of the IMU, are corrected if the
+    correction is certain.
 
     Args:
         logs: recordings of the same cameras
         out: the calibration to write (TOML)
         calibration: refine this calibration instead of the one in the logs
     """
-    from ..camera.rectification import Rectifier
     from ..files import write_whole
-    from ..report.calibration import describe
     from ..run import refine as run
 
     options.at_least_one(logs, "LOG", "recordings of the same cameras")
@@ -39,18 +40,39 @@ def refine(
     given = options.calibration_files(calibration)
     refined = run.refine(logs, settings.read(), frames.selection(), calibration=given)
     write_whole(out, refined.rig.to_toml().encode())
-    projection = Rectifier(refined.rig).projection
-    nothing = {"text": "no frame was tracked, so nothing was learnt"}
-    found = [
-        {"log": log, **(nothing if estimate is None else describe(projection, estimate)), "imu": list(of_unit)}
-        for log, estimate, of_unit in zip(logs, refined.estimates, refined.of_unit, strict=True)
+    found: list[dict[str, Any]] = [
+        {"log": log, "without": before.figures(), "with": after.figures(), "imu": list(of_unit)}
+        for log, before, after, of_unit in zip(logs, refined.before, refined.after, refined.of_unit, strict=True)
     ]
     if json:
-        print_json({"out": out, "logs": found})
-    else:
-        for of_log in found:
-            print("; ".join([f"{of_log['log']}: {of_log['text']}", *of_log["imu"]]))
-        print(f"written to {out}: give it to other commands with --calibration {out}")
+        print_json({"out": out, "said": list(refined.said), "logs": found})
+        return
+    print("\n".join([*refined.said, *(f"{of['log']}: {'; '.join(of['imu'])}" for of in found if of["imu"])]))
+    headings = [
+        "log",
+        "calibration",
+        "good frames",
+        "rows\npx",
+        "disparity,\nfurther px",
+        "σ of the end\nm",
+        "ATE\nm",
+    ]
+    rows = [[of["log"], name, *_cells(of[name])] for of in found for name in ("without", "with")]
+    print_table(rows, headings, text_columns=2)
+    print(f"written to {out}: give it to other commands with --calibration {out}")
+    for of in found:
+        log = f" of {of['log']}" if len(found) > 1 else ""
+        print(f"calibration{log}: {of['with']['text']}")
+
+
+def _cells(figures: dict[str, Any]) -> list[str]:
+    """Return the cells of a row: what a replay has found, and how well it went."""
+    found = (figures["rows_rms_px"], figures["disparity_further_px"])
+    return [
+        f"{figures['ok']} of {figures['frames']}",
+        *(number(value, ".2f") for value in found),
+        *(number(figures[key], ".3g") for key in ("std_position_m", "ate_rmse_aligned_m")),
+    ]
 
 
 def convert_calibration(

@@ -27,11 +27,13 @@ def compare(
 ) -> int:
     """Compare the drift of windows, EKFs and frame-to-frame estimation in an HTML report.
 
-    Runs several methods on the same observations with the same calibration, which a first pass corrects: by default the
-    cross-frame method (joint, per-point WC and per-point CC), three EKFs (plain; iterated and camera-centred;
-    linearised at a constant velocity) and frame-to-frame estimation. Where the log has an IMU, the cross-frame method
-    and the iterated EKF use it, and the cross-frame method is also run without. Writes report.html (a single file),
-    report.json, and one result folder per method, as `replay` does.
+    Runs several methods on the same observations with the same covariances and the same calibration, which a first
+    pass corrects: by default the cross-frame method (joint, per-point WC and per-point CC), EKFs (with plain weights
+    and with those of lasting errors; iterated and camera-centred; linearised at a constant velocity; without
+    cross-correlations) and frame-to-frame estimation. Another row is the cross-frame method as `replay` runs it, which
+    finds the calibration on the way. Where the log has an IMU, the cross-frame method and EKFs use it, and the
+    cross-frame method is also run without. Writes report.html (a single file), report.json, and one result folder per
+    method, as `replay` does.
 
     Args:
         out: result folder; runs/LOG-TIME if not given

@@ -1,5 +1,6 @@
 """`stream-sfm evaluate` and `stream-sfm view`: finished runs against ground truth, and in the Rerun viewer."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,13 +24,16 @@ def evaluate(
     """Compare finished runs with ground truth, one row per run.
 
     The ground truth comes from the log of the run, or from a file. The figures are those of the section
-    ground_truth in summary.json, without the ones of the local structure.
+    ground_truth in summary.json, without the ones of the local structure. Of two folders with runs of the same logs,
+    such as batches with two configurations, it also says which one drifts less: the ratio of their errors, with its
+    95 % interval over the logs.
 
     Args:
-        runs: result folders: of replays, of methods of a comparison, of logs of a batch
+        runs: result folders: of replays, of methods of a comparison, of batches
         out: also write a page with charts, an .html
     """
     from ..evaluation.association import without_frames
+    from ..evaluation.paired import paired
     from ..files import write_whole
     from ..report.pages import Evaluated, render_evaluation
     from ..results.run_results import read_results
@@ -38,13 +42,15 @@ def evaluate(
     options.at_least_one(runs, "RUN", "result folders, such as runs/latest")
     if out is not None and Path(out).suffix.lower() != ".html":
         raise ConfigError(f"--out {out}: the name must end in .html")
+    runs = tuple(run for name in runs for run in _runs_in(Path(name)))
     options.protect([out], *runs, truth.ground_truth)
     found, rows, missing, failed = [], [], [], []
     for name in dict.fromkeys(runs):
         try:
             run = read_results(name)
-            used = without_frames(_truth(run, truth), run.stamps_ns, errors.ignore_ground_truth)
-            figures, method = _figures(run, used, errors), run.config.method
+            poses, std = _truth(run, truth)
+            used = without_frames(poses, run.stamps_ns, errors.ignore_ground_truth)
+            figures, method = _figures(run, used, errors, std), run.config.method
         except (InputError, ConfigError) as error:  # one of many; the others are still compared
             failed.append(error)
             continue
@@ -58,29 +64,40 @@ def evaluate(
     missing += map(str, failed)
     if out is not None:
         write_whole(out, render_evaluation(found).encode())
+    sets = paired(rows)
     if json:
-        print_json({"runs": rows})
+        print_json({"runs": rows, "paired": None if sets is None else asdict(sets)})
     else:
         print_evaluation(rows)
+        if sets is not None:
+            print(sets.in_words())
     print_notes("warning", missing)
     return ExitCode.INPUT if missing else ExitCode.DONE
 
 
-def _truth(run: "RunResults", given: options.TruthFile) -> "Trajectory":
-    """Return the ground truth of a run at the times of its frames. The log is opened only if it is needed."""
+def _runs_in(folder: Path) -> list[str]:
+    """Return the runs in a folder of runs, such as that of a batch; a run itself is one."""
+    from ..results.run_results import is_run
+
+    inside = sorted(folder.iterdir()) if folder.is_dir() and not is_run(folder) else []
+    return [str(run) for run in inside if is_run(run)] or [str(folder)]
+
+
+def _truth(run: "RunResults", given: options.TruthFile) -> "tuple[Trajectory, tuple[float, float]]":
+    """Return the ground truth of a run and its σ as far as known. The log is opened only if it is needed."""
     from ..recording.stereo_log import open_log
 
     file, log = given.read(), run.summary.get("log")
     if file is not None and file.of_left_camera:
-        return file.poses()
+        return file.poses(), (0.0, 0.0)
     if log is None:
         raise InputError(
             f"{run.folder} does not name its log (summary.json), which is needed here", hint=("ground_truth",)
         )
-    truth = open_log(log, ground_truth=file, mono=run.config.mono).ground_truth()
-    if truth is None:
+    opened = open_log(log, ground_truth=file, mono=run.config.mono)
+    if (truth := opened.ground_truth()) is None:
         raise InputError(f"{run.folder}: its log {log} holds no ground truth: name a file", hint=("ground_truth",))
-    return truth
+    return truth, opened.std_truth
 
 
 def _why_none(run: "RunResults", truth: "Trajectory", name: str) -> str:
@@ -93,7 +110,9 @@ def _why_none(run: "RunResults", truth: "Trajectory", name: str) -> str:
     return f"{run.folder}: {elsewhere or f'no pose of the ground truth {name} has the time of a frame'}"
 
 
-def _figures(run: "RunResults", truth: "Trajectory", known: options.TruthErrors) -> dict[str, Any]:
+def _figures(
+    run: "RunResults", truth: "Trajectory", known: options.TruthErrors, std_truth: tuple[float, float]
+) -> dict[str, Any]:
     from ..evaluation.relative_consistency import RelativeRecord
     from ..evaluation.summary import evaluate_run, evaluate_unscaled
 
@@ -102,7 +121,7 @@ def _figures(run: "RunResults", truth: "Trajectory", known: options.TruthErrors)
     motions = RelativeRecord()
     for estimate in run.estimates():
         motions.add(estimate)
-    figures = evaluate_run(run.trajectory, motions, truth, known.ground_truth_std)
+    figures = evaluate_run(run.trajectory, motions, truth, known.ground_truth_std or std_truth)
     return figures | {"frames_ignored": [list(frames) for frames in known.ignore_ground_truth]}
 
 

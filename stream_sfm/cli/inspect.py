@@ -1,6 +1,8 @@
 """`stream-sfm inspect`: what a log contains, and whether it can be replayed."""
 
+import shlex
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from ..errors import ExitCode, StreamSfmError
@@ -9,38 +11,55 @@ from . import options
 from .printing import broken_at, number, output_width, print_json, print_notes, print_table
 
 _MAX_TOPICS = 200  # shown; --json lists all
+_FRAMES = 60  # that are estimated: in some seconds most cameras turn
 
 
 def inspect(
-    log: options.Recording, /, *, cameras: options.Cameras = options.Cameras(), json: options.Json = False
+    log: options.Recording,
+    /,
+    *,
+    report: options.ResultFile = None,
+    cameras: options.Cameras = options.Cameras(),
+    json: options.Json = False,
 ) -> int:
     """Show what a log contains and check whether it can be replayed.
 
     Shows the topics of a log, the stereo pair that would be used and why, frame rate, gaps and calibration, and checks
     the calibration against the images: the rows of matched corners; and lens errors, focal length, right-camera delay
-    and shutter readout, as estimated from the first frames. An IMU is checked for rate and gaps, and against the images
-    for its clock, axes, biases and noise. If a replay cannot work, the exit code is 3 and the output
-    says what to change.
+    and shutter readout, as estimated from the first frames. The last line is the verdict on the calibration. An IMU is
+    checked for rate and gaps, and against the images for its clock, axes, biases and noise. If a replay cannot work,
+    the exit code is 3 and the output says what to change.
+
+    Args:
+        report: write a page (HTML) about the calibration: rows and disparity over the image, each error with its σ; if
+            the calibration is refined, without and with the refinement
     """
     from ..inspection.overview import inspect_log
     from ..recording.stereo_log import open_log
+    from ..report.verdict import Fit, judged
     from ..run import replay
     from ..types import Selection
 
+    options.protect([report], log, cameras.calibration)
     found = inspect_log(log, **cameras.chosen)
-    found["rig_errors"] = None
+    found["rig_errors"] = found["verdict"] = None
     if not found["problems"]:
         try:
-            # in some seconds most cameras turn
             opened = open_log(log, **cameras.chosen)
-            look = replay.replay(opened, selection=Selection(max_frames=60)).summary
+            look = replay.replay(opened, selection=Selection(max_frames=_FRAMES)).summary
             found["rig_errors"] = look.get("rig")
+            found["verdict"] = judged(look)
             found["warnings"] += filter(None, [opened.imu_problem])
             if found["imu"] is not None:
                 found["imu"]["first_frames"] = look["imu"]
                 found["warnings"] += look["imu"]["findings"] if look["imu"] else []
         except StreamSfmError as error:
             found["problems"].append(f"the first frames cannot be estimated: {error}")
+            found["verdict"] = judged({})
+    elif found["rig"] is not None:
+        found["verdict"] = {"fit": str(Fit.WRONG), "text": f"wrong: {found['problems'][0]}"}
+    if report is not None and not found["problems"]:
+        _write_page(log, report, cameras)
     code = ExitCode.INPUT if found["problems"] else ExitCode.DONE
     if json:
         print_json(found)
@@ -54,7 +73,31 @@ def inspect(
     print_notes("problem", found["problems"], stderr=False)
     if not found["problems"]:
         print("this log can be replayed")
+    if (verdict := found["verdict"]) is not None:
+        if verdict["fit"] in (Fit.WRONG, Fit.CORRECTED) and not found["problems"]:
+            given = ["--calibration", *map(str, cameras.calibration)] if cameras.calibration else []
+            print(
+                f"to refine it: {shlex.join(['stream-sfm', 'refine', str(log), *given, '--out', 'refined.toml'])}"
+            )
+        print(f"calibration: {verdict['text']}")
     return code
+
+
+def _write_page(log: str, file: str, cameras: options.Cameras) -> None:
+    """Write the page about the calibration of a log; before and after, if there is something before it."""
+    from ..config import Config
+    from ..files import write_whole
+    from ..recording.stereo_log import open_log
+    from ..report.rig_page import render_rig
+    from ..run.looks import calibrations, look
+    from ..types import Selection
+
+    first_frames = Selection(max_frames=_FRAMES)
+    runs = []
+    for title, calibration in calibrations(log, cameras.chosen):
+        opened = open_log(log, **(cameras.chosen | {"calibration": calibration}))
+        runs.append(look(opened, Config(), first_frames).as_run(title))
+    write_whole(Path(file), render_rig(log, runs, Config()).encode())
 
 
 def _topics(found: dict[str, Any]) -> Iterator[list[str]]:
@@ -97,8 +140,6 @@ def _facts(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
         rows = f"vertical difference {check['vertical_px']:+.2f} ± {check['vertical_spread_px']:.2f} px"
         disparity = f"median disparity {check['median_disparity_px']:.1f} px"
         yield "calibration check", f"{check['matches']} matched corners: {rows}, {disparity}"
-    if errors := found.get("rig_errors"):
-        yield "first frames", errors["text"]
     if imu := found.get("imu"):
         yield from _inertial_facts(imu)
     depth = f", depth on {found['ground_truth_depth']}" if found["ground_truth_depth"] else ""

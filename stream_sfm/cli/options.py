@@ -271,7 +271,10 @@ class TruthFile:
 
 
 _Ranges = Parameter(converter=each(_frame_ranges), n_tokens=1, accepts_keys=False, metavar="A:B,…")
-_Std = Parameter(converter=each(_std_truth), n_tokens=1, metavar="M,RAD")
+StdTruth = Annotated[
+    tuple[float, float] | None,
+    Parameter(group=TRUTH, converter=each(_std_truth), n_tokens=1, accepts_keys=False, metavar="M,RAD"),
+]
 
 
 @Parameter(name="*", group=TRUTH)
@@ -281,11 +284,11 @@ class TruthErrors:
 
     Attributes:
         ignore_ground_truth: do not compare frames A to B-1, because the ground truth is wrong there
-        ground_truth_std: σ of the ground truth itself: of positions in metres, of rotations in radians
+        ground_truth_std: σ of the ground truth itself, metres and radians; known for KITTI and EuRoC
     """
 
     ignore_ground_truth: Annotated[tuple[tuple[int, int], ...], _Ranges] = ()
-    ground_truth_std: Annotated[tuple[float, float], _Std] = (0.0, 0.0)
+    ground_truth_std: StdTruth = None
 
 
 def protect(outputs: Sequence[str | Path | None], *inputs: str | list[str] | None) -> None:

@@ -11,6 +11,7 @@ from ..wording import printable
 if TYPE_CHECKING:
     from ..types import Frame, FrameEstimate
 
+_FIRST = 2  # steps before a time is told: the first one loads or renders
 _KEPT = 512  # entries of a history, in which older ones are thinned
 LINE_INTERVAL_S = 10.0  # without a terminal; often enough to show that a run is alive, rare enough for a log file
 
@@ -41,7 +42,7 @@ class Remaining:
         """Return a text such as "about 40 s left"; empty if it is not known."""
         now_s, done = self._history[-1]
         half_s, at_half = next(entry for entry in reversed(self._history) if 2 * entry[1] <= done)
-        if not self._total or done <= at_half or now_s <= half_s:
+        if not self._total or len(self._history) <= _FIRST + 1 or done <= at_half or now_s <= half_s:
             return ""
         left_s = (self._total - done) * (now_s - half_s) / (done - at_half) - (time.monotonic() - now_s)
         return f"about {_duration(max(left_s, 0.0))} left"

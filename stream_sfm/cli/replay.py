@@ -55,6 +55,7 @@ def replay(
     settings: options.Settings = options.Settings(),
     method: options.MethodName = None,
     truth: Annotated[options.TruthFile, Parameter(show=False)] = options.TruthFile(),
+    ground_truth_std: options.StdTruth = None,
 ) -> int:
     """Estimate the camera's motion and the local structure in every frame of a log.
 
@@ -71,6 +72,7 @@ def replay(
         map: continue in a map that --save-map wrote; implies --loops
         save_map: write the map at the end, even over the one that was read; implies --loops
         mono: use the left camera only; lengths are in units of the first baseline instead of metres
+        ground_truth_std: σ of the ground truth itself, metres and radians; known for KITTI and EuRoC
     """
     from ..outputs import RESULTS, TRAJECTORIES
     from ..recording.stereo_log import open_log
@@ -91,6 +93,7 @@ def replay(
         "loops": loops,
         "known_map": map,
         "save_map": save_map,
+        "std_truth": ground_truth_std,
     }
     return _run("replay", recording, folder, config, selection, shown, is_latest=not out, strict=strict, **known)
 

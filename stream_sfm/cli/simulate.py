@@ -6,9 +6,10 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from ..errors import ExitCode
 from ..wording import printable
 from . import options
-from .printing import print_json, print_table
+from .printing import print_json, print_notes, print_table
 
 Experiment = Literal["efficiency", "consistency", "calibration", "rates", "figure6"]
 
@@ -24,7 +25,7 @@ def simulate(
     latex: options.ResultFlag = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
-) -> None:
+) -> int:
     """Run Monte Carlo studies on the paper's simulated stereo pair.
 
     Efficiency: variance of each estimator relative to the Cramér–Rao bound. Consistency: whether the estimated
@@ -70,3 +71,8 @@ def simulate(
         written = "results.json, results.csv, report.html" + (", results.tex" if latex else "")
         written += ", figure6.png and figure6.svg" if experiment == "figure6" else ""
         print(f"{written} in {printable(str(folder))}")
+    if report.get("interrupted"):
+        if not quiet:
+            print_notes("warning", [f"interrupted: {report['trials']} of {trials} trials are in the results"])
+        return ExitCode.INTERRUPTED
+    return ExitCode.DONE

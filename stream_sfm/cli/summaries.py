@@ -10,6 +10,7 @@ from .printing import broken_at, factors_text, number, print_table
 if TYPE_CHECKING:
     from ..evaluation.figures import Figure, LengthUnit
 
+_UNKNOWN_DEG = 100.0  # σ of a heading that may be any one
 _NAME_WIDTH, _EVALUATION_WIDTH = 28, 130  # characters of the name of a run; columns of a table in a pipe
 
 
@@ -17,6 +18,8 @@ def print_summary(summary: dict[str, Any], folder: Path | None, stages: bool) ->
     """Print the summary of a replay and the place of the results; `stages` adds the time of each stage."""
     rows = [*_run_rows(summary, stages), *_truth_rows(summary.get("ground_truth")), ("results", str(folder))]
     print_table(rows, title=f"{summary['log']}: {summary['method']}")
+    if rig := summary.get("rig"):
+        print(f"calibration: {rig['text']}")
 
 
 def print_comparison(content: dict[str, Any]) -> None:
@@ -140,11 +143,12 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
     yield "speed", f"{summary['frames_per_s']:.1f} frames/s, {summary['cpu_s']:.1f} s of CPU time, {memory} MiB"
     if end := summary.get("end"):
         x, y, z = end["position_m"]
-        share = f", {end['std_position_percent']:.2g} % of the path" if end["std_position_percent"] else ""
-        yield "ends at", f"({x:.3f}, {y:.3f}, {z:.3f}) m, σ {end['std_position_m']:.2g} m{share}"
-        yield "", f"heading {end['heading_deg']:.2f}°, σ {end['std_heading_deg']:.2g}°"
-    if rig := summary.get("rig"):
-        yield "calibration", rig["text"]
+        percent, std_deg = end["std_position_percent"], end["std_heading_deg"]
+        share = "" if not percent else f", {percent:.2g} % of the path" if percent < 100 else ", more than the path"
+        known = "unknown" if percent is not None and percent >= 100 else f"({x:.3f}, {y:.3f}, {z:.3f}) m"
+        yield "ends at", f"{known}, σ {end['std_position_m']:.2g} m{share}"
+        known = f"{end['heading_deg']:.2f}°, σ {std_deg:.2g}°" if std_deg < _UNKNOWN_DEG else "unknown"
+        yield "", f"heading {known}"
     if imu := summary.get("imu"):
         from ..report.inertia import inertial_rows
 
@@ -189,7 +193,8 @@ def _truth_rows(truth: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
     yield "scale error", f"{shown('scale_error_percent', '+.2f')} %"
     if truth["relative_consistency"]:
         yield "relative motion", f"error of {factors_text(truth['relative_consistency'])}"
-    yield "NEES of the pose", f"{shown('nees_pose_mean')} (expected: 6)"
+    exact = "" if any(truth["std_truth"]) else ", against a truth taken as exact"
+    yield "NEES of the pose", f"{shown('nees_pose_mean')} (expected: 6){exact}"
     if truth["local_structure_rms_m"] is not None:
         median, rms = (shown(f"local_structure_{kind}_m", ".4f") for kind in ("median", "rms"))
         over, usual = (shown(f"local_structure_error_over_sigma{kind}") for kind in ("", "_median"))

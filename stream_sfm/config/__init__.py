@@ -5,7 +5,6 @@ from .sections import FrontendConfig as FrontendConfig
 from .sections import ImuConfig as ImuConfig
 from .sections import MotionConfig as MotionConfig
 from .sections import RigConfig as RigConfig
-from .sections import RobustConfig as RobustConfig
 from .sections import RosConfig as RosConfig
 from .sections import WindowConfig as WindowConfig
 from .settings import Config as Config

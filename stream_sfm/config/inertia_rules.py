@@ -20,16 +20,22 @@ class InertiaRules(Section, frozen=True, kw_only=True):
     farther: Annotated[float, expert("factor on σ of an image motion, compared with samples", 1, 100)] = 1.5
     frames: Annotated[int, expert("frames whose squared distances are added up", 1, 1000)] = 5
     # A single bad frame is not a contradiction, but is not used.
-    impossible: Annotated[float, expert("cap on the contribution of one frame to the sum", 6, 1e8)] = 40.0
+    impossible: Annotated[
+        float, expert("cap on one frame's squared distance from inertia in their sum", 6, 1e8)
+    ] = 40.0
     # 30 are expected.
     bound: Annotated[float, expert("sum of squared distances that is a contradiction", 6, 1e8)] = 100.0
-    largest_bound: Annotated[float, expert("the same if distances are usually larger", 6, 1e8)] = 180.0
+    largest_bound: Annotated[
+        float, expert("upper limit of the bound on logs with large usual distances", 6, 1e8)
+    ] = 180.0
     usual_frames: Annotated[float, expert("frames over which the usual distance is averaged", 1, 10_000)] = 20.0
     agreed_s: Annotated[float, expert("time of agreement after which samples are trusted, s", 0, 1000)] = 1.0
     # 3 is expected for the biases, 1 for gravity.
     far_bias: Annotated[float, expert("squared distance of impossible accelerometer biases", 3, 1e8)] = 25.0
     far_gravity: Annotated[float, expert("squared distance of an impossible size of gravity", 1, 1e8)] = 25.0
-    std_gravity_m_s2: Annotated[float, expert("σ of the size of gravity in this check, m/s²", 1e-4, 10)] = 0.1
+    std_gravity_m_s2: Annotated[
+        float, expert("σ of the size of gravity where an impossible one is sought, m/s²", 1e-4, 10)
+    ] = 0.1
     # This covers all places on Earth, and the scale error of an accelerometer.
     std_known_gravity_m_s2: Annotated[float, expert("σ of gravity's size as an observation, m/s²", 1e-4, 10)] = 0.03
     known_gravity_m2_s4: Annotated[float, expert("gravity variance at which its size counts, m²/s⁴", 0, 1e4)] = 1.0
@@ -38,7 +44,9 @@ class InertiaRules(Section, frozen=True, kw_only=True):
     jitter_frames: Annotated[float, expert("frames from which stamp errors are learnt", 1, 1e6)] = 100.0
     data_sheet: Annotated[float, expert("weight of the densities of the data sheet, intervals", 1e-3, 1e4)] = 3.0
     # Little evidence is needed that the noise is larger.
-    little: Annotated[float, expert("the same if residuals are impossibly large", 1e-3, 1e4)] = 0.1
+    little: Annotated[
+        float, expert("weight of the data sheet once residuals are impossibly large, intervals", 1e-3, 1e4)
+    ] = 0.1
     remembered: Annotated[float, expert("intervals from which densities are learnt", 1, 1e6)] = 400.0
     least_factor: Annotated[float, expert("least factor on a density", 1e-4, 1)] = 0.05
     most_factor: Annotated[float, expert("largest factor on a density", 1, 1e6)] = 100.0

@@ -22,7 +22,9 @@ class GhostRules(Section, frozen=True, kw_only=True):
     share: Annotated[float, expert("least share of the previous image that counts as showing through", 0, 1)] = 0.04
     # In 330 frames of sound logs, real and rendered, none then has more than 3 nats. With noise reduction of 0.2
     # to 0.5, two moving frames have 12.
-    std_share: Annotated[float, expert("σ of that share from frame to frame in sound images", 1e-6, 1)] = 0.02
+    std_share: Annotated[
+        float, expert("σ of the share of the previous image from frame to frame in sound images", 1e-6, 1)
+    ] = 0.02
     # On a road, 0.59 of the frames are so.
     steady: Annotated[float, expert("share of frames whose steady motion hides a ghost", 1e-3, 0.999)] = 0.6
 
@@ -38,7 +40,7 @@ class ImageRules(Section, frozen=True, kw_only=True):
     overlay_share: Annotated[float, expert("share of the points on such a picture that is reported", 0, 1)] = 0.9
     # A recorder treats all images alike, so that the first ones tell.
     first_looks: Annotated[int, expert("telling frames that are examined first, and remembered", 1, 10_000)] = 40
-    every: Annotated[int, expert("frames from one examined frame to the next after that", 1, 10**9)] = 100
+    every: Annotated[int, expert("frames from one examined frame to the next, after the first", 1, 10**9)] = 100
     # As improbable as 4.5 σ; one clear frame or some unclear ones have it.
     bound_nats: Annotated[float, expert("evidence that begins or ends a suspicion, nats", 0.1, 1e8)] = 12.0
     # An image without one brighter pixel shows at most the noise of the sensor. White is as far below 255.
@@ -53,4 +55,6 @@ class ImageRules(Section, frozen=True, kw_only=True):
     spacing_px: Annotated[int, expert("spacing of the rows that are compared, px", 1, 1000)] = 8
     same_grey: Annotated[int, expert("largest difference of one pixel in both images, grey values", 0, 255)] = 2
     same_share: Annotated[float, expert("share of slopes that are the same in one image", 0, 1)] = 0.95
-    fewest_slopes: Annotated[int, expert("least number of slopes for this judgement", 1, 10**9)] = 100
+    fewest_slopes: Annotated[
+        int, expert("least number of slopes that tell whether both images are one", 1, 10**9)
+    ] = 100

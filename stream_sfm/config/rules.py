@@ -1,14 +1,17 @@
-"""Thresholds of the front-end, each with its reason and its bounds.
+"""Thresholds of the front-end and of all rules, each with its reason and its bounds.
 
-Few runs change one. They are settings so that they are in one list, and so that each can be varied or switched off
-alone (`tools/ablation.py`).
+They are for measurements and may change in any version: one list, in which each can be varied or switched off alone
+(`tools/ablation.py`).
 """
 
 from typing import Annotated
 
+from .dense_rules import DenseRules
 from .inertia_rules import InertiaRules
 from .picture_rules import GhostRules, ImageRules
 from .point_rules import PointRules, TemplateRules
+from .reported_rules import ReportedRules
+from .robust_rules import RobustRules
 from .section import Section, expert
 
 
@@ -37,7 +40,7 @@ class MotionRules(Section, frozen=True, kw_only=True):
     # This is long enough to average, and short enough to follow a camera that is put on a vehicle.
     unsteady_frames: Annotated[int, expert("frames over which changes of the motion are averaged", 1, 10_000)] = 30
     # A few frames say more than the assumptions about any camera.
-    assumed_frames: Annotated[float, expert("weight of the assumed changes, frames", 1, 10_000)] = 5.0
+    assumed_frames: Annotated[float, expert("weight of the assumed changes of motion, frames", 1, 10_000)] = 5.0
     # If one set of tracks leaves the view, the other need not be the background.
     ambiguity_lasts: Annotated[float, expert("how long an ambiguity remains, share of its duration", 0, 1000)] = 1.0
     # Fewer agree by chance.
@@ -45,11 +48,15 @@ class MotionRules(Section, frozen=True, kw_only=True):
     one_body: Annotated[bool, expert("refuse motions between those of two bodies")] = True
     poor_frames: Annotated[bool, expert("give all views more noise if most of them fit badly")] = True
     # A jump of a moving body says nothing about the camera.
-    most_unsteady: Annotated[float, expert("cap on a squared change, multiple of the earlier mean", 1, 1e6)] = 9.0
+    most_unsteady: Annotated[
+        float, expert("cap on a squared change of motion, multiple of the earlier mean", 1, 1e6)
+    ] = 9.0
     # Squared distances of six unknowns are 6 on average.
     inertial_near: Annotated[float, expert("largest squared distance of a motion from inertia", 0, 1e6)] = 20.0
     # This corresponds to odds of 1800.
-    inertial_apart: Annotated[float, expert("least difference of the squared distances of both", 0, 1e6)] = 15.0
+    inertial_apart: Annotated[
+        float, expert("least difference between two motions' squared distances from inertia", 0, 1e6)
+    ] = 15.0
 
 
 class StartRules(Section, frozen=True, kw_only=True):
@@ -58,7 +65,9 @@ class StartRules(Section, frozen=True, kw_only=True):
     # Fewer say nothing about a second motion.
     unexplained: Annotated[float, expert("share of disagreeing tracks from which a motion is sought", 0, 1)] = 0.2
     # The share is smaller along the ground, which lies behind and in front of its neighbours.
-    behind: Annotated[float, expert("share of neighbours that must be in front", 0.5, 1)] = 0.95
+    behind: Annotated[float, expert("share of neighbours that must be in front of points behind them", 0.5, 1)] = (
+        0.95
+    )
     # One start in a thousand follows a body, and 5 σ are 14 more.
     body: Annotated[float, expert("log-odds from which points that agree are on a body in front", 0, 1e6)] = 21.0
     # Depths of neighbours on one surface differ by less.
@@ -69,7 +78,7 @@ class RepetitionRules(Section, frozen=True, kw_only=True):
     """Whether the scene is repetitive, so that another motion explains the images equally well."""
 
     # Each costs most of a millisecond.
-    samples: Annotated[int, expert("number of tracks that are examined", 1, 1000)] = 24
+    samples: Annotated[int, expert("number of tracks that are examined for look-alikes", 1, 1000)] = 24
     # This is as for points of the coarse image.
     half_px: Annotated[int, expert("half width of the correlated patch, px of the half-size image", 2, 50)] = 6
     # This is as far as optical flow reaches.
@@ -86,7 +95,7 @@ class RepetitionRules(Section, frozen=True, kw_only=True):
     # The correlation of a patch with itself, a frame later, is higher.
     found: Annotated[float, expert("least correlation of a patch that is found again", 0, 1)] = 0.8
     # This is five times the lead.
-    less: Annotated[float, expert("least drop of the correlation at the other place", 0, 2)] = 0.3
+    less: Annotated[float, expert("least drop of the correlation at a look-alike's place", 0, 2)] = 0.3
 
 
 class FlowRules(Section, frozen=True, kw_only=True):
@@ -114,12 +123,16 @@ class FlowRules(Section, frozen=True, kw_only=True):
     # Larger structures are light and shade.
     local_px: Annotated[float, expert("σ of the Gaussian subtracted from quarter-size images, px", 1, 1000)] = 10.0
     # A blotch of one grey value then becomes as strong as usual texture.
-    contrast: Annotated[float, expert("gain on the rest of these images", 0.1, 255)] = 12.0
+    contrast: Annotated[float, expert("gain of quarter-size images after the local mean is removed", 0.1, 255)] = (
+        12.0
+    )
     # These are levels of the quarter image; at the top, 21 px are half an image.
     wide_levels: Annotated[int, expert("pyramid levels for wide templates", 0, 8)] = 2
     # Chosen by hand: steps of automatic exposure are larger.
     same_gain: Annotated[float, expert("change of contrast below which the exposure is unchanged", 0, 1e8)] = 0.05
-    same_level_grey: Annotated[float, expert("change of the mean below which it is, grey values", 0, 1e8)] = 4.0
+    same_level_grey: Annotated[
+        float, expert("change of mean grey below which the exposure is unchanged", 0, 1e8)
+    ] = 4.0
 
 
 class PairRules(Section, frozen=True, kw_only=True):
@@ -147,16 +160,20 @@ class PairRules(Section, frozen=True, kw_only=True):
 class TurnRules(Section, frozen=True, kw_only=True):
     """A right camera that is knocked out of alignment."""
 
-    # This is one per hour.
+    # About one knock per hour at 30 Hz.
     knocks: Annotated[float, expert("prior probability of a knock, per frame", 1e-300, 0.5)] = 1e-5
     # It is 0.01 to 0.05 mrad on rendered logs, and 0.05 to 0.2 mrad on real ones.
-    first_guess_rad: Annotated[float, expert("first guess of the usual rotation, rad", 1e-7, 0.1)] = 1e-4
-    guess_frames: Annotated[int, expert("weight of the first guess, frames", 1, 10_000)] = 5
+    first_guess_rad: Annotated[
+        float, expert("first guess of the usual rotation between frames, rad", 1e-7, 0.1)
+    ] = 1e-4
+    guess_frames: Annotated[int, expert("weight of the first guess of the usual rotation, frames", 1, 10_000)] = 5
     # This is 3 σ on each axis.
     limit: Annotated[float, expert("cap on χ² of a frame in the usual rotation", 1, 1e6)] = 27.0
-    # They are within one window, and few enough for depths to stay valid.
-    lasting_frames: Annotated[int, expert("frames with the same rotation before it is accepted", 1, 1000)] = 3
-    same: Annotated[float, expert("share by which these rotations may differ from their mean", 0, 10)] = 0.5
+    # Three frames fit in one window and keep depths valid.
+    lasting_frames: Annotated[
+        int, expert("frames with one rotation of the right camera before it is accepted", 1, 1000)
+    ] = 3
+    same: Annotated[float, expert("tolerance of consecutive rotations, relative to their mean", 0, 10)] = 0.5
     # After that, an ever-changing rotation counts as usual.
     patience_frames: Annotated[int, expert("largest number of frames with unusual rotations", 1, 1000)] = 8
     # Templates are not found from farther away; left and right then do not fit each other.
@@ -165,7 +182,9 @@ class TurnRules(Section, frozen=True, kw_only=True):
     min_views: Annotated[int, expert("least number of right views that show a rotation", 9, 2000)] = 30
     # If a body covers them, it explains fewer.
     agree: Annotated[float, expert("share of the right views that a rotation must explain", 0, 1)] = 0.6
-    gate: Annotated[float, expert("share of good views that the gate keeps", 0.5, 0.999999999999)] = 0.999
+    gate: Annotated[
+        float, expert("share of good right views that the gate of a rotation keeps", 0.5, 0.999999999999)
+    ] = 0.999
     # After a knock, views are wrong by ten standard deviations or more.
     steps: Annotated[int, expert("largest number of reweighting steps for a rotation", 1, 1000)] = 12
     # The estimator only starts from the measured rotation, so that it is not counted twice.
@@ -187,7 +206,7 @@ class RowRules(Section, frozen=True, kw_only=True):
     gate_sigmas: Annotated[float, expert("largest distance of a match from its row, σ", 0.1, 1000)] = 4.0
     # This is three times the scatter of good matches. With less, a few matches that agree by chance would set the
     # gate.
-    least_gate_px: Annotated[float, expert("least value of this distance, px", 1e-3, 100)] = 0.3
+    least_gate_px: Annotated[float, expert("least gate of a match about its row, px", 1e-3, 100)] = 0.3
     # All matches use the same extrapolated velocities. The error is 11 and 18 % on two rendered logs with a late
     # camera.
     speed_error: Annotated[float, expert("relative error of a delay", 0, 10)] = 0.2
@@ -206,10 +225,14 @@ class ErrorRules(Section, frozen=True, kw_only=True):
     # With a quarter, estimates from halves of the tracks agree within their σ, on rendered and on real logs.
     left_fraction: Annotated[float, expert("lasting error of the left side, share of the right one", 0, 1)] = 0.25
     first_white: Annotated[float, expert("first guess of the white part of the error, σ²", 1e-3, 100)] = 1.0
-    first_lasting: Annotated[float, expert("first guess of the lasting part", 0, 100)] = 0.3
-    first_decay: Annotated[float, expert("first guess of its decay per frame", 0.01, 0.999)] = 0.92
+    first_lasting: Annotated[float, expert("first guess of the lasting part of the error, σ²", 0, 100)] = 0.3
+    first_decay: Annotated[float, expert("first guess of the decay of lasting errors per frame", 0.01, 0.999)] = (
+        0.92
+    )
     # One frame has about as many.
-    guess_pairs: Annotated[float, expert("weight of the first guess, pairs of views", 1, 1e6)] = 200.0
+    guess_pairs: Annotated[float, expert("weight of the first guess of lasting errors, pairs of views", 1, 1e6)] = (
+        200.0
+    )
     # A hundred frames: the errors are a property of cameras and scene and change slowly.
     memory_pairs: Annotated[float, expert("pairs of views that are remembered", 1, 1e8)] = 20_000.0
     # Older points get the least σ.
@@ -266,7 +289,7 @@ class MonoRules(Section, frozen=True, kw_only=True):
 
 
 class Rules(Section, frozen=True, kw_only=True):
-    """Thresholds of the front-end, and of the window for inertia."""
+    """Thresholds for measurements, which may change in any version."""
 
     motion: MotionRules = MotionRules()
     start: StartRules = StartRules()
@@ -282,3 +305,6 @@ class Rules(Section, frozen=True, kw_only=True):
     images: ImageRules = ImageRules()
     mono: MonoRules = MonoRules()
     inertia: InertiaRules = InertiaRules()
+    robust: RobustRules = RobustRules()
+    reported: ReportedRules = ReportedRules()
+    dense: DenseRules = DenseRules()

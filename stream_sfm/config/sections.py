@@ -82,101 +82,6 @@ class WindowConfig(Section, frozen=True, kw_only=True):
     # Several times the noise of a predicted position. A view that has moved by less shows the rig errors of the
     # same place in the image as before.
     rests_px: Annotated[float, expert("motion per frame below which a view rests, px", 0, 100)] = 0.3
-    # Lasting errors are a property of cameras and scene, and change slowly.
-    halves_memory: Annotated[float, expert("frames from which the duration of errors is learnt", 1, 1e6)] = 25.0
-    # Neighbouring windows have most of their views in common.
-    halves_every: Annotated[int, expert("examine every n-th frame after that", 1, 10_000)] = 4
-    halves_guess: Annotated[float, expert("weight of the first guess (errors do not last), frames", 0, 1e6)] = 2.5
-    halves_least: Annotated[float, expert("smallest share of the tracks that counts as a half", 0, 0.5)] = 0.125
-    # Four times the gate. Views that a minimum has gated are 12 to 19 % of those of real logs, and are in the halves.
-    halves_within: Annotated[float, expert("largest squared residual of a view in halves, σ²", 1, 1e9)] = 74.0
-    # A body that moves in one half is not a lasting error. Gaussian errors exceed this in one frame of 10¹⁰.
-    halves_most: Annotated[float, expert("cap on one frame, multiple of the mean so far", 1, 1e8)] = 10.0
-    # On 20 rendered logs and four simulations, σ of motions over one frame needs a factor of 0.6 to 1.1 with all of
-    # it, and of 0.7 to 1.4 without. The largest is in a corridor, which then has 24 frames beyond 5 σ instead of 9.
-    feigned_turns: Annotated[
-        float, expert("share of the variance of rotations by sliding patches, added to the window's motions", 0, 1)
-    ] = 0.25
-    # While rig errors are being estimated, the corrections of the path are not noise. With a late right camera, ATE
-    # is a third larger than that of the filter with 1.0, and a tenth with 0.5. Over one frame, 0.3 to 1.0 are
-    # equally accurate.
-    most_followed: Annotated[float, expert("largest lag of the reported pose behind the filter, σ", 0, 10)] = 0.5
-    # The tracks of some hundred frames: how much tracks differ is also a property of cameras and scene.
-    tracks_memory: Annotated[float, expert("tracks from which the spread of noise is learnt", 1, 1e9)] = 20_000.0
-    tracks_guess: Annotated[float, expert("weight of the first guess (all alike), tracks", 1, 1e9)] = 300.0
-    # Residuals of moving objects are not noise.
-    tracks_most: Annotated[float, expert("cap on one track, multiple of the mean so far", 1, 1e8)] = 4.0
-
-
-class RobustConfig(Section, frozen=True, kw_only=True):
-    """Outliers and lost frames, for every estimator."""
-
-    gate_probability: Annotated[float, expert("share of good views the χ² gate keeps", 0.5, 0.999999999999)] = 0.999
-    # The search costs a few ms. Calm frames of the sample logs accept more than 0.85. (If all squared residuals are
-    # twice too large, 0.94 are accepted; if they are four times too large, 0.67.)
-    calm_share: Annotated[float, expert("share of the votes below which all motions are searched", 0, 1)] = 0.8
-    # The squared residuals of a shaken drone are up to 3.3 times the expected size, and searches that found nothing
-    # took 12 of the 30 ms of a frame.
-    calm_spread: Annotated[float, expert("squared residuals that need no search, times the expected", 1, 1e6)] = 4.0
-    # People who pass in a room reach 0.05 on the sample logs, and 0.09 before any track has a history.
-    ambiguous_share: Annotated[float, expert("odds at which a second motion may be the camera's", 1e-6, 1e6)] = 0.1
-    # Such views clearly do not belong to the first motion.
-    beyond_gates: Annotated[float, expert("least squared residual for a second motion, gates", 1, 1000)] = 2.0
-    # Two determine a motion; six more do not agree with it by chance.
-    second_views: Annotated[int, expert("least number of views of a second motion", 3, 1_000_000)] = 8
-    # 6 are expected. Frames that follow a moving body have 13 to 140; so do some with a wrong calibration, but
-    # these reject no views.
-    halves_apart: Annotated[float, expert("squared distance at which halves of the views disagree, σ²", 0, 1e8)] = (
-        12.0
-    )
-    # All views of a half share some errors, above all those of the calibration.
-    shared_noise: Annotated[float, expert("share of the variance that views of a half share", 0, 1)] = 0.01
-    # Moving bodies have 0.05 to 0.3, halves of the last frames of a drone 1.
-    max_odds: Annotated[float, expert("evidence that one rigid motion may leave out, share of its own", 0, 1e6)] = (
-        0.5
-    )
-    # It is a little wider while the motion still changes fast, so that fewer good views are lost.
-    first_half_weight: Annotated[
-        float, expert("squared residual of half weight in the first steps, times the expected", 0.1, 1e6)
-    ] = 6.0
-    wide_steps: Annotated[int, expert("steps with that weight", 1, 100)] = 3
-    robust_steps: Annotated[int, expert("steps with robust weights, at most", 1, 100)] = 9
-    final_steps: Annotated[int, expert("steps of the final least squares, at most", 1, 100)] = 4
-    # In between, the pose moves too little to change the Jacobian much.
-    relinearised: Annotated[int, expert("relinearise after this many steps", 1, 100)] = 3
-    # This is half a standard deviation; the final least squares does the rest.
-    robust_converged: Annotated[float, expert("end the robust steps below this squared step, σ²", 1e-12, 1e6)] = 0.3
-    # This is a tenth of a standard deviation.
-    final_converged: Annotated[float, expert("end the final steps below this squared step, σ²", 1e-12, 1e6)] = 1e-2
-    # With residuals this close to their expected size, one step may be enough.
-    settled_spread: Annotated[float, expert("squared residuals that need few steps, times expected", 1, 1e6)] = 2.0
-    # Views beyond that belong to something else and say nothing about the noise.
-    spread_gates: Annotated[float, expert("learn the noise from views within this many gates", 1, 1e6)] = 10.0
-    # Closed form: with 60 % outliers none is clean by (1 - 0.4³)²⁵⁶ < 1e-7, with one side by (1 - 0.4⁴)²⁵⁶ = 0.0013.
-    samples: Annotated[int, expert("random samples of a search for a motion, at most", 1, 10_000)] = 256
-    # Noise makes some of them useless.
-    clean_samples: Annotated[
-        int, expert("expected samples without outliers once it is known how many views agree", 1, 10_000)
-    ] = 20
-    # From a rough start, a fifth step does not change the ranking.
-    sample_steps: Annotated[int, expert("Gauss-Newton steps from a sample", 1, 100)] = 4
-    # Few noisy views fix a motion only roughly, so the order of the samples is rough.
-    refined: Annotated[int, expert("number of best samples that are refined with all views", 1, 1000)] = 12
-    # The first gate takes in the neighbourhood of a rough motion, the second its own views.
-    first_refining_gates: Annotated[float, expert("gates of the views that first refine a sample", 1, 1e6)] = 16.0
-    refining_gates: Annotated[float, expert("gates of the views that then refine it", 1, 1e6)] = 4.0
-    refining_steps: Annotated[int, expert("Gauss-Newton steps with each of the two", 1, 100)] = 2
-    # The extent decides if history does not, by a factor of 0.56 at least, as a background may show through a gap.
-    extent_power: Annotated[float, expert("power of the extent of the views in a motion's support", 0, 10)] = 0.25
-    min_extent: Annotated[float, expert("least extent, share of the image", 1e-6, 1)] = 0.1
-    # A hundred tracks distinguish about as many places.
-    places: Annotated[int, expert("cells per side of the image, each counted once as evidence", 1, 100)] = 8
-    min_inliers: Annotated[int, number("a frame with fewer accepted views is lost", 4, 2000)] = 8
-    degraded_inliers: Annotated[int, number("a frame with fewer accepted views is degraded", 4, 2000)] = 25
-    # Below it, the tracks that agree may not be the background.
-    degraded_share: Annotated[float, expert("a frame whose motion has less of the votes is degraded", 0, 1)] = 0.5
-    # If errors are three times their σ, covariances mean little.
-    degraded_spread: Annotated[float, expert("squared residuals of a degraded frame, times expected", 1, 1e8)] = 9.0
 
 
 class MotionConfig(Section, frozen=True, kw_only=True):
@@ -232,8 +137,8 @@ class RigConfig(Section, frozen=True, kw_only=True):
     impossible: Annotated[float, expert("norm of all errors, in units of σ, that is impossible", 1, 1e8)] = 20.0
     # Neighbouring windows share most of their views. On sound logs, rendered and real, roots of the averages are
     # 0.5 to 1.3 (KITTI 06 has 3.2 in one term); with a moving focus they are 2 to 7.
-    innovations: Annotated[int, expert("frames over which innovations are averaged", 1, 10_000)] = 40
-    calm_frames: Annotated[int, expert("calm frames with which this average starts", 0, 10_000)] = 10
+    innovations: Annotated[int, expert("frames over which innovations of rig errors are averaged", 1, 10_000)] = 40
+    calm_frames: Annotated[int, expert("calm frames with which the average of innovations starts", 0, 10_000)] = 10
     # An autofocus moves by a percent or two.
     std_refocused: Annotated[
         float, expert("σ of the relative change of a focal length that changes between frames", 1e-6, 0.5)
@@ -243,8 +148,8 @@ class RigConfig(Section, frozen=True, kw_only=True):
         float,
         expert("σ of the turn of the axes, about x and y, as the focal length doubles, rad", 0, 1),
     ] = 0.02
-    # It is at most 4 on sound logs, rendered and real; a change by 0.1 % gives 10 and more.
-    refocused: Annotated[float, expert("significance of a frame's change of focal length, σ", 0.1, 1e8)] = 5.0
+    # It is at most 4 on sound logs, rendered and real; a jump by 0.25 % on good images says 70 at once.
+    refocused: Annotated[float, expert("evidence that a focal length changes, or no longer, nats", 0.1, 1e8)] = 11.0
     rested_frames: Annotated[int, expert("frames after which an unchanged focal length is settled", 3, 10_000)] = 8
     # A larger change is a moving body, not a zoom.
     most_refocused: Annotated[float, expert("largest change between frames, σ of std_refocused", 0.1, 1e8)] = 3.0
@@ -265,7 +170,9 @@ class RigConfig(Section, frozen=True, kw_only=True):
     counts: Annotated[float, expert("share of information about errors that counts for the odds", 1e-6, 1)] = 0.25
     # All views show lenses. With 1 the exact lenses of a render along a street had errors of 7 σ; with 0.25 KITTI's
     # errors are found only after 25 frames, with 0.5 as early as with 1.
-    counts_of_lenses: Annotated[float, expert("this share for errors of lenses", 1e-6, 1)] = 0.5
+    counts_of_lenses: Annotated[
+        float, expert("share of information about errors of lenses that counts for the odds", 1e-6, 1)
+    ] = 0.5
     # The paths of five real logs with independent truth are 0.1 to 1 % too long or too short, RMS 0.6 %.
     std_baseline: Annotated[float, number("σ of the relative error of the baseline", 0, 0.5)] = 0.006
 
@@ -304,16 +211,18 @@ class RosConfig(Section, frozen=True, kw_only=True):
         bool, expert("use inertial samples to turn z of the world upwards; a replay adds trajectory_gravity.tum")
     ] = False
     camera_x_m: Annotated[float, number("position of the camera in base_frame: forward, metres", -1e3, 1e3)] = 0.0
-    camera_y_m: Annotated[float, number("to the left, metres", -1e3, 1e3)] = 0.0
-    camera_z_m: Annotated[float, number("upwards, metres", -1e3, 1e3)] = 0.0
+    camera_y_m: Annotated[float, number("position of the camera in base_frame: to the left, metres", -1e3, 1e3)] = (
+        0.0
+    )
+    camera_z_m: Annotated[float, number("position of the camera in base_frame: upwards, metres", -1e3, 1e3)] = 0.0
     camera_roll_deg: Annotated[
-        float, number("roll about x, applied first; 0 if the camera is upright; degrees", -360, 360)
+        float, number("roll of the camera about x, applied first; 0 if it is upright; degrees", -360, 360)
     ] = 0.0
     camera_pitch_deg: Annotated[
-        float, number("pitch about y, applied second; positive if the camera looks down; degrees", -360, 360)
+        float, number("pitch of the camera about y, applied second; positive if it looks down; degrees", -360, 360)
     ] = 0.0
     camera_yaw_deg: Annotated[
-        float, number("yaw about z, applied last; 0 if the camera looks along x; degrees", -360, 360)
+        float, number("yaw of the camera about z, applied last; 0 if it looks along x; degrees", -360, 360)
     ] = 0.0
 
     def __post_init__(self) -> None:
@@ -334,46 +243,7 @@ class RosConfig(Section, frozen=True, kw_only=True):
 class DenseConfig(Section, frozen=True, kw_only=True):
     """Dense stereo and surfaces (`stream-sfm surface`)."""
 
-    # Chosen by hand: twice the range of the points, for surfaces close to the camera. Each frame narrows it.
-    max_disparity_fraction: Annotated[float, expert("largest disparity, share of the image's width", 0.01, 0.9)] = (
-        0.5
-    )
-    # OpenCV recommends 3 to 11 for semi-global matching; larger blocks are smoother and lose thin objects.
-    block_px: Annotated[int, expert("edge of the matched block, pixels, odd", 3, 21)] = 7
-    # OpenCV recommends 5 to 15. The lowest is enough, because the left-right check and σ also reject mismatches.
-    uniqueness_percent: Annotated[int, expert("margin of a match over the second best, percent", 0, 50)] = 5
-    # As for the points (`frontend.smoothing_px`): interpolation between pixels is biased in sharper images.
-    smoothing_px: Annotated[float, expert("σ of the Gaussian before the sub-pixel step, pixels", 0, 5)] = 1.0
-    # Chosen by hand: a larger window averages more noise, but rounds off the edges of objects.
-    window_radius_px: Annotated[int, expert("half width of the window of the sub-pixel step, pixels", 2, 30)] = 6
-    # Enough for the range of disparities, at a fraction of the cost.
-    search_width_px: Annotated[int, expert("approximate width of the range-search image, px", 32, 10_000)] = 320
-    # This is the rounding, which smoothing hides.
-    least_noise_grey: Annotated[float, expert("least σ of a grey value", 1e-3, 255)] = 1.0
-    # A pixel beside a depth edge must have texture of its own.
-    own_px: Annotated[int, expert("edge of the window in which a pixel must have texture, pixels", 1, 31)] = 5
-    # A uniform error of half a pixel has a σ of 0.29.
-    std_start_px: Annotated[float, expert("σ of the disparity before the sub-pixel step", 1e-3, 1000)] = 0.3
-    # It covers lens model and interpolation. With it, σ matches the errors of rendered frames
-    # (tools/surface_accuracy.py).
-    std_bias_px: Annotated[float, expert("σ of the disparity error that all frames share, pixels", 0, 10)] = 0.06
-    # Chosen by hand: a less certain disparity may be a mismatch.
-    max_std_px: Annotated[float, expert("leave out pixels with a larger σ of disparity", 1e-3, 100)] = 1.0
-    # Chosen by hand: beyond it, depth is too uncertain to show a shape.
-    max_relative_std: Annotated[float, expert("leave out pixels with a larger relative σ of depth", 1e-4, 1)] = 0.05
-    # The limit of fusion in human stereo vision (Burt and Julesz 1980); a steeper step is the edge of an object.
-    max_disparity_step_px: Annotated[float, expert("largest step between connected pixels", 0.01, 1000)] = 1.0
     voxel_m: Annotated[float, number("voxel size of a fused surface, metres; 0: automatic", 0, 100)] = 0.0
-    # About 160 MB; beyond it the edge is doubled, which leaves about a quarter of the voxels of a surface.
-    max_voxels: Annotated[int, expert("most voxels; beyond it they are enlarged", 10_000, 100_000_000)] = 4_000_000
-    # The truncation distance of a fused surface.
-    reach_voxels: Annotated[int, expert("voxels on either side of a surface that keep its distance", 1, 16)] = 2
-    # Some finer voxels would receive no pixel.
-    voxel_footprints: Annotated[float, expert("edge of automatic voxels, px at the median depth", 0.1, 1000)] = 2.0
-    # Distances with a larger σ would be truncated by the reach, and so be biased.
-    max_std_voxels: Annotated[float, expert("largest σ of a distance, voxels", 0.01, 1000)] = 3.0
-    # Mismatches rarely agree in three frames.
-    min_frames: Annotated[int, expert("least number of frames that see a point of a fused surface", 1, 10_000)] = 3
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -13,7 +13,6 @@ from .sections import (
     ImuConfig,
     MotionConfig,
     RigConfig,
-    RobustConfig,
     RosConfig,
     WindowConfig,
 )
@@ -28,11 +27,12 @@ class Config(Section, frozen=True, kw_only=True):
     mask_left: Annotated[
         str, Meta(description="PNG of the left images' size, black where they show the robot or dirt; empty: none")
     ] = ""
-    mask_right: Annotated[str, Meta(description="the same of the right images")] = ""
+    mask_right: Annotated[
+        str, Meta(description="PNG of the right images' size, black where they show the robot or dirt; empty: none")
+    ] = ""
     mono: Annotated[bool, Meta(description="use the left camera only; lengths have no unit")] = False
     frontend: FrontendConfig = FrontendConfig()
     window: WindowConfig = WindowConfig()
-    robust: RobustConfig = RobustConfig()
     motion: MotionConfig = MotionConfig()
     rig: RigConfig = RigConfig()
     imu: ImuConfig = ImuConfig()

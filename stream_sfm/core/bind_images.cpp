@@ -53,11 +53,6 @@ Raises ValueError for a filter that does not exist.)",
 
 Points (n, 2) are given in the current image, the last one and an earlier one; see pictures/ghosts.py.)",
         pixels<std::uint8_t>("now"), pixels<std::uint8_t>("last"), pixels<std::uint8_t>("earlier"), "now_px"_a, "last_px"_a, "earlier_px"_a, "noise_grey"_a, "least_square"_a);
-    def<&same_slopes>(m, "same_slopes", R"(Return how many pixels are on a slope of the left image, and how many of these are the same in the right one.
-
-Every `spacing_px`-th row counts. A slope is a difference of `slope_grey` two pixels apart; the same pixel differs by
-no more than `same_grey` between the images.)",
-        pixels<std::uint8_t>("left"), pixels<std::uint8_t>("right"), "spacing_px"_a, "slope_grey"_a, "same_grey"_a);
     def<&new_corners>(m, "new_corners", R"(Find up to `wanted` corners (k, 2) in whole pixels, `distance_px` from each other and from `taken_px` (m, 2).
 
 The image is divided into cells of about one wanted point each. A cell's corners are ranked, and all first ranks come

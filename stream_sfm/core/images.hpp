@@ -74,14 +74,6 @@ constexpr int PATCH_RADIUS_PX = 5;
 Array<double, 2> ghost_sums(const ImageOf<std::uint8_t>& now, const ImageOf<std::uint8_t>& last, const ImageOf<std::uint8_t>& earlier,
                             Matrix now_px, Matrix last_px, Matrix earlier_px, double noise_grey, double least_square);
 
-// slopes.cpp
-struct SameSlopes {
-    std::int64_t slopes, same;
-    FIELDS(slopes, same)
-};
-SameSlopes same_slopes(const ImageOf<std::uint8_t>& left, const ImageOf<std::uint8_t>& right, std::int64_t every,
-                       std::int64_t slope_grey, std::int64_t same_grey);
-
 // png.cpp
 Array<std::uint8_t, 2> unfilter_png(View<std::uint8_t, 2> filtered, std::size_t pixel);
 

@@ -5,7 +5,7 @@
 
 namespace core {
 
-struct ResectionRules {  // as in RobustConfig
+struct ResectionRules {  // as in RobustRules
     double calm_share, calm_spread, beyond_gates, ambiguous_share, halves_apart, shared_noise, max_odds;
     double first_half_weight, robust_converged, final_converged, settled_spread, spread_gates;
     double first_refining_gates, refining_gates, extent_power, min_extent;

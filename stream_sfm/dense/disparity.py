@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import DenseConfig
+from ..config.dense_rules import DenseRules
 from ..geometry import Array
 from ..geometry.stereo import StereoProjection
 from ..record import record
@@ -52,29 +52,29 @@ class DisparityMap:
 class DenseStereo:
     """Computes disparity maps for one rectified pair; `valid` (h, w): the pixels with image content."""
 
-    def __init__(self, projection: StereoProjection, config: DenseConfig, valid: NDArray[np.bool_]) -> None:
-        self.projection, self.config, self.valid = projection, config, valid
+    def __init__(self, projection: StereoProjection, rules: DenseRules, valid: NDArray[np.bool_]) -> None:
+        self.projection, self.rules, self.valid = projection, rules, valid
         self._infinity_px = projection.cx_left_px - projection.cx_right_px
 
     def match(self, left: Grey, right: Grey) -> DisparityMap:
         """Match two rectified images (h, w)."""
-        c = self.config
+        rules = self.rules
         start = self._matched(left, right, *self._range(left, right))
-        disparity, std_noise = refine(left, right, start, c)
+        disparity, std_noise = refine(left, right, start, rules)
         disparity -= np.float32(self._infinity_px)
-        found = DisparityMap(disparity, std_noise, c.std_bias_px)
+        found = DisparityMap(disparity, std_noise, rules.std_bias_px)
         std = found.std_px
         with np.errstate(invalid="ignore"):
-            known = self.valid & (std < c.max_std_px) & (std < c.max_relative_std * disparity)
+            known = self.valid & (std < rules.max_std_px) & (std < rules.max_relative_std * disparity)
         disparity[~known] = std_noise[~known] = np.nan
         return found
 
     def _range(self, left: Grey, right: Grey) -> tuple[int, int]:
         """Return the smallest and the largest disparity, in pixels of the images, found on a reduced copy of them."""
         first = self._infinity_px - 1
-        last = self._infinity_px + self.config.max_disparity_fraction * self.projection.width
+        last = self._infinity_px + self.rules.max_disparity_fraction * self.projection.width
         scale = 1
-        while left.shape[1] > self.config.search_width_px * 1.5:
+        while left.shape[1] > self.rules.search_width_px * 1.5:
             left, right, scale = cv2.pyrDown(left), cv2.pyrDown(right), 2 * scale  # type: ignore[assignment]
         if scale > 1:
             found = self._matched(left, right, int(np.floor(first / scale)) - 1, int(np.ceil(last / scale)))
@@ -86,7 +86,7 @@ class DenseStereo:
 
     def _matched(self, left: Grey, right: Grey, first: int, last: int) -> Image:
         """Return disparities (h, w) between `first` and `last`, in steps of 1/16 px; NaN where none was found."""
-        block = self.config.block_px
+        block = self.rules.block_px
         count = 16 * -(-(last - first + 1) // 16)  # OpenCV requires a multiple of 16
         matcher = cv2.StereoSGBM.create(
             minDisparity=first,
@@ -95,7 +95,7 @@ class DenseStereo:
             P1=8 * block * block,  # both as OpenCV recommends
             P2=32 * block * block,
             disp12MaxDiff=1,  # largest disagreement of left and right, whole pixels
-            uniquenessRatio=self.config.uniqueness_percent,
+            uniquenessRatio=self.rules.uniqueness_percent,
             speckleWindowSize=100,  # smaller patches of disparity are mismatches; OpenCV recommends 50 to 200
             speckleRange=2,
             mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
@@ -111,18 +111,18 @@ class DenseStereo:
         return np.asarray(disparity, np.float32)
 
 
-def refine(left: Grey, right: Grey, start_px: Image, config: DenseConfig) -> tuple[Image, Image]:
+def refine(left: Grey, right: Grey, start_px: Image, rules: DenseRules) -> tuple[Image, Image]:
     """Refine disparities (h, w), px; returns them with the σ of their noise, NaN where the start is NaN."""
     known = np.isfinite(start_px)
     if not known.any():
         return start_px, np.full_like(start_px, np.nan)
-    size, own_px = 2 * config.window_radius_px + 1, config.own_px
-    smoothing = config.smoothing_px
+    size, own_px = 2 * rules.window_radius_px + 1, rules.own_px
+    smoothing = rules.smoothing_px
     shared_pixels = max(1.0, 4 * np.pi * smoothing**2)  # smoothing correlates the noise over these
     soft_left, soft_right = (_smoothed(image, smoothing) for image in (left, right))
     slope_left, slope_right = (_slope(image) for image in (soft_left, soft_right))
     v, u = np.mgrid[: left.shape[0], : left.shape[1]].astype(np.float32)
-    surface_px = config.max_disparity_step_px  # larger differences separate surfaces
+    surface_px = rules.max_disparity_step_px  # larger differences separate surfaces
     # Far below all disparities: the bilateral filter must not average unknown pixels in.
     unknown = np.float32(np.nanmin(start_px) - 10 * surface_px)
 
@@ -133,7 +133,7 @@ def refine(left: Grey, right: Grey, start_px: Image, config: DenseConfig) -> tup
     n = np.maximum(total(known), 1)
     disparity = np.where(known, start_px, unknown)
     for _ in range(2):  # the start is within a pixel, and each step corrects most of what is left
-        disparity = cv2.bilateralFilter(disparity, size, surface_px, config.window_radius_px)
+        disparity = cv2.bilateralFilter(disparity, size, surface_px, rules.window_radius_px)
         disparity = np.where(known, disparity, unknown)
         warped, slope = (
             cv2.remap(image, u - disparity, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -144,11 +144,11 @@ def refine(left: Grey, right: Grey, start_px: Image, config: DenseConfig) -> tup
         gg = np.maximum(total(g * g) - n * mean_g**2, _MIN_GRADIENT)
         gr = total(g * r) - n * mean_g * mean_r
         rr = total(r * r) - n * mean_r**2
-        noise = shared_pixels * np.maximum((rr - gr**2 / gg) / np.maximum(n - 2, 1), config.least_noise_grey**2)
-        disparity = disparity - gr / (gg + noise / config.std_start_px**2)
+        noise = shared_pixels * np.maximum((rr - gr**2 / gg) / np.maximum(n - 2, 1), rules.least_noise_grey**2)
+        disparity = disparity - gr / (gg + noise / rules.std_start_px**2)
     own = total(g * g, own_px) - total(g, own_px) ** 2 / np.maximum(total(known, own_px), 1)
     own = np.maximum(own, _MIN_GRADIENT)
-    step_down = disparity - cv2.erode(disparity, np.ones((3, 3), np.uint8)) > config.max_disparity_step_px
+    step_down = disparity - cv2.erode(disparity, np.ones((3, 3), np.uint8)) > rules.max_disparity_step_px
     near_step = cv2.dilate(step_down.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     std = np.sqrt(noise / np.where(near_step, own, gg))
     return np.where(known, disparity, np.float32(np.nan)), np.where(known, std, np.float32(np.nan))

@@ -9,7 +9,7 @@ many, their edge is doubled, so that memory stays bounded for a log of any lengt
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import DenseConfig
+from ..config.dense_rules import DenseRules
 from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
 from . import voxels
@@ -22,16 +22,15 @@ _WEIGHT, _DISTANCE, _SHARED, _FRAMES, _COLOUR = 0, 1, 2, 3, slice(4, 7)
 class Fusion:
     """A surface fused from all `frames` so far, with voxels of edge `voxel_m`, which is 0 before the first frame."""
 
-    def __init__(self, projection: StereoProjection, config: DenseConfig) -> None:
-        self.projection, self.config = projection, config
-        self.voxel_m = config.voxel_m
+    def __init__(self, projection: StereoProjection, rules: DenseRules, voxel_m: float = 0.0) -> None:
+        self.projection, self.rules, self.voxel_m = projection, rules, voxel_m
         self.frames = 0
         self._rays = rays(projection)
         self._keys = np.empty(0, np.int64)  # ascending
         self._slots = np.empty(0, np.int32)  # rows of the sums that belong to the keys
         # Sums over frames: weight; weight × (distance, shared variance); frames; weight × colour. Zeros take no
         # memory until they are written to.
-        self._sums = np.zeros((config.max_voxels, _COLOUR.stop), np.float32)
+        self._sums = np.zeros((rules.max_voxels, _COLOUR.stop), np.float32)
 
     def add(
         self, found: DisparityMap, colours: NDArray[np.uint8], world_from_rect: Array, cov_position: Array
@@ -43,8 +42,8 @@ class Fusion:
         if not self.voxel_m:
             self.voxel_m = self._fitting_voxel(depth)
         with np.errstate(invalid="ignore"):
-            certain = std_noise < self.config.max_std_voxels * self.voxel_m
-            certain &= depth < self.config.reach_voxels * p.f_px * self.voxel_m
+            certain = std_noise < self.rules.max_std_voxels * self.voxel_m
+            certain &= depth < self.rules.reach_voxels * p.f_px * self.voxel_m
         if not certain.any():
             return
         self.frames += 1
@@ -54,7 +53,7 @@ class Fusion:
         # grazing angle, the next voxel below is metres away along the ray.
         distance = (depth[v, u] - points[:, 2]) * np.linalg.norm(points, axis=1) / points[:, 2]
         distance *= cosine_of_incidence(p, self._rays, found.disparity_px)[v, u]
-        near = certain[v, u] & (np.abs(distance) < self.config.reach_voxels * self.voxel_m)
+        near = certain[v, u] & (np.abs(distance) < self.rules.reach_voxels * self.voxel_m)
         keys, points, u, v, distance = keys[near], points[near], u[near], v[near], distance[near]
 
         weight = 1 / np.square(std_noise[v, u])
@@ -74,7 +73,7 @@ class Fusion:
     def mesh(self) -> Mesh:
         """Return the surface in the world frame where at least `min_frames` frames (or all, if fewer) have seen it."""
         sums = self._sums[self._slots]
-        seen = sums[:, _FRAMES] >= min(self.config.min_frames, max(self.frames, 1))
+        seen = sums[:, _FRAMES] >= min(self.rules.min_frames, max(self.frames, 1))
         keys, sums = self._keys[seen], sums[seen]
         weight = sums[:, _WEIGHT]
         variance = (1 + sums[:, _SHARED]) / weight
@@ -92,13 +91,13 @@ class Fusion:
         """Return the edge of a voxel that fits the pixels at the median depth; 0 where nothing is seen."""
         if not np.isfinite(depth).any():
             return 0.0
-        return float(self.config.voxel_footprints * np.nanmedian(depth) / self.projection.f_px)
+        return float(self.rules.voxel_footprints * np.nanmedian(depth) / self.projection.f_px)
 
     def _voxels_in_view(self, surface: Array, world_from_rect: Array) -> tuple[voxels.Keys, Array, voxels.Keys]:
         """Return voxels around points (n, 3) of a frame: keys (m,), centres (m, 3) in rectified axes, pixels (2, m)."""
         p = self.projection
         seen = voxels.keys_of(se3.transform(world_from_rect, surface), self.voxel_m)
-        keys = voxels.grown(voxels.distinct(seen), self.config.reach_voxels)
+        keys = voxels.grown(voxels.distinct(seen), self.rules.reach_voxels)
         centres = se3.transform(se3.inverse(world_from_rect), (voxels.cells_of(keys) + 0.5) * self.voxel_m)
         front = centres[:, 2] > self.voxel_m
         keys, centres = keys[front], centres[front]
@@ -108,7 +107,7 @@ class Fusion:
 
     def _accumulate(self, keys: voxels.Keys, sums: NDArray[np.float32]) -> None:
         at = voxels.find(self._keys, keys)
-        while len(self._keys) + np.count_nonzero(at < 0) > self.config.max_voxels:
+        while len(self._keys) + np.count_nonzero(at < 0) > self.rules.max_voxels:
             self._coarsen()
             keys, sums = _averaged(voxels.halved(keys), sums)
             at = voxels.find(self._keys, keys)

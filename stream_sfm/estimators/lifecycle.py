@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config import RobustConfig
+from ..config.robust_rules import RobustRules
 from ..geometry import Array
 from ..geometry.resection import Resection
 from ..geometry.stereo import StereoProjection
@@ -42,7 +42,7 @@ class LostError(Exception):
 
 
 def frame_status(
-    inliers: int, note: str, config: RobustConfig, motion: Resection | None = None
+    inliers: int, note: str, config: RobustRules, motion: Resection | None = None
 ) -> tuple[Status, str]:
     """Return status and reason of an estimated frame; `note` as in Observations, `motion`: its robust first motion."""
     reasons = [] if motion is None else _weaknesses(motion, config)
@@ -53,7 +53,7 @@ def frame_status(
     return (Status.DEGRADED if reasons else Status.OK), "; ".join(reasons)
 
 
-def _weaknesses(motion: Resection, config: RobustConfig) -> list[str]:
+def _weaknesses(motion: Resection, config: RobustRules) -> list[str]:
     """Return why the motion of a frame may not be the camera's, or its covariance may not be valid."""
     reasons = []
     if motion.ambiguous is not None:
@@ -119,7 +119,7 @@ def recorded(motion: MotionModel, observations: Observations, solution: Solution
     return replace(solution, cov_pose=cov, cov_points_in_world=core.doubted_points(*seen, cov - solution.cov_pose))
 
 
-def too_few_inliers(inliers: int, known: int, config: RobustConfig) -> str:
+def too_few_inliers(inliers: int, known: int, config: RobustRules) -> str:
     """Return the reason of a frame that is lost because too few views were accepted."""
     return f"{inliers} of {known} views of known points accepted, {config.min_inliers} needed"
 
@@ -139,7 +139,7 @@ def lost_solution(
 
 
 def first_solution(
-    projection: StereoProjection, config: RobustConfig, motion: MotionModel, observations: Observations
+    projection: StereoProjection, config: RobustRules, motion: MotionModel, observations: Observations
 ) -> Solution:
     """Return the Solution of a map's first frame: at the world's origin, or where the motion model predicts it.
 

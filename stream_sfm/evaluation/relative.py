@@ -121,19 +121,23 @@ def _exponent(spans: list[int], squares: list[Array]) -> Interval:
     return _interval(design @ np.log(np.stack(means)), np.mean(shares, axis=0))
 
 
-def paired_ratio(method: Array, reference: Array, truth: Array) -> tuple[Interval, Interval] | None:
+def paired_ratio(
+    method: Array, reference: Array, truth: Array, truth_of_reference: Array | None = None
+) -> tuple[Interval, Interval] | None:
     """Return the ratios of the RMS relative errors of two methods, position and rotation; None below 40 frames.
 
     Each is a geometric mean over spans that lie within a block, so that blocks share no motion. Both intervals hold
-    together in 95 % of logs (Bonferroni): each of them in 97.5 %.
+    together in 95 % of logs (Bonferroni): each of them in 97.5 %. The reference may have a truth of its own, such as
+    its other half.
     """
-    known = np.flatnonzero(known_frames(truth))
+    other = truth if truth_of_reference is None else truth_of_reference
+    known = np.flatnonzero(known_frames(truth) & known_frames(other))
     spans = [s for s in tested_spans(len(known)) if s > 1]
     if not spans:
         return None
     edges = known[np.linspace(0, len(known) - 1, SETTINGS.blocks + 1).round().astype(int)]
     result = []
-    pairs = [(relative_errors(method, truth, s), relative_errors(reference, truth, s)) for s in spans]
+    pairs = [(relative_errors(method, truth, s), relative_errors(reference, other, s)) for s in spans]
     for k in range(2):
         mine, theirs = (
             np.stack([_in_blocks(pair[side][k] ** 2, s, edges) for s, pair in zip(spans, pairs, strict=True)])

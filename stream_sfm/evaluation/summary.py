@@ -17,14 +17,17 @@ FIGURES = (  # of every run, against ground truth
 
 
 def evaluate(
-    estimate: Trajectory, truth: Trajectory, structure: StructureComparison | None = None
+    estimate: Trajectory,
+    truth: Trajectory,
+    structure: StructureComparison | None = None,
+    std_truth: tuple[float, float] = (0.0, 0.0),
 ) -> dict[str, Any]:
     """Compute all figures against ground truth; a figure is None if it is not defined.
 
     That is the case for a short path, a camera that stands still, or a log without depth images. `frames_compared` is
     the number of estimates that have a truth. The NEES is given only if the first frame of the estimate has a
-    truth, because covariances are relative to that frame. Raises LogError if the truth is not made of rigid
-    motions.
+    truth, because covariances are relative to that frame; `std_truth`: σ of the truth itself, m and rad. Raises
+    LogError if the truth is not made of rigid motions.
     """
     check_rigid(truth)
     rows, true = matched(estimate, truth)
@@ -42,7 +45,7 @@ def evaluate(
             "scale_error_percent": metrics.scale_error_percent(e, t),
         }
         if estimate.cov_pose is not None and rows[0] == 0:
-            nees = metrics.nees_pose(e, estimate.cov_pose[rows], t)
+            nees = metrics.nees_pose(e, estimate.cov_pose[rows], t, std_truth)
             figures["nees_pose_mean"] = metrics.mean_of_known(nees)
     if structure is not None:
         figures |= structure.figures()
@@ -56,12 +59,12 @@ def evaluate_run(
     std_truth: tuple[float, float],
     structure: StructureComparison | None = None,
 ) -> dict[str, Any]:
-    """Compute the figures of `evaluate`, and the consistency of the covariances of relative motions.
-
-    `std_truth`: σ of the truth itself, metres and radians. Raises LogError as `evaluate`.
-    """
+    """Compute the figures of `evaluate`, and the consistency of the covariances of relative motions. Raises as it."""
     spans = against_truth(relative, truth, std_truth)
-    return evaluate(estimate, truth, structure) | {"std_truth": list(std_truth), "relative_consistency": spans}
+    return evaluate(estimate, truth, structure, std_truth) | {
+        "std_truth": list(std_truth),
+        "relative_consistency": spans,
+    }
 
 
 def evaluate_unscaled(estimate: Trajectory, truth: Trajectory) -> dict[str, Any]:

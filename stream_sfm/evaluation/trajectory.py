@@ -60,20 +60,24 @@ def _rms(differences: Array) -> float:
     return float(np.sqrt((differences**2).sum(axis=-1).mean()))
 
 
-def nees_pose(estimate: Array, cov_pose: Array, truth: Array) -> Array:
+def nees_pose(estimate: Array, cov_pose: Array, truth: Array, std_truth: tuple[float, float] = (0.0, 0.0)) -> Array:
     """Return the NEES (n,) of poses: ξᵀ Σ⁻¹ ξ with truth = estimate·Exp(ξ), eq. (59); 6 is expected.
 
     Both trajectories are expressed in the axes of their first camera. `cov_pose` (n, 6, 6) belongs to the right
-    perturbation relative to the first camera, translation first. NaN where the covariance is zero (the first frame,
+    perturbation relative to the first camera, translation first; `std_truth`: σ of each pose of the truth itself, m
+    and rad, of which the first one enters as well. NaN where the covariance is zero (the first frame,
     exact by definition) or not finite; infinite where it is not positive definite.
     """
-    xi = se3.log(se3.inverse(from_first_camera(estimate)) @ from_first_camera(truth))
+    true = from_first_camera(truth)
+    xi = se3.log(se3.inverse(from_first_camera(estimate)) @ true)
+    of_pose, of_first = np.diag(np.repeat(np.square(std_truth), 3)), se3.adjoint(se3.inverse(true))
+    cov = cov_pose + of_pose + of_first @ of_pose @ of_first.swapaxes(-1, -2)
     result = np.full(len(xi), np.nan)
     for i in np.flatnonzero(np.isfinite(cov_pose).all(axis=(1, 2)) & cov_pose.any(axis=(1, 2))):
         result[i] = np.inf
         if (np.diag(cov_pose[i]) > 0).all():
             try:
-                result[i] = (np.linalg.solve(scaled_cholesky(cov_pose[i]), xi[i]) ** 2).sum()
+                result[i] = (np.linalg.solve(scaled_cholesky(cov[i]), xi[i]) ** 2).sum()
             except np.linalg.LinAlgError:
                 continue
     return result

@@ -82,7 +82,7 @@ class AmbiguityMemory:
         return bool(n_agree >= MANY_VIEWS and n_agree >= self.rules.as_many * np.count_nonzero(its))
 
     def second_beside(self, cam_from_ref: Array) -> SecondMotion | None:
-        """Return the second motion next to a given one (4, 4), which differs from it as the last one did."""
+        """Predict the alternative motion: a given one (4, 4) composed with the last difference."""
         if self.last is None or self.second_from_first is None or self.frames_left == 0:
             return None
         return changed(self.last, cam_from_ref=self.second_from_first @ cam_from_ref)

@@ -22,7 +22,7 @@ def is_behind(setup: Setup, some: Tracks, others: Tracks, fewest: int | None = N
     """
     rules, order = setup.rules.start, depth_order(others, some, setup.rules.start)
     before, behind = ((order == k).sum() for k in (-1, 1))
-    fewest = setup.config.robust.second_views if fewest is None else fewest
+    fewest = setup.rules.robust.second_views if fewest is None else fewest
     return bool(before >= fewest and before > rules.behind * (before + behind))
 
 

@@ -182,7 +182,7 @@ class StereoFrontEnd:
             return self._observed(state, stamp_ns, *nothing, _HIDDEN)
         anew, z_px, cov_px = begin_points(self.setup, state.lost(), images)
         note = self._note(anew, images, z_px)
-        if waits and len(z_px) < self.setup.config.robust.min_inliers:
+        if waits and len(z_px) < self.setup.rules.robust.min_inliers:
             return self._observed(state, stamp_ns, *nothing, note)
         jumped = wait and state.previous is not None and are_alike(images, state.previous, rules.images.alike)
         if jumped:
@@ -233,7 +233,7 @@ class StereoFrontEnd:
             return _LAID_OVER
         n_in_both = int(np.count_nonzero(np.isfinite(z_px[:, 2])))
         return image_note(
-            images, state.previous, len(z_px), n_in_both, self.setup.config.robust.min_inliers, rules.black_grey
+            images, state.previous, len(z_px), n_in_both, self.setup.rules.robust.min_inliers, rules.black_grey
         )
 
     def _turn_note(self, watch: TurnWatch | None) -> str:

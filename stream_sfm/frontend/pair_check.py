@@ -73,7 +73,7 @@ class PairFit:
         if np.count_nonzero(both & inside) < config.rules.pair.good_share * np.count_nonzero(inside):
             points = before.points, before.cov_points(projection)
             left_px = np.where([True, True, False, False], found.z_px, np.nan)
-            views = PointViews(projection, *points, left_px, found.cov_px, config.robust)
+            views = PointViews(projection, *points, left_px, found.cov_px, config.rules.robust)
             root, _ = views.linearise(motion.cam_from_ref)
             left = left | (views.squared_residuals(motion.cam_from_ref, root) < motion.spread * views.gate)
         missing = before.ids[inside & ~has_right]

@@ -56,7 +56,7 @@ def _second_motion(step: Step, tracks: Tracks, rough: RoughMotion) -> SecondMoti
     alike = tracks.keep(rows[seen])
     points = alike.points, alike.cov_points(projection)
     cov_px = np.broadcast_to(rules.std_px**2 * np.eye(4), (len(alike), 4, 4))
-    views = PointViews(projection, *points, alike_px[seen], cov_px, step.setup.config.robust)
+    views = PointViews(projection, *points, alike_px[seen], cov_px, step.setup.rules.robust)
     motion = resect(views, np.eye(4), find_second=False)
     if not motion.ok or motion.share < rules.share or _is_refuted(step, tracks, rough, motion.cam_from_ref):
         return None
@@ -83,7 +83,7 @@ def _is_refuted(step: Step, tracks: Tracks, rough: RoughMotion, second_from_prev
         found = _likeness(patch, _window(now, rough.left_px[row], rules.half_px + 1))
         elsewhere = _likeness(patch, _window(now, at_px, 2 * rules.half_px))
         against += found > rules.found and elsewhere < found - rules.less
-    return against >= step.setup.config.robust.second_views
+    return against >= step.setup.rules.robust.second_views
 
 
 def _window(half: Image, at_px: Array, reach: int) -> Image | None:
@@ -105,7 +105,7 @@ def _likeness(patch: Image | None, window: Image | None) -> float:
 def _repeats(step: Step, alike_px: Array) -> bool:
     """Whether hardly any track lacks a look-alike (n, 4)."""
     unique = np.isnan(alike_px[:, 0])
-    return bool(unique.sum() < step.setup.config.robust.second_views and (~unique).sum() >= MIN_VIEWS)
+    return bool(unique.sum() < step.setup.rules.robust.second_views and (~unique).sum() >= MIN_VIEWS)
 
 
 def _look_alikes(step: Step, tracks: Tracks, rough: RoughMotion) -> tuple[NDArray[np.intp], Array]:
@@ -119,7 +119,7 @@ def _look_alikes(step: Step, tracks: Tracks, rough: RoughMotion) -> tuple[NDArra
     alike_px = np.full((len(rows), 4), np.nan)
     for k, row in enumerate(rows):
         alike_px[k, :2] = _look_alike(rules, before, now, tracks.left_px[row], rough.left_px[row])
-        if np.isnan(alike_px[: k + 1, 0]).sum() >= step.setup.config.robust.second_views:
+        if np.isnan(alike_px[: k + 1, 0]).sum() >= step.setup.rules.robust.second_views:
             break  # further ones change nothing, and each costs nearly a millisecond
     return rows, alike_px
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config import RobustConfig
+from ..config.robust_rules import RobustRules
 from ..config.rules import TurnRules
 from ..geometry import Array
 from ..geometry.point_views import PointViews
@@ -65,14 +65,14 @@ class TurnWatch:
 
     projection: StereoProjection
     rules: TurnRules
-    settings: RobustConfig
+    settings: RobustRules
     usual: UsualTurns
     unusual: tuple[Turn, ...] = ()
 
     @classmethod
     def begun(cls, projection: StereoProjection, rules: TurnRules) -> "TurnWatch":
         """Return the watch before any frame."""
-        return cls(projection, rules, RobustConfig(gate_probability=rules.gate), UsualTurns.begun(rules))
+        return cls(projection, rules, RobustRules(gate_probability=rules.gate), UsualTurns.begun(rules))
 
     @property
     def lasting_rad(self) -> Array | None:

@@ -52,7 +52,7 @@ def _found(step: Step, aligners: Aligners, tracks: Tracks) -> Iterator[RoughMoti
     """Yield the motion of each attempt that finds one."""
     projection, config, previous = step.setup.projection, step.setup.config, step.previous
     flow = config.rules.flow
-    exposed, gate = as_exposed(previous, step.images, flow), chi2_gate(2, config.robust.gate_probability)
+    exposed, gate = as_exposed(previous, step.images, flow), chi2_gate(2, config.rules.robust.gate_probability)
     # if half of the view is covered, mean and contrast change although the exposure does not
     before_halves = [exposed] if exposed is previous.left_half else [exposed, previous.left_half]
     attempts = _attempts(config.frontend.pyramid_levels, tracks, step)
@@ -71,7 +71,7 @@ def _found(step: Step, aligners: Aligners, tracks: Tracks) -> Iterator[RoughMoti
             at_px[rows], found[rows] = by_flow
         seen = tracks.weights(step.setup.rules.motion), at_px, found
         ok, motion, agree, share = core.motion_of_flow(
-            projection, tracks, *seen, start, flow.std_px, gate, config.robust
+            projection, tracks, *seen, start, flow.std_px, gate, config.rules.robust
         )
         if ok:
             yield RoughMotion(motion, at_px, agree, share)

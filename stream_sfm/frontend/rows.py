@@ -15,7 +15,7 @@ from ..config.rules import RowRules
 from ..geometry import Array
 from ..geometry.linear import symmetric_inverse
 from ..geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
-from ..geometry.stereo import StereoProjection, velocities
+from ..geometry.stereo import StereoProjection, places_over_image, velocities
 from ..record import changed, record
 from ..rig_model.field import LEAST_PX, Field, field_over
 
@@ -23,6 +23,7 @@ _POLYNOMIAL = 6  # coefficients
 # Candidates for σ of the field, px, from the noise of a good match to more than any real rig has. In addition σ = 0 is
 # considered, as probable as all of them together.
 _FIELD_STD_PX = np.geomspace(0.01, 0.5, 18)
+_KNOWN_PX = 0.1  # σ below which a row difference is known: well below the errors that matter
 
 
 @record
@@ -80,6 +81,19 @@ class Rows:
     def field(self) -> Field:
         """The field over the images; its amplitudes are the last ones."""
         return field_over(self.projection.width, self.projection.height)
+
+    def over_image(self, down: int, across: int) -> tuple[Array, Array]:
+        """Return v_left − v_right at rest at `down` × `across` places of the left image, and its σ; px, row by row."""
+        places_px = places_over_image(self.projection, down, across)
+        terms = row_terms(self.projection, places_px, np.zeros(len(places_px)))
+        return terms @ self.mean, np.sqrt(np.einsum("ni,ij,nj->n", terms, self.cov, terms))
+
+    @property
+    def rms_px(self) -> float:
+        """v_left − v_right at rest, root mean square over the places where it is known; NaN without any."""
+        difference_px, std_px = self.over_image(9, 9)
+        known = std_px < _KNOWN_PX
+        return float(np.sqrt((difference_px[known] ** 2).mean())) if known.any() else float("nan")
 
     def after(self, z_px: Array, twist: Array) -> "Rows":
         """Return the rows after new views (n, 4) of a frame whose points move with a twist (6,)."""

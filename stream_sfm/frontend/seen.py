@@ -69,7 +69,7 @@ class Seen:
             cov_points,
             views.z_px - known_px,
             views.cov_px,
-            setup.config.robust,
+            setup.rules.robust,
             unknown_px,
         )
         weight = float(weights[views.in_view].sum())

@@ -76,7 +76,7 @@ class UsualTurns:
         `measured` follows from three numbers in each of so many frames. So usual turns have a t-distribution: in the
         first frames nobody knows how much this rig shakes.
         """
-        n = 3.0 * (self.frames - self.rules.guess_frames + 1)
+        n = 3.0 * (max(self.frames - self.rules.guess_frames, 0) + 1)
         usual = self.measured + turn.cov + turn.feigned.cov
         knocked = usual + self.rules.std_rad**2 * np.eye(3)
         d2, d2_knocked = (float(turn.rad @ np.linalg.solve(cov, turn.rad)) for cov in (usual, knocked))

@@ -4,12 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import core
-from ..config import RobustConfig
+from ..config.robust_rules import RobustRules
 from .gates import chi2_gate
 from .se3 import Array
 from .stereo import StereoProjection
 
-ROBUST = RobustConfig()
+ROBUST = RobustRules()
 
 
 class PointViews:
@@ -28,7 +28,7 @@ class PointViews:
         cov_points: Array | None,
         z_px: Array,
         cov_px: Array,
-        settings: RobustConfig = ROBUST,
+        settings: RobustRules = ROBUST,
         shared: Array | None = None,
     ) -> None:
         n = len(z_px)

@@ -78,6 +78,7 @@ class Source(Protocol):
     profile: str | None = None
     library: str | None = None
     imu: ImuCalibration | None = None  # of its inertial unit, if files beside the samples contain it
+    std_truth: tuple[float, float] = (0.0, 0.0)  # σ of the poses of its ground truth, m and rad, if it is known
     left_out: int = 0  # pairs of a live camera that were dropped because they came too fast
     in_order: bool = False  # messages come in the order of their stamps: nothing is held back for sorting
 
@@ -95,6 +96,10 @@ class Source(Protocol):
     def attachments(self, damage: Damage) -> Iterator[Attachment]:
         """Yield the files attached to the recording, of at most 1 MiB each."""
         return iter(())
+
+    def waiting(self) -> int | None:
+        """Number of pairs that a live camera has delivered and that wait to be read; None of a recording."""
+        return None
 
     def age_s(self, stamp_ns: int) -> float | None:
         """Seconds since a camera has delivered the images of this stamp; None of a recording."""
@@ -115,6 +120,7 @@ class Derived(Source):
     def __init__(self, source: Source) -> None:
         self.source = source
         self.path, self.size_bytes, self.in_order = source.path, source.size_bytes, source.in_order
+        self.std_truth = source.std_truth
         self.format, self.profile, self.library = source.format, source.profile, source.library
 
     @property

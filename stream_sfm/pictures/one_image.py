@@ -2,7 +2,8 @@
 
 from typing import ClassVar
 
-from .. import core
+import numpy as np
+
 from ..config.picture_rules import ImageRules
 from ..record import record
 from .prepared import Image, PreparedImages
@@ -29,11 +30,12 @@ class OneImage:
         """Return certainty either way, or None where images have too few slopes."""
         if images.delivered is None:
             return None
-        left, right = images.delivered
-        slopes, same = core.same_slopes(left, right, 1, self.rules.slope_grey, self.rules.same_grey)
-        if slopes < self.rules.fewest_slopes:
+        left, right = (image.astype(np.int16) for image in images.delivered)
+        on_slope = np.abs(left[:, 2:] - left[:, :-2]) >= self.rules.slope_grey
+        if np.count_nonzero(on_slope) < self.rules.fewest_slopes:
             return None
-        return _CERTAIN_NATS if same > self.rules.same_share * slopes else -_CERTAIN_NATS
+        same = np.abs(left - right)[:, 1:-1][on_slope] <= self.rules.same_grey
+        return _CERTAIN_NATS if same.mean() > self.rules.same_share else -_CERTAIN_NATS
 
 
 def delivered(left: Image, right: Image, rules: ImageRules) -> tuple[Image, Image] | None:

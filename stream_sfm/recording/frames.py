@@ -35,13 +35,14 @@ def recorded_frame(pair: StereoPair, images: list[NDArray[np.uint8]]) -> Recorde
 class FrameDecoder:
     """Decodes the images of one reading; pairs that cannot be decoded are skipped.
 
-    The first images decide whether the sizes fit the calibration at all. `skipped`: number of skipped pairs;
-    `problem`: that of the first one.
+    The first images decide whether the sizes fit the calibration at all. `ahead`: the next pair is read while one is
+    decoded, unless images are very large. `skipped`: number of skipped pairs; `problem`: that of the first one.
     """
 
-    def __init__(self, path: Path, rig: StereoRig | MonoRig) -> None:
+    def __init__(self, path: Path, rig: StereoRig | MonoRig, ahead: bool = True) -> None:
         self._path = path
         self._cameras = list(rig.cameras.values())
+        self._ahead = ahead and all(camera.width * camera.height <= MANY_PIXELS for camera in self._cameras)
         self._scaler = GreyScaler()
         self._sizes_fit = False
         self.skipped = 0
@@ -51,12 +52,11 @@ class FrameDecoder:
         """Yield the frame of each pair. Raises LogError if images have another size than the calibration."""
         with ThreadPoolExecutor(2, thread_name_prefix="decode") as pool:
             pending: deque[tuple[StereoPair, list[Future[Grey]]]] = deque()
-            ahead = all(camera.width * camera.height <= MANY_PIXELS for camera in self._cameras)
             for pair in pairs:
                 if self._fits(pair):
                     images = pair.images[: len(self._cameras)]
                     pending.append((pair, [pool.submit(decode_grey, image) for image in images]))
-                    if len(pending) > ahead and (frame := self._frame(*pending.popleft())) is not None:
+                    if len(pending) > self._ahead and (frame := self._frame(*pending.popleft())) is not None:
                         yield frame
             while pending:
                 if (frame := self._frame(*pending.popleft())) is not None:

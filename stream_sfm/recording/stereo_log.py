@@ -239,7 +239,7 @@ class StereoLog:
         and `recorded.rig` of a frame is the rig at that time.
         """
         selection = selection or Selection()
-        decoder = FrameDecoder(self.path, self.rig)
+        decoder = FrameDecoder(self.path, self.rig, ahead=self._source.waiting() is None)
         delivered = 0
         pairs = self._selected(selection, all_calibrations)
         try:
@@ -326,6 +326,15 @@ class StereoLog:
             return self._given_truth
         topic = truth_topic(self.survey)
         return None if topic is None else read_truth(self._source, topic, self._left_frame, self.stats.warnings)
+
+    @property
+    def std_truth(self) -> tuple[float, float]:
+        """σ of the ground truth, m and rad, that its data set is known for; zeros where it is not known, or given."""
+        return self._source.std_truth if self._given_truth is None else (0.0, 0.0)
+
+    def is_next_here(self) -> bool:
+        """Whether the next frame can be read without waiting for a live camera."""
+        return self._source.waiting() != 0
 
     def age_s(self, stamp_ns: int) -> float | None:
         """Return the seconds since a live camera delivered the pair of a stamp; None for recordings and old pairs."""

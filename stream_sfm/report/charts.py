@@ -41,7 +41,7 @@ class Trace:
     nees: Array
 
 
-def _trace_of(estimate: Trajectory, truth: Trajectory) -> Trace | None:
+def _trace_of(estimate: Trajectory, truth: Trajectory, std_truth: tuple[float, float]) -> Trace | None:
     """Return the trace of a trajectory; None if fewer than two frames have a ground truth."""
     rows, true = matched(estimate, truth)
     if len(rows) < 2:
@@ -50,7 +50,7 @@ def _trace_of(estimate: Trajectory, truth: Trajectory) -> Trace | None:
     xi = se3.log(se3.inverse(e) @ t)
     nees = np.full(len(rows), np.nan)
     if estimate.cov_pose is not None and rows[0] == 0:
-        nees = nees_pose(e, estimate.cov_pose[rows], t)
+        nees = nees_pose(e, estimate.cov_pose[rows], t, std_truth)
     position_m, rotation_rad = np.linalg.norm(e[:, :3, 3] - t[:, :3, 3], axis=1), np.linalg.norm(xi[:, 3:], axis=1)
     return Trace(rows, distances_m(t), e, t, position_m, np.degrees(rotation_rad), nees)
 
@@ -58,9 +58,9 @@ def _trace_of(estimate: Trajectory, truth: Trajectory) -> Trace | None:
 Traces = dict[str, Trace]
 
 
-def traces_of(runs: Iterable[tuple[str, Trajectory, Trajectory | None]]) -> Traces:
-    """Return the traces by name of those runs (name, estimate, ground truth) that can be compared with their truth."""
-    found = ((name, _trace_of(estimate, truth)) for name, estimate, truth in runs if truth is not None)
+def traces_of(runs: Iterable[tuple[str, Trajectory, Trajectory | None, tuple[float, float]]]) -> Traces:
+    """Return the traces by name of those runs (name, estimate, ground truth, its σ) that can be compared with it."""
+    found = ((name, _trace_of(estimate, truth, std)) for name, estimate, truth, std in runs if truth is not None)
     return {name: trace for name, trace in found if trace is not None}
 
 

@@ -20,7 +20,8 @@ from ..evaluation.figures import (
 from ..evaluation.relative import growth_exponents, paired_ratio, relative_errors, turning
 from ..evaluation.summary import FIGURES, end_pose, evaluate_run
 from ..methods import REFERENCE
-from .drift import Against, consistency_of, drift_of, in_words, truth_in_a_row, whole_runs
+from .conclusion import in_words
+from .drift import Against, consistency_of, drift_of, truth_in_a_row, whole_runs
 from .records import OF_RUN, Comparison, RunRecord, Truth, median, quantiles
 
 SCHEMA_VERSION = 1

@@ -24,6 +24,7 @@ from ..evaluation.figures import (
     units_of,
 )
 from ..files import json_bytes, write_whole
+from ..methods import REPLAYED
 from ..sources.pose_files import read_tum
 from ..types import Status, Trajectory
 from ..wording import counted, in_a_row
@@ -62,7 +63,7 @@ def write_report(comparison: Comparison, content: dict[str, Any], folder: Path) 
 
 def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
     """Render a comparison and its figures, the content of report.json, as HTML."""
-    traces = traces_of((run.name, run.trajectory(), c.truth.poses) for run in c.runs)
+    traces = traces_of((run.name, run.trajectory(), c.truth.poses, c.truth.std) for run in c.runs)
     ratios, of_spans = content["error_over_cross_frame"], content["drift"]
     methods = [content["methods"][r.key] | {"ratio": ratios.get(r.key, {}).get("position")} for r in c.runs]
     looks = [of_method(run.name) for run in c.runs]
@@ -150,8 +151,9 @@ def _notes(c: Comparison, content: dict[str, Any]) -> list[str]:
         notes.append(f"Time gap before frame {where}{' …' if len(c.front.gaps) > 8 else ''}.")
     if not c.complete:
         notes.append(f"This report does not cover the whole log{': ' + c.warnings[-1] if c.warnings else ''}.")
-    inertial = [of_method(run.name).name for run in c.runs if run.inertial() is not None]
-    if inertial and len(inertial) < len(c.runs):
+    own = [run for run in c.runs if run.name != REPLAYED]
+    inertial = [of_method(run.name).name for run in own if run.inertial() is not None]
+    if inertial and len(inertial) < len(own):
         notes.append(f"Inertial samples are used by {in_a_row(inertial)}, and by no other method here.")
     for run in c.runs:
         if lost := run.count(Status.LOST):
@@ -172,7 +174,7 @@ class Evaluated(NamedTuple):
 def render_evaluation(runs: Sequence[Evaluated]) -> str:
     """Render runs as HTML; one with a single camera, whose lengths have no unit, appears in the table only."""
     scaled = [run for run in runs if "ate_rmse_m" in run.figures]
-    traces = traces_of((run.name, run.trajectory, run.truth) for run in scaled)
+    traces = traces_of((run.name, run.trajectory, run.truth, tuple(run.figures["std_truth"])) for run in scaled)
     unit = unit_for(*(trace.position_m for trace in traces.values()))
     looks = of_runs([run.name for run in runs])
     names = [Name(run.name, of_method(run.method).name, looks(run.name).colour) for run in runs]

@@ -44,7 +44,7 @@ class RunRecord:
 
     `statuses` and their `reasons`; `depth_rows`: (frame, RMS depth error, RMS estimated σ) of the frames with a
     depth image, and `structure` their total, None if a depth image could not be read; `failure`: why the method
-    stopped early; `rig`: the latest estimate of the calibration errors, in pixels.
+    stopped early; `rig`: the latest estimate of the calibration errors, in pixels; `unit`: of the inertial unit.
     """
 
     def __init__(self, name: str, disparity_at_1m_px: float = 1.0) -> None:
@@ -59,7 +59,7 @@ class RunRecord:
         self.structure: StructureComparison | None = None
         self.relative = RelativeRecord()
         self.rig: RigEstimate | None = None
-        self._inertial: InertialEstimate | None = None  # the one of the latest frame that has it
+        self.unit: InertialEstimate | None = None  # the one of the latest frame that has it
         self.upright: Upright | None = None  # the orientation of the world by that frame
         self.inertial_problem = ""  # why samples were not used
         self._inertial_frames = self._dead_reckoned = 0
@@ -92,7 +92,7 @@ class RunRecord:
         if estimate.inertial is not None:
             self._inertial_frames += 1
             self._dead_reckoned += estimate.inertial.dead_reckoned
-            self._inertial, self.upright = estimate.inertial, estimate.upright()
+            self.unit, self.upright = estimate.inertial, estimate.upright()
         if estimate.rig_change is not None:
             self.rig_changes.append(estimate.rig_change)
         if self._corrected_from is None and not self.rig_changes and estimate.rig and estimate.rig.applied:
@@ -100,10 +100,10 @@ class RunRecord:
 
     def inertial(self) -> dict[str, Any] | None:
         """Return the findings of the run about its inertial unit; None without samples."""
-        if self._inertial is None or self.upright is None:
+        if self.unit is None or self.upright is None:
             return None
         counts = {"frames": self._inertial_frames, "dead_reckoned": self._dead_reckoned}
-        return counts | describe_inertia(self.upright, self._inertial)
+        return counts | describe_inertia(self.upright, self.unit)
 
     def refuse(self, error: FrameError) -> None:
         """Count a frame that the front-end refused."""
@@ -141,12 +141,18 @@ class RunRecord:
         """Return all poses with their covariances."""
         return Trajectory(self.stamps_ns, self.poses, self._table[:, _COV].reshape(-1, 6, 6))
 
+    def named(self, name: str) -> "RunRecord":
+        """Return the same run under another name."""
+        record = copy(self)
+        record.name = name
+        return record
+
     def with_poses(self, name: str, trajectory: Trajectory) -> "RunRecord":
         """Return the same run with other poses, and covariances, under another name."""
-        record, rows = copy(self), self._table
+        record, rows = self.named(name), self._table
         rows[:, _POSE] = trajectory.world_from_cam.reshape(-1, 16)
         rows[:, _COV] = np.asarray(trajectory.cov_pose).reshape(-1, 36)
-        record.name, record._rows = name, array("d", rows.tobytes())
+        record._rows = array("d", rows.tobytes())
         return record
 
     def count(self, status: Status) -> int:
@@ -159,7 +165,7 @@ class RunRecord:
         applied = self.rig is not None and self.rig.applied  # until the end: otherwise it was a mistake
         if applied and self._corrected_from is not None and self._corrected_from[0] > _AT_THE_START:
             frame, rig = self._corrected_from
-            wrong_px = disparity_rms_px(rig.mean if rig.refined is None else rig.mean - rig.refined)
+            wrong_px = disparity_rms_px(rig.further)
             notes.append(
                 f"from frame {frame} on, a calibration error of {wrong_px:.2f} px of disparity is corrected; in "
                 f"earlier frames distances of 10 m are off by {1000 * wrong_px / self._disparity_at_1m_px:.1f} %"

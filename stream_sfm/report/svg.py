@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..record import record
 
 _WIDTH_PX, _HEIGHT_PX, _TEXT_PX = 480, 280, 13  # a phone shows them at two thirds of this size
-_VARIABLES = (*(f"c{k}" for k in range(1, 9)), "other", "truth", "soft", "axis", "line", "ok", "lost", "card")
+_VARIABLES = (*(f"c{k}" for k in range(1, 11)), "other", "truth", "soft", "axis", "line", "ok", "lost", "card")
 _COLOUR = {name: f"#1234{k:02x}" for k, name in enumerate(_VARIABLES)}
 
 

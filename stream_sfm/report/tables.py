@@ -85,9 +85,13 @@ class Look(NamedTuple):
 
 
 Looks = Callable[[str], Look]
-_COLOURS = 8  # c1 to c8 of page.css
+_COLOURS = 10  # c1 to c10 of page.css
 _LOOKS = {name: Look(METHODS[name].label, f"c{k}") for k, name in enumerate(COMPARED, 1)}
-_OF_VARIANTS = {"-loops": "with loops", "-added": "motions added"}  # suffixes of name and label
+_OF_VARIANTS = {
+    "-loops": "with loops",
+    "-added": "motions added",
+    "-replayed": "as replayed",
+}  # suffixes of name and label
 
 
 def of_method(name: str) -> Look:

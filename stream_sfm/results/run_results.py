@@ -134,6 +134,11 @@ def read_results(folder: str | Path) -> RunResults:
     return RunResults(folder)
 
 
+def is_run(folder: Path) -> bool:
+    """Whether a folder holds the results of a run."""
+    return any((folder / name).is_file() for name in _ESTIMATES)
+
+
 def _estimates_of(folder: Path) -> Path:
     for name in _ESTIMATES:
         if (folder / name).is_file():

@@ -39,9 +39,10 @@ class RigEstimate:
     Both are those of a mixture: with the probability `p_wrong` the calibration has errors, N(`mean_if_wrong`,
     `cov_if_wrong`), otherwise it has none. In a Solution they are in units of the prior σ, in a FrameEstimate in the
     units of `stream_sfm.rig_model.terms`. `prior_std` (m,): learnt σ of each before any view.
-    `refined` (m,): the part of `mean` that a refinement of the calibration already contains; None without one. `age_s`:
-    the time for which errors have grown by their rates; a Solution has those at the start, a FrameEstimate the current
-    ones. `evidence` (t,): the number of σ on which thirds of the run agree for each term; None in a short run.
+    `refined` (m,): the part of `mean` that the calibration already contains, by its refinement or its known timing;
+    None without either. `age_s`: the time for which errors have grown by their rates; a Solution has those at the
+    start, a FrameEstimate the current ones. `evidence` (t,): the number of σ on which thirds of the run agree for each
+    term; `thirds` (3, 2, t): what each says, and its σ. Both are None in a short run.
     """
 
     mean: Array
@@ -53,6 +54,7 @@ class RigEstimate:
     refined: Array | None = None
     age_s: float = 0.0
     evidence: Array | None = None
+    thirds: Array | None = None
 
     @property
     def applied(self) -> bool:
@@ -64,6 +66,11 @@ class RigEstimate:
         """The errors of lenses and disparity, px, if any."""
         n = len(LENS_TERMS)
         return Refinement(self.mean_if_wrong[:n], self.cov_if_wrong[:n, :n])
+
+    @property
+    def further(self) -> Array:
+        """The errors (m,) that the calibration does not contain."""
+        return self.mean if self.refined is None else self.mean - self.refined
 
     def term(self, name: str) -> tuple[float, float]:
         """Return one of the `TERMS` in its unit and its standard deviation."""
@@ -82,12 +89,13 @@ class RigEstimate:
     def findings(self) -> list[str]:
         """Return sentences about certain errors of timing and focal length, for an estimate in units.
 
-        An error is certain if the whole run shows it and its thirds agree.
+        An error is certain if the whole run shows it and its thirds agree. Those that the calibration contains are
+        left out.
         """
         found = []
         for group in CAUSES:
             where = at(group.terms)
-            error, cov = self.mean[where], self.cov[where, where]
+            error, cov = self.further[where], self.cov[where, where]
             if self.agrees(group.terms) and is_certain(error, cov):
                 found.append(in_words(error, cov, group.per_unit, group.sentence, group.words))
         return found

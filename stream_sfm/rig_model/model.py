@@ -206,6 +206,9 @@ class RigModel:
         t = len(TERMS)
         root = growth(self.projection, estimate.age_s) @ self.root
         known = np.concatenate([self.known, np.zeros(len(estimate.mean) - t)])
+        contained, timing = known.copy(), self.known_timing
+        if timing is not None:
+            contained[AT_TIMING] = timing.mean
 
         def in_units(mean: Array, cov: Array) -> tuple[Array, Array]:
             mean, cov = mean.copy(), cov.copy()
@@ -224,8 +227,14 @@ class RigModel:
             prior_std=np.concatenate(
                 [np.linalg.norm(self.root * estimate.prior_std[:t], axis=1), estimate.prior_std[t:]]
             ),
-            refined=known if self.refined else None,
+            refined=contained if self.refined or timing is not None else None,
+            thirds=None if estimate.thirds is None else self._thirds_in_units(estimate.thirds),
         )
+
+    def _thirds_in_units(self, thirds: Array) -> Array:
+        """Return what thirds of a run say, (3, 2, t), with the known errors, in units of the terms."""
+        mean = self.known + thirds[:, 0] @ self.root.T
+        return np.stack([mean, np.sqrt(thirds[:, 1] ** 2 @ self.root.T**2)], axis=1)
 
 
 def _field_over(projection: StereoProjection) -> Field:

@@ -27,11 +27,15 @@ class _End(NamedTuple):
 
 
 class Agreement(NamedTuple):
-    """For each term (t,): the mean of the thirds of a run, its σ, and `spread`: their difference in σ, at least 1."""
+    """For each term (t,): the mean of the thirds of a run, its σ, and `spread`: their difference in σ, at least 1.
+
+    `thirds` (3, 2, t): what each third says without the prior, and its σ.
+    """
 
     mean: Array
     std: Array
     spread: Array
+    thirds: Array
 
     @property
     def evidence(self) -> Array:
@@ -97,4 +101,4 @@ class Parts:
         mean = var * (weights * means).sum(axis=0)
         chi2 = (weights * (means - mean) ** 2).sum(axis=0)
         spread = np.sqrt(np.maximum(chi2 / 2, 1.0))
-        return Agreement(mean, spread * np.sqrt(var), spread)
+        return Agreement(mean, spread * np.sqrt(var), spread, np.stack([means, np.sqrt(variances)], axis=1))

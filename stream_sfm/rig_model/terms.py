@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import core
-from ..camera.refinement import LENS_TERMS
+from ..camera.refinement import LENS_TERMS, LENSES
 from ..config import RigConfig
 from ..geometry import Array
 from ..geometry.stereo import StereoProjection, places_over_image
@@ -127,6 +127,15 @@ def effects_of_turn(projection: StereoProjection, left_px: Array) -> Array:
     """
     right_px = left_px + np.array([projection.cx_right_px - projection.cx_left_px, 0.0])
     return core.effects_of_turn(projection, right_px)
+
+
+def lens_shift_rms_px(projection: StereoProjection, errors: Array) -> float:
+    """Return the RMS shift over the image by lens errors (t,) that both cameras share, beyond a turn of both."""
+    places_px = places_over_image(projection, 9, 9)
+    shift = (columns(projection, np.tile(places_px, 2))[:, :2, LENSES] @ errors[LENSES]).ravel()
+    turns = effects_of_turn(projection, places_px).reshape(-1, 3)  # those of the left camera as well
+    left = shift - turns @ np.linalg.lstsq(turns, shift, rcond=None)[0]
+    return float(np.sqrt(2 * (left**2).mean()))
 
 
 def by_turn(projection: StereoProjection, z_px: Array, root: Array) -> Array:

@@ -18,7 +18,7 @@ from ..errors import ConfigError
 from ..estimators import check_method
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..interrupts import deferred_interrupts
-from ..methods import COMPARED, REFERENCE, WITHOUT_IMU, key_of
+from ..methods import COMPARED, REFERENCE, REPLAYED, WITHOUT_IMU, key_of
 from ..observer import Observed, Observer
 from ..outputs import RESULTS, refuse_overwriting
 from ..recording.pair_reader import ReadStats
@@ -68,7 +68,7 @@ def compare(
     inspection: dict[str, Any] | None = None,
     self_test: bool = False,
     loops: bool = False,
-    std_truth: tuple[float, float] = (0.0, 0.0),
+    std_truth: tuple[float, float] | None = None,
     sinks: Sequence[Sink] = (),
     on_frame: Callable[[], None] = lambda: None,
 ) -> ComparisonResult:
@@ -76,7 +76,8 @@ def compare(
 
     The first pass observes all frames and finds the calibration errors with the window. The second gives all
     methods, the window included, the same observations without these errors from the first frame on, as if the
-    calibration were exact. With `rig.exact` no errors are sought. `as_is`: each method uses the calibration of the
+    calibration were exact. The window of the first pass is a row of its own: it finds the errors on the way, as in a
+    replay. With `rig.exact` no errors are sought. `as_is`: each method uses the calibration of the
     log instead, and estimates its errors itself if it can; the window then has two rows, for its poses and for its
     newest motions added up.
 
@@ -92,9 +93,10 @@ def compare(
     config, selection = config or Config(), selection or Selection()
     config.needs_scale("compare")
     _check_names(methods)
-    truth = Truth(None, checked_ranges(ignore_ground_truth), std_truth)
+    ignored = checked_ranges(ignore_ground_truth)
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration)
+    truth = Truth(None, ignored, log.std_truth if std_truth is None else std_truth)
     methods = methods or compared_on(log, config)
     folder = None if out_dir is None else Path(out_dir)
     if folder is not None:
@@ -237,12 +239,17 @@ class _Comparing:
         warnings += [place_map.problem for place_map in places]
         found.warnings = list(dict.fromkeys(filter(None, warnings)))
         found.complete, found.interrupted = stats.complete and outcome.complete, outcome.interrupted
-        found.calibration = None if rig is None else describe(self._finder.observer.projection, rig)
+        observer = self._finder.observer
+        found.calibration = None if rig is None else describe(observer.projection, rig, observer.state.rows)
         found.runs = [lane.record for lane in self._lanes]
         if found.truth.poses is not None:
             stamps_ns = max(found.runs, key=len).stamps_ns
             poses = without_frames(found.truth.poses, stamps_ns, found.truth.ignored)
             found.truth = found.truth._replace(poses=poses)
+        if not found.as_is and not found.config.rig.exact and self._finder.error is None:
+            names = [record.name for record in found.runs]
+            if REFERENCE in names:  # the first pass is a replay
+                found.runs.insert(names.index(REFERENCE) + 1, self._finder.record.named(REPLAYED))
         for motions in added:
             at = next(k for k, record in enumerate(found.runs) if record.name == REFERENCE)
             if len(record := found.runs[at]):

@@ -48,6 +48,7 @@ class Lane(BareLane):
     def begin_anew(self, observer: Observer) -> None:
         """Continue with the observer of another rig: a new map, in the same world."""
         self._world.begin_anew(self.observer.state.frame_index)
+        self.solution = None
         self.observer, self.rig, self._structure.camera = observer, None, observer.rig.left
         self.estimator = make_estimator(self.config.method, observer.projection, self.config)
 

@@ -4,31 +4,23 @@ Ctrl-C, SIGTERM and SIGHUP end a run after the current frame; a broken log, a fu
 at once. In each case the estimates so far are written, and the `RunOutcome` says how the run went.
 """
 
-import time
-from collections import deque
-from collections.abc import Generator, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
-from itertools import count, groupby
+from itertools import groupby
 from typing import Protocol
 
 from ..blas import one_thread
-from ..camera.models import MANY_PIXELS
-from ..camera.rig import MonoRig, StereoRig
 from ..errors import FrameError, InputError, LogError
 from ..interrupts import Interruption
 from ..observer import Observed, Observer
-from ..pictures.prepared import PreparedImages
-from ..record import changed
 from ..recording.frames import RecordedFrame
 from ..recording.stereo_log import StereoLog
 from ..results.folder import close_all
 from ..types import FrameEstimate, Selection, Sink
 from ..wording import counted
+from .ahead import ObservedFrames, observed_ahead
 from .lane import Lane
-
-PreparedFrames = Generator[tuple[RecordedFrame, PreparedImages | None, float], None, None]
 
 
 class Check(Protocol):
@@ -93,13 +85,12 @@ def run(
     outcome = RunOutcome()
     try:
         recorded = log.frames(selection, all_calibrations=all_calibrations)
-        with closing(recorded), closing(_by_rig(lane, log.rig, recorded)) as frames:
-            for frame, prepared, waited_ms in interruption.until_requested(frames):
-                try:
-                    estimate = _step(frame, prepared, waited_ms, lane, checks)
-                except FrameError as error:
-                    lane.record.refuse(error)
+        with closing(recorded), closing(_by_rig(lane, log, recorded)) as frames:
+            for frame, observed in interruption.until_requested(frames):
+                if isinstance(observed, FrameError):
+                    lane.record.refuse(observed)
                     continue
+                estimate = _take(observed, lane, checks)
                 outcome.frames += 1
                 if estimate is None:
                     if to_end:
@@ -119,67 +110,22 @@ def run(
     return outcome
 
 
-def _by_rig(lane: Lane, rig: StereoRig | MonoRig, frames: Iterator[RecordedFrame]) -> PreparedFrames:
-    """Yield the frames as `prepared_ahead` does; when their rig changes, the lane starts over with it."""
+def _by_rig(lane: Lane, log: StereoLog, frames: Iterator[RecordedFrame]) -> ObservedFrames:
+    """Yield the frames as `observed_ahead` does; when their rig changes, the lane starts over with it."""
+    rig = log.rig
     for now, group in groupby(frames, key=lambda frame: frame.recorded.rig):
         if now is not None and now is not rig:
             rig = now
             with one_thread:
                 lane.begin_anew(Observer(rig, lane.config))
-        with closing(prepared_ahead(lane.observer, group)) as prepared:
-            yield from prepared
+        with closing(observed_ahead(lane, group, log.is_next_here)) as observed:
+            yield from observed
 
 
-def _step(
-    frame: RecordedFrame, prepared: PreparedImages | None, waited_ms: float, lane: Lane, checks: Sequence[Check]
-) -> FrameEstimate | None:
-    """Pass one frame through the observer, and its observations through the lane and all checks.
-
-    Returns None if the lane has failed. Raises FrameError if the front-end refuses the frame.
-    """
+def _take(observed: Observed, lane: Lane, checks: Sequence[Check]) -> FrameEstimate | None:
+    """Pass the observations of a frame through the lane and all checks; None if the lane has failed."""
     with one_thread:
-        observed = lane.observer.observe(frame, prepared, lane.expect)
-        observed = changed(observed, timings_ms={"decode": waited_ms} | observed.timings_ms)
         estimate = lane.take(observed)
-        if lane.solution is not None:
-            lane.observer.learn(lane.solution)
         for check in checks:
             check.add(observed, {} if estimate is None else {lane.record.name: estimate})
         return estimate
-
-
-def prepared_ahead(observer: Observer, frames: Iterator[RecordedFrame]) -> PreparedFrames:
-    """Yield each frame with what `Observer.prepare` returned for it, or None if that failed: `observe` says why.
-
-    OpenCV works on the next images while NumPy works on the current ones. Very large images are not prepared ahead.
-    If the log ends in an InputError, all earlier frames are yielded first. The third value is the time that the run
-    waited for the frame, milliseconds.
-    """
-    large = any(camera.width * camera.height > MANY_PIXELS for camera in observer.rig.cameras.values())
-    coming: deque[tuple[RecordedFrame, Future[PreparedImages] | None]] = deque()
-    more, broken = True, None
-    asked_s = time.perf_counter()
-    with ThreadPoolExecutor(1, thread_name_prefix="prepare") as pool:
-        for index in count():
-            try:
-                frame = next(frames, None) if more else None
-            except InputError as error:
-                frame, broken = None, error
-            more = frame is not None
-            if frame is not None:
-                coming.append((frame, None if large else pool.submit(_prepare, observer, frame, index)))
-            if more and len(coming) == 1 and not large:
-                continue
-            if not coming:
-                break
-            frame, future = coming.popleft()
-            prepared = None if future is None or future.exception() else future.result()
-            yield frame, prepared, 1e3 * (time.perf_counter() - asked_s)
-            asked_s = time.perf_counter()
-    if broken is not None:
-        raise broken
-
-
-def _prepare(observer: Observer, frame: RecordedFrame, index: int) -> PreparedImages:
-    with one_thread:
-        return observer.prepare(frame, index)

@@ -23,6 +23,7 @@ from ..outputs import GRAVITY_TRAJECTORY, MAP_TRAJECTORY, RESULTS, TRAJECTORIES,
 from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration import describe
 from ..report.records import RunRecord, Truth
+from ..report.verdict import rows_warning
 from ..types import Frame, FrameEstimate, InertialEstimator, Selection, Sink, Trajectory
 from .lane import Lane
 from .loop import RunOutcome, run
@@ -87,7 +88,7 @@ def replay(
     loops: bool = False,
     known_map: str | Path | None = None,
     save_map: str | Path | None = None,
-    std_truth: tuple[float, float] = (0.0, 0.0),
+    std_truth: tuple[float, float] | None = None,
     sinks: Sequence[Sink] = (),
 ) -> ReplayResult:
     """Estimate the selected frames of a log and write the results to `out_dir` (None: nowhere).
@@ -98,17 +99,18 @@ def replay(
     that the run has found. `there_and_back`: also estimate the frames backwards, and report the distance between
     start and end. `loops`: recognise places beside the engine, and write the corrected poses, trajectory_map.tum;
     so do `known_map`, the file of a map in which the camera is located, and `save_map`, a file for the map at the
-    end. `std_truth`: σ of the ground truth itself, in metres and radians. `sinks` get each estimate and its frame
-    after the files have been written, and are closed at the end. Memory grows by some 1500 bytes per frame, not
-    with the images. Raises ConfigError, LogError if not one frame could be estimated, OutputError,
-    ReplayInterrupted.
+    end. `std_truth`: σ of the ground truth itself, in metres and radians (None: as known of its data set). `sinks`
+    get each estimate and its frame after the files have been written, and are closed at the end. Memory grows by some
+    1500 bytes per frame, not with the images. Raises ConfigError, LogError if not one frame could be estimated,
+    OutputError, ReplayInterrupted.
     """
     config, selection = config or Config(), selection or Selection()
     if self_test or there_and_back:
         config.needs_scale("the self-test" if self_test else "there and back")
-    truth = Truth(None, checked_ranges(ignore_ground_truth), std_truth)
+    ignored = checked_ranges(ignore_ground_truth)
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration, mono=config.mono)
+    truth = Truth(None, ignored, log.std_truth if std_truth is None else std_truth)
     with_map = loops or known_map is not None or save_map is not None
     folder, map_file = (None if path is None else Path(path) for path in (out_dir, save_map))
     written = [] if folder is None else [folder / name for name in (*RESULTS, *TRAJECTORIES)]
@@ -119,6 +121,14 @@ def replay(
     if with_map:
         replayed.find_places(known_map, map_file, sinks)
     return replayed.run(sinks, truth)
+
+
+def replay_with_lane(
+    log: StereoLog, config: Config, selection: Selection, sinks: Sequence[Sink] = ()
+) -> tuple[ReplayResult, Lane]:
+    """Replay without files; also return the lane, with what its front-end has learnt. Raises as `replay`."""
+    replayed = _Replay(log, config, selection, None, False, False)
+    return replayed.run(sinks, Truth(None, checked_ranges(()), (0.0, 0.0))), replayed.lane
 
 
 class _Replay:
@@ -218,7 +228,9 @@ class _Replay:
         if self._latency.ages_ms:
             further["live"] = self._latency.summary()
         if record.rig is not None:
-            further["rig"] = describe(self.lane.observer.projection, record.rig)
+            observer = self.lane.observer
+            further["rig"] = describe(observer.projection, record.rig, observer.state.rows)
+            outcome.warnings += filter(None, [rows_warning(observer.state.rows)])
         for test in self.checks:
             with closing(test):
                 further["self_test"] = test.result(interruption)

@@ -164,10 +164,10 @@ def _pair(method: str, projection: StereoProjection, config: Config) -> list[Est
 
 def _stepped(pair: Sequence[Estimator], observations: Observations, first: Mask) -> list[Solution]:
     """Estimate the next frame from the tracks that are `first`, and from the others."""
-    return [e.step(_part_of(observations, rows)) for e, rows in zip(pair, (first, ~first), strict=True)]
+    return [e.step(part_of(observations, rows)) for e, rows in zip(pair, (first, ~first), strict=True)]
 
 
-def _part_of(observations: Observations, rows: Mask) -> Observations:
+def part_of(observations: Observations, rows: Mask) -> Observations:
     """Return the observations of some tracks."""
     o, n_old = observations, len(observations.track_ids) - observations.n_new
     return replace(

@@ -1,6 +1,7 @@
 """The studies by name, and the writing of their results."""
 
 import os
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -33,15 +34,23 @@ def simulate(
 
     `experiment`: efficiency, consistency, calibration, rates or figure6. `out_dir`: for results.json, results.csv and
     the picture of figure6. `workers`: processes (None: one per core); the numbers depend on `seed` alone. `on_progress`
-    is called with the number of trials just finished. Raises ConfigError, OutputError.
+    is called with the number of trials just finished. If it is interrupted, the report is on the trials finished so far
+    and says so; KeyboardInterrupt if these are too few. Raises ConfigError, OutputError.
     """
     if experiment not in EXPERIMENTS:
         raise ConfigError(f"experiment {experiment!r} is not known; known are {', '.join(EXPERIMENTS)}")
+    is_new = out_dir is not None and not Path(out_dir).exists()
     if out_dir is not None:
         make_folder(Path(out_dir))
-    with processes(workers or os.cpu_count() or 1) as executor:
-        found = EXPERIMENTS[experiment].run(trials, seed, executor, on_progress)
-    report: Report = msgspec.to_builtins({"experiment": experiment, "trials": trials, "seed": seed, **found})
+    pool = partial(processes, workers or os.cpu_count() or 1)
+    try:
+        found, done = EXPERIMENTS[experiment].run(trials, seed, pool, on_progress)
+    except KeyboardInterrupt:
+        if out_dir is not None and is_new:
+            Path(out_dir).rmdir()
+        raise
+    ended = {"interrupted": True} if done < trials else {}
+    report: Report = msgspec.to_builtins({"experiment": experiment, "trials": done, "seed": seed, **ended, **found})
     if out_dir is not None:
         write_whole(Path(out_dir, "results.json"), json_bytes(report))
         write_whole(Path(out_dir, "results.csv"), to_csv(report).encode())

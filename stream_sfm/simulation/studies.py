@@ -7,9 +7,10 @@ errors).
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
@@ -24,6 +25,14 @@ EXPECTED = dict(zip(NORMALISED, (6.0, 3.0, 3.0), strict=True))
 Result = TypeVar("Result")
 Progress = Callable[[int], None]  # called with the number of trials just finished
 Report = dict[str, Any]
+Pool = Callable[[], AbstractContextManager[Executor | None]]  # starts an executor; None: in this process
+
+
+class Outcome(NamedTuple):
+    """The report of a study, and of how many trials it is."""
+
+    report: Report
+    trials: int
 
 
 def run_trials(
@@ -34,10 +43,29 @@ def run_trials(
     progress: Progress | None = None,
 ) -> list[Result]:
     """Return the results of `job`, a picklable function of the seed of a trial, in order; None: in this process."""
-    seeds = np.random.SeedSequence(seed).spawn(trials)
-    results: list[Result] = []
-    for result in executor.map(job, seeds) if executor else map(job, seeds):
-        results.append(result)
+    ((_, found),) = _run_all({"": (job, trials)}, seed, executor, progress).items()
+    return found
+
+
+def _run_all(
+    jobs: Mapping[str, tuple[Callable[[np.random.SeedSequence], Result], int]],
+    seed: int,
+    executor: Executor | None,
+    progress: Progress | None,
+    kept: dict[str, list[Result]] | None = None,
+) -> dict[str, list[Result]]:
+    """Return the results of jobs, each with a number of trials; all jobs are always at the same share of their trials.
+
+    `kept` gets each result as soon as it is there, so that they survive an interruption.
+    """
+    results = {name: list[Result]() for name in jobs} if kept is None else kept
+    seeds = {name: np.random.SeedSequence(seed).spawn(trials) for name, (_, trials) in jobs.items()}
+    order = sorted(((n + 1) / len(of), name, n) for name, of in seeds.items() for n in range(len(of)))
+    calls = [(name, jobs[name][0], seeds[name][n]) for _, name, n in order]
+    # not `executor.map`: it cancels what an interruption leaves, and a pool that is killed then reports an error
+    asked = [executor.submit(job, own) for _, job, own in calls] if executor else None
+    for k, (name, job, own) in enumerate(calls):
+        results[name].append(job(own) if asked is None else asked[k].result())
         if progress:
             progress(1)
     return results
@@ -79,15 +107,22 @@ class Study:
         """Return the total number of trials."""
         return sum(job.trials(trials) for job in self.jobs().values())
 
-    def run(
-        self, trials: int, seed: int, executor: Executor | None = None, progress: Progress | None = None
-    ) -> Report:
-        """Run all jobs, and return their report."""
-        measured = {
-            name: stacked(run_trials(job.measure, job.trials(trials), seed, executor, progress))
-            for name, job in self.jobs().items()
-        }
-        return self.report(measured)
+    def run(self, trials: int, seed: int, pool: Pool = nullcontext, progress: Progress | None = None) -> Outcome:
+        """Run all jobs in a `pool`, or in this process.
+
+        After an interruption, the report is on the trials finished so far. Raises KeyboardInterrupt if a job has fewer
+        than two of them, which an interval needs.
+        """
+        jobs = {name: (job.measure, job.trials(trials)) for name, job in self.jobs().items()}
+        kept: dict[str, list[Measured]] = {name: [] for name in jobs}
+        try:
+            with pool() as executor:
+                _run_all(jobs, seed, executor, progress, kept)
+        except KeyboardInterrupt:
+            if any(len(kept[name]) < min(2, wanted) for name, (_, wanted) in jobs.items()):
+                raise
+        share = min(len(kept[name]) / wanted for name, (_, wanted) in jobs.items())
+        return Outcome(self.report({name: stacked(found) for name, found in kept.items()}), int(share * trials))
 
 
 def _bootstrap(statistic: Callable[[Array], Array], n: int) -> Interval:

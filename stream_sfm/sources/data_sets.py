@@ -51,6 +51,9 @@ _STAMPS = ("times.txt", "stamps.txt", "timestamps.txt")
 _EUROC_FILES = ("cam0/sensor.yaml", "cam1/sensor.yaml", "cam0/data.csv", "cam1/data.csv")
 _EUROC_TRUTHS = ("state_groundtruth_estimate0/data.csv", "mocap0/data.csv", "gt/data.csv")
 _EUROC_CALIBRATIONS = ("", "..", "../dso", "../calibration")  # relative to mav0, where one for all cameras may be
+# σ of ground truth, m and rad. EuRoC's Vicon and Leica: 1 mm (Burri et al., 2016), over the half metre of the body.
+# KITTI's OXTS: 2 cm with RTK (data sheet); its axes differ from those of the cameras by up to 9 mrad, taken as 2 σ.
+_STD_EUROC, _STD_KITTI = (0.001, 0.002), (0.02, 0.0045)
 _VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm")
 # All cameras of TartanAir are identical and parallel.
 _TARTANAIR_F_PX, _TARTANAIR_BASELINE_M = 320.0, 0.25
@@ -143,7 +146,7 @@ def _open_kitti(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
             notes.append(f"{truth_file} has poses for the first {count} of {len(stamps)} frames")
         truth = list(zip(stamps, world_from_left, strict=False))
     used = None if given.calibrated else rig
-    return ImageFilesSource(folder, layout.name, used, (left, right), truth, notes)
+    return ImageFilesSource(folder, layout.name, used, (left, right), truth, notes, std_truth=_STD_KITTI)
 
 
 def _kitti_rig(folder: Path, layout: Layout, size: tuple[int, int]) -> tuple[StereoRig, Array]:
@@ -196,7 +199,7 @@ def _open_euroc(folder: Path, layout: Layout, given: Given) -> ImageFilesSource:
         notes.append(f"{truth_file} is not used: no calibration says where the camera is on the body")
     imu = None if body_from_cam is None else _euroc_imu(mav / "imu0", se3.inverse(body_from_cam), notes)
     used = None if given.calibrated else rig
-    return ImageFilesSource(folder, layout.name, used, images, poses, notes, imu)
+    return ImageFilesSource(folder, layout.name, used, images, poses, notes, imu, _STD_EUROC)
 
 
 def _euroc_imu(

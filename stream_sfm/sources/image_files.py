@@ -65,9 +65,10 @@ class ImageFile:
 class ImageFilesSource(Source):
     """Left and right images (no right ones with one camera) and poses (stamp_ns, world_from_cam), in order of time.
 
-    `format` names the data set; `imu`: samples (stamp_ns, (6,) rad/s and m/s²) of an inertial unit. An image that
-    cannot be read, or has another size than the rig's, is skipped and added to the damage of a reading. Raises LogError
-    where no left and right image have the same stamp, ConfigError where no image can be rectified by the rig.
+    `format` names the data set; `std_truth`: σ of the poses, m and rad; `imu`: samples (stamp_ns, (6,) rad/s and m/s²)
+    of an inertial unit. An image that cannot be read, or has another size than the rig's, is skipped and added to the
+    damage of a reading. Raises LogError where no left and right image have the same stamp, ConfigError where no image
+    can be rectified by the rig.
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class ImageFilesSource(Source):
         poses: Sequence[tuple[int, Array]] = (),
         notes: Sequence[str] = (),
         imu: tuple[Sequence[tuple[int, Array]], ImuCalibration] | None = None,
+        std_truth: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         self.path, self.format, self.rig = path, format, rig
         self._samples: Sequence[tuple[int, Array]] = () if imu is None else imu[0]
@@ -86,7 +88,7 @@ class ImageFilesSource(Source):
         if rig is not None:
             with as_error(ConfigError, f"{path}", RigError):
                 check_rectifiable(rig)
-        self.images, self.poses = images, poses
+        self.images, self.poses, self.std_truth = images, poses, std_truth
         self.notes = list(notes)
         left, right = ({image.stamp_ns for image in side} for side in images)
         if right and not left & right:

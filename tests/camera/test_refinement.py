@@ -7,8 +7,17 @@ import numpy as np
 import pytest
 
 from stream_sfm.camera.models import Camera
-from stream_sfm.camera.refinement import LENS_TERMS, KnownTiming, Refinement, combine, disparity_rms_px
+from stream_sfm.camera.refinement import (
+    DISPARITY,
+    LENS_TERMS,
+    PARTS,
+    KnownTiming,
+    Refinement,
+    combine,
+    disparity_rms_px,
+)
 from stream_sfm.camera.rig import StereoRig
+from stream_sfm.camera.settings import SETTINGS
 from stream_sfm.config import Config
 from stream_sfm.engine import Engine
 from stream_sfm.errors import ConfigError
@@ -67,20 +76,57 @@ def test_what_is_not_a_refinement_is_named(tmp_path: Path, section: str, complai
         StereoRig.from_calibration(path)
 
 
-def test_independent_runs_are_put_together_as_measurements_with_one_prior_in_place_of_theirs() -> None:
+def run_of(rng: np.random.Generator, error: np.ndarray, prior_std: np.ndarray) -> tuple[Refinement, np.ndarray]:
+    """A run with these errors, whose views measure combinations of them, and the prior σ that it has learnt."""
+    a, std = rng.normal(size=(30, N)) / prior_std, prior_std * rng.uniform(0.5, 2, N)
+    views = a @ error + rng.normal(size=30)
+    cov = np.linalg.inv(a.T @ a + np.diag(std**-2))
+    return Refinement(cov @ a.T @ views, cov), std
+
+
+def test_a_single_log_is_a_measurement_of_what_another_one_will_have() -> None:
+    """Against the dense joint Gaussian of the shared error, this log and the next one."""
     rng = np.random.default_rng(1)
     prior_std = rng.uniform(0.2, 2, N)
-    priors_std = np.array([[0.5], [1.5], [1.0]]) * prior_std
-    joint, weighted, each = np.diag(prior_std**-2), np.zeros(N), []
-    for std in priors_std:
-        a = rng.normal(size=(N, N))
-        information, mean = a @ a.T, rng.normal(size=N)
-        cov = np.linalg.inv(information + np.diag(std**-2))
-        each.append(Refinement(cov @ information @ mean, cov))
-        joint, weighted = joint + information, weighted + information @ mean
-    together = combine(each, priors_std, prior_std)
-    assert np.allclose(together.error_px, np.linalg.solve(joint, weighted), rtol=1e-9, atol=1e-12)
-    assert np.allclose(together.cov_px2, np.linalg.inv(joint), rtol=1e-9)
+    run, std = run_of(rng, prior_std * rng.normal(size=N), prior_std)
+    information = np.linalg.inv(run.cov_px2)
+    views, weighted = information - np.diag(std**-2), information @ run.error_px
+    shared = np.where(np.arange(N) < 6, SETTINGS.common_disparity, 1.0) * prior_std
+    differ = (SETTINGS.logs_differ * prior_std) ** 2
+    joint = np.kron(np.ones((2, 2)), np.diag(shared**2)) + np.kron(np.eye(2), np.diag(differ))  # this log, the next
+    seen = np.linalg.inv(views)
+    gain = joint[:, :N] @ np.linalg.inv(joint[:N, :N] + seen)
+    mean, cov = gain @ seen @ weighted, joint - gain @ joint[:N]
+    found = combine([run], np.array([std]), prior_std)
+    assert np.allclose(found.error_px, mean[N:], rtol=1e-6, atol=1e-9)
+    assert np.allclose(found.cov_px2, cov[N:, N:], rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("differ", [0.05, 0.4, 1.5])
+def test_the_scatter_of_logs_is_in_the_uncertainty_of_the_next_one(differ: float) -> None:
+    """Over rigs whose logs differ by more or less than usual, χ² of a log that was not among the eight is that of N."""
+    rng, prior_std, chi2 = np.random.default_rng(2), np.linspace(0.4, 5, N), []
+    for _ in range(60):
+        shared = prior_std * rng.normal(size=N)
+        errors = shared + differ * prior_std * rng.normal(size=(9, N))
+        runs, stds = zip(*(run_of(rng, error, prior_std) for error in errors[:-1]), strict=True)
+        found = combine(runs, np.array(stds), prior_std)
+        away = errors[-1] - found.error_px
+        chi2.append(away @ np.linalg.solve(found.cov_px2, away) / N)
+    # σ of a mean of 60 such values is 0.05. The two logs that are assumed leave τ² at a quarter of the guess at least:
+    # with eight logs that hardly differ, σ is four times too large.
+    low, high = {0.05: (0.05, 0.12), 0.4: (0.8, 1.3), 1.5: (0.8, 1.5)}[differ]
+    assert low < np.mean(chi2) < high
+
+
+def test_a_part_that_is_left_out_is_as_unknown_as_before() -> None:
+    prior_std = np.linspace(0.4, 5, N)
+    run, _ = run_of(np.random.default_rng(3), prior_std, prior_std)
+    kept = run.only([DISPARITY], prior_std)
+    assert (kept.error_px[:6] == run.error_px[:6]).all() and not kept.error_px[6:].any()
+    assert (kept.cov_px2[:6, :6] == run.cov_px2[:6, :6]).all() and not kept.cov_px2[:6, 6:].any()
+    assert kept.std_px[6:] == pytest.approx(prior_std[6:])
+    assert (run.only(PARTS, prior_std).cov_px2[:6, :6] == run.cov_px2[:6, :6]).all()
 
 
 def test_the_field_s_size_is_that_over_the_image() -> None:

@@ -143,8 +143,8 @@ def test_an_error_is_followed_by_the_options_and_commands_that_help(wall_log, tm
 
 
 def test_the_shell_completes_settings_too(cli):
-    said = cli("__complete", "replay", "x.mcap", "--set", "robust.min").out
-    assert "robust.min_inliers=" in said.splitlines()
+    said = cli("__complete", "replay", "x.mcap", "--set", "rules.robust.min").out
+    assert "rules.robust.min_inliers=" in said.splitlines()
     for shell in ("bash", "zsh", "fish"):
         script = build_app().generate_completion(shell=shell)
         assert all(word in script for word in ("replay", "--max-frames", "iterated-ekf", "kitti", "__complete"))
@@ -157,12 +157,12 @@ def test_the_parser_knows_the_methods_and_hints_name_commands_that_exist():
 
 def test_json_is_one_object_and_nothing_else_and_tables_say_what_matters(wall_log, tmp_path, cli):
     (tmp_path / "c.toml").write_text("[window]\nframes = 5\n")
-    settings = ["--config", tmp_path / "c.toml", "--set", "robust.min_inliers=9", *FAST]
+    settings = ["--config", tmp_path / "c.toml", "--set", "rules.robust.min_inliers=9", *FAST]
     summary = cli("replay", wall_log, "--out", tmp_path / "o", "--json", *settings).json
     assert summary["complete"] is True and summary["frames"]["estimated"] == 12
     assert summary["out"] == str(tmp_path / "o") and summary["method"] == "frame-to-frame"
     used = read_config(tmp_path / "o" / "config.toml")
-    assert (used.window.frames, used.robust.min_inliers, used.method) == (5, 9, "frame-to-frame")
+    assert (used.window.frames, used.rules.robust.min_inliers, used.method) == (5, 9, "frame-to-frame")
     said = cli("replay", wall_log, "--out", tmp_path / "o", "-v", *FAST)
     assert "12 estimated of 12 paired" in said.out and "final drift" in said.out
     assert "frame 0: initialising" in said.err and "frame 1: ok" in said.err

@@ -47,6 +47,35 @@ def test_the_table_has_the_figures_that_any_run_has(runs: list[Path], tmp_path: 
     assert f"{1e3 * figures['ate_rmse_sim3_m']:#.3g}" in cli("evaluate", tmp_path).out  # mm
 
 
+def test_the_truth_is_taken_as_exact_until_its_errors_are_given(runs: list[Path], tmp_path: Path, cli) -> None:
+    (exact,) = cli("evaluate", runs[0], "--json").json["runs"]
+    (known,) = cli("evaluate", runs[0], "--ground-truth-std", "0.1,0.1", "--json").json["runs"]
+    assert known["ground_truth"]["nees_pose_mean"] < 0.1 * exact["ground_truth"]["nees_pose_mean"]
+    command = ("replay", ROOM, "--max-frames", FRAMES, "--out")
+    assert "against a truth taken as exact" in cli(*command, tmp_path / "a").out
+    said = cli(*command, tmp_path / "b", "--ground-truth-std", "0.1,0.1").out
+    assert "expected: 6" in said and "exact" not in said
+
+
+def test_two_batches_say_which_one_drifts_less(runs: list[Path], tmp_path: Path, cli) -> None:
+    for batch in ("a", "b"):
+        for n in range(3):
+            copy = shutil.copytree(runs[0], tmp_path / batch / f"log{n}")
+            summary = json.loads((copy / "summary.json").read_bytes())
+            (link := tmp_path / f"log{n}.mcap").unlink(missing_ok=True)
+            link.symlink_to(ROOM)
+            (copy / "summary.json").write_text(json.dumps(summary | {"log": str(link)}))
+    (tmp_path / "a/report.html").touch()  # of the batch, which is no run
+    said = cli("evaluate", tmp_path / "a", tmp_path / "b").out
+    assert f"{tmp_path / 'b'} over {tmp_path / 'a'}, 3 logs: ATE aligned ×1.00 [1.00, 1.00]" in said.replace(
+        "\n", " "
+    )
+    assert "these 3 logs do not tell which one drifts less" in said
+    found = cli("evaluate", tmp_path / "a", tmp_path / "b", "--json").json
+    assert len(found["runs"]) == 6 and found["paired"]["ratios"]["t_rel_percent"]["logs"] == 3
+    assert cli("evaluate", tmp_path / "a", "--json").json["paired"] is None
+
+
 def test_runs_stand_side_by_side_on_a_page(runs: list[Path], tmp_path: Path, cli) -> None:
     page = tmp_path / "page.html"
     said = cli("evaluate", *runs, "--out", page).out

@@ -48,3 +48,19 @@ def test_table_shows_axes_clock_scale_and_noise_of_an_inertial_unit(capsys: pyte
 def test_table_has_no_rows_of_an_inertial_unit_without_one(capsys: pytest.CaptureFixture[str]) -> None:
     print_summary(_SUMMARY | {"imu": None}, None, stages=False)
     assert "inertia" not in capsys.readouterr().out
+
+
+def test_a_place_less_certain_than_the_path_is_long_is_unknown(capsys: pytest.CaptureFixture[str]) -> None:
+    """After a long loss that no view bridges; one of them may be known without the other."""
+    end = {
+        "position_m": [1.0, 2.0, 3.0],
+        "std_position_m": 18.0,
+        "std_position_percent": 520.0,
+        "heading_deg": -126.53,
+        "std_heading_deg": 455.0,
+    }
+    print_summary(_SUMMARY | {"end": end}, None, stages=False)
+    shown = capsys.readouterr().out
+    assert "unknown, σ 18 m, more than the path" in shown and "heading unknown" in shown
+    print_summary(_SUMMARY | {"end": end | {"std_position_percent": 4.0}}, None, stages=False)
+    assert "(1.000, 2.000, 3.000) m, σ 18 m, 4 % of the path" in capsys.readouterr().out

@@ -6,8 +6,8 @@ from types import SimpleNamespace as Record
 
 import numpy as np
 
-from stream_sfm.config import RobustConfig
 from stream_sfm.config.point_rules import PointRules, TemplateRules
+from stream_sfm.config.robust_rules import RobustRules
 from stream_sfm.config.rules import ErrorRules, RowRules
 from stream_sfm.core import _core as core
 from stream_sfm.geometry.resection import Wanted
@@ -46,7 +46,7 @@ TEMPLATES = Record(
     rules=TemplateRules(),
 )
 POINT_RULES = PointRules(std_grey=4.0, max_halves_apart_px=2.0)
-RULES = RobustConfig(second_views=4)
+RULES = RobustRules(second_views=4)
 TRACKS = Record(
     points=POINTS,
     var_rho=np.ones(N),
@@ -206,7 +206,6 @@ CALLS = {
     "place_new_points": (RIGHT_SIDES, TIMING, VIEWS, COV, 1.0, -2.0, 9.0),
     "effects_of_turn": (PINHOLES, STARTS),
     "fit_rows": (ROWS, STARTS, np.ones(N), np.ones(N), 1e-3, 2.4, 2),
-    "same_slopes": (BYTES, BYTES, 8, 16, 2),
     "views_by_turn": (PINHOLES, VIEWS, np.eye(3)),
     "with_turn": (PINHOLES, VIEWS, COV, np.eye(3)),
     "point_motions": (MOTIONS, np.arange(N) / 10),

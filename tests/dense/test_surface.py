@@ -9,7 +9,7 @@ import trimesh
 
 from stream_sfm import Camera, StereoRig, import_images, open_log
 from stream_sfm.camera.rectification import Rectifier
-from stream_sfm.config import DenseConfig
+from stream_sfm.config.dense_rules import DenseRules
 from stream_sfm.dense import voxels
 from stream_sfm.dense.disparity import DenseStereo, DisparityMap, refine
 from stream_sfm.dense.fusion import Fusion
@@ -52,8 +52,8 @@ def test_a_slanted_wall_is_where_it_is_and_sigma_says_how_well(vergence_rad):
     left = wall.image(stereo.left, np.eye(4), noise=6)
     right = wall.image(stereo.right, se3.inverse(stereo.right_from_left), noise=6)
     rectifier = Rectifier(stereo)
-    config = DenseConfig(std_bias_px=0.0)  # these images have no error but noise
-    found = DenseStereo(rectifier.projection, config, rectifier.valid).match(*rectifier.rectify(left, right))
+    rules = DenseRules(std_bias_px=0.0)  # these images have no error but noise
+    found = DenseStereo(rectifier.projection, rules, rectifier.valid).match(*rectifier.rectify(left, right))
     assert np.isfinite(found.disparity_px).mean() > 0.85  # the rest is what the right camera does not see
     picture = np.zeros((*found.disparity_px.shape, 3), np.uint8)
     mesh = mesh_of_frame(rectifier.projection, found, picture, 1.0)
@@ -76,13 +76,13 @@ def test_sigma_of_the_subpixel_step_is_that_of_monte_carlo():
     """
     scene, true = texture(120, 160, 2), 21.4
     rng = np.random.default_rng(3)
-    config = DenseConfig(std_start_px=100.0)  # from the images alone, as σ says
+    rules = DenseRules(std_start_px=100.0)  # from the images alone, as σ says
     inner = (slice(20, 100), slice(40, 140))
     errors, claimed = [], []
     for _ in range(30):
         left, right = noisy(scene, rng, 4), noisy(shifted(scene, true), rng, 4)
         start = np.full(scene.shape, np.float32(np.rint(true)))
-        disparity, std = refine(left, right, start, config)
+        disparity, std = refine(left, right, start, rules)
         errors.append(disparity[inner] - true)
         claimed.append(std[inner])
     scatter, sigma = np.std(errors, axis=0), np.mean(claimed, axis=0)
@@ -97,7 +97,7 @@ def test_a_step_is_not_bridged_and_nothing_floats_between():
     left, right = back.copy(), shifted(back, 10 + 9)
     left[30:90, 70:120] = front[30:90, 70:120]
     right[30:90, 70 - 33 : 120 - 33] = front[30:90, 70:120]
-    stereo = DenseStereo(PAIR, DenseConfig(), np.ones(left.shape, bool))
+    stereo = DenseStereo(PAIR, DenseRules(), np.ones(left.shape, bool))
     found = stereo.match(noisy(left, rng, 1), noisy(right, rng, 1))
     mesh = mesh_of_frame(PAIR, found, GREY, 1.0)
     depths = mesh.vertices[:, 2]
@@ -124,9 +124,12 @@ def test_a_sphere_comes_out_whole():
     assert np.abs(attributes[:, 0] - 10.3).max() < 1  # voxels
 
 
-def fused(frames: int, config: DenseConfig, cov_position: np.ndarray, seed: int = 8) -> tuple[Fusion, Mesh]:
+RULES = DenseRules()
+
+
+def fused(frames: int, cov_position: np.ndarray, voxel_m: float, rules: DenseRules = RULES) -> tuple[Fusion, Mesh]:
     """A frontal wall 2 m ahead, seen with noise of 0.2 px from a camera that moves sideways."""
-    rng, fusion = np.random.default_rng(seed), Fusion(PAIR, config)
+    rng, fusion = np.random.default_rng(8), Fusion(PAIR, rules, voxel_m)
     for i in range(frames):
         true = plane_map(2.0, std_px=0.2)
         smooth = cv2.GaussianBlur(rng.normal(size=true.disparity_px.shape), (0, 0), 3)
@@ -137,7 +140,7 @@ def fused(frames: int, config: DenseConfig, cov_position: np.ndarray, seed: int 
 
 
 def test_a_fused_wall_gets_better_with_frames_and_sigma_says_so():
-    few, many = (fused(n, DenseConfig(voxel_m=0.02), np.zeros((3, 3)))[1] for n in (4, 16))
+    few, many = (fused(n, np.zeros((3, 3)), voxel_m=0.02)[1] for n in (4, 16))
     for mesh, limit in ((few, 0.010), (many, 0.006)):  # one frame: 0.2 px is 20 mm
         error = np.abs(mesh.vertices[:, 2] - 2.0)
         assert np.median(error) < limit
@@ -148,12 +151,12 @@ def test_a_fused_wall_gets_better_with_frames_and_sigma_says_so():
 
 def test_what_frames_share_does_not_average_out():
     cov = np.diag([0, 0, 0.03**2])
-    _, mesh = fused(16, DenseConfig(voxel_m=0.02), cov)
+    _, mesh = fused(16, cov, voxel_m=0.02)
     assert np.median(mesh.std_m) == pytest.approx(0.03, rel=0.05)  # noise adds 5 mm in square
 
 
 def test_voxels_stay_within_their_number():
-    fusion, mesh = fused(4, DenseConfig(voxel_m=0.01, max_voxels=10_000), np.zeros((3, 3)))
+    fusion, mesh = fused(4, np.zeros((3, 3)), 0.01, DenseRules(max_voxels=10_000))
     assert fusion.voxel_m == pytest.approx(0.04)  # 1.6 m × 1.2 m, five layers
     assert len(fusion) <= 10_000
     assert len(mesh.faces) > 500  # of 2400 triangles of 4 cm

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config, WindowConfig
+from stream_sfm.config.reported_rules import ReportedRules
+from stream_sfm.config.rules import Rules
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.cross_frame.followed import followed
 from stream_sfm.estimators.cross_frame.marginals import Marginals
@@ -16,7 +18,7 @@ from stream_sfm.simulation.scenes import Scene
 
 SCENE = Scene(frames=30, track_length=8, visible=80, std_px=0.1, round_off=False, autocorrelation=0.75)
 B = 8
-RULES = WindowConfig(frames=B)
+MOST = ReportedRules().most_followed
 MOTION = se3.exp(np.array([0.02, -0.01, 0.2, 0.01, 0.03, -0.02]))
 STD = np.array([0.01, 0.02, 0.03, 0.002, 0.003, 0.001])
 
@@ -56,7 +58,7 @@ def test_a_constant_bias_of_motions_adds_up_over_one_window_only(some):
     reported, distances = some, []
     for _ in range(200):
         pose = se3.orthonormalise(pose @ se3.exp(bias))
-        reported = followed(reported, at(some, pose), np.eye(4), RULES)
+        reported = followed(reported, at(some, pose), np.eye(4), B, MOST)
         distances.append(from_filter(reported, pose))
     assert np.linalg.norm(distances, axis=1) == pytest.approx(
         np.linalg.norm(bias) * (B - 1) * (1 - (1 - 1 / B) ** np.arange(1, 201)), rel=1e-3
@@ -70,21 +72,21 @@ def test_it_is_never_beyond_half_of_the_filters_own_sigma(some, size):
     for _ in range(50):
         pose = some.world_from_cam @ se3.exp(size * STD * rng.normal(size=6) / 6)
         now = at(some, pose)
-        reported = followed(reported, now, np.eye(4), RULES)
-        assert np.linalg.norm(from_filter(reported, pose) / STD) < RULES.most_followed + 1e-9
+        reported = followed(reported, now, np.eye(4), B, MOST)
+        assert np.linalg.norm(from_filter(reported, pose) / STD) < MOST + 1e-9
 
 
 def test_it_is_exact_if_the_filter_agrees_with_the_motion(some):
     pose, reported = some.world_from_cam, some
     for _ in range(5):
         pose = se3.orthonormalise(pose @ MOTION)
-        reported = followed(reported, at(some, pose), MOTION, RULES)
+        reported = followed(reported, at(some, pose), MOTION, B, MOST)
     assert reported.world_from_cam == pytest.approx(pose, abs=1e-9)
 
 
 def test_a_window_of_one_frame_reports_the_filter(some):
     pose = some.world_from_cam @ se3.exp(0.5 * STD)
-    reported = followed(some, at(some, pose), np.eye(4), WindowConfig(frames=1))
+    reported = followed(some, at(some, pose), np.eye(4), 1, MOST)
     assert reported.world_from_cam == pytest.approx(pose, abs=1e-12)
 
 
@@ -95,7 +97,7 @@ def test_the_covariance_is_that_of_the_pose_reported(some):
         reported, pose = some, some.world_from_cam
         for _ in range(12):
             pose = se3.orthonormalise(pose @ MOTION @ se3.exp(0.2 * STD * rng.normal(size=6)))
-            reported = followed(reported, at(some, pose), MOTION, RULES)
+            reported = followed(reported, at(some, pose), MOTION, B, MOST)
         xi = from_filter(reported, pose @ se3.exp(STD * rng.normal(size=6)))
         squares.append(xi @ np.linalg.solve(reported.cov_pose, xi))
     assert np.mean(squares) == pytest.approx(6, abs=3 * np.std(squares) / 20)
@@ -103,7 +105,7 @@ def test_the_covariance_is_that_of_the_pose_reported(some):
 
 def test_points_stay_where_they_are_in_the_camera(some):
     now = at(some, some.world_from_cam @ se3.exp(0.9 * STD))
-    reported = followed(some, now, np.eye(4), RULES)
+    reported = followed(some, now, np.eye(4), B, MOST)
     assert (reported.points_in_cam == now.points_in_cam).all()
     in_world = se3.transform(reported.world_from_cam, reported.points_in_cam)
     assert reported.points_in_world == pytest.approx(in_world, abs=1e-9)
@@ -111,10 +113,10 @@ def test_points_stay_where_they_are_in_the_camera(some):
     assert (np.linalg.eigvalsh(more) > -1e-9 * np.abs(more).max()).all()
 
 
-def apart_from_newest_motions(rules: WindowConfig) -> float:
+def apart_from_newest_motions(rules: ReportedRules) -> float:
     """Mean squared difference of the motion between two reported poses and the newest motion, in its σ."""
     sequence = SCENE.sequence(np.random.SeedSequence([8, 1]))
-    estimator = make_estimator("cross-frame", sequence.projection, Config(window=rules))
+    estimator = make_estimator("cross-frame", sequence.projection, Config(rules=Rules(reported=rules)))
     before, found = np.eye(4), []
     for o in sequence.observations:
         solution = estimator.step(o)
@@ -131,8 +133,8 @@ def apart_from_newest_motions(rules: WindowConfig) -> float:
 
 def test_reported_poses_move_by_the_newest_motions():
     """With correlated errors in simulation they do so more closely than poses of the filter, and all outputs agree."""
-    of_filter = apart_from_newest_motions(WindowConfig(most_followed=0.0))
-    assert apart_from_newest_motions(WindowConfig()) < of_filter / 2
+    of_filter = apart_from_newest_motions(ReportedRules(most_followed=0.0))
+    assert apart_from_newest_motions(ReportedRules()) < of_filter / 2
 
 
 def test_a_doubtful_motion_is_not_followed():

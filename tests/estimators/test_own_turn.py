@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stream_sfm.config import RobustConfig
+from stream_sfm.config.robust_rules import RobustRules
 from stream_sfm.estimators.cross_frame.own_turn import size_turn
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.point_views import PointViews
@@ -33,7 +33,7 @@ def sized(turn: float, of_delay: float = 0.0, seed: int = 0) -> tuple[Sizes, Poi
     others[:, 2, 0] = 0.5 + 0.01 * rng.normal(size=N)
     z_px = z_px + columns @ np.array([0.3, turn, 0.3]) + of_delay * others[..., 0]
     cov_px, shared = np.tile(STD_PX**2 * np.eye(4), (N, 1, 1)), np.concatenate([columns, others], axis=2)
-    seen = PointViews(P, points, None, z_px, cov_px, RobustConfig(), shared)
+    seen = PointViews(P, points, None, z_px, cov_px, RobustRules(), shared)
     found = changed(resect(seen, MOTION, np.ones(N)), second=SECOND)
     return *size_turn(Sizes(), 3, seen, np.ones(N), found), found
 

@@ -5,7 +5,8 @@ import copy
 import numpy as np
 import pytest
 
-from stream_sfm.config import Config, WindowConfig
+from stream_sfm.config import Config
+from stream_sfm.config.reported_rules import ReportedRules
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.cross_frame.halves import (
     SpanFactors,
@@ -24,7 +25,8 @@ from stream_sfm.simulation.scenes import Scene, Sequence
 
 SCENE = Scene(frames=20, track_length=8, visible=80, std_px=0.1, round_off=False)
 SPANS = 8
-UNKNOWN = SpanFactors.unknown(WindowConfig(frames=SPANS)), TrackNoise.unknown(WindowConfig())
+RULES = ReportedRules()
+UNKNOWN = SpanFactors.unknown(SPANS, RULES), TrackNoise.unknown(RULES)
 
 
 def map_after(sequence: Sequence) -> Map:
@@ -42,8 +44,8 @@ def current() -> Map:
 
 def test_halves_add_up_to_all_tracks(current):
     """Their information and right-hand sides are those of all tracks, of the dense equations without the points."""
-    alone = _unselected(current)
-    quarters = _quarters(alone, alone.state(), WindowConfig())
+    alone = _unselected(current, RULES.halves_within)
+    quarters = _quarters(alone, alone.state(), RULES.halves_least)
     assert np.bincount(quarters, minlength=4).min() > 0.15 * len(quarters)
     parts = _poses_by(alone, quarters, 4)
     every = _poses_by(alone, np.zeros_like(quarters), 1)[0]
@@ -67,7 +69,7 @@ def test_halves_add_up_to_all_tracks(current):
 
 def test_halves_have_no_memory_and_no_selection(current):
     """They are apart as far whatever the prior knows, whichever views were gated, and whatever the views count."""
-    found, views = squares_of_halves(current), current.views
+    found, views = squares_of_halves(current, RULES), current.views
     assert np.isfinite(found[:, :-1]).all()
     known, gated, lighter = (copy.copy(current) for _ in range(3))
     known.prior = changed(current.prior, cov=current.prior.cov / 100)
@@ -75,10 +77,10 @@ def test_halves_have_no_memory_and_no_selection(current):
     gated.views = changed(views, used=views.used & ~rare)
     lighter.views = changed(views, root=0.6 * views.root, weight=0.6 * views.weight)
     for other in (known, gated, lighter):
-        assert squares_of_halves(other)[:, :-1] == pytest.approx(found[:, :-1], rel=1e-3)
+        assert squares_of_halves(other, RULES)[:, :-1] == pytest.approx(found[:, :-1], rel=1e-3)
     wrong = copy.copy(current)  # gross mismatches are no part of the halves
     wrong.views = changed(views, z_px=views.z_px + np.where(rare, 2.0, 0.0)[:, None])
-    without = _unselected(wrong)
+    without = _unselected(wrong, RULES.halves_within)
     assert not without.views.used[rare].any() and without.views.used[~rare].mean() > 0.9
 
 
@@ -88,7 +90,7 @@ def test_tracks_of_half_a_scene_have_both_kinds_of_halves(current, kind):
     ids, x = current.points.ids, current.points.q[:, 0]
     kept = ids % 2 == 0 if kind == "even numbers" else x < np.median(x)
     at = current.state()._replace(ids=ids[kept], q=current.points.q[kept])
-    assert np.bincount(_quarters(current, at, WindowConfig()), minlength=4).min() > 0.15 * kept.sum()
+    assert np.bincount(_quarters(current, at, RULES.halves_least), minlength=4).min() > 0.15 * kept.sum()
 
 
 def test_one_step_leads_to_the_minimum(current):
@@ -125,7 +127,7 @@ def mean_squares(autocorrelation: float, trials: int) -> tuple[np.ndarray, np.nd
             frames=10, track_length=10, visible=80, std_px=0.1, round_off=False, autocorrelation=autocorrelation
         )
         current = map_after(scene.sequence(np.random.SeedSequence([7, seed])))
-        found.append(squares_of_halves(current)[0, :-1])
+        found.append(squares_of_halves(current, RULES)[0, :-1])
     return np.mean(found, axis=0), np.std(found, axis=0) / np.sqrt(trials)
 
 
@@ -139,7 +141,7 @@ def test_factors_are_1_with_white_noise_and_grow_with_correlated_errors():
 
 def test_factors_keep_their_bounds():
     """They are at least 1 and do not decrease with the span; one frame counts at most ten times the mean."""
-    factors = SpanFactors.unknown(WindowConfig(frames=4))
+    factors = SpanFactors.unknown(4, RULES)
     assert (factors.by_span == 1).all()
     found = np.array([[0.2, 3.0, 1.0], [0.2, 2.0, np.nan]])
     for _ in range(60):

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.config import Config, WindowConfig
+from stream_sfm.config import Config
+from stream_sfm.config.reported_rules import ReportedRules
+from stream_sfm.config.rules import Rules
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.cross_frame.track_noise import TrackNoise
 from stream_sfm.geometry import se3
@@ -14,7 +16,7 @@ from stream_sfm.record import changed
 from stream_sfm.simulation.scenes import Scene
 from stream_sfm.types import LastingErrors
 
-RULES = WindowConfig()
+RULES = ReportedRules()
 
 
 def residuals(spread: float, tracks: int, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
@@ -95,8 +97,8 @@ def errors_of_motions(learns: bool, seed: int) -> list[np.ndarray]:
     """Errors of motions over one frame, for tracks whose noise has a spread of 1, which is learnt or not."""
     scene = Scene(frames=60, track_length=8, visible=60, std_px=0.1, round_off=False)
     sequence, rng = scene.sequence(np.random.SeedSequence([9, seed])), np.random.default_rng(seed)
-    rules = WindowConfig() if learns else WindowConfig(tracks_guess=1e9)
-    estimator = make_estimator("cross-frame", sequence.projection, Config(window=rules))
+    rules = ReportedRules() if learns else ReportedRules(tracks_guess=1e9)
+    estimator = make_estimator("cross-frame", sequence.projection, Config(rules=Rules(reported=rules)))
     factor = 1 / rng.gamma(3, 1 / 2, len(sequence.points_in_world))
     cams, found = sequence.world_from_cam, []
     for n, o in enumerate(sequence.observations):

@@ -124,6 +124,25 @@ def test_nees_of_errors_drawn_from_the_covariance_is_six():
     assert np.isnan(metrics.nees_pose(estimate, cov, truth)[0])
 
 
+def test_the_truth_may_have_errors_of_its_own():
+    """Each pose of the truth errs, the first one too, whose error moves with the path; σ in m and rad."""
+    rng, truth, std = np.random.default_rng(3), winding_path(40), (0.01, 0.004)
+    cov = np.diag(np.repeat((0.02, 0.001), 3) ** 2)
+    found = []
+    for _ in range(200):
+        path = metrics.from_first_camera(truth)
+        estimate = path @ se3.exp(rng.normal(size=(40, 6)) * np.sqrt(np.diag(cov)))
+        estimate[0] = np.eye(4)
+        covs = np.broadcast_to(cov, (40, 6, 6)) * (np.arange(40) > 0)[:, None, None]
+        wrong = truth @ se3.exp(rng.normal(size=(40, 6)) * np.repeat(std, 3))
+        nees = metrics.nees_pose(estimate, covs, wrong, std)
+        assert np.isnan(nees[0])
+        found.append(nees[1:].mean())
+        assert metrics.nees_pose(estimate, covs, wrong)[1:].mean() > 20  # taken as exact
+    # the first pose's error is common to a path: 3 of the means' own standard errors, and 2 % as errors are not small
+    assert abs(np.mean(found) - 6) < 3 * np.std(found) / np.sqrt(200) + 0.12
+
+
 def test_nees_of_a_false_covariance_is_not_a_plausible_number():
     poses = winding_path(4)
     cov = np.zeros((4, 6, 6))

@@ -158,7 +158,7 @@ def texts(rng: random.Random, ammunition: Ammunition, folder: Path) -> list[str]
     tokens = (
         *_ODD_NUMBERS, "[", "]", "{", "}", "=", ".", ",", "\n", '"', "'", "#", "a", "[[", "]]", "[left]\n", "[right]\n",
         "width = ", "K = ", "&a ", "*a", "<<: ", "- ", ": ", "  ", "%YAML:1.0\n---\n", "!!opencv-matrix", "<a>", "</a>",
-        "cam0:\n", "inf", "true", "null", "window.frames = ", "robust.min_inliers = ", "\ufeff", "\0", "é",
+        "cam0:\n", "inf", "true", "null", "window.frames = ", "rules.robust.min_inliers = ", "\ufeff", "\0", "é",
     )  # fmt: skip
     soup = "".join(rng.choices(tokens, k=int(2 ** rng.uniform(1, 12))))
     if rng.random() < 0.3:

@@ -180,7 +180,8 @@ def test_a_log_without_texture_cannot_be_checked_and_says_so(path, frames):
 def test_exit_codes_and_json(path, frames, cli):
     found = cli("inspect", write(path, frames), "--json").json
     assert found["problems"] == [] and found["images"]["left"]["size"] == [320, 240]
-    assert "right within" in found["rig_errors"]["text"] and not found["rig_errors"]["applied"]
+    assert not found["rig_errors"]["applied"]
+    assert found["verdict"] == {"fit": "fits", "text": found["rig_errors"]["text"]}
     text = cli("inspect", path).out
     for words in (LEFT, "baseline 0.2000 m", "matched corners", "8 at 10.00 Hz", "this log can be replayed"):
         assert words in text

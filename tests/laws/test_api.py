@@ -1,6 +1,7 @@
 """The public API is complete, documented and cheap to import, and pages use nothing else."""
 
 import inspect
+import pydoc
 import re
 import subprocess
 import sys
@@ -127,3 +128,8 @@ def test_a_bare_import_loads_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=1800)
     assert done.stdout.strip() == "[]"
+
+
+def test_help_of_the_engine_shows_types_by_their_names() -> None:
+    shown = pydoc.render_doc(stream_sfm.Engine, renderer=pydoc.plaintext)
+    assert "gyro_rad_s: 'ArrayLike'" in shown and "_array_like" not in shown

@@ -95,7 +95,8 @@ def test_report(log, tmp_path):
     compare(log, tmp_path, methods=methods, self_test=True)
     content = json.loads((tmp_path / "report.json").read_bytes())
     assert_same(of_all, set(paths(content)))
-    assert {path.name for path in tmp_path.iterdir() if path.is_dir()} == set(content["methods"])
+    with_folder = set(content["methods"]) - {"cross_frame_replayed"}  # which the first pass finds
+    assert {path.name for path in tmp_path.iterdir() if path.is_dir()} == with_folder
     for figures in content["methods"].values():
         assert set(figures) == of_method | accuracy - {"frames_in_doubt", "frames_ignored"}  # once per report
 

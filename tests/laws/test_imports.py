@@ -29,6 +29,7 @@ LAYERS = (
     ("observer",),
     ("lane",),
     ("engine", "recording"),
+    ("pipeline",),
     ("results", "places", "inspection", "importers", "simulation"),
     ("report",),
     ("viewer",),

@@ -242,7 +242,8 @@ def test_a_recording_is_a_camera_at_its_own_pace(tmp_path: Path, cli, monkeypatc
     out, frames, waited_s = tmp_path / "run", 8, list[float]()
     clock = Is(monotonic=lambda: 100.0 + sum(waited_s), sleep=waited_s.append)
     monkeypatch.setattr("stream_sfm.recording.stereo_log.time", clock)
-    monkeypatch.setattr("stream_sfm.sources.camera.WAITING_PAIRS", 10**6)
+    for name in ("WAITING_PAIRS", "_REMEMBERED"):
+        monkeypatch.setattr(f"stream_sfm.sources.camera.{name}", 10**6)
     cli("live", ROOM, "--out", out, "--max-frames", frames, "-q")
     run = sfm.read_results(out)
     assert len(run) == frames

@@ -5,6 +5,7 @@ import dataclasses
 import json
 import re
 import sys
+from contextlib import nullcontext
 from typing import get_args
 
 import pytest
@@ -51,6 +52,27 @@ def test_writes_results_tables_and_figures(experiment, short, tmp_path, cli):
         r"<(style|script|svg).*?</\1>|<[^>]*>|stream_sfm", "", page, flags=re.DOTALL
     )  # in words
     check_tables(report, tmp_path)
+
+
+def test_an_interruption_keeps_the_finished_trials_and_leaves_no_empty_folder(short, tmp_path, cli, monkeypatch):
+    class Advance:
+        def __init__(self, most):
+            self.left = most
+
+        def __call__(self, *_args, **_known):
+            self.left -= 1
+            if not self.left:
+                raise KeyboardInterrupt
+
+    for most, kept in ((1, False), (4, True)):
+        monkeypatch.setattr("stream_sfm.cli.progress.counter", lambda *_, n=most: nullcontext(Advance(n)))
+        out = tmp_path / str(most)
+        said = cli("simulate", "figure6", "--trials", "9", "--workers", "1", "--out", out, code=130)
+        assert out.exists() == kept
+        if kept:
+            report = json.loads((out / "results.json").read_text())
+            assert report["interrupted"] and 2 <= report["trials"] < 9
+            assert f"interrupted: {report['trials']} of 9 trials are in the results" in said.err
 
 
 def check_pictures(pictures, experiment):

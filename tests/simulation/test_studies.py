@@ -1,5 +1,7 @@
 """Trials, statistics, the laws of the bound, and small studies with wide tolerances (100 trials: the command)."""
 
+from collections.abc import Iterator
+from contextlib import nullcontext
 from functools import partial
 
 import numpy as np
@@ -9,7 +11,7 @@ from stream_sfm.executors import processes
 from stream_sfm.simulation.measure import Method, measure
 from stream_sfm.simulation.rates import SPANS, WINDOWS, drift_rates, structure_law, structure_over_window
 from stream_sfm.simulation.scenes import Scene
-from stream_sfm.simulation.studies import Job, Study, exponent, mean, ratio, run_trials, stacked
+from stream_sfm.simulation.studies import Job, Pool, Study, exponent, mean, ratio, run_trials, stacked
 
 SCENE = Scene(track_length=8)
 
@@ -30,8 +32,39 @@ def test_the_progress_of_a_study_ends_at_its_total():
     done: list[int] = []
     jobs = {"a": Job(lambda seed: {"x": {"y": np.zeros(1)}}), "b": Job(lambda seed: {"x": {"y": np.ones(1)}}, 0.1)}
     study = Study(lambda: jobs, lambda measured: {name: len(data["x"]["y"]) for name, data in measured.items()})
-    assert study.run(30, seed=0, progress=done.append) == {"a": 30, "b": 3}
+    assert study.run(30, seed=0, progress=done.append).report == {"a": 30, "b": 3}
     assert sum(done) == study.total_trials(30) == 33
+
+
+def drawn(seed: np.random.SeedSequence) -> dict[str, dict[str, np.ndarray]]:
+    return {"x": {"y": np.array([draw(seed)])}}
+
+
+@pytest.mark.parametrize("pool", [nullcontext, partial(processes, 2)])
+def test_an_interrupted_study_reports_the_trials_that_it_has(pool: Pool) -> None:
+    """All of its jobs are at the same share of their trials, whose numbers are those of the whole study.
+
+    An error of the pool's own thread, which is killed meanwhile, would fail this test as a warning.
+    """
+    study = Study(lambda: {"a": Job(drawn), "b": Job(drawn, 0.5)}, lambda measured: measured)
+    whole = study.run(20, seed=5).report
+    for last in (1, 11, 30):
+        calls = iter(range(1, 99))
+
+        def interrupt(_: int, last: int = last, calls: Iterator[int] = calls) -> None:
+            if next(calls) == last:
+                raise KeyboardInterrupt
+
+        if last == 1:
+            with pytest.raises(KeyboardInterrupt):  # too few for an interval
+                study.run(20, 5, pool, interrupt)
+            continue
+        found, trials = study.run(20, 5, pool, interrupt)
+        a, b = (found[name]["x"]["y"][:, 0] for name in "ab")
+        assert len(a) + len(b) == last and abs(len(a) - 2 * len(b)) <= 2
+        assert trials == {11: 6, 30: 20}[last]
+        for name, values in zip("ab", (a, b), strict=True):
+            assert (values == whole[name]["x"]["y"][: len(values), 0]).all()
 
 
 def test_statistics_of_known_numbers():

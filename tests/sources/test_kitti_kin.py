@@ -7,7 +7,17 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
-from tests.helpers.data_sets import HEIGHT, KITTI_K, RNG, WIDTH, kitti_projection, numbers, write_image_folders
+from tests.helpers.data_sets import (
+    HEIGHT,
+    KITTI_K,
+    RNG,
+    WIDTH,
+    kitti_projection,
+    numbers,
+    write_euroc,
+    write_image_folders,
+    write_kitti,
+)
 
 
 def test_kitti_360(tmp_path: Path) -> None:
@@ -51,3 +61,12 @@ def test_virtual_kitti_2(tmp_path: Path) -> None:
     (variant / "intrinsic.txt").write_text("frame cameraID\n0 0 a b c d\n")
     with pytest.raises(sfm.LogError, match="no line `frame cameraID fx fy cx cy`"):
         sfm.open_log(tmp_path)
+
+
+def test_a_data_set_brings_the_errors_of_its_ground_truth(tmp_path: Path) -> None:
+    write_kitti(tmp_path / "06")
+    write_euroc(tmp_path / "mh")
+    assert sfm.open_log(tmp_path / "06").std_truth == (0.02, 0.0045)
+    assert sfm.open_log(tmp_path / "mh").std_truth == (0.001, 0.002)
+    given = sfm.Trajectory(np.zeros(1, np.int64), np.eye(4)[None])
+    assert sfm.open_log(tmp_path / "06", ground_truth=given).std_truth == (0, 0)  # it is another truth

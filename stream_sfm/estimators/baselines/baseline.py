@@ -32,7 +32,7 @@ class Baseline(ABC):
         try:
             if self._structure is not None:
                 return recorded(self._motion, observations, *self._advance(observations, self._structure))
-            solution = first_solution(self._projection, self._config.robust, self._motion, observations)
+            solution = first_solution(self._projection, self._config.rules.robust, self._motion, observations)
             if solution.status is Status.INITIALISING:
                 self._structure = self._begin(observations, solution)
             return solution
@@ -59,7 +59,7 @@ class Baseline(ABC):
     ) -> Resection:
         """Find the motion since the previous camera from points (n, 3) there; see `initial_motion`."""
         predicted, _ = self._motion.predict(obs.stamp_ns)
-        start, robust = se3.inverse(predicted) @ world_from_previous, self._config.robust
+        start, robust = se3.inverse(predicted) @ world_from_previous, self._config.rules.robust
         views = PointViews(self._projection, points, cov, obs.z_px[rows], obs.cov_px[rows], robust)
         found = initial_motion(views, obs, start)
         if found is None:

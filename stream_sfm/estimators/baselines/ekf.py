@@ -36,6 +36,9 @@ class Ekf(TakesSamples, Baseline):
     """Joint covariance of the pose (6), the inertial state (17 or none) and the m visible points; world-centred."""
 
     _at_prediction = False  # whether the update is linearised there, and not at the resection
+    _lasting = (
+        False  # whether views count by how long their errors last, eq. (69), and not by their covariances alone
+    )
 
     def __init__(self, projection: StereoProjection, config: Config) -> None:
         super().__init__(projection, config)
@@ -67,13 +70,15 @@ class Ekf(TakesSamples, Baseline):
         else:
             self._world_from_cam = se3.orthonormalise(self._world_from_cam @ se3.inverse(found.cam_from_ref))
         known = self._predict(obs, _FREE * found.cov_pose + _FREE_OF_DRIFT * self._cov[:6, :6])
-        self._update(obs.z_px[rows], counted_cov(obs, rows), found.accepted, known)
+        self._update(
+            obs.z_px[rows], counted_cov(obs, rows) if self._lasting else obs.cov_px[rows], found.accepted, known
+        )
         self._begin_inertia(obs.stamp_ns)
         rejected = self._ids[~found.accepted]
         self._add(obs)
         solution = solution_of(
             obs,
-            frame_status(int(found.accepted.sum()), obs.note, self._config.robust, found),
+            frame_status(int(found.accepted.sum()), obs.note, self._config.rules.robust, found),
             self._world_from_cam,
             self._cov[:6, :6].copy(),
             WorldPoints(self._ids, *self._in_camera()),
@@ -231,6 +236,12 @@ def _blocks(cov: Array) -> Array:
     """Return a view (m, 3, 3) of the blocks on the diagonal of (3m, 3m)."""
     m = len(cov) // 3
     return np.einsum("iaib->iab", cov.reshape(m, 3, m, 3))
+
+
+class EkfLasting(Ekf):
+    """The same filter with views weighted by how long their errors last, as in the window's filter, eq. (69)."""
+
+    _lasting = True
 
 
 class EkfConstantVelocity(Ekf):

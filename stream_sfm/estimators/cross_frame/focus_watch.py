@@ -2,43 +2,47 @@
 
 A zoom scales the whole image about its centre, and the disparities with it. If points lie at various depths, no motion
 does that. So each frame shows how much its focal length differs from that of the points, to a hundredth of a percent on
-good images. Once the difference is larger than usual, the focal length of each frame is an unknown of its own. It may
-then change in any way: the pose becomes as uncertain as that makes it, and frames do not affect each other. Once it has
-been constant for some frames, it is one of the rig's errors again.
+good images. Once frames together show a change, the focal length of each frame is an unknown of its own. It may then
+change in any way: the pose becomes as uncertain as that makes it, and frames do not affect each other. Once it has been
+constant for some frames, or frames show that there is no change, it is one of the rig's errors again.
 
 An image that is not scaled exactly about its principal point is shifted as well. That looks like a rotation of the
 camera, and no view can tell them apart; so the uncertainty of the pose grows with the change of the focal length.
 """
 
+import math
+
 import numpy as np
 
 from ...config import RigConfig
 from ...geometry import Array
+from ...geometry.evidence import Evidence
 from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection, refine
 from ...record import changed, record
+from .focal_change import Calm, Change, log_ratio
 
 
 @record
 class FocusWatch:
     """Relative changes of the focal length that frames show.
 
-    `spread`: mean square of the change that calm frames show, in its σ, over the last `frames`; `waiting`: the squares
-    of the latest frames, which are not in it yet. `shown`: while the focal length changes, the change that each of the
-    latest frames has shown, with its variance. `rested`: its total change in the past.
+    `change`: what a change would be, with its `evidence`; `calm`: what frames show without one, None before the first
+    frame. `shown`: while the focal length changes, the change that each of the latest frames has shown, with its
+    variance. `rested`: its total change in the past.
     """
 
     rules: RigConfig
-    spread: float = 1.0
-    frames: int = 0
+    evidence: Evidence
+    change: Change = Change()
+    calm: Calm | None = None
     shown: tuple[tuple[float, float], ...] = ()
-    waiting: tuple[float, ...] = ()
     rested: float = 0.0
 
     @classmethod
     def begun(cls, rules: RigConfig) -> "FocusWatch":
         """Return the watch of a new map."""
-        return cls(rules, frames=rules.calm_frames)
+        return cls(rules, Evidence(rules.refocused, rules.innovations))
 
     @property
     def moves(self) -> bool:
@@ -57,43 +61,43 @@ class FocusWatch:
 
         The last of the errors that `views` share is a change of the focal length by `rules.std_refocused`; the last of
         the motion's amplitudes belongs to it. `found` is the motion without it, with `weights` (n,) as in `resect`.
-
-        Unless the frame `tells`, it cannot show a zoom: its views are shifted by a velocity that is not known yet,
-        through the readout or the delay.
+        Unless the frame `tells`, it is no evidence: its views move by a velocity that is not known yet, through readout
+        or delay.
         """
-        start, unit = np.append(found.amplitudes, 0.0), self.rules.std_refocused
-        own = refine(views, weights, found.cam_from_ref, start)
+        start = np.append(found.amplitudes, 0.0)
+        calm, own = changed(found, amplitudes=start), refine(views, weights, found.cam_from_ref, start)
         if not own.ok or (not self.moves and own.accepted.sum() < found.accepted.sum()):
-            return self, changed(found, amplitudes=start)
+            return self, calm
         explained = own.share >= views.settings.calm_share  # by one motion, where two seemed to be
         own = changed(own, second=None if explained else found.second)
         var = float(own.cov_amplitudes[-1, -1])
         information = max(1 / var - 1, 1e-9)  # without the prior of σ = 1
-        shown = unit * float(own.amplitudes[-1]) / (var * information), unit**2 / information
-        before = self.shown[-1][0] if self.moves else 0.0
-        if abs(shown[0] - before) > self.rules.most_refocused * unit:  # a moving body, not a zoom
-            return self.calm(), changed(found, amplitudes=start)
-        if not tells:
-            return self.calm() if self.moves else self._learnt(shown[0] ** 2 / shown[1]), found
-        if self.moves:
-            return changed(self, shown=(*self.shown[-self.rules.rested_frames :], shown)), own
-        square = shown[0] ** 2 / shown[1]
-        # the first frame after a start also shows the errors of the calibration
-        if self.waiting and square > self.rules.refocused**2 * max(self.spread, 1.0):
-            return changed(self, shown=(shown,), waiting=()), own
-        return self._learnt(square), found
+        shown, var = float(own.amplitudes[-1]) / (var * information), 1 / information
+        if abs(shown - (self.change.at if self.moves else 0.0)) > self.rules.most_refocused:  # a body, not a zoom
+            return self.at_rest(), calm
+        watch = self._after(shown, var) if tells else self
+        if not watch.evidence.is_there:
+            return watch.at_rest() if self.moves else watch, calm
+        unit = self.rules.std_refocused
+        return changed(watch, shown=(*self.shown[-self.rules.rested_frames :], (unit * shown, unit**2 * var))), own
 
-    def _learnt(self, square: float) -> "FocusWatch":
-        """Return the watch after a calm frame; it counts in `spread` only after `rested_frames` more calm frames.
+    def _after(self, shown: float, var: float) -> "FocusWatch":
+        """Return the watch with the evidence of a frame.
 
-        Otherwise a slow change would pass as usual before it becomes visible.
+        The first frame after a start shows the errors of the calibration as well. A change begins where it begins: as
+        long as there is no evidence for it, it starts from what calm frames show.
         """
-        waiting = (*self.waiting, square)
-        if len(waiting) <= self.rules.rested_frames:
-            return changed(self, waiting=waiting)
-        frames = min(self.frames + 1, self.rules.innovations)
-        spread = self.spread + (waiting[0] - self.spread) / frames
-        return changed(self, spread=spread, frames=frames, waiting=waiting[1:])
+        rules = self.rules
+        if self.calm is None:
+            return changed(self, calm=Calm(rules.calm_frames))
+        evidence = self.evidence.after(log_ratio(self.change, self.calm, shown, var))
+        change = self.change.after(shown, self.calm.factor * var)
+        if not evidence.is_there and evidence.change == 0.0:
+            change = Change(self.calm.mean)
+        # what may be a change is not usual
+        learns = 0.0 if evidence.is_there else 1 / (1 + math.exp(evidence.change - evidence.bound / 4))
+        calm = self.calm.learnt(shown, var, learns, rules.innovations)
+        return changed(self, evidence=evidence, change=change, calm=calm)
 
     @property
     def rests_at(self) -> float | None:
@@ -103,7 +107,7 @@ class FocusWatch:
         if len(self.shown) < n:
             return None
         shares, var = np.array(self.shown[-n:]).T
-        weight = 1 / (var * max(self.spread, 1.0))
+        weight = 1 / (var * (1.0 if self.calm is None else self.calm.factor))
         mean = float(weight @ shares / weight.sum())
         since = np.arange(n) - weight @ np.arange(n) / weight.sum()
         slope, scatter = float(weight * since @ shares), float(weight @ (shares - mean) ** 2)
@@ -116,6 +120,7 @@ class FocusWatch:
         share = self.rested + (self.shown[-1][0] if self.moves else 0.0)
         return np.diag([0, 0, 0, 1, 1, 0]) * (self.rules.refocused_axes_rad * share) ** 2
 
-    def calm(self, share: float = 0.0) -> "FocusWatch":
+    def at_rest(self, share: float = 0.0) -> "FocusWatch":
         """Return the watch once the focal length rests, after a relative change by `share`."""
-        return changed(self, shown=(), rested=self.rested + share)
+        evidence = changed(self.evidence, is_there=False, change=0.0)
+        return changed(self, evidence=evidence, change=Change(), shown=(), rested=self.rested + share)

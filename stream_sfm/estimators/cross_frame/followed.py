@@ -10,19 +10,21 @@ covariance. Nothing is fed back.
 
 import numpy as np
 
-from ...config import WindowConfig
 from ...geometry import Array, se3
 from .marginals import Marginals
 
 
-def followed(before: Marginals, now: Marginals, previous_from_newest: Array, rules: WindowConfig) -> Marginals:
+def followed(
+    before: Marginals, now: Marginals, previous_from_newest: Array, frames: int, most_sigmas: float
+) -> Marginals:
     """Return the marginals `now` of the filter, moved to the reported pose together with the points seen from it.
 
-    `before`: those reported in the previous frame; `previous_from_newest` (4, 4): the newest motion.
+    `before`: those reported in the previous frame; `previous_from_newest` (4, 4): the newest motion;
+    `frames`: of the window, over which it comes nearer to the filter's; `most_sigmas`: its largest lag, σ.
     """
     start = se3.orthonormalise(before.world_from_cam @ previous_from_newest)
     apart = se3.log(se3.inverse(start) @ now.world_from_cam)
-    left = apart * (1 - 1 / rules.frames)
+    left = apart * (1 - 1 / frames)
     distance2 = float(left @ np.linalg.solve(now.cov_pose, left))
-    left *= min(1.0, rules.most_followed / np.sqrt(max(distance2, 1e-30)))
+    left *= min(1.0, most_sigmas / np.sqrt(max(distance2, 1e-30)))
     return now.moved(-left)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import core
-from ...config import WindowConfig
+from ...config.reported_rules import ReportedRules
 from ...geometry import Array, se3
 from ...geometry.linear import Cholesky, mahalanobis2
 from ...geometry.medians import median
@@ -40,12 +40,12 @@ class SpanFactors:
 
     squares: Array
     frames: Array
-    rules: WindowConfig = WindowConfig()
+    rules: ReportedRules = ReportedRules()
 
     @classmethod
-    def unknown(cls, rules: WindowConfig) -> "SpanFactors":
-        """Return the first guess: errors are not correlated in time."""
-        return cls(np.ones((2, rules.frames)), np.full((2, rules.frames), rules.halves_guess), rules)
+    def unknown(cls, frames: int, rules: ReportedRules) -> "SpanFactors":
+        """Return the first guess for a window of so many frames: errors are not correlated in time."""
+        return cls(np.ones((2, frames)), np.full((2, frames), float(rules.halves_guess)), rules)
 
     @property
     def by_span(self) -> Array:
@@ -55,7 +55,7 @@ class SpanFactors:
     def asks_for(self, frame_index: int) -> bool:
         """Whether halves are to be compared in this frame; never in a window of one frame."""
         young = self.frames[:, :-1].min(initial=np.inf) < self.rules.halves_memory
-        return self.rules.frames > 1 and (bool(young) or frame_index % self.rules.halves_every == 0)
+        return self.frames.shape[1] > 1 and (bool(young) or frame_index % self.rules.halves_every == 0)
 
     def after(self, found: Array) -> "SpanFactors":
         """Return the factors after a frame with squares `found` (2, f) over its spans, NaN where there is none."""
@@ -68,16 +68,16 @@ class SpanFactors:
         return SpanFactors(squares, frames, self.rules)
 
 
-def squares_of_halves(of: Map) -> Array:
+def squares_of_halves(of: Map, rules: ReportedRules) -> Array:
     """Return δᵀC⁻¹δ/6 (2, f) over spans of 1 … f frames, of both kinds of halves.
 
     NaN if a half does not determine the poses, and for the last span: no view of the window is of the reference camera.
     """
-    alone = _unselected(of)
+    alone = _unselected(of, rules.halves_within)
     found = np.full((2, len(of.frames)), np.nan)
     from_newest = of.cams_from_ref[:-1] @ se3.inverse(of.cams_from_ref[-1])
     with suppress(np.linalg.LinAlgError):
-        parts = _poses_by(alone, _quarters(alone, alone.state(), of.rules), 4)
+        parts = _poses_by(alone, _quarters(alone, alone.state(), rules.halves_least), 4)
         for kind, (first, second) in enumerate(
             ((0, 1), (0, 2))
         ):  # quarters of even tracks, and of those on the left
@@ -88,9 +88,9 @@ def squares_of_halves(of: Map) -> Array:
     return found
 
 
-def _unselected(of: Map) -> Map:
-    """Return the map with all views of its points but gross mismatches, equally weighted."""
-    alone, views, most = copy.copy(of), changed(of.views, used=np.ones(len(of.views), bool)), of.rules.halves_within
+def _unselected(of: Map, most: float) -> Map:
+    """Return the map with all views of its points, equally weighted, but gross mismatches: those beyond `most` σ²."""
+    alone, views = copy.copy(of), changed(of.views, used=np.ones(len(of.views), bool))
     slides = slides_px2(of.projection, views)
     near = core.views_within_gates(of.projection, of.state(), views, slides, most, most)
     alone.views = changed(
@@ -105,13 +105,13 @@ def _together(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Arr
     return one[0] + other[0], one[1] + other[1]
 
 
-def _quarters(of: Map, at: State, rules: WindowConfig) -> NDArray[np.int64]:
+def _quarters(of: Map, at: State, least: float) -> NDArray[np.int64]:
     """Return the quarter of each point (P,): even on the left, even on the right, odd on the left, odd on the right.
 
-    The side is that in the point's anchor, the camera that first saw it. If nearly all tracks have even or nearly all
-    have odd numbers, or come from one side of the image, the halves are made by their order or by the median.
+    The side is that in the point's anchor, the camera that first saw it. If all tracks but a share `least` have even
+    or odd numbers, or come from one side of the image, the halves are made by their order or by the median.
     """
-    p, x, least = of.projection, at.q[:, 0], rules.halves_least
+    p, x = of.projection, at.q[:, 0]
     odd, right = at.ids % 2 == 1, p.f_px * x + p.cx_left_px > p.width / 2
     if not least < odd.mean() < 1 - least:
         odd = np.arange(len(x)) % 2 == 1

@@ -333,8 +333,8 @@ class Map:
         self.rejections.ask_again(self.views[self.newest], rig.held)
         self.system.cov_rig = found.cov
         age = rig.age_s(self.frames[-1].stamp_ns)
-        evidence = None if agreement is None else agreement.evidence
-        return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, age_s=age, evidence=evidence)
+        by_parts = (None, None) if agreement is None else (agreement.evidence, agreement.thirds)
+        return RigEstimate(found.mean, found.cov, found.p_wrong, mean, cov, rig.size, None, age, *by_parts)
 
     def learn_rig(self, estimate: RigEstimate, field_std_px: float, by_rows: tuple[Array, Array]) -> None:
         """Update the prior of the rig's errors: their sizes by the estimate, and the information from image rows.

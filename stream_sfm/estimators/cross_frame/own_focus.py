@@ -54,7 +54,7 @@ def end_refocusing(current: Map) -> None:
     """Once a focal length has stopped changing, make it one of the rig's errors again."""
     rests_at = current.focus.rests_at
     if rests_at is not None:
-        current.focus = current.focus.calm(rests_at)
+        current.focus = current.focus.at_rest(rests_at)
         current.change_rig(lambda rig: rig.refocused(rests_at))
 
 

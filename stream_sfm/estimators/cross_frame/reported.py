@@ -39,7 +39,7 @@ def _reported(
 ) -> tuple[Map, SpanFactors, TrackNoise]:
     """Return the same as `reported`. Raises LinAlgError if the views do not determine the window."""
     if learns and factors.asks_for(current.frames[-1].index):
-        factors = factors.after(squares_of_halves(current))
+        factors = factors.after(squares_of_halves(current, factors.rules))
     result, views, factor = copy.copy(current), current.views, factors.by_span[-1]
     ids, tracks = current.points.ids, core.squares_of_tracks(current.projection, current.state(), views)
     residuals = *tracks, core.among(ids, current.prior.ids)

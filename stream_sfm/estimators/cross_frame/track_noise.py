@@ -9,7 +9,7 @@ that of its residuals and that of all tracks. The more the tracks of this run di
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import WindowConfig
+from ...config.reported_rules import ReportedRules
 from ...geometry import Array
 from ...record import record
 
@@ -23,10 +23,10 @@ class TrackNoise:
     """
 
     sums: Array
-    rules: WindowConfig = WindowConfig()
+    rules: ReportedRules = ReportedRules()
 
     @classmethod
-    def unknown(cls, rules: WindowConfig) -> "TrackNoise":
+    def unknown(cls, rules: ReportedRules) -> "TrackNoise":
         """Return the first guess: all tracks have the noise of their covariances."""
         n = 5 * 4.0  # values of a track of five stereo views
         return cls(rules.tracks_guess * np.array([n, n, 0.0, n**2 + 2 * n]), rules)

@@ -64,8 +64,8 @@ class CrossFrame(TakesSamples):
         self.waiting = False  # for tracks of the map to return, since a frame without any view
         self._std_acceleration = np.array(config.motion.std_acceleration)
         self._has_field = False
-        self._factors = SpanFactors.unknown(config.window)
-        self._noise = TrackNoise.unknown(config.window)
+        self._factors = SpanFactors.unknown(config.window.frames, config.rules.reported)
+        self._noise = TrackNoise.unknown(config.rules.reported)
         self._known_by_rows = np.zeros(2)  # information about the delay, and its weighted sum
         self._turns = Sizes()  # of turns of the right camera, in those that the front-end has learnt
         self._in_question = False  # whether the motion to the latest estimated frame is ambiguous
@@ -115,7 +115,7 @@ class CrossFrame(TakesSamples):
         rig = _unknown_rig(observations, self.config.rig) if self.rig is None else self.rig
         self.rig = rig.informed(*self._since_by_rows(observations, len(rig)))
         corrected = _corrected(observations, views, self.rig.mean)
-        solution = first_solution(self.projection, self.config.robust, self.motion, corrected)
+        solution = first_solution(self.projection, self.config.rules.robust, self.motion, corrected)
         if len(solution.track_ids):
             self.map = Map(self.projection, frame, views, corrected.z_px, solution, self.rig, self.config.window)
             self.inertia.begin(self.map, frame.stamp_ns, solution.world_from_cam, solution.cov_pose)
@@ -142,7 +142,7 @@ class CrossFrame(TakesSamples):
         passed_s = (observations.stamp_ns - current.previous.stamp_ns) / 1e9
         current.consider_second(motion, self.motion.std_speed * passed_s)
         renew_timing(current)
-        iterations = minimise(current, self.config.window, self.config.robust.gate_probability)
+        iterations = minimise(current, self.config.window, self.config.rules.robust.gate_probability)
         return self._report(current, observations, motion, iterations)
 
     def _change_rig(self, change: Callable[[RigState], tuple[RigState, Array, Array]]) -> None:
@@ -209,7 +209,7 @@ class CrossFrame(TakesSamples):
 
         Also returns the views with the effects of delay and readout, and z_px without the rig's errors.
         """
-        robust, previous = self.config.robust, current.marginals
+        robust, previous = self.config.rules.robust, current.marginals
         usable = ~current.rejections.excluded(views.ids)
         rows, points, cov = core.points_seen_again(
             *(views.ids, usable, views.var_drift, previous.ids, previous.q_in_cam, previous.cov_q_in_cam)
@@ -250,7 +250,8 @@ class CrossFrame(TakesSamples):
         now = now if known is None else current.place_newest(known)
         if in_question:
             return now, inertial
-        now = current.marginals = followed(before, now, newest_motion(read_off), self.config.window)
+        frames, most_sigmas = self.config.window.frames, self.config.rules.reported.most_followed
+        now = current.marginals = followed(before, now, newest_motion(read_off), frames, most_sigmas)
         return now, self.inertia.placed(inertial, now.world_from_cam)
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
@@ -268,7 +269,7 @@ class CrossFrame(TakesSamples):
         observations = _with_note(observations, "" if inertial is None else inertial.note)
         ids, used = current.views.ids[current.newest], current.views.used[current.newest]
         n_accepted = int(np.count_nonzero(used & core.among(ids, before.ids)))  # by the joint minimum, too
-        status, reason = frame_status(n_accepted, observations.note, self.config.robust, motion)
+        status, reason = frame_status(n_accepted, observations.note, self.config.rules.robust, motion)
         shown = core.among(now.ids, ids[used]) & now.finite
         shown &= ~core.among(now.ids, current.begun_anew)
         columns = now.points_in_cam, now.cov_points, now.points_in_world, now.cov_points_in_world
@@ -291,7 +292,7 @@ class CrossFrame(TakesSamples):
             nis_dof=motion.dof,
             rig=rig,
             relative=relative_motions(
-                read_off, cov_timing, self._factors.by_span, self.config.window.feigned_turns
+                read_off, cov_timing, self._factors.by_span, self.config.rules.reported.apparent_turns
             ),
             common=common_errors(read_off, rig),
             inertial=inertial,
@@ -300,6 +301,14 @@ class CrossFrame(TakesSamples):
             by_rows = self._since_by_rows(observations, len(rig.mean))
             current.learn_rig(rig, observations.rig.field_std_px, by_rows)
         return recorded(self.motion, observations, solution, before.ended(current.points.ids))
+
+
+class PlainCrossFrame(CrossFrame):
+    """The same filter without the weights of eq. (69): views count by their covariances alone, as in an EKF."""
+
+    def step(self, observations: Observations) -> Solution:
+        """Process the next frame; see `Estimator.step`."""
+        return super().step(replace(observations, lasting=replace(observations.lasting, inflation=None)))
 
 
 def _with_misfit(observations: Observations, reason: str) -> Observations:

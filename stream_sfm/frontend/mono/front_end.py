@@ -74,7 +74,7 @@ class MonoFrontEnd:
             state, observed = self._with_right_sides(state, observed, followed)
         state = self._add_points(state, images)
         n = len(state.tracks)
-        min_inliers = self.setup.config.robust.min_inliers
+        min_inliers = self.setup.rules.robust.min_inliers
         note = image_note(images, state.previous, n, n, min_inliers, self.setup.rules.images.black_grey)
         note = note or ("" if state.map.mapped else state.map.waiting)
         state = replace(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns)

@@ -1,0 +1,68 @@
+"""Two sets of runs over the same logs, such as two batches: which one drifts less, with an interval over the logs."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.special import stdtrit
+
+from ..record import record
+
+FIGURES = {"ate_rmse_aligned_m": "ATE aligned", "t_rel_percent": "t_rel", "r_rel_deg_per_100m": "r_rel"}
+_LEAST = 2  # logs that an interval needs
+
+
+@record
+class Ratio:
+    """The geometric mean over `logs` of one figure of the second set over that of the first, with 95 % interval."""
+
+    value: float
+    ci95: tuple[float, float]
+    logs: int
+
+
+@record
+class Paired:
+    """The `ratios` by figure of the runs in folder `second` over those in folder `first`."""
+
+    first: str
+    second: str
+    ratios: dict[str, Ratio]
+
+    def in_words(self) -> str:
+        """Return the ratios, and which set drifts less if the figures that differ agree about it."""
+        texts = [f"{FIGURES[k]} ×{r.value:.2f} [{r.ci95[0]:.2f}, {r.ci95[1]:.2f}]" for k, r in self.ratios.items()]
+        logs = max(ratio.logs for ratio in self.ratios.values())
+        second_is_less = any(ratio.ci95[1] < 1 for ratio in self.ratios.values())
+        first_is_less = any(ratio.ci95[0] > 1 for ratio in self.ratios.values())
+        verdict = f"these {logs} logs do not tell which one drifts less"
+        if second_is_less != first_is_less:
+            less, more = (self.second, self.first) if second_is_less else (self.first, self.second)
+            verdict = f"{less} drifts less than {more}"
+        return f"{self.second} over {self.first}, {logs} logs: {', '.join(texts)}\n{verdict}"
+
+
+def paired(rows: Sequence[Mapping[str, Any]]) -> Paired | None:
+    """Return the ratios of two sets of runs, each in a folder of its own; None if there are not two with common logs.
+
+    `rows`: the folder of a run, its log and its figures against ground truth. Each log counts once, however long it
+    is: the mean of the logarithms of its ratios, with Student's interval. The intervals are wide enough that all
+    of them together hold in 95 % of such comparisons (Bonferroni).
+    """
+    sets: dict[str, dict[str, Mapping[str, Any]]] = {}
+    for row in rows:
+        sets.setdefault(str(Path(row["run"]).parent), {})[str(row["log"])] = row["ground_truth"]
+    if len(sets) != 2:
+        return None
+    (first, of_first), (second, of_second) = sets.items()
+    ratios = {}
+    for key in FIGURES:
+        pairs = [(of_first[log].get(key), of_second[log].get(key)) for log in of_first if log in of_second]
+        logarithms = np.log([b / a for a, b in pairs if a and b])
+        if (logs := len(logarithms)) >= _LEAST:
+            quantile = stdtrit(logs - 1, 1 - 0.025 / len(FIGURES))
+            half = quantile * logarithms.std(ddof=1) / np.sqrt(logs)
+            value, low, high = np.exp([logarithms.mean(), logarithms.mean() - half, logarithms.mean() + half])
+            ratios[key] = Ratio(float(value), (float(low), float(high)), logs)
+    return Paired(first, second, ratios) if ratios else None
