@@ -16,6 +16,9 @@ Each message names the file, topic or frame, and says what to do. Lost tracking 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from enum import IntEnum
+from importlib.util import find_spec
+
+STUDY = ("scipy", "matplotlib", "filterpy")  # packages of the extra of this name
 
 
 class ExitCode(IntEnum):
@@ -85,3 +88,9 @@ def as_error(kind: type[StreamSfmError], what: str, *caught: type[Exception]) ->
     except caught as error:
         why = getattr(error, "strerror", None) or str(error)
         raise kind(f"{what}: {why}" if what else why, hint=getattr(error, "hint", ())) from None
+
+
+def require_study(what: str) -> None:
+    """Raise ConfigError before the work begins if packages of the extra `study` are missing, which `what` needs."""
+    if missing := [name for name in STUDY if find_spec(name) is None]:
+        raise ConfigError(f"{what} needs {' and '.join(missing)}: pip install 'stream-sfm[study]'")

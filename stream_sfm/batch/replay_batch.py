@@ -16,6 +16,7 @@ from .. import __version__
 from ..camera.calibration.document import Where
 from ..camera.rig import checked_paths
 from ..config import Config, config_to_toml
+from ..errors import require_study
 from ..estimators import check_method
 from ..executors import cluster
 from ..files import json_bytes, make_folder, write_whole
@@ -58,6 +59,7 @@ def replay_batch(
     """
     config, out = config or Config(), Path(out_dir).resolve()
     config.needs_scale("a batch, which compares metres,")
+    require_study("the page of a batch")
     check_method(config.method)
     calibrations = [] if calibration is None else checked_paths(calibration)
     truth = ground_truth if isinstance(ground_truth, GroundTruthFile | None) else GroundTruthFile(ground_truth)

@@ -4,7 +4,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import ConfigError, ExitCode, InputError
+from ..errors import ConfigError, ExitCode, InputError, require_study
 from . import options
 from .printing import print_json, print_notes
 
@@ -42,6 +42,8 @@ def evaluate(
     options.at_least_one(runs, "RUN", "result folders, such as runs/latest")
     if out is not None and Path(out).suffix.lower() != ".html":
         raise ConfigError(f"--out {out}: the name must end in .html")
+    if out is not None:
+        require_study("a page")
     runs = tuple(run for name in runs for run in _runs_in(Path(name)))
     options.protect([out], *runs, truth.ground_truth)
     found, rows, missing, failed = [], [], [], []

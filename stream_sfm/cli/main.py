@@ -15,7 +15,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from typing import TYPE_CHECKING, TextIO
 
 from .. import __version__, memory
-from ..errors import ExitCode, StreamSfmError
+from ..errors import STUDY, ExitCode, StreamSfmError
 from ..interrupts import termination_as_interrupt
 from ..wording import printable
 from .library_messages import filtered
@@ -188,6 +188,8 @@ def _reported(app: "App", words: list[str], error: BaseException) -> tuple[int, 
             return error.exit_code, str(error), hint(app, words, error)
         case KeyboardInterrupt():
             return ExitCode.INTERRUPTED, "interrupted", ""
+        case ModuleNotFoundError(name=str(name)) if name.partition(".")[0] in STUDY:
+            return ExitCode.USAGE, f"this needs the package {name}: pip install 'stream-sfm[study]'", ""
         case ModuleNotFoundError(name=str(name)) if not name.startswith("stream_sfm"):
             cure = "pip install --force-reinstall stream-sfm"
             return ExitCode.USAGE, f"the package {name} is missing, which stream-sfm needs: {cure}", ""

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import stdtrit
 
 from ..record import record
 
@@ -55,6 +54,8 @@ def paired(rows: Sequence[Mapping[str, Any]]) -> Paired | None:
         sets.setdefault(str(Path(row["run"]).parent), {})[str(row["log"])] = row["ground_truth"]
     if len(sets) != 2:
         return None
+    from scipy.special import stdtrit  # of the extra `study`; one run needs none
+
     (first, of_first), (second, of_second) = sets.items()
     ratios = {}
     for key in FIGURES:

@@ -14,7 +14,7 @@ import msgspec
 from ..blas import one_thread
 from ..camera.rig import StereoRig
 from ..config import Config
-from ..errors import ConfigError
+from ..errors import ConfigError, require_study
 from ..estimators import check_method
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..interrupts import deferred_interrupts
@@ -92,6 +92,7 @@ def compare(
     """
     config, selection = config or Config(), selection or Selection()
     config.needs_scale("compare")
+    require_study("compare")
     _check_names(methods)
     ignored = checked_ranges(ignore_ground_truth)
     if not isinstance(log, StereoLog):

@@ -12,7 +12,7 @@ import numpy as np
 from ..blas import one_thread
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config
-from ..errors import ConfigError, InputError
+from ..errors import ConfigError, InputError, require_study
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..evaluation.summary import evaluate
 from ..inspection.calibration_check import CalibrationSink
@@ -107,6 +107,8 @@ def replay(
     config, selection = config or Config(), selection or Selection()
     if self_test or there_and_back:
         config.needs_scale("the self-test" if self_test else "there and back")
+    if config.mono:
+        require_study("one camera")
     ignored = checked_ranges(ignore_ground_truth)
     if not isinstance(log, StereoLog):
         log = open_log(log, left, right, calibration, mono=config.mono)
@@ -262,7 +264,7 @@ class _Replay:
         """Return the truth with its poses at the frames of the run, and why they are refused, if so."""
         stamps_ns = self.lane.record.stamps_ns
         try:
-            poses = self._log.ground_truth() if len(stamps_ns) else None
+            poses = self._log.ground_truth(int(stamps_ns[-1])) if len(stamps_ns) else None
         except InputError as error:
             outcome.warnings.append(f"ground truth is not compared: {error}")
             return truth, []

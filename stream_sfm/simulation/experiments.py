@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from ..errors import ConfigError, OutputError, as_error
+from ..errors import ConfigError, OutputError, as_error, require_study
 from ..executors import processes
 from ..files import json_bytes, make_folder, write_whole
 from . import figure6
@@ -39,6 +39,7 @@ def simulate(
     """
     if experiment not in EXPERIMENTS:
         raise ConfigError(f"experiment {experiment!r} is not known; known are {', '.join(EXPERIMENTS)}")
+    require_study("a study")
     is_new = out_dir is not None and not Path(out_dir).exists()
     if out_dir is not None:
         make_folder(Path(out_dir))

@@ -2,6 +2,8 @@
 
 import ast
 import re
+import subprocess
+import sys
 import tomllib
 from collections.abc import Iterator
 from importlib.metadata import version
@@ -11,7 +13,8 @@ import pytest
 from packaging.requirements import Requirement
 
 import stream_sfm
-from tests.helpers.places import ROOT
+from stream_sfm.errors import STUDY
+from tests.helpers.places import ROOM, ROOT
 
 PACKAGE = Path(stream_sfm.__file__).parent
 RUN_OTHER_PROGRAMS = ("batch/job.py", "viewer/recording.py")  # ours, and Rerun
@@ -32,7 +35,7 @@ def test_the_container_is_built_of_files_that_are_there():
     assert all((ROOT / name).exists() for name in kept)
     content = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     project, build = content["project"], content["build-system"]
-    assert {project["readme"], *project["license-files"], *build["backend-path"], "stream_sfm"} <= kept
+    assert {"README.md", *project["license-files"], *build["backend-path"], "stream_sfm"} <= kept
     image = re.search(r"python:3\.(\d+)", (ROOT / "Dockerfile").read_text(encoding="utf-8"))
     versions = re.findall(r"Python :: 3\.(\d+)", " ".join(project["classifiers"]))
     assert image and image[1] in versions and project["requires-python"] == f">=3.{versions[0]}"
@@ -85,3 +88,38 @@ def test_no_message_of_the_library_names_an_option():
         if not name.startswith("cli/") and name not in RUN_OTHER_PROGRAMS:
             for text in messages(path):
                 assert not re.search(r"(^|[ (`])--[a-z]|stream-sfm [a-z]", text), f"{name}: {text}"
+
+
+_PLAIN = """
+import sys
+for name in {missing}:
+    sys.modules[name] = None  # as if it was not installed
+import stream_sfm as sfm
+run = sfm.replay({log!r}, {out!r}, selection=sfm.Selection(max_frames=4))
+assert len(sfm.read_results({out!r})) == 4 and run.summary["ground_truth"]["nees_pose_mean"] is not None
+"""
+
+
+def test_a_plain_install_replays_and_reads_results(tmp_path: Path) -> None:
+    program = _PLAIN.format(missing=STUDY, log=str(ROOM), out=str(tmp_path / "run"))
+    ran = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr
+
+
+def test_what_needs_the_extra_study_says_so_before_it_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stream_sfm.errors.find_spec", lambda name: None if name == "matplotlib" else name)
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"
+    ]
+    assert {Requirement(name).name for name in extras["study"]} == set(STUDY)
+    for begin in (
+        lambda: stream_sfm.compare(ROOM, tmp_path / "a"),
+        lambda: stream_sfm.replay_batch([ROOM], tmp_path / "a"),
+        lambda: stream_sfm.simulate("rates", tmp_path / "a"),
+        lambda: stream_sfm.replay(ROOM, tmp_path / "a", stream_sfm.Config(mono=True)),
+    ):
+        with pytest.raises(stream_sfm.ConfigError, match=r"needs matplotlib: pip install 'stream-sfm\[study\]'"):
+            begin()
+    assert not list(tmp_path.iterdir())

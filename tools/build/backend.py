@@ -8,16 +8,17 @@ import base64
 import hashlib
 import os
 import shlex
+import shutil
+import subprocess
 import sys
 import tempfile
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from pathlib import Path
 from typing import Any
 
 import scikit_build_core.build as scikit
-from scikit_build_core.build import build_sdist as build_sdist
 from scikit_build_core.build import get_requires_for_build_sdist as get_requires_for_build_sdist
 from scikit_build_core.build import prepare_metadata_for_build_wheel as prepare_metadata_for_build_wheel
 
@@ -40,6 +41,28 @@ def get_requires_for_build_wheel(config_settings: Settings = None) -> list[str]:
 
 
 get_requires_for_build_editable = get_requires_for_build_wheel
+
+
+def build_sdist(folder: str, config_settings: Settings = None) -> str:
+    """Build the source archive from the files that git tracks; outside a repository, from all that are there."""
+    target = os.path.abspath(folder)
+    with tempfile.TemporaryDirectory() as copy:
+        for name in (tracked := tracked_files()):
+            place = Path(copy, name)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(in_place.ROOT / name, place)
+        with chdir(copy if tracked else in_place.ROOT):
+            return scikit.build_sdist(target, config_settings)
+
+
+def tracked_files() -> list[str]:
+    """Return the files of this repository that git tracks and that are there; none if it is no repository."""
+    if not (in_place.ROOT / ".git").exists() or shutil.which("git") is None:
+        return []
+    listed = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=in_place.ROOT, check=True, capture_output=True, text=True
+    )
+    return [name for name in listed.stdout.split("\0") if name and (in_place.ROOT / name).is_file()]
 
 
 def build_wheel(folder: str, config_settings: Settings = None, metadata: str | None = None) -> str:
