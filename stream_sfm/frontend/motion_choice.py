@@ -84,7 +84,7 @@ def _decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection, se
     if motion.ambiguous is not None or not state.start.is_over or state.ambiguity.frames_left > 0:
         if not state.start.is_over and votes <= clear and other.ok and is_behind(step.setup, then, first):
             order = -2 * clear
-        elif is_behind(step.setup, first, then):
+        elif is_behind(step.setup, tracks.keep(motion.accepted), then):
             order = 2 * clear
     odds = votes + order
     if state.start.is_over:
