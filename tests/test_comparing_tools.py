@@ -1,4 +1,4 @@
-"""The tools that compare estimators: the causal bound is least squares over all views, and draws of tracks are paired."""
+"""The tools that compare estimators: the causal bound is least squares over all views; draws of tracks are paired."""
 
 import numpy as np
 import pytest

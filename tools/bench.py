@@ -77,6 +77,7 @@ def measure(log: Path, repeat: int, overrides: list[str]) -> dict[str, Any]:
         | quickest["stages_ms"],
         "step_above_imports_mib": job("step", log, *overrides)["above_images_mib"],
         "calls_a_frame": job("calls", log, *overrides),
+        "budget": job("budget", log, *overrides),
         "start_up_cpu_s": start_up_cpu_s(log),
         "ground_truth": replays[0]["ground_truth"],
         "turns": turns,
@@ -109,6 +110,10 @@ def show(results: dict[str, Any]) -> None:
         for whose in ("core", "python"):
             table.add_row(f"calls of {whose} a frame", f"{counts[whose]['a_frame']:.0f}")
         table.add_row("files that a frame enters", f"{counts['files']['entered']:.0f}")
+        for language, ms in r["budget"]["ms"].items():
+            table.add_row(f"{language}, CPU ms a step", f"{ms:.2f}")
+        for what, count in r["budget"]["unknowns"].items():
+            table.add_row(f"unknowns: {what}", f"{count:.0f}")
         for stage, times in r["stages_ms"].items():
             table.add_row(f"{stage}, ms p50 / p95", f"{times['p50']:.2f} / {times['p95']:.2f}")
         console.print(table)

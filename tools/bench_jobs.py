@@ -2,7 +2,7 @@
 
 Each job imports what it needs and no more: the loop and the floor pay for reading a log, not for an engine.
 
-python tools/bench_jobs.py replay|loop|floor|step|calls|scaled|window LOG [KEY=VALUE ...]      prints one JSON object
+python tools/bench_jobs.py replay|loop|floor|step|calls|budget|scaled|window LOG [KEY=VALUE ...]    prints a JSON object
 """
 
 import json
@@ -19,7 +19,13 @@ from types import FrameType
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-if len(sys.argv) > 1 and sys.argv[1] in ("replay", "step", "scaled", "window"):  # as the command line sets it
+if len(sys.argv) > 1 and sys.argv[1] in (
+    "replay",
+    "step",
+    "budget",
+    "scaled",
+    "window",
+):  # as the command line sets it
     from stream_sfm.cli.process import settle
 
     settle()
@@ -245,6 +251,55 @@ def run_calls(path: str, overrides: list[str]) -> dict[str, Any]:
     } | {"files": files_entered(path, overrides)}
 
 
+def run_budget(path: str, overrides: list[str]) -> dict[str, Any]:
+    """CPU of a step by language, ms, and the sizes of the window's system; `prepare` included, in one thread.
+
+    The sizes are means: unknowns of the frames (poses, and what a frame has of its own), modes of the prior, errors of
+    the rig, and their sum, into which points are eliminated.
+    """
+    from stream_sfm import Engine, Selection, core, open_log, read_config
+
+    spent_s: Counter[str] = Counter()
+
+    def timed_as(language: str, function: Any) -> Any:
+        def inner(*args: Any, **named: Any) -> Any:
+            began_s = time.thread_time()
+            try:
+                return function(*args, **named)
+            finally:
+                spent_s[language] += time.thread_time() - began_s
+
+        return inner
+
+    for language, module, kind in (("core", core, "nb_func"), ("OpenCV", cv2, "builtin_function_or_method")):
+        for name, each in list(vars(module).items()):
+            if type(each).__name__ == kind:
+                setattr(module, name, timed_as(language, each))
+    cv2.setNumThreads(1)
+    log = open_log(path)
+    engine = Engine(log.rig, read_config(None, overrides))
+    sizes: list[list[int]] = []
+    for n, frame in enumerate(log.frames(Selection(max_frames=WARM_UP + 50))):
+        if n == WARM_UP:
+            spent_s.clear()
+        began_s = time.thread_time()
+        engine.step(frame)
+        spent_s["all"] += time.thread_time() - began_s
+        if n >= WARM_UP and (now := getattr(engine.lane.estimator, "map", None)) is not None:
+            of = now.prior.of_modes
+            sizes.append([6 * len(now.frames) + now.own.size, of["own"].stop, len(now.prior.rig)])
+    ms = {language: 1e3 * spent_s[language] / max(1, n + 1 - WARM_UP) for language in ("all", "core", "OpenCV")}
+    frames, modes, rig = np.mean(sizes, axis=0).tolist() if sizes else (0.0, 0.0, 0.0)
+    return {
+        "ms": {
+            "core": ms["core"],
+            "OpenCV": ms["OpenCV"],
+            "Python and NumPy": ms["all"] - ms["core"] - ms["OpenCV"],
+        },
+        "unknowns": {"of frames": frames, "modes": modes, "of the rig": rig, "all": frames + modes + rig},
+    }
+
+
 def files_entered(path: str, overrides: list[str]) -> dict[str, float]:
     """How many files of the package a frame enters in `replay`: mean of what is called between two written estimates.
 
@@ -328,6 +383,7 @@ JOBS = {
     "loop": run_loop,
     "step": run_step,
     "calls": run_calls,
+    "budget": run_budget,
     "scaled": run_scaled,
     "window": run_window,
 }

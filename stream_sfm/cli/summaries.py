@@ -186,6 +186,8 @@ def _truth_rows(truth: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
         return
     yield "ATE aligned", f"{shown('ate_rmse_aligned_m', '.4f')} m"
     yield "ATE, first poses aligned", f"{shown('ate_rmse_m', '.4f')} m"
+    if axes := truth.get("ate_axes_m"):  # runs of earlier versions have none
+        yield "  right, down, forwards", ", ".join(f"{axis:.4f}" for axis in axes) + " m"
     yield "final drift", f"{shown('final_drift_percent')} %"
     lengths = truth["segment_lengths_m"]
     over = f" over {lengths[0]:.3g}–{lengths[-1]:.3g} m" if lengths else ""

@@ -18,18 +18,24 @@ class InertiaRules(Section, frozen=True, kw_only=True):
     max_std_turn_rad: Annotated[float, expert("largest σ of a rotation from samples alone, rad", 0, 3)] = 0.1
     # Lasting errors of views make motions worse than their σ.
     farther: Annotated[float, expert("factor on σ of an image motion, compared with samples", 1, 100)] = 1.5
-    frames: Annotated[int, expert("frames whose squared distances are added up", 1, 1000)] = 5
-    # A single bad frame is not a contradiction, but is not used.
-    impossible: Annotated[
-        float, expert("cap on one frame's squared distance from inertia in their sum", 6, 1e8)
-    ] = 40.0
-    # 30 are expected.
-    bound: Annotated[float, expert("sum of squared distances that is a contradiction", 6, 1e8)] = 100.0
-    largest_bound: Annotated[
-        float, expert("upper limit of the bound on logs with large usual distances", 6, 1e8)
-    ] = 180.0
-    usual_frames: Annotated[float, expert("frames over which the usual distance is averaged", 1, 10_000)] = 20.0
-    agreed_s: Annotated[float, expert("time of agreement after which samples are trusted, s", 0, 1000)] = 1.0
+    # 6 are expected. A single bad frame is no contradiction, but its interval is not used.
+    apart: Annotated[float, expert("squared distance of two motions that contradict each other", 6, 1e8)] = 40.0
+    # Five σ: once in 3.5 million.
+    bound: Annotated[float, expert("log odds of samples, at most, and so how soon they change", 1e-3, 1e4)] = 14.4
+    # What the views of a frame share is one event, so that a single bad frame is no contradiction.
+    most_of_frame: Annotated[float, expert("log odds that a single frame changes, at most", 1e-3, 1e4)] = 9.6
+    usual_frames: Annotated[float, expert("frames that show the usual accelerations", 1, 10_000)] = 20.0
+    # Images of a camera that is shaken so are of no use, and a wrong prediction costs the tracks of a frame.
+    most_change: Annotated[float, expert("largest predicted change of velocity, usual changes", 1, 1e6)] = 10.0
+    lasting_s: Annotated[
+        float, expert("time after which agreement, doubts and gaps count as lasting, s", 0, 1000)
+    ] = 1.0
+    # A step of the bias by 0.2 m/s² on a walk is at 22, a mounting off by 0.1 m at 36 to 48. Without an error the
+    # largest values are 3, 4, 6, and 11 in 300 frames of a real drone.
+    moved: Annotated[float, expert("squared distance that gravity does not move within that time", 3, 1e8)] = 16.0
+    unexplained: Annotated[float, expert("share of gravity's variance by which it moves at least", 1e-3, 1e3)] = (
+        0.25
+    )
     # 3 is expected for the biases, 1 for gravity.
     far_bias: Annotated[float, expert("squared distance of impossible accelerometer biases", 3, 1e8)] = 25.0
     far_gravity: Annotated[float, expert("squared distance of an impossible size of gravity", 1, 1e8)] = 25.0

@@ -210,6 +210,8 @@ class RowRules(Section, frozen=True, kw_only=True):
     # All matches use the same extrapolated velocities. The error is 11 and 18 % on two rendered logs with a late
     # camera.
     speed_error: Annotated[float, expert("relative error of a delay", 0, 10)] = 0.2
+    # A shaken camera turns so fast, and within some frames the other way.
+    std_turning_rad_s: Annotated[float, expert("σ of an unknown turn rate of the camera, rad/s", 0, 100)] = 1.0
 
 
 class ErrorRules(Section, frozen=True, kw_only=True):

@@ -149,7 +149,7 @@ class RigConfig(Section, frozen=True, kw_only=True):
         expert("σ of the turn of the axes, about x and y, as the focal length doubles, rad", 0, 1),
     ] = 0.02
     # It is at most 4 on sound logs, rendered and real; a jump by 0.25 % on good images says 70 at once.
-    refocused: Annotated[float, expert("evidence that a focal length changes, or no longer, nats", 0.1, 1e8)] = 11.0
+    refocused: Annotated[float, expert("evidence that a focal length changes, or no longer, nats", 0.1, 1e8)] = 8.0
     rested_frames: Annotated[int, expert("frames after which an unchanged focal length is settled", 3, 10_000)] = 8
     # A larger change is a moving body, not a zoom.
     most_refocused: Annotated[float, expert("largest change between frames, σ of std_refocused", 0.1, 1e8)] = 3.0

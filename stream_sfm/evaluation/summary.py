@@ -11,7 +11,7 @@ from .relative_consistency import RelativeRecord, against_truth
 from .structure import STRUCTURE_FIGURES, StructureComparison
 
 FIGURES = (  # of every run, against ground truth
-    "ate_rmse_m", "ate_rmse_aligned_m", "final_drift_percent", "t_rel_percent", "r_rel_deg_per_100m",
+    "ate_rmse_m", "ate_axes_m", "ate_rmse_aligned_m", "final_drift_percent", "t_rel_percent", "r_rel_deg_per_100m",
     "segment_lengths_m", "scale_error_percent", "nees_pose_mean", *STRUCTURE_FIGURES, "frames_compared",
 )  # fmt: skip
 
@@ -37,6 +37,7 @@ def evaluate(
         segments = metrics.segment_errors(e, t)
         figures |= {
             "ate_rmse_m": metrics.ate_rmse_m(e, t),
+            "ate_axes_m": metrics.ate_axes_m(e, t).tolist(),
             "ate_rmse_aligned_m": metrics.ate_rmse_aligned_m(e, t),
             "final_drift_percent": metrics.final_drift_percent(e, t),
             "t_rel_percent": segments.t_rel_percent,

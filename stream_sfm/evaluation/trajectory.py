@@ -41,6 +41,12 @@ def ate_rmse_m(estimate: Array, truth: Array) -> float:
     return _rms(from_first_camera(estimate)[:, :3, 3] - from_first_camera(truth)[:, :3, 3])
 
 
+def ate_axes_m(estimate: Array, truth: Array) -> Array:
+    """Return the components (3,) of `ate_rmse_m` along right, down and forwards of the first camera."""
+    apart = from_first_camera(estimate)[:, :3, 3] - from_first_camera(truth)[:, :3, 3]
+    return np.asarray(np.sqrt((apart**2).mean(axis=0)))
+
+
 def ate_rmse_aligned_m(estimate: Array, truth: Array) -> float:
     """Return the RMS position error after the best rigid alignment: SE(3), without scale (Umeyama 1991)."""
     _, truth_from_estimate = umeyama(truth[:, :3, 3], estimate[:, :3, 3])

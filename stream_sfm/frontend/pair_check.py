@@ -162,10 +162,10 @@ def rows_problem(rows: Rows, rules: PairRules) -> str:
             f"the rows of left and right differ by up to {rows.largest_px:.1f} px: does the calibration belong to "
             "these cameras and this resolution, or are left and right exchanged?"
         )
-    if rows.scatter_px > rules.max_scatter_px:
+    if rows.unexplained_px > rules.max_scatter_px:
         return (
-            f"the rows of matches scatter by {rows.scatter_px:.1f} px: are left and right exchanged, or are the images "
-            "not of one moment?"
+            f"the rows of matches scatter by {rows.unexplained_px:.1f} px: are left and right exchanged, or are the "
+            "images not of one moment?"
         )
     return ""
 

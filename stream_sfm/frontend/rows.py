@@ -7,6 +7,8 @@ motion, so one linear Gaussian filter estimates all of this, and the size of the
 likelihood. Only new matches count, because later views of a point repeat its first error.
 """
 
+import math
+
 import numpy as np
 
 from .. import core
@@ -30,9 +32,10 @@ _KNOWN_PX = 0.1  # σ below which a row difference is known: well below the erro
 class Rows:
     """The estimated row differences: amplitudes `mean` (n,) with `cov` (n, n) of polynomial, delay and field.
 
-    `std_delay_s`: prior σ of the delay. `scatter_px`: σ of new matches around the model; `frames`: how many frames it
-    is learnt from. `field_std_px`: σ of the field. `largest_px`: the largest v_left − v_right at rest at the latest
-    matches; in corners without matches the polynomial is an extrapolation.
+    `std_delay_s`: prior σ of the delay. `scatter_px`: σ of new matches around the model; `unexplained_px`: the same but
+    for what an unknown turn of the camera during the delay explains; `frames`: how many frames both are learnt from.
+    `field_std_px`: σ of the field. `largest_px`: the largest v_left − v_right at rest at the latest matches; in corners
+    without matches the polynomial is an extrapolation.
     """
 
     projection: StereoProjection
@@ -42,6 +45,7 @@ class Rows:
     std_delay_s: float
     rules: RowRules
     scatter_px: float
+    unexplained_px: float
     frames: int = 0
     field_std_px: float = LEAST_PX
     largest_px: float = 0.0
@@ -55,7 +59,7 @@ class Rows:
         std = np.r_[np.full(_POLYNOMIAL, rules.std_px), std_delay_s, np.full(n_field, LEAST_PX)]
         max_px = config.frontend.max_vertical_disparity_px
         prior = np.zeros(len(std)), np.diag(std**2), std_delay_s
-        return cls(projection, max_px, *prior, rules, rules.std_match_px)
+        return cls(projection, max_px, *prior, rules, rules.std_match_px, rules.std_match_px)
 
     @property
     def delay(self) -> tuple[float, float]:
@@ -99,10 +103,16 @@ class Rows:
         """Return the rows after new views (n, 4) of a frame whose points move with a twist (6,)."""
         points = core.seen_points(self.projection, z_px)
         row_speed_px_s = velocities(self.projection, points, twist)[:, 3]
-        return self.learnt(z_px[:, :2], z_px[:, 1] - z_px[:, 3], row_speed_px_s)
+        by_turning = np.stack([velocities(self.projection, points, e)[:, 3] for e in np.eye(6)[3:]], axis=1)
+        return self.learnt(z_px[:, :2], z_px[:, 1] - z_px[:, 3], row_speed_px_s, by_turning)
 
-    def learnt(self, left_px: Array, difference_px: Array, row_speed_px_s: Array) -> "Rows":
-        """Return the rows after matches at (n, 2), whose rows differ by (n,) and move by (n,) px/s."""
+    def learnt(
+        self, left_px: Array, difference_px: Array, row_speed_px_s: Array, by_turning: Array | None = None
+    ) -> "Rows":
+        """Return the rows after matches at (n, 2), whose rows differ by (n,) and move by (n,) px/s.
+
+        `by_turning` (n, 3): how they would move if the camera turned by 1 rad/s about each of its axes.
+        """
         if len(left_px) < _POLYNOMIAL:
             return self
         matches, rules = (left_px, difference_px, row_speed_px_s), self.rules
@@ -112,6 +122,8 @@ class Rows:
         frames = self.frames + 1
         scatter = MAD_TO_STD * median(np.abs(rest_px))
         scatter_px = self.scatter_px + (scatter - self.scatter_px) / min(frames, MEMORY_FRAMES)
+        unexplained = MAD_TO_STD * median(np.abs(rest_px - self._by_unknown_turn(rest_px, mean, by_turning)))
+        unexplained_px = self.unexplained_px + (unexplained - self.unexplained_px) / min(frames, MEMORY_FRAMES)
         field_std_px = self._likely_field_std_px(information, mean)
         field = range(_POLYNOMIAL + 1, len(mean))
         information[field, field] += field_std_px**-2 - self.field_std_px**-2
@@ -122,10 +134,26 @@ class Rows:
             mean=mean,
             cov=cov,
             scatter_px=scatter_px,
+            unexplained_px=unexplained_px,
             frames=frames,
             field_std_px=field_std_px,
             largest_px=float(np.abs(terms @ mean - terms[:, _POLYNOMIAL] * mean[_POLYNOMIAL]).max()),
         )
+
+    def _by_unknown_turn(self, rest_px: Array, mean: Array, by_turning: Array | None) -> Array:
+        """Return the part (n,) of what is left of row differences that an unknown turn rate explains, eq. (19b).
+
+        The velocity of a shaken camera is extrapolated, and a delay moves all rows by its error.
+        """
+        if by_turning is None:
+            return np.zeros_like(rest_px)
+        size_s = math.hypot(mean[_POLYNOMIAL], math.sqrt(self.cov[_POLYNOMIAL, _POLYNOMIAL]))
+        columns = by_turning * (size_s * self.rules.std_turning_rad_s / self.unexplained_px)
+        rest, explained = rest_px / self.unexplained_px, np.zeros_like(rest_px)
+        for _ in range(self.rules.reweightings):
+            weighted = columns.T / (1 + ((rest - explained) / CAUCHY_WIDTH) ** 2)
+            explained = columns @ np.linalg.solve(np.eye(3) + weighted @ columns, weighted @ rest)
+        return explained * self.unexplained_px
 
     def _likely_field_std_px(self, information: Array, mean: Array) -> float:
         """Return the likely σ of the field, eq. (19a), from all information about the rows."""

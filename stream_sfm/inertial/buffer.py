@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Array
+from ..inputs import INT64
 from ..record import record
 from .samples import ImuCalibration, ImuSamples
 from .settings import SETTINGS
@@ -18,21 +19,23 @@ from .settings import SETTINGS
 @record
 class Samples:
     """The samples of an interval, its ends interpolated: `seconds` (n,), `gyro`, `accel` (n, 3); `widened` (n − 1,),
-    factors on the variance of each step. `complete`: they reach beyond both ends; `note`: problems with them."""
+    factors on the variance of each step. `complete`: they reach beyond both ends; `dense`: none is missing for long;
+    `note`: problems with them."""
 
     seconds: Array
     gyro: Array
     accel: Array
     widened: Array
     complete: bool
+    dense: bool
     note: str
 
 
 class SampleBuffer:
     """Samples of the last seconds, in the clock of the camera as far as its offset is calibrated.
 
-    `problem`: why none of them can be used; empty if they can. `counts`: samples that were taken, not finite, with
-    stamps that do not ascend, saturated.
+    `counts`: samples that were taken, that are no
+    measurements, with stamps that do not ascend, with stamps far ahead of their frame, saturated.
     """
 
     def __init__(self, calibration: ImuCalibration) -> None:
@@ -40,10 +43,21 @@ class SampleBuffer:
         self._ranges = calibration.gyro_range_rad_s, calibration.accel_range_m_s2
         self._samples = ImuSamples.joined([])
         self._saturated = np.zeros(0, bool)
+        self._sizes = np.zeros((0, 2))  # of rates and accelerations, of the latest samples as they came
         self._period_ns = 0.0
         self._unasked = 0  # samples whose units have not been checked
-        self.problem = ""
-        self.counts = {"samples": 0, "not finite": 0, "backwards": 0, "saturated": 0}
+        self._problem = ""  # of the units
+        self.counts = {"samples": 0, "no measurement": 0, "backwards": 0, "ahead": 0, "saturated": 0}
+
+    @property
+    def problem(self) -> str:
+        """Why none of the samples can be used at present; empty if they can."""
+        if len(self._samples) >= SETTINGS.fewest and self._period_ns > SETTINGS.dense_s * 1e9:
+            return (
+                f"the IMU is not used: it gives a sample every {self._period_ns / 1e6:.0f} ms, which is too seldom "
+                f"to follow a motion: give one every {1e3 * SETTINGS.dense_s:.0f} ms at least"
+            )
+        return self._problem
 
     def copied(self) -> "SampleBuffer":
         """Return a copy that continues independently."""
@@ -56,26 +70,51 @@ class SampleBuffer:
         """The stamp of the newest sample."""
         return int(self._samples.stamps_ns[-1]) if len(self._samples) else None
 
-    def add(self, samples: ImuSamples) -> None:
-        """Take the next samples, except those that are already present."""
+    def add(self, samples: ImuSamples, frame_ns: int = INT64) -> None:
+        """Take the samples that came with a frame at this stamp, except those that are already present."""
         samples = ImuSamples(samples.stamps_ns - self._offset_ns, samples.gyro_rad_s, samples.accel_m_s2)
+        ahead = samples.stamps_ns > frame_ns + round(SETTINGS.ahead_s * 1e9)
+        self.counts["ahead"] += int(ahead.sum())
+        samples = samples[~ahead]
         self._forget_contradicted(samples)
         if self.last_ns is not None:
             samples = samples[samples.stamps_ns > self.last_ns]
         if not len(samples):
             return
-        stray = _stray(samples.stamps_ns)
-        self.counts["samples"] += int(stray.sum())
-        self.counts["backwards"] += int(stray.sum())
-        samples = samples[~stray]
-        finite = np.isfinite(samples.gyro_rad_s).all(axis=1) & np.isfinite(samples.accel_m_s2).all(axis=1)
-        ahead = np.ones(len(samples), bool)
-        if len(samples) > 1:
-            ahead[1:] = samples.stamps_ns[1:] > np.maximum.accumulate(samples.stamps_ns)[:-1]
-        kept = samples[finite & ahead]
         self.counts["samples"] += len(samples)
-        self.counts["not finite"] += int((~finite).sum())
-        self.counts["backwards"] += int((~ahead).sum())
+        taken = samples[~_stray(samples.stamps_ns)]
+        ascends = np.ones(len(taken), bool)
+        ascends[1:] = taken.stamps_ns[1:] > np.maximum.accumulate(taken.stamps_ns)[:-1]
+        self.counts["backwards"] += len(samples) - int(ascends.sum())
+        samples = taken[ascends]
+        samples = samples[self._finite(samples)]
+        self._unasked += len(samples)
+        self._keep(samples[self._measured(samples)])
+        if self._unasked >= SETTINGS.unit_samples:
+            self._unasked, self._problem = 0, self._unit_problem()
+
+    def _finite(self, samples: ImuSamples) -> NDArray[np.bool_]:
+        """Return which samples (n,) are numbers at all."""
+        values = np.concatenate([samples.gyro_rad_s, samples.accel_m_s2], axis=1)
+        finite: NDArray[np.bool_] = np.isfinite(values).all(axis=1)
+        self.counts["no measurement"] += int((~finite).sum())
+        return finite
+
+    def _measured(self, samples: ImuSamples) -> NDArray[np.bool_]:
+        """Return which samples (n,) their sensors can have measured: others are errors of the transfer.
+
+        The sizes of all are kept, as they show whether the unit is another one.
+        """
+        both = samples.gyro_rad_s, samples.accel_m_s2
+        largest = np.stack([np.abs(values).max(axis=1, initial=0.0) for values in both], axis=1)
+        within = np.asarray((largest <= SETTINGS.beyond_range * np.array(self._ranges)).all(axis=1))
+        self.counts["no measurement"] += int((~within).sum())
+        sizes = np.stack([np.linalg.norm(np.clip(v, -1e9, 1e9), axis=1) for v in both], axis=1)
+        self._sizes = np.concatenate([self._sizes, sizes])[-SETTINGS.most_sizes :]
+        return within
+
+    def _keep(self, kept: ImuSamples) -> None:
+        """Append samples, and forget old ones."""
         if not len(kept):
             return
         everything = ImuSamples.joined([self._samples, kept])
@@ -88,9 +127,6 @@ class SampleBuffer:
         self._samples, self._saturated = everything[old:], saturated[old:]
         if len(self._samples) > 1:
             self._period_ns = float(np.median(np.diff(self._samples.stamps_ns[-200:])))
-        self._unasked += len(kept)
-        if not self.problem and self._unasked >= SETTINGS.unit_samples:
-            self._unasked, self.problem = 0, self._unit_problem()
 
     def _forget_contradicted(self, samples: ImuSamples) -> None:
         """Forget the newest sample if its stamp is ahead of a new sample."""
@@ -117,9 +153,8 @@ class SampleBuffer:
         return found
 
     def _unit_problem(self) -> str:
-        """Say that samples are in other units, if their magnitudes are."""
-        norm = float(np.median(np.linalg.norm(self._samples.accel_m_s2, axis=1)))
-        turned = float(np.median(np.linalg.norm(self._samples.gyro_rad_s, axis=1)))
+        """Say that samples are in other units, if their magnitudes are, or that they are too few."""
+        turned, norm = np.median(self._sizes, axis=0)
         if SETTINGS.in_g[0] < norm < SETTINGS.in_g[1]:
             return (
                 f"the IMU is not used: its accelerations are about {norm:.2f} in the median, which looks like g: give "
@@ -199,17 +234,18 @@ class SampleBuffer:
         period_s = max(self._period_ns / 1e9, 1e-4)
         beyond = np.where(np.isfinite(spacing), spacing, np.where(steps > 0.5 * period_s, steps, 0.0))
         held = ~np.isfinite(spacing) & (steps > 0)
-        gaps = (beyond > SETTINGS.gap_periods * period_s) | held
+        missing_s = np.where(held, steps, beyond)  # the time without a sample
+        gaps = (beyond > min(SETTINGS.gap_periods * period_s, SETTINGS.dense_s)) | held
         lost = np.concatenate([[False], self._saturated, [False]])
         saturated = lost[around] | lost[around + 1]
-        widened = np.where(
-            gaps, SETTINGS.widened * np.maximum(np.where(held, steps, beyond) / SETTINGS.gap_s, 0.1) ** 2, 1.0
-        )
+        long_s = np.clip(missing_s, 0.1 * SETTINGS.gap_s, SETTINGS.gone_s)
+        widened = np.where(gaps, SETTINGS.widened * (long_s / SETTINGS.gap_s) ** 2, 1.0)
         widened = np.where(saturated, np.maximum(widened, SETTINGS.widened), widened)
         notes = ["inertial samples are missing"] * bool((gaps & (steps > SETTINGS.gap_periods * period_s)).any())
         notes += ["the IMU is saturated"] * bool(saturated.any())
         complete = bool(at[0] <= first and at[-1] >= last)
-        return Samples(seconds, gyro, accel, widened, complete, "; ".join(notes))
+        dense = not (missing_s[gaps] > SETTINGS.dense_s).any()
+        return Samples(seconds, gyro, accel, widened, complete, dense, "; ".join(notes))
 
 
 def _stray(stamps_ns: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -9,12 +9,23 @@ class SampleSettings:
 
     kept_s: float = 12.0  # of samples; a longer interval is not bridged
     waiting: int = 100_000  # waiting samples before the oldest are dropped: more than a minute of any unit
-    gap_periods: float = 3.0  # longer ones are gaps
+    # Longer ones are gaps, and so are those that are longer than `dense_s`: within it a hand turns evenly, so that a
+    # straight line between two samples tells the motion. With gaps nothing is predicted.
+    gap_periods: float = 3.0
+    dense_s: float = 0.03
+    fewest: int = 10  # samples that show how often they come
+
+    # A frame comes with the samples up to its stamp, and one beyond. Later stamps are not those of its time.
+    ahead_s: float = 1.0
+
+    # A sensor measures hardly beyond its nominal range: larger values are errors of the transfer.
+    beyond_range: float = 1.5
 
     # Factor on variances of missing or saturated samples. For a gap it grows with the square of its length,
-    # starting from this factor.
+    # starting from this factor, up to that of a second, after which nothing is known of the motion.
     widened: float = 1e4
     gap_s: float = 0.01
+    gone_s: float = 1.0
 
     # At the end of its range a sensor repeats itself: this many consecutive samples are equal and large. The
     # narrowest range in use is a sixteenth of the widest usual one.
@@ -35,6 +46,7 @@ class SampleSettings:
     # Units are checked again after each this many samples. If the median norm of the acceleration is between these
     # values, the unit is g, not m/s².
     unit_samples: int = 100
+    most_sizes: int = 2000  # samples from which the median is taken
     in_g: tuple[float, float] = (0.5, 2.0)
 
 

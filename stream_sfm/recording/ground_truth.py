@@ -36,8 +36,13 @@ def truth_topic(survey: Survey) -> str | None:
     return min(topics, key=lambda t: ("pose" not in t.lower(), len(t), t), default=None)
 
 
-def read_truth(source: Source, topic: str, camera_frame: str, warnings: list[str]) -> Trajectory | None:
-    """Return the poses on `topic` as `world_from_cam`, ascending; None, with a warning, if none can be used."""
+def read_truth(
+    source: Source, topic: str, camera_frame: str, warnings: list[str], until_ns: int | None = None
+) -> Trajectory | None:
+    """Return the poses on `topic` as `world_from_cam`, ascending; None, with a warning, if none can be used.
+
+    Reading ends a second after `until_ns`: messages may be that late.
+    """
     stamps_ns, poses = array("q"), array("d")  # arrays, as a tracker at 1 kHz gives millions per hour
     other_frames: set[str] = set()
 
@@ -46,6 +51,8 @@ def read_truth(source: Source, topic: str, camera_frame: str, warnings: list[str
 
     try:
         for pose in chain.from_iterable(decoded(source, [topic], MessageDecoder.poses, tell)):
+            if until_ns is not None and pose.stamp_ns > until_ns + 10**9:
+                break
             if not pose.child or pose.child == camera_frame or _LEFT_CAMERA.search(pose.child):
                 stamps_ns.append(pose.stamp_ns)
                 poses.frombytes(pose.parent_from_child.tobytes())

@@ -317,15 +317,20 @@ class StereoLog:
         check_rig(self._source, rig)
         return with_imu(rig, self.rig.imu if isinstance(self.rig, StereoRig) else None)
 
-    def ground_truth(self) -> Trajectory | None:
-        """Return `world_from_cam` of the physical left camera, given or from the log; None if none can be used."""
+    def ground_truth(self, until_ns: int | None = None) -> Trajectory | None:
+        """Return `world_from_cam` of the physical left camera, given or from the log; None if none can be used.
+
+        Of the log the poses up to `until_ns` are read, and some later ones.
+        """
         if self._given_truth is not None:
             if self._read_span_ns is not None:
                 warning = time_warning(self._given_truth, self._given_truth_name, *self._read_span_ns)
                 self.stats.warnings += [warning] if warning is not None else []
             return self._given_truth
         topic = truth_topic(self.survey)
-        return None if topic is None else read_truth(self._source, topic, self._left_frame, self.stats.warnings)
+        if topic is None:
+            return None
+        return read_truth(self._source, topic, self._left_frame, self.stats.warnings, until_ns)
 
     @property
     def std_truth(self) -> tuple[float, float]:

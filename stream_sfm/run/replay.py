@@ -264,7 +264,7 @@ class _Replay:
         """Return the truth with its poses at the frames of the run, and why they are refused, if so."""
         stamps_ns = self.lane.record.stamps_ns
         try:
-            poses = self._log.ground_truth() if len(stamps_ns) else None
+            poses = self._log.ground_truth(int(stamps_ns[-1])) if len(stamps_ns) else None
         except InputError as error:
             outcome.warnings.append(f"ground truth is not compared: {error}")
             return truth, []

@@ -38,10 +38,22 @@ def test_a_perfect_trajectory_has_no_error_in_any_world():
     cov = np.tile(np.eye(6) * 1e-4, (len(truth), 1, 1))
     cov[0] = 0
     figures = evaluate(trajectory(estimate, cov), trajectory(truth))
+    assert max(figures.pop("ate_axes_m")) < 1e-9
     assert figures.pop("frames_compared") == len(truth) and figures.pop("segment_lengths_m")
     known = {key: value for key, value in figures.items() if not key.startswith("local_structure")}
     assert max(map(abs, known.values())) < 1e-9  # rounding
     assert set(figures) - set(known) and not any(figures[key] for key in set(figures) - set(known))
+
+
+def test_components_of_the_error_are_along_the_axes_of_the_first_camera():
+    """Depth is the third; the sum of their squares is that of the whole error."""
+    truth = winding_path()
+    estimate = truth.copy()
+    estimate[1:] = truth[0] @ se3.exp([0, 0, 0.3, 0, 0, 0]) @ se3.inverse(truth[0]) @ truth[1:]
+    axes = metrics.ate_axes_m(estimate, truth)
+    assert axes == pytest.approx([0, 0, 0.3 * np.sqrt(1 - 1 / len(truth))], abs=1e-12)
+    moved = metrics.ate_axes_m(truth, winding_path(seed=3))
+    assert np.linalg.norm(moved) == pytest.approx(metrics.ate_rmse_m(truth, winding_path(seed=3)))
 
 
 def test_a_rigid_offset_vanishes_by_alignment_and_an_error_of_the_first_pose_does_not():

@@ -214,3 +214,27 @@ def test_errors_of_rows_are_those_of_the_right_sides() -> None:
     by_turn = core.effects_of_turn(P, z_px[seen, 2:])
     turns = np.linalg.solve(np.einsum("nia,nib->ab", by_turn, by_turn), by_turn[:, 1].T @ errors[seen])
     assert cov_turn == pytest.approx(turns @ turns.T, rel=1e-9)
+
+
+def shaken(delay_s: float, wrong: float = 0.0) -> Rows:
+    """Rows after frames of a late camera that turns by 0.5 rad/s more or less than is expected, in each frame anew."""
+    rng, rows = np.random.default_rng(8), Rows.unknown(P, Config())
+    for _ in range(30):
+        left_px = places(rng, 60)
+        points = np.column_stack([P.rays(left_px), np.ones(60), rng.uniform(0.05, 0.5, 60)])
+        z_px = P.project_homogeneous(points)
+        expected, error = np.r_[np.zeros(3), 0.2 * rng.normal(size=3)], np.r_[np.zeros(3), 0.5 * rng.normal(size=3)]
+        z_px += STD_PX * rng.normal(size=z_px.shape)
+        z_px[:, 3] += delay_s * velocities(P, points, expected + error)[:, 3] + wrong * rng.normal(size=60)
+        rows = rows.after(z_px, expected)
+    return rows
+
+
+def test_an_unknown_turn_during_a_delay_explains_rows_and_nothing_else_does() -> None:
+    """8 ms at 0.5 rad/s move all rows by up to 2 px, as exchanged images would move each."""
+    noise = np.sqrt(2) * STD_PX
+    late = shaken(8e-3)
+    assert late.scatter_px > 0.5 > 2 * late.unexplained_px
+    assert shaken(0.0).unexplained_px < 1.3 * noise
+    assert shaken(0.0, wrong=1.0).unexplained_px > 0.5
+    assert shaken(8e-3, wrong=1.0).unexplained_px > 0.5

@@ -8,8 +8,7 @@ import pytest
 from stream_sfm.config import Config
 from stream_sfm.config.inertia_rules import InertiaRules
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.cross_frame.inertia import Inertia
-from stream_sfm.estimators.cross_frame.inertia_checks import Densities, Jitter
+from stream_sfm.estimators.cross_frame.inertia_checks import Densities, Jitter, with_odds
 from stream_sfm.estimators.cross_frame.interval import JOINT, Known
 from stream_sfm.geometry import se3
 from stream_sfm.inertial.state import GRAVITY, SCALE, STATE
@@ -96,16 +95,6 @@ def test_a_map_that_begins_on_a_body_is_not_a_map(seed: int) -> None:
     assert without[-1].status is Status.OK  # nothing but samples can tell
 
 
-def test_samples_that_have_agreed_for_long_are_trusted_after_one_frame_that_contradicts_them() -> None:
-    inertia, agrees, contradicts = Inertia(Config()), 6.0, 1e3
-    trusted = []
-    for distance2 in (agrees, contradicts, *[agrees] * 30, contradicts, *[contradicts] * 5):
-        inertia._distance2, inertia._agreement = distance2, inertia._agreement.after(distance2, 0.05, (0.0, 0.0))
-        trusted.append(inertia.is_trusted)
-    assert trusted[:33] == [True, False, *[True] * 31]
-    assert not trusted[-1]  # they contradict each other for good
-
-
 @pytest.mark.parametrize("seed", [21, 26])
 def test_the_first_frame_of_a_map_turns_as_the_gyroscope_says(seed: int) -> None:
     estimator, path, h = make_estimator(REFERENCE, PROJECTION, Config()), swaying(seed), 1e-4
@@ -124,11 +113,12 @@ def test_a_pose_moves_with_the_scale_only_as_far_as_the_rig_does_not_explain_bot
     state[GRAVITY], state[SCALE] = [0.0, 9.81, 0.0], 1e-3
     given, by_rig = np.diag(np.full(JOINT.size, 1e-6)), np.zeros(JOINT.size)
     by_rig[[z, scale]] = -0.1, 1e-2
-    moved = []
+    config, moved = Config(), []
+    std_fixed = np.r_[config.rig.std_baseline, np.full(3, config.imu.std_axes_rad), config.imu.std_time_offset_s]
     for shared in (0.0, 5e-7):
         given[z, scale] = given[scale, z] = shared
         known = Known(0, np.eye(4), state, given.copy())
-        found = Inertia(Config())._with_odds(known, given + np.outer(by_rig, by_rig))
+        found = with_odds(known, given + np.outer(by_rig, by_rig), std_fixed, config.rig)
         assert found.state[SCALE][0] == pytest.approx(0.0, abs=1e-15)  # exactly, by the odds
         moved.append(found.world_from_cam[:3, 3])
     assert moved[0] == pytest.approx(np.zeros(3), abs=1e-9)

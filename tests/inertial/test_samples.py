@@ -65,7 +65,7 @@ def test_stamps_backwards_and_numbers_that_are_none_are_left_out():
     stamps, gyro = given.stamps_ns.copy(), given.gyro_rad_s.copy()
     stamps[30], gyro[60, 0] = stamps[10], np.nan
     buffer = buffer_of(ImuSamples(stamps, gyro, given.accel_m_s2))
-    assert buffer.counts["backwards"] == 1 and buffer.counts["not finite"] == 1
+    assert buffer.counts["backwards"] == 1 and buffer.counts["no measurement"] == 1
     assert np.isfinite(buffer.between(100 * MS, 400 * MS, 0.0).gyro).all()
 
 

@@ -1,5 +1,6 @@
 """Every tool runs as a script and as a module: `python tools/X.py`, `python -m tools.X`."""
 
+import json
 import os
 import re
 import subprocess
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from stream_sfm.rig_model.terms import TERMS
 from tests.helpers.places import ROOT
 
 TOOLS = sorted(
@@ -36,3 +38,16 @@ def test_tools_import_each_other_where_they_start() -> None:
             rf"^ +(?:from|import) (?:tools\.)?(?:{names})\b", path.read_text(encoding="utf-8"), re.MULTILINE
         )
         assert not late, f"{path.name}: {late}"
+
+
+def test_the_budget_of_a_step_adds_up() -> None:
+    """Times by language are those of a step, and the unknowns those of a full window with its prior and its rig."""
+    command = [sys.executable, str(ROOT / "tools/bench_jobs.py"), "budget", str(ROOT / "logs/room.mcap")]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    ran = subprocess.run([*command, "frontend.max_tracks=50"], capture_output=True, text=True, env=environment)
+    assert ran.returncode == 0, ran.stderr
+    found = json.loads(ran.stdout)
+    assert set(found["ms"]) == {"core", "OpenCV", "Python and NumPy"} and min(found["ms"].values()) > 0
+    unknowns = found["unknowns"]
+    assert unknowns["of frames"] == 8 * (6 + 3) and unknowns["of the rig"] == len(TERMS)
+    assert unknowns["modes"] >= 6 and unknowns["all"] == pytest.approx(72 + unknowns["modes"] + len(TERMS))

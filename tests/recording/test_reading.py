@@ -161,6 +161,8 @@ def test_ground_truth_and_depth(path):
     log = open_log(write_log(path, Spec(truth=True)))
     truth = log.ground_truth()
     np.testing.assert_allclose(truth.world_from_cam[:, 0, 3], 0.05 * np.arange(12), atol=1e-12)
+    few = log.ground_truth(until_ns=int(truth.stamps_ns[3]) - 10**9)  # and those of a second more
+    np.testing.assert_array_equal(few.stamps_ns, truth.stamps_ns[:4])
     stamp, depth = next(log.depths())
     assert stamp == START_NS and depth.dtype == np.float32
     assert np.isnan(depth[0, 0]) and depth[5, 5] == np.float32(2.0)

@@ -11,6 +11,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
+from stream_sfm.inspection import calibration_check
 from stream_sfm.inspection.overview import inspect_log
 from stream_sfm.report.records import RunRecord
 from stream_sfm.types import StereoFrame
@@ -60,6 +61,16 @@ def test_exchanged_cameras_are_named_while_the_run_starts_and_at_its_end(frames,
     for command in (["inspect", str(log)], ["compare", str(log), "--methods", "ekf", "--out", str(tmp_path / "c")]):
         output = cli(*command, code=3)
         assert "the images are swapped" in " ".join((output.out + output.err).split())
+
+
+def test_corners_are_matched_only_if_frames_are_not_followed_well(frames, tmp_path, monkeypatch) -> None:
+    matched: list[object] = []
+    known = calibration_check.matched_corners
+    monkeypatch.setattr(calibration_check, "matched_corners", lambda *images: matched.append(1) or known(*images))
+    sfm.replay(write(tmp_path / "good.mcap", frames[:2]), None)
+    assert not matched
+    sfm.replay(write(tmp_path / "exchanged.mcap", swapped(frames)), None)
+    assert len(matched) == 5  # the first frame, then four together
 
 
 def test_the_surface_of_exchanged_cameras_is_questioned(frames, tmp_path) -> None:

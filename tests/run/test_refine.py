@@ -44,6 +44,19 @@ def test_an_exact_calibration_stays_as_it_is(log: Path) -> None:
     assert refined.after == refined.before
 
 
+def test_several_logs_check_each_other_and_show_how_much_they_differ(log: Path) -> None:
+    """A pitch that both have is mended; of the rest, each log is replayed with what the other one shows."""
+    rig = turned(turned(open_log(log).stereo_rig, 0, 0.2), 1, 0.3)
+    refined = refine([log, log], selection=Selection(max_frames=30), calibration=rig)
+    assert len(refined.before) == len(refined.after) == 2
+    assert refined.rig.refinement is not None
+    assert "σ of the refinement contains how much the logs differ" in refined.said
+    assert all(after.rows.rms_px < 0.1 for after in refined.after)
+    # two logs that agree: the difference is smaller than the one that is assumed of a single log
+    one = refine([log], calibration=rig).rig.refinement
+    assert one is None or refined.rig.refinement.std_px[0] < 1.01 * one.std_px[0]
+
+
 def test_too_few_frames_cannot_be_checked(log: Path) -> None:
     refined = refine([log], selection=Selection(max_frames=20))
     assert refined.rig.refinement is None and any("too few frames" in said for said in refined.said)

@@ -19,8 +19,9 @@ from ...geometry.linear import matvec, symmetric
 from ...geometry.stereo import MIN_DEPTH, StereoProjection, clamp_depth
 from ...record import changed
 from ...types import Observations, Solution
-from ..cross_frame.inertia import Inertia, InertialMotionModel, TakesSamples, inertial_estimate
+from ..cross_frame.inertia import Inertia, inertial_estimate
 from ..cross_frame.interval import JOINT, Known
+from ..cross_frame.takes_samples import InertialMotionModel, TakesSamples
 from ..lifecycle import WorldPoints, frame_status, solution_of
 from ..triangulation import counted_cov, triangulate, usable_births
 from .baseline import Baseline
@@ -48,7 +49,7 @@ class Ekf(TakesSamples, Baseline):
 
     def step(self, observations: Observations) -> Solution:
         """Take the next frame; see `Estimator.step`."""
-        self.inertia.take(observations.inertial)
+        self.inertia.take(observations.inertial, observations.stamp_ns)
         return self.by_inertia_if_lost(super().step(observations), observations.stamp_ns)
 
     def _begin(self, obs: Observations, first: Solution) -> WorldPoints:

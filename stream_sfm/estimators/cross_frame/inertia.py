@@ -17,17 +17,19 @@ from ...geometry.linear import symmetric
 from ...geometry.resection import Resection, SecondMotion
 from ...inertial.buffer import SampleBuffer
 from ...inertial.samples import ImuCalibration, ImuSamples
-from ...inertial.state import ACCEL_BIAS, AXES, CLOCK, FIXED, GRAVITY, GYRO_BIAS, SCALE, STATE, VELOCITY
+from ...inertial.state import ACCEL_BIAS, AXES, CLOCK, GRAVITY, GYRO_BIAS, SCALE, STATE, VELOCITY
 from ...record import changed
-from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction, Solution, Status
+from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction
 from ..lifecycle import LostError
-from ..motion_model import MotionModel
-from .inertia_checks import Agreement, Densities, Jitter, distance2_of, impossible, likely
+from .belief import Belief, Innovation, Steadiness
+from .inertia_checks import Densities, Jitter, impossible, with_odds
 from .inertial_window import InertialWindow
 from .interval import JOINT, Interval, Known, Transition, transition
 from .map import Map
+from .trial import beside, corrected
 from .window_frame import WindowFrame
 
+_BY_IMAGES = "poses are by images alone until samples agree with them for a while"
 _LEAST_STD_SCALE = 1e-6  # keeps its variance above rounding
 
 
@@ -46,21 +48,23 @@ class Inertia:
         self._buffer = SampleBuffer(ImuCalibration())
         self._taken: ImuSamples | None = None  # the latest ones
         self.now: Known | None = None
-        self._agreement, self._densities = Agreement(self._rules), Densities.begun(self._rules)
+        self._belief = Belief.begun(self._rules, np.array(config.motion.std_acceleration))
+        self._steadiness, self._densities = Steadiness(self._rules), Densities.begun(self._rules)
         self._jitter = Jitter(self._rules)
         self._noise_known = False  # from the samples themselves
         self._distance2, self._note = 0.0, ""
         self._frames = config.window.frames
         self._led: tuple[tuple[Any, ...], Transition] | None = None  # the latest one, and its arguments
-        self._expected: tuple[Transition, ExpectedMotion] | None = None  # the latest one, from that transition
+        self._expected_by: tuple[Transition, ExpectedMotion] | None = None  # the latest one, from that transition
         self._carried = False  # the state was begun before the current map
         self._unproven = False  # no motion of the images has agreed with it yet
         self._anew: Known | None = None  # the state begins again with this in the next frame
-
-    @property
-    def problem(self) -> str:
-        """Why samples cannot be used; empty if they can."""
-        return self._buffer.problem
+        self._is_fresh = True  # the velocity is not known yet, so that nothing can be expected of the samples
+        self._missing_s = 0.0  # the time without samples
+        self._before_ns = 0  # the stamp of the frame before the latest one
+        self._trial: Known | None = None  # the state at the latest frame while samples are not used
+        self.contradiction = ""  # of samples and images, in the latest frame
+        self.problem = ""  # why samples are not used, or were not; empty if there was no reason
 
     @property
     def is_trusted(self) -> bool:
@@ -68,10 +72,10 @@ class Inertia:
 
         Once they have agreed for long, a single contradicting frame shows a moving body.
         """
-        agreement = self._agreement
-        return not agreement.distrusted and (self._distance2 < self._rules.impossible or not agreement.is_young)
+        belief = self._belief
+        return not (belief.is_out or belief.doubted) and (self._distance2 < self._rules.apart or belief.is_proven)
 
-    def take(self, view: InertialView | None) -> None:
+    def take(self, view: InertialView | None, stamp_ns: int) -> None:
         """Add the samples that came with a frame, unless inertia is switched off; no sample is added twice."""
         if view is None or not self._config.enabled or view.samples is self._taken:
             return
@@ -79,14 +83,19 @@ class Inertia:
         if self._calibration is None:
             self._calibration = view.calibration
             self._buffer = SampleBuffer(view.calibration)
-        self._buffer.add(view.samples)
+        self._buffer.add(view.samples, stamp_ns)
         if not self._noise_known and (noise := self._buffer.noise()) is not None:
             of = view.calibration
             self._densities = Densities.begun(self._rules, noise / [of.gyro_noise, of.accel_noise])
             self._noise_known = True
-        if self.problem and self.now is not None:
-            logging.getLogger("stream_sfm").warning(self.problem)
-            self.now = self._anew = None
+        if self._buffer.problem and (self.now is not None or self.problem != self._buffer.problem):
+            self._end(self._buffer.problem)
+
+    def _end(self, problem: str) -> None:
+        """Go on without samples."""
+        logging.getLogger("stream_sfm").warning(problem)
+        self.problem, self.now, self._anew, self._trial = problem, None, None, None
+        self._steadiness = Steadiness(self._rules)
 
     def begun(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Known | None:
         """Return the initial state of a camera; None without samples around its stamp."""
@@ -106,9 +115,14 @@ class Inertia:
 
     def begin(self, current: Map, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
         """Give a new map its inertial state: the predicted one, or else an initial one."""
-        known = self.predicted(stamp_ns)
-        self._carried = self._unproven = known is not None and not self._agreement.is_young
+        known = None if self._belief.is_out else self.predicted(stamp_ns)
+        self._carried = self._unproven = known is not None and (self._belief.is_proven or self._unproven)
+        self._belief, self._trial = self._belief.interrupted(), None
+        if self._belief.is_out:
+            self.now = None
+            return
         if known is None:
+            self._is_fresh = True
             known = self.begun(stamp_ns, world_from_cam, cov_pose)
         if known is None or self._calibration is None:
             return
@@ -120,10 +134,11 @@ class Inertia:
     def forget(self) -> None:
         """Forget the state: if the motion may have been a body's, its velocity predicts nothing."""
         self.now = self._anew = None
+        self._belief = self._belief.interrupted()
 
     def predicted(self, stamp_ns: int) -> Known | None:
         """Return pose and state at a later time, by the samples alone, eq. (81); None if samples are missing."""
-        if self.now is not None and stamp_ns == self.now.stamp_ns and not self.problem:
+        if self.now is not None and stamp_ns == self.now.stamp_ns:
             return self.now
         found = self.transition(stamp_ns)
         return None if found is None or self.now is None else self.now.carried(found, stamp_ns)
@@ -150,7 +165,7 @@ class Inertia:
         """Return pose and state at a later time with further samples, which are not kept; None if some are missing."""
         ahead = copy(self)
         ahead._buffer = self._buffer.copied()
-        ahead.take(view)
+        ahead.take(view, stamp_ns)
         known = ahead.predicted(stamp_ns)
         if known is None:
             return None
@@ -166,23 +181,31 @@ class Inertia:
 
     def enter(self, frame: WindowFrame, current: Map) -> None:
         """Give a frame that is about to enter a map the samples since the previous frame."""
+        before = self._before_ns = (current.frames[-1] if current.frames else current.reference).stamp_ns
         self._begin_late(current)
-        window, now = current.inertia, self.now
+        window, now, self.contradiction = current.inertia, self.now, ""
         if window is not None and now is None:
             current.end_inertia()
         if window is None or now is None:
             return
         window.factors = self._densities.factors
-        before = (current.frames[-1] if current.frames else current.reference).stamp_ns
-        if current.frames and not window.intervals[-1].complete:  # its samples have arrived by now
+        if current.frames and window.intervals[-1].lacks_end:  # its last samples have arrived by now
             first = (current.frames[-2] if len(current.frames) > 1 else current.reference).stamp_ns
             window.intervals[-1] = self._interval(first, before, now.state)
         found = self._leading(before, frame.stamp_ns, now, window.cam_from_imu)
+        dense = found.interval.dense
+        self._missing_s = 0.0 if dense else self._missing_s + found.interval.seconds
+        if self._missing_s >= self._rules.lasting_s:
+            self._belief = self._belief.interrupted().on_trial()
+            self._end(f"inertial samples have been missing for {self._missing_s:.1f} s: {_BY_IMAGES}")
+            current.end_inertia()
+            return
         frame.interval = found.interval
-        frame.velocity = (found if frame.interval.cov_gyro.any() else now).state[VELOCITY]
+        frame.velocity = (found if dense else now).state[VELOCITY]
         self._note = frame.interval.note
-        frame.turning = self._turning(frame.stamp_ns, now.state) if self.is_trusted else None
-        if current.first_views is not None and self.is_trusted:  # later frames show their motion better
+        guides = self.guiding(frame.stamp_ns) is not None
+        frame.turning = self._turning(frame.stamp_ns, now.state) if guides else None
+        if current.first_views is not None and guides:  # later frames show their motion better
             current.reference.turning = self._turning(current.reference.stamp_ns, now.state)
 
     def _turning(self, stamp_ns: int, state: Array) -> Array | None:
@@ -194,72 +217,123 @@ class Inertia:
         return -np.stack([found[0] - state[GYRO_BIAS], found[1]]) @ mounted.T
 
     def _begin_late(self, current: Map) -> None:
-        """Begin the state of a map in its newest camera, after a contradiction or if samples started late."""
+        """Begin the state of a map in its newest camera: anew, if samples started late, or after a trial."""
         begun, self._anew, calibration = self._anew, None, self._calibration
-        if current.inertia is None and not self.problem:
-            newest = (current.frames[-1] if current.frames else current.reference).stamp_ns
-            begun = self.begun(newest, current.marginals.world_from_cam, current.marginals.cov_pose)
-        if begun is not None and calibration is not None:
-            window = InertialWindow(
-                calibration.cam_from_imu, self._densities.factors, self._rules, knows_gravity=False
-            )
-            current.begin_inertia(window, begun)
-            self.now = begun
+        if current.inertia is None and not self._belief.is_out:
+            pose = current.marginals.world_from_cam, current.marginals.cov_pose
+            begun = self.begun(self._before_ns, *pose)
+            if begun is not None and (tried := self._trial) is not None and tried.stamp_ns == self._before_ns:
+                begun = beside(self._before_ns, *pose, tried.state, tried.cov_state)
+            self._trial = None
+        if begun is None or calibration is None:
+            return
+        window = InertialWindow(calibration.cam_from_imu, self._densities.factors, self._rules, knows_gravity=False)
+        current.begin_inertia(window, begun)
+        self.now, self._is_fresh = begun, True
 
     def judge(self, motion: Resection, frame: WindowFrame) -> Resection:
-        """Compare the motions from images and samples, eq. (85); if they disagree, either may be the camera's.
+        """Compare the motions from images and samples; if they contradict, either may be the camera's.
 
         Raises NotTheCameraError if the map is new and the samples are not.
         """
-        now = self.now
-        if frame.interval is None or now is None:
+        if frame.interval is None or self.now is None:
+            self._try(motion, frame)
             return motion
-        expected = self.expected_motion(frame.stamp_ns)
-        if expected is None or not frame.interval.cov_gyro.any():
+        expected, rules = self.expected_motion(frame.stamp_ns), self._rules
+        if expected is None or not frame.interval.dense:
+            self._belief = self._belief.interrupted()
             return motion
-        cov = self._rules.farther**2 * (motion.spread * motion.cov_pose)
-        distance2, late_s, var_s2 = distance2_of(expected, motion.cam_from_ref, cov, frame.std_turn_rad)
-        self._jitter = self._jitter.after(late_s, max(var_s2 - frame.interval.var_time, 0.0))
-        more_s2 = self._jitter.var_interval - frame.interval.var_time
-        if more_s2 > 0:  # than the prediction was made with
-            frame.interval = changed(frame.interval, var_time=self._jitter.var_interval)
-            distance2 -= more_s2 / (var_s2 + more_s2) * late_s**2 / var_s2
-        turns = (
-            float(np.linalg.norm(se3.log_so3(frame.interval.rotation))),
-            float(np.linalg.norm(se3.log_so3(motion.cam_from_ref[:3, :3]))),
-        )
-        self._unproven = self._unproven and distance2 > self._rules.impossible
-        if self._unproven and self.dead_reckoned(frame.stamp_ns) is not None:
+        found = self._innovation(expected, motion, frame)
+        if motion.ambiguous is not None and not self._belief.is_proven:  # neither can confirm the other
+            frame.interval, self._belief = frame.interval.open(found.distance2), self._belief.interrupted()
+            self._is_fresh = True
+            return motion
+        distance2 = self._learn_jitter(found, expected, frame)
+        self._unproven = self._unproven and distance2 > rules.apart
+        if motion.ambiguous is None:
+            self._belief = self._belief.after(found, self._is_fresh)
+        self._is_fresh, self._distance2 = distance2 > rules.apart, distance2
+        if self._unproven and not self._belief.is_out and self.dead_reckoned(frame.stamp_ns) is not None:
             raise NotTheCameraError("the images of a new map contradict the samples: they may show a moving body")
-        self._distance2 = distance2
-        self._agreement = self._agreement.after(distance2, frame.interval.seconds, turns)
-        # this interval may be wrong, even if the others agree
-        if self._agreement.contradicts or distance2 > self._rules.impossible:
-            frame.interval = frame.interval.open()
-        if not (self._agreement.contradicts or (self._agreement.distrusted and self._agreement.is_young)):
+        if distance2 <= rules.apart:
             return motion
+        frame.interval = frame.interval.open(distance2)  # it may be wrong, even if the others agree
+        if not (self._belief.doubted and self._belief.lasted_s):  # a single frame is no contradiction
+            return motion
+        self.contradiction = self._belief.problem
         other = SecondMotion(
             se3.inverse(expected.previous_from_cam), expected.cov, np.zeros_like(motion.accepted), odds=1.0
         )
         return replace(motion, second=other)
 
+    def _innovation(self, expected: ExpectedMotion, motion: Resection, frame: WindowFrame) -> Innovation:
+        cov = self._rules.farther**2 * (motion.spread * motion.cov_pose)
+        seconds = (frame.stamp_ns - expected.since_ns) / 1e9
+        return Innovation.of(expected, motion.cam_from_ref, cov, frame.std_turn_rad, seconds)
+
+    def _learn_jitter(self, found: Innovation, expected: ExpectedMotion, frame: WindowFrame) -> float:
+        """Learn the errors of stamps, and return the squared distance of the motions with them."""
+        interval, distance2 = frame.interval, found.distance2
+        if interval is None:
+            return distance2
+        late_s, var_s2 = found.as_time(expected.twist)
+        self._jitter = self._jitter.after(late_s, max(var_s2 - interval.var_time, 0.0))
+        more_s2 = self._jitter.var_interval - interval.var_time
+        if more_s2 <= 0:
+            return distance2
+        frame.interval = changed(interval, var_time=self._jitter.var_interval)  # more than it was predicted with
+        return distance2 - more_s2 / (var_s2 + more_s2) * late_s**2 / var_s2
+
+    def _try(self, motion: Resection, frame: WindowFrame) -> None:
+        """Carry on the trial of samples that are not used; each of its states begins and ends as one of a map does."""
+        tried, calibration, before = self._trial, self._calibration, self._before_ns
+        self._trial = None
+        if calibration is None or self._buffer.problem or motion.ambiguous is not None:
+            self._belief = self._belief.interrupted()
+            return
+        if is_fresh := tried is None or tried.stamp_ns != before:
+            self._belief = self._belief.on_trial()
+            tried = self.begun(before, np.eye(4), np.zeros((6, 6)))
+        interval = None if tried is None else self._interval(before, frame.stamp_ns, tried.state)
+        if tried is None or interval is None or not interval.dense:
+            self._belief = self._belief.interrupted()
+            return
+        by = transition(tried.state, interval, self._densities.factors, calibration.cam_from_imu)
+        then = tried.carried(by, frame.stamp_ns)
+        found = self._innovation(self._expected(tried, then), motion, frame)
+        self._belief = self._belief.after(found, is_fresh)
+        if found.distance2 < self._rules.apart:
+            tried = corrected(then, found)
+            self._trial = None if impossible(tried.state, tried.cov_state, self._rules) else tried
+
     def expected_motion(self, stamp_ns: int) -> ExpectedMotion | None:
         """Return the motion from the latest estimate to a stamp, predicted by the samples."""
-        now, calibration, found = self.now, self._calibration, self.transition(stamp_ns)
-        if now is None or calibration is None or found is None:
+        now, found = self.now, self.transition(stamp_ns)
+        if now is None or found is None:
             return None
-        if self._expected is not None and self._expected[0] is found:  # each frame needs it twice
-            return self._expected[1]
-        cov = now.cov.copy()
-        cov[JOINT["pose"]], cov[:, JOINT["pose"]] = 0.0, 0.0
-        then = Known(now.stamp_ns, np.eye(4), now.state, cov).carried(found, stamp_ns)
-        rate = self._buffer.rate(stamp_ns, float(then.state[CLOCK][0])) - then.state[GYRO_BIAS]
-        mounted = calibration.cam_from_imu[:3, :3] @ se3.exp_so3(then.state[AXES])
-        twist = -np.concatenate([then.state[VELOCITY], mounted @ rate])
-        flags = {"carried": self._carried, "agreed": not self._agreement.is_young}
-        expected = ExpectedMotion(now.stamp_ns, then.world_from_cam, then.cov_pose, twist, **flags)
-        self._expected = found, expected
-        return expected
+        if self._expected_by is None or self._expected_by[0] is not found:  # each frame needs it twice
+            cov = now.cov.copy()
+            cov[JOINT["pose"]], cov[:, JOINT["pose"]] = 0.0, 0.0
+            since = Known(now.stamp_ns, np.eye(4), now.state, cov)
+            self._expected_by = found, self._expected(since, since.carried(found, stamp_ns))
+        return self._expected_by[1]
+
+    def _expected(self, since: Known, then: Known) -> ExpectedMotion:
+        """Return the motion from one pose, which is the origin, to another."""
+        mounted = np.eye(3) if self._calibration is None else self._calibration.cam_from_imu[:3, :3]
+        rate = self._buffer.rate(then.stamp_ns, float(then.state[CLOCK][0])) - then.state[GYRO_BIAS]
+        twist = -np.concatenate([then.state[VELOCITY], mounted @ se3.exp_so3(then.state[AXES]) @ rate])
+        flags = {"carried": self._carried, "agreed": self._belief.is_proven}
+        return ExpectedMotion(since.stamp_ns, then.world_from_cam, then.cov_pose, twist, **flags)
+
+    def guiding(self, stamp_ns: int) -> ExpectedMotion | None:
+        """Return the expected motion if the samples are trusted, none is missing, and a camera can move so."""
+        found = self.transition(stamp_ns) if self.is_trusted else None
+        if found is None or not found.interval.dense:
+            return None
+        evenly, motion = self._belief.evenly, se3.log(found.previous_from_now)
+        possible = evenly.allows(motion, found.interval.seconds, self._rules.most_change)
+        return self.expected_motion(stamp_ns) if possible else None
 
     def dead_reckoned(self, stamp_ns: int) -> InertialEstimate | None:
         """Return the state at a time without a pose from images; None if its σ is too large to report it."""
@@ -289,21 +363,23 @@ class Inertia:
             of_mean = read_off.world_from_ref, read_off.cams_from_ref, read_off.inertial_state
             pose, state = read_off.inertia.newest_mean(*of_mean)
             known = changed(known, world_from_cam=pose, state=state)
-        if len(current.frames) == self._frames:
+        if len(current.frames) == self._frames and not current.frames[0].in_question:
             window.learn(current.system, *seen)
             self._densities = self._densities.after(window.surprise)
-        known = self._with_odds(known, cov)
+        known = with_odds(known, cov, self._std_fixed, self._rig)
         doubted = known.cov.copy()
         doubted[JOINT["pose"], JOINT["pose"]] += current.cov_doubt
         self.now = changed(known, cov=doubted)  # predictions begin there
-        is_wrong = impossible(known.state, known.cov_state, self._rules)
-        if is_wrong or (
-            self._agreement.contradicts and self._agreement.is_young
-        ):  # forget a state from a wrong motion
-            self._agreement = self._agreement.anew()
+        note = "; ".join(filter(None, [self.contradiction, self._note]))
+        estimate = inertial_estimate(self.now, self._densities.factors, self._distance2, note)
+        self._steadiness, moved = self._steadiness.after(known)
+        moved = moved and self._belief.is_proven  # its noise is not known before
+        if moved or impossible(known.state, known.cov_state, self._rules):  # forget a state from a wrong motion
+            self._belief, self._steadiness = self._belief.anew(), Steadiness(self._rules)
             self._anew = self.begun(stamp_ns, known.world_from_cam, known.cov_pose)
-        note = "; ".join(filter(None, [self._agreement.note, self._note]))
-        return known, inertial_estimate(self.now, self._densities.factors, self._distance2, note)
+        if self._belief.is_out:
+            self._end(f"{self._belief.problem}: {_BY_IMAGES}")
+        return known, estimate
 
     def placed(self, estimate: InertialEstimate | None, world_from_cam: Array) -> InertialEstimate | None:
         """Move the latest pose to the reported one; the move is a known error, and is added to its covariance."""
@@ -315,22 +391,6 @@ class Inertia:
         self.now = Known(self.now.stamp_ns, world_from_cam, self.now.state, cov)
         return replace(estimate, cov=cov)
 
-    def _with_odds(self, known: Known, cov: Array) -> Known:
-        """Return pose and state at the probable scale, axes and clock, eq. (87).
-
-        `known` is conditional on the rig's errors, which are held; `cov` (23, 23) is not. While these are held, the
-        effect on the pose that scale and rig have in common is attributed to the rig, so the pose moves by the
-        conditional covariances.
-        """
-        apart = likely(known.state, cov[JOINT["state"], JOINT["state"]], self._std_fixed, self._rig)
-        apart -= known.state[FIXED]
-        at = JOINT.within("state", FIXED)
-        moved = known.cov[:, at] @ np.linalg.solve(known.cov[at, at], apart)
-        state = known.state + moved[JOINT["state"]]
-        pose = se3.orthonormalise(known.world_from_cam @ se3.exp(moved[JOINT["pose"]]))
-        cov = symmetric(cov + np.outer(moved, moved))  # the squared moves of the fixed parameters are added
-        return Known(known.stamp_ns, pose, state, cov)
-
 
 def inertial_estimate(known: Known, factors: Array, distance2: float = 0.0, note: str = "") -> InertialEstimate:
     """Return the reported form of a state."""
@@ -340,48 +400,3 @@ def inertial_estimate(known: Known, factors: Array, distance2: float = 0.0, note
         *(known.cov, factors[:2], distance2),
         note=note,
     )
-
-
-class TakesSamples:
-    """The methods of every estimator that uses inertial samples; see `InertialEstimator`."""
-
-    inertia: Inertia
-
-    @property
-    def inertial_problem(self) -> str:
-        """Why inertial samples are not used."""
-        return self.inertia.problem
-
-    def expect(self, stamp_ns: int, view: InertialView | None) -> ExpectedMotion | None:
-        """Return the motion that inertial samples predict for the next frame."""
-        self.inertia.take(view)
-        return self.inertia.expected_motion(stamp_ns) if self.inertia.is_trusted else None
-
-    def predict(self, stamp_ns: int, view: InertialView | None) -> Prediction | None:
-        """Return pose and state at a later time, predicted by inertial samples."""
-        return self.inertia.prediction(stamp_ns, view)
-
-    def by_inertia_if_lost(self, solution: Solution, stamp_ns: int) -> Solution:
-        """Return the solution of a frame; if it is lost, dead-reckoned by inertia as long as σ is small enough."""
-        if solution.status != Status.LOST or solution.inertial is not None:
-            return solution
-        by_inertia = self.inertia.dead_reckoned(stamp_ns)
-        if by_inertia is None:
-            return solution
-        reason = f"dead-reckoned by the IMU: {solution.reason}"
-        return replace(solution, status=Status.DEGRADED, reason=reason, inertial=by_inertia)
-
-
-class InertialMotionModel(MotionModel):
-    """The motion model with inertial samples, which predict if they reach the requested time."""
-
-    def __init__(self, config: Config, inertia: Inertia) -> None:
-        super().__init__(config.motion)
-        self._inertia = inertia
-
-    def predict(self, stamp_ns: int) -> tuple[Array, Array]:
-        """Predict pose (4, 4) and covariance (6, 6) by samples, eq. (81), or else as `MotionModel` does."""
-        known = self._inertia.predicted(stamp_ns) if self.started else None
-        if known is None:
-            return super().predict(stamp_ns)
-        return known.world_from_cam, known.cov_pose.copy()

@@ -1,6 +1,6 @@
-"""Checks of inertia: whether it agrees with the images, how large its noise is, and which errors are exactly zero.
+"""Checks of inertia: whether its state is possible, how large its noise is, and which errors are exactly zero.
 
-All checks run from the first frame on, eqs. (85) to (87).
+All checks run from the first frame on, eqs. (86) to (87). Whether samples are believed is in `belief.py`.
 """
 
 from itertools import product
@@ -10,95 +10,18 @@ import numpy as np
 from ...config import RigConfig
 from ...config.inertia_rules import InertiaRules
 from ...geometry import Array, se3
-from ...geometry.linear import mahalanobis2
+from ...geometry.linear import mahalanobis2, symmetric
 from ...inertial.state import ACCEL_BIAS, FIXED, GRAVITY, GRAVITY_M_S2
 from ...record import changed, record
-from ...types import ExpectedMotion
+from .interval import JOINT, Known
 
-_EXPECTED = 6.0  # squared distance of the two motions of a frame
-_DEGREES = 180 / np.pi
 _SIZES = (1, 3, 1)  # of scale, axes and clock
 _THERE = np.array(list(product((0.0, 1.0), repeat=len(_SIZES))))  # which errors are not zero: all combinations
 _ROWS = np.repeat(_THERE, _SIZES, axis=1)
 
 
-@record
-class Agreement:
-    """Whether the motions from images and samples agree.
-
-    `distances2`: the squared distances of the latest frames; `agreed_s`: the time for which they have agreed;
-    `distrusted`: there was a contradiction, and they have not agreed for long since; `is_young`: they have never agreed
-    for long. `usual`: the recent mean of the squared distance; `log_ratio`: smoothed logarithm of the ratio of the
-    rotations by gyroscope and by images.
-    """
-
-    rules: InertiaRules
-    distances2: tuple[float, ...] = ()
-    agreed_s: float = 0.0
-    distrusted: bool = False
-    is_young: bool = True
-    log_ratio: float = 0.0
-    usual: float = _EXPECTED
-
-    def after(self, distance2: float, seconds: float, turns_rad: tuple[float, float]) -> "Agreement":
-        """Return it after a frame with this squared distance; `turns_rad`: rotations by gyroscope and by images."""
-        rules = self.rules
-        latest = (*self.distances2, min(distance2, rules.impossible))[-rules.frames :]
-        contradicts = sum(latest) > self.bound
-        usual = self.usual + (latest[-1] - self.usual) / rules.usual_frames
-        agreed_s = 0.0 if contradicts else self.agreed_s + seconds
-        log_ratio = self.log_ratio
-        if min(turns_rad) > 1e-3:
-            log_ratio += 0.2 * (np.log(turns_rad[0] / turns_rad[1]) - log_ratio)
-        distrusted = contradicts or (self.distrusted and agreed_s < rules.agreed_s)
-        is_young = self.is_young and agreed_s < rules.agreed_s
-        return Agreement(rules, latest, agreed_s, distrusted, is_young, log_ratio, usual)
-
-    @property
-    def bound(self) -> float:
-        """The largest sum of the latest squared distances without a contradiction."""
-        return min(self.rules.bound * max(1.0, self.usual / _EXPECTED), self.rules.largest_bound)
-
-    @property
-    def contradicts(self) -> bool:
-        """Whether the latest frames do not agree."""
-        return sum(self.distances2) > self.bound
-
-    def anew(self) -> "Agreement":
-        """Return it for a state that begins again: neither samples nor images are trusted until both agree."""
-        return Agreement(self.rules, distrusted=True, log_ratio=self.log_ratio)
-
-    @property
-    def note(self) -> str:
-        """The note for the estimate; empty without a contradiction."""
-        if not (self.contradicts or (self.distrusted and self.is_young)):
-            return ""
-        if abs(self.log_ratio - np.log(_DEGREES)) < 0.5:
-            return (
-                "the IMU contradicts the images: its rates are some 57 times too high, are they degrees per second?"
-            )
-        return "the IMU contradicts the images"
-
-
-def distance2_of(
-    expected: ExpectedMotion, cam_from_previous: Array, cov: Array, std_slide_rad: float
-) -> tuple[float, float, float]:
-    """Return the squared distance of a motion (4, 4) from the expected one, and their difference in time.
-
-    `cov` (6, 6): of the inverse motion. The time, s, is that in which the camera moves by the difference; its variance,
-    s², comes last.
-    """
-    apart = se3.log(se3.inverse(expected.previous_from_cam) @ se3.inverse(cam_from_previous))
-    both = expected.cov + cov
-    both[range(3, 6), range(3, 6)] += std_slide_rad**2
-    per_second = -expected.twist + 1e-9  # not zero
-    of_apart, of_time = np.linalg.solve(both, np.stack([apart, per_second], axis=1)).T
-    var_s2 = 1 / float(per_second @ of_time)
-    return float(apart @ of_apart), var_s2 * float(per_second @ of_apart), var_s2
-
-
 def impossible(state: Array, cov: Array, rules: InertiaRules) -> bool:
-    """Whether a state (17,) with `cov` (17, 17) is impossible, so that it began with a wrong motion, eq. (85)."""
+    """Whether a state (17,) with `cov` (17, 17) is impossible, so that it began with a wrong motion."""
     bias, gravity = state[ACCEL_BIAS], state[GRAVITY]
     if bias @ bias > rules.far_bias * rules.std_accel_bias_m_s2**2 + rules.far_bias * np.trace(
         cov[ACCEL_BIAS, ACCEL_BIAS]
@@ -216,3 +139,20 @@ def likely(state: Array, cov: Array, std: Array, rig: RigConfig) -> Array:
     weights /= weights.sum()
     probable = 2 - 1 / np.maximum(weights @ _THERE, 0.5)  # zero unless the error is likelier present than absent
     return np.asarray(np.repeat(probable, _SIZES) * (weights @ means) * std)
+
+
+def with_odds(known: Known, cov: Array, std_fixed: Array, rig: RigConfig) -> Known:
+    """Return pose and state at the probable scale, axes and clock, eq. (87).
+
+    `known` is conditional on the rig's errors, which are held; `cov` (23, 23) is not. While these are held, the
+    effect on the pose that scale and rig have in common is attributed to the rig, so the pose moves by the
+    conditional covariances.
+    """
+    apart = likely(known.state, cov[JOINT["state"], JOINT["state"]], std_fixed, rig)
+    apart -= known.state[FIXED]
+    at = JOINT.within("state", FIXED)
+    moved = known.cov[:, at] @ np.linalg.solve(known.cov[at, at], apart)
+    state = known.state + moved[JOINT["state"]]
+    pose = se3.orthonormalise(known.world_from_cam @ se3.exp(moved[JOINT["pose"]]))
+    cov = symmetric(cov + np.outer(moved, moved))  # the squared moves of the fixed parameters are added
+    return Known(known.stamp_ns, pose, state, cov)

@@ -21,14 +21,18 @@ OF_LEAVING = Layout(pose=6, state=STATE, slide=3, velocity=3)
 # Variances without a measurement: of a rotation, a velocity, and a displacement within an interval.
 _UNKNOWN = np.repeat([4.0, 400.0, 400.0], 3)
 _LEAST = np.repeat([1e-14, 1e-12, 1e-14], 3)
+# In an interval of few samples, errors of velocity and displacement are those of the same samples. This share of their
+# variances keeps their covariance definite, however large it is.
+_WITH_SHARE = np.ones((9, 9)) + 1e-9 * np.eye(9)
 
 
 @record
 class Interval:
     """The result of `core.preintegrate` between two stamps, at `biases` (6,) and a time offset `clock`.
 
-    `std_walk` (6,): σ of the random walk of the biases; `complete`: whether all samples were there; `by_time` (9,): the
-    derivative by the length of the interval, and `var_time`, s²: the variance of this length.
+    `std_walk` (6,): σ of the random walk of the biases; `complete`: whether all samples were there; `dense`: whether
+    none was missing for long, so that they tell the motion; `by_time` (9,): the derivative by the length of the
+    interval, and `var_time`, s²: the variance of this length.
     """
 
     rotation: Array
@@ -45,6 +49,7 @@ class Interval:
     var_time: float = 0.0
     opened: float = 1.0
     complete: bool = True
+    dense: bool = True
     note: str = ""
 
     @classmethod
@@ -60,7 +65,8 @@ class Interval:
         seconds = float(samples.seconds[-1] - samples.seconds[0])
         std_walk = np.repeat(factors[:2] * np.array([of.gyro_walk, of.accel_walk]) * np.sqrt(seconds), 3)
         clock = float(state[CLOCK][0])
-        of_samples = {"complete": samples.complete, "note": samples.note, "std_walk": std_walk}
+        of_samples = {"complete": samples.complete, "dense": samples.dense, "note": samples.note}
+        of_samples |= {"std_walk": std_walk}
         by_time = _by_time(samples, calibration.cam_from_imu[:3, :3], state, parts)
         of_samples |= {"by_time": by_time, "var_time": var_time}
         return filled(cls, parts, biases=state[BIASES].copy(), clock=clock, seconds=seconds, **of_samples)
@@ -73,12 +79,17 @@ class Interval:
         biases, clock = state[BIASES].copy(), float(state[CLOCK][0])
         return cls(
             np.eye(3), np.zeros((2, 3)), np.zeros((9, 6)), np.zeros((3, 3)), nothing, unknown,
-            biases, clock, seconds, std_walk, np.zeros(9), note="there are no inertial samples",
+            biases, clock, seconds, std_walk, np.zeros(9), dense=False, note="there are no inertial samples",
         )  # fmt: skip
 
-    def open(self) -> "Interval":
-        """Return the interval with nearly no information."""
-        return changed(self, opened=1e4)  # factor on its variance
+    @property
+    def lacks_end(self) -> bool:
+        """Whether its last samples were missing, but not for long, and nothing speaks against those that were there."""
+        return not self.complete and self.dense and self.opened == 1.0
+
+    def open(self, distance2: float) -> "Interval":
+        """Return the interval with nearly no information, where a motion is at this squared distance from it."""
+        return changed(self, opened=max(1e4, 1e2 * distance2))  # factor on its variance: a tenth of σ is left
 
 
 class Intervals(NamedTuple):
@@ -111,7 +122,7 @@ class Intervals(NamedTuple):
             np.array([i.motion for i in intervals]).reshape(n, 6),
             np.array([i.by_bias for i in intervals]),
             np.array([i.by_clock for i in intervals]).reshape(n, 9),
-            np.diag(_LEAST) + opened * by_both + _of_time(intervals),
+            np.diag(_LEAST) + opened * by_both * _WITH_SHARE + _of_time(intervals),
             np.array([i.biases for i in intervals]),
             np.array([i.clock for i in intervals]),
             np.array([i.seconds for i in intervals]),

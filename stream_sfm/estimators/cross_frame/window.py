@@ -34,7 +34,7 @@ from ..lifecycle import (
 )
 from .followed import followed
 from .halves import SpanFactors
-from .inertia import Inertia, InertialMotionModel, NotTheCameraError, TakesSamples
+from .inertia import Inertia, NotTheCameraError
 from .inverse_depth import WhitenedViews
 from .map import Map
 from .marginals import Marginals
@@ -44,6 +44,7 @@ from .own_turn import size_turn
 from .relative import common_errors, newest_motion, relative_motions
 from .reported import reported
 from .rig_state import NO_RIG, RigState, impossible
+from .takes_samples import InertialMotionModel, TakesSamples
 from .track_noise import TrackNoise
 from .velocities import cov_of_timing, expect, renew_timing
 from .window_frame import WindowFrame, views_of
@@ -73,7 +74,7 @@ class CrossFrame(TakesSamples):
 
     def step(self, observations: Observations) -> Solution:
         """Process the next frame; see `Estimator.step`."""
-        self.inertia.take(observations.inertial)
+        self.inertia.take(observations.inertial, observations.stamp_ns)
         try:
             solution = self._take(observations)
         except np.linalg.LinAlgError:
@@ -266,7 +267,7 @@ class CrossFrame(TakesSamples):
         if motion.ambiguous is None:  # otherwise the motion may be wrong instead
             self._impossible = impossible(rig, self.config.rig)
         observations = _with_misfit(observations, self._impossible)
-        observations = _with_note(observations, "" if inertial is None else inertial.note)
+        observations = _with_note(observations, self.inertia.contradiction)
         ids, used = current.views.ids[current.newest], current.views.used[current.newest]
         n_accepted = int(np.count_nonzero(used & core.among(ids, before.ids)))  # by the joint minimum, too
         status, reason = frame_status(n_accepted, observations.note, self.config.rules.robust, motion)
