@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import Camera, ConfigError, ImuCalibration, StereoRig, open_log
-from stream_sfm.camera.calibration.read import read_document
+from stream_sfm.camera.calibration.read import calibrations_near, read_document
 from stream_sfm.camera.calibration.slam import body_from_left
 from stream_sfm.camera.lens import project_into_image
 from stream_sfm.geometry import se3
@@ -79,6 +79,10 @@ def test_openvins_by_the_configuration_that_names_the_files(tmp_path):
     write(tmp_path / "imu.yaml", "%YAML:1.0\n\nimu0:\n  accelerometer_noise_density: 2.0e-3\n")
     named = 'relative_config_imu: "imu.yaml"\nrelative_config_imucam: "chain.yaml"\n'
     check(path := write(tmp_path / "estimator_config.yaml", f"%YAML:1.0 # \n\nuse_stereo: true\n{named}"))
+    assert [[file.name for file in files] for files in next(calibrations_near(path))] == [
+        ["chain.yaml", "imu.yaml"],
+        ["estimator_config.yaml", "imu.yaml"],  # the same calibration
+    ]
     imu = StereoRig.from_calibration(path).imu
     assert imu.accel_noise == 2e-3
     np.testing.assert_allclose(imu.cam_from_imu, cam_from_imu, atol=1e-9)

@@ -143,7 +143,7 @@ def _all_in(folder: Path) -> list[list[Document]]:
         if documents := [document for document in readable if _format_of(document) is form]:
             of_one = form is OPENCV or (form.files == 2 and len(documents) == 2)
             found += [sorted(documents, key=_is_right)] if of_one else [[document] for document in documents]
-    units = [document for document in readable if is_imu_file(document.data)]
+    units = [document for document in readable if is_imu_file(document.data) and _format_of(document) is None]
     return [documents + units[:1] for documents in found]
 
 
