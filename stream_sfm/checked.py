@@ -11,9 +11,9 @@ from .camera.pixels import image_problem
 from .camera.rig import MonoRig, StereoRig, masked_by
 from .config import Config
 from .errors import ConfigError, FrameError
-from .inputs import INT64
+from .system.inputs import INT64
+from .system.wording import described
 from .types import Frame, MonoFrame, StereoFrame
-from .wording import described
 
 # Time between two frames: no camera is faster, and stamps on arrival are further apart. Closer stamps probably
 # count milliseconds or frames; σ of a prediction would then be far too small.

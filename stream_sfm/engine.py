@@ -17,7 +17,6 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from .blas import one_thread
 from .camera.rig import MonoRig, StereoRig, baseline_warnings, checked_pose
 from .config import Config
 from .errors import EngineBusyError
@@ -29,6 +28,7 @@ from .lane import BareLane
 from .motion import in_world
 from .observer import Observed, Observer
 from .pictures.prepared import PreparedImages
+from .system.blas import one_thread
 from .types import Estimator, Frame, FrameEstimate, InertialEstimator, Observations, Prediction
 
 

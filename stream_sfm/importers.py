@@ -10,16 +10,16 @@ from pathlib import Path
 
 from .camera.rig import StereoRig, baseline_warnings
 from .errors import InputError, LogError
-from .files import make_folder
-from .inputs import LIMITS
 from .mcap_file.log_file import LogFile
 from .mcap_file.log_writer import MessageWriter
 from .mcap_file.message import Damage
-from .outputs import refuse_existing, refuse_overwriting
 from .sources.data_sets import open_data_set
 from .sources.given import Given
 from .sources.image_files import ImageFile, ImageFilesSource
 from .sources.image_sets import first_image, open_images
+from .system.files import make_folder
+from .system.inputs import LIMITS
+from .system.outputs import refuse_existing, refuse_overwriting
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,8 +26,8 @@ from .pictures.one_image import delivered
 from .pictures.prepared import PreparedImages
 from .record import changed
 from .rig_model.estimate import RigEstimate
+from .system.wording import described
 from .types import ExpectedMotion, Frame, InertialView, Solution, StereoFrame
-from .wording import described
 
 if TYPE_CHECKING:
     from .frontend.mono.front_end import MonoFrontEnd

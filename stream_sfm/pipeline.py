@@ -3,10 +3,10 @@
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 
-from .blas import one_thread
 from .engine import Engine
 from .observer import Observed
 from .pictures.prepared import PreparedImages
+from .system.blas import one_thread
 from .types import Frame, FrameEstimate
 
 

@@ -11,7 +11,7 @@ import pytest
 import scipy.linalg
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
-from stream_sfm.blas import OneThread
+from stream_sfm.system.blas import OneThread
 from tests.helpers.places import ROOM
 
 _PROGRAM = """
@@ -80,7 +80,7 @@ from stream_sfm.cli.process import settle
 settle()
 import scipy.linalg
 from threadpoolctl import ThreadpoolController
-from stream_sfm.blas import one_thread
+from stream_sfm.system.blas import one_thread
 with one_thread:
     print(one_thread.begun_so, {p["num_threads"] for p in ThreadpoolController().info() if p["user_api"] == "blas"})
 """

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from stream_sfm.executors import processes
-from stream_sfm.interrupts import deferred_interrupts
+from stream_sfm.system.executors import processes
+from stream_sfm.system.interrupts import deferred_interrupts
 
 
 def asleep(begun: Path) -> None:

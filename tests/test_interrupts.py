@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from mcap.opcode import Opcode
 
-from stream_sfm.interrupts import deferred_interrupts, termination_as_interrupt
+from stream_sfm.system.interrupts import deferred_interrupts, termination_as_interrupt
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -51,7 +51,7 @@ def test_in_another_thread_signals_are_left_alone() -> None:
 @pytest.mark.parametrize("frames_before", [1, 0])
 def test_a_frame_that_does_not_come_is_not_waited_for(frames_before: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where not even the first one comes the run is interrupted."""
-    monkeypatch.setattr("stream_sfm.interrupts.GRACE_S", 0.05)
+    monkeypatch.setattr("stream_sfm.system.interrupts.GRACE_S", 0.05)
 
     def frames() -> Iterator[int]:
         yield from range(frames_before)
@@ -67,7 +67,7 @@ def test_a_frame_that_does_not_come_is_not_waited_for(frames_before: int, monkey
 
 
 def test_the_frame_in_hand_is_finished_however_long_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stream_sfm.interrupts.GRACE_S", 0.05)
+    monkeypatch.setattr("stream_sfm.system.interrupts.GRACE_S", 0.05)
     taken = []
     with deferred_interrupts() as interruption:
         for item in interruption.until_requested([1, 2]):

@@ -19,11 +19,11 @@ import msgspec
 
 from .. import __version__
 from ..errors import ExitCode, OutputError
-from ..executors import ONE_THREAD
-from ..files import json_bytes, write_whole
-from ..inputs import open_regular
-from ..outputs import RESULTS, only_writer
 from ..report.pages import PAGE_OF_LOG
+from ..system.executors import ONE_THREAD
+from ..system.files import json_bytes, write_whole
+from ..system.inputs import open_regular
+from ..system.outputs import RESULTS, only_writer
 
 T = TypeVar("T")
 

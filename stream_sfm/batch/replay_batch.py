@@ -18,12 +18,12 @@ from ..camera.rig import checked_paths
 from ..config import Config, config_to_toml
 from ..errors import require_study
 from ..estimators import check_method
-from ..executors import cluster
-from ..files import json_bytes, make_folder, write_whole
-from ..interrupts import deferred_interrupts
-from ..outputs import only_writer, refuse_overwriting
 from ..recording.truth_file import GroundTruthFile
 from ..report.pages import PAGE_OF_LOG, render_batch, render_log
+from ..system.executors import cluster
+from ..system.files import json_bytes, make_folder, write_whole
+from ..system.interrupts import deferred_interrupts
+from ..system.outputs import only_writer, refuse_overwriting
 from ..types import Selection
 from .job import FILES, POLL_S, Job, JobResult, read_summary, run_job
 from .logs import find_logs, names_for, truth_files

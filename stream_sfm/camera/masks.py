@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError, as_error
-from ..inputs import LIMITS, read_small
+from ..system.inputs import LIMITS, read_small
 
 Mask = NDArray[np.bool_]
 _PNG, _HEADER_BYTES = b"\x89PNG\r\n\x1a\n", 24

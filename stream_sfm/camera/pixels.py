@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..wording import described
+from ..system.wording import described
 from .settings import SETTINGS
 
 Grey: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]

@@ -10,7 +10,7 @@ from ..config import Config
 from ..errors import ConfigError, as_error
 from ..geometry import Array, se3
 from ..inertial.samples import ImuCalibration
-from ..wording import described
+from ..system.wording import described
 from .calibration import toml_file
 from .calibration.document import Pair, Where, load, named, short
 from .masks import Mask, read_mask

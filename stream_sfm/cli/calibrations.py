@@ -33,8 +33,8 @@ def refine(
         out: the calibration to write (TOML)
         calibration: refine this calibration instead of the one in the logs
     """
-    from ..files import write_whole
     from ..run import refine as run
+    from ..system.files import write_whole
 
     options.at_least_one(logs, "LOG", "recordings of the same cameras")
     options.protect([out], list(logs), calibration)
@@ -99,8 +99,8 @@ def convert_calibration(
     """
     from ..camera.rectification import check_rectifiable
     from ..camera.rig import StereoRig, baseline_warnings
-    from ..files import write_whole
     from ..inspection.overview import describe_rig
+    from ..system.files import write_whole
 
     options.at_least_one(files, "FILE", "a calibration, or the files of left and right")
     options.protect([out], list(files))

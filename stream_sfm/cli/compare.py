@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ..errors import ExitCode
-from ..wording import printable
+from ..system.wording import printable
 from . import options
 from .printing import print_error, print_json, print_notes
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 from ..errors import ExitCode
-from ..wording import printable
+from ..system.wording import printable
 from . import options
 from .printing import print_json, print_notes
 

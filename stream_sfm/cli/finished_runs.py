@@ -34,9 +34,9 @@ def evaluate(
     """
     from ..evaluation.association import without_frames
     from ..evaluation.paired import paired
-    from ..files import write_whole
     from ..report.pages import Evaluated, render_evaluation
     from ..results.run_results import read_results
+    from ..system.files import write_whole
     from .summaries import print_evaluation
 
     options.at_least_one(runs, "RUN", "result folders, such as runs/latest")

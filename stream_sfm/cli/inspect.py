@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ExitCode, StreamSfmError
-from ..wording import counted
+from ..system.wording import counted
 from . import options
 from .printing import broken_at, number, output_width, print_json, print_notes, print_table
 
@@ -95,10 +95,10 @@ def _print(found: dict[str, Any], log: str, cameras: options.Cameras) -> None:
 def _write_page(log: str, file: str, cameras: options.Cameras) -> None:
     """Write the page about the calibration of a log; before and after, if there is something before it."""
     from ..config import Config
-    from ..files import write_whole
     from ..recording.stereo_log import open_log
     from ..report.rig_page import render_rig
     from ..run.looks import calibrations, look
+    from ..system.files import write_whole
     from ..types import Selection
 
     first_frames = Selection(max_frames=_FRAMES)

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from ..wording import LISTED, printable
+from ..system.wording import LISTED, printable
 
 _LONGEST = 400  # characters per line that are shown
 _END_S = 1.0  # for passing on the last lines; a viewer that keeps running may hold the descriptor for longer

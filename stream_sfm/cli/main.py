@@ -14,10 +14,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from typing import TYPE_CHECKING, TextIO
 
-from .. import __version__, memory
+from .. import __version__
 from ..errors import STUDY, ExitCode, StreamSfmError
-from ..interrupts import termination_as_interrupt
-from ..wording import printable
+from ..system import memory
+from ..system.interrupts import termination_as_interrupt
+from ..system.wording import printable
 from .library_messages import filtered
 from .printing import print_error
 from .process import settle

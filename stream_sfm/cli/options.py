@@ -293,7 +293,7 @@ class TruthErrors:
 
 def protect(outputs: Sequence[str | Path | None], *inputs: str | list[str] | None) -> None:
     """Raise an OutputError where one of the outputs is an input of the command (None: not given)."""
-    from ..outputs import refuse_overwriting
+    from ..system.outputs import refuse_overwriting
 
     given = [path for name in inputs for path in ([name] if isinstance(name, str) else name or [])]
     refuse_overwriting([Path(path) for path in outputs if path], [Path(path) for path in given])

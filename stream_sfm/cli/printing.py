@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..wording import printable
+from ..system.wording import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -18,7 +18,7 @@ _PIPED_WIDTH = 110  # columns of a table that goes to a file or a pipe
 
 def print_json(value: Any) -> None:
     """Print one JSON object; NaN and infinity become null. Control characters for terminals are escaped."""
-    from ..files import json_bytes
+    from ..system.files import json_bytes
 
     lines = json_bytes(value).decode().split("\n")
     print("\n".join("".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in line) for line in lines), end="")

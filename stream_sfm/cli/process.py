@@ -7,7 +7,7 @@ import os
 import sys
 from contextlib import suppress
 
-from ..blas import one_thread
+from ..system.blas import one_thread
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Protocol
 
-from ..wording import printable
+from ..system.wording import printable
 
 if TYPE_CHECKING:
     from ..types import Frame, FrameEstimate

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from ..errors import ExitCode
-from ..wording import printable
+from ..system.wording import printable
 from . import options
 from .printing import print_error, print_json, print_notes
 
@@ -74,9 +74,9 @@ def replay(
         mono: use the left camera only; lengths are in units of the first baseline instead of metres
         ground_truth_std: σ of the ground truth itself, metres and radians; known for KITTI and EuRoC
     """
-    from ..outputs import RESULTS, TRAJECTORIES
     from ..recording.stereo_log import open_log
     from ..results.folder import changed_results, new_run_folder
+    from ..system.outputs import RESULTS, TRAJECTORIES
 
     config, selection = settings.read(method=method, mono=mono, world=world), frames.selection()
     inputs = (log, truth.ground_truth, settings.config, cameras.calibration)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from ..errors import ExitCode
-from ..wording import printable
+from ..system.wording import printable
 from . import options
 from .printing import print_json, print_notes, print_table
 
@@ -40,10 +40,10 @@ def simulate(
         seed: random seed; the same seed gives the same numbers (0)
         latex: also write the tables in LaTeX (results.tex)
     """
-    from ..files import write_whole
     from ..report.study import render_study
     from ..simulation import experiments
     from ..simulation.tables import tables, text_of, to_latex
+    from ..system.files import write_whole
     from .progress import counter
 
     folder = Path(out) if out else Path("runs") / f"simulate-{experiment}"

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..wording import counted, printable
+from ..system.wording import counted, printable
 from .printing import broken_at, factors_text, number, print_table
 
 if TYPE_CHECKING:

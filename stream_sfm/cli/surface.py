@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ..errors import ConfigError, ExitCode, OutputError
-from ..wording import printable
+from ..system.wording import printable
 from . import options
 from .printing import print_json, print_notes
 

@@ -7,7 +7,7 @@ from msgspec import Meta
 from msgspec.structs import FieldInfo
 
 from ..errors import ConfigError
-from ..wording import expected
+from ..system.wording import expected
 
 
 def number(description: str, least: float, most: float) -> Meta:

@@ -13,8 +13,8 @@ import msgspec
 from msgspec import Meta
 
 from ..errors import ConfigError, as_error
-from ..inputs import LIMITS, parse_toml, read_small
-from ..wording import invalid_setting
+from ..system.inputs import LIMITS, parse_toml, read_small
+from ..system.wording import invalid_setting
 from .section import Section
 from .settings import Config
 

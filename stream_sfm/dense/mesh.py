@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import write_whole
 from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
-from ..wording import printable
+from ..system.files import write_whole
+from ..system.wording import printable
 from .disparity import DisparityMap, rays, std_along_ray
 
 _VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3), ("std_m", "<f4")])

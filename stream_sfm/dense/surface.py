@@ -8,7 +8,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ..blas import one_thread
 from ..camera.rectification import Rectifier
 from ..camera.rig import StereoRig, masked_by
 from ..config import Config
@@ -16,7 +15,6 @@ from ..errors import ConfigError, LogError
 from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
 from ..inspection.calibration_check import images_of, log_problems
-from ..interrupts import deferred_interrupts
 from ..observer import Observer
 from ..pictures.prepared import Image
 from ..recording.frames import RecordedFrame
@@ -24,6 +22,8 @@ from ..recording.images import decode_rgb
 from ..recording.stereo_log import StereoLog, open_log
 from ..run.lane import Lane
 from ..run.loop import run
+from ..system.blas import one_thread
+from ..system.interrupts import deferred_interrupts
 from ..types import Frame, FrameEstimate, Selection, Sink, Status
 from .disparity import DenseStereo, DisparityMap
 from .fusion import Fusion

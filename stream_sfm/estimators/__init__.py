@@ -20,8 +20,8 @@ from ..config import Config
 from ..errors import ConfigError
 from ..geometry.stereo import StereoProjection
 from ..methods import METHODS
+from ..system.wording import unknown_name
 from ..types import Estimator
-from ..wording import unknown_name
 
 
 def check_method(name: str) -> None:

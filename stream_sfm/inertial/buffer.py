@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Array
-from ..inputs import INT64
 from ..record import record
+from ..system.inputs import INT64
 from .samples import ImuCalibration, ImuSamples
 from .settings import SETTINGS
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import FrameError
-from ..inputs import INT64
+from ..system.inputs import INT64
 from .samples import ImuSamples
 from .settings import SETTINGS
 

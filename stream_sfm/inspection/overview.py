@@ -32,8 +32,8 @@ from ..recording.topics import PairChoice, is_rectified
 from ..recording.video_topics import with_videos
 from ..sources.joined import JoinedSource
 from ..sources.recognise import open_source
+from ..system.wording import LISTED
 from ..types import StereoFrame
-from ..wording import LISTED
 from .calibration_check import (
     calibration_findings,
     check_calibration,

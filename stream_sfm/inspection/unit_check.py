@@ -12,7 +12,7 @@ from ..inertial.settings import SETTINGS
 from ..mcap_file.message import Source
 from ..recording.inertial import find_topics, joined_samples, samples_of
 from ..recording.survey import Survey
-from ..wording import counted
+from ..system.wording import counted
 
 
 @dataclass(frozen=True, slots=True)

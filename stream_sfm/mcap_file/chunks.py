@@ -7,8 +7,8 @@ from typing import Any
 import lz4.frame
 import zstandard
 
-from ..deflate import zlib
-from ..inputs import LIMITS
+from ..system.deflate import zlib
+from ..system.inputs import LIMITS
 from .records import CHUNK_HEAD, BrokenRecord
 
 # Limits on unpacked records and bytes per stored byte, above those of real chunks: a record in a log of a camera

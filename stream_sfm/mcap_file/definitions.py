@@ -10,7 +10,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel as ChannelRecord
 from mcap.records import Schema
 
-from ..inputs import LIMITS
+from ..system.inputs import LIMITS
 from .message import Channel
 from .records import BrokenRecord, RecordTooLarge, parse_record
 

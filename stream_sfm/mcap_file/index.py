@@ -9,7 +9,7 @@ from typing import IO
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, Footer, Statistics
 
-from ..inputs import LIMITS
+from ..system.inputs import LIMITS
 from .definitions import Definitions
 from .message import Damage
 from .records import MAGIC, RECORD_HEAD, BrokenRecord, parse_record, split_records

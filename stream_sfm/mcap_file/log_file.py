@@ -15,9 +15,9 @@ from typing import IO, Any
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Header, Metadata
 
-from ..deflate import zlib
 from ..errors import LogError
-from ..inputs import LIMITS, open_regular, reading
+from ..system.deflate import zlib
+from ..system.inputs import LIMITS, open_regular, reading
 from .chunks import Allowance, decompress_chunk
 from .definitions import Definitions
 from .index import read_index

@@ -6,7 +6,7 @@ from typing import IO, cast
 from mcap.writer import CompressionType, Writer
 
 from .. import __version__
-from ..files import PartFile
+from ..system.files import PartFile
 from .message import Channel, Message
 
 

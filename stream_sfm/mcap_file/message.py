@@ -9,7 +9,7 @@ from mcap.records import Attachment
 
 from ..inertial.samples import ImuCalibration
 from ..record import record
-from ..wording import LISTED
+from ..system.wording import LISTED
 
 
 @record

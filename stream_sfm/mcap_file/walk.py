@@ -16,7 +16,7 @@ from typing import IO, NamedTuple
 
 from mcap.opcode import Opcode
 
-from ..inputs import LIMITS
+from ..system.inputs import LIMITS
 from .message import Damage
 from .records import CHUNK_HEAD, MAGIC, RECORD_HEAD, ends_with_magic
 

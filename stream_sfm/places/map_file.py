@@ -19,11 +19,11 @@ from scipy.sparse.csgraph import connected_components
 from .. import __version__
 from ..errors import InputError, as_error
 from ..geometry.stereo import StereoProjection
-from ..inputs import INT64
 from ..mcap_file.log_file import LogFile
 from ..mcap_file.log_writer import MessageWriter
 from ..mcap_file.message import Channel, Damage, Message
 from ..motion import Motion
+from ..system.inputs import INT64
 from .graph import GraphState, Loop
 from .keyframes import Keyframe, are_patches
 

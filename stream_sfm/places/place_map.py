@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.special import chdtri
 
-from ..blas import one_thread
 from ..camera.pixels import GreyScaler, to_grey
 from ..camera.rectification import Rectifier
 from ..camera.rig import MonoRig, StereoRig, masked_by
@@ -26,6 +25,7 @@ from ..config import Config
 from ..errors import ConfigError
 from ..geometry import Array, se3
 from ..motion import UNSEEN, Motion
+from ..system.blas import one_thread
 from ..types import Frame, FrameEstimate, Trajectory
 from .chain import Chain
 from .finding import Words, apart, may_overlap, nearest_poses, offsets_m, stds

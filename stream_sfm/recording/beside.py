@@ -9,7 +9,7 @@ from ..camera.rig import MonoRig, StereoRig
 from ..errors import ConfigError, LogError
 from ..mcap_file.message import Damage, Source
 from ..sources.sides import is_camera
-from ..wording import some_of
+from ..system.wording import some_of
 from .rig import ATTACHMENT, first_size
 from .survey import Survey
 

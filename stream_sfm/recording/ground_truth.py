@@ -17,8 +17,8 @@ from ..errors import InputError, LogError
 from ..evaluation.association import first_of_each
 from ..evaluation.settings import SETTINGS
 from ..mcap_file.message import Message, Source
+from ..system.wording import LISTED
 from ..types import Trajectory
-from ..wording import LISTED
 from .images import decode_depth_m
 from .messages import MessageDecoder, decoded
 from .survey import Survey

@@ -12,14 +12,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import core, memory
+from .. import core
 from ..camera.models import MAX_PIXELS
 from ..camera.pixels import Grey
-from ..deflate import zlib
 from ..errors import LogError
-from ..inputs import LIMITS
 from ..sources import image_header
 from ..sources.image_header import COMPRESSED_FORMATS, PNG_CHUNK, PNG_SIGNATURE
+from ..system import memory
+from ..system.deflate import zlib
+from ..system.inputs import LIMITS
 from .messages import ImageMessage, UndecodableMessage
 
 # colours of a pixel -> (channels, OpenCV's conversions to grey and to red, green, blue; None if not needed)

@@ -14,9 +14,9 @@ from mcap.well_known import MessageEncoding
 
 from ..errors import LogError
 from ..geometry import Array, se3
-from ..inputs import INT64, LIMITS, Decoder
 from ..mcap_file.message import Channel, Damage, Message, Source
 from ..record import record
+from ..system.inputs import INT64, LIMITS, Decoder
 
 T = TypeVar("T")
 

@@ -10,8 +10,8 @@ from google.protobuf.descriptor_pb2 import DescriptorProto, FieldDescriptorProto
 from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
-from ..inputs import Decoder, bounded
 from ..mcap_file.message import Channel
+from ..system.inputs import Decoder, bounded
 
 
 def protobuf_decoder(channel: Channel) -> Decoder | None:

@@ -15,7 +15,7 @@ from rosbags.typesys.base import normalize_fieldname
 from rosbags.typesys.store import Typestore
 from rosbags.typesys.stores import empty
 
-from ..inputs import LIMITS, Decoder, bounded
+from ..system.inputs import LIMITS, Decoder, bounded
 
 _SEPARATOR = re.compile(r"^={3,}[ \t]*$", re.MULTILINE)  # between the definitions of a type and of its parts
 _NOT_IDL = re.compile(r"^\s*(IDL:|#).*$", re.MULTILINE)  # the name of a part; preprocessor lines such as #include

@@ -14,11 +14,11 @@ from ..camera.calibration.document import Where
 from ..camera.rig import MonoRig, StereoRig, baseline_warnings
 from ..errors import ConfigError, InputError, LogError
 from ..mcap_file.message import Damage, Source
-from ..outputs import refuse_existing
 from ..record import changed
 from ..sources.recognise import open_source
+from ..system.outputs import refuse_existing
+from ..system.wording import counted
 from ..types import Selection, Trajectory
-from ..wording import counted
 from .beside import calibration_beside, note_of
 from .frames import FrameDecoder, RecordedFrame
 from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_truth, truth_topic

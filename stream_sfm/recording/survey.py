@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from ..inputs import LIMITS
 from ..mcap_file.message import Channel, Damage, Source
+from ..system.inputs import LIMITS
 from .messages import kind_of
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from ..errors import LogError
 from ..record import record
 from ..sources.sides import is_camera, possible_pairs, side_keys
-from ..wording import some_of
+from ..system.wording import some_of
 
 _FORM = re.compile(r"(?<![a-z])(compressed|rect|rectified|raw|colou?r|mono|gr[ae]y|rgb|image)(?![a-z])")
 _RECTIFIED = re.compile(r"(?<![a-z])rect(ified)?(?![a-z])")

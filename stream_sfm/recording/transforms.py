@@ -5,8 +5,8 @@ from itertools import chain
 import numpy as np
 
 from ..geometry import Array, se3
-from ..inputs import LIMITS
 from ..mcap_file.message import Source
+from ..system.inputs import LIMITS
 from .messages import MessageDecoder, decoded, same_numbers
 from .survey import Survey
 

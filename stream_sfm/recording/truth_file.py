@@ -7,9 +7,9 @@ import numpy as np
 
 from ..errors import ConfigError, LogError
 from ..geometry import Array
-from ..inputs import INT64
 from ..mcap_file.message import Source
 from ..sources.pose_files import is_euroc_table, read_poses
+from ..system.inputs import INT64
 from ..types import Trajectory
 from .survey import Survey
 from .transforms import fixed_transform

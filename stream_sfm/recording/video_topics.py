@@ -9,11 +9,11 @@ from dataclasses import replace
 from itertools import islice
 
 from ..errors import LogError
-from ..inputs import LIMITS
 from ..mcap_file.message import Damage, Derived, Message, Source
 from ..sources.sides import is_camera
 from ..sources.video_stream import VideoStream, codec_of
-from ..wording import counted
+from ..system.inputs import LIMITS
+from ..system.wording import counted
 from .messages import ImageMessage, MessageDecoder, UndecodableMessage, decoded
 from .survey import Survey, Topic
 

@@ -12,7 +12,7 @@ from ..evaluation.drift import KINDS, Compared, of_interval
 from ..evaluation.figures import NEES_INTERVAL
 from ..evaluation.relative import paired_ratio
 from ..methods import REFERENCE, REPLAYED, key_of
-from ..wording import in_a_row
+from ..system.wording import in_a_row
 from .tables import of_method
 
 _MOST_NAMED = 3  # inconsistent methods that are named with their figures; for more, the range is given

@@ -23,11 +23,11 @@ from ..evaluation.figures import (
     unit_for,
     units_of,
 )
-from ..files import json_bytes, write_whole
 from ..methods import REPLAYED
 from ..sources.pose_files import read_tum
+from ..system.files import json_bytes, write_whole
+from ..system.wording import counted, in_a_row
 from ..types import Status, Trajectory
-from ..wording import counted, in_a_row
 from . import charts
 from .charts import Traces, traces_of
 from .inertia import inertial_rows

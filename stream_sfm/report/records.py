@@ -25,8 +25,8 @@ from ..motion import Odometry
 from ..observer import Observed
 from ..recording.pairing import gaps_after
 from ..rig_model.estimate import RigEstimate
+from ..system.wording import counted
 from ..types import FrameEstimate, InertialEstimate, RigChange, Status, Trajectory
-from ..wording import counted
 from .inertia import describe_inertia
 
 STAGES = ("decode", "frontend", "estimator", "total")

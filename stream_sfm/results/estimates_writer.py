@@ -22,8 +22,8 @@ from .. import __version__
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
 from ..errors import OutputError
-from ..files import PartFile, json_bytes
 from ..geometry import Array
+from ..system.files import PartFile, json_bytes
 from ..types import Frame, FrameEstimate
 from .estimate_messages import TOPICS, RosMessages, Stamped
 from .own_messages import SCHEMA_VERSION

@@ -11,9 +11,9 @@ from typing import Any, Protocol
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config, config_to_toml
 from ..errors import OutputError
-from ..files import PartFile, json_bytes, make_folder, write_whole
 from ..geometry import Array
-from ..outputs import RESULTS, TRAJECTORIES, only_writer
+from ..system.files import PartFile, json_bytes, make_folder, write_whole
+from ..system.outputs import RESULTS, TRAJECTORIES, only_writer
 from ..types import Frame, FrameEstimate, Trajectory
 from .estimates_writer import EstimatesWriter
 from .ros_messages import type_store

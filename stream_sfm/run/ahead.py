@@ -10,7 +10,6 @@ from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 
-from ..blas import one_thread
 from ..camera.models import MANY_PIXELS
 from ..errors import FrameError, InputError
 from ..lane import BareLane
@@ -18,6 +17,7 @@ from ..observer import Observed, Observer
 from ..pictures.prepared import PreparedImages
 from ..record import changed
 from ..recording.frames import RecordedFrame
+from ..system.blas import one_thread
 
 ObservedFrames = Generator[tuple[RecordedFrame, Observed | FrameError], None, None]
 

@@ -11,16 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from ..blas import one_thread
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import ConfigError, require_study
 from ..estimators import check_method
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
-from ..interrupts import deferred_interrupts
 from ..methods import COMPARED, REFERENCE, REPLAYED, WITHOUT_IMU, key_of
 from ..observer import Observed, Observer
-from ..outputs import RESULTS, refuse_overwriting
 from ..recording.pair_reader import ReadStats
 from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration import describe
@@ -29,6 +26,9 @@ from ..report.numbers import numbers
 from ..report.pages import REPORT, write_report
 from ..report.records import AddedMotions, Comparison, FrontRecord, HalvesRecord, Truth
 from ..results.folder import close_all
+from ..system.blas import one_thread
+from ..system.interrupts import deferred_interrupts
+from ..system.outputs import RESULTS, refuse_overwriting
 from ..types import FrameEstimate, Selection, Sink
 from .lane import Lane
 from .loop import Check, RunOutcome, run

@@ -10,15 +10,15 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Protocol
 
-from ..blas import one_thread
 from ..errors import FrameError, InputError, LogError
-from ..interrupts import Interruption
 from ..observer import Observed, Observer
 from ..recording.frames import RecordedFrame
 from ..recording.stereo_log import StereoLog
 from ..results.folder import close_all
+from ..system.blas import one_thread
+from ..system.interrupts import Interruption
+from ..system.wording import counted
 from ..types import FrameEstimate, Selection, Sink
-from ..wording import counted
 from .ahead import ObservedFrames, observed_ahead
 from .lane import Lane
 

@@ -9,21 +9,21 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ..blas import one_thread
 from ..camera.rig import MonoRig, StereoRig
 from ..config import Config
 from ..errors import ConfigError, InputError, require_study
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..evaluation.summary import evaluate
 from ..inspection.calibration_check import CalibrationSink
-from ..interrupts import Interruption, deferred_interrupts
 from ..methods import METHODS
 from ..observer import Observer
-from ..outputs import GRAVITY_TRAJECTORY, MAP_TRAJECTORY, RESULTS, TRAJECTORIES, refuse_overwriting
 from ..recording.stereo_log import StereoLog, open_log
 from ..report.calibration import describe
 from ..report.records import RunRecord, Truth
 from ..report.verdict import rows_warning
+from ..system.blas import one_thread
+from ..system.interrupts import Interruption, deferred_interrupts
+from ..system.outputs import GRAVITY_TRAJECTORY, MAP_TRAJECTORY, RESULTS, TRAJECTORIES, refuse_overwriting
 from ..types import Frame, FrameEstimate, InertialEstimator, Selection, Sink, Trajectory
 from .lane import Lane
 from .loop import RunOutcome, run

@@ -18,7 +18,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blas import one_thread
 from ..config import Config
 from ..errors import StreamSfmError
 from ..estimators import make_estimator
@@ -26,10 +25,11 @@ from ..evaluation.relative_consistency import OF_WINDOW, factors
 from ..geometry import Array, se3
 from ..geometry.linear import mahalanobis2
 from ..geometry.stereo import StereoProjection
-from ..interrupts import Interruption
 from ..motion import Motion
 from ..observer import Observed
 from ..report.records import HalvesRecord
+from ..system.blas import one_thread
+from ..system.interrupts import Interruption
 from ..types import Estimator, FrameEstimate, LastingErrors, Observations, Solution, Status
 from .lane import Lane
 from .stored import StoredObservations

@@ -17,10 +17,10 @@ from ..engine import Engine
 from ..errors import ConfigError, FrameError
 from ..evaluation.trajectory import path_length_m
 from ..geometry import se3
-from ..interrupts import Interruption
 from ..recording.frames import FrameDecoder
 from ..recording.pair_reader import StereoPair
 from ..recording.stereo_log import StereoLog
+from ..system.interrupts import Interruption
 from ..types import FrameEstimate, Selection, Status, StereoFrame, Trajectory
 
 _MOST_BYTES = 2**30  # recorded images that are kept for reading backwards

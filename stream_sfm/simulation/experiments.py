@@ -7,8 +7,8 @@ from pathlib import Path
 import msgspec
 
 from ..errors import ConfigError, OutputError, as_error, require_study
-from ..executors import processes
-from ..files import json_bytes, make_folder, write_whole
+from ..system.executors import processes
+from ..system.files import json_bytes, make_folder, write_whole
 from . import figure6
 from .calibration import CALIBRATION
 from .rates import RATES

@@ -8,7 +8,7 @@ from typing import Any
 from ..evaluation.figures import number_text
 from ..evaluation.relative import Interval
 from ..record import record
-from ..wording import counted
+from ..system.wording import counted
 from .figure6 import KINDS
 from .measure import QUANTITIES
 from .studies import Report

@@ -14,9 +14,9 @@ from ..camera.rig import StereoRig
 from ..errors import ConfigError, LogError, RigError, as_error
 from ..geometry import Array
 from ..inertial.samples import ImuCalibration
-from ..inputs import LIMITS, read_small, reading
 from ..mcap_file.message import Channel, Contents, Damage, Message, Source
 from ..record import record
+from ..system.inputs import LIMITS, read_small, reading
 from .image_header import FORMATS, image_format, image_size, plain_size
 from .profile import ProfileEncoder
 

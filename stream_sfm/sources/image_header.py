@@ -4,7 +4,7 @@ import re
 import struct
 from typing import NamedTuple
 
-from ..inputs import LIMITS
+from ..system.inputs import LIMITS
 
 
 class ImageFormat(NamedTuple):

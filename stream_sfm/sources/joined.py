@@ -9,8 +9,8 @@ from pathlib import Path
 import zstandard
 from mcap.records import Attachment
 
-from ..inputs import LIMITS
 from ..mcap_file.message import Contents, Damage, Message, Source
+from ..system.inputs import LIMITS
 
 
 class JoinedSource(Source):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import LogError
 from ..geometry import Array, se3
-from ..inputs import INT64, LIMITS, read_small, reading
+from ..system.inputs import INT64, LIMITS, read_small, reading
 from ..types import Trajectory
 
 _UNIT_NORMS = (0.9, 1.1)  # accepted norms of a quaternion: some files have only four digits

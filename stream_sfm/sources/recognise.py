@@ -10,12 +10,12 @@ from itertools import islice
 from pathlib import Path
 
 from ..errors import ConfigError, LogError
-from ..inputs import open_regular, reading
 from ..mcap_file.log_file import LogFile
 from ..mcap_file.message import Source
 from ..mcap_file.records import MAGIC as MCAP_MAGIC
 from ..mcap_file.records import ends_with_magic
-from ..wording import LISTED, described, some_of
+from ..system.inputs import open_regular, reading
+from ..system.wording import LISTED, described, some_of
 from .containers import containers
 from .given import Given
 from .image_header import image_format

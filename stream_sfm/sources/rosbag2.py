@@ -15,10 +15,10 @@ from typing import IO
 import zstandard
 
 from ..errors import LogError, as_error
-from ..inputs import LIMITS, open_regular, read_small
 from ..mcap_file.log_file import LogFile
 from ..mcap_file.message import Source
-from ..wording import some_of
+from ..system.inputs import LIMITS, open_regular, read_small
+from ..system.wording import some_of
 from .containers.sqlite_bag import SqliteBagSource, connect
 from .joined import JoinedSource, natural_order
 

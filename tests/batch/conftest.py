@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from stream_sfm.executors import ONE_THREAD
+from stream_sfm.system.executors import ONE_THREAD
 from tests.batch.running import GOOD, batch, in_the_midst, meanwhile, outcomes
 from tests.helpers.wall_log import write_wall_log
 

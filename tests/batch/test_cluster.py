@@ -22,8 +22,8 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(autouse=True)
 def patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """A worker may take as long to start as a loaded machine wants."""
-    monkeypatch.setattr("stream_sfm.executors._WORKER_S", 600.0)
-    monkeypatch.setattr("stream_sfm.executors._ANSWER_S", 600.0)
+    monkeypatch.setattr("stream_sfm.system.executors._WORKER_S", 600.0)
+    monkeypatch.setattr("stream_sfm.system.executors._ANSWER_S", 600.0)
 
 
 @contextmanager
@@ -75,7 +75,7 @@ def test_the_end_of_the_last_worker_ends_the_batch(
     which: int, how: signal.Signals, logs: Path, tmp_path: Path, monkeypatch: Any, capfd: Any
 ) -> None:
     """With a worker that dies or stops in the midst of a log, or with the scheduler; Dask itself would wait."""
-    monkeypatch.setattr("stream_sfm.executors._LOST_S", 6.0)
+    monkeypatch.setattr("stream_sfm.system.executors._LOST_S", 6.0)
     with dask(tmp_path) as (address, processes):
         out = tmp_path / "out"
         with meanwhile(
@@ -91,7 +91,7 @@ def test_the_end_of_the_last_worker_ends_the_batch(
 
 def test_a_scheduler_that_is_not_there_is_2(logs: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
     pytest.importorskip("distributed", reason="Dask is not installed (extra `cluster`)")
-    monkeypatch.setattr("stream_sfm.executors._ANSWER_S", 0.2)
+    monkeypatch.setattr("stream_sfm.system.executors._ANSWER_S", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         here = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
         for address, said in (

@@ -21,7 +21,6 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from mcap_ros2._dynamic import serialize_dynamic
 
 import stream_sfm as sfm
-from stream_sfm.inputs import LIMITS
 from stream_sfm.mcap_file.log_file import LogFile
 from stream_sfm.mcap_file.message import Source
 from stream_sfm.recording.images import UndecodableImage, decode_grey
@@ -29,6 +28,7 @@ from stream_sfm.recording.messages import ImageMessage
 from stream_sfm.recording.transforms import fixed_edges
 from stream_sfm.sources.pose_files import read_poses, read_times
 from stream_sfm.sources.recognise import open_source
+from stream_sfm.system.inputs import LIMITS
 from tests.faults.records import (
     MIB,
     bag_chunk,

@@ -16,10 +16,10 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.cli.main import main
-from stream_sfm.outputs import RESULTS
 from stream_sfm.results.estimates_reader import read_estimates
 from stream_sfm.run.replay import replay
 from stream_sfm.sources.pose_files import read_tum
+from stream_sfm.system.outputs import RESULTS
 from tests.helpers.wall_log import write_wall_log
 
 FAST = sfm.Config(method="frame-to-frame")

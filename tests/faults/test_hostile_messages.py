@@ -11,9 +11,9 @@ import pytest
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 import stream_sfm as sfm
-from stream_sfm.outputs import RESULTS
 from stream_sfm.recording.ros import ros_decoder
 from stream_sfm.run.replay import replay
+from stream_sfm.system.outputs import RESULTS
 from tests.helpers.stereo_logs import (
     PERIOD_NS,
     START_NS,

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.files import PartFile, write_whole
-from stream_sfm.outputs import only_writer, refuse_overwriting
 from stream_sfm.results.folder import ResultFolder
+from stream_sfm.system.files import PartFile, write_whole
+from stream_sfm.system.outputs import only_writer, refuse_overwriting
 from tests.helpers.stereo_logs import write_log
 from tests.helpers.wall import Wall, camera_path, rig
 
@@ -144,7 +144,7 @@ def test_a_folder_has_one_writer(tmp_path):
 
 
 def test_a_process_that_dies_gives_its_folder_back(tmp_path):
-    code = "import sys, time; from pathlib import Path; from stream_sfm.outputs import only_writer\n"
+    code = "import sys, time; from pathlib import Path; from stream_sfm.system.outputs import only_writer\n"
     code += "with only_writer(Path(sys.argv[1])): print('locked', flush=True); time.sleep(60)"
     with subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE) as process:
         assert process.stdout is not None and process.stdout.readline() == b"locked\n"

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stream_sfm.wording import printable
+from stream_sfm.system.wording import printable
 from tests.helpers.stereo_logs import START_NS, LogWriter, Spec, write_log
 
 ESCAPES = "\x1b]0;owned\x07\x1b[2J\x00\x9b31m\u202e\r\n"

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm import memory
 from stream_sfm.observer import Observer
+from stream_sfm.system import memory
 
 MIB = 2**20
 

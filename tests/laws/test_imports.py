@@ -15,10 +15,10 @@ ROOT = Path(stream_sfm.__file__).parent
 # other. A new room needs a place here.
 LAYERS = (
     ("errors", "record", "__version__"),
-    ("inputs", "outputs", "wording"),
+    ("system",),
     ("config",),
     ("core",),
-    ("geometry", "blas", "files", "deflate", "interrupts", "executors", "memory", "methods"),
+    ("geometry", "methods"),
     ("inertial",),
     ("camera",),
     ("rig_model", "pictures"),
@@ -45,7 +45,7 @@ HOMES = {
     "mcap_protobuf": ("sources", "recording"),
     "google": ("recording",),  # protobuf, which the two beside it need
     "foxglove_schemas_protobuf": ("sources", "recording"),
-    "isal": ("deflate.py",),
+    "isal": ("system/deflate.py",),
     "rosbags": ("recording", "sources", "results/ros_messages.py"),
     "ruamel": ("camera",),
     "pandas": ("results/run_results.py",),
@@ -59,8 +59,8 @@ HOMES = {
     "cyclopts": ("cli",),
     "lz4": ("mcap_file",),
     "zstandard": ("mcap_file", "sources"),
-    "distributed": ("executors.py",),
-    "threadpoolctl": ("blas.py",),
+    "distributed": ("system/executors.py",),
+    "threadpoolctl": ("system/blas.py",),
 }
 EVERYWHERE = {"stream_sfm", "numpy", "scipy", "msgspec"}
 

@@ -8,13 +8,13 @@ import pytest
 from stream_sfm.config import Config, RigConfig
 from stream_sfm.config.robust_rules import RobustRules
 from stream_sfm.config.rules import Rules
-from stream_sfm.interrupts import Interruption
 from stream_sfm.observer import Observed, Observer
 from stream_sfm.recording.stereo_log import open_log
 from stream_sfm.run.lane import Lane
 from stream_sfm.run.loop import run
 from stream_sfm.run.self_test import SelfTest, SelfTestOfRun
 from stream_sfm.simulation.scenes import Scene
+from stream_sfm.system.interrupts import Interruption
 from stream_sfm.types import Selection
 from tests.helpers.places import DEMO
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.interrupts import Interruption
 from stream_sfm.observer import Observed, Observer
 from stream_sfm.recording.stereo_log import open_log
 from stream_sfm.run.lane import Lane
 from stream_sfm.run.loop import run
 from stream_sfm.run.stored import StoredObservations
+from stream_sfm.system.interrupts import Interruption
 from stream_sfm.types import FrameEstimate
 from tests.helpers.places import DEMO
 

@@ -6,8 +6,8 @@ import numpy as np
 
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
-from stream_sfm.interrupts import Interruption
 from stream_sfm.run import there_and_back
+from stream_sfm.system.interrupts import Interruption
 from tests.helpers.places import ROOT
 from tests.helpers.wall_log import write_wall_log
 

@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from stream_sfm.executors import processes
 from stream_sfm.simulation.measure import Method, measure
 from stream_sfm.simulation.rates import SPANS, WINDOWS, drift_rates, structure_law, structure_over_window
 from stream_sfm.simulation.scenes import Scene
 from stream_sfm.simulation.studies import Job, Pool, Study, exponent, mean, ratio, run_trials, stacked
+from stream_sfm.system.executors import processes
 
 SCENE = Scene(track_length=8)
 

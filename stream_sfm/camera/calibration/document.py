@@ -13,8 +13,8 @@ import numpy as np
 from ...errors import ConfigError, as_error
 from ...geometry import Array, se3
 from ...inertial.samples import ImuCalibration
-from ...inputs import LIMITS, check_text, check_values, parse_toml
 from ...record import record
+from ...system.inputs import LIMITS, check_text, check_values, parse_toml
 from ..models import DISTORTION_COEFFICIENTS, DISTORTION_MODELS, Camera
 from ..refinement import KnownTiming, Refinement
 

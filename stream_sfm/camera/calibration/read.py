@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import ConfigError, as_error
-from ...inputs import LIMITS, read_small
-from ...wording import described
+from ...system.inputs import LIMITS, read_small
+from ...system.wording import described
 from ..models import Camera
 from .document import Document, Format, Pair, Size, Where, load
 from .inertial import is_imu_file

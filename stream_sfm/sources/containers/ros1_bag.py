@@ -18,10 +18,10 @@ from typing import IO, NamedTuple
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from ...errors import LogError
-from ...inputs import LIMITS, open_regular, reading
 from ...mcap_file.chunks import Allowance, decompress
 from ...mcap_file.message import Channel, Contents, Damage, Message, Source
 from ...mcap_file.records import BrokenRecord
+from ...system.inputs import LIMITS, open_regular, reading
 from . import Container
 
 MAGIC = b"#ROSBAG V2.0\n"

@@ -16,8 +16,8 @@ from urllib.parse import quote
 from mcap.well_known import MessageEncoding
 
 from ...errors import LogError, as_error
-from ...inputs import LIMITS, open_regular, reading
 from ...mcap_file.message import Channel, Contents, Damage, Message, Source
+from ...system.inputs import LIMITS, open_regular, reading
 from . import Container
 
 _TABLES = ("topics", "messages", "message_definitions")  # the last table exists since ROS 2 Iron

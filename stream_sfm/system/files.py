@@ -9,7 +9,7 @@ from typing import IO, Any
 
 import msgspec
 
-from .errors import OutputError, as_error
+from ..errors import OutputError, as_error
 from .outputs import try_lock
 
 

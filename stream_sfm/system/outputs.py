@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from .errors import OutputError, as_error
+from ..errors import OutputError, as_error
 
 # The files of a result folder. Each is first written as `<name>.part`.
 RESULTS = (

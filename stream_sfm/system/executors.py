@@ -11,7 +11,7 @@ from multiprocessing import active_children, get_context
 from threading import Event, Thread
 from typing import TypeVar
 
-from .errors import ConfigError
+from ..errors import ConfigError
 
 # One thread for matrices and one for images per worker: the workers share the cores, and sums keep one order.
 ONE_THREAD = dict.fromkeys(

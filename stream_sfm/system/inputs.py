@@ -13,7 +13,7 @@ from errno import EFBIG, EINVAL
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from .errors import LogError, as_error
+from ..errors import LogError, as_error
 
 _KINDS = {
     stat.S_IFDIR: "a folder",
