@@ -52,8 +52,7 @@ class Inertia:
         self._steadiness, self._densities = Steadiness(self._rules), Densities.begun(self._rules)
         self._jitter = Jitter(self._rules)
         self._noise_known = False  # from the samples themselves
-        self._distance2, self._note = 0.0, ""
-        self._frames = config.window.frames
+        self._distance2, self._note, self._frames = 0.0, "", config.window.frames
         self._led: tuple[tuple[Any, ...], Transition] | None = None  # the latest one, and its arguments
         self._expected_by: tuple[Transition, ExpectedMotion] | None = None  # the latest one, from that transition
         self._carried = False  # the state was begun before the current map
@@ -274,8 +273,7 @@ class Inertia:
     def _learn_jitter(self, found: Innovation, expected: ExpectedMotion, frame: WindowFrame) -> float:
         """Learn the errors of stamps, and return the squared distance of the motions with them."""
         interval, distance2 = frame.interval, found.distance2
-        if interval is None:
-            return distance2
+        assert interval is not None  # `judge` has looked
         late_s, var_s2 = found.as_time(expected.twist)
         self._jitter = self._jitter.after(late_s, max(var_s2 - interval.var_time, 0.0))
         more_s2 = self._jitter.var_interval - interval.var_time
@@ -323,16 +321,16 @@ class Inertia:
         mounted = np.eye(3) if self._calibration is None else self._calibration.cam_from_imu[:3, :3]
         rate = self._buffer.rate(then.stamp_ns, float(then.state[CLOCK][0])) - then.state[GYRO_BIAS]
         twist = -np.concatenate([then.state[VELOCITY], mounted @ se3.exp_so3(then.state[AXES]) @ rate])
-        flags = {"carried": self._carried, "agreed": self._belief.is_proven}
-        return ExpectedMotion(since.stamp_ns, then.world_from_cam, then.cov_pose, twist, **flags)
+        motion = since.stamp_ns, then.world_from_cam, then.cov_pose, twist
+        return ExpectedMotion(*motion, carried=self._carried, agreed=self._belief.is_proven)
 
     def guiding(self, stamp_ns: int) -> ExpectedMotion | None:
         """Return the expected motion if the samples are trusted, none is missing, and a camera can move so."""
         found = self.transition(stamp_ns) if self.is_trusted else None
         if found is None or not found.interval.dense:
             return None
-        evenly, motion = self._belief.evenly, se3.log(found.previous_from_now)
-        possible = evenly.allows(motion, found.interval.seconds, self._rules.most_change)
+        motion = se3.log(found.previous_from_now), found.interval.seconds
+        possible = self._belief.evenly.allows(*motion, self._rules.most_change)
         return self.expected_motion(stamp_ns) if possible else None
 
     def dead_reckoned(self, stamp_ns: int) -> InertialEstimate | None:
