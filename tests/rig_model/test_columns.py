@@ -195,7 +195,7 @@ def test_a_field_has_the_covariance_of_its_process() -> None:
 
 @pytest.mark.parametrize("size", [(752, 480), (1241, 376), (480, 640)])
 def test_the_functions_of_a_field_are_those_that_have_most_of_it(size: tuple[int, int]) -> None:
-    """Each adds less than the one before; all have the process at its points, and those of the window 7/8 of it."""
+    """Each adds less than the one before; all have the process at its points, and those of the window a share of it."""
     whole, part = field_over(*size), field_over(*size, WORTH_ESTIMATING)
     nodes = np.stack(np.meshgrid(whole.u_px, whole.v_px), axis=2).reshape(-1, 2)
     basis = whole.at(nodes)
