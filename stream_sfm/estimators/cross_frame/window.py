@@ -232,10 +232,12 @@ class CrossFrame(TakesSamples):
         if found is None:
             raise LostError(f"no motion agrees with {robust.min_inliers} or more of the {len(rows)} tracked points")
         if unknown_px is not None:
-            e = 0 if observations.rig is None else observations.rig.turn_root.shape[1]
+            e, second = 0 if observations.rig is None else observations.rig.turn_root.shape[1], found.second
             self._turns, seen, found = size_turn(self._turns, e, seen, weights, found)
             views = views.with_larger_own(slice(0, e), self._turns.probable)
             found, views = judge_focus(current, views, rows, seen, weights, found)
+            if len(rows) < robust.calm_share * (len(views) - observations.n_new):
+                found = changed(found, second=second)  # its tracks were excluded, and nothing has explained them
         return found, views.ids[rows[~found.accepted]], views, corrected.z_px
 
     def _marginals(
