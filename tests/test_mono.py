@@ -11,7 +11,7 @@ from stream_sfm.dense.surface import surface
 from stream_sfm.evaluation.structure import structure_errors
 from stream_sfm.evaluation.trajectory import ate_rmse_sim3_m, path_length_m
 from stream_sfm.geometry import se3
-from stream_sfm.recording.stereo_log import StereoLog
+from stream_sfm.logs.recording.stereo_log import StereoLog
 from stream_sfm.results.estimates_reader import read_estimates
 from stream_sfm.run.compare import compare
 from tests.helpers.places import ROOM

@@ -9,9 +9,9 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.dense.mesh import Mesh
 from stream_sfm.dense.surface import Surface
-from stream_sfm.recording.frames import recorded_frame
-from stream_sfm.recording.messages import ImageMessage
-from stream_sfm.recording.pair_reader import StereoPair
+from stream_sfm.logs.recording.frames import recorded_frame
+from stream_sfm.logs.recording.messages import ImageMessage
+from stream_sfm.logs.recording.pair_reader import StereoPair
 from stream_sfm.results.estimates_reader import Cloud
 from stream_sfm.types import Ambiguity, LastingErrors, MapStart, Observations, Solution
 from tests.helpers.wall import rig

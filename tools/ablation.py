@@ -19,7 +19,7 @@ import numpy as np
 
 from stream_sfm import Engine, Trajectory, open_log, read_config
 from stream_sfm.evaluation.summary import evaluate
-from stream_sfm.recording.stereo_log import StereoLog
+from stream_sfm.logs.recording.stereo_log import StereoLog
 
 WORSE = 1.1  # times the ATE: starting one frame later changes it by as much
 RULES: dict[str, tuple[str, ...]] = {  # the settings that switch it off

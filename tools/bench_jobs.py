@@ -144,7 +144,7 @@ def run_replay(path: str, overrides: list[str]) -> dict[str, Any]:
 
 def run_floor(path: str, _: list[str]) -> dict[str, Any]:
     """Decoding the pair, and one pyramid of each image: what any method pays."""
-    from stream_sfm.recording.stereo_log import open_log
+    from stream_sfm.logs.recording.stereo_log import open_log
 
     frames = 0
     for frame in open_log(path).frames():
@@ -157,7 +157,7 @@ def run_floor(path: str, _: list[str]) -> dict[str, Any]:
 def run_loop(path: str, _: list[str]) -> dict[str, Any]:
     """Plain OpenCV frame to frame: corners, KLT left to right, forward and backward through time, PnP with RANSAC."""
     from stream_sfm.camera.rectification import Rectifier
-    from stream_sfm.recording.stereo_log import open_log
+    from stream_sfm.logs.recording.stereo_log import open_log
 
     log = open_log(path)
     rectifier = Rectifier(log.rig)

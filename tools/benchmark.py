@@ -32,7 +32,7 @@ from stream_sfm import FrameEstimate, StreamSfmError, __version__, open_log, rea
 from stream_sfm.batch.logs import find_logs, names_for
 from stream_sfm.evaluation.association import truth_of_frames
 from stream_sfm.evaluation.relative import relative_errors
-from stream_sfm.sources.recognise import open_source
+from stream_sfm.logs.sources.recognise import open_source
 from stream_sfm.system.executors import processes
 from stream_sfm.types import Frame
 

@@ -51,8 +51,8 @@ from render.worlds import ALL_FAULTS, World, drawn_world
 from stream_sfm.camera.models import Camera
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.geometry import se3
-from stream_sfm.mcap_file.message import Message as Stored
-from stream_sfm.sources.profile import ProfileEncoder
+from stream_sfm.logs.mcap_file.message import Message as Stored
+from stream_sfm.logs.sources.profile import ProfileEncoder
 
 START_NS = 1_760_000_000_000_000_000
 SEED = 7

@@ -39,7 +39,7 @@ from bound import TrackViews, causal_errors
 from stream_sfm import Engine, open_log, read_config
 from stream_sfm.config import Config
 from stream_sfm.estimators import make_estimator
-from stream_sfm.frontend.template_errors import TemplateErrors, turn_of_slides
+from stream_sfm.frontend.learnt.template_errors import TemplateErrors, turn_of_slides
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.geometry.stereo import StereoProjection

@@ -32,8 +32,8 @@ from stream_sfm.evaluation.association import truth_of_frames
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.linear import mahalanobis2
 from stream_sfm.geometry.se3 import Array
+from stream_sfm.logs.recording.stereo_log import StereoLog
 from stream_sfm.motion import Motion
-from stream_sfm.recording.stereo_log import StereoLog
 from stream_sfm.types import Frame, FrameEstimate, Selection, Status
 
 BEYOND = 5.0  # σ

@@ -25,7 +25,7 @@ from stream_sfm.dense.mesh import Mesh
 from stream_sfm.dense.surface import surface
 from stream_sfm.evaluation.structure import structure_errors
 from stream_sfm.geometry import se3
-from stream_sfm.recording.stereo_log import StereoLog
+from stream_sfm.logs.recording.stereo_log import StereoLog
 
 _UNKNOWN_M = 6.55  # the depth format ends here, and rendered depth is cut off at it
 _TEXTURE_PX, _TEXTURE_GREY = 15, 10.0

@@ -23,7 +23,7 @@ from stream_sfm.evaluation import trajectory
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.geometry.stereo import StereoProjection
-from stream_sfm.recording.stereo_log import StereoLog
+from stream_sfm.logs.recording.stereo_log import StereoLog
 from stream_sfm.types import Selection, Status
 
 Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]  # rectified, left and right

@@ -3,8 +3,8 @@
     python -m tools.track_errors logs/room.mcap LOG... --frames 150
 
 For each log: the autocorrelation of the row differences v_left − v_right of a match, in units of its σ, from frame to
-frame and the factor per frame at which it falls beyond; what `frontend/template_errors.py` has learnt of white and
-lasting variance and of the decay. Where the log has exact poses and depth images, how far left positions are from where
+frame and the factor per frame at which it falls beyond; what `frontend/learnt/template_errors.py` has learnt of
+white and lasting variance and of the decay. Where the log has exact poses and depth images, how far left positions are from where
 the point of the first view must be seen, after 1 to 20 frames: of each coordinate, 1.48 times the median.
 """
 
@@ -24,10 +24,10 @@ from rich.table import Table
 from stream_sfm import Engine, open_log
 from stream_sfm.camera.lens import project_into_image
 from stream_sfm.evaluation.association import matched
-from stream_sfm.frontend.template_errors import TemplateErrors
+from stream_sfm.frontend.learnt.template_errors import TemplateErrors
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
-from stream_sfm.recording.stereo_log import StereoLog
+from stream_sfm.logs.recording.stereo_log import StereoLog
 from stream_sfm.types import Observations, Selection, Trajectory
 
 LAGS = (1, 2, 5, 10, 20)

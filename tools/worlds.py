@@ -40,7 +40,7 @@ from stream_sfm.camera.refinement import LENS_TERMS
 from stream_sfm.config import Config
 from stream_sfm.evaluation import trajectory
 from stream_sfm.evaluation.association import truth_of_frames
-from stream_sfm.recording.stereo_log import StereoLog
+from stream_sfm.logs.recording.stereo_log import StereoLog
 from stream_sfm.rig_model.estimate import CERTAIN
 from stream_sfm.rig_model.terms import AT_TURNING, DELAY, FOCAL, FOCUSING, READOUT, TERMS
 from stream_sfm.types import FrameEstimate

@@ -8,7 +8,7 @@ from itertools import dropwhile
 from pathlib import Path
 
 from ..errors import ConfigError, LogError
-from ..sources.recognise import is_recording, supported
+from ..logs.sources.recognise import is_recording, supported
 
 _TRUTHS = (".txt", ".tum", ".csv")
 _RESULT = "estimates.mcap"  # written by a replay: a log, but not a stereo log

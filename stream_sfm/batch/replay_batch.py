@@ -18,7 +18,7 @@ from ..camera.rig import checked_paths
 from ..config import Config, config_to_toml
 from ..errors import require_study
 from ..estimators import check_method
-from ..recording.truth_file import GroundTruthFile
+from ..logs.recording.truth_file import GroundTruthFile
 from ..report.pages import PAGE_OF_LOG, render_batch, render_log
 from ..system.executors import cluster
 from ..system.files import json_bytes, make_folder, write_whole

@@ -43,7 +43,7 @@ def compare(
         loops: also show the first method with loops closed; needs the extra map
     """
     from ..inspection.overview import inspect_log
-    from ..recording.stereo_log import open_log
+    from ..logs.recording.stereo_log import open_log
     from ..results.folder import new_run_folder, point_latest_to
     from ..run import compare as comparison
     from .progress import counter

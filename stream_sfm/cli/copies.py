@@ -10,7 +10,7 @@ from . import options
 from .printing import print_json, print_notes
 
 if TYPE_CHECKING:
-    from ..importers import Imported
+    from ..logs.importers import Imported
 
 import_ = App(name="import")
 import_.help = """Convert a KITTI or EuRoC recording, or folders of images, to a log.
@@ -36,7 +36,7 @@ def kitti(
         folder: the sequence, with calib.txt, times.txt, image_0 and image_1
         poses: poses, 12 numbers per line; poses/SEQUENCE.txt beside sequences/ if not given
     """
-    from ..importers import import_kitti
+    from ..logs.importers import import_kitti
 
     _report(import_kitti(folder, out, poses, overwrite=force), json)
 
@@ -50,7 +50,7 @@ def euroc(
     Args:
         folder: the folder mav0, or the folder that contains it
     """
-    from ..importers import import_euroc
+    from ..logs.importers import import_euroc
 
     _report(import_euroc(folder, out, overwrite=force), json)
 
@@ -79,7 +79,7 @@ def images(
         stamps: one time stamp per line: seconds, or integer nanoseconds
         rate: frames per second without stamps (10)
     """
-    from ..importers import import_images
+    from ..logs.importers import import_images
 
     where = options.calibration_files(calibration)
     assert where is not None
@@ -114,7 +114,7 @@ def recover(
     Args:
         log: the damaged MCAP file
     """
-    from ..importers import recover as recover_file
+    from ..logs.importers import recover as recover_file
     from .printing import print_table
 
     done = recover_file(log, out, overwrite=force)

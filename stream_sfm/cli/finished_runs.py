@@ -9,7 +9,7 @@ from . import options
 from .printing import print_json, print_notes
 
 if TYPE_CHECKING:
-    from ..recording.stereo_log import StereoLog
+    from ..logs.recording.stereo_log import StereoLog
     from ..results.run_results import RunResults
     from ..types import Trajectory
 
@@ -87,7 +87,7 @@ def _runs_in(folder: Path) -> list[str]:
 
 def _truth(run: "RunResults", given: options.TruthFile) -> "tuple[Trajectory, tuple[float, float]]":
     """Return the ground truth of a run and its σ as far as known. The log is opened only if it is needed."""
-    from ..recording.stereo_log import open_log
+    from ..logs.recording.stereo_log import open_log
 
     file, log = given.read(), run.summary.get("log")
     if file is not None and file.of_left_camera:
@@ -104,7 +104,7 @@ def _truth(run: "RunResults", given: options.TruthFile) -> "tuple[Trajectory, tu
 
 def _why_none(run: "RunResults", truth: "Trajectory", name: str) -> str:
     """Return the reason why no frame of a run has a true pose."""
-    from ..recording.truth_file import time_warning
+    from ..logs.recording.truth_file import time_warning
 
     if not len(truth) or not len(run):
         return f"{run.folder}: there is nothing to compare: {len(run)} frames, {len(truth)} poses of ground truth"
@@ -162,7 +162,7 @@ def view(run: options.Run, /, *, rrd: options.ResultFile = None, quiet: options.
 
 def _log(found: "RunResults") -> "tuple[StereoLog | None, list[str]]":
     """Return the log of a run, and warnings if it cannot be read."""
-    from ..recording.stereo_log import open_log
+    from ..logs.recording.stereo_log import open_log
 
     path = found.summary.get("log")
     try:

@@ -50,7 +50,7 @@ def inspect(
 
 def _add_first_frames(found: dict[str, Any], log: str, cameras: options.Cameras) -> None:
     """Add what the first frames show of the rig and of the IMU, and the verdict on the calibration."""
-    from ..recording.stereo_log import open_log
+    from ..logs.recording.stereo_log import open_log
     from ..report.verdict import Fit, judged
     from ..run import replay
     from ..types import Selection
@@ -95,7 +95,7 @@ def _print(found: dict[str, Any], log: str, cameras: options.Cameras) -> None:
 def _write_page(log: str, file: str, cameras: options.Cameras) -> None:
     """Write the page about the calibration of a log; before and after, if there is something before it."""
     from ..config import Config
-    from ..recording.stereo_log import open_log
+    from ..logs.recording.stereo_log import open_log
     from ..report.rig_page import render_rig
     from ..run.looks import calibrations, look
     from ..system.files import write_whole

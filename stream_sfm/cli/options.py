@@ -16,7 +16,7 @@ from ..methods import METHODS
 
 if TYPE_CHECKING:
     from ..config import Config
-    from ..recording.truth_file import GroundTruthFile
+    from ..logs.recording.truth_file import GroundTruthFile
     from ..types import Selection
 
 T = TypeVar("T")
@@ -265,7 +265,7 @@ class TruthFile:
         """The file chosen, if any."""
         if self.ground_truth is None:
             return None
-        from ..recording.truth_file import GroundTruthFile
+        from ..logs.recording.truth_file import GroundTruthFile
 
         return GroundTruthFile(self.ground_truth, self.ground_truth_frame, self.ground_truth_offset)
 

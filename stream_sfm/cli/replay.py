@@ -15,7 +15,7 @@ from .printing import print_error, print_json, print_notes
 
 if TYPE_CHECKING:
     from ..config import Config
-    from ..recording.stereo_log import StereoLog
+    from ..logs.recording.stereo_log import StereoLog
     from ..types import Selection
 
 
@@ -74,7 +74,7 @@ def replay(
         mono: use the left camera only; lengths are in units of the first baseline instead of metres
         ground_truth_std: σ of the ground truth itself, metres and radians; known for KITTI and EuRoC
     """
-    from ..recording.stereo_log import open_log
+    from ..logs.recording.stereo_log import open_log
     from ..results.folder import changed_results, new_run_folder
     from ..system.outputs import RESULTS, TRAJECTORIES
 
@@ -138,7 +138,7 @@ def live(
         exposure: exposure time, milliseconds; automatic if not given
         max_frames: end after N frames
     """
-    from ..recording.stereo_log import open_camera
+    from ..logs.recording.stereo_log import open_camera
     from ..results.folder import changed_results, new_run_folder
     from ..types import Selection
 

@@ -42,7 +42,7 @@ def surface(
 
     from ..dense import surface as dense
     from ..dense.mesh import write_ply
-    from ..recording.stereo_log import open_log
+    from ..logs.recording.stereo_log import open_log
     from ..run.summary import peak_rss_mib
     from .progress import frame_progress
 

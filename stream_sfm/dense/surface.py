@@ -15,11 +15,11 @@ from ..errors import ConfigError, LogError
 from ..geometry import Array, se3
 from ..geometry.stereo import StereoProjection
 from ..inspection.calibration_check import images_of, log_problems
-from ..observer import Observer
+from ..logs.recording.frames import RecordedFrame
+from ..logs.recording.images import decode_rgb
+from ..logs.recording.stereo_log import StereoLog, open_log
 from ..pictures.prepared import Image
-from ..recording.frames import RecordedFrame
-from ..recording.images import decode_rgb
-from ..recording.stereo_log import StereoLog, open_log
+from ..pipeline.observer import Observer
 from ..run.lane import Lane
 from ..run.loop import run
 from ..system.blas import one_thread

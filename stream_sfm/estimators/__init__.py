@@ -1,6 +1,6 @@
 """Everything that turns observations into motion and structure; each method implements `types.Estimator`.
 
-It does not read pixels (`frontend/` does) or files (`recording/` does). Equations "(n)" are those of
+It does not read pixels (`frontend/` does) or files (`logs/recording/` does). Equations "(n)" are those of
 docs/mathematics.md.
 
 * `cross_frame/`: the default, a window with a joint prior, for two cameras and for one.

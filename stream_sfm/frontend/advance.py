@@ -6,15 +6,15 @@ from ..geometry import Array, se3
 from ..geometry.resection import Resection, SecondMotion
 from ..record import changed, record, rows_of
 from .alignment import learn_noise
+from .learnt.pair_check import Found
 from .mono.parallax import update_by_parallax
-from .motion_choice import contradict_far, may_be_scene
-from .pair_check import Found
+from .second_motions.motion_choice import contradict_far, may_be_scene
+from .second_motions.start_check import StartCheck
+from .second_motions.unsteadiness import Unsteadiness
 from .seen import Seen
-from .start_check import StartCheck
 from .state import FrontEndState
 from .step import Step
 from .tracks import Tracks
-from .unsteadiness import Unsteadiness
 
 
 @record

@@ -18,7 +18,7 @@ from ..geometry import Array
 from ..geometry.resection import Resection
 from ..pictures.prepared import GreyImage, PreparedImages
 from ..record import changed, record
-from .noise import ViewNoise
+from .learnt.noise import ViewNoise
 from .templates import SPACING_PX, TemplateAtlas
 
 WIDE = 4  # image pixels per template pixel of wide templates, for nearly textureless surfaces

@@ -24,18 +24,18 @@ from ..rig_model.model import RigModel
 from ..types import Ambiguity, ExpectedMotion, LastingErrors, Observations, RigChange, RigView
 from .advance import Followed
 from .alignment import WIDE, TemplateAligner, valid_area
-from .ambiguity import AmbiguityMemory
-from .disparity_error import DisparityError
-from .first_timing import learn_timing
+from .learnt.disparity_error import DisparityError
+from .learnt.first_timing import learn_timing
+from .learnt.pair_check import PairCheck, PairFit, problem_of, resolution_problem
+from .learnt.right_turn import TurnWatch, rig_change, shift_of_turn, with_turn
+from .learnt.rows import Rows
+from .learnt.template_errors import TemplateErrors, turn_of_slides
+from .learnt.timing import Timing
 from .new_points import begin_points, renews
-from .overlays import are_laid_over
-from .pair_check import PairCheck, PairFit, problem_of, resolution_problem
-from .right_turn import TurnWatch, rig_change, shift_of_turn, with_turn
-from .rows import Rows
-from .start_check import StartCheck
+from .second_motions.ambiguity import AmbiguityMemory
+from .second_motions.overlays import are_laid_over
+from .second_motions.start_check import StartCheck
 from .state import FrontEndState, Setup
-from .template_errors import TemplateErrors, turn_of_slides
-from .timing import Timing
 from .tracker import follow
 
 _JUMPED = "the whole view has changed at once: were images held back, or is this another place?"

@@ -9,11 +9,11 @@ from ..geometry.point_views import PointViews
 from ..record import changed, record
 from ..rig_model.terms import by_turn
 from .aligned_views import AlignedViews
+from .learnt.usual_turns import Feigned
 from .rough_motion import RoughMotion
 from .state import FrontEndState
 from .step import Step
 from .tracks import Tracks
-from .usual_turns import Feigned
 
 _LEFT = np.array([True, True, False, False])
 

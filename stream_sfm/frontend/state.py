@@ -18,16 +18,16 @@ from ..pictures.checks import Suspicions
 from ..pictures.prepared import PreparedImages
 from ..record import changed, record
 from .alignment import Aligners
-from .ambiguity import AmbiguityMemory
-from .disparity_error import DisparityError
-from .pair_check import PairCheck
-from .right_turn import TurnWatch
-from .rows import Rows
-from .start_check import StartCheck
-from .template_errors import TemplateErrors
-from .timing import Timing
+from .learnt.disparity_error import DisparityError
+from .learnt.pair_check import PairCheck
+from .learnt.right_turn import TurnWatch
+from .learnt.rows import Rows
+from .learnt.template_errors import TemplateErrors
+from .learnt.timing import Timing
+from .second_motions.ambiguity import AmbiguityMemory
+from .second_motions.start_check import StartCheck
+from .second_motions.unsteadiness import Unsteadiness
 from .tracks import Tracks
-from .unsteadiness import Unsteadiness
 
 
 class RightSides(NamedTuple):

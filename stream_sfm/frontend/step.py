@@ -7,8 +7,8 @@ from ..geometry.resection import Resection
 from ..pictures.prepared import PreparedImages
 from ..record import record
 from ..types import ExpectedMotion
+from .second_motions.unsteadiness import Unsteadiness
 from .state import FrontEndState, Setup
-from .unsteadiness import Unsteadiness
 
 
 @record

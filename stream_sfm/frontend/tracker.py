@@ -10,11 +10,11 @@ from ..record import changed
 from ..types import ExpectedMotion
 from .advance import Followed, advance, learn
 from .aligned_views import align
-from .first_timing import first_timed
-from .motion_choice import choose, is_scene_hidden, of_background
-from .overlays import overlays
-from .repetition import smaller_of_alike
+from .learnt.first_timing import first_timed
 from .rough_motion import find_rough_motion
+from .second_motions.motion_choice import choose, is_scene_hidden, of_background
+from .second_motions.overlays import overlays
+from .second_motions.repetition import smaller_of_alike
 from .seen import Seen
 from .state import FrontEndState, Setup
 from .step import Step

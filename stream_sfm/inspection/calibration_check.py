@@ -17,15 +17,15 @@ from ..camera.lens import rays_of
 from ..camera.models import Camera
 from ..camera.rig import StereoRig
 from ..config import Config
-from ..frontend.pair_check import rows_problem
-from ..frontend.rows import Rows
+from ..frontend.learnt.pair_check import rows_problem
+from ..frontend.learnt.rows import Rows
 from ..geometry import Array
 from ..geometry.medians import MAD_TO_STD, median
 from ..geometry.stereo import StereoProjection
+from ..logs.recording.rig import REMEDY, right_is_left
+from ..logs.recording.stereo_log import StereoLog
+from ..logs.recording.topics import PairChoice
 from ..record import changed, record
-from ..recording.rig import REMEDY, right_is_left
-from ..recording.stereo_log import StereoLog
-from ..recording.topics import PairChoice
 from ..types import Frame, FrameEstimate, Status
 
 Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]  # left, right, (h, w)

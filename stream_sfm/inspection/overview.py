@@ -14,24 +14,24 @@ from ..camera.models import MAX_PIXELS
 from ..camera.pixels import GreyScaler
 from ..camera.refinement import disparity_rms_px
 from ..camera.rig import StereoRig, baseline_warnings
-from ..engine import Engine
 from ..errors import LogError, StreamSfmError
-from ..mcap_file.message import Damage, Source
+from ..logs.mcap_file.message import Damage, Source
+from ..logs.recording.beside import calibration_beside, note_of
+from ..logs.recording.both_sides import both_sides
+from ..logs.recording.ground_truth import depth_topic, read_truth, truth_topic
+from ..logs.recording.images import UndecodableImage, decode_grey, image_size
+from ..logs.recording.messages import ImageMessage
+from ..logs.recording.pair_reader import PairReader, StereoPair
+from ..logs.recording.pairing import gaps_after
+from ..logs.recording.rig import check_rig, find_rig, right_is_left
+from ..logs.recording.stereo_log import choose_cameras
+from ..logs.recording.survey import Survey, survey_log
+from ..logs.recording.topics import PairChoice, is_rectified
+from ..logs.recording.video_topics import with_videos
+from ..logs.sources.joined import JoinedSource
+from ..logs.sources.recognise import open_source
 from ..pictures.interlacing import is_interlaced
-from ..recording.beside import calibration_beside, note_of
-from ..recording.both_sides import both_sides
-from ..recording.ground_truth import depth_topic, read_truth, truth_topic
-from ..recording.images import UndecodableImage, decode_grey, image_size
-from ..recording.messages import ImageMessage
-from ..recording.pair_reader import PairReader, StereoPair
-from ..recording.pairing import gaps_after
-from ..recording.rig import check_rig, find_rig, right_is_left
-from ..recording.stereo_log import choose_cameras
-from ..recording.survey import Survey, survey_log
-from ..recording.topics import PairChoice, is_rectified
-from ..recording.video_topics import with_videos
-from ..sources.joined import JoinedSource
-from ..sources.recognise import open_source
+from ..pipeline.engine import Engine
 from ..system.wording import LISTED
 from ..types import StereoFrame
 from .calibration_check import (

@@ -9,9 +9,9 @@ from ..geometry import Array
 from ..inertial.buffer import SampleBuffer
 from ..inertial.samples import ImuCalibration
 from ..inertial.settings import SETTINGS
-from ..mcap_file.message import Source
-from ..recording.inertial import find_topics, joined_samples, samples_of
-from ..recording.survey import Survey
+from ..logs.mcap_file.message import Source
+from ..logs.recording.inertial import find_topics, joined_samples, samples_of
+from ..logs.recording.survey import Survey
 from ..system.wording import counted
 
 

@@ -19,9 +19,9 @@ from scipy.sparse.csgraph import connected_components
 from .. import __version__
 from ..errors import InputError, as_error
 from ..geometry.stereo import StereoProjection
-from ..mcap_file.log_file import LogFile
-from ..mcap_file.log_writer import MessageWriter
-from ..mcap_file.message import Channel, Damage, Message
+from ..logs.mcap_file.log_file import LogFile
+from ..logs.mcap_file.log_writer import MessageWriter
+from ..logs.mcap_file.message import Channel, Damage, Message
 from ..motion import Motion
 from ..system.inputs import INT64
 from .graph import GraphState, Loop

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from ..camera.refinement import LENS_TERMS
-from ..frontend.rows import Rows
+from ..frontend.learnt.rows import Rows
 from ..geometry.stereo import StereoProjection
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import disparity_over_image

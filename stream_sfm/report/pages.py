@@ -23,8 +23,8 @@ from ..evaluation.figures import (
     unit_for,
     units_of,
 )
+from ..logs.sources.pose_files import read_tum
 from ..methods import REPLAYED
-from ..sources.pose_files import read_tum
 from ..system.files import json_bytes, write_whole
 from ..system.wording import counted, in_a_row
 from ..types import Status, Trajectory

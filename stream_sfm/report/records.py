@@ -20,10 +20,10 @@ from ..evaluation.trajectory import path_length_m
 from ..geometry import Array
 from ..geometry.medians import median as median_of_finite
 from ..inertial.upright import Upright
+from ..logs.recording.pairing import gaps_after
 from ..methods import REFERENCE, key_of
 from ..motion import Odometry
-from ..observer import Observed
-from ..recording.pairing import gaps_after
+from ..pipeline.observer import Observed
 from ..rig_model.estimate import RigEstimate
 from ..system.wording import counted
 from ..types import FrameEstimate, InertialEstimate, RigChange, Status, Trajectory

@@ -6,7 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ..config import Config
-from ..frontend.rows import Rows
+from ..frontend.learnt.rows import Rows
 from ..geometry import Array
 from ..geometry.stereo import StereoProjection
 from ..record import changed, record

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..camera.refinement import LENS_TERMS, disparity_rms_px
-from ..frontend.row_turn import turn_by_rows
-from ..frontend.rows import Rows
+from ..frontend.learnt.row_turn import turn_by_rows
+from ..frontend.learnt.rows import Rows
 from ..geometry.stereo import StereoProjection
 from ..record import record
 from ..rig_model.estimate import RigEstimate

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from ..camera.rig import MonoRig, StereoRig
 from ..errors import LogError
-from ..mcap_file.log_file import LogFile
-from ..mcap_file.message import Damage, Message
-from ..recording.ros import ros_decoder
+from ..logs.mcap_file.log_file import LogFile
+from ..logs.mcap_file.message import Damage, Message
+from ..logs.recording.ros import ros_decoder
 from ..types import FrameEstimate
 from .own_messages import SCHEMA_VERSION, estimate_of
 from .ros_messages import COVARIANCE_FIELDS, POINT_DTYPE

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
 from ..geometry import Array, se3
-from ..recording.ros import Types
+from ..logs.recording.ros import Types
 from .own_messages import DEFINITIONS
 
 ODOMETRY = "nav_msgs/msg/Odometry"

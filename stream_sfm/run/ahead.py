@@ -12,11 +12,11 @@ from functools import partial
 
 from ..camera.models import MANY_PIXELS
 from ..errors import FrameError, InputError
-from ..lane import BareLane
-from ..observer import Observed, Observer
+from ..logs.recording.frames import RecordedFrame
 from ..pictures.prepared import PreparedImages
+from ..pipeline.lane import BareLane
+from ..pipeline.observer import Observed, Observer
 from ..record import changed
-from ..recording.frames import RecordedFrame
 from ..system.blas import one_thread
 
 ObservedFrames = Generator[tuple[RecordedFrame, Observed | FrameError], None, None]

@@ -16,10 +16,10 @@ from ..config import Config
 from ..errors import ConfigError, require_study
 from ..estimators import check_method
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
+from ..logs.recording.pair_reader import ReadStats
+from ..logs.recording.stereo_log import StereoLog, open_log
 from ..methods import COMPARED, REFERENCE, REPLAYED, WITHOUT_IMU, key_of
-from ..observer import Observed, Observer
-from ..recording.pair_reader import ReadStats
-from ..recording.stereo_log import StereoLog, open_log
+from ..pipeline.observer import Observed, Observer
 from ..report.calibration import describe
 from ..report.drift import needs_halves
 from ..report.numbers import numbers

@@ -10,9 +10,9 @@ from ..config import Config
 from ..estimators import make_estimator
 from ..evaluation.structure import StructureComparison
 from ..geometry.medians import median
-from ..lane import BareLane
-from ..observer import Observed, Observer
-from ..recording.ground_truth import DepthImages
+from ..logs.recording.ground_truth import DepthImages
+from ..pipeline.lane import BareLane
+from ..pipeline.observer import Observed, Observer
 from ..report.records import RunRecord
 from ..results.folder import ResultFolder
 from ..types import FrameEstimate, InertialEstimator, Observations, Solution

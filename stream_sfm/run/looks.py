@@ -13,10 +13,10 @@ from ..camera.refinement import DIFFERENCE, disparity_rms_px
 from ..camera.rig import StereoRig
 from ..config import Config
 from ..errors import InputError
-from ..frontend.rows import Rows
+from ..frontend.learnt.rows import Rows
 from ..geometry import Array
 from ..geometry.stereo import StereoProjection
-from ..recording.stereo_log import StereoLog, open_log
+from ..logs.recording.stereo_log import StereoLog, open_log
 from ..report.records import RunRecord
 from ..report.rig_page import RigRun
 from ..report.tables import text_of

@@ -11,9 +11,9 @@ from itertools import groupby
 from typing import Protocol
 
 from ..errors import FrameError, InputError, LogError
-from ..observer import Observed, Observer
-from ..recording.frames import RecordedFrame
-from ..recording.stereo_log import StereoLog
+from ..logs.recording.frames import RecordedFrame
+from ..logs.recording.stereo_log import StereoLog
+from ..pipeline.observer import Observed, Observer
 from ..results.folder import close_all
 from ..system.blas import one_thread
 from ..system.interrupts import Interruption

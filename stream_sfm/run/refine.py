@@ -12,10 +12,10 @@ from ..camera.rig import StereoRig
 from ..camera.settings import SETTINGS
 from ..config import Config
 from ..errors import ConfigError, LogError
-from ..frontend.row_turn import turn_by_rows
+from ..frontend.learnt.row_turn import turn_by_rows
 from ..geometry import se3
 from ..inertial.state import AXES, CLOCK, SCALE
-from ..recording.stereo_log import open_log
+from ..logs.recording.stereo_log import open_log
 from ..report.inertia import fixed_error, inertial_findings
 from ..report.motions import not_shown, shows_focal
 from ..rig_model.estimate import CERTAIN, RigEstimate, is_certain

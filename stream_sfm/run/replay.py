@@ -15,9 +15,9 @@ from ..errors import ConfigError, InputError, require_study
 from ..evaluation.association import check_rigid, checked_ranges, without_frames
 from ..evaluation.summary import evaluate
 from ..inspection.calibration_check import CalibrationSink
+from ..logs.recording.stereo_log import StereoLog, open_log
 from ..methods import METHODS
-from ..observer import Observer
-from ..recording.stereo_log import StereoLog, open_log
+from ..pipeline.observer import Observer
 from ..report.calibration import describe
 from ..report.records import RunRecord, Truth
 from ..report.verdict import rows_warning

@@ -26,7 +26,7 @@ from ..geometry import Array, se3
 from ..geometry.linear import mahalanobis2
 from ..geometry.stereo import StereoProjection
 from ..motion import Motion
-from ..observer import Observed
+from ..pipeline.observer import Observed
 from ..report.records import HalvesRecord
 from ..system.blas import one_thread
 from ..system.interrupts import Interruption

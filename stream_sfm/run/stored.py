@@ -10,8 +10,8 @@ from dataclasses import replace
 from typing import IO
 
 from ..errors import OutputError
-from ..frontend.template_errors import TemplateErrors
-from ..observer import Observed, Observer
+from ..frontend.learnt.template_errors import TemplateErrors
+from ..pipeline.observer import Observed, Observer
 from ..record import changed
 from ..rig_model.estimate import RigEstimate
 from ..rig_model.model import RigModel

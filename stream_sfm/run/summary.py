@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from ..evaluation.summary import end_pose, evaluate_run, evaluate_unscaled
-from ..recording.pair_reader import ReadStats
-from ..recording.stereo_log import StereoLog
+from ..logs.recording.pair_reader import ReadStats
+from ..logs.recording.stereo_log import StereoLog
 from ..report.records import RunRecord, Truth
 from ..results.folder import UNIT_WITHOUT_SCALE
 from ..types import Selection, Status

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from ..config import Config
-from ..engine import Engine
 from ..errors import ConfigError, FrameError
 from ..evaluation.trajectory import path_length_m
 from ..geometry import se3
-from ..recording.frames import FrameDecoder
-from ..recording.pair_reader import StereoPair
-from ..recording.stereo_log import StereoLog
+from ..logs.recording.frames import FrameDecoder
+from ..logs.recording.pair_reader import StereoPair
+from ..logs.recording.stereo_log import StereoLog
+from ..pipeline.engine import Engine
 from ..system.interrupts import Interruption
 from ..types import FrameEstimate, Selection, Status, StereoFrame, Trajectory
 

@@ -14,7 +14,7 @@ from ..camera.refinement import LENS_TERMS
 from ..config import Config
 from ..estimators import make_estimator
 from ..estimators.baselines.full_batch import cramer_rao_bound
-from ..frontend.template_errors import TemplateErrors
+from ..frontend.learnt.template_errors import TemplateErrors
 from ..geometry import Array
 from ..rig_model.model import RigModel
 from ..types import LastingErrors, Observations, RigView, Solution

@@ -15,7 +15,7 @@ from ..camera.lens import project_into_image
 from ..camera.rig import MonoRig, StereoRig
 from ..evaluation.settings import SETTINGS
 from ..geometry import Array, se3
-from ..sources.image_header import image_format
+from ..logs.sources.image_header import image_format
 from ..types import Frame, FrameEstimate, InertialEstimate, Picture, Status, Trajectory
 from . import layout
 from .recording import Recording

@@ -19,8 +19,8 @@ from stream_sfm.camera.refinement import (
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.camera.settings import SETTINGS
 from stream_sfm.config import Config
-from stream_sfm.engine import Engine
 from stream_sfm.errors import ConfigError
+from stream_sfm.pipeline.engine import Engine
 from tests.helpers.wall import Wall, camera_path, rig
 
 N = len(LENS_TERMS)

@@ -19,9 +19,9 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 
-from stream_sfm.mcap_file.log_file import LogFile
-from stream_sfm.mcap_file.message import Damage
-from stream_sfm.recording.stereo_log import open_log
+from stream_sfm.logs.mcap_file.log_file import LogFile
+from stream_sfm.logs.mcap_file.message import Damage
+from stream_sfm.logs.recording.stereo_log import open_log
 from tests.faults.records import HEAD, MAGIC_BYTES, record
 
 Span = tuple[int, int]  # bytes [start, end) of a file

@@ -21,13 +21,13 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from mcap_ros2._dynamic import serialize_dynamic
 
 import stream_sfm as sfm
-from stream_sfm.mcap_file.log_file import LogFile
-from stream_sfm.mcap_file.message import Source
-from stream_sfm.recording.images import UndecodableImage, decode_grey
-from stream_sfm.recording.messages import ImageMessage
-from stream_sfm.recording.transforms import fixed_edges
-from stream_sfm.sources.pose_files import read_poses, read_times
-from stream_sfm.sources.recognise import open_source
+from stream_sfm.logs.mcap_file.log_file import LogFile
+from stream_sfm.logs.mcap_file.message import Source
+from stream_sfm.logs.recording.images import UndecodableImage, decode_grey
+from stream_sfm.logs.recording.messages import ImageMessage
+from stream_sfm.logs.recording.transforms import fixed_edges
+from stream_sfm.logs.sources.pose_files import read_poses, read_times
+from stream_sfm.logs.sources.recognise import open_source
 from stream_sfm.system.inputs import LIMITS
 from tests.faults.records import (
     MIB,
@@ -104,14 +104,14 @@ def test_images_that_would_fill_memory_are_not_decoded(name):
 
 def test_a_chunk_holds_no_more_records_than_it_has_bytes_for(path, monkeypatch):
     """14.7 million empty records in 12 kB took 20 s a pass."""
-    monkeypatch.setattr("stream_sfm.mcap_file.chunks._FREE_RECORDS", 10_000)
+    monkeypatch.setattr("stream_sfm.logs.mcap_file.chunks._FREE_RECORDS", 10_000)
     insert(path, [chunk(record(0x90, b"") * 100_000)])
     count, said = read(path)
     assert count == FRAMES and "it holds more records than bytes" in said  # what is sound behind them is read
 
 
 def test_a_file_unpacks_to_no_more_than_it_could_hold(path, monkeypatch):
-    monkeypatch.setattr("stream_sfm.mcap_file.chunks._FREE_BYTES", 100 * MIB)
+    monkeypatch.setattr("stream_sfm.logs.mcap_file.chunks._FREE_BYTES", 100 * MIB)
     insert(path, [chunk(record(0x90, bytes(60 * MIB)))] * 4)
     count, said = read(path)
     assert count == FRAMES and "not for the first time" in said
@@ -155,15 +155,15 @@ def bag1(path):
     ],
 )
 def test_a_chunk_of_a_bag_costs_little_work(bag1, path, monkeypatch, content, says):
-    monkeypatch.setattr("stream_sfm.mcap_file.chunks._FREE_RECORDS", 10_000)
-    monkeypatch.setattr("stream_sfm.sources.containers.ros1_bag._FREE_BYTES", 100 * MIB)
+    monkeypatch.setattr("stream_sfm.logs.mcap_file.chunks._FREE_RECORDS", 10_000)
+    monkeypatch.setattr("stream_sfm.logs.sources.containers.ros1_bag._FREE_BYTES", 100 * MIB)
     path.write_bytes(bag1 + bag_chunk(content))
     count, said = read(path)
     assert count == FRAMES and "a damaged record was skipped: " in said and says in said
 
 
 def test_compressed_splits_together_hold_no_more_than_a_bag(tmp_path, monkeypatch):
-    monkeypatch.setattr("stream_sfm.sources.rosbag2._FREE_BYTES", 40 * MIB)
+    monkeypatch.setattr("stream_sfm.logs.sources.rosbag2._FREE_BYTES", 40 * MIB)
     bomb = zstandard.compress(bytes(30 * MIB))
     for n in range(6):
         (tmp_path / f"walk_{n}.mcap.zstd").write_bytes(bomb)
@@ -183,7 +183,7 @@ def test_nothing_is_left_of_a_compressed_bag_however_its_reader_ends(tmp_path, m
 
 @pytest.mark.parametrize("line", [b"1.5\n", b"0.1 " * 16])
 def test_a_text_of_very_many_stamps_is_refused(tmp_path, monkeypatch, line):
-    monkeypatch.setattr("stream_sfm.sources.pose_files.LIMITS", LIMITS._replace(indexed=10_000))
+    monkeypatch.setattr("stream_sfm.logs.sources.pose_files.LIMITS", LIMITS._replace(indexed=10_000))
     (tmp_path / "times.txt").write_bytes(line * 20_000)
     for reader in (read_times, read_poses):
         with pytest.raises(sfm.LogError, match=r"is it another file|columns|time"):

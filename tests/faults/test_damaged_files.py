@@ -10,9 +10,9 @@ from mcap.opcode import Opcode
 from mcap.writer import CompressionType
 
 import stream_sfm as sfm
-from stream_sfm.mcap_file import walk
-from stream_sfm.mcap_file.log_file import LogFile
-from stream_sfm.mcap_file.message import Damage
+from stream_sfm.logs.mcap_file import walk
+from stream_sfm.logs.mcap_file.log_file import LogFile
+from stream_sfm.logs.mcap_file.message import Damage
 from tests.faults.damage import INDEXES, KINDS, Whole, trial, whole_log
 from tests.faults.records import HEAD, channel, insert, message, record
 from tests.helpers.stereo_logs import CONTAINERS, Spec, write_log

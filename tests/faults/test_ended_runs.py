@@ -16,9 +16,9 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.cli.main import main
+from stream_sfm.logs.sources.pose_files import read_tum
 from stream_sfm.results.estimates_reader import read_estimates
 from stream_sfm.run.replay import replay
-from stream_sfm.sources.pose_files import read_tum
 from stream_sfm.system.outputs import RESULTS
 from tests.helpers.wall_log import write_wall_log
 

@@ -11,7 +11,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.camera.calibration.document import load
-from stream_sfm.sources.pose_files import read_tum
+from stream_sfm.logs.sources.pose_files import read_tum
 from stream_sfm.system.inputs import check_text, check_values, open_regular
 from tests.helpers.stereo_logs import write_log
 from tests.helpers.wall import rig

@@ -11,7 +11,7 @@ import pytest
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 import stream_sfm as sfm
-from stream_sfm.recording.ros import ros_decoder
+from stream_sfm.logs.recording.ros import ros_decoder
 from stream_sfm.run.replay import replay
 from stream_sfm.system.outputs import RESULTS
 from tests.helpers.stereo_logs import (

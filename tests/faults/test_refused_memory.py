@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.observer import Observer
+from stream_sfm.pipeline.observer import Observer
 from stream_sfm.system import memory
 
 MIB = 2**20

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stream_sfm.frontend.ambiguity import AmbiguityMemory
+from stream_sfm.frontend.second_motions.ambiguity import AmbiguityMemory
 from stream_sfm.frontend.tracks import Tracks
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.resection import Resection, SecondMotion

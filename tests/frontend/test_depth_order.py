@@ -6,7 +6,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.config import Config
-from stream_sfm.frontend.depth_order import is_behind
+from stream_sfm.frontend.second_motions.depth_order import is_behind
 from stream_sfm.frontend.state import Setup
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection

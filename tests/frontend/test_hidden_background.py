@@ -8,10 +8,10 @@ import pytest
 
 from stream_sfm.config import Config
 from stream_sfm.config.rules import MotionRules
-from stream_sfm.frontend.motion_choice import is_scene_hidden
+from stream_sfm.frontend.second_motions.motion_choice import is_scene_hidden
+from stream_sfm.frontend.second_motions.unsteadiness import Unsteadiness
 from stream_sfm.frontend.state import Setup
 from stream_sfm.frontend.step import Step
-from stream_sfm.frontend.unsteadiness import Unsteadiness
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.resection import Resection
 from stream_sfm.geometry.stereo import StereoProjection

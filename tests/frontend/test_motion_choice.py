@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
-from stream_sfm.frontend.ambiguity import AmbiguityMemory
-from stream_sfm.frontend.motion_choice import choose, contradict_far
+from stream_sfm.frontend.second_motions.ambiguity import AmbiguityMemory
+from stream_sfm.frontend.second_motions.motion_choice import choose, contradict_far
+from stream_sfm.frontend.second_motions.start_check import StartCheck
 from stream_sfm.frontend.seen import Seen
-from stream_sfm.frontend.start_check import StartCheck
 from stream_sfm.frontend.state import Setup
 from stream_sfm.frontend.step import Step
 from stream_sfm.geometry import se3

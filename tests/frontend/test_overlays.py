@@ -6,7 +6,7 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.camera.rectification import Rectifier
 from stream_sfm.config import Config
-from stream_sfm.frontend.overlays import are_laid_over, overlays
+from stream_sfm.frontend.second_motions.overlays import are_laid_over, overlays
 from stream_sfm.frontend.state import Setup
 from stream_sfm.geometry import se3
 from stream_sfm.record import changed

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
-from stream_sfm.frontend.row_turn import turn_by_rows
-from stream_sfm.frontend.rows import Rows
+from stream_sfm.frontend.learnt.row_turn import turn_by_rows
+from stream_sfm.frontend.learnt.rows import Rows
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.terms import effects_of_turn
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from stream_sfm.config.rules import Rules
-from stream_sfm.frontend.motion_choice import may_be_scene
-from stream_sfm.frontend.start_check import StartCheck
+from stream_sfm.frontend.second_motions.motion_choice import may_be_scene
+from stream_sfm.frontend.second_motions.start_check import StartCheck
 from tests.helpers.tracks import tracks_at
 
 N_FOLLOWED, N_OTHERS = 40, 8

@@ -7,7 +7,7 @@ import pytest
 from stream_sfm.config.point_rules import TemplateRules
 from stream_sfm.config.rules import ErrorRules
 from stream_sfm.core import _core
-from stream_sfm.frontend.noise import ViewNoise
+from stream_sfm.frontend.learnt.noise import ViewNoise
 from stream_sfm.frontend.templates import Grey, Patches, TemplateAtlas
 
 RADIUS_PX, STD_GREY = 10, 3.0

@@ -7,9 +7,9 @@ import pytest
 
 from stream_sfm.camera.refinement import KnownTiming
 from stream_sfm.config import RigConfig
-from stream_sfm.frontend.first_timing import learn_timing
+from stream_sfm.frontend.learnt.first_timing import learn_timing
+from stream_sfm.frontend.learnt.timing import Timing
 from stream_sfm.frontend.state import FrontEndState
-from stream_sfm.frontend.timing import Timing
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.front_end import SteppedFrontEnd

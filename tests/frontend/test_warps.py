@@ -7,11 +7,11 @@ import pytest
 
 from stream_sfm.config import Config, RigConfig
 from stream_sfm.core import _core
-from stream_sfm.engine import Engine
-from stream_sfm.frontend.timing import Timing
+from stream_sfm.frontend.learnt.timing import Timing
 from stream_sfm.frontend.tracks import Tracks
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection, velocities
+from stream_sfm.pipeline.engine import Engine
 from tests.helpers.estimators import nees
 from tests.helpers.rectified import own_rows
 from tests.helpers.wall import Wall, rig

@@ -8,8 +8,8 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 
-from stream_sfm.mcap_file.log_file import LogFile
-from stream_sfm.mcap_file.message import Damage, Message
+from stream_sfm.logs.mcap_file.log_file import LogFile
+from stream_sfm.logs.mcap_file.message import Damage, Message
 
 
 def messages_of(log: Path) -> list[Message]:

@@ -8,7 +8,7 @@ from mcap.writer import Writer
 
 from stream_sfm.geometry import se3
 from stream_sfm.inertial.samples import ImuSamples
-from stream_sfm.sources.profile import ProfileEncoder
+from stream_sfm.logs.sources.profile import ProfileEncoder
 from tests.helpers.wall_log import START_NS, write_wall_log
 from tools.render.inertial import BMI160, measured
 

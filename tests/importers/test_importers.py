@@ -9,9 +9,9 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
-from stream_sfm.importers import import_euroc, import_images, import_kitti
-from stream_sfm.recording.images import decode_grey
-from stream_sfm.sources.image_files import ImageFile
+from stream_sfm.logs.importers import import_euroc, import_images, import_kitti
+from stream_sfm.logs.recording.images import decode_grey
+from stream_sfm.logs.sources.image_files import ImageFile
 from tests.helpers.data_sets import camera_pair, write_kitti, write_picture
 
 

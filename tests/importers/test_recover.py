@@ -7,8 +7,8 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 import stream_sfm as sfm
-from stream_sfm.mcap_file.log_file import LogFile
-from stream_sfm.mcap_file.message import Damage
+from stream_sfm.logs.mcap_file.log_file import LogFile
+from stream_sfm.logs.mcap_file.message import Damage
 from tests.faults.damage import INDEXES, KINDS, trial, whole_log
 from tests.helpers.stereo_logs import CONTAINERS, Spec, write_log
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.recording import inertial
+from stream_sfm.logs.recording import inertial
 from tests.helpers.imu_log import write_imu_log
 
 

@@ -53,7 +53,7 @@ def test_a_replay_uses_them_unless_told_not_to(imu_log, tmp_path):
 
 
 def test_a_unit_that_is_nowhere_is_reported_and_not_used(imu_log, monkeypatch):
-    monkeypatch.setattr("stream_sfm.recording.inertial.fixed_transform", lambda *_: None)
+    monkeypatch.setattr("stream_sfm.logs.recording.inertial.fixed_transform", lambda *_: None)
     log = sfm.open_log(imu_log[0])
     assert "no fixed transform" in log.imu_problem and log.stereo_rig.imu is None
     assert next(log.frames()).imu is None

@@ -10,7 +10,7 @@ import stream_sfm as sfm
 from stream_sfm.geometry import se3
 from stream_sfm.inspection.calibration_check import calibration_findings, check_calibration, matched_corners
 from stream_sfm.inspection.overview import inspect_log
-from stream_sfm.recording.topics import PairChoice
+from stream_sfm.logs.recording.topics import PairChoice
 from tests.helpers.stereo_logs import START_NS, LogWriter, calibration_of, infos_of, write_image, write_info
 from tests.helpers.wall import Wall, camera_path, rig
 

@@ -24,13 +24,9 @@ LAYERS = (
     ("rig_model", "pictures"),
     ("types",),
     ("motion",),
-    ("frontend", "estimators", "evaluation", "mcap_file"),
-    ("physical", "checked", "sources"),
-    ("observer",),
-    ("lane",),
-    ("engine", "recording"),
-    ("pipeline",),
-    ("results", "places", "inspection", "importers", "simulation"),
+    ("frontend", "estimators", "evaluation"),
+    ("pipeline", "logs"),
+    ("results", "places", "inspection", "simulation"),
     ("report",),
     ("viewer",),
     ("run",),
@@ -40,13 +36,23 @@ LAYERS = (
 LEVEL = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
 # Packages that cost time or memory to import, or that only one room should know: where they may be.
 HOMES = {
-    "cv2": ("camera", "pictures", "frontend", "dense", "recording", "sources", "inspection", "places", "viewer"),
-    "mcap": ("mcap_file", "sources", "recording", "results"),
-    "mcap_protobuf": ("sources", "recording"),
-    "google": ("recording",),  # protobuf, which the two beside it need
-    "foxglove_schemas_protobuf": ("sources", "recording"),
+    "cv2": (
+        "camera",
+        "pictures",
+        "frontend",
+        "dense",
+        "logs/recording",
+        "logs/sources",
+        "inspection",
+        "places",
+        "viewer",
+    ),  # fmt: skip
+    "mcap": ("logs/mcap_file", "logs/sources", "logs/recording", "results"),
+    "mcap_protobuf": ("logs/sources", "logs/recording"),
+    "google": ("logs/recording",),  # protobuf, which the two beside it need
+    "foxglove_schemas_protobuf": ("logs/sources", "logs/recording"),
     "isal": ("system/deflate.py",),
-    "rosbags": ("recording", "sources", "results/ros_messages.py"),
+    "rosbags": ("logs/recording", "logs/sources", "results/ros_messages.py"),
     "ruamel": ("camera",),
     "pandas": ("results/run_results.py",),
     "gtsam": ("places/graph.py",),
@@ -57,8 +63,8 @@ HOMES = {
     "markupsafe": ("report",),
     "rich": ("cli",),
     "cyclopts": ("cli",),
-    "lz4": ("mcap_file",),
-    "zstandard": ("mcap_file", "sources"),
+    "lz4": ("logs/mcap_file",),
+    "zstandard": ("logs/mcap_file", "logs/sources"),
     "distributed": ("system/executors.py",),
     "threadpoolctl": ("system/blas.py",),
 }

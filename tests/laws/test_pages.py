@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from stream_sfm.config import Config, read_config, setting_names
-from stream_sfm.recording.images import RAW_ENCODINGS
-from stream_sfm.sources.image_header import COMPRESSED_FORMATS
+from stream_sfm.logs.recording.images import RAW_ENCODINGS
+from stream_sfm.logs.sources.image_header import COMPRESSED_FORMATS
 from tests.helpers.places import ROOT
 from tests.laws.test_imports import LEVEL
 from tools.ablation import RULES

@@ -11,8 +11,8 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.evaluation.association import truth_of_frames
 from stream_sfm.geometry import se3
-from stream_sfm.mcap_file.log_writer import MessageWriter
-from stream_sfm.mcap_file.message import Channel, Message
+from stream_sfm.logs.mcap_file.log_writer import MessageWriter
+from stream_sfm.logs.mcap_file.message import Channel, Message
 from stream_sfm.motion import Motion
 from stream_sfm.places.place_map import PlaceMap
 from stream_sfm.types import FrameEstimate, StereoFrame

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.sources.camera import _Grabber
+from stream_sfm.logs.sources.camera import _Grabber
 from tests.helpers.places import ROOM
 from tests.helpers.same_results import estimate_messages
 from tests.helpers.wall import Wall, camera_path, rig
@@ -38,7 +38,7 @@ def pictures() -> Pictures:
 @pytest.fixture(autouse=True)
 def _nothing_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Stand-ins deliver as fast as they are asked."""
-    monkeypatch.setattr("stream_sfm.sources.camera.WAITING_PAIRS", FRAMES)
+    monkeypatch.setattr("stream_sfm.logs.sources.camera.WAITING_PAIRS", FRAMES)
 
 
 def lens(camera: sfm.Camera, cx: str, cy: str, **more: object) -> Is:
@@ -193,7 +193,7 @@ def camera(
 ) -> Iterator[tuple[str, list[str]]]:
     """The name of a camera, and what was asked of it; in the end it has been given back."""
     modules = MAKERS[request.param](pictures)
-    monkeypatch.setattr("stream_sfm.sources.devices._OAK_SIZE", (rig().left.width, rig().left.height))
+    monkeypatch.setattr("stream_sfm.logs.sources.devices._OAK_SIZE", (rig().left.width, rig().left.height))
     for name, module in modules.items():
         monkeypatch.setitem(sys.modules, name, module)
     log = list(modules.values())[-1].log
@@ -241,9 +241,9 @@ def test_a_recording_is_a_camera_at_its_own_pace(tmp_path: Path, cli, monkeypatc
     """
     out, frames, waited_s = tmp_path / "run", 8, list[float]()
     clock = Is(monotonic=lambda: 100.0 + sum(waited_s), sleep=waited_s.append)
-    monkeypatch.setattr("stream_sfm.recording.stereo_log.time", clock)
+    monkeypatch.setattr("stream_sfm.logs.recording.stereo_log.time", clock)
     for name in ("WAITING_PAIRS", "_REMEMBERED"):
-        monkeypatch.setattr(f"stream_sfm.sources.camera.{name}", 10**6)
+        monkeypatch.setattr(f"stream_sfm.logs.sources.camera.{name}", 10**6)
     cli("live", ROOM, "--out", out, "--max-frames", frames, "-q")
     run = sfm.read_results(out)
     assert len(run) == frames
@@ -348,7 +348,7 @@ def test_images_that_come_too_fast_are_recorded_and_reported(
     webcams: Path, pictures: Pictures, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """The first picture is taken when all have been delivered, and two of them were kept."""
-    monkeypatch.setattr("stream_sfm.sources.camera.WAITING_PAIRS", 2)
+    monkeypatch.setattr("stream_sfm.logs.sources.camera.WAITING_PAIRS", 2)
     ask = _Grabber.next
     monkeypatch.setattr(_Grabber, "next", lambda self: (self._thread.join(), ask(self))[1])
     with closing(sfm.open_camera("0", "1", calibration=webcams, record=tmp_path / "log.mcap")) as log:

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from stream_sfm.camera.pixels import GreyScaler
-from stream_sfm.recording.images import (
+from stream_sfm.logs.recording.images import (
     UndecodableImage,
     decode_depth_m,
     decode_grey,
     decode_plain_png,
     image_size,
 )
-from stream_sfm.recording.messages import ImageMessage
+from stream_sfm.logs.recording.messages import ImageMessage
 from tests.helpers.stereo_logs import scene
 
 RED, GREEN, BLUE = 200, 100, 50

@@ -15,8 +15,8 @@ import pytest
 from stream_sfm import Config, Engine, StereoFrame, StereoRig, replay
 from stream_sfm.config import read_config
 from stream_sfm.geometry import se3
-from stream_sfm.mcap_file.log_file import LogFile
-from stream_sfm.mcap_file.message import Damage
+from stream_sfm.logs.mcap_file.log_file import LogFile
+from stream_sfm.logs.mcap_file.message import Damage
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from tests.helpers.stereo_logs import PERIOD_NS, START_NS, LogWriter, encode, infos_of, write_pair, write_transform
 from tests.helpers.wall import Wall, camera_path, rig

@@ -6,8 +6,8 @@ import pytest
 
 from stream_sfm import LogError
 from stream_sfm.camera.calibration.document import make_camera
-from stream_sfm.mcap_file.message import Channel, Message
-from stream_sfm.recording.messages import MessageDecoder, UndecodableMessage, kind_of
+from stream_sfm.logs.mcap_file.message import Channel, Message
+from stream_sfm.logs.recording.messages import MessageDecoder, UndecodableMessage, kind_of
 from tests.helpers import idl
 from tests.helpers.stereo_logs import ROS1, ROS2
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stream_sfm.recording.pairing import Pairer
+from stream_sfm.logs.recording.pairing import Pairer
 
 
 def run(events):

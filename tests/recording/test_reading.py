@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from stream_sfm import LogError, Selection, StereoRig, open_log
-from stream_sfm.recording.ground_truth import DepthImages
-from stream_sfm.recording.topics import choose_calibration, choose_pair
+from stream_sfm.logs.recording.ground_truth import DepthImages
+from stream_sfm.logs.recording.topics import choose_calibration, choose_pair
 from tests.helpers.stereo_logs import (
     BASELINE_M,
     CONTAINERS,

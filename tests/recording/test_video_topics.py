@@ -14,8 +14,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import stream_sfm as sfm
 from stream_sfm.inspection.overview import inspect_log
-from stream_sfm.recording.stereo_log import StereoLog
-from stream_sfm.sources.video_stream import VideoStream, codec_of, starts_a_picture_group
+from stream_sfm.logs.recording.stereo_log import StereoLog
+from stream_sfm.logs.sources.video_stream import VideoStream, codec_of, starts_a_picture_group
 from tests.helpers.stereo_logs import START_NS, LogWriter, calibration_of, write_info
 from tests.helpers.wall import Wall, camera_path, rig
 

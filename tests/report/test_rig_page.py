@@ -9,7 +9,7 @@ import pytest
 
 from stream_sfm.camera.refinement import LENS_TERMS, Refinement
 from stream_sfm.config import Config
-from stream_sfm.recording.stereo_log import open_log
+from stream_sfm.logs.recording.stereo_log import open_log
 from stream_sfm.report.motions import MOTIONS
 from stream_sfm.report.rig_page import over_image, render_rig
 from stream_sfm.rig_model.terms import TERMS

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import Config
-from stream_sfm.frontend.rows import Rows
+from stream_sfm.frontend.learnt.rows import Rows
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.report.calibration import describe
 from stream_sfm.report.verdict import UNSEEN, judged, rows_warning, verdict

@@ -16,6 +16,7 @@ from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config, RigConfig, config_to_toml
 from stream_sfm.errors import InputError, LogError
 from stream_sfm.geometry import se3
+from stream_sfm.logs.sources.pose_files import read_tum
 from stream_sfm.results.estimate_messages import TOPICS
 from stream_sfm.results.estimates_reader import read_clouds, read_estimates
 from stream_sfm.results.estimates_writer import EstimatesWriter
@@ -25,7 +26,6 @@ from stream_sfm.results.run_results import read_results
 from stream_sfm.results.trajectory_files import NAMES, lines_of
 from stream_sfm.rig_model.estimate import RigEstimate
 from stream_sfm.rig_model.terms import CAUSES, TERMS, prior_std
-from stream_sfm.sources.pose_files import read_tum
 from stream_sfm.types import FrameEstimate, Status
 from tests.helpers.places import ROOM
 

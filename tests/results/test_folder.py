@@ -10,8 +10,8 @@ from rosbags.rosbag2 import Reader
 
 import stream_sfm as sfm
 from stream_sfm.config import RosConfig
+from stream_sfm.logs.sources.recognise import is_recording
 from stream_sfm.results.folder import ResultFolder, close_all, new_run_folder, point_latest_to
-from stream_sfm.sources.recognise import is_recording
 from tests.helpers.wall import Wall, camera_path, rig
 
 

@@ -11,8 +11,8 @@ import pytest
 import stream_sfm as sfm
 from stream_sfm.errors import LogError
 from stream_sfm.geometry import se3
-from stream_sfm.lane import BareLane
-from stream_sfm.observer import Observed
+from stream_sfm.pipeline.lane import BareLane
+from stream_sfm.pipeline.observer import Observed
 from stream_sfm.run.ahead import observed_ahead
 from tests.helpers.estimates import bytes_of
 from tests.helpers.imu_log import write_imu_log

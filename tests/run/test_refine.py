@@ -11,7 +11,7 @@ from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config, RigConfig
 from stream_sfm.errors import ConfigError
 from stream_sfm.geometry import se3
-from stream_sfm.recording.stereo_log import open_log
+from stream_sfm.logs.recording.stereo_log import open_log
 from stream_sfm.report.motions import MOTIONS, coverage, not_shown
 from stream_sfm.rig_model.estimate import CERTAIN, RigEstimate
 from stream_sfm.rig_model.terms import DELAY, FOCAL, TERMS, prior_std

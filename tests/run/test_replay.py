@@ -13,7 +13,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.config import read_config
-from stream_sfm.recording.stereo_log import StereoLog, open_log
+from stream_sfm.logs.recording.stereo_log import StereoLog, open_log
 from stream_sfm.results.estimates_writer import EstimatesWriter
 from stream_sfm.run.replay import ReplayInterrupted, replay
 from tests.helpers.places import ROOM

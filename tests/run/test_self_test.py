@@ -8,8 +8,8 @@ import pytest
 from stream_sfm.config import Config, RigConfig
 from stream_sfm.config.robust_rules import RobustRules
 from stream_sfm.config.rules import Rules
-from stream_sfm.observer import Observed, Observer
-from stream_sfm.recording.stereo_log import open_log
+from stream_sfm.logs.recording.stereo_log import open_log
+from stream_sfm.pipeline.observer import Observed, Observer
 from stream_sfm.run.lane import Lane
 from stream_sfm.run.loop import run
 from stream_sfm.run.self_test import SelfTest, SelfTestOfRun

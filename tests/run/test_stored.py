@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.observer import Observed, Observer
-from stream_sfm.recording.stereo_log import open_log
+from stream_sfm.logs.recording.stereo_log import open_log
+from stream_sfm.pipeline.observer import Observed, Observer
 from stream_sfm.run.lane import Lane
 from stream_sfm.run.loop import run
 from stream_sfm.run.stored import StoredObservations

@@ -8,11 +8,11 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
-from stream_sfm.importers import Imported, import_euroc, import_kitti
-from stream_sfm.mcap_file.message import Damage
-from stream_sfm.recording.stereo_log import StereoLog
-from stream_sfm.sources.image_files import ImageFile, ImageFilesSource
-from stream_sfm.sources.recognise import is_recording
+from stream_sfm.logs.importers import Imported, import_euroc, import_kitti
+from stream_sfm.logs.mcap_file.message import Damage
+from stream_sfm.logs.recording.stereo_log import StereoLog
+from stream_sfm.logs.sources.image_files import ImageFile, ImageFilesSource
+from stream_sfm.logs.sources.recognise import is_recording
 from tests.helpers.data_sets import (
     BODY_FROM_LEFT,
     EUROC_STAMPS_NS,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from stream_sfm.sources.image_sets import open_images
+from stream_sfm.logs.sources.image_sets import open_images
 from tests.helpers.data_sets import write_image_folders
 
 STAMPS_NS = [1_540_820_845_123_456_789 + n * 50_000_000 for n in range(3)]

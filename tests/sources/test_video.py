@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
-from stream_sfm.recording.stereo_log import StereoLog
+from stream_sfm.logs.recording.stereo_log import StereoLog
 from tests.helpers.wall import Wall, camera_path, rig
 
 FRAMES, RATE_HZ = 6, 25.0

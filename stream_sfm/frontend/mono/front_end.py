@@ -20,13 +20,13 @@ from ...rig_model.estimate import RigEstimate
 from ...types import ExpectedMotion, LastingErrors, MapStart, Observations
 from ..advance import Followed
 from ..alignment import TemplateAligner
-from ..ambiguity import AmbiguityMemory
+from ..learnt.rows import Rows
+from ..learnt.template_errors import TemplateErrors, turn_of_slides
+from ..learnt.timing import Timing
 from ..new_points import begin_tracks, detect_missing
-from ..rows import Rows
-from ..start_check import StartCheck
+from ..second_motions.ambiguity import AmbiguityMemory
+from ..second_motions.start_check import StartCheck
 from ..state import FrontEndState, Setup
-from ..template_errors import TemplateErrors, turn_of_slides
-from ..timing import Timing
 from ..tracker import follow
 from .map_start import begin_map, open_map
 

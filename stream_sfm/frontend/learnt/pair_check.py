@@ -1,0 +1,184 @@
+"""Checks whether left image, right image and calibration are consistent; while they are not, no motion is trusted.
+
+A camera may be frozen or knocked, or the cameras exchanged or not triggered together. Most of the left image may then
+still move rigidly, but that motion need not be the camera's. The right image shows the problem. Nearly all points whose
+left side agrees with the motion should be found in the right image, where their depth predicts them. If half of them
+are not, the motion is ambiguous until earlier points are found in both images again. If instead new points fit for long
+enough, all tracks are dropped and a new map begins. Points also vanish from the right image one by one when a near
+object hides what the left camera still sees. So points that were already missing in the last frame without a problem
+are no evidence.
+"""
+
+from dataclasses import field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import core
+from ...camera.rig import StereoRig
+from ...config import Config
+from ...config.rules import PairRules
+from ...geometry import Array
+from ...geometry.point_views import PointViews
+from ...geometry.resection import MANY_VIEWS, Resection
+from ...geometry.stereo import StereoProjection, clamp_depth
+from ...pictures.content import frozen
+from ...pictures.prepared import PreparedImages
+from ...record import changed, record
+from ..tracks import Tracks
+from .rows import Rows
+
+
+def _none() -> NDArray[np.int64]:
+    return np.empty(0, np.int64)
+
+
+@record
+class Found:
+    """The tracks (n) that were found in a frame, as they were `before` it.
+
+    `z_px` (n, 4), `cov_px` (n, 4, 4): their views; `motion`: the motion found from these; `has_samples`: whether there
+    are inertial samples that have agreed with the images for a while.
+    """
+
+    before: Tracks
+    z_px: Array
+    cov_px: Array
+    motion: Resection
+    has_samples: bool = False
+
+
+@record
+class PairFit:
+    """How the tracks `ids` (n,) fit that were found in a frame and should be in the right image as well.
+
+    `left` (n,): which agree with the motion in the left image; `both` (n,): which do in both images; `has_samples`: as
+    in `Found`; `missing` (k,): ids of tracks that were not found in the right image.
+    """
+
+    ids: NDArray[np.int64]
+    left: NDArray[np.bool_]
+    both: NDArray[np.bool_]
+    has_samples: bool = False
+    missing: NDArray[np.int64] = field(default_factory=_none)
+
+    @classmethod
+    def of(cls, found: Found, projection: StereoProjection, config: Config, missed: NDArray[np.int64]) -> "PairFit":
+        """Return the fit of the tracks found in a frame; `missed` (k,): ids of those missing on the right before."""
+        motion, before, has_right = found.motion, found.before, np.isfinite(found.z_px[:, 2])
+        right_px = projection.project_homogeneous(clamp_depth(before.points @ motion.cam_from_ref.T))[:, 2]
+        margin_px = 2 * before.scale * config.frontend.window_radius_px
+        inside = (right_px > margin_px) & (right_px < projection.width - 1 - margin_px)
+        left, both = motion.accepted, motion.accepted & has_right
+        if np.count_nonzero(both & inside) < config.rules.pair.good_share * np.count_nonzero(inside):
+            points = before.points, before.cov_points(projection)
+            left_px = np.where([True, True, False, False], found.z_px, np.nan)
+            views = PointViews(projection, *points, left_px, found.cov_px, config.rules.robust)
+            root, _ = views.linearise(motion.cam_from_ref)
+            left = left | (views.squared_residuals(motion.cam_from_ref, root) < motion.spread * views.gate)
+        missing = before.ids[inside & ~has_right]
+        counts = inside & ~core.among(before.ids, np.intersect1d(missing, missed))
+        return cls(before.ids[counts], left[counts], both[counts], found.has_samples, missing)
+
+
+@record
+class PairCheck:
+    """The evidence so far: `problem` describes what is wrong, or is empty.
+
+    `first_id`: the first id of tracks that began during the problem, None if there is none. `good_frames`: consecutive
+    good frames since then. `missing` (k,): ids of tracks that were not found in the right image in the last frame
+    without a problem.
+    """
+
+    problem: str = ""
+    first_id: int | None = None
+    good_frames: int = 0
+    missing: NDArray[np.int64] = field(default_factory=_none)
+    rules: PairRules = PairRules()
+
+    def after(self, problem: str, fit: PairFit | None, next_id: int) -> tuple["PairCheck", bool]:
+        """Return the check after a frame with a `problem`, or none, and the `fit` of its tracks (None: none followed).
+
+        Tracks that begin in this frame have ids from `next_id` on. Also returns whether all tracks must be dropped,
+        because a problem has ended without points from before it.
+        """
+        rules = self.rules
+        if problem:
+            first_id = next_id if self.first_id is None else self.first_id
+            return changed(self, problem=problem, first_id=first_id, good_frames=0), False
+        if fit is None:
+            return self, False
+        if self.first_id is None:
+            return changed(self, missing=fit.missing), False
+        old = fit.ids < self.first_id
+        # more points from before the problem than a body has by chance, and half of the survivors
+        if (old & fit.both).sum() >= max(rules.fewest_old, rules.fit * (old & fit.left).sum()):
+            return PairCheck(missing=fit.missing, rules=rules), False
+        good_frames = self.good_frames + 1 if fit.both.sum() > rules.good_share * len(fit.both) else 0
+        if good_frames < rules.good_frames:
+            return changed(self, good_frames=good_frames), False
+        return PairCheck(rules=rules), True
+
+
+def problem_of(
+    images: PreparedImages,
+    previous: PreparedImages | None,
+    fit: PairFit | None,
+    rows: Rows,
+    factor: float,
+    rules: PairRules,
+) -> str:
+    """Return what is wrong in a frame, with its likely cause, or an empty string.
+
+    `previous`: the images before; `fit`: of its tracks; `factor`: the variance factor of the views.
+    """
+    if problem := rows_problem(rows, rules):
+        return problem
+    if factor > rules.max_factor:
+        return (
+            f"view errors are {np.sqrt(factor):.1f} times as large as the images explain: does the calibration belong "
+            "to these cameras and this resolution?"
+        )
+    if fit is None:
+        return ""
+    if problem := frozen(images, previous):
+        return problem
+    n_left = np.count_nonzero(fit.left)
+    n_both = np.count_nonzero(fit.both)  # these agree in the left image as well
+    if n_left < MANY_VIEWS or n_both >= rules.fit * n_left:
+        return ""
+    if fit.has_samples and n_left < rules.good_share * len(fit.left):  # bodies hide the scene
+        return ""
+    return (
+        f"of {n_left} points that agree in the left image {n_both} do in the right one: is one "
+        "camera covered, frozen or moved, are left and right exchanged, or are the images not of one moment?"
+    )
+
+
+def rows_problem(rows: Rows, rules: PairRules) -> str:
+    """Return why the rows of matches cannot be those of a calibrated pair, or an empty string."""
+    if rows.largest_px > rules.max_rows_px:
+        return (
+            f"the rows of left and right differ by up to {rows.largest_px:.1f} px: does the calibration belong to "
+            "these cameras and this resolution, or are left and right exchanged?"
+        )
+    if rows.unexplained_px > rules.max_scatter_px:
+        return (
+            f"the rows of matches scatter by {rows.unexplained_px:.1f} px: are left and right exchanged, or are the "
+            "images not of one moment?"
+        )
+    return ""
+
+
+def resolution_problem(rig: StereoRig, rules: PairRules) -> str:
+    """Return that the principal points are those of images of half or twice the size, or an empty string."""
+    at = np.array([camera.K[:2, 2] / (camera.width, camera.height) for camera in rig.cameras.values()])
+    for factor, name in ((0.5, "half"), (2.0, "twice")):
+        if (np.abs(at - factor / 2) < rules.same_place).all():
+            left = rig.left
+            return (
+                f"the principal point ({left.K[0, 2]:.0f}, {left.K[1, 2]:.0f}) is the centre of images of {name} the "
+                f"size, but these have {left.width}×{left.height} pixels: does the calibration belong to this "
+                "resolution?"
+            )
+    return ""

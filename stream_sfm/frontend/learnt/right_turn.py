@@ -1,0 +1,121 @@
+"""Detects a right camera that is knocked out of alignment during a run, and corrects a turn that persists.
+
+Depths and motion predict where points are seen on the right, and the calibration predicts their rows. A small turn of
+the right camera shifts all of them, eq. (72d), by a field with three unknowns that is the same for near and far points.
+It is estimated in every frame together with the motion. A few hundredths of a milliradian are usual. Real rigs that
+vibrate or are not quite synchronous have more, so a turn is compared with the usual turns of the same run.
+
+The motion of a frame with an unusual turn is estimated from the left image, with the depths that are known from before.
+Once three such frames in a row have shown the same turn, all further measurements on the right are corrected for it. If
+they end without that, they were usual turns of this rig.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import core
+from ...config.robust_rules import RobustRules
+from ...config.rules import TurnRules
+from ...geometry import Array
+from ...geometry.point_views import PointViews
+from ...geometry.stereo import StereoProjection, places_over_image
+from ...record import changed, record
+from ...rig_model.estimate import RigEstimate
+from ...rig_model.model import RigModel
+from ...rig_model.terms import TERMS, effects_of_turn, terms_of_turn
+from ...types import RigChange
+from .usual_turns import Feigned, Turn, UsualTurns
+
+
+def shift_of_turn(projection: StereoProjection, rad: Array) -> float:
+    """Return the RMS shift, px, of the right image by a turn (3,) of its camera."""
+    return float(np.sqrt((_over_image(projection, rad) ** 2).sum(axis=1).mean()))
+
+
+def rig_change(projection: StereoProjection, frame_index: int, rad: Array) -> RigChange:
+    """Return the record of a turn (3,) of the right camera in a frame, with its effect on the images and depths."""
+    disparity_px = float(np.sqrt((_over_image(projection, rad)[:, 0] ** 2).mean()))
+    per_metre = disparity_px / (projection.f_px * projection.baseline_m)
+    return RigChange(frame_index, rad, shift_of_turn(projection, rad), disparity_px, per_metre)
+
+
+def _over_image(projection: StereoProjection, rad: Array) -> Array:
+    """Return the shifts (n, 2) px of far points all over the image by a turn (3,)."""
+    return np.asarray(effects_of_turn(projection, places_over_image(projection, 9, 9)) @ rad)
+
+
+def with_turn(rig: RigModel, estimate: RigEstimate, rad: Array) -> RigEstimate:
+    """Return an estimate in units of the terms, with a turn (3,) added for which the views were corrected."""
+    turned = np.zeros(len(estimate.mean))
+    turned[: len(TERMS)] = terms_of_turn(rig.projection) @ rad
+    return changed(
+        estimate, mean=estimate.mean + turned, mean_if_wrong=estimate.mean_if_wrong + turned, p_wrong=1.0
+    )
+
+
+@record
+class TurnWatch:
+    """The turns of a run.
+
+    `usual`: those that are usual; `settings`: for the gate of views. `unusual`: the unusual turns of the latest
+    consecutive frames.
+    """
+
+    projection: StereoProjection
+    rules: TurnRules
+    settings: RobustRules
+    usual: UsualTurns
+    unusual: tuple[Turn, ...] = ()
+
+    @classmethod
+    def begun(cls, projection: StereoProjection, rules: TurnRules) -> "TurnWatch":
+        """Return the watch before any frame."""
+        return cls(projection, rules, RobustRules(gate_probability=rules.gate), UsualTurns.begun(rules))
+
+    @property
+    def lasting_rad(self) -> Array | None:
+        """The turn (3,) that the latest frames have in common; None if they differ or are too few."""
+        if len(self.unusual) < self.rules.lasting_frames:
+            return None
+        latest = np.array([turn.rad for turn in self.unusual[-self.rules.lasting_frames :]])
+        mean = latest.mean(axis=0)
+        apart = np.linalg.norm(latest - mean, axis=1).max()
+        return mean if apart < self.rules.same * np.linalg.norm(mean) else None
+
+    def calm(self) -> "TurnWatch":
+        """Return the watch without its unusual turns, which are corrected now or have no track left to show them."""
+        return changed(self, unusual=())
+
+    def judge(
+        self,
+        points: Array,
+        cov_points: Array,
+        z_px: Array,
+        cov_px: Array,
+        cam_from_previous: Array,
+        feigned: Feigned,
+    ) -> tuple["TurnWatch", NDArray[np.bool_] | None]:
+        """Return the watch after a frame, and which views (n,) agree with its turn if that is unusual, else None.
+
+        `points` (n, 4) are homogeneous, in the previous camera, with covariances (n, 4, 4). Their views `z_px` (n, 4)
+        in this frame have covariances (n, 4, 4); none of them was rejected for its row. The motion may be approximate.
+        `feigned`: the apparent turns by unknown errors of the rig.
+        """
+        rules = self.rules
+        n_seen = np.count_nonzero(np.isfinite(z_px[:, 2]))
+        if n_seen < rules.min_views:
+            return self.calm(), None
+        views = PointViews(self.projection, points, cov_points, z_px, cov_px, self.settings)
+        rad, cov, agree, chi2 = core.fit_turn(views, cam_from_previous, self.usual.measured + feigned.cov, rules)
+        turn = Turn(rad, cov, chi2, feigned)
+        possible = self.projection.f_px * math.hypot(*rad) < rules.max_turn_px
+        possible = possible and bool(np.count_nonzero(agree) > rules.agree * n_seen)
+        stands_out = possible and self.usual.log_odds(turn) > -math.log(rules.knocks)
+        usual = self.usual.sized(turn)
+        if stands_out and len(self.unusual) < rules.patience_frames:
+            return changed(self, usual=usual, unusual=(*self.unusual, turn)), agree
+        for each in (*self.unusual, turn):  # this rig turns to and fro
+            usual = usual.learnt(each)
+        return changed(self, usual=usual, unusual=()), None

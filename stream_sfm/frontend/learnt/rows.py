@@ -1,0 +1,175 @@
+"""Row differences: how v_left − v_right of correct matches varies over the image, learnt from the matches, eq. (19).
+
+After rectification a point lies on the same row in both images. Real calibrations miss this by tenths of a pixel. The
+model is a polynomial of second order for the relative rotation of the cameras and for their lenses, a smooth field for
+the rest, and the motion of the row during the delay of the right camera. Row differences depend on neither depth nor
+motion, so one linear Gaussian filter estimates all of this, and the size of the field follows from its marginal
+likelihood. Only new matches count, because later views of a point repeat its first error.
+"""
+
+import math
+
+import numpy as np
+
+from ... import core
+from ...config import Config
+from ...config.rules import RowRules
+from ...geometry import Array
+from ...geometry.linear import symmetric_inverse
+from ...geometry.medians import CAUCHY_WIDTH, MAD_TO_STD, MEMORY_FRAMES, median
+from ...geometry.stereo import StereoProjection, places_over_image, velocities
+from ...record import changed, record
+from ...rig_model.field import LEAST_PX, Field, field_over
+
+_POLYNOMIAL = 6  # coefficients
+# Candidates for σ of the field, px, from the noise of a good match to more than any real rig has. In addition σ = 0 is
+# considered, as probable as all of them together.
+_FIELD_STD_PX = np.geomspace(0.01, 0.5, 18)
+_KNOWN_PX = 0.1  # σ below which a row difference is known: well below the errors that matter
+
+
+@record
+class Rows:
+    """The estimated row differences: amplitudes `mean` (n,) with `cov` (n, n) of polynomial, delay and field.
+
+    `std_delay_s`: prior σ of the delay. `scatter_px`: σ of new matches around the model; `unexplained_px`: the same but
+    for what an unknown turn of the camera during the delay explains; `frames`: how many frames both are learnt from.
+    `field_std_px`: σ of the field. `largest_px`: the largest v_left − v_right at rest at the latest matches; in corners
+    without matches the polynomial is an extrapolation.
+    """
+
+    projection: StereoProjection
+    max_px: float
+    mean: Array
+    cov: Array
+    std_delay_s: float
+    rules: RowRules
+    scatter_px: float
+    unexplained_px: float
+    frames: int = 0
+    field_std_px: float = LEAST_PX
+    largest_px: float = 0.0
+
+    @classmethod
+    def unknown(cls, projection: StereoProjection, config: Config) -> "Rows":
+        """Return the prior."""
+        rules = config.rules.rows
+        std_delay_s = 1e-9 if config.rig.exact else config.rig.std_delay_s
+        n_field = field_over(projection.width, projection.height).size
+        std = np.r_[np.full(_POLYNOMIAL, rules.std_px), std_delay_s, np.full(n_field, LEAST_PX)]
+        max_px = config.frontend.max_vertical_disparity_px
+        prior = np.zeros(len(std)), np.diag(std**2), std_delay_s
+        return cls(projection, max_px, *prior, rules, rules.std_match_px, rules.std_match_px)
+
+    @property
+    def delay(self) -> tuple[float, float]:
+        """The delay of the right camera from matches alone: its information, s⁻², and information times delay, s⁻¹."""
+        mean, var = self.mean[_POLYNOMIAL], self.cov[_POLYNOMIAL, _POLYNOMIAL]
+        information = 1 / var - self.std_delay_s**-2
+        wrong = 1 / (1 + information * (self.rules.speed_error * mean) ** 2)
+        return float(wrong * information), float(wrong * mean / var)
+
+    def with_delay(self, delay_s: float, variance_s2: float) -> "Rows":
+        """Return the rows with a delay N(`delay_s`, `variance_s2`), if that is more certain than their own estimate.
+
+        Learning continues without it: estimators receive the delay through `delay`, and must not receive it twice.
+        """
+        own = self.cov[_POLYNOMIAL]
+        if variance_s2 * (self.delay[0] + self.std_delay_s**-2) >= 1:
+            return self
+        gain = own / own[_POLYNOMIAL]
+        mean = self.mean + gain * (delay_s - self.mean[_POLYNOMIAL])
+        return changed(self, mean=mean, cov=self.cov + np.outer(gain, gain) * (variance_s2 - own[_POLYNOMIAL]))
+
+    @property
+    def field(self) -> Field:
+        """The field over the images; its amplitudes are the last ones."""
+        return field_over(self.projection.width, self.projection.height)
+
+    def over_image(self, down: int, across: int) -> tuple[Array, Array]:
+        """Return v_left − v_right at rest at `down` × `across` places of the left image, and its σ; px, row by row."""
+        places_px = places_over_image(self.projection, down, across)
+        terms = row_terms(self.projection, places_px, np.zeros(len(places_px)))
+        return terms @ self.mean, np.sqrt(np.einsum("ni,ij,nj->n", terms, self.cov, terms))
+
+    @property
+    def rms_px(self) -> float:
+        """v_left − v_right at rest, root mean square over the places where it is known; NaN without any."""
+        difference_px, std_px = self.over_image(9, 9)
+        known = std_px < _KNOWN_PX
+        return float(np.sqrt((difference_px[known] ** 2).mean())) if known.any() else float("nan")
+
+    def after(self, z_px: Array, twist: Array) -> "Rows":
+        """Return the rows after new views (n, 4) of a frame whose points move with a twist (6,)."""
+        points = core.seen_points(self.projection, z_px)
+        row_speed_px_s = velocities(self.projection, points, twist)[:, 3]
+        by_turning = np.stack([velocities(self.projection, points, e)[:, 3] for e in np.eye(6)[3:]], axis=1)
+        return self.learnt(z_px[:, :2], z_px[:, 1] - z_px[:, 3], row_speed_px_s, by_turning)
+
+    def learnt(
+        self, left_px: Array, difference_px: Array, row_speed_px_s: Array, by_turning: Array | None = None
+    ) -> "Rows":
+        """Return the rows after matches at (n, 2), whose rows differ by (n,) and move by (n,) px/s.
+
+        `by_turning` (n, 3): how they would move if the camera turned by 1 rad/s about each of its axes.
+        """
+        if len(left_px) < _POLYNOMIAL:
+            return self
+        matches, rules = (left_px, difference_px, row_speed_px_s), self.rules
+        information, weighted, mean, rest_px = core.fit_rows(
+            self, *matches, rules.step_px, CAUCHY_WIDTH, rules.reweightings
+        )
+        frames = self.frames + 1
+        scatter = MAD_TO_STD * median(np.abs(rest_px))
+        scatter_px = self.scatter_px + (scatter - self.scatter_px) / min(frames, MEMORY_FRAMES)
+        unexplained = MAD_TO_STD * median(np.abs(rest_px - self._by_unknown_turn(rest_px, mean, by_turning)))
+        unexplained_px = self.unexplained_px + (unexplained - self.unexplained_px) / min(frames, MEMORY_FRAMES)
+        field_std_px = self._likely_field_std_px(information, mean)
+        field = range(_POLYNOMIAL + 1, len(mean))
+        information[field, field] += field_std_px**-2 - self.field_std_px**-2
+        cov = symmetric_inverse(information)
+        mean, terms = cov @ weighted, row_terms(self.projection, left_px, row_speed_px_s)
+        return changed(
+            self,
+            mean=mean,
+            cov=cov,
+            scatter_px=scatter_px,
+            unexplained_px=unexplained_px,
+            frames=frames,
+            field_std_px=field_std_px,
+            largest_px=float(np.abs(terms @ mean - terms[:, _POLYNOMIAL] * mean[_POLYNOMIAL]).max()),
+        )
+
+    def _by_unknown_turn(self, rest_px: Array, mean: Array, by_turning: Array | None) -> Array:
+        """Return the part (n,) of what is left of row differences that an unknown turn rate explains, eq. (19b).
+
+        The velocity of a shaken camera is extrapolated, and a delay moves all rows by its error.
+        """
+        if by_turning is None:
+            return np.zeros_like(rest_px)
+        size_s = math.hypot(mean[_POLYNOMIAL], math.sqrt(self.cov[_POLYNOMIAL, _POLYNOMIAL]))
+        columns = by_turning * (size_s * self.rules.std_turning_rad_s / self.unexplained_px)
+        rest, explained = rest_px / self.unexplained_px, np.zeros_like(rest_px)
+        for _ in range(self.rules.reweightings):
+            weighted = columns.T / (1 + ((rest - explained) / CAUCHY_WIDTH) ** 2)
+            explained = columns @ np.linalg.solve(np.eye(3) + weighted @ columns, weighted @ rest)
+        return explained * self.unexplained_px
+
+    def _likely_field_std_px(self, information: Array, mean: Array) -> float:
+        """Return the likely σ of the field, eq. (19a), from all information about the rows."""
+        other, field = slice(_POLYNOMIAL + 1), slice(_POLYNOMIAL + 1, None)
+        across = information[other, field]
+        own = information[field, field] - across.T @ np.linalg.solve(information[other, other], across)
+        values, axes = np.linalg.eigh(own - np.eye(len(own)) / self.field_std_px**2)
+        weighted = axes.T @ (own @ mean[field])
+        evidence = core.log_evidence(np.maximum(values, 0.0), weighted, _FIELD_STD_PX**2).sum(axis=1)
+        largest = max(0.0, float(evidence.max()))
+        weight = np.exp(evidence - largest) / len(_FIELD_STD_PX)
+        std_px = np.sqrt(weight @ _FIELD_STD_PX**2 / (weight.sum() + np.exp(-largest)))
+        return max(float(std_px), LEAST_PX)
+
+
+def row_terms(projection: StereoProjection, left_px: Array, row_speed_px_s: Array) -> Array:
+    """Return the effect (n, k) of amplitudes of 1 on v_left − v_right of views at (n, 2), which move by (n,) px/s."""
+    field = field_over(projection.width, projection.height)
+    return core.row_terms(projection, field, left_px, row_speed_px_s)

@@ -1,0 +1,114 @@
+"""The usual turns of the right camera in a run: real rigs vibrate, or are not quite synchronous."""
+
+import math
+
+import numpy as np
+
+from ...config.rules import TurnRules
+from ...geometry import Array
+from ...geometry.linear import symmetric
+from ...geometry.medians import MEMORY_FRAMES
+from ...geometry.sizes import SIZES, Sizes
+from ...record import changed, record
+
+
+@record
+class Feigned:
+    """The apparent turns by unknown errors of the rig in a frame.
+
+    `cov_others` (3, 3): of all but a delay of the right camera, whose turn is `per_s` (3,) rad/s with a variance of
+    `var_delay_s2`.
+    """
+
+    cov_others: Array
+    per_s: Array
+    var_delay_s2: float
+
+    @property
+    def cov(self) -> Array:
+        """The covariance (3, 3) of all of them."""
+        return np.asarray(self.cov_others + self.var_delay_s2 * np.outer(self.per_s, self.per_s))
+
+
+@record
+class Turn:
+    """The turn `rad` (3,) of the right camera that a frame shows.
+
+    `cov` (3, 3): of its measurement; `chi2`: of a usual one; `feigned`: what it may contain.
+    """
+
+    rad: Array
+    cov: Array
+    chi2: float
+    feigned: Feigned
+
+
+@record
+class UsualTurns:
+    """Statistics of the usual turns.
+
+    `measured` (3, 3): the covariance of what was measured; `real` (3, 3): the same without measurement noise; `frames`:
+    how many they are learnt from. `sizes`: of the turn in the latest frame, in units of `real`. `late` (2,):
+    information about the delay of the right camera in all turns, and its weighted sum.
+    """
+
+    rules: TurnRules
+    measured: Array
+    real: Array
+    frames: int
+    sizes: Sizes
+    late: Array
+
+    @classmethod
+    def begun(cls, rules: TurnRules) -> "UsualTurns":
+        """Return the first guess."""
+        guess = np.eye(3) * rules.first_guess_rad**2
+        return cls(rules, guess, guess, rules.guess_frames, Sizes(), np.zeros(2))
+
+    @property
+    def root(self) -> Array:
+        """A root (3, 3) of the covariance of turns of the present size."""
+        return self.sizes.probable * np.asarray(np.linalg.cholesky(self.real), np.float64)
+
+    def log_odds(self, turn: Turn) -> float:
+        """Return the log of how much likelier a turn is with a knock than without, eq. (72f).
+
+        `measured` follows from three numbers in each of so many frames. So usual turns have a t-distribution: in the
+        first frames nobody knows how much this rig shakes.
+        """
+        n = 3.0 * (max(self.frames - self.rules.guess_frames, 0) + 1)
+        usual = self.measured + turn.cov + turn.feigned.cov
+        knocked = usual + self.rules.std_rad**2 * np.eye(3)
+        d2, d2_knocked = (float(turn.rad @ np.linalg.solve(cov, turn.rad)) for cov in (usual, knocked))
+        log_usual = math.lgamma((n + 3) / 2) - math.lgamma(n / 2) - 1.5 * math.log(n / 2)
+        log_usual -= (n + 3) / 2 * math.log1p(d2 / n) + float(np.linalg.slogdet(usual)[1]) / 2
+        return -d2_knocked / 2 - float(np.linalg.slogdet(knocked)[1]) / 2 - log_usual
+
+    def sized(self, turn: Turn) -> "UsualTurns":
+        """Return them with the size of the turn of the latest frame."""
+        covs = turn.cov + turn.feigned.cov + SIZES[:, None, None] ** 2 * self.real
+        d2 = np.array([turn.rad @ np.linalg.solve(cov, turn.rad) for cov in covs])
+        return changed(self, sizes=self.sizes.after(-0.5 * (d2 + np.linalg.slogdet(covs)[1])))
+
+    def learnt(self, turn: Turn) -> "UsualTurns":
+        """Return them after a turn that counts as usual.
+
+        A delay is one unknown of the run and no noise of each frame: what the turns of all frames say about it counts.
+        The covariance of real turns follows by expectation maximisation (Dempster, Laird and Rubin 1977).
+        """
+        per_s, var_s2, others = turn.feigned.per_s, turn.feigned.var_delay_s2, turn.cov + turn.feigned.cov_others
+        frames = min(self.frames + 1, MEMORY_FRAMES)
+        by_delay = np.linalg.solve(self.real + others, per_s)
+        late = (1 - 1 / frames) * self.late + (by_delay @ per_s, by_delay @ turn.rad)
+        var_s2 = 1 / (1 / var_s2 + late[0]) if var_s2 > 0 else 0.0
+        rad, cov = turn.rad - var_s2 * late[1] * per_s, others + var_s2 * np.outer(per_s, per_s)
+        counts = 1.0 if turn.chi2 < self.rules.limit else self.rules.limit / turn.chi2
+        gain = np.linalg.solve(self.real + cov, self.real).T
+        expected = symmetric(counts * gain @ np.outer(rad, rad) @ gain.T + self.real - gain @ self.real)
+        return changed(
+            self,
+            measured=self.measured + (counts * np.outer(turn.rad, turn.rad) - self.measured) / frames,
+            real=self.real + (expected - self.real) / frames,
+            frames=frames,
+            late=late,
+        )

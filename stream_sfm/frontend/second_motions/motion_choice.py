@@ -1,0 +1,293 @@
+"""Decides whose motion it is: that of the scene, or that of a body or a picture in front of it.
+
+Sets of tracks may move differently. `choose` seeks the motions that may be the scene's, and weighs the first against
+the second by log-odds: votes with history, the order of depths, which of them is new, and inertial samples. The result
+is one motion, two, or none if a body hides the scene.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import core
+from ...config.rules import Rules, StartRules
+from ...geometry import Array
+from ...geometry.medians import median
+from ...geometry.resection import (
+    MANY_VIEWS,
+    MIN_VIEWS,
+    Resection,
+    SecondMotion,
+    expected,
+    judged,
+    refine,
+    resect,
+    residuals_of,
+)
+from ...record import changed
+from ..rough_motion import RoughMotion, find_rough_motion
+from ..seen import Seen
+from ..state import FrontEndState
+from ..step import Step
+from ..tracks import Tracks
+from .depth_order import depth_order, is_behind, is_deeper
+
+
+def of_background(step: Step, state: FrontEndState, rough: RoughMotion) -> RoughMotion:
+    """Return the rough motion, or that of the tracks that do not agree with it if these lie behind the others.
+
+    Only at the start of a map: later, votes have history.
+    """
+    rules, tracks, rest = step.setup.rules, state.tracks, np.flatnonzero(~rough.agree)
+    if state.start.is_over or len(rest) < max(MANY_VIEWS, rules.start.unexplained * len(tracks)):
+        return rough
+    other = find_rough_motion(changed(step, is_predicted=False), state.aligners, tracks.keep(rest))
+    if other is None:
+        return rough
+    left_px = step.setup.projection.project_homogeneous(tracks.points @ other.cam_from_previous.T)[:, :2]
+    # far points fit both motions, within six σ of a position by flow
+    apart_px = np.linalg.norm(left_px - rough.left_px, axis=1)
+    others = tracks.keep(rough.agree & (apart_px > 6 * rules.flow.std_px * tracks.scale))
+    if not is_behind(step.setup, tracks.keep(rest[other.agree]), others):
+        return rough
+    left_px[rest[other.agree]] = other.left_px[other.agree]
+    agree = np.zeros(len(tracks), bool)
+    agree[rest[other.agree]] = True
+    return RoughMotion(other.cam_from_previous, left_px, agree, other.share)
+
+
+def choose(step: Step, state: FrontEndState, seen: Seen, found: Resection) -> Resection:
+    """Return the motion that is probably the scene's, with the other one as its second motion."""
+    motion = _sampled(step, seen, _steady(step, state, seen, found))
+    if not state.start.is_over and motion.ok:
+        at_rest = residuals_of(seen.point_views, np.eye(4)) < seen.point_views.gate
+        if np.count_nonzero(motion.accepted & at_rest) < np.count_nonzero(motion.accepted & ~at_rest):
+            motion = _without(step, seen, motion, at_rest)
+        rho = seen.before.points[:, 3]
+        if motion.second is None:
+            near = motion.accepted & (rho >= median(rho[motion.accepted]))
+            motion = _without(step, seen, motion, near)
+    second = motion.second
+    return (
+        motion
+        if not motion.ok or second is None or second.in_front
+        else _decided(step, state, seen, motion, second)
+    )
+
+
+def _decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection, second: SecondMotion) -> Resection:
+    """Return two motions in their order, with the odds of the second one, eq. (23f)."""
+    views, tracks, clear = seen.point_views, seen.before, -float(np.log(motion.ambiguous_share))
+    other = refine(views, seen.weights, second.cam_from_ref, motion.amplitudes)
+    only_first = motion.accepted & (other.squared_residuals > views.clear_gate)
+    first, then = tracks.keep(only_first), tracks.keep(second.views)
+    votes, order = -float(np.log(max(second.odds, 1e-9))), 0.0
+    if motion.ambiguous is not None or not state.start.is_over or state.ambiguity.frames_left > 0:
+        if not state.start.is_over and votes <= clear and other.ok and is_behind(step.setup, then, first):
+            order = -2 * clear
+        elif is_behind(step.setup, tracks.keep(motion.accepted), then):
+            order = 2 * clear
+    odds = votes + order
+    if state.start.is_over:
+        odds += 2 * clear * _is_newcomer(step, state, seen, motion, second)
+        second = _uncovered(step, seen, motion, second)
+        odds = 0.0 if second.lasted else odds
+    if not second.lasted and other.ok:
+        odds += _by_samples(step, motion, other)
+    if odds < -clear and other.ok:
+        former = SecondMotion(
+            motion.cam_from_ref, motion.cov_pose, only_first, float(np.exp(odds)), in_front=order < 0
+        )
+        return changed(other, second=former)
+    return changed(motion, second=changed(second, odds=float(np.exp(-odds)), in_front=order > 0))
+
+
+def _is_newcomer(step: Step, state: FrontEndState, seen: Seen, motion: Resection, second: SecondMotion) -> bool:
+    """Whether many old tracks go on as before, and hardly any agrees with a second motion only.
+
+    The speed of the second motion is no evidence, because a body may pass slowly.
+    """
+    old = seen.before.agreed >= step.setup.rules.motion.full_history
+    if state.ambiguity.frames_left > 0 or step.jumps(motion.cam_from_ref, step.std_change):
+        return False
+    return bool(
+        np.count_nonzero(second.views & old) < MIN_VIEWS and np.count_nonzero(motion.accepted & old) >= MANY_VIEWS
+    )
+
+
+def _uncovered(step: Step, seen: Seen, motion: Resection, second: SecondMotion) -> SecondMotion:
+    """Return the second motion with `lasted`, if one of the two sets has come into view behind all of the other.
+
+    Points that come into view in front of a scene are on a body. Points that come into view behind everything followed
+    so far may be the scene, and what was followed may be a body that has hidden it. (Until a start is over, its check
+    reports this.)
+    """
+    only_second, followed = seen.before.keep(second.views), seen.before.keep(motion.accepted)
+    if is_deeper(step.setup, only_second, followed):
+        # the motion of these views alone: the one found may be a compromise with near points
+        alone = resect(seen.point_views.select(second.views), second.cam_from_ref, find_second=False)
+        known = alone if alone.ok else second
+        return SecondMotion(known.cam_from_ref, known.cov_pose, second.views, 1.0, _history(followed))
+    lasted = _history(only_second)
+    if lasted < step.setup.rules.motion.full_history or not is_deeper(step.setup, followed, only_second):
+        return second
+    return changed(second, lasted=lasted)
+
+
+def _history(tracks: Tracks) -> int:
+    """Return for how many frames enough tracks for a motion have agreed."""
+    return int(np.sort(tracks.agreed)[-MIN_VIEWS]) if len(tracks) >= MIN_VIEWS else 0
+
+
+def _by_samples(step: Step, motion: Resection, other: Resection) -> float:
+    """Return the log-odds of a motion over another one by inertial samples, eq. (85), if they allow only one of them.
+
+    An accelerometer cannot distinguish a body in uniform motion from one at rest until it or the camera turns, or the
+    velocity is known. The velocity is not known if a body may have been followed until now.
+    """
+    if step.by_inertia is None:
+        return 0.0
+    apart = step.distance2(other) - step.distance2(motion)
+    return 0.5 * apart if abs(apart) > step.setup.rules.motion.inertial_apart else 0.0
+
+
+def _sampled(step: Step, seen: Seen, motion: Resection) -> Resection:
+    """Return the motion that samples predict in place of one that they do not allow, if enough views agree with it."""
+    if not motion.ok or step.may_be(motion):
+        return motion
+    near = refine(seen.point_views, seen.weights, step.predicted, motion.amplitudes)
+    return changed(near, second=None) if near.ok and step.is_sampled(near) else motion
+
+
+def _steady(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> Resection:
+    """Return the motion near the predicted one in place of one that jumps, if about as many old tracks agree.
+
+    A body that comes into view has its own motion, and far points agree with it within their noise. If it were the
+    camera's, the camera would have jumped. The motion that jumps then becomes the second motion.
+    """
+    usual = step.usual_change(state.unsteadiness)
+    if not motion.ok or not step.jumps(motion.cam_from_ref, usual):
+        return motion
+    views, old = seen.point_views, seen.before.agreed > 0
+    fewest, near = views.settings.second_views, _of_old(step, seen, old, usual)
+    agree, agreed = (int(np.count_nonzero(m.accepted & old)) for m in (near, motion))
+    if not near.ok or agree < max(fewest, step.setup.rules.motion.as_many * agreed):
+        return motion
+    only_other = motion.accepted & (near.squared_residuals > views.clear_gate)
+    if np.count_nonzero(only_other) < fewest:  # few views distinguish the two
+        return changed(near, second=motion.second) if near.share >= motion.share else motion
+    return changed(near, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, only_other, odds=1.0))
+
+
+def _of_old(step: Step, seen: Seen, old: NDArray[np.bool_], std_change: Array) -> Resection:
+    """Return the motion near the predicted one, from `old` tracks (n,), or from those with a full history if many.
+
+    `std_change` (6,): σ of a change from the prediction. If these tracks do not determine it, all views are used.
+    """
+    views, settled = seen.point_views, seen.before.agreed >= step.setup.rules.motion.full_history
+    if np.count_nonzero(settled) >= MANY_VIEWS:
+        old = settled
+    alone = resect(views.select(old), step.predicted, seen.weights[old], find_second=False)
+    # far tracks alone determine a motion poorly
+    if alone.ok and not step.jumps(alone.cam_from_ref, np.sqrt(std_change**2 + np.diagonal(alone.cov_pose))):
+        return judged(expected(alone, step.predicted, std_change), views, seen.weights)
+    return refine(views, seen.weights, step.predicted, np.zeros(views.shared.shape[2]))
+
+
+def _without(step: Step, seen: Seen, motion: Resection, apart: NDArray[np.bool_]) -> Resection:
+    """Return the motion without points `apart` (n,), if it explains all others clearly better and they are in front.
+
+    Far points agree with any translation that a rotation compensates. So while no track has a history, all far points
+    may agree with the motion of a body in front of the camera, or of the robot's own body, which is at rest in the
+    image. Only the points in between contradict it, and they are too few for a second motion, or each by too little.
+    """
+    views, rest, rules = seen.point_views, ~apart, step.setup.rules
+    agreed = motion.accepted & rest
+    if np.count_nonzero(agreed) < MANY_VIEWS or not (motion.accepted & apart).any():
+        return motion
+    alone = resect(views.select(rest), motion.cam_from_ref, seen.weights[rest], find_second=False, search=True)
+    other = refine(views, seen.weights, alone.cam_from_ref, alone.amplitudes)
+    if not alone.ok or not other.ok:
+        return motion
+    body = motion.accepted & (other.squared_residuals > views.clear_gate)
+    if np.count_nonzero(other.accepted & agreed) < rules.motion.as_many * np.count_nonzero(agreed):
+        return motion  # the motion of other points than these
+    if log_odds(other, motion, ~body, views.clear_gate) < rules.start.body:
+        return motion
+    if not is_behind(step.setup, seen.before.keep(other.accepted & rest), seen.before.keep(body), fewest=1):
+        return motion
+    return changed(other, second=SecondMotion(motion.cam_from_ref, motion.cov_pose, body, 0.0, in_front=True))
+
+
+def log_odds(motion: Resection, other: Resection, rows: NDArray[np.bool_], limit: Array) -> float:
+    """Return the log-odds of a motion over another one by the views `rows` (n,), eq. (23d).
+
+    Residuals are measured in the noise that the views of the motion show. Squared ones count up to a `limit` (n,), so
+    that views of neither motion say nothing.
+    """
+    noise = motion.chi2 / max(motion.dof, 1)
+    first, then = (np.minimum(m.squared_residuals[rows] / noise, limit[rows]) for m in (motion, other))
+    shared = other.amplitudes @ other.amplitudes - motion.amplitudes @ motion.amplitudes
+    return 0.5 * float((then - first).sum() + shared)
+
+
+def is_scene_hidden(step: Step, state: FrontEndState, seen: Seen, motion: Resection) -> bool:
+    """Whether a body hides the scene, so that most of the tracks that were found are on moving objects.
+
+    This is so if of the tracks that have agreed before, fewer than MANY_VIEWS and fewer than half agree now, and many
+    new ones agree on a motion that has jumped, or the scene was hidden already. If they lie in front of the former
+    ones, a motion jumps if it is unlike the usual motion of this camera.
+    """
+    old, trusted = state.tracks.agreed > 0, seen.before.agreed > 0
+    if np.count_nonzero(motion.accepted & trusted) >= min(MANY_VIEWS, 0.5 * np.count_nonzero(old)):
+        return False
+    new, rules = seen.before.keep(motion.accepted & ~trusted), step.setup.rules
+    if len(new) < rules.motion.hidden_views:
+        return False
+    rho, in_front = state.tracks.points[old, 3], False
+    if len(rho):
+        in_front = median(new.points[:, 3]) > rules.start.deeper * median(rho)
+    usual = step.usual_change(state.unsteadiness) if in_front else step.std_change
+    return state.background_hidden or step.jumps(motion.cam_from_ref, usual)
+
+
+def may_be_scene(rules: Rules, tracks: Tracks, accepted: NDArray[np.bool_], fills_view: bool) -> NDArray[np.bool_]:
+    """Return which tracks (n) that a motion does not explain may belong to a scene hidden by those `accepted` (n,).
+
+    A track in front of its accepted neighbours may be on a moving body and does not count. None counts if the accepted
+    tracks have covered the view from the start (`fills_view`) and nearly all of them are as far away: then they hide
+    nothing, and the others came into view later.
+    """
+    rest, followed = ~accepted, tracks.keep(accepted)
+    if fills_view and rest.any():
+        as_far = followed.points[:, 3] < rules.start.deeper * median(tracks.points[rest, 3])
+        if np.count_nonzero(as_far) >= rules.motion.calm_start * len(followed):
+            return np.zeros(len(tracks), bool)
+    return rest & (depth_order(tracks, followed, rules.start) >= 0)
+
+
+def contradict_far(
+    rules: StartRules, seen: Seen, motion: Resection, others: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return which of `others` (n,), which may belong to the scene, contradict the agreeing points behind them.
+
+    If the motion were that of a body in front of the scene, agreeing points farther away than these others would belong
+    to the scene. So the others are tested against the motion of these far points, with its covariance.
+    """
+    views, rho, none = seen.point_views, seen.before.points[:, 3], np.zeros(len(others), bool)
+    if not others.any():
+        return none
+    far = motion.accepted & (rules.deeper * rho < median(rho[others]))
+    if np.count_nonzero(far) < MANY_VIEWS:
+        return none
+    by_far = refine(views.select(far), seen.weights[far], motion.cam_from_ref, motion.amplitudes)
+    if not by_far.ok:
+        return none
+    rows = views.select(others)
+    root, jacobian = rows.linearise(by_far.cam_from_ref)
+    residuals = core.view_residuals(rows, root, by_far.amplitudes, by_far.cam_from_ref[None])[0][0]
+    cov = np.zeros((jacobian.shape[2],) * 2)
+    cov[:6, :6], cov[6:, 6:] = by_far.cov_pose, by_far.cov_amplitudes
+    cov_residuals = np.eye(4) + jacobian @ cov @ np.swapaxes(jacobian, 1, 2)
+    squared = np.einsum("ni,ni->n", residuals, np.linalg.solve(cov_residuals, residuals[:, :, None])[:, :, 0])
+    none[others] = squared > rows.clear_gate
+    return none

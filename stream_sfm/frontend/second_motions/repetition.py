@@ -1,0 +1,154 @@
+"""Checks whether the scene is repetitive, so that a second motion explains the images as well as the one from flow.
+
+In front of a grid or a wall of tiles, each patch looks like others nearby. While the velocity is unknown, flow may have
+followed every patch to a neighbour of its true place, all by the same step. The motion is then off by a tile per frame,
+in perfect agreement with the images. This requires that everything in view is repetitive. A post in front of the grid
+or the ground below it looks different where the wrong motion puts it, and decides between the two.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...config.rules import RepetitionRules
+from ...geometry import Array, se3
+from ...geometry.point_views import PointViews
+from ...geometry.resection import MANY_VIEWS, MIN_VIEWS, SecondMotion, resect
+from ...pictures.prepared import Image
+from ...record import changed
+from ..rough_motion import RoughMotion, find_rough_motion
+from ..state import FrontEndState
+from ..step import Step
+from ..tracks import Tracks
+
+
+def smaller_of_alike(step: Step, state: FrontEndState, rough: RoughMotion) -> RoughMotion:
+    """Return the motion with a second one for which the scene looks `alike`, if there is one, the smaller one first.
+
+    It is sought while hardly any track has a history, and from then on as long as the scene is repetitive.
+    """
+    if state.ambiguity.repeats:
+        second = state.ambiguity.second_beside(rough.cam_from_previous)
+        return changed(rough, alike=second if _still_repeats(step, state.tracks, rough, second) else None)
+    known = np.count_nonzero(state.tracks.agreed) >= MANY_VIEWS
+    second = None if known else _second_motion(step, state.tracks, rough)
+    if second is None:
+        return rough
+    size, second_size = (
+        np.linalg.norm(se3.log(m) / step.setup.std_acceleration)
+        for m in (rough.cam_from_previous, second.cam_from_ref)
+    )
+    if size > second_size:
+        near = changed(step, predicted=second.cam_from_ref, is_predicted=True)
+        smaller = find_rough_motion(near, state.aligners, state.tracks)
+        if smaller is not None:
+            return changed(smaller, alike=changed(second, cam_from_ref=rough.cam_from_previous))
+    return changed(rough, alike=second)
+
+
+def _second_motion(step: Step, tracks: Tracks, rough: RoughMotion) -> SecondMotion | None:
+    """Return the second motion that the nearest look-alikes share, if nearly every track has one."""
+    rows, alike_px = _look_alikes(step, tracks, rough)
+    if not _repeats(step, alike_px):
+        return None
+    projection, rules = step.setup.projection, step.setup.rules.repetition
+    seen = np.isfinite(alike_px[:, 0])
+    alike = tracks.keep(rows[seen])
+    points = alike.points, alike.cov_points(projection)
+    cov_px = np.broadcast_to(rules.std_px**2 * np.eye(4), (len(alike), 4, 4))
+    views = PointViews(projection, *points, alike_px[seen], cov_px, step.setup.rules.robust)
+    motion = resect(views, np.eye(4), find_second=False)
+    if not motion.ok or motion.share < rules.share or _is_refuted(step, tracks, rough, motion.cam_from_ref):
+        return None
+    return SecondMotion(motion.cam_from_ref, motion.cov_pose, views=np.zeros(len(tracks), bool), odds=1.0)
+
+
+def _still_repeats(step: Step, tracks: Tracks, rough: RoughMotion, second: SecondMotion | None) -> bool:
+    """Whether the view still does not show which of two motions is right, the rough one or a `second` one."""
+    if second is not None and _is_refuted(step, tracks, rough, second.cam_from_ref):
+        return False
+    return _repeats(step, _look_alikes(step, tracks, rough)[1])
+
+
+def _is_refuted(step: Step, tracks: Tracks, rough: RoughMotion, second_from_previous: Array) -> bool:
+    """Whether enough patches that flow has found look different where a second motion (4, 4) puts them."""
+    rules, before, now = step.setup.rules.repetition, step.previous.left_half, step.images.left_half
+    rows = np.flatnonzero(rough.agree & (tracks.scale == 1))
+    rows = rows[:: max(1, len(rows) // rules.compared)]
+    other_px = step.setup.projection.project_homogeneous(tracks.points[rows] @ second_from_previous.T)[:, :2]
+    apart = np.linalg.norm(other_px - rough.left_px[rows], axis=1) > 4 * rules.half_px  # by more than a patch
+    against = 0
+    for row, at_px in zip(rows[apart], other_px[apart], strict=True):
+        patch = _window(before, tracks.left_px[row], rules.half_px)
+        found = _likeness(patch, _window(now, rough.left_px[row], rules.half_px + 1))
+        elsewhere = _likeness(patch, _window(now, at_px, 2 * rules.half_px))
+        against += found > rules.found and elsewhere < found - rules.less
+    return against >= step.setup.rules.robust.second_views
+
+
+def _window(half: Image, at_px: Array, reach: int) -> Image | None:
+    """Return the part of a half-size image around a position of the whole one, None if it is not all inside."""
+    if not np.isfinite(at_px).all():
+        return None
+    u, v = np.rint(at_px / 2).astype(int)
+    inside = reach <= u < half.shape[1] - reach and reach <= v < half.shape[0] - reach
+    return half[v - reach : v + reach + 1, u - reach : u + reach + 1] if inside else None
+
+
+def _likeness(patch: Image | None, window: Image | None) -> float:
+    """Return the largest correlation of a patch in a window; NaN if one of them is not in its image."""
+    if patch is None or window is None:
+        return np.nan
+    return float(cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED).max())
+
+
+def _repeats(step: Step, alike_px: Array) -> bool:
+    """Whether hardly any track lacks a look-alike (n, 4)."""
+    unique = np.isnan(alike_px[:, 0])
+    return bool(unique.sum() < step.setup.rules.robust.second_views and (~unique).sum() >= MIN_VIEWS)
+
+
+def _look_alikes(step: Step, tracks: Tracks, rough: RoughMotion) -> tuple[NDArray[np.intp], Array]:
+    """Return a sample of agreeing tracks (k,) and their look-alikes as views (k, 4), nearest to the previous positions.
+
+    Views are NaN for tracks without one, and for all further tracks once enough have none.
+    """
+    rules, before, now = step.setup.rules.repetition, step.previous.left_half, step.images.left_half
+    rows = np.flatnonzero(rough.agree & (tracks.scale == 1))
+    rows = rows[:: max(1, len(rows) // rules.samples)]
+    alike_px = np.full((len(rows), 4), np.nan)
+    for k, row in enumerate(rows):
+        alike_px[k, :2] = _look_alike(rules, before, now, tracks.left_px[row], rough.left_px[row])
+        if np.isnan(alike_px[: k + 1, 0]).sum() >= step.setup.rules.robust.second_views:
+            break  # further ones change nothing, and each costs nearly a millisecond
+    return rows, alike_px
+
+
+def _look_alike(rules: RepetitionRules, before: Image, now: Image, before_px: Array, at_px: Array) -> Array:
+    """Return the other place (2,) in the new image where the patch may be, the nearest to its old one; NaN if none.
+
+    Images have half the size; positions before and now are in pixels of the whole ones.
+    """
+    none, half = np.full(2, np.nan), rules.half_px
+    from_px, to_px = np.rint(before_px / 2).astype(int), np.rint(at_px / 2).astype(int)
+    reach = now.shape[1] // rules.reach + half
+    first = np.maximum(to_px - reach, 0)
+    window = now[first[1] : to_px[1] + reach, first[0] : to_px[0] + reach]
+    inside = (from_px >= half).all() and (from_px + half < before.shape[::-1]).all()
+    if not inside or min(window.shape) < 2 * half + 3:
+        return none
+    columns, rows = (slice(k - half, k + half + 1) for k in from_px)
+    patch = before[rows, columns]
+    alike = cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED)
+    u, v = to_px - first - half  # the position by flow
+    near = tuple(slice(max(k - half // 2, 0), k + half // 2 + 1) for k in (v, u))  # no look-alikes
+    if not alike[near].size:
+        return none
+    found = alike[near].max()
+    peaks = (alike > found - rules.lead) & (alike == cv2.dilate(alike, np.ones((3, 3), np.uint8)))
+    peaks[near] = False
+    at = np.argwhere(peaks)[:, ::-1]
+    if not len(at):
+        return none
+    places_px = 2.0 * (at + first + half)
+    return np.asarray(places_px[np.argmin(np.linalg.norm(places_px - before_px, axis=1))])
