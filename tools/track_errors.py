@@ -3,9 +3,9 @@
     python -m tools.track_errors logs/room.mcap LOG... --frames 150
 
 For each log: the autocorrelation of the row differences v_left − v_right of a match, in units of its σ, from frame to
-frame and the factor per frame at which it falls beyond; what `frontend/learnt/template_errors.py` has learnt of
-white and lasting variance and of the decay. Where the log has exact poses and depth images, how far left positions are from where
-the point of the first view must be seen, after 1 to 20 frames: of each coordinate, 1.48 times the median.
+frame and the factor per frame at which it falls beyond; what `frontend/learnt/template_errors.py` has learnt of white
+and lasting variance and of the decay. Where the log has exact poses and depth images, how far left positions are from
+where the point of the first view must be seen, after 1 to 20 frames: of each coordinate, 1.48 times the median.
 """
 
 import argparse

@@ -36,17 +36,7 @@ LAYERS = (
 LEVEL = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
 # Packages that cost time or memory to import, or that only one room should know: where they may be.
 HOMES = {
-    "cv2": (
-        "camera",
-        "pictures",
-        "frontend",
-        "dense",
-        "logs/recording",
-        "logs/sources",
-        "inspection",
-        "places",
-        "viewer",
-    ),  # fmt: skip
+    "cv2": ("camera", "pictures", "frontend", "dense", "logs", "inspection", "places", "viewer"),
     "mcap": ("logs/mcap_file", "logs/sources", "logs/recording", "results"),
     "mcap_protobuf": ("logs/sources", "logs/recording"),
     "google": ("logs/recording",),  # protobuf, which the two beside it need
