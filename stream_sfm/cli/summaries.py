@@ -142,13 +142,7 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
     memory = number(summary["peak_rss_mib"], ".0f")
     yield "speed", f"{summary['frames_per_s']:.1f} frames/s, {summary['cpu_s']:.1f} s of CPU time, {memory} MiB"
     if end := summary.get("end"):
-        x, y, z = end["position_m"]
-        percent, std_deg = end["std_position_percent"], end["std_heading_deg"]
-        share = "" if not percent else f", {percent:.2g} % of the path" if percent < 100 else ", more than the path"
-        known = "unknown" if percent is not None and percent >= 100 else f"({x:.3f}, {y:.3f}, {z:.3f}) m"
-        yield "ends at", f"{known}, σ {end['std_position_m']:.2g} m{share}"
-        known = f"{end['heading_deg']:.2f}°, σ {std_deg:.2g}°" if std_deg < _UNKNOWN_DEG else "unknown"
-        yield "", f"heading {known}"
+        yield from _end_rows(end)
     if imu := summary.get("imu"):
         from ..report.inertia import inertial_rows
 
@@ -170,6 +164,16 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
         if truth := places.get("ground_truth"):
             ate, aligned = (number(truth[key], ".3g") for key in ("ate_rmse_m", "ate_rmse_aligned_m"))
             yield "", f"ATE {ate} m, aligned {aligned} m"
+
+
+def _end_rows(end: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    x, y, z = end["position_m"]
+    percent, std_deg = end["std_position_percent"], end["std_heading_deg"]
+    share = "" if not percent else f", {percent:.2g} % of the path" if percent < 100 else ", more than the path"
+    known = "unknown" if percent is not None and percent >= 100 else f"({x:.3f}, {y:.3f}, {z:.3f}) m"
+    yield "ends at", f"{known}, σ {end['std_position_m']:.2g} m{share}"
+    known = f"{end['heading_deg']:.2f}°, σ {std_deg:.2g}°" if std_deg < _UNKNOWN_DEG else "unknown"
+    yield "", f"heading {known}"
 
 
 def _truth_rows(truth: dict[str, Any] | None) -> Iterator[tuple[str, str]]:

@@ -43,9 +43,8 @@ class MotionModel:
         self._known_at_ns: int | None = None  # when the velocity was last measured, or else the first pose
         self._trusted: MotionModel | None = None  # as it was before the doubtful frames up to the latest one
         self._at_start: MotionModel | None = None  # as it was when the map began
-        self._covered: tuple[Array, Array] | None = (
-            None  # a pose since a doubtful start, and what covers that doubt
-        )
+        # A pose since a doubtful start, and what covers that doubt.
+        self._covered: tuple[Array, Array] | None = None
 
     @property
     def started(self) -> bool:
@@ -57,13 +56,7 @@ class MotionModel:
         """σ (6,) of the difference of two velocities of a vehicle, per second: what it gains while it accelerates."""
         return self._config.speeds_up_s * self._accelerations.assumed
 
-    def add(
-        self,
-        stamp_ns: int,
-        world_from_cam: Array,
-        cov_pose: Array,
-        doubts: Doubts = NO_DOUBTS,
-    ) -> Array:
+    def add(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array, doubts: Doubts = NO_DOUBTS) -> Array:
         """Add the estimated pose of a frame and the velocity that it implies, and return its covariance (6, 6).
 
         A doubtful pose is used, and its covariance covers the alternative, eq. (43a). If a doubt of the start is never

@@ -98,17 +98,15 @@ class StereoFrontEnd:
         state, change = self._take_out_turn(state)
         before, (state, followed) = state, follow(self.setup, state, images, stamp_ns, expected)
         unconfirmed = bool(before.start.problem) and state.start.is_over and state.start.doubted
-        state, start_anew = self._check(before, state, images, followed)
-        if followed is None or start_anew:
-            state, observed = self._start_over(state, images, stamp_ns, wait=not start_anew)
+        state, restarts = self._check(before, state, images, followed)
+        if followed is None or restarts:
+            state, observed = self._start_over(state, images, stamp_ns, wait=not restarts)
         else:
             state, observed = self._go_on(state, images, stamp_ns, followed)
             observed = replace(observed, unconfirmed=True) if unconfirmed else observed
         if change is not None and observed.rig is not None:
-            rig = replace(
-                observed.rig, change=change, change_root=self.rig.root_of_turn(self.setup.rules.turn.std_rad)
-            )
-            observed = replace(observed, rig=rig)
+            root = self.rig.root_of_turn(self.setup.rules.turn.std_rad)
+            observed = replace(observed, rig=replace(observed.rig, change=change, change_root=root))
         return changed(state, frame_index=state.frame_index + 1, stamp_ns=stamp_ns), observed
 
     def _take_out_turn(self, state: FrontEndState) -> tuple[FrontEndState, RigChange | None]:
@@ -133,7 +131,7 @@ class StereoFrontEnd:
     ) -> tuple[FrontEndState, bool]:
         """Check whether left and right are consistent.
 
-        Also returns whether to start anew because of this. `before`: the state before the frame was followed.
+        Also returns whether the map starts over because of this. `before`: the state before the frame was followed.
         """
         projection, config, fit = self.setup.projection, self.setup.config, None
         if followed is not None and followed.found is not None:
@@ -141,8 +139,8 @@ class StereoFrontEnd:
         factor = state.aligners[1].noise.factor
         problem = self.problem or state.pictures.problem_of_pair
         problem = problem or problem_of(images, state.previous, fit, state.rows, factor, config.rules.pair)
-        pair, start_anew = state.pair.after(problem, fit, state.next_id)
-        return changed(state, pair=pair), start_anew
+        pair, restarts = state.pair.after(problem, fit, state.next_id)
+        return changed(state, pair=pair), restarts
 
     def _go_on(
         self, state: FrontEndState, images: PreparedImages, stamp_ns: int, followed: Followed
@@ -180,14 +178,14 @@ class StereoFrontEnd:
         waits = wait and state.may_wait(stamp_ns, rules.motion.max_gap_s)
         if waits and state.background_hidden:
             return self._observed(state, stamp_ns, *nothing, _HIDDEN)
-        anew, z_px, cov_px = begin_points(self.setup, state.lost(), images)
-        note = self._note(anew, images, z_px)
+        fresh, z_px, cov_px = begin_points(self.setup, state.lost(), images)
+        note = self._note(fresh, images, z_px)
         if waits and len(z_px) < self.setup.rules.robust.min_inliers:
             return self._observed(state, stamp_ns, *nothing, note)
         jumped = wait and state.previous is not None and are_alike(images, state.previous, rules.images.alike)
         if jumped:
             note = note or _JUMPED
-        seen = _seen(anew, images, stamp_ns, z_px)
+        seen = _seen(fresh, images, stamp_ns, z_px)
         return self._observed(seen, stamp_ns, z_px, cov_px, note, n_new=len(z_px), jumped=jumped)
 
     def _observed(

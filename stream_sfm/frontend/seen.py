@@ -9,7 +9,7 @@ from ..geometry.point_views import PointViews
 from ..record import changed, record
 from ..rig_model.terms import by_turn
 from .aligned_views import AlignedViews
-from .learnt.usual_turns import Feigned
+from .learnt.usual_turns import ApparentTurns
 from .rough_motion import RoughMotion
 from .state import FrontEndState
 from .step import Step
@@ -22,7 +22,7 @@ _LEFT = np.array([True, True, False, False])
 class Seen:
     """The tracks (n) that were found in a frame: their rows `before`, their `views` now, and `point_views`.
 
-    `weights` (n,): their votes; `weight`: the sum of votes of all tracks that should have been found. `feigned`:
+    `weights` (n,): their votes; `weight`: the sum of votes of all tracks that should have been found. `apparent_turns`:
     apparent turns of the right camera, None for an exact rig. `turned` (n,): which views agree with an unusual turn, if
     the motion is sought from the left sides alone.
     """
@@ -32,7 +32,7 @@ class Seen:
     point_views: PointViews
     weights: Array
     weight: float
-    feigned: Feigned | None = None
+    apparent_turns: ApparentTurns | None = None
     turned: NDArray[np.bool_] | None = None
 
     @classmethod
@@ -49,7 +49,7 @@ class Seen:
         )
         cov_points = before.cov_points(setup.projection, drift_px)
         known_px: Array | float = 0.0
-        unknown_px = feigned = None
+        unknown_px = apparent_turns = None
         if state.turn_watch is not None and state.disparity is not None:
             known_px, of_disparity = state.disparity.effects(before.points, motion, views.z_px)
             of_rig = state.timing, state.rows_with_delay
@@ -60,7 +60,7 @@ class Seen:
                 # points contain turns of earlier frames, which two frames smooth but a gyroscope resolves
                 earlier = state.timing.twist[3:]
                 cov_turn = cov_turn + var_delay_s2 * np.outer(earlier, earlier)
-            feigned = Feigned(cov_turn, twist[3:], var_delay_s2)
+            apparent_turns = ApparentTurns(cov_turn, twist[3:], var_delay_s2)
             of_turn = by_turn(setup.projection, views.z_px, state.turn_root)
             unknown_px = np.concatenate([of_timing, of_disparity, of_turn], axis=2)
         point_views = PointViews(
@@ -73,7 +73,7 @@ class Seen:
             unknown_px,
         )
         weight = float(weights[views.in_view].sum())
-        return cls(before, views, point_views, weights[views.rows], weight, feigned)
+        return cls(before, views, point_views, weights[views.rows], weight, apparent_turns)
 
     def by_left(self, turned: NDArray[np.bool_]) -> "Seen":
         """Return the same without right sides; `turned` (n,): the views whose right sides agree with a turn."""

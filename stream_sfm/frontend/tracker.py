@@ -64,11 +64,11 @@ def _without_turned(
 
     The motion is then sought from these until it is clear whether the right camera has turned.
     """
-    if state.turn_watch is None or seen.feigned is None:
+    if state.turn_watch is None or seen.apparent_turns is None:
         return state, None
     points, cov_points = seen.point_views.points, seen.point_views.cov_points
     views = points, cov_points, seen.views.any_row_px, seen.views.cov_px
-    watch, agree = state.turn_watch.judge(*views, cam_from_previous, seen.feigned)
+    watch, agree = state.turn_watch.judge(*views, cam_from_previous, seen.apparent_turns)
     return changed(state, turn_watch=watch), None if agree is None else seen.by_left(agree)
 
 

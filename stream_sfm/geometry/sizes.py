@@ -46,8 +46,3 @@ class Sizes:
     def probable(self) -> float:
         """The most probable size."""
         return float(SIZES[self.probabilities.argmax()])
-
-    @property
-    def rms(self) -> float:
-        """The root of the mean square: the σ of errors whose size is uncertain, in assumed ones."""
-        return float(np.sqrt(self.probabilities @ SIZES**2))

@@ -183,8 +183,9 @@ class SampleBuffer:
         return bool(stamps[0] <= first_ns + reach_ns and stamps[-1] >= min(first_ns, last_ns - reach_ns))
 
     def mean_acceleration(self, stamp_ns: int, over_s: float = 0.1) -> Array | None:
-        """Return the mean specific force (3,) just before a time, or else after it; None without nearby samples,
-        or if these come too seldom.
+        """Return the mean specific force (3,) just before a time, or else after it.
+
+        None without nearby samples, or if these come too seldom.
         """
         stamps = self._samples.stamps_ns
         near = (stamps <= stamp_ns + 1e7) & (stamps >= stamp_ns - round(over_s * 1e9))

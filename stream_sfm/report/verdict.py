@@ -44,17 +44,15 @@ class _Rules:
     small_px: float = 0.25
     rows_px: float = 0.5
     shown: float = 3.0  # σ from which an error counts
-    most_std_px: float = (
-        0.3  # of the disparity: with more, the motion shows nothing, unless thirds of the run agree
-    )
+    # Of the disparity: with more, the motion shows nothing, unless thirds of the run agree.
+    most_std_px: float = 0.3
     telling: float = 0.1  # share by which a distance is wrong
 
 
 _RULES = _Rules()
 _NOTHING_TRACKED = "not judged: no frame was tracked"
-UNSEEN = (
-    "no image shows a wrong baseline, or one error of both principal points: compare a length with a tape"  # (73)
-)
+# By eq. (73).
+UNSEEN = "no image shows a wrong baseline, or one error of both principal points: compare a length with a tape"
 
 
 def rows_warning(rows: Rows) -> str:
@@ -101,8 +99,6 @@ def verdict(projection: StereoProjection, estimate: RigEstimate, rows: Rows) -> 
 def judged(summary: dict[str, Any]) -> dict[str, str]:
     """Return `fit` and `text` of the verdict in the summary of a run; that nothing was tracked if there is none."""
     rig = summary.get("rig")
-    return (
-        {"fit": str(Fit.NOT_JUDGED), "text": _NOTHING_TRACKED}
-        if rig is None
-        else {"fit": rig["verdict"], "text": rig["text"]}
-    )
+    if rig is None:
+        return {"fit": str(Fit.NOT_JUDGED), "text": _NOTHING_TRACKED}
+    return {"fit": rig["verdict"], "text": rig["text"]}

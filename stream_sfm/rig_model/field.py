@@ -20,7 +20,7 @@ LEAST_PX = 1e-3  # σ: a field of σ 0 would have no amplitudes
 # functions. With all functions, kitti06 errs from six first frames by 0.97 of what it does with 0.1.
 _LENGTH = 0.13
 
-# The share of a field's variance that is worth its unknowns in a window. That are 19 functions of 24 at 752 × 480 and
+# The share of a field's variance that is worth its unknowns in a window. Those are 19 functions of 24 at 752 × 480 and
 # 11 of 18 at 1226 × 370. Motions of kitti06 from six first frames, and 150 frames of euroc_mh01 from two, err by 1.00
 # and 0.98 of what they do with all of them. With 7/8 of the variance poses of kitti06 err by 1.5 times as much.
 WORTH_ESTIMATING = 0.95
@@ -40,7 +40,7 @@ class Field(NamedTuple):
 
     @property
     def size(self) -> int:
-        """K."""
+        """The number K of functions."""
         return self.root.shape[1]
 
     def at(self, left_px: Array) -> Array:

@@ -45,9 +45,9 @@ class Lane(BareLane):
         self._structure = StructureComparison(observer.rig.left)
         self._world = World(config.motion)
 
-    def begin_anew(self, observer: Observer) -> None:
+    def restart(self, observer: Observer) -> None:
         """Continue with the observer of another rig: a new map, in the same world."""
-        self._world.begin_anew(self.observer.state.frame_index)
+        self._world.restart(self.observer.state.frame_index)
         self.solution = None
         self.observer, self.rig, self._structure.camera = observer, None, observer.rig.left
         self.estimator = make_estimator(self.config.method, observer.projection, self.config)

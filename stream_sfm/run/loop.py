@@ -117,7 +117,7 @@ def _by_rig(lane: Lane, log: StereoLog, frames: Iterator[RecordedFrame]) -> Obse
         if now is not None and now is not rig:
             rig = now
             with one_thread:
-                lane.begin_anew(Observer(rig, lane.config))
+                lane.restart(Observer(rig, lane.config))
         with closing(observed_ahead(lane, group, log.is_next_here)) as observed:
             yield from observed
 

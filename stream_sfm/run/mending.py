@@ -29,9 +29,14 @@ def focal_of(estimates: Sequence[RigEstimate]) -> tuple[float, float]:
     sure = found[np.abs(found[:, 0]) > CERTAIN * found[:, 1]]
     if not len(sure) or np.ptp(sure[:, 0]) > CERTAIN * sure[:, 1].max():
         return 0.0, 0.0
-    weights = sure[:, 1] ** -2.0
-    scatter = float(sure[:, 0].std(ddof=1)) if len(sure) > 1 else 0.0
-    return float(weights @ sure[:, 0] / weights.sum()), max(float(weights.sum() ** -0.5), scatter)
+    return together(sure[:, 0], sure[:, 1] ** 2)
+
+
+def together(mean: Array, var: Array) -> tuple[float, float]:
+    """Return what independent runs (n,) say together, and its σ: their scatter, if that is larger than they claim."""
+    information = (1 / var).sum()
+    scatter = float(mean.std(ddof=1)) if len(mean) > 1 else 0.0
+    return float((mean / var).sum() / information), max(float(information**-0.5), scatter)
 
 
 def with_longer_focal(rig: StereoRig, share: float) -> StereoRig:

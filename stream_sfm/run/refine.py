@@ -23,7 +23,7 @@ from ..rig_model.terms import AT_TIMING, TERMS, prior_std
 from ..types import InertialEstimate, Selection
 from .held_back import checked, worse
 from .looks import Look, look
-from .mending import focal_of, with_longer_focal, with_right_turned
+from .mending import focal_of, together, with_longer_focal, with_right_turned
 
 _TURNS = 2  # rounds of mending rows; the second one removes a per cent of the first
 
@@ -162,18 +162,14 @@ class _Refining:
         if found.why:
             self.said.append(f"no refinement of disparity and lenses: {found.why}")
         name = "refinement" if timing is None else "refinement and timing"
-        if (
-            (refinement or timing)
-            and self._take(replace(rig, refinement=refinement), name)
-            and refinement is not None
-        ):
-            usual_px = SETTINGS.logs_differ * prior_px[0]
-            differ = (
-                f"what logs of one rig usually differ by ({usual_px:.2f} px in each term), as there is only one"
-            )
-            self.said.append(
-                f"σ of the refinement contains {differ if len(known) == 1 else 'how much the logs differ'}"
-            )
+        taken = bool(refinement or timing) and self._take(replace(rig, refinement=refinement), name)
+        if taken and refinement is not None:
+            differ, usual_px = "how much the logs differ", SETTINGS.logs_differ * prior_px[0]
+            if len(known) == 1:
+                differ = (
+                    f"what logs of one rig usually differ by ({usual_px:.2f} px in each term), as there is only one"
+                )
+            self.said.append(f"σ of the refinement contains {differ}")
 
     def result(self) -> RefinedRig:
         """Return the rig with the findings about its inertial unit as well, and all that was said."""
@@ -189,20 +185,13 @@ def _rms(values: Sequence[float]) -> float:
 
 
 def timing_of(estimates: Sequence[RigEstimate], config: Config) -> KnownTiming | None:
-    """Return delay and readout from independent runs; None if no run is certain of either, and agrees in its thirds.
-
-    If runs differ by more than their σ, their scatter is the σ of the result.
-    """
-    values, certain = [], False
+    """Return delay and readout from independent runs; None if no run is certain of either, and agrees in its thirds."""
+    values: list[float] = []
+    certain = False
     for term in range(len(TERMS))[AT_TIMING]:
         mean, var = np.array([(e.mean[term], e.cov[term, term]) for e in estimates]).T
         sure = (mean**2 > CERTAIN**2 * var) & np.array([e.agrees((TERMS[term],)) for e in estimates])
-        information = (1 / var[sure]).sum()
-        if sure.any():
-            scatter = float(mean[sure].std(ddof=1)) if sure.sum() > 1 else 0.0
-            values += [float((mean[sure] / var[sure]).sum() / information), max(float(information**-0.5), scatter)]
-        else:
-            values += [0.0, float(prior_std(config.rig)[term])]
+        values += together(mean[sure], var[sure]) if sure.any() else (0.0, float(prior_std(config.rig)[term]))
         certain |= bool(sure.any())
     return KnownTiming(*values) if certain else None
 

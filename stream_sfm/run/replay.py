@@ -157,7 +157,7 @@ class _Replay:
         self._save_map: Path | None = None
         # Places maps if the calibration changes; not with one camera, as its unit of length would also change.
         self._there_and_back = there_and_back
-        self.starts_anew = not (config.mono or self_test or there_and_back)
+        self.restarts = not (config.mono or self_test or there_and_back)
         self._latency = _Latency(log)
         self.sinks: list[Sink] = [self._latency] if config.mono else [self._calibration, self._latency]
 
@@ -167,7 +167,7 @@ class _Replay:
 
         places = PlaceMap(self._log.rig, self._config, wait=True, known=known)
         self._places, self._save_map = places, save
-        self.starts_anew = False
+        self.restarts = False
         self.sinks.append(places)
         if self.lane.folder is not None:
             self.lane.folder.map_from_world = lambda: places.world_from_odom
@@ -185,7 +185,7 @@ class _Replay:
                 self.checks,
                 selection=self._selection,
                 interruption=interruption,
-                all_calibrations=self.starts_anew,
+                all_calibrations=self.restarts,
             )
             result = self.result(outcome, truth, interruption)
         if interruption.requested:

@@ -29,7 +29,7 @@ class World:
         self._cov = np.zeros((6, 6))  # of the perturbation on its right
         self._first_frame = self._first_id = self._next_id = 0
 
-    def begin_anew(self, frames: int) -> None:
+    def restart(self, frames: int) -> None:
         """Expect the first estimate of a new estimator, after `frames` of the previous one."""
         self._begins = self._motion.started
         self._first_frame, self._first_id = self._first_frame + frames, self._next_id

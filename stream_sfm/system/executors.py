@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from inspect import signature
 from multiprocessing import active_children, get_context
 from threading import Event, Thread
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from ..errors import ConfigError
 
@@ -72,21 +72,7 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
     because they are gone or stopped, as Dask itself would wait. Work that is not done when the context ends is
     cancelled. Raises ConfigError if no worker can be reached.
     """
-    try:
-        from distributed import Client
-        from distributed.comm import get_address_host_port
-    except ImportError:
-        raise ConfigError("a cluster needs Dask: pip install 'stream-sfm[cluster]'") from None
-    try:
-        get_address_host_port(address, strict=True)
-    except ValueError as error:
-        problem = f"{address} is not the address of a Dask scheduler ({error})"
-        raise ConfigError(f"{problem}; write it as in tcp://127.0.0.1:8786") from None
-    try:
-        client = _within(_ANSWER_S, lambda: Client(address, timeout=_ANSWER_S, set_as_default=False))
-    except OSError as error:
-        problem = f"no Dask scheduler answers at {address} ({str(error) or f'not within {_ANSWER_S:g} s'})"
-        raise ConfigError(f"{problem}: start one with `dask scheduler`") from None
+    client = _client(address)
     executor, ended, heard_s = client.get_executor(pure=False), Event(), time.monotonic()  # nothing is cached
     everyone = {"n_workers": -1} if "n_workers" in signature(client.scheduler_info).parameters else {}
 
@@ -117,6 +103,25 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
         ended.set()
         with suppress(Exception), _silent("distributed", "tornado", "asyncio"):
             _within(5.0, close)
+
+
+def _client(address: str) -> Any:
+    """Return a Dask client of the scheduler at an address. Raises ConfigError if none answers."""
+    try:
+        from distributed import Client
+        from distributed.comm import get_address_host_port
+    except ImportError:
+        raise ConfigError("a cluster needs Dask: pip install 'stream-sfm[cluster]'") from None
+    try:
+        get_address_host_port(address, strict=True)
+    except ValueError as error:
+        problem = f"{address} is not the address of a Dask scheduler ({error})"
+        raise ConfigError(f"{problem}; write it as in tcp://127.0.0.1:8786") from None
+    try:
+        return _within(_ANSWER_S, lambda: Client(address, timeout=_ANSWER_S, set_as_default=False))
+    except OSError as error:
+        problem = f"no Dask scheduler answers at {address} ({str(error) or f'not within {_ANSWER_S:g} s'})"
+        raise ConfigError(f"{problem}: start one with `dask scheduler`") from None
 
 
 def _within(seconds: float, call: Callable[[], T]) -> T:

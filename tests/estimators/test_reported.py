@@ -112,8 +112,8 @@ def test_nothing_is_fed_back(current):
         current.views,
         current.prior,
     )
-    read_off, *_ = reported(current, *UNKNOWN, True)
-    assert read_off is not current
+    smoothed, *_ = reported(current, *UNKNOWN, True)
+    assert smoothed is not current
     for old, now in zip(before, (current.cams_from_ref, current.points.q, current.amplitudes), strict=False):
         assert (old == now).all()
     assert before[3:] == (current.views, current.prior)

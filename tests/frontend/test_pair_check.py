@@ -48,8 +48,8 @@ class Run:
         self.frame += 1
         now, before = images(self.frame), images(self.frame - (not frozen))
         problem = problem_of(now, before, fitting, self.rows, self.factor, PairRules())
-        self.check, start_anew = self.check.after(problem, fitting, next_id)
-        return start_anew
+        self.check, restarts = self.check.after(problem, fitting, next_id)
+        return restarts
 
 
 @pytest.mark.parametrize("seen", [[(95, 95), (95, 80), (95, 60)], [(11, 0)]], ids=["a good pair", "few points"])

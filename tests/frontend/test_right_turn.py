@@ -7,7 +7,7 @@ from stream_sfm import core
 from stream_sfm.config import RigConfig
 from stream_sfm.config.rules import TurnRules
 from stream_sfm.frontend.learnt.right_turn import TurnWatch, with_turn
-from stream_sfm.frontend.learnt.usual_turns import Feigned, Turn, UsualTurns
+from stream_sfm.frontend.learnt.usual_turns import ApparentTurns, Turn, UsualTurns
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.estimate import RigEstimate
@@ -18,7 +18,7 @@ P = StereoProjection(420.0, 255.0, 257.0, 190.0, 0.16, 512, 384)
 N, STD_PX = 150, 0.08
 YAW = np.array([0.0, 1e-3, 0.0])
 NONE = np.zeros(3)
-NOTHING = Feigned(np.zeros((3, 3)), NONE, 0.0)
+NOTHING = ApparentTurns(np.zeros((3, 3)), NONE, 0.0)
 
 
 def right_view(p: np.ndarray, rad: np.ndarray) -> np.ndarray:
@@ -49,9 +49,9 @@ def watched(
 ) -> tuple[TurnWatch, list[bool]]:
     """A watch after frames with these turns, and which of them were unusual."""
     rng, watch, unusual = np.random.default_rng(seed), TurnWatch.begun(P, TurnRules()), []
-    motion, feigned = se3.exp([0.01, 0, -0.05, 0, 0.01, 0]), Feigned(np.zeros((3, 3)), by_delay_rad, 1.0)
+    motion, apparent = se3.exp([0.01, 0, -0.05, 0, 0.01, 0]), ApparentTurns(np.zeros((3, 3)), by_delay_rad, 1.0)
     for rad in turns:
-        watch, turn = watch.judge(*frame(rng, rad, motion), feigned)
+        watch, turn = watch.judge(*frame(rng, rad, motion), apparent)
         unusual.append(turn is not None)
     return watch, unusual
 
@@ -118,14 +118,14 @@ def test_the_delay_is_one_unknown_of_the_run_and_hides_no_turns() -> None:
     """Turns about y that a delay of 8 ms could feign are real if they are not in proportion to the rig's own turn."""
     rng = np.random.default_rng(6)
     shaking = 2e-4 * rng.normal(size=40)
-    usual, feigned = UsualTurns.begun(TurnRules()), [8e-3 * np.array([0, r, 0]) for r in rng.normal(0.2, 0.1, 40)]
-    for shaken, per_delay in zip(shaking, feigned, strict=True):
-        at = Feigned(np.zeros((3, 3)), per_delay, 1.0)
+    usual, apparent = UsualTurns.begun(TurnRules()), [8e-3 * np.array([0, r, 0]) for r in rng.normal(0.2, 0.1, 40)]
+    for shaken, per_delay in zip(shaking, apparent, strict=True):
+        at = ApparentTurns(np.zeros((3, 3)), per_delay, 1.0)
         usual = usual.learnt(Turn(np.array([0, shaken, 0]), 1e-10 * np.eye(3), 3.0, at))
     assert np.sqrt(usual.real[1, 1]) == pytest.approx(2e-4, rel=0.35)  # of 20 frames: 3 σ
     delayed = UsualTurns.begun(TurnRules())
-    for per_delay in feigned:
-        at = Feigned(np.zeros((3, 3)), per_delay, 1.0)
+    for per_delay in apparent:
+        at = ApparentTurns(np.zeros((3, 3)), per_delay, 1.0)
         delayed = delayed.learnt(Turn(0.7 * per_delay, 1e-10 * np.eye(3), 3.0, at))
     assert np.sqrt(delayed.real[1, 1]) < 5e-5
 

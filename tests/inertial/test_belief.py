@@ -69,9 +69,9 @@ def test_impossible_states_put_a_unit_out_only_if_it_is_not_proven_in_between() 
     for _ in range(3):
         for found in frames_of(AGREES_RAD, 25):
             belief = belief.after(found)
-        belief = belief.anew()
+        belief = belief.restarted()
         assert not belief.is_out and not belief.is_proven
-    assert belief.anew().is_out
+    assert belief.restarted().is_out
 
 
 def test_an_even_motion_allows_no_jump_that_images_could_not_follow() -> None:

@@ -62,7 +62,7 @@ def placed(start: np.ndarray, cov: np.ndarray, estimate: sfm.FrameEstimate) -> s
     world, none = World(MotionConfig()), np.empty(0, np.int64)
     seen = Observations(0, 7, none, np.empty((0, 4)), np.empty((0, 4, 4)))
     world.place(replace(estimate, world_from_cam=start, cov_pose=cov), seen)
-    world.begin_anew(1)
+    world.restart(1)
     first = world.place(estimate, seen)
     assert first.status is sfm.Status.LOST and np.allclose(first.cov_pose, cov)
     return world.place(replace(estimate, frame_index=1), seen)

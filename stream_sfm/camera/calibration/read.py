@@ -35,12 +35,11 @@ def read_document(path: Path) -> Document:
     if not named or not all(isinstance(value, str) for value in named.values()):
         return document
     parts: dict[str, Any] = {key: _read(path.parent / value).data for key, value in named.items()}
-    chains = [
-        parts.pop(key) for key in list(parts) if key.startswith("relative")
-    ]  # they are as they would be alone
-    return Document(
-        document.name, {**document.data, **parts, **{k: v for chain in chains for k, v in chain.items()}}
-    )
+    chains = [parts.pop(key) for key in list(parts) if key.startswith("relative")]  # as they would be alone
+    together = {**document.data, **parts}
+    for chain in chains:
+        together |= chain
+    return Document(document.name, together)
 
 
 def _read(path: Path) -> Document:

@@ -37,9 +37,8 @@ class Ekf(TakesSamples, Baseline):
     """Joint covariance of the pose (6), the inertial state (17 or none) and the m visible points; world-centred."""
 
     _at_prediction = False  # whether the update is linearised there, and not at the resection
-    _lasting = (
-        False  # whether views count by how long their errors last, eq. (69), and not by their covariances alone
-    )
+    # Whether views count by how long their errors last, eq. (69), and not by their covariances alone.
+    _lasting = False
 
     def __init__(self, projection: StereoProjection, config: Config) -> None:
         super().__init__(projection, config)
@@ -71,9 +70,8 @@ class Ekf(TakesSamples, Baseline):
         else:
             self._world_from_cam = se3.orthonormalise(self._world_from_cam @ se3.inverse(found.cam_from_ref))
         known = self._predict(obs, _FREE * found.cov_pose + _FREE_OF_DRIFT * self._cov[:6, :6])
-        self._update(
-            obs.z_px[rows], counted_cov(obs, rows) if self._lasting else obs.cov_px[rows], found.accepted, known
-        )
+        cov_px = counted_cov(obs, rows) if self._lasting else obs.cov_px[rows]
+        self._update(obs.z_px[rows], cov_px, found.accepted, known)
         self._begin_inertia(obs.stamp_ns)
         rejected = self._ids[~found.accepted]
         self._add(obs)

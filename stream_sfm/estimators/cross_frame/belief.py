@@ -79,7 +79,7 @@ class Evenly:
     velocity: Array | None = None
 
     def after(self, motion: Array, seconds: float) -> "Evenly":
-        """Return it after a motion (6,)."""
+        """Return the prediction after a motion (6,)."""
         velocity, squares, count = motion / seconds, self.squares, self.count
         if self.velocity is not None:
             changes = np.array([np.square((velocity - self.velocity)[at]).mean() for at in _PARTS])
@@ -95,7 +95,7 @@ class Evenly:
         return bool((changes <= most * np.sqrt(np.maximum(self.squares, self.assumed))).all())
 
     def log_likelihoods(self, motion: Array, seconds: float) -> Array | None:
-        """Return those (2,) of rotation and translation of the next motion, without the constant."""
+        """Return the log-likelihoods (2,) of rotation and translation of the next motion, without the constant."""
         if self.velocity is None:
             return None
         squares = self.squares * seconds**2
@@ -110,7 +110,7 @@ class Belief:
 
     `log_odds` (2,): by rotations and by translations; each is bounded, so that the latest frames decide. `lasted_s`:
     the time since one of them became negative, or since none is. `is_out`: doubts have lasted, so that samples are not
-    used until they agree for as long. `begun_anew`: how often the state was impossible since it last was proven.
+    used until they agree for as long. `restarts`: how often the state was impossible since it last was proven.
     `log_ratio`: smoothed logarithm of the ratio of rotations by gyroscope and by images.
     """
 
@@ -119,12 +119,15 @@ class Belief:
     log_odds: tuple[float, float] = (0.0, 0.0)
     lasted_s: float = 0.0
     is_out: bool = False
-    begun_anew: int = 0
+    restarts: int = 0
     log_ratio: float = 0.0
 
     @classmethod
     def begun(cls, rules: InertiaRules, std_acceleration: Array, seconds: float = 0.1) -> "Belief":
-        """Return it before any frame; `std_acceleration` (6,): of a vehicle, which is assumed until motions show it."""
+        """Return the belief before any frame.
+
+        `std_acceleration` (6,): of a vehicle, which is assumed until motions show it.
+        """
         squares = np.array([np.square(std_acceleration[at] * seconds).mean() for at in _PARTS])
         return cls(rules, Evenly(rules.usual_frames, squares, squares))
 
@@ -135,12 +138,13 @@ class Belief:
 
     @property
     def is_proven(self) -> bool:
-        """Whether they have agreed for long, so that a single frame that contradicts them may show a moving body."""
+        """Whether samples have agreed for long, so that a single frame that contradicts them may show a moving body."""
         return not self.doubted and not self.is_out and self.lasted_s >= self.rules.lasting_s
 
     def after(self, found: Innovation, is_fresh: bool = False) -> "Belief":
-        """Return it after a frame; `is_fresh`: nothing was to be expected of the samples yet, so that only a
-        contradiction counts.
+        """Return the belief after a frame.
+
+        `is_fresh`: nothing was to be expected of the samples yet, so that only a contradiction counts.
         """
         rules, by_images = self.rules, self.evenly.log_likelihoods(found.motion, found.seconds)
         contradicts = found.distance2 > rules.apart
@@ -157,33 +161,33 @@ class Belief:
         return changed(self._with_gained(gained, found.seconds), evenly=evenly, log_ratio=log_ratio)
 
     def _with_gained(self, gained: Array, seconds: float) -> "Belief":
-        """Return it with more log odds (2,) after a time."""
+        """Return the belief with more log odds (2,) after a time."""
         rules = self.rules
         sums = np.clip(np.array(self.log_odds) + gained, -rules.bound, rules.bound)
         doubted = bool(sums.min() < 0)
         lasted_s = self.lasted_s + seconds if doubted == self.doubted else 0.0
         is_out = doubted if lasted_s >= rules.lasting_s else self.is_out
-        begun_anew = 0 if lasted_s >= rules.lasting_s and not doubted else self.begun_anew
+        restarts = 0 if lasted_s >= rules.lasting_s and not doubted else self.restarts
         odds = float(sums[0]), float(sums[1])
-        return changed(self, log_odds=odds, lasted_s=lasted_s, is_out=is_out, begun_anew=begun_anew)
+        return changed(self, log_odds=odds, lasted_s=lasted_s, is_out=is_out, restarts=restarts)
 
-    def anew(self) -> "Belief":
-        """Return it after an impossible state, which has to be proven again; the second time the unit is to blame."""
+    def restarted(self) -> "Belief":
+        """Return the belief after an impossible state, to be proven again; the second time the unit is to blame."""
         odds = min(self.log_odds[0], 0.0), min(self.log_odds[1], 0.0)
-        count = self.begun_anew + 1
-        return changed(self, log_odds=odds, lasted_s=0.0, begun_anew=count, is_out=self.is_out or count > 1)
+        count = self.restarts + 1
+        return changed(self, log_odds=odds, lasted_s=0.0, restarts=count, is_out=self.is_out or count > 1)
 
     def on_trial(self) -> "Belief":
-        """Return it for samples that have to agree for a while before they are used."""
+        """Return the belief for samples that have to agree for a while before they are used."""
         return changed(self, log_odds=(0.0, 0.0), lasted_s=0.0, is_out=True)
 
     def interrupted(self) -> "Belief":
-        """Return it where the motion before is not known, or may not be the camera's."""
+        """Return the belief where the motion before is not known, or may not be the camera's."""
         return changed(self, evenly=changed(self.evenly, velocity=None))
 
     @property
     def problem(self) -> str:
-        """What the samples do wrong."""
+        """A sentence on what the samples do wrong."""
         if abs(self.log_ratio - np.log(_DEGREES)) < 0.5:
             return (
                 "the IMU contradicts the images: its rates are some 57 times too high, are they degrees per second?"
@@ -202,7 +206,7 @@ class Steadiness:
     past: tuple[tuple[int, Array, Array], ...] = ()
 
     def after(self, known: Known) -> tuple["Steadiness", bool]:
-        """Return it after a frame, and whether gravity has moved too far since any of those, eq. (85c)."""
+        """Return the steadiness after a frame, and whether gravity has moved too far since any before, eq. (85c)."""
         turn = known.world_from_cam[:3, :3]
         gravity = turn @ known.state[GRAVITY]
         cov = turn @ known.cov_state[GRAVITY, GRAVITY] @ turn.T

@@ -48,14 +48,14 @@ class Doubt:
         return changed(self, motions=tuple(m._replace(cov=ad @ m.cov @ ad.T) for m in self.motions), **covs)
 
     def with_slide(self, cam_from_ref: Array, std_turn_rad: float) -> "Doubt":
-        """Return it with an apparent rotation by sliding patches, of this σ about each axis of a camera (4, 4)."""
+        """Return the doubt with a rotation by sliding patches, of this σ about each axis of a camera (4, 4)."""
         turns = std_turn_rad * se3.adjoint(se3.inverse(cam_from_ref))[:, 3:]
         return changed(self, cov_slides=self.cov_slides + turns @ turns.T)
 
     def with_second(
         self, motion: Resection, std_moved: Array, cam_from_ref: Array, ids: NDArray[np.int64]
     ) -> tuple["Doubt", Array | None]:
-        """Return it with the second of two plausible motions to a camera (4, 4), if there is one, and the `ambiguity`.
+        """Return the doubt with the second of two plausible motions to a camera (4, 4), if any, and the `ambiguity`.
 
         `std_moved` (6,): σ of the change of a vehicle's motion between two frames; `ids` (n,): the tracks of the first
         motion.
@@ -85,7 +85,7 @@ class Doubt:
         return changed(self, cov=cov, frames=frames, motions=motions), ambiguity
 
     def settled(self, ids: NDArray[np.int64]) -> tuple["Doubt", int]:
-        """Return it after tracks `ids` (n,) have clearly shown the camera's motion, and how many motions they confirm.
+        """Return the doubt after tracks `ids` (n,) have clearly shown the motion, and how many motions they confirm.
 
         An earlier motion is confirmed if many of its tracks are among these, and all motions after it are confirmed as
         well. The uncertainty of the path up to the last unconfirmed one stays.

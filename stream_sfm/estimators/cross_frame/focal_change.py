@@ -42,7 +42,7 @@ class Calm:
 
     @property
     def var_mean(self) -> float:
-        """Its variance."""
+        """The variance of the mean amount."""
         return 1 / (self.information + _STD_MEAN**-2)
 
     @property
@@ -56,7 +56,7 @@ class Calm:
         return -0.5 * ((shown - self.mean) ** 2 / var + math.log(var))
 
     def learnt(self, shown: float, var: float, probability: float, most_frames: int) -> "Calm":
-        """Return it after a frame that was calm with this probability."""
+        """Return the statistics after a frame that was calm with this probability."""
         frames = min(self.frames + probability, float(most_frames))
         square = (shown - self.mean) ** 2 / (var + self.var_mean)
         information, kept = probability / (self.factor * var), 1 - probability / most_frames
@@ -81,7 +81,7 @@ class Change:
         return _log_normal(shown - self.at, var + self.var + _STEPS**2) + np.log(self.steps)
 
     def after(self, shown: float, var: float) -> "Change":
-        """Return it after a frame, by a Kalman filter for each size of step."""
+        """Return the change after a frame, by a Kalman filter for each size of step."""
         weights, prior = _normalised(self.log_of(shown, var)), self.var + _STEPS**2
         gain = prior / (prior + var)
         at = self.at + gain * (shown - self.at)

@@ -55,14 +55,14 @@ class FocusWatch:
         return len(self.shown) == 1
 
     def judge(
-        self, views: PointViews, weights: Array, found: Resection, tells: bool = True
+        self, views: PointViews, weights: Array, found: Resection, informative: bool = True
     ) -> tuple["FocusWatch", Resection]:
         """Return the watch after a frame, and its motion, with a focal length of its own while that changes.
 
         The last of the errors that `views` share is a change of the focal length by `rules.std_refocused`; the last of
         the motion's amplitudes belongs to it. `found` is the motion without it, with `weights` (n,) as in `resect`.
-        Unless the frame `tells`, it is no evidence: its views move by a velocity that is not known yet, through readout
-        or delay.
+        Unless the frame is `informative`, it is no evidence: its views move by a velocity that is not known yet,
+        through readout or delay.
         """
         start = np.append(found.amplitudes, 0.0)
         calm, own = changed(found, amplitudes=start), refine(views, weights, found.cam_from_ref, start)
@@ -75,7 +75,7 @@ class FocusWatch:
         shown, var = float(own.amplitudes[-1]) / (var * information), 1 / information
         if abs(shown - (self.change.at if self.moves else 0.0)) > self.rules.most_refocused:  # a body, not a zoom
             return self.at_rest(), calm
-        watch = self._after(shown, var) if tells else self
+        watch = self._after(shown, var) if informative else self
         if not watch.evidence.is_there:
             return watch.at_rest() if self.moves else watch, calm
         unit = self.rules.std_refocused
@@ -101,8 +101,7 @@ class FocusWatch:
 
     @property
     def rests_at(self) -> float | None:
-        """The change of the focal length that the latest frames agree on; None if it is not constant or frames are
-        few."""
+        """The change of the focal length that the latest frames agree on; None if it varies or frames are few."""
         n, rests = self.rules.rested_frames, self.rules.rests
         if len(self.shown) < n:
             return None

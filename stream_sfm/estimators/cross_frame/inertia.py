@@ -57,7 +57,7 @@ class Inertia:
         self._expected_by: tuple[Transition, ExpectedMotion] | None = None  # the latest one, from that transition
         self._carried = False  # the state was begun before the current map
         self._unproven = False  # no motion of the images has agreed with it yet
-        self._anew: Known | None = None  # the state begins again with this in the next frame
+        self._restart: Known | None = None  # the state begins again with this in the next frame
         self._is_fresh = True  # the velocity is not known yet, so that nothing can be expected of the samples
         self._missing_s = 0.0  # the time without samples
         self._before_ns = 0  # the stamp of the frame before the latest one
@@ -93,7 +93,7 @@ class Inertia:
     def _end(self, problem: str) -> None:
         """Go on without samples."""
         logging.getLogger("stream_sfm").warning(problem)
-        self.problem, self.now, self._anew, self._trial = problem, None, None, None
+        self.problem, self.now, self._restart, self._trial = problem, None, None, None
         self._steadiness = Steadiness(self._rules)
 
     def begun(self, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> Known | None:
@@ -132,7 +132,7 @@ class Inertia:
 
     def forget(self) -> None:
         """Forget the state: if the motion may have been a body's, its velocity predicts nothing."""
-        self.now = self._anew = None
+        self.now = self._restart = None
         self._belief = self._belief.interrupted()
 
     def predicted(self, stamp_ns: int) -> Known | None:
@@ -181,7 +181,7 @@ class Inertia:
     def enter(self, frame: WindowFrame, current: Map) -> None:
         """Give a frame that is about to enter a map the samples since the previous frame."""
         before = self._before_ns = (current.frames[-1] if current.frames else current.reference).stamp_ns
-        self._begin_late(current)
+        self._begin_in_newest(current)
         window, now, self.contradiction = current.inertia, self.now, ""
         if window is not None and now is None:
             current.end_inertia()
@@ -215,9 +215,9 @@ class Inertia:
         mounted = self._calibration.cam_from_imu[:3, :3] @ se3.exp_so3(state[AXES])
         return -np.stack([found[0] - state[GYRO_BIAS], found[1]]) @ mounted.T
 
-    def _begin_late(self, current: Map) -> None:
-        """Begin the state of a map in its newest camera: anew, if samples started late, or after a trial."""
-        begun, self._anew, calibration = self._anew, None, self._calibration
+    def _begin_in_newest(self, current: Map) -> None:
+        """Begin the state of a map in its newest camera: again, if samples started late, or after a trial."""
+        begun, self._restart, calibration = self._restart, None, self._calibration
         if current.inertia is None and not self._belief.is_out:
             pose = current.marginals.world_from_cam, current.marginals.cov_pose
             begun = self.begun(self._before_ns, *pose)
@@ -343,10 +343,10 @@ class Inertia:
             return None
         return replace(inertial_estimate(known, self._densities.factors), dead_reckoned=True)
 
-    def report(self, current: Map, read_off: Map) -> tuple[Known | None, InertialEstimate | None]:
+    def report(self, current: Map, smoothed: Map) -> tuple[Known | None, InertialEstimate | None]:
         """Return the newest pose and state, with zero for improbable errors; None without inertia.
 
-        The mean is that of the map `read_off`, from which estimates are reported; the covariance is that of the filter,
+        The mean is that of the map `smoothed`, from which estimates are reported; the covariance is that of the filter,
         `current`.
         """
         window = current.inertia
@@ -357,9 +357,9 @@ class Inertia:
         seen = current.cams_from_ref, current.inertial_state
         known, by_rig = window.newest(current.system, stamp_ns, current.world_from_ref, *seen)
         cov = symmetric(known.cov + by_rig @ current.system.cov_rig @ by_rig.T)
-        if read_off.inertia is not None and read_off is not current:
-            of_mean = read_off.world_from_ref, read_off.cams_from_ref, read_off.inertial_state
-            pose, state = read_off.inertia.newest_mean(*of_mean)
+        if smoothed.inertia is not None and smoothed is not current:
+            of_mean = smoothed.world_from_ref, smoothed.cams_from_ref, smoothed.inertial_state
+            pose, state = smoothed.inertia.newest_mean(*of_mean)
             known = changed(known, world_from_cam=pose, state=state)
         if len(current.frames) == self._frames and not current.frames[0].in_question:
             window.learn(current.system, *seen)
@@ -373,8 +373,8 @@ class Inertia:
         self._steadiness, moved = self._steadiness.after(known)
         moved = moved and self._belief.is_proven  # its noise is not known before
         if moved or impossible(known.state, known.cov_state, self._rules):  # forget a state from a wrong motion
-            self._belief, self._steadiness = self._belief.anew(), Steadiness(self._rules)
-            self._anew = self.begun(stamp_ns, known.world_from_cam, known.cov_pose)
+            self._belief, self._steadiness = self._belief.restarted(), Steadiness(self._rules)
+            self._restart = self.begun(stamp_ns, known.world_from_cam, known.cov_pose)
         if self._belief.is_out:
             self._end(f"{self._belief.problem}: {_BY_IMAGES}")
         return known, estimate

@@ -40,7 +40,7 @@ from .window_frame import WindowFrame
 class Map:
     """Points, poses and prior of one map, with their latest joint covariance.
 
-    `points`: all points of the map; `begun_anew`: ids of those that the newest frame started again, from a single view.
+    `points`: all points of the map; `restarted`: ids of those that the newest frame started again, from a single view.
     `frames`: the window, oldest first; `views`: all views of these frames in their order, used or not; `cams_from_ref`
     (F, 4, 4): their poses; `own` (F, e): amplitudes of the errors that the views of each frame share, in σ.
     `reference`: the frame of the reference camera; `first_views`: its views while nothing else is in the prior.
@@ -69,7 +69,7 @@ class Map:
         self.views, self.cams_from_ref, self.own = views[:0], np.empty((0, 4, 4)), np.empty((0, views.own.shape[2]))
         self.reference, self.exposures = frame, Exposures.of_reference()
         self.rules, self.rejections = rules, RejectionCounts(rig.held, rules)
-        self.begun_anew = self._dropped = np.empty(0, np.int64)
+        self.restarted = self._dropped = np.empty(0, np.int64)
         self.doubt = Doubt()
         self.focus, self.has_focus = FocusWatch.begun(rig.rules), False
         ids = first.track_ids
@@ -203,7 +203,7 @@ class Map:
         known = core.among(views.ids, self.points.ids)
         new = ~known & views.stereo & wanted
         again = core.among(self._dropped, views.ids[new])
-        self.begun_anew, self._dropped = self._dropped[again], self._dropped[~again]
+        self.restarted, self._dropped = self._dropped[again], self._dropped[~again]
         q = q_of_views(self.projection, corrected_px[new])
         self.points = self.points.with_new(views.ids[new], q, se3.inverse(cam_from_ref))
         views = changed(views, frame=np.full(len(views), len(self.frames)), used=(known | new) & wanted)
@@ -235,14 +235,6 @@ class Map:
             self.views = changed(self.views, used=self.views.used & ~core.among(self.views.ids, young))
             self.points = self.points.keep(~core.among(self.points.ids, young))
             self._dropped = core.union_of(np.concatenate([self._dropped, young]))
-
-    def frames_agreed(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return in how many frames after their first one points `ids` (n,) agreed with the map.
-
-        For a point older than the window, all frames of the window are counted once more.
-        """
-        count = core.times_among(ids, self.views.ids, self.views.used)
-        return np.maximum(count + np.where(core.among(ids, self.prior.ids), len(self.frames), -1), 0)
 
     def consider_second(self, motion: Resection, std_moved: Array) -> None:
         """Add the uncertainty from the second of two plausible motions, which may be the true one; see `Doubt`."""
@@ -388,13 +380,6 @@ class Map:
     def true_cams(self) -> Array:
         """The cameras of the window (F, 4, 4), without apparent rotations by sliding patches if there is inertia."""
         return self.cams_from_ref if self.inertia is None else self.inertia.true_cams(self.cams_from_ref)
-
-    def true_poses(self) -> tuple[Array, Array]:
-        """Return a root (6F, n) of the covariance of `true_cams` given the rig's errors, and ∂ by these (6F, m)."""
-        if self.inertia is not None:
-            return self.inertia.true_poses(self.system)
-        poses = self.system.at["poses"]
-        return self.system.root[poses], self.system.by_rig[poses]
 
     @property
     def cov_pose(self) -> Array:

@@ -132,14 +132,6 @@ class System:
         by_rig += self._reach[..., n:]
         return by_rig, self.std_given
 
-    @property
-    def by_points(self) -> tuple[Array, Array]:
-        """Coupling of points to the other variables (P, 3, n + m), poses first, and steps (P, 3) of each point alone.
-
-        Both are in units of the points' roots.
-        """
-        return self._reach, self._given
-
     def rig_errors(self) -> tuple[Array, Array, Array]:
         """Return mean (m,), covariance and information (m, m) of the rig's errors from all views."""
         return self._rig_error + self.cov_rig @ self._pull, self.cov_rig, self._others.left

@@ -24,7 +24,7 @@ def judge_focus(
     """
     columns = _columns(current, views)
     current.focus, motion = current.focus.judge(
-        seen.with_shared(columns[rows]), weights, found, tells=not current.exposures.by_twist.any()
+        seen.with_shared(columns[rows]), weights, found, informative=not current.exposures.by_twist.any()
     )
     if current.focus.has_begun:
         _begin(current)

@@ -30,15 +30,15 @@ def newest_motion(current: Map) -> Array:
     return se3.orthonormalise(earlier @ se3.inverse(current.true_cams[-1]))
 
 
-def relative_motions(current: Map, cov_newest: Array, by_span: Array, feigned: float) -> RelativeMotions:
+def relative_motions(current: Map, cov_newest: Array, by_span: Array, apparent_turns: float) -> RelativeMotions:
     """Return the motions from the newest frame to the reference camera and to every other frame of the window.
 
     `cov_newest` (6, 6): further covariance of the newest pose alone. `by_span` (b,): the factors on σ over 1 … b
-    frames; the views of the window have the last of them, eq. (74d). `feigned`: share of apparent rotations by sliding
-    patches.
+    frames; the views of the window have the last of them, eq. (74d). `apparent_turns`: share of apparent rotations by
+    sliding patches.
     """
     frames, system = current.frames, current.system
-    true_cams, (of_poses, of_rig) = current.true_cams, current.true_poses()
+    true_cams, (of_poses, of_rig) = current.true_cams, _of_true_cams(current)
     cams = np.array([np.eye(4), *true_cams[:-1]])  # the reference is exact by definition
     from_newest = cams @ se3.inverse(true_cams[-1])
     half, by_rig = apart_from_newest(from_newest[1:], of_poses, of_rig)
@@ -50,9 +50,17 @@ def relative_motions(current: Map, cov_newest: Array, by_span: Array, feigned: f
     return RelativeMotions(
         frame_indices=np.array([f.index for f in (current.reference, *frames[:-1])], np.int64),
         frame_from_newest=se3.orthonormalise(from_newest),
-        cov=cov + _of_motions(current, feigned) + cov_newest,
+        cov=cov + _of_motions(current, apparent_turns) + cov_newest,
         common_jacobian=by_rig,
     )
+
+
+def _of_true_cams(current: Map) -> tuple[Array, Array]:
+    """Return a root (6F, n) of the covariance of `true_cams` given the rig's errors, and ∂ by these (6F, m)."""
+    if current.inertia is not None:
+        return current.inertia.true_poses(current.system)
+    poses = current.system.at["poses"]
+    return current.system.root[poses], current.system.by_rig[poses]
 
 
 def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
@@ -67,18 +75,18 @@ def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
     return CommonErrors(current.rig_error, rig.cov, jacobian)
 
 
-def _of_motions(current: Map, feigned: float) -> Array:
+def _of_motions(current: Map, apparent_turns: float) -> Array:
     """Return the covariances (r, 6, 6) to add to the motions between each earlier frame and the newest one.
 
     Differences of ambiguous motions add up. Apparent rotations by sliding patches come and go within a window, so over
-    any of its spans they count as over one frame, with a share `feigned` of their variance, eq. (17b); those that stay
-    add up in the pose.
+    any of its spans they count as over one frame, with a share `apparent_turns` of their variance, eq. (17b); those
+    that stay add up in the pose.
     """
     frames = current.frames[::-1]
     by_cams = se3.adjoint(current.newest_cam_from_ref @ se3.inverse(current.cams_from_ref[::-1]))
     turned = np.array([f.std_turn_rad for f in frames])[:, None, None] * by_cams[..., 3:]
     turns = np.cumsum(turned @ np.swapaxes(turned, 1, 2), axis=0)
-    covs = feigned / np.arange(1, len(frames) + 1)[:, None, None] * turns
+    covs = apparent_turns / np.arange(1, len(frames) + 1)[:, None, None] * turns
     if not any(f.ambiguity.shape[1] for f in frames):
         return covs[::-1]
     together, apart = np.zeros((6, 6)), np.zeros((6, 6))

@@ -55,9 +55,9 @@ class TrackNoise:
     def after(self, squares: Array, values: Array, known: NDArray[np.bool_]) -> "TrackNoise":
         """Return the noise after the tracks of a window; arguments as in `information`."""
         free = _free(values, known)
-        tells = free > 0
-        n, s = free[tells], self.mean
-        d = np.minimum(squares[tells], self.rules.tracks_most * s * n)
+        informative = free > 0
+        n, s = free[informative], self.mean
+        d = np.minimum(squares[informative], self.rules.tracks_most * s * n)
         kept = max(0.0, 1 - len(n) / self.rules.tracks_memory) * self.sums
         new = [d.sum(), n.sum(), ((d / s - n) ** 2 - 2 * n).sum(), (n**2 + 2 * n).sum()]
         return TrackNoise(kept + new, self.rules)

@@ -180,10 +180,10 @@ class CrossFrame(TakesSamples):
         """
         more, weighted = np.zeros((2, m))
         if (view := observations.rig) is not None:
-            at, said = TERMS.index(DELAY), view.model.amplitudes(DELAY, *view.delay_by_rows)
-            if said[0] > self._known_by_rows[0]:
-                more[at], weighted[at] = said - self._known_by_rows
-                self._known_by_rows = said
+            at, from_rows = TERMS.index(DELAY), view.model.amplitudes(DELAY, *view.delay_by_rows)
+            if from_rows[0] > self._known_by_rows[0]:
+                more[at], weighted[at] = from_rows - self._known_by_rows
+                self._known_by_rows = from_rows
         return more, weighted
 
     def _lose(self, observations: Observations, reason: str, blames_rig: bool = True) -> Solution:
@@ -223,7 +223,7 @@ class CrossFrame(TakesSamples):
             start = se3.inverse(predicted) @ previous.world_from_cam
         views, unknown_px = expect(current, frame, views, rows, points, start, self._std_acceleration)
         corrected = _corrected(observations, views, current.rig_error)
-        weights = self.config.window.no_history + current.frames_agreed(views.ids[rows]).astype(float)
+        weights = self.config.window.no_history + _frames_agreed(current, views.ids[rows])
         z_px, cov_px = corrected.z_px[rows], corrected.cov_px[rows]
         seen = PointViews(self.projection, points, cov, z_px, cov_px, robust, unknown_px)
         found = initial_motion(seen, observations, start, weights)
@@ -241,30 +241,30 @@ class CrossFrame(TakesSamples):
         return found, views.ids[rows[~found.accepted]], views, corrected.z_px
 
     def _marginals(
-        self, current: Map, read_off: Map, before: Marginals, in_question: bool
+        self, current: Map, smoothed: Map, before: Marginals, in_question: bool
     ) -> tuple[Marginals, InertialEstimate | None]:
         """Return the reported marginals, which become those of the map, and the inertial state if there is one.
 
         `before`: the marginals of the previous frame. With a motion `in_question` the filter's pose is reported.
         """
         # all correlated errors have moved the world, and only the weights of eq. (69) account for them
-        now = current.marginals = changed(read_off.update_marginals(), cov_pose=current.cov_pose)
-        known, inertial = self.inertia.report(current, read_off)
+        now = current.marginals = changed(smoothed.update_marginals(), cov_pose=current.cov_pose)
+        known, inertial = self.inertia.report(current, smoothed)
         now = now if known is None else current.place_newest(known)
         if in_question:
             return now, inertial
         frames, most_sigmas = self.config.window.frames, self.config.rules.reported.most_followed
-        now = current.marginals = followed(before, now, newest_motion(read_off), frames, most_sigmas)
+        now = current.marginals = followed(before, now, newest_motion(smoothed), frames, most_sigmas)
         return now, self.inertia.placed(inertial, now.world_from_cam)
 
     def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
         """Return the Solution from the joint covariance, and give the pose to the motion model."""
         rig, self._in_question = current.judge_rig(), motion.ambiguous is not None
-        before = current.marginals
-        tells = observations.lasting.inflation is not None and motion.ambiguous is None and not observations.misfit
-        read_off, self._factors, self._noise = reported(current, self._factors, self._noise, tells)
-        in_question = motion.ambiguous is not None or bool(observations.misfit)
-        now, inertial = self._marginals(current, read_off, before, in_question)
+        before, rules = current.marginals, self.config.rules
+        in_question = motion.ambiguous is not None or observations.misfit
+        informative = observations.lasting.inflation is not None and not in_question
+        smoothed, self._factors, self._noise = reported(current, self._factors, self._noise, informative)
+        now, inertial = self._marginals(current, smoothed, before, in_question)
         cov_timing = cov_of_timing(current, self._std_acceleration)
         if motion.ambiguous is None:  # otherwise the motion may be wrong instead
             self._impossible = impossible(rig, self.config.rig)
@@ -272,9 +272,9 @@ class CrossFrame(TakesSamples):
         observations = _with_note(observations, self.inertia.contradiction)
         ids, used = current.views.ids[current.newest], current.views.used[current.newest]
         n_accepted = int(np.count_nonzero(used & core.among(ids, before.ids)))  # by the joint minimum, too
-        status, reason = frame_status(n_accepted, observations.note, self.config.rules.robust, motion)
+        status, reason = frame_status(n_accepted, observations.note, rules.robust, motion)
         shown = core.among(now.ids, ids[used]) & now.finite
-        shown &= ~core.among(now.ids, current.begun_anew)
+        shown &= ~core.among(now.ids, current.restarted)
         columns = now.points_in_cam, now.cov_points, now.points_in_world, now.cov_points_in_world
         points_in_cam, cov_points, points_in_world, cov_points_in_world = columns_at(columns, shown)
         solution = Solution(
@@ -288,16 +288,14 @@ class CrossFrame(TakesSamples):
             points_in_world=points_in_world,
             cov_points_in_world=cov_points_in_world,
             window_frame_indices=np.array([f.index for f in current.frames], np.int64),
-            window_world_from_cam=now.world_from_cam @ read_off.true_cams[-1] @ se3.inverse(read_off.true_cams),
+            window_world_from_cam=now.world_from_cam @ smoothed.true_cams[-1] @ se3.inverse(smoothed.true_cams),
             rejected_ids=ids[~used],
             iterations=iterations,
             nis=motion.chi2,
             nis_dof=motion.dof,
             rig=rig,
-            relative=relative_motions(
-                read_off, cov_timing, self._factors.by_span, self.config.rules.reported.apparent_turns
-            ),
-            common=common_errors(read_off, rig),
+            relative=relative_motions(smoothed, cov_timing, self._factors.by_span, rules.reported.apparent_turns),
+            common=common_errors(smoothed, rig),
             inertial=inertial,
         )
         if rig is not None and observations.rig is not None:
@@ -336,6 +334,16 @@ def _unknown_rig(observations: Observations, rules: RigConfig) -> RigState:
     model = observations.rig.model
     mean, size, learnt = model.before_views()
     return RigState.unknown(size, learnt, observations.stamp_ns, mean, rules, model.refined)
+
+
+def _frames_agreed(current: Map, ids: NDArray[np.int64]) -> Array:
+    """Return in how many frames after their first one points `ids` (n,) agreed with the map.
+
+    For a point older than the window, all frames of the window are counted once more.
+    """
+    count = core.times_among(ids, current.views.ids, current.views.used)
+    more = np.where(core.among(ids, current.prior.ids), len(current.frames), -1)
+    return np.maximum(count + more, 0).astype(float)
 
 
 def _corrected(observations: Observations, views: WhitenedViews, rig_error: Array) -> Observations:

@@ -16,7 +16,7 @@ from .inverse_depth import WhitenedViews
 
 @dataclass(slots=True)
 class WindowFrame:
-    """The data of a frame beside its pose and its views.
+    """Per-frame data other than pose and views.
 
     `std_turn_rad`: σ about each axis of the apparent rotation since the previous frame by patches that slide alike.
     `ambiguity` (6, k): a root of the further covariance of the motion from the previous frame, in axes of this camera;

@@ -26,7 +26,7 @@ from ...rig_model.estimate import RigEstimate
 from ...rig_model.model import RigModel
 from ...rig_model.terms import TERMS, effects_of_turn, terms_of_turn
 from ...types import RigChange
-from .usual_turns import Feigned, Turn, UsualTurns
+from .usual_turns import ApparentTurns, Turn, UsualTurns
 
 
 def shift_of_turn(projection: StereoProjection, rad: Array) -> float:
@@ -95,21 +95,21 @@ class TurnWatch:
         z_px: Array,
         cov_px: Array,
         cam_from_previous: Array,
-        feigned: Feigned,
+        apparent: ApparentTurns,
     ) -> tuple["TurnWatch", NDArray[np.bool_] | None]:
         """Return the watch after a frame, and which views (n,) agree with its turn if that is unusual, else None.
 
         `points` (n, 4) are homogeneous, in the previous camera, with covariances (n, 4, 4). Their views `z_px` (n, 4)
         in this frame have covariances (n, 4, 4); none of them was rejected for its row. The motion may be approximate.
-        `feigned`: the apparent turns by unknown errors of the rig.
+        `apparent`: the apparent turns by unknown errors of the rig.
         """
         rules = self.rules
         n_seen = np.count_nonzero(np.isfinite(z_px[:, 2]))
         if n_seen < rules.min_views:
             return self.calm(), None
         views = PointViews(self.projection, points, cov_points, z_px, cov_px, self.settings)
-        rad, cov, agree, chi2 = core.fit_turn(views, cam_from_previous, self.usual.measured + feigned.cov, rules)
-        turn = Turn(rad, cov, chi2, feigned)
+        rad, cov, agree, chi2 = core.fit_turn(views, cam_from_previous, self.usual.measured + apparent.cov, rules)
+        turn = Turn(rad, cov, chi2, apparent)
         possible = self.projection.f_px * math.hypot(*rad) < rules.max_turn_px
         possible = possible and bool(np.count_nonzero(agree) > rules.agree * n_seen)
         stands_out = possible and self.usual.log_odds(turn) > -math.log(rules.knocks)

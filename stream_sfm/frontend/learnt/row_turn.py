@@ -17,7 +17,7 @@ _LEAST_PX, _MOST_LEFT = 0.05, 0.3
 _SAME_RAD = 1e-5  # by which rigs turn between logs, at least
 
 
-class Turn(NamedTuple):
+class RowTurn(NamedTuple):
     """A turn of the right camera about its rectified x and z: `rad` (2,) with `cov` (2, 2).
 
     `rows_px`: the RMS shift of rows by it over the image; `left`: the share of the row differences that it leaves.
@@ -30,11 +30,11 @@ class Turn(NamedTuple):
 
     @property
     def is_real(self) -> bool:
-        """Whether it is certain, explains the rows, and these matter."""
+        """Whether the turn is certain, explains the rows, and these matter."""
         return self.rows_px >= _LEAST_PX and self.left <= _MOST_LEFT and is_certain(self.rad, self.cov)
 
 
-def turn_by_rows(rows: Sequence[Rows]) -> Turn:
+def turn_by_rows(rows: Sequence[Rows]) -> RowTurn:
     """Return the turn that the row differences of some logs with one rig show, eq. (72d).
 
     Relative pitch and roll of the cameras are such turns. So is the row of a principal point, but for some hundredths
@@ -58,4 +58,4 @@ def turn_by_rows(rows: Sequence[Rows]) -> Turn:
     turn: Array = cov @ weighted
     all_px = np.array(differences)
     left = np.sqrt(((all_px - by_turn @ turn) ** 2).sum() / max((all_px**2).sum(), 1e-12))
-    return Turn(turn, cov, float(np.sqrt(((by_turn @ turn) ** 2).mean())), float(left))
+    return RowTurn(turn, cov, float(np.sqrt(((by_turn @ turn) ** 2).mean())), float(left))

@@ -13,7 +13,7 @@ from ...record import changed, record
 
 
 @record
-class Feigned:
+class ApparentTurns:
     """The apparent turns by unknown errors of the rig in a frame.
 
     `cov_others` (3, 3): of all but a delay of the right camera, whose turn is `per_s` (3,) rad/s with a variance of
@@ -34,13 +34,13 @@ class Feigned:
 class Turn:
     """The turn `rad` (3,) of the right camera that a frame shows.
 
-    `cov` (3, 3): of its measurement; `chi2`: of a usual one; `feigned`: what it may contain.
+    `cov` (3, 3): of its measurement; `chi2`: of a usual one; `apparent`: what it may contain.
     """
 
     rad: Array
     cov: Array
     chi2: float
-    feigned: Feigned
+    apparent: ApparentTurns
 
 
 @record
@@ -77,7 +77,7 @@ class UsualTurns:
         first frames nobody knows how much this rig shakes.
         """
         n = 3.0 * (max(self.frames - self.rules.guess_frames, 0) + 1)
-        usual = self.measured + turn.cov + turn.feigned.cov
+        usual = self.measured + turn.cov + turn.apparent.cov
         knocked = usual + self.rules.std_rad**2 * np.eye(3)
         d2, d2_knocked = (float(turn.rad @ np.linalg.solve(cov, turn.rad)) for cov in (usual, knocked))
         log_usual = math.lgamma((n + 3) / 2) - math.lgamma(n / 2) - 1.5 * math.log(n / 2)
@@ -85,18 +85,19 @@ class UsualTurns:
         return -d2_knocked / 2 - float(np.linalg.slogdet(knocked)[1]) / 2 - log_usual
 
     def sized(self, turn: Turn) -> "UsualTurns":
-        """Return them with the size of the turn of the latest frame."""
-        covs = turn.cov + turn.feigned.cov + SIZES[:, None, None] ** 2 * self.real
+        """Return the turns with the size of the turn of the latest frame."""
+        covs = turn.cov + turn.apparent.cov + SIZES[:, None, None] ** 2 * self.real
         d2 = np.array([turn.rad @ np.linalg.solve(cov, turn.rad) for cov in covs])
         return changed(self, sizes=self.sizes.after(-0.5 * (d2 + np.linalg.slogdet(covs)[1])))
 
     def learnt(self, turn: Turn) -> "UsualTurns":
-        """Return them after a turn that counts as usual.
+        """Return the turns after a turn that counts as usual.
 
         A delay is one unknown of the run and no noise of each frame: what the turns of all frames say about it counts.
         The covariance of real turns follows by expectation maximisation (Dempster, Laird and Rubin 1977).
         """
-        per_s, var_s2, others = turn.feigned.per_s, turn.feigned.var_delay_s2, turn.cov + turn.feigned.cov_others
+        apparent = turn.apparent
+        per_s, var_s2, others = apparent.per_s, apparent.var_delay_s2, turn.cov + apparent.cov_others
         frames = min(self.frames + 1, MEMORY_FRAMES)
         by_delay = np.linalg.solve(self.real + others, per_s)
         late = (1 - 1 / frames) * self.late + (by_delay @ per_s, by_delay @ turn.rad)

@@ -67,11 +67,9 @@ def choose(step: Step, state: FrontEndState, seen: Seen, found: Resection) -> Re
             near = motion.accepted & (rho >= median(rho[motion.accepted]))
             motion = _without(step, seen, motion, near)
     second = motion.second
-    return (
-        motion
-        if not motion.ok or second is None or second.in_front
-        else _decided(step, state, seen, motion, second)
-    )
+    if not motion.ok or second is None or second.in_front:
+        return motion
+    return _decided(step, state, seen, motion, second)
 
 
 def _decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection, second: SecondMotion) -> Resection:
@@ -94,10 +92,8 @@ def _decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection, se
     if not second.lasted and other.ok:
         odds += _by_samples(step, motion, other)
     if odds < -clear and other.ok:
-        former = SecondMotion(
-            motion.cam_from_ref, motion.cov_pose, only_first, float(np.exp(odds)), in_front=order < 0
-        )
-        return changed(other, second=former)
+        of_first = motion.cam_from_ref, motion.cov_pose, only_first, float(np.exp(odds))
+        return changed(other, second=SecondMotion(*of_first, in_front=order < 0))
     return changed(motion, second=changed(second, odds=float(np.exp(-odds)), in_front=order > 0))
 
 

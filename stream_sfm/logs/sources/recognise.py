@@ -148,8 +148,7 @@ def _open_folder(path: Path, given: Given) -> Source:
     images = f"; there are images in {some_of(listed)}, {which}" if listed else ""
     hint = () if given.mono else ("import_images",)
     if videos := list(map(str, videos_in(path))):
-        images = (
-            f"; of its videos, {some_of(videos)}, no names tell left from right: name them left.mp4 and right.mp4"
-        )
+        names = f"of its videos, {some_of(videos)}, no names tell left from right"
+        images = f"; {names}: name them left.mp4 and right.mp4"
         hint = ()
     raise LogError(f"{path} is a folder without a recording ({supported()}){images}", hint=hint)
