@@ -112,9 +112,8 @@ def _which_hold(methods: dict[str, Any], as_is: bool) -> str:
     hold = [of_method(key).name for key, factor in factors.items() if low <= factor <= high]
     wrong = {key: factor for key, factor in factors.items() if not low <= factor <= high}
     by_halves = any(figures["sigma_factor_from"] == "halves" for figures in given.values())
-    source = (
-        ", by halves of the tracks," if by_halves else "" if as_is else ", with the calibration taken as exact,"
-    )
+    source = "" if as_is else ", with the calibration taken as exact,"
+    source = ", by halves of the tracks," if by_halves else source
     text = f"Covariances{source} are consistent for {in_a_row(hold)}" if hold else ""
     if not wrong:
         return text
@@ -122,9 +121,8 @@ def _which_hold(methods: dict[str, Any], as_is: bool) -> str:
     if len(wrong) <= _MOST_NAMED:
         return text + in_a_row([f"{of_method(key).name} ({_off(size)})" for key, size in wrong.items()])
     mine = wrong.pop(key_of(REFERENCE), None)
-    others = (
-        f"{len(wrong)} {'methods' if mine is None and not hold else 'others'} ({_off(*sorted(wrong.values()))})"
-    )
+    kind = "methods" if mine is None and not hold else "others"
+    others = f"{len(wrong)} {kind} ({_off(*sorted(wrong.values()))})"
     return text + (others if mine is None else f"{of_method(REFERENCE).name} ({_off(mine)}) and {others}")
 
 

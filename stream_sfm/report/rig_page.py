@@ -104,9 +104,8 @@ def _terms(estimate: RigEstimate) -> Table:
     rows = []
     for k, (name, (unit, factor)) in enumerate(zip(TERMS, units, strict=True)):
         std = float(np.sqrt(estimate.cov[k, k]))
-        thirds = (
-            [] if estimate.thirds is None else [_with_std(of[0, k], of[1, k], factor) for of in estimate.thirds]
-        )
+        by_thirds = () if estimate.thirds is None else estimate.thirds
+        thirds = [_with_std(of[0, k], of[1, k], factor) for of in by_thirds]
         agree = "–" if estimate.evidence is None else f"{estimate.evidence[k]:.1f} σ"
         before = f"± {factor * estimate.prior_std[k]:.3g}"
         cells = [_with_std(float(estimate.mean[k]), std, factor), before, *(thirds or ["–"] * 3), agree]

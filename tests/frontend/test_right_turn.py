@@ -115,7 +115,7 @@ def test_unusual_turns_that_end_were_usual_ones() -> None:
 
 
 def test_the_delay_is_one_unknown_of_the_run_and_hides_no_turns() -> None:
-    """Turns about y that a delay of 8 ms could feign are real if they are not in proportion to the rig's own turn."""
+    """Turns about y that could be a delay of 8 ms are real if they are not in proportion to the rig's own turn."""
     rng = np.random.default_rng(6)
     shaking = 2e-4 * rng.normal(size=40)
     usual, apparent = UsualTurns.begun(TurnRules()), [8e-3 * np.array([0, r, 0]) for r in rng.normal(0.2, 0.1, 40)]
