@@ -36,11 +36,11 @@ class Accelerations:
         return np.maximum(self.assumed, np.repeat(np.sqrt(self.squares), 3))
 
     def interrupted(self) -> "Accelerations":
-        """Return them where poses do not continue the earlier ones, or may be wrong."""
+        """Return the accelerations after a gap: the next pose does not continue the earlier ones, or may be wrong."""
         return changed(self, at=None)
 
     def after(self, stamp_ns: int, world_from_cam: Array) -> "Accelerations":
-        """Return them after the pose (4, 4) of the next frame."""
+        """Return the accelerations after the pose (4, 4) of the next frame."""
         if self.at is None:
             return changed(self, at=(stamp_ns, world_from_cam, None))
         last_ns, pose, before = self.at

@@ -1,6 +1,6 @@
 """Whether samples are believed: how well they predict the motions that images show, summed over frames, eq. (85a).
 
-Their rival is the motion before: a unit that predicts worse than a camera that goes on evenly is of no use, whatever is
+They are compared with the motion before: a unit that predicts worse than a constant velocity is of no use, whatever is
 wrong with it. Rotations and translations are judged apart, as gyroscope and accelerometer fail apart.
 """
 
@@ -66,7 +66,7 @@ class Innovation(NamedTuple):
 
 @record
 class Evenly:
-    """What images alone predict: that the camera goes on with its `velocity` (6,) per second; None if it is not known.
+    """What images alone predict: that the camera keeps its `velocity` (6,) per second; None if it is not known.
 
     `squares` (2,): the mean squared change of angular and linear velocity between frames, per axis, and those `assumed`
     at first; `count`: frames that they were learnt from.
@@ -79,7 +79,7 @@ class Evenly:
     velocity: Array | None = None
 
     def after(self, motion: Array, seconds: float) -> "Evenly":
-        """Return it after a motion (6,)."""
+        """Return the prediction after a motion (6,)."""
         velocity, squares, count = motion / seconds, self.squares, self.count
         if self.velocity is not None:
             changes = np.array([np.square((velocity - self.velocity)[at]).mean() for at in _PARTS])
@@ -95,7 +95,7 @@ class Evenly:
         return bool((changes <= most * np.sqrt(np.maximum(self.squares, self.assumed))).all())
 
     def log_likelihoods(self, motion: Array, seconds: float) -> Array | None:
-        """Return those (2,) of rotation and translation of the next motion, without the constant."""
+        """Return the log-likelihoods (2,) of rotation and translation of the next motion, without the constant."""
         if self.velocity is None:
             return None
         squares = self.squares * seconds**2
@@ -124,7 +124,7 @@ class Belief:
 
     @classmethod
     def begun(cls, rules: InertiaRules, std_acceleration: Array, seconds: float = 0.1) -> "Belief":
-        """Return it before any frame; `std_acceleration` (6,): of a vehicle, which is assumed until motions show it."""
+        """Return the belief before any frame; `std_acceleration` (6,): of a vehicle, assumed until motions show it."""
         squares = np.array([np.square(std_acceleration[at] * seconds).mean() for at in _PARTS])
         return cls(rules, Evenly(rules.usual_frames, squares, squares))
 
@@ -135,12 +135,13 @@ class Belief:
 
     @property
     def is_proven(self) -> bool:
-        """Whether they have agreed for long, so that a single frame that contradicts them may show a moving body."""
+        """Whether the samples have agreed for so long that a frame that contradicts them may show a moving body."""
         return not self.doubted and not self.is_out and self.lasted_s >= self.rules.lasting_s
 
     def after(self, found: Innovation, is_fresh: bool = False) -> "Belief":
-        """Return it after a frame; `is_fresh`: nothing was to be expected of the samples yet, so that only a
-        contradiction counts.
+        """Return the belief after a frame.
+
+        `is_fresh`: nothing was to be expected of the samples yet, so that only a contradiction counts.
         """
         rules, by_images = self.rules, self.evenly.log_likelihoods(found.motion, found.seconds)
         contradicts = found.distance2 > rules.apart
@@ -157,7 +158,7 @@ class Belief:
         return changed(self._with_gained(gained, found.seconds), evenly=evenly, log_ratio=log_ratio)
 
     def _with_gained(self, gained: Array, seconds: float) -> "Belief":
-        """Return it with more log odds (2,) after a time."""
+        """Return the belief with more log odds (2,) after a time."""
         rules = self.rules
         sums = np.clip(np.array(self.log_odds) + gained, -rules.bound, rules.bound)
         doubted = bool(sums.min() < 0)
@@ -168,17 +169,17 @@ class Belief:
         return changed(self, log_odds=odds, lasted_s=lasted_s, is_out=is_out, begun_anew=begun_anew)
 
     def anew(self) -> "Belief":
-        """Return it after an impossible state, which has to be proven again; the second time the unit is to blame."""
+        """Return the belief after an impossible state: it has to be proven again; after the second one it is out."""
         odds = min(self.log_odds[0], 0.0), min(self.log_odds[1], 0.0)
         count = self.begun_anew + 1
         return changed(self, log_odds=odds, lasted_s=0.0, begun_anew=count, is_out=self.is_out or count > 1)
 
     def on_trial(self) -> "Belief":
-        """Return it for samples that have to agree for a while before they are used."""
+        """Return the belief for samples that have to agree for a while before they are used."""
         return changed(self, log_odds=(0.0, 0.0), lasted_s=0.0, is_out=True)
 
     def interrupted(self) -> "Belief":
-        """Return it where the motion before is not known, or may not be the camera's."""
+        """Return the belief where the motion before is not known, or may not be the camera's."""
         return changed(self, evenly=changed(self.evenly, velocity=None))
 
     @property
@@ -202,7 +203,7 @@ class Steadiness:
     past: tuple[tuple[int, Array, Array], ...] = ()
 
     def after(self, known: Known) -> tuple["Steadiness", bool]:
-        """Return it after a frame, and whether gravity has moved too far since any of those, eq. (85c)."""
+        """Return the record after a frame, and whether gravity has moved too far since any of its frames, eq. (85c)."""
         turn = known.world_from_cam[:3, :3]
         gravity = turn @ known.state[GRAVITY]
         cov = turn @ known.cov_state[GRAVITY, GRAVITY] @ turn.T

@@ -24,7 +24,7 @@ def _even(sizes: Array) -> Array:
 
 @record
 class Calm:
-    """What frames show while the focal length rests: N(mean, `spread` times the variance that they claim).
+    """What frames show while the focal length rests: N(mean, `spread` times the variance that they state).
 
     Errors of calibration and depths have one sign throughout a run, so there is a mean: `information` about it in the
     latest frames, and its `weighted` sum. `frames`: how many `spread` is learnt from.
@@ -47,7 +47,7 @@ class Calm:
 
     @property
     def factor(self) -> float:
-        """The factor on the variance that a frame claims."""
+        """The factor on the variance that a frame states."""
         return max(self.spread, 1.0)
 
     def log_of(self, shown: float, var: float) -> float:
@@ -56,7 +56,7 @@ class Calm:
         return -0.5 * ((shown - self.mean) ** 2 / var + math.log(var))
 
     def learnt(self, shown: float, var: float, probability: float, most_frames: int) -> "Calm":
-        """Return it after a frame that was calm with this probability."""
+        """Return the statistics after a frame that was calm with this probability."""
         frames = min(self.frames + probability, float(most_frames))
         square = (shown - self.mean) ** 2 / (var + self.var_mean)
         information, kept = probability / (self.factor * var), 1 - probability / most_frames
@@ -81,7 +81,7 @@ class Change:
         return _log_normal(shown - self.at, var + self.var + _STEPS**2) + np.log(self.steps)
 
     def after(self, shown: float, var: float) -> "Change":
-        """Return it after a frame, by a Kalman filter for each size of step."""
+        """Return the change after a frame, by a Kalman filter for each size of step."""
         weights, prior = _normalised(self.log_of(shown, var)), self.var + _STEPS**2
         gain = prior / (prior + var)
         at = self.at + gain * (shown - self.at)
