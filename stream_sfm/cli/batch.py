@@ -28,6 +28,7 @@ def batch(
     Each log is replayed in its own process: one that fails or crashes does not affect the others. Writes one
     result folder per log, as `replay` does, batch.json and report.html (a single file). A second run processes only
     what is missing or has changed. Ground truth may be a folder of files that are named after the logs.
+    Needs the extra study.
 
     Args:
         logs: recordings of any kind, folders of them, or patterns

@@ -33,7 +33,7 @@ def compare(
     cross-correlations) and frame-to-frame estimation. Another row is the cross-frame method as `replay` runs it, which
     finds the calibration on the way. Where the log has an IMU, the cross-frame method and EKFs use it, and the
     cross-frame method is also run without. Writes report.html (a single file), report.json, and one result folder per
-    method, as `replay` does.
+    method, as `replay` does. Needs the extra study.
 
     Args:
         out: result folder; runs/LOG-TIME if not given

@@ -26,11 +26,11 @@ def evaluate(
     The ground truth comes from the log of the run, or from a file. The figures are those of the section
     ground_truth in summary.json, without the ones of the local structure. Of two folders with runs of the same logs,
     such as batches with two configurations, it also says which one drifts less: the ratio of their errors, with its
-    95 % interval over the logs.
+    95 % interval over the logs (needs the extra study).
 
     Args:
         runs: result folders: of replays, of methods of a comparison, of batches
-        out: also write a page with charts, an .html
+        out: also write a page with charts, an .html; needs the extra study
     """
     from ..evaluation.association import without_frames
     from ..evaluation.paired import paired

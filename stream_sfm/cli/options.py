@@ -284,7 +284,7 @@ class TruthErrors:
 
     Attributes:
         ignore_ground_truth: do not compare frames A to B-1, because the ground truth is wrong there
-        ground_truth_std: σ of the ground truth itself, metres and radians; known for KITTI and EuRoC
+        ground_truth_std: σ of the ground truth itself, metres and radians; known for KITTI, EuRoC and TUM-VI
     """
 
     ignore_ground_truth: Annotated[tuple[tuple[int, int], ...], _Ranges] = ()

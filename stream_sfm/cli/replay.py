@@ -71,8 +71,8 @@ def replay(
         loops: close loops and write the corrected poses to trajectory_map.tum; needs the extra map
         map: continue in a map that --save-map wrote; implies --loops
         save_map: write the map at the end, even over the one that was read; implies --loops
-        mono: use the left camera only; lengths are in units of the first baseline instead of metres
-        ground_truth_std: σ of the ground truth itself, metres and radians; known for KITTI and EuRoC
+        mono: use the left camera only; lengths are in units of the first baseline, not metres; needs the extra study
+        ground_truth_std: σ of the ground truth itself, metres and radians; known for KITTI, EuRoC and TUM-VI
     """
     from ..logs.recording.stereo_log import open_log
     from ..results.folder import changed_results, new_run_folder

@@ -31,7 +31,8 @@ def simulate(
     Efficiency: variance of each estimator relative to the Cramér–Rao bound. Consistency: whether the estimated
     covariances match the errors. Calibration: estimates with a wrong calibration and errors that last along tracks.
     Rates: the paper's Table 1, growth of the error variance. Figure6: the paper's Figure 6, errors over the sequence.
-    Writes results.json, results.csv and report.html, and for figure6 the picture (PNG, SVG).
+    Writes results.json, results.csv and report.html, and for figure6 the picture (PNG, SVG). Needs the
+    extra study.
 
     Args:
         experiment: the study

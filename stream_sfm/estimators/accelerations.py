@@ -36,7 +36,7 @@ class Accelerations:
         return np.maximum(self.assumed, np.repeat(np.sqrt(self.squares), 3))
 
     def interrupted(self) -> "Accelerations":
-        """Return the accelerations where poses do not continue the earlier ones, or may be wrong."""
+        """Return the accelerations after a gap: the next pose does not continue the earlier ones, or may be wrong."""
         return changed(self, at=None)
 
     def after(self, stamp_ns: int, world_from_cam: Array) -> "Accelerations":

@@ -25,7 +25,7 @@ class Fit(StrEnum):
 
     FITS = "fits"
     CORRECTED = "corrected"  # wrong, and corrected in this run
-    WRONG = "wrong"  # rows, focal length or timing: should be mended before the next run
+    WRONG = "wrong"  # rows, focal length or timing: should be corrected before the next run
     NOT_JUDGED = "not judged"
 
 

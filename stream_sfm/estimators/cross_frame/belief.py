@@ -1,6 +1,6 @@
 """Whether samples are believed: how well they predict the motions that images show, summed over frames, eq. (85a).
 
-Their rival is the motion before: a unit that predicts worse than a camera that goes on evenly is of no use, whatever is
+They are compared with the motion before: a unit that predicts worse than a constant velocity is of no use, whatever is
 wrong with it. Rotations and translations are judged apart, as gyroscope and accelerometer fail apart.
 """
 
@@ -66,7 +66,7 @@ class Innovation(NamedTuple):
 
 @record
 class Evenly:
-    """What images alone predict: that the camera goes on with its `velocity` (6,) per second; None if it is not known.
+    """What images alone predict: that the camera keeps its `velocity` (6,) per second; None if it is not known.
 
     `squares` (2,): the mean squared change of angular and linear velocity between frames, per axis, and those `assumed`
     at first; `count`: frames that they were learnt from.
@@ -124,10 +124,7 @@ class Belief:
 
     @classmethod
     def begun(cls, rules: InertiaRules, std_acceleration: Array, seconds: float = 0.1) -> "Belief":
-        """Return the belief before any frame.
-
-        `std_acceleration` (6,): of a vehicle, which is assumed until motions show it.
-        """
+        """Return the belief before any frame; `std_acceleration` (6,): of a vehicle, assumed until motions show it."""
         squares = np.array([np.square(std_acceleration[at] * seconds).mean() for at in _PARTS])
         return cls(rules, Evenly(rules.usual_frames, squares, squares))
 
@@ -138,7 +135,7 @@ class Belief:
 
     @property
     def is_proven(self) -> bool:
-        """Whether samples have agreed for long, so that a single frame that contradicts them may show a moving body."""
+        """Whether the samples have agreed for so long that a frame that contradicts them may show a moving body."""
         return not self.doubted and not self.is_out and self.lasted_s >= self.rules.lasting_s
 
     def after(self, found: Innovation, is_fresh: bool = False) -> "Belief":
@@ -172,7 +169,7 @@ class Belief:
         return changed(self, log_odds=odds, lasted_s=lasted_s, is_out=is_out, restarts=restarts)
 
     def restarted(self) -> "Belief":
-        """Return the belief after an impossible state, to be proven again; the second time the unit is to blame."""
+        """Return the belief after an impossible state: it has to be proven again; after the second one it is out."""
         odds = min(self.log_odds[0], 0.0), min(self.log_odds[1], 0.0)
         count = self.restarts + 1
         return changed(self, log_odds=odds, lasted_s=0.0, restarts=count, is_out=self.is_out or count > 1)
@@ -206,7 +203,7 @@ class Steadiness:
     past: tuple[tuple[int, Array, Array], ...] = ()
 
     def after(self, known: Known) -> tuple["Steadiness", bool]:
-        """Return the steadiness after a frame, and whether gravity has moved too far since any before, eq. (85c)."""
+        """Return the record after a frame, and whether gravity has moved too far since any of its frames, eq. (85c)."""
         turn = known.world_from_cam[:3, :3]
         gravity = turn @ known.state[GRAVITY]
         cov = turn @ known.cov_state[GRAVITY, GRAVITY] @ turn.T

@@ -85,7 +85,7 @@ class Doubt:
         return changed(self, cov=cov, frames=frames, motions=motions), ambiguity
 
     def settled(self, ids: NDArray[np.int64]) -> tuple["Doubt", int]:
-        """Return the doubt after tracks `ids` (n,) have clearly shown the motion, and how many motions they confirm.
+        """Return the doubt after tracks `ids` (n,) have shown the camera's motion, and how many motions they confirm.
 
         An earlier motion is confirmed if many of its tracks are among these, and all motions after it are confirmed as
         well. The uncertainty of the path up to the last unconfirmed one stays.

@@ -24,7 +24,7 @@ def _even(sizes: Array) -> Array:
 
 @record
 class Calm:
-    """What frames show while the focal length rests: N(mean, `spread` times the variance that they claim).
+    """What frames show while the focal length rests: N(mean, `spread` times the variance that they state).
 
     Errors of calibration and depths have one sign throughout a run, so there is a mean: `information` about it in the
     latest frames, and its `weighted` sum. `frames`: how many `spread` is learnt from.
@@ -47,7 +47,7 @@ class Calm:
 
     @property
     def factor(self) -> float:
-        """The factor on the variance that a frame claims."""
+        """The factor on the variance that a frame states."""
         return max(self.spread, 1.0)
 
     def log_of(self, shown: float, var: float) -> float:

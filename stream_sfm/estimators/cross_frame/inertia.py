@@ -91,7 +91,7 @@ class Inertia:
             self._end(self._buffer.problem)
 
     def _end(self, problem: str) -> None:
-        """Go on without samples."""
+        """Continue without samples."""
         logging.getLogger("stream_sfm").warning(problem)
         self.problem, self.now, self._restart, self._trial = problem, None, None, None
         self._steadiness = Steadiness(self._rules)

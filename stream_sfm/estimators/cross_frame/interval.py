@@ -84,7 +84,7 @@ class Interval:
 
     @property
     def lacks_end(self) -> bool:
-        """Whether its last samples were missing, but not for long, and nothing speaks against those that were there."""
+        """Whether the last samples were missing, but not for long, and the others contradict nothing."""
         return not self.complete and self.dense and self.opened == 1.0
 
     def open(self, distance2: float) -> "Interval":

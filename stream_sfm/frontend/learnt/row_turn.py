@@ -30,7 +30,7 @@ class RowTurn(NamedTuple):
 
     @property
     def is_real(self) -> bool:
-        """Whether the turn is certain, explains the rows, and these matter."""
+        """Whether the turn is certain and explains the rows, and the rows matter."""
         return self.rows_px >= _LEAST_PX and self.left <= _MOST_LEFT and is_certain(self.rad, self.cov)
 
 

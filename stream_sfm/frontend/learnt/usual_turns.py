@@ -85,13 +85,13 @@ class UsualTurns:
         return -d2_knocked / 2 - float(np.linalg.slogdet(knocked)[1]) / 2 - log_usual
 
     def sized(self, turn: Turn) -> "UsualTurns":
-        """Return the turns with the size of the turn of the latest frame."""
+        """Return the statistics with the size of the turn of the latest frame."""
         covs = turn.cov + turn.apparent.cov + SIZES[:, None, None] ** 2 * self.real
         d2 = np.array([turn.rad @ np.linalg.solve(cov, turn.rad) for cov in covs])
         return changed(self, sizes=self.sizes.after(-0.5 * (d2 + np.linalg.slogdet(covs)[1])))
 
     def learnt(self, turn: Turn) -> "UsualTurns":
-        """Return the turns after a turn that counts as usual.
+        """Return the statistics after a turn that counts as usual.
 
         A delay is one unknown of the run and no noise of each frame: what the turns of all frames say about it counts.
         The covariance of real turns follows by expectation maximisation (Dempster, Laird and Rubin 1977).
