@@ -3,9 +3,9 @@
 import errno
 import mmap
 
-# Python, NumPy and OpenCV map this much on import, with the buffers of two threads: measured 350 MiB at least.
+# Python, NumPy and OpenCV map this much on import, with the buffers of three threads: measured 370 MiB at least.
 # OpenBLAS ends the process itself if it is refused its buffer.
-_NEEDED_BYTES = 352 * 2**20
+_NEEDED_BYTES = 384 * 2**20
 _OPENCV_NO_MEMORY = -4
 _BY_LOADER = ("failed to map segment", "cannot allocate memory", "Cannot allocate memory")
 

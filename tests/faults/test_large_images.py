@@ -53,6 +53,6 @@ def test_raw_images_of_too_many_bytes_are_refused_with_the_limit(tmp_path):
 def test_images_that_are_not_prepared_ahead_give_the_same(tmp_path, monkeypatch):
     log = write_raw(tmp_path / "log.mcap", 320, 240, "mono8", frames=5)
     ahead = sfm.replay(log, None).trajectory.world_from_cam
-    for module in ("recording.frames", "run.ahead"):
+    for module in ("logs.recording.frames", "run.ahead"):
         monkeypatch.setattr(f"stream_sfm.{module}.MANY_PIXELS", 1)
     np.testing.assert_array_equal(sfm.replay(log, None).trajectory.world_from_cam, ahead)

@@ -9,7 +9,7 @@ from stream_sfm import core
 from stream_sfm.config import Config, RigConfig
 from stream_sfm.config.rules import RowRules, Rules
 from stream_sfm.core import _core
-from stream_sfm.frontend import rows as rows_of
+from stream_sfm.frontend.learnt import rows as rows_of
 from stream_sfm.frontend.learnt.rows import Rows, row_terms
 from stream_sfm.frontend.learnt.timing import Timing
 from stream_sfm.geometry.stereo import StereoProjection, velocities

@@ -113,8 +113,8 @@ def test_a_program_gets_the_report_of_the_command_and_unknown_experiments_are_re
         sfm.simulate("magic")
 
 
-def test_figures_that_cannot_be_drawn_lose_no_result(short, tmp_path, monkeypatch, cli):
-    """The studies take minutes; matplotlib is asked for at their end."""
+def test_a_study_whose_figures_cannot_be_drawn_does_not_begin(tmp_path, monkeypatch, cli):
+    """The studies take minutes; matplotlib is asked for before them."""
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert "the package matplotlib is missing" in cli("simulate", "figure6", *TRIALS, tmp_path, "-q", code=2).err
-    assert json.loads((tmp_path / "results.json").read_text())
+    assert "a study needs matplotlib" in cli("simulate", "figure6", *TRIALS, tmp_path, "-q", code=2).err
+    assert not (tmp_path / "results.json").exists()
