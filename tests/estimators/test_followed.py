@@ -7,11 +7,11 @@ from stream_sfm.config import Config, WindowConfig
 from stream_sfm.config.reported_rules import ReportedRules
 from stream_sfm.config.rules import Rules
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.cross_frame.followed import followed
-from stream_sfm.estimators.cross_frame.marginals import Marginals
-from stream_sfm.estimators.cross_frame.relative import newest_motion
-from stream_sfm.estimators.cross_frame.window import CrossFrame
 from stream_sfm.estimators.triangulation import points_to_world
+from stream_sfm.estimators.window.cross_frame import CrossFrame
+from stream_sfm.estimators.window.followed import followed
+from stream_sfm.estimators.window.marginals import Marginals
+from stream_sfm.estimators.window.relative import newest_motion
 from stream_sfm.geometry import se3
 from stream_sfm.record import changed
 from stream_sfm.simulation.scenes import Scene

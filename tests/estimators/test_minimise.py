@@ -7,10 +7,10 @@ import pytest
 
 from stream_sfm import core
 from stream_sfm.config import Config, WindowConfig
-from stream_sfm.estimators.cross_frame import minimise as minimising
-from stream_sfm.estimators.cross_frame import window
-from stream_sfm.estimators.cross_frame.map import Map
-from stream_sfm.estimators.cross_frame.minimise import minimise
+from stream_sfm.estimators.window import minimise as minimising
+from stream_sfm.estimators.window import window
+from stream_sfm.estimators.window.map import Map
+from stream_sfm.estimators.window.minimise import minimise
 from stream_sfm.record import changed
 from stream_sfm.types import Status
 from tests.helpers.estimators import run

@@ -7,8 +7,8 @@ import pytest
 
 from stream_sfm.config import Config, WindowConfig
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.cross_frame.inverse_depth import WhitenedViews
-from stream_sfm.estimators.cross_frame.outliers import RejectionCounts
+from stream_sfm.estimators.window.inverse_depth import WhitenedViews
+from stream_sfm.estimators.window.outliers import RejectionCounts
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene
 from stream_sfm.types import Observations, Status

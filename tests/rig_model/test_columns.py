@@ -7,7 +7,7 @@ import pytest
 
 from stream_sfm import core
 from stream_sfm.config import RigConfig
-from stream_sfm.estimators.cross_frame.timing import ExposureClock, TwistError
+from stream_sfm.estimators.window.unknowns.exposures import ExposureClock, TwistError
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.geometry.stereo import StereoProjection, velocities

@@ -14,12 +14,12 @@ import math
 
 import numpy as np
 
-from ...config import RigConfig
-from ...geometry import Array
-from ...geometry.evidence import Evidence
-from ...geometry.point_views import PointViews
-from ...geometry.resection import Resection, refine
-from ...record import changed, record
+from ....config import RigConfig
+from ....geometry import Array
+from ....geometry.evidence import Evidence
+from ....geometry.point_views import PointViews
+from ....geometry.resection import Resection, refine
+from ....record import changed, record
 from .focal_change import Calm, Change, log_ratio
 
 

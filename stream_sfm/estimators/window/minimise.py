@@ -4,7 +4,7 @@ import numpy as np
 
 from ...config import WindowConfig
 from .map import Map
-from .velocities import is_timed, renew_timing
+from .unknowns.velocities import is_timed, renew_timing
 
 # Views that a minimum gates out, and new velocities, enlarge the decrease that the next step predicts. One that is
 # smaller than this, σ², is that of such a change: at most one standard deviation is left after the step.

@@ -7,12 +7,12 @@ from itertools import product
 
 import numpy as np
 
-from ...config import RigConfig
-from ...config.inertia_rules import InertiaRules
-from ...geometry import Array, se3
-from ...geometry.linear import mahalanobis2, symmetric
-from ...inertial.state import ACCEL_BIAS, FIXED, GRAVITY, GRAVITY_M_S2
-from ...record import changed, record
+from ....config import RigConfig
+from ....config.inertia_rules import InertiaRules
+from ....geometry import Array, se3
+from ....geometry.linear import mahalanobis2, symmetric
+from ....inertial.state import ACCEL_BIAS, FIXED, GRAVITY, GRAVITY_M_S2
+from ....record import changed, record
 from .interval import JOINT, Known
 
 _SIZES = (1, 3, 1)  # of scale, axes and clock

@@ -3,14 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Array
-from ...geometry.point_views import PointViews
-from ...geometry.resection import Resection
-from ...record import changed
-from ...rig_model.terms import FOCAL, TERMS
-from .frame_unknowns import begin_unknown, place_unknown
-from .inverse_depth import WhitenedViews
-from .map import Map
+from ....geometry import Array
+from ....geometry.point_views import PointViews
+from ....geometry.resection import Resection
+from ....record import changed
+from ....rig_model.terms import FOCAL, TERMS
+from ..inverse_depth import WhitenedViews
+from ..map import Map
+from .columns import begin_unknown, place_unknown
 
 _AT = TERMS.index(FOCAL)
 

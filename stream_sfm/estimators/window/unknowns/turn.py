@@ -6,11 +6,11 @@ than usual moves all right views alike, and must have its size before single vie
 
 import numpy as np
 
-from ...geometry import Array
-from ...geometry.point_views import PointViews
-from ...geometry.resection import Resection, refine
-from ...geometry.sizes import Sizes
-from ...record import changed
+from ....geometry import Array
+from ....geometry.point_views import PointViews
+from ....geometry.resection import Resection, refine
+from ....geometry.sizes import Sizes
+from ....record import changed
 
 
 def size_turn(

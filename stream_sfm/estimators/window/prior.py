@@ -29,7 +29,7 @@ from ...geometry import Array, se3
 from ...geometry.linear import Elimination, product, scaled_cholesky, turned
 from ...inertial.state import BIASES, GRAVITY, STATE, VELOCITY
 from ...record import changed, filled, record
-from .interval import JOINT, OF_LEAVING, Leaving
+from .inertia.interval import JOINT, OF_LEAVING, Leaving
 from .layout import Layout, layout
 from .rig_state import NO_RIG, RigState
 from .window_frame import WindowFrame

@@ -9,7 +9,7 @@ from dataclasses import replace
 from ...config import Config
 from ...geometry.stereo import StereoProjection
 from ...types import Observations, Solution, Status
-from .window import CrossFrame
+from .cross_frame import CrossFrame
 
 _UNIT = "the first depths are known: the distance to the first frame is the unit of length"
 _SAME_SCENE = "new map at the predicted pose, its unit such that the scene is as far away as before"

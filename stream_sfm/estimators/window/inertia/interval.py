@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ... import core
-from ...geometry import Array, se3
-from ...geometry.linear import symmetric
-from ...inertial.buffer import Samples
-from ...inertial.samples import ImuCalibration
-from ...inertial.state import ACCEL_BIAS, AXES, BIASES, CLOCK, GRAVITY, GYRO_BIAS, STATE, VELOCITY
-from ...record import changed, filled, record
-from .layout import Layout
+from .... import core
+from ....geometry import Array, se3
+from ....geometry.linear import symmetric
+from ....inertial.buffer import Samples
+from ....inertial.samples import ImuCalibration
+from ....inertial.state import ACCEL_BIAS, AXES, BIASES, CLOCK, GRAVITY, GYRO_BIAS, STATE, VELOCITY
+from ....record import changed, filled, record
+from ..layout import Layout
 
 # A pose, perturbed as (translation, rotation), and the state: of the world in the prior, of a camera in `Known`.
 JOINT = Layout(pose=6, state=STATE)

@@ -23,9 +23,8 @@ from ...rig_model.estimate import RigEstimate
 from ...rig_model.model import RigModel
 from ...types import Solution
 from .doubt import Doubt
-from .focus_watch import FocusWatch
-from .inertial_window import InertialWindow
-from .interval import JOINT, Known
+from .inertia.inertial_window import InertialWindow
+from .inertia.interval import JOINT, Known
 from .inverse_depth import State, WhitenedViews, at_rest, expected, held, linearise, q_of_views, slides_px2
 from .map_points import MapPoints
 from .marginals import Marginals
@@ -33,7 +32,8 @@ from .normal_equations import System
 from .outliers import RejectionCounts
 from .prior import Prior
 from .rig_state import RigState
-from .timing import Exposures
+from .unknowns.exposures import Exposures
+from .unknowns.focus_watch import FocusWatch
 from .window_frame import WindowFrame
 
 

@@ -10,7 +10,7 @@ from ...geometry.stereo import StereoProjection
 from ...rig_model.model import RigModel
 from ...rig_model.terms import by_turn
 from ...types import Observations
-from .interval import Interval
+from .inertia.interval import Interval
 from .inverse_depth import WhitenedViews
 
 

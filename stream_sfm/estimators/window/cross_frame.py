@@ -34,19 +34,19 @@ from ..lifecycle import (
 )
 from .followed import followed
 from .halves import SpanFactors
-from .inertia import Inertia, NotTheCameraError
+from .inertia.inertia import Inertia, NotTheCameraError
+from .inertia.takes_samples import InertialMotionModel, TakesSamples
 from .inverse_depth import WhitenedViews
 from .map import Map
 from .marginals import Marginals
 from .minimise import minimise
-from .own_focus import end_refocusing, judge_focus, own_at_first, place_focus
-from .own_turn import size_turn
 from .relative import common_errors, newest_motion, relative_motions
 from .reported import reported
 from .rig_state import NO_RIG, RigState, impossible
-from .takes_samples import InertialMotionModel, TakesSamples
 from .track_noise import TrackNoise
-from .velocities import cov_of_timing, expect, renew_timing
+from .unknowns.focus import end_refocusing, judge_focus, own_at_first, place_focus
+from .unknowns.turn import size_turn
+from .unknowns.velocities import cov_of_timing, expect, renew_timing
 from .window_frame import WindowFrame, views_of
 
 

@@ -8,8 +8,8 @@ from dataclasses import field
 
 import numpy as np
 
-from ...geometry import Array
-from ...record import changed, record
+from ....geometry import Array
+from ....record import changed, record
 
 _STD_MEAN = 0.02  # of calm frames, before any: KITTI and Karlsruhe have 0.02 and 0.04
 # σ of a change from frame to frame: an autofocus that moves slowly, evenly, and at 10 % per second. With larger ones a

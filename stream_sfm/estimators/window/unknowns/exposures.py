@@ -14,10 +14,10 @@ from dataclasses import field
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import core
-from ...geometry import Array
-from ...geometry.medians import MEMORY_FRAMES, median
-from ...record import record
+from .... import core
+from ....geometry import Array
+from ....geometry.medians import MEMORY_FRAMES, median
+from ....record import record
 
 _LATER = 3  # frames after which the velocity of a frame does not become more certain
 

@@ -10,7 +10,7 @@ from ...geometry import Array, se3
 from ...geometry.linear import product
 from ...rig_model.estimate import RigEstimate
 from ...types import CommonErrors, RelativeMotions
-from .interval import JOINT
+from .inertia.interval import JOINT
 from .map import Map
 
 

@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from ...config import Config
-from ...geometry import Array
-from ...types import ExpectedMotion, InertialView, Prediction, Solution, Status
-from ..motion_model import MotionModel
+from ....config import Config
+from ....geometry import Array
+from ....types import ExpectedMotion, InertialView, Prediction, Solution, Status
+from ...motion_model import MotionModel
 from .inertia import Inertia
 
 

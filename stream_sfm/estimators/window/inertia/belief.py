@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...config.inertia_rules import InertiaRules
-from ...geometry import Array, se3
-from ...geometry.linear import mahalanobis2
-from ...inertial.state import GRAVITY
-from ...record import changed, record
-from ...types import ExpectedMotion
+from ....config.inertia_rules import InertiaRules
+from ....geometry import Array, se3
+from ....geometry.linear import mahalanobis2
+from ....inertial.state import GRAVITY
+from ....record import changed, record
+from ....types import ExpectedMotion
 from .interval import Known
 
 _DEGREES = 180 / np.pi

@@ -11,23 +11,23 @@ from typing import Any
 
 import numpy as np
 
-from ...config import Config
-from ...geometry import Array, se3
-from ...geometry.linear import symmetric
-from ...geometry.resection import Resection, SecondMotion
-from ...inertial.buffer import SampleBuffer
-from ...inertial.samples import ImuCalibration, ImuSamples
-from ...inertial.state import ACCEL_BIAS, AXES, CLOCK, GRAVITY, GYRO_BIAS, SCALE, STATE, VELOCITY
-from ...record import changed
-from ...types import ExpectedMotion, InertialEstimate, InertialView, Prediction
-from ..lifecycle import LostError
+from ....config import Config
+from ....geometry import Array, se3
+from ....geometry.linear import symmetric
+from ....geometry.resection import Resection, SecondMotion
+from ....inertial.buffer import SampleBuffer
+from ....inertial.samples import ImuCalibration, ImuSamples
+from ....inertial.state import ACCEL_BIAS, AXES, CLOCK, GRAVITY, GYRO_BIAS, SCALE, STATE, VELOCITY
+from ....record import changed
+from ....types import ExpectedMotion, InertialEstimate, InertialView, Prediction
+from ...lifecycle import LostError
+from ..map import Map
+from ..window_frame import WindowFrame
 from .belief import Belief, Innovation, Steadiness
-from .inertia_checks import Densities, Jitter, impossible, with_odds
+from .checks import Densities, Jitter, impossible, with_odds
 from .inertial_window import InertialWindow
 from .interval import JOINT, Interval, Known, Transition, transition
-from .map import Map
 from .trial import beside, corrected
-from .window_frame import WindowFrame
 
 _BY_IMAGES = "poses are by images alone until samples agree with them for a while"
 _LEAST_STD_SCALE = 1e-6  # keeps its variance above rounding

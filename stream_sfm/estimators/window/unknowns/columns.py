@@ -5,10 +5,10 @@ Each is some columns of `own`: the effects (V, 4, n) px of amplitudes of σ = 1 
 
 import numpy as np
 
-from ...geometry import Array
-from ...record import changed
-from .layout import layout
-from .map import Map
+from ....geometry import Array
+from ....record import changed
+from ..layout import layout
+from ..map import Map
 
 
 def begin_unknown(current: Map, at: int, n: int) -> None:

@@ -14,7 +14,7 @@ from ... import core
 from ...geometry import Array
 from ...geometry.linear import Cholesky, Elimination, matvec, product, times_upper
 from ...record import rows_of
-from .interval import JOINT
+from .inertia.interval import JOINT
 from .layout import layout
 from .prior import Prior
 

@@ -5,8 +5,8 @@ This is a small filter. The images' motions between frames correct the state, an
 
 import numpy as np
 
-from ...geometry import Array
-from ...geometry.linear import symmetric
+from ....geometry import Array
+from ....geometry.linear import symmetric
 from .belief import Innovation
 from .interval import JOINT, Known
 

@@ -11,18 +11,18 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import core
-from ...geometry import Array
-from ...geometry.linear import scaled_cholesky
-from ...geometry.stereo import StereoProjection, clamp_depth
-from ...record import changed
-from ...rig_model.estimate import CERTAIN
-from ...rig_model.model import LEAST_VARIANCE, RigModel
-from ...rig_model.terms import DISPARITY
-from .frame_unknowns import begin_unknown, end_unknown, place_unknown
-from .inverse_depth import WhitenedViews, at_rest, expected, held, timed
-from .map import Map
-from .window_frame import WindowFrame
+from .... import core
+from ....geometry import Array
+from ....geometry.linear import scaled_cholesky
+from ....geometry.stereo import StereoProjection, clamp_depth
+from ....record import changed
+from ....rig_model.estimate import CERTAIN
+from ....rig_model.model import LEAST_VARIANCE, RigModel
+from ....rig_model.terms import DISPARITY
+from ..inverse_depth import WhitenedViews, at_rest, expected, held, timed
+from ..map import Map
+from ..window_frame import WindowFrame
+from .columns import begin_unknown, end_unknown, place_unknown
 
 _TWIST = 6  # amplitudes
 
