@@ -44,7 +44,7 @@ class SpanFactors:
 
     @classmethod
     def unknown(cls, frames: int, rules: ReportedRules) -> "SpanFactors":
-        """Return the first guess for a window of so many frames: errors are not correlated in time."""
+        """Return the first guess for a window of this many frames: errors are not correlated in time."""
         return cls(np.ones((2, frames)), np.full((2, frames), float(rules.halves_guess)), rules)
 
     @property
