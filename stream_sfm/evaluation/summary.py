@@ -7,7 +7,7 @@ import numpy as np
 from ..types import Trajectory
 from . import trajectory as metrics
 from .association import check_rigid, matched
-from .relative_consistency import RelativeRecord, against_truth
+from .relative_consistency import RelativeRecord, against_truth, over_sigma
 from .structure import STRUCTURE_FIGURES, StructureComparison
 
 FIGURES = (  # of every run, against ground truth
@@ -65,6 +65,7 @@ def evaluate_run(
     return evaluate(estimate, truth, structure, std_truth) | {
         "std_truth": list(std_truth),
         "relative_consistency": spans,
+        **over_sigma(spans),
     }
 
 
