@@ -15,7 +15,7 @@ import stream_sfm as sfm
 from stream_sfm.cli.main import main
 from stream_sfm.config import read_config
 from stream_sfm.estimators.baselines.frame_to_frame import FrameToFrame
-from stream_sfm.estimators.cross_frame.window import CrossFrame
+from stream_sfm.estimators.window.cross_frame import CrossFrame
 from stream_sfm.logs.recording.stereo_log import open_log
 from stream_sfm.run.compare import compare
 from stream_sfm.run.replay import replay

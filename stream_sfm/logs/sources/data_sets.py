@@ -26,6 +26,7 @@ from ...geometry import Array, se3
 from ...inertial.samples import ImuCalibration
 from ..mcap_file.message import Source
 from .containers.video import VideoSource
+from .four_seasons import SIDES, open_four_seasons
 from .given import Given
 from .image_files import ImageFile, ImageFilesSource
 from .image_sets import ImageSides, image_sides, images_in, open_images
@@ -358,6 +359,7 @@ LAYOUTS = (
     Layout("KITTI-360", _open_kitti, ("image_00/data_rect", "image_01/data_rect"),
            ("../../calibration/perspective.txt",)),
     Layout("Virtual KITTI 2", _open_virtual_kitti, ("frames/rgb/Camera_0", "frames/rgb/Camera_1"), ("intrinsic.txt",)),
+    Layout("4Seasons", open_four_seasons, SIDES, SIDES),
     Layout("EuRoC", _open_euroc, ("mav0/cam0", "mav0/cam1"), [f"mav0/{name}" for name in _EUROC_FILES], "TUM-VI"),
     Layout("EuRoC", _open_euroc, ("cam0", "cam1"), _EUROC_FILES),
     Layout("TartanAir", _open_tartanair, ("image_left", "image_right"),

@@ -88,7 +88,7 @@ class ImageFilesSource(Source):
         if rig is not None:
             with as_error(ConfigError, f"{path}", RigError):
                 check_rectifiable(rig)
-        self.images, self.poses, self.std_truth = images, poses, std_truth
+        self.images, self.poses, self._std_truth = images, poses, std_truth
         self.notes = list(notes)
         left, right = ({image.stamp_ns for image in side} for side in images)
         if right and not left & right:
@@ -98,7 +98,8 @@ class ImageFilesSource(Source):
 
     def contents(self) -> Contents | None:
         """Return the contents, known from the lists of files."""
-        encoder, stamps = ProfileEncoder(self.rig), [image.stamp_ns for side in self.images for image in side]
+        encoder = ProfileEncoder(self.rig, self._std_truth)
+        stamps = [image.stamp_ns for side in self.images for image in side]
         channels: list[tuple[Channel, int | None]] = [*zip(encoder.images, map(len, self.images), strict=True)]
         if self.rig is not None:
             channels += [(channel, None) for channel in encoder.calibrations]
@@ -111,7 +112,7 @@ class ImageFilesSource(Source):
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all) in order of time: at one stamp the pose, then left, then right."""
         damage.notes += self.notes
-        encoder = ProfileEncoder(self.rig)
+        encoder = ProfileEncoder(self.rig, self._std_truth)
         cameras = (None, None) if self.rig is None else (self.rig.left, self.rig.right)
         events: Iterator[tuple[int, int, ImageFile | Array]] = heapq.merge(
             ((stamp, 0, pose) for stamp, pose in self.poses),
