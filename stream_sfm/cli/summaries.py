@@ -64,6 +64,27 @@ def _print_drift(drift: dict[str, Any], lines: list[dict[str, Any]], names: dict
         print("* the ground truth cannot separate the methods here: ratio from halves of the tracks")
 
 
+def print_over_logs(content: dict[str, Any]) -> None:
+    """Print the conclusion of several logs, and the ratios of errors to those of the window with their intervals."""
+    from ..evaluation.drift import KINDS
+    from ..report.tables import of_method
+
+    print(content["conclusion"])
+    if not content["verdict"]:
+        return
+    headings = ["all spans", *(counted(line["frames"], "frame") for line in content["table"])]
+    rows = []
+    for key, ratios in content["verdict"]["ratios"].items():
+        for kind in KINDS:
+            cells = [ratios, *(line["methods"].get(key) for line in content["table"])]
+            texts = [
+                "–" if of is None else "×{:.2f}\n[{:.2f}, {:.2f}]".format(of[kind]["value"], *of[kind]["ci95"])
+                for of in cells
+            ]
+            rows.append([f"{of_method(key).name}, {kind}", *texts])
+    print_table(rows, [f"over {of_method('cross-frame').name}, {counted(len(content['logs']), 'log')}", *headings])
+
+
 def print_evaluation(runs: Sequence[dict[str, Any]]) -> None:
     """Print the runs of `evaluate`, one row each, with all figures that any of them has."""
     from ..evaluation.figures import ABSOLUTE, ACCURACY, CONSISTENCY, OF_RUNS, units_of

@@ -57,7 +57,7 @@ def advance(
     now = _placed(step, state, seen.before.keep(rows), motion.cam_from_ref, z_px, cov_px, cam_from_start)
     now = changed(now, left_px=seen_px[:, :2].copy(), exposures=rows_of(seen.views.exposures, rows))
     ambiguity, other, settled = state.ambiguity.after(motion, seen.before, alike)
-    in_question = other is not None or ambiguity.frames_left > 0  # this motion, or which set of tracks is static
+    in_question = other is not None or ambiguity.lasts  # this motion, or which set of tracks is static
     state = changed(
         state,
         unsteadiness=_unsteadiness(step, state, motion.cam_from_ref),

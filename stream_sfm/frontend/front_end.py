@@ -68,8 +68,8 @@ class StereoFrontEnd:
             turn_watch=None if config.rig.exact else TurnWatch.begun(projection, rules.turn),
             disparity=DisparityError.of(self.rig),
             errors=TemplateErrors.begun_by(rules.errors),
-            ambiguity=AmbiguityMemory(rules=rules.motion),
-            start=StartCheck(rules=rules.motion),
+            ambiguity=AmbiguityMemory.none(rules.motion),
+            start=StartCheck.of(rules.motion),
             pair=PairCheck(rules=rules.pair),
             pictures=Suspicions.begun(rules),
         )

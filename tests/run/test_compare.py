@@ -57,6 +57,25 @@ def test_loops_are_a_row_of_their_own(tmp_path: Path) -> None:
     assert report["methods"][first]["ate_rmse_m"] == report["methods"][second]["ate_rmse_m"]
 
 
+def test_several_logs_are_samples_of_one_comparison(tmp_path: Path, cli) -> None:
+    """Each has its folder; one that cannot be read is reported, and the others are compared without it."""
+    parts = {"a": range(44), "b": range(10, 58)}
+    logs = [write_log(tmp_path / f"{name}.mcap", spec(frames, truth=True)) for name, frames in parts.items()]
+    given = (*logs, tmp_path / "none.mcap", "--methods", "cross-frame,frame-to-frame", "--set", FEW)
+    said = cli("compare", *given, "--out", tmp_path / "out", code=3)
+    assert "none.mcap" in said.err and (
+        "These 2 logs cannot separate" in said.out or "Cross-frame errs less" in said.out
+    )
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert [log["name"] for log in report["logs"]] == ["a", "b"] and (tmp_path / "out" / "report.html").exists()
+    alone = [json.loads((tmp_path / "out" / name / "report.json").read_text()) for name in "ab"]
+    of_logs = [r["drift"]["verdict"]["ratios"]["frame_to_frame"]["position"]["value"] for r in alone]
+    over = report["verdict"]["ratios"]["frame_to_frame"]["position"]
+    assert over["value"] == pytest.approx(np.sqrt(np.prod(of_logs))) and over["logs"] == 2
+    truth = tmp_path / "truth.txt"
+    assert "one log" in cli("compare", *logs, "--ground-truth", truth, "--out", tmp_path / "o", code=2).err
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, dict[str, Any], str]:
     folder = tmp_path_factory.mktemp("compare")

@@ -176,3 +176,11 @@ def linearise(
     Views of other points are ignored. Without `with_rig` the rig's errors are not among the unknowns.
     """
     return core.normal_blocks(projection, state, views, with_rig)
+
+
+def points_alone(
+    projection: StereoProjection, views: WhitenedViews, state: State, rig_step: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return the points of a state estimated from views of the reference camera alone; see `core.points_alone`."""
+    blocks = linearise(projection, state, views)
+    return core.points_alone(blocks.v, blocks.w, blocks.g_point, blocks.rig_point, state.q, rig_step)

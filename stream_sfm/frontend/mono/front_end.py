@@ -49,8 +49,8 @@ class MonoFrontEnd:
             rows=Rows.unknown(projection, config),
             turn_watch=None,
             errors=replace(TemplateErrors.begun_by(rules.errors), least_px=0.0),  # there is no other patch
-            ambiguity=AmbiguityMemory(rules=rules.motion),
-            start=StartCheck(rules=rules.motion),
+            ambiguity=AmbiguityMemory.none(rules.motion),
+            start=StartCheck.of(rules.motion),
         )
 
     def prepare(self, images: PreparedImages, frame_index: int) -> None:
