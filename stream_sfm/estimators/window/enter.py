@@ -99,7 +99,7 @@ def entered(
     )
     views = changed(views, frame=np.full(len(views), len(current.frames) - 1), used=(known | new) & wanted)
     if frame.rig is not None:
-        views = held(expected(current.state(), views, frame.rig), *current.places, current.rules.rests_px)
+        views = held(expected(current.state, views, frame.rig), *current.places, current.rules.rests_px)
         views = at_rest(views, frame.rig, current.prior.rig.age_s(frame.stamp_ns))
         current = changed(current, places=(views.ids, views.expected_px))
     # unused views are never used again: of these, only the drift of points in the map is needed

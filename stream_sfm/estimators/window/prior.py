@@ -20,6 +20,7 @@ state (`interval.py`) is expressed in the same modes as the world.
 """
 
 from dataclasses import field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,7 +122,7 @@ class Prior:
         mean = self.rig.mean
         return np.asarray(mean + amplitudes[len(amplitudes) - len(mean) :])
 
-    @property
+    @cached_property
     def of_modes(self) -> Layout:
         """The layout of the modes: the prior's own, and those of the rig's errors."""
         return layout(own=self.modes.shape[2] - len(self.rig), rig=len(self.rig))

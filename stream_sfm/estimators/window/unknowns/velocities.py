@@ -149,7 +149,7 @@ def renewed_timing(current: WindowState) -> WindowState:
     current = changed(current, exposures=changed(current.exposures, motions=motions))
     if current.first_views is not None:
         current = _with_first_renewed(current, current.first_views, rig)
-    views = timed(current.state(), current.views, rig, motions[1:], _timing(current, rig)[0])
+    views = timed(current.state, current.views, rig, motions[1:], _timing(current, rig)[0])
     return changed(current, views=views)
 
 
@@ -175,7 +175,7 @@ def cov_of_timing(current: WindowState, std_acceleration: Array) -> tuple[Window
     mean, cov = _timing(current, rig)
     elsewhere = ~exposures.by_twist  # the effect of the others is in the joint covariance
     mean, cov = mean * elsewhere, cov * np.outer(elsewhere, elsewhere)
-    in_cam = core.points_of_views(current.state(), newest)
+    in_cam = core.points_of_views(current.state, newest)
     std_s, cov_twist = np.sqrt(mean**2 + np.diag(cov)), error.cov(std_acceleration, exposures.seconds)
     current = changed(current, exposures=changed(exposures, twist_error=error))
     return current, core.cov_of_timed_pose(*rig.cameras, in_cam, std_s, cov_twist)
