@@ -238,7 +238,8 @@ class Map:
 
     def consider_second(self, motion: Resection, std_moved: Array) -> None:
         """Add the uncertainty from the second of two plausible motions, which may be the true one; see `Doubt`."""
-        seen = self.newest_cam_from_ref, self._agreeing(fewest=2)
+        fewest = 1 if motion.ambiguous is None else 2
+        seen = self.newest_cam_from_ref, self._agreeing(fewest)
         self.doubt, ambiguity = self.doubt.with_second(motion, std_moved, *seen)
         if motion.ambiguous is None or ambiguity is None:
             return
@@ -249,7 +250,7 @@ class Map:
     def settle(self) -> None:
         """Drop the uncertainty about second motions as far back as tracks confirm the motions that were followed."""
         n, ambiguous = len(self.doubt.motions), [f for f in self.frames if f.ambiguity.shape[1]]
-        self.doubt, confirmed = self.doubt.settled(self._agreeing(fewest=1))
+        self.doubt, confirmed = self.doubt.settled()
         first = 0 if confirmed == n else max(len(ambiguous) - confirmed, 0)
         for frame in ambiguous[first:]:
             frame.ambiguity = np.zeros((6, 0))

@@ -138,10 +138,10 @@ class CrossFrame(TakesSamples):
         corrected_px = corrected_px - views.own @ own[0]
         current.enter(frame, cam_from_ref, views, corrected_px, rejected, ambiguous, own)
         place_focus(current)
-        if observations.settled:
-            current.settle()
         passed_s = (observations.stamp_ns - current.previous.stamp_ns) / 1e9
         current.consider_second(motion, self.motion.std_speed * passed_s)
+        if observations.settled:
+            current.settle()
         renew_timing(current)
         iterations = minimise(current, self.config.window, self.config.rules.robust.gate_probability)
         return self._report(current, observations, motion, iterations)
@@ -236,8 +236,11 @@ class CrossFrame(TakesSamples):
             self._turns, seen, found = size_turn(self._turns, e, seen, weights, found)
             views = views.with_larger_own(slice(0, e), self._turns.probable)
             found, views = judge_focus(current, views, rows, seen, weights, found)
-            if len(rows) < robust.calm_share * (len(views) - observations.n_new):
-                found = changed(found, second=second)  # its tracks were excluded, and nothing has explained them
+            repeats = observations.ambiguity is not None and observations.ambiguity.repeats
+            if repeats or len(rows) < robust.calm_share * (len(views) - observations.n_new):
+                found = changed(
+                    found, second=second
+                )  # its views are not among these, and nothing has explained them
         return found, views.ids[rows[~found.accepted]], views, corrected.z_px
 
     def _marginals(
