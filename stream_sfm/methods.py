@@ -23,15 +23,15 @@ STEPWISE = "frame-to-frame"  # the method whose errors accumulate by constructio
 # All methods have the covariances of the views. The window reports with these, and filters by how long errors last; two
 # filters with the latter weights are rows of their own, so that rows differ in one thing.
 METHODS = {
-    REFERENCE: Method("cross_frame.window", "CrossFrame", "cross-frame"),
+    REFERENCE: Method("window.cross_frame", "CrossFrame", "cross-frame"),
     "ekf": Method("baselines.ekf", "Ekf", "EKF with plain weights"),
     "ekf-lasting": Method("baselines.ekf", "EkfLasting", "EKF with lasting errors"),
     # Gauss-Newton on one frame's views and the joint prior is the iterated update (Bell and Cathey, The iterated Kalman
     # filter update as a Gauss-Newton method, 1993); the world is one more pose, for which iterating changes
     # nothing.
-    "iterated-ekf": Method("cross_frame.window", "PlainCrossFrame", "iterated EKF with plain weights", frames=1),
+    "iterated-ekf": Method("window.cross_frame", "PlainCrossFrame", "iterated EKF with plain weights", frames=1),
     "iterated-ekf-lasting": Method(
-        "cross_frame.window", "CrossFrame", "iterated EKF with lasting errors", frames=1, compared=False
+        "window.cross_frame", "CrossFrame", "iterated EKF with lasting errors", frames=1, compared=False
     ),
     STEPWISE: Method("baselines.frame_to_frame", "FrameToFrame", "frame-to-frame"),
     "cross-frame-wc": Method("baselines.per_point", "CrossFrameWC", "per-point WC"),

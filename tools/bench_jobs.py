@@ -52,19 +52,19 @@ def memory_mib(field: str) -> float:
 def stages() -> dict[str, list[tuple[Any, str]]]:
     """Stage -> the functions whose time it is; what they call of other stages counts in both."""
     from stream_sfm.camera.rectification import Rectifier
-    from stream_sfm.estimators.cross_frame import window
-    from stream_sfm.estimators.cross_frame.map import Map
+    from stream_sfm.estimators.window import cross_frame
+    from stream_sfm.estimators.window.state import WindowState
     from stream_sfm.frontend import front_end, new_points, rough_motion, tracker
     from stream_sfm.results.estimates_writer import EstimatesWriter
 
     return {
         "rectify": [(Rectifier, "rectify")],
         "track": [(rough_motion, "track"), (tracker, "align")],
-        "PnP": [(tracker, "resect"), (window, "initial_motion")],
+        "PnP": [(tracker, "resect"), (cross_frame, "initial_motion")],
         "detect": [(new_points, "detect_missing")],
         "stereo": [(front_end, "begin_points")],  # detect included
-        "window": [(Map, "absorb_oldest"), (window, "minimise")],
-        "covariance": [(Map, "update_marginals")],
+        "window": [(cross_frame, "absorbed_oldest"), (cross_frame, "minimised")],
+        "covariance": [(WindowState, "newest_marginals")],
         "write": [(EstimatesWriter, "write")],
     }
 

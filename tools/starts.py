@@ -98,7 +98,7 @@ class Plan:
     std_truth: tuple[float, float] = (0.0, 0.0)
 
     def selections(self, frames: int) -> Iterator[tuple[int, int]]:
-        """Yield the first frame and the stride of each run of a log of so many frames."""
+        """Yield the first frame and the stride of each run of a log with this many frames."""
         free = max(frames - FEWEST, 0)
         for first in dict.fromkeys(k * free // max(self.starts, 1) for k in range(self.starts)):
             yield first, 1

@@ -3,7 +3,7 @@
 It does not read pixels (`frontend/` does) or files (`logs/recording/` does). Equations "(n)" are those of
 docs/mathematics.md.
 
-* `cross_frame/`: the default, a window with a joint prior, for two cameras and for one.
+* `window/`: the default, `cross-frame`, a window with a joint prior, for two cameras and for one.
 * `baselines/`: the methods to compare with, and the full batch, which is the bound for all of them.
 * Shared: `initial_motion` (where every frame starts), `motion_model`, `lifecycle` (how maps begin and end),
   `triangulation`.
@@ -33,7 +33,7 @@ def check_method(name: str) -> None:
 def make_estimator(name: str, projection: StereoProjection, config: Config) -> Estimator:
     """Return a new estimator for one sequence. Raises ConfigError for a name that is not in METHODS."""
     if projection.virtual_right:
-        from .cross_frame.mono import CrossFrameMono
+        from .window.mono import CrossFrameMono
 
         return CrossFrameMono(projection, config)
     check_method(name)

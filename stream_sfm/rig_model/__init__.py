@@ -5,5 +5,5 @@ rotation, the focal length, the delay of the right camera, the readout of a roll
 is fixed in the image (`field.py`), for errors that no physical term follows. `model.py` combines them, `sizes.py`
 learns the size of each.
 
-The errors are estimated elsewhere (`estimators/cross_frame/rig_state.py`, `frontend/learnt/rows.py`).
+The errors are estimated elsewhere (`estimators/window/rig_state.py`, `frontend/learnt/rows.py`).
 """

@@ -199,7 +199,7 @@ def test_a_frame_without_a_solution_is_lost_and_the_next_one_begins_a_map(method
         raise np.linalg.LinAlgError("not definite")
 
     with monkeypatch.context() as patched:
-        for module in ("baselines.baseline", "cross_frame.window"):
+        for module in ("baselines.baseline", "window.cross_frame"):
             patched.setattr(f"stream_sfm.estimators.{module}.initial_motion", fail)
         lost = estimator.step(arc.observations[4])
     assert lost.status is Status.LOST and "do not determine the motion" in lost.reason

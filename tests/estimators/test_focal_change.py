@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import RigConfig
-from stream_sfm.estimators.cross_frame.focal_change import Calm, Change, log_ratio
-from stream_sfm.estimators.cross_frame.focus_watch import FocusWatch
+from stream_sfm.estimators.window.unknowns.focal_change import Calm, Change, log_ratio
+from stream_sfm.estimators.window.unknowns.focus_watch import FocusWatch
 
 STD = 0.01  # of what a frame shows, in units of `rig.std_refocused`: 0.02 % of the focal length
 

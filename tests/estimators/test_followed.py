@@ -7,11 +7,11 @@ from stream_sfm.config import Config, WindowConfig
 from stream_sfm.config.reported_rules import ReportedRules
 from stream_sfm.config.rules import Rules
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.cross_frame.followed import followed
-from stream_sfm.estimators.cross_frame.marginals import Marginals
-from stream_sfm.estimators.cross_frame.relative import newest_motion
-from stream_sfm.estimators.cross_frame.window import CrossFrame
 from stream_sfm.estimators.triangulation import points_to_world
+from stream_sfm.estimators.window.cross_frame import CrossFrame
+from stream_sfm.estimators.window.followed import followed
+from stream_sfm.estimators.window.marginals import Marginals
+from stream_sfm.estimators.window.relative import newest_motion
 from stream_sfm.geometry import se3
 from stream_sfm.record import changed
 from stream_sfm.simulation.scenes import Scene
@@ -146,10 +146,10 @@ def test_a_doubtful_motion_is_not_followed():
         estimator.step(o)
     current = estimator.map
     assert current is not None
-    of_filter = current.update_marginals()
+    of_filter = current.newest_marginals()
     start = at(of_filter, of_filter.world_from_cam @ newest_motion(current) @ se3.exp(0.01 * np.ones(6)))
-    sure, _ = estimator._marginals(current, current, start, in_question=False)
-    unsure, _ = estimator._marginals(current, current, start, in_question=True)
+    current = changed(current, read=start)
+    sure, unsure = (estimator._with_marginals(current, current, each)[0].marginals for each in (False, True))
     assert unsure.world_from_cam == pytest.approx(of_filter.world_from_cam, abs=1e-12)
     apart = from_filter(sure, unsure.world_from_cam)
     assert 0 < apart @ np.linalg.solve(unsure.cov_pose, apart) < 0.26

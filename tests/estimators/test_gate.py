@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stream_sfm import core
-from stream_sfm.estimators.cross_frame.inverse_depth import State, WhitenedViews, slides_px2
+from stream_sfm.estimators.window.inverse_depth import State, WhitenedViews, slides_px2
 from stream_sfm.geometry.gates import chi2_gate
 from stream_sfm.geometry.stereo import StereoProjection
 

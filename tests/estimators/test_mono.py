@@ -8,7 +8,7 @@ import pytest
 from stream_sfm.camera.rectification import VIRTUAL_BASELINE
 from stream_sfm.config import Config
 from stream_sfm.config.rules import MonoRules
-from stream_sfm.estimators.cross_frame.mono import CrossFrameMono
+from stream_sfm.estimators.window.mono import CrossFrameMono
 from stream_sfm.frontend.mono.front_end import with_virtual_right
 from stream_sfm.frontend.mono.two_view import two_view_motion
 from stream_sfm.geometry import se3

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.config.robust_rules import RobustRules
-from stream_sfm.estimators.cross_frame.own_turn import size_turn
+from stream_sfm.estimators.window.unknowns.turn import size_turn
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.point_views import PointViews
 from stream_sfm.geometry.resection import Resection, SecondMotion, resect

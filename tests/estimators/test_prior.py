@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from stream_sfm.core import NormalBlocks
-from stream_sfm.estimators.cross_frame.inverse_depth import State, linearise
-from stream_sfm.estimators.cross_frame.marginals import Marginals
-from stream_sfm.estimators.cross_frame.normal_equations import CovariancePart, System
-from stream_sfm.estimators.cross_frame.prior import Prior
-from stream_sfm.estimators.cross_frame.rig_state import RigState
+from stream_sfm.estimators.window.inverse_depth import State, linearise
+from stream_sfm.estimators.window.marginals import Marginals
+from stream_sfm.estimators.window.normal_equations import CovariancePart, System
+from stream_sfm.estimators.window.prior import Prior
+from stream_sfm.estimators.window.rig_state import RigState
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from tests.helpers.estimators import in_reference, point_blocks, q_from_homogeneous, window_views, without_own

@@ -9,8 +9,8 @@ from scipy.stats import chi2, norm
 from stream_sfm.camera.refinement import LENS_TERMS, KnownTiming, Refinement
 from stream_sfm.config import Config, RigConfig, WindowConfig
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.cross_frame.rig_state import RigState
-from stream_sfm.estimators.cross_frame.window import CrossFrame
+from stream_sfm.estimators.window.cross_frame import CrossFrame
+from stream_sfm.estimators.window.rig_state import RigState
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.se3 import Array
 from stream_sfm.geometry.stereo import StereoProjection

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from stream_sfm.config import Config
-from stream_sfm.estimators.cross_frame.doubt import Doubt, InQuestion
-from stream_sfm.estimators.cross_frame.window import CrossFrame
+from stream_sfm.estimators.window.cross_frame import CrossFrame
+from stream_sfm.estimators.window.doubt import Doubt, InQuestion
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.resection import Resection, SecondMotion
 from stream_sfm.geometry.stereo import StereoProjection

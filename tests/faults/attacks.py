@@ -19,7 +19,7 @@ from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import cv2
@@ -29,7 +29,7 @@ from stream_sfm.cli.main import main
 from stream_sfm.errors import ExitCode
 from stream_sfm.run.summary import peak_rss_mib
 from tests.core.calls import attack as attack_of_core
-from tests.faults.damage import INDEXES, KINDS, damaged, whole_log
+from tests.faults.damage import INDEXES, KINDS, Whole, damaged, whole_log
 from tests.helpers.bags import messages_of, write_bag1, write_bag2
 from tests.helpers.stereo_logs import CONTAINERS, START_NS, LogWriter, Spec, write_log
 from tests.helpers.wall import rig
@@ -58,14 +58,22 @@ def write_bags(folder: Path) -> list[Path]:
 
 
 class Ammunition:
-    """What attacks are made of, prepared once."""
+    """What attacks are made of, each prepared once, where it is needed."""
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
+        self._folder = folder
         self.log = write_log(folder / "log.mcap", Spec(left=tuple(range(4)), right=tuple(range(4))))
+        picture = np.random.default_rng(0).integers(0, 255, (64, 96), np.uint8)
+        self.images = [bytes(cv2.imencode(kind, picture)[1]) for kind in (".png", ".jpg", ".webp")]
+        self.images.append(bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1]))
+        self.calibration = rig().to_toml()
+
+    @cached_property
+    def logs(self) -> list[Whole]:
         numbers = {"left": tuple(range(5)), "right": tuple(range(5))}
-        self.logs = [
-            whole_log(write_log(folder / f"{profile}.mcap", Spec(profile, encoding, **numbers), **container))
+        return [
+            whole_log(write_log(self._folder / f"{profile}.mcap", Spec(profile, encoding, **numbers), **container))
             for profile, encoding, container in (
                 ("foxglove", "png", CONTAINERS["unchunked"]),
                 ("ros2", "mono8", CONTAINERS["zstd"]),
@@ -73,14 +81,17 @@ class Ammunition:
                 ("ros1", "mono8", CONTAINERS["no index"]),
             )
         ]
-        picture = np.random.default_rng(0).integers(0, 255, (64, 96), np.uint8)
-        self.images = [bytes(cv2.imencode(kind, picture)[1]) for kind in (".png", ".jpg", ".webp")]
-        self.images.append(bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1]))
-        self.calibration = rig().to_toml()
-        self.bags = write_bags(folder)
-        self.run = folder / "run"
+
+    @cached_property
+    def bags(self) -> list[Path]:
+        return write_bags(self._folder)
+
+    @cached_property
+    def run(self) -> Path:
+        folder = self._folder / "run"
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            main(["replay", str(self.log), "--out", str(self.run), "-q", *_FAST])
+            main(["replay", str(self.log), "--out", str(folder), "-q", *_FAST])
+        return folder
 
 
 def _command(rng: random.Random, log: str, folder: Path) -> list[str]:

@@ -58,7 +58,7 @@ from tests.helpers.stereo_logs import (
 )
 
 FRAMES = 12
-MAX_MIB = 768  # of a process, which takes 80 with OpenCV; a message of 100 MiB stands in memory up to four times
+MAX_MIB = 424  # of a process, which takes 80 with OpenCV; a message of 50 MiB stands in memory up to four times
 
 
 def read(path: Path) -> tuple[int, str]:
@@ -199,13 +199,13 @@ def image(name: str, encodings: tuple[str, str], told: bytes, data: bytes) -> li
 def values_in_json() -> list[bytes]:
     png64 = base64.b64encode(png()).decode()
     text = json.dumps({"timestamp": {"sec": 1, "nsec": 0}, "format": "png", "data": png64})
-    more = ',"more":[' + "[]," * (20 * MIB) + "[]]}"
+    more = ',"more":[' + "[]," * (10 * MIB) + "[]]}"
     return image("foxglove.CompressedImage", ("json", "jsonschema"), b"{}", (text[:-1] + more).encode())
 
 
 def parts_in_ros() -> list[bytes]:
     """Each of one byte, and an object of Python's."""
-    name, count = "sensor_msgs/msg/CompressedImage", 10 * MIB
+    name, count = "sensor_msgs/msg/CompressedImage", 5 * MIB
     told = ROS2[name].replace("uint8[] data\n", "uint8[] data\nPart[] parts\n", 1)
     told += "=" * 16 + "\nMSG: sensor_msgs/Part\nuint8 b\n"
     header = {"stamp": {"sec": 1, "nanosec": 0}, "frame_id": "left"}
@@ -220,26 +220,26 @@ def parts_in_protobuf() -> list[bytes]:
     kind = next(m for f in files.file for m in f.message_type if m.name == "CompressedImage")
     more = {"label": FieldDescriptorProto.LABEL_REPEATED, "type": FieldDescriptorProto.TYPE_MESSAGE}
     kind.field.add(name="more", number=50, type_name=".google.protobuf.Timestamp", **more)
-    data = CompressedImage(format="png", data=png()).SerializeToString() + b"\x92\x03\x00" * (30 * MIB)
+    data = CompressedImage(format="png", data=png()).SerializeToString() + b"\x92\x03\x00" * (15 * MIB)
     return image("foxglove.CompressedImage", ("protobuf", "protobuf"), files.SerializeToString(), data)
 
 
 def names_of_gigabytes() -> list[bytes]:
-    data = CompressedImage(frame_id="a" * (100 * MIB), format="png", data=png()).SerializeToString()
-    return 10 * image("foxglove.CompressedImage", ("protobuf", "protobuf"), definition(CompressedImage), data)
+    data = CompressedImage(frame_id="a" * (50 * MIB), format="png", data=png()).SerializeToString()
+    return 8 * image("foxglove.CompressedImage", ("protobuf", "protobuf"), definition(CompressedImage), data)
 
 
 def calibrations_of_gigabytes() -> Iterator[bytes]:
-    data = CameraCalibration(frame_id="a" * (100 * MIB)).SerializeToString()
+    data = CameraCalibration(frame_id="a" * (50 * MIB)).SerializeToString()
     said = schema(999, "foxglove.CameraCalibration", "protobuf", definition(CameraCalibration))
     for n in range(8):
         yield chunk(said + channel(1000 + n, 999, f"/{n}/info", "protobuf") + message(1000 + n, data))
 
 
 LOGS: dict[str, Callable[[], Iterable[bytes]]] = {  # records before those of a sound log
-    "schemas": lambda: (chunk(schema(1000 + n, "x", "", bytes(100 * MIB))) for n in range(8)),
+    "schemas": lambda: (chunk(schema(1000 + n, "x", "", bytes(50 * MIB))) for n in range(8)),
     "channels": lambda: (  # each of a size that is allowed
-        chunk(b"".join(channel(9000 + 12 * n + m, 0, b"a" * (7 * MIB), "") for m in range(12))) for n in range(10)
+        chunk(b"".join(channel(9000 + 6 * n + m, 0, b"a" * (7 * MIB), "") for m in range(6))) for n in range(10)
     ),
     "calibrations": calibrations_of_gigabytes,
     "names of frames": names_of_gigabytes,

@@ -5,7 +5,7 @@ import numpy as np
 
 from stream_sfm.camera.rig import StereoRig
 from stream_sfm.config import Config
-from stream_sfm.estimators.cross_frame.window import CrossFrame
+from stream_sfm.estimators.window.cross_frame import CrossFrame
 from stream_sfm.frontend.alignment import WIDE
 from stream_sfm.frontend.tracks import Tracks
 from stream_sfm.geometry import se3

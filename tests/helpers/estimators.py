@@ -8,7 +8,7 @@ import numpy as np
 from stream_sfm.config import Config
 from stream_sfm.core import NormalBlocks
 from stream_sfm.estimators import make_estimator
-from stream_sfm.estimators.cross_frame.inverse_depth import WhitenedViews
+from stream_sfm.estimators.window.inverse_depth import WhitenedViews
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.linear import mahalanobis2
 from stream_sfm.geometry.se3 import Array

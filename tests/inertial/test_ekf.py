@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stream_sfm.config import read_config
-from stream_sfm.estimators.cross_frame.interval import Interval, Transition, transition
+from stream_sfm.estimators.window.inertia.interval import Interval, Transition, transition
 from stream_sfm.geometry import se3
 from stream_sfm.inertial.buffer import SampleBuffer
 from stream_sfm.inertial.samples import ImuSamples

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stream_sfm import core
-from stream_sfm.estimators.cross_frame.interval import Interval, Intervals
+from stream_sfm.estimators.window.inertia.interval import Interval, Intervals
 from stream_sfm.geometry import se3
 from stream_sfm.inertial.buffer import SampleBuffer
 from stream_sfm.inertial.samples import ImuCalibration, ImuSamples

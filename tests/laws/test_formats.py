@@ -11,12 +11,14 @@ from mcap_ros2.decoder import DecoderFactory
 
 from stream_sfm.batch.replay_batch import replay_batch
 from stream_sfm.camera.rig import StereoRig
+from stream_sfm.config import read_config
 from stream_sfm.run.compare import compare
 from stream_sfm.run.replay import replay
 from stream_sfm.types import Selection
 from tests.helpers.places import ROOT
 from tests.helpers.wall_log import write_wall_log
 
+FEW = read_config(None, ["frontend.max_tracks=60"])
 PAGE = (ROOT / "docs/formats.md").read_text(encoding="utf-8")
 
 
@@ -59,7 +61,7 @@ def log(tmp_path_factory):
 @pytest.fixture(scope="module")
 def replayed(log):
     folder = log.parent / "run"
-    replay(log, folder, selection=Selection(max_frames=8), self_test=True, there_and_back=True)
+    replay(log, folder, FEW, Selection(max_frames=8), self_test=True, there_and_back=True)
     return folder
 
 
@@ -92,7 +94,7 @@ def test_report(log, tmp_path):
     of_all, of_method = map(names, tables("report.json"))
     accuracy = {n.removeprefix("ground_truth.") for n in names(tables("summary.json")[0]) if "ground_truth." in n}
     methods = ("cross-frame", "frame-to-frame")
-    compare(log, tmp_path, methods=methods, self_test=True)
+    compare(log, tmp_path, FEW, methods=methods, self_test=True)
     content = json.loads((tmp_path / "report.json").read_bytes())
     assert_same(of_all, set(paths(content)))
     with_folder = set(content["methods"]) - {"cross_frame_replayed"}  # which the first pass finds

@@ -3,7 +3,7 @@
 import numpy as np
 
 from stream_sfm.core import _core
-from stream_sfm.estimators.cross_frame.inverse_depth import State, linearise
+from stream_sfm.estimators.window.inverse_depth import State, linearise
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.rig_model.model import FIELD_MOVES

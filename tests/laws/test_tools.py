@@ -17,17 +17,37 @@ TOOLS = sorted(
 )
 
 
+_RUNNING = """
+import runpy, sys
+elsewhere = sys.argv[1] == "scripts"
+for tool in sys.argv[2:]:
+    folder, _, name = tool.rpartition("/")
+    known, path, sys.argv = set(sys.modules), list(sys.path), [tool, "--help"]
+    try:
+        if elsewhere:
+            sys.path[0] = folder
+            runpy.run_path(tool, run_name="__main__")
+        else:
+            runpy.run_module(f"tools.{name.removesuffix('.py')}", run_name="__main__", alter_sys=True)
+    except SystemExit as ended:
+        assert not ended.code, tool
+    sys.path[:] = path
+    for module in set(sys.modules) - known:  # the next one imports the tools that it needs anew
+        if str(getattr(sys.modules[module], "__file__", "")).startswith(folder):
+            del sys.modules[module]
+"""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("tool", TOOLS, ids=lambda path: path.stem)
-def test_a_tool_runs_as_a_script_and_as_a_module(tool: Path, tmp_path: Path) -> None:
-    """As a script it runs anywhere: only the package itself is found there, not the folder of the tools."""
+@pytest.mark.parametrize("how", ["scripts", "modules"])
+def test_tools_run_as_scripts_and_as_modules(how: str, tmp_path: Path) -> None:
+    """As scripts they run anywhere: only the package itself is found there, not the folder of the tools."""
     (tmp_path / "stream_sfm").symlink_to(ROOT / "stream_sfm")
-    elsewhere = os.environ | {"PYTHONPATH": str(tmp_path)}
-    for command, folder, environment in ((str(tool), tmp_path, elsewhere), (f"-mtools.{tool.stem}", ROOT, None)):
-        ran = subprocess.run(
-            [sys.executable, command, "--help"], cwd=folder, env=environment, capture_output=True, text=True
-        )
-        assert ran.returncode == 0 and "usage:" in ran.stdout, ran.stderr
+    folder = ROOT if how == "modules" else tmp_path
+    command = [sys.executable, "-c", _RUNNING, how, *map(str, TOOLS)]
+    environment = os.environ | {"PYTHONPATH": str(folder)}
+    ran = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    assert ran.returncode == 0 and ran.stdout.count("usage:") == len(TOOLS), ran.stderr
 
 
 def test_tools_import_each_other_where_they_start() -> None:

@@ -1,4 +1,4 @@
-"""Interlaced images are told from those of one moment, and `inspect` reports them."""
+"""`inspect` reports interlaced images, and no others."""
 
 import numpy as np
 import pytest

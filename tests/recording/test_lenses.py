@@ -1,6 +1,7 @@
 """Lenses, vergence and rectified images: their description in the log leads to the true path, in every profile."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -28,8 +29,9 @@ def lens(model: str, d: tuple[float, ...]) -> StereoRig:
     return StereoRig(left, right, stereo.right_from_left)
 
 
-def through(wall: Wall, camera: Camera, world_from_cam: np.ndarray) -> np.ndarray:
-    """What the camera sees of the wall through its lens: every pixel's ray, four to a pixel, meets the texture."""
+@lru_cache
+def rays_of(camera: Camera) -> np.ndarray:
+    """Four rays (x, y, 1) to a pixel, row by row; half a second each."""
     offsets = np.array([-0.25, 0.25])
     u, v = ((np.arange(n)[:, None] + offsets).ravel() for n in SIZE)
     pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 1, 2)
@@ -40,9 +42,13 @@ def through(wall: Wall, camera: Camera, world_from_cam: np.ndarray) -> np.ndarra
             pixels, camera.K, np.array(camera.D or (0.0,) * 4), None, None, None,
             (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10),
         )  # fmt: skip
-    rays = np.concatenate([flat[:, 0], np.ones((len(flat), 1))], axis=1)
+    return np.concatenate([flat[:, 0], np.ones((len(flat), 1))], axis=1)
+
+
+def through(wall: Wall, camera: Camera, world_from_cam: np.ndarray) -> np.ndarray:
+    """What the camera sees of the wall through its lens: where its rays meet the texture."""
     wall_from_cam = se3.inverse(wall.world_from_wall) @ world_from_cam
-    directions = rays @ wall_from_cam[:3, :3].T
+    directions = rays_of(camera) @ wall_from_cam[:3, :3].T
     points = wall_from_cam[:3, 3] - directions * (wall_from_cam[2, 3] / directions[:, 2:])
     texels = (points[:, :2] / wall.TEXEL_M + (wall.SIZE - 1) / 2).astype(np.float32)
     big = cv2.remap(wall.texture, *texels.T.reshape(2, 2 * SIZE[1], 2 * SIZE[0]), cv2.INTER_LINEAR)
@@ -79,11 +85,14 @@ RIGS = {
     "equidistant, all zero": lens("equidistant", (0.0,) * 4),
 }
 
+STRAIGHT = Camera(*SIZE, np.array([[250.0, 0, 165], [0, 250, 118], [0, 0, 1]]))
+PARALLEL = StereoRig(STRAIGHT, STRAIGHT, se3.exp([-0.2, 0, 0, 0, 0, 0]))
+
 
 @pytest.fixture(scope="module")
 def seen():
     """kind -> the images that its cameras deliver."""
-    return {kind: views(stereo) for kind, stereo in RIGS.items()}
+    return {kind: views(stereo) for kind, stereo in (RIGS | {"parallel": PARALLEL}).items()}
 
 
 def error_m(result) -> float:
@@ -123,14 +132,12 @@ def test_the_pose_of_the_right_camera_by_transforms(tmp_path, seen, profile):
 
 
 @pytest.mark.parametrize("profile", PROFILES)
-def test_images_that_are_rectified_already(tmp_path, profile):
+def test_images_that_are_rectified_already(tmp_path, seen, profile):
     """K, D and R are of the raw images then; only P counts, by the name of the topic."""
-    k = np.array([[250.0, 0, 165], [0, 250, 118], [0, 0, 1]])
-    camera = Camera(*SIZE, k)
-    parallel = StereoRig(camera, camera, se3.from_rotation_translation(np.eye(3), [-0.2, 0, 0]))
+    k = PARALLEL.left.K
     raw = calibration_of(RIGS["plumb_bob"], "plumb_bob")
     infos = [replace(c, P=np.c_[k, [x, 0, 0]]) for c, x in zip(raw, (0, -50.0), strict=True)]
-    log = open_log(write(tmp_path / "log.mcap", profile, views(parallel), infos, RECTIFIED_TOPICS))
+    log = open_log(write(tmp_path / "log.mcap", profile, seen["parallel"], infos, RECTIFIED_TOPICS))
     assert log.rig.left.distortion_model == "none"
     np.testing.assert_allclose(log.rig.left.K, k)
     assert error_m(replay(log)) < 0.001  # m of 0.08; the path is known exactly

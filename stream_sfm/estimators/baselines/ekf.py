@@ -19,11 +19,11 @@ from ...geometry.linear import matvec, symmetric
 from ...geometry.stereo import MIN_DEPTH, StereoProjection, clamp_depth
 from ...record import changed
 from ...types import Observations, Solution
-from ..cross_frame.inertia import Inertia, inertial_estimate
-from ..cross_frame.interval import JOINT, Known
-from ..cross_frame.takes_samples import InertialMotionModel, TakesSamples
 from ..lifecycle import WorldPoints, frame_status, solution_of
 from ..triangulation import counted_cov, triangulate, usable_births
+from ..window.inertia.inertia import Inertia, inertial_estimate
+from ..window.inertia.interval import JOINT, Known
+from ..window.inertia.takes_samples import InertialMotionModel, TakesSamples
 from .baseline import Baseline
 
 # The pose is unknown before its update: its prior covariance is this multiple of the covariance that the views will

@@ -73,7 +73,7 @@ class UsualTurns:
     def log_odds(self, turn: Turn) -> float:
         """Return the log of how much likelier a turn is with a knock than without, eq. (72f).
 
-        `measured` follows from three numbers in each of so many frames. So usual turns have a t-distribution: in the
+        `measured` follows from three numbers in each frame. So usual turns have a t-distribution: in the
         first frames nobody knows how much this rig shakes.
         """
         n = 3.0 * (max(self.frames - self.rules.guess_frames, 0) + 1)

@@ -10,10 +10,8 @@ from ...errors import ConfigError, LogError
 from ...system.wording import some_of
 from ..mcap_file.message import Damage, Source
 from ..sources.sides import is_camera
-from .rig import ATTACHMENT, first_size
+from .rig import ATTACHMENT, first_sizes
 from .survey import Survey
-
-_MOST_CAMERAS = 16  # whose images are looked at: each is a reading of the recording
 
 
 def calibration_beside(source: Source, survey: Survey, mono: bool) -> list[Path] | None:
@@ -28,7 +26,7 @@ def calibration_beside(source: Source, survey: Survey, mono: bool) -> list[Path]
         return None
     from ...camera.calibration.read import calibrations_near
 
-    sizes = {size for topic in cameras[:_MOST_CAMERAS] if (size := first_size(source, topic)) is not None}
+    sizes = set(first_sizes(source, cameras).values())
     if len(cameras) == 1 and not mono:  # each image may hold both sides
         sizes |= {half for width, height in sizes for half in ((width // 2, height), (width, height // 2))}
     for found in calibrations_near(source.path):

@@ -12,7 +12,7 @@ from ..sources.profile import ProfileEncoder
 from ..sources.sides import is_camera
 from .images import UndecodableImage, check_encoding, decode_grey
 from .messages import MessageDecoder, UndecodableMessage
-from .rig import first_size
+from .rig import first_sizes
 from .survey import Survey
 
 
@@ -21,9 +21,9 @@ def both_sides(
 ) -> tuple[Source, Survey, Where | StereoRig | None]:
     """Return the recording with two image topics if its only one holds both sides of a pair; else unchanged."""
     cameras = [t for t, count in survey.of_kind("image").items() if is_camera(t) and count != 0]
-    if calibration is None or len(cameras) != 1 or (size := first_size(source, cameras[0])) is None:
+    if calibration is None or len(cameras) != 1 or not (sizes := first_sizes(source, cameras)):
         return source, survey, calibration
-    width, height = size
+    width, height = size = sizes[cameras[0]]
     if not isinstance(calibration, StereoRig):
         half = (width // 2, height) if width > height else (width, height // 2)
         calibration = StereoRig.from_calibration(calibration, half)

@@ -49,7 +49,8 @@ def find_rig(
         return FoundRig(MonoRig(calibration.left) if mono else calibration, "given by the caller")
     kind = MonoRig if mono else StereoRig
     if calibration is not None:
-        return FoundRig(kind.from_calibration(calibration, first_size(source, choice.left)), named(calibration))
+        size = first_sizes(source, [choice.left]).get(choice.left)
+        return FoundRig(kind.from_calibration(calibration, size), named(calibration))
     for attachment in source.attachments(Damage()):
         if attachment.name.split("/")[-1] == ATTACHMENT:
             try:
@@ -61,10 +62,18 @@ def find_rig(
     return rig_of_messages(source, survey, _sent_messages(source, survey, topics), is_rectified(choice.left))
 
 
-def first_size(source: Source, topic: str) -> tuple[int, int] | None:
-    """Return the size of the first image of a topic if it is known, for calibrations that do not contain it."""
-    sizes = map(image_size, decoded(source, [topic], MessageDecoder.image))
-    return next((size for size in sizes if size is not None), None)
+def first_sizes(source: Source, topics: Sequence[str]) -> dict[str, tuple[int, int]]:
+    """Return the size of the first image on each topic that shows one, for calibrations that do not contain it.
+
+    The recording is read once, up to the last of these images.
+    """
+    sizes: dict[str, tuple[int, int]] = {}
+    for message in decoded(source, topics, MessageDecoder.image):
+        if message.topic not in sizes and (size := image_size(message)) is not None:
+            sizes[message.topic] = size
+            if len(sizes) == len(topics):
+                break
+    return sizes
 
 
 def check_rig(source: Source, rig: StereoRig | MonoRig) -> None:

@@ -1,0 +1,345 @@
+"""The joint prior of the window: information about points and world from all frames that left it.
+
+Everything is expressed in the reference camera. Points seen from the same uncertain cameras have correlated errors,
+which the prior keeps in factored form, eq. (29),
+
+    q_i = mean_i + F_i y + e_i,   ω = F_w y,   y ~ N(0, I_k),   e_i ~ N(0, D_i) independent,
+
+with common modes F and their amplitudes y. The last m modes are ∂q and ∂ω by the rig's errors, and their amplitudes are
+the deviations of these errors from their mean (`rig_state.py`). Given the few amplitudes, points are independent of
+each other: a window with any number of points is solved with one small dense system, the drift of a patch over its
+surface simply adds to D_i, and a point that is no longer seen is marginalised by dropping its row. Each absorbed frame
+adds the six modes of its unknown pose; modes that are negligible compared with the points' own noise are folded into D,
+so that every point keeps its marginal covariance. (A dense information matrix over 200 points contains the same and
+costs fifty times as much.)
+
+Camera-centred: the world's origin is one more pose among the variables, so nothing that touches the prior is ever
+relinearised in world coordinates, and unobservable directions stay unobservable (otherwise a bias grows with the number
+of frames; docs/mathematics.md, section 6). ω is the right perturbation of world_from_ref. With inertia, the inertial
+state (`interval.py`) is expressed in the same modes as the world.
+"""
+
+from dataclasses import field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import core
+from ...geometry import Array, se3
+from ...geometry.linear import Elimination, product, scaled_cholesky, turned
+from ...inertial.state import BIASES, GRAVITY, STATE, VELOCITY
+from ...record import changed, filled, record
+from .inertia.interval import JOINT, OF_LEAVING, Leaving
+from .layout import Layout, layout
+from .rig_state import NO_RIG, RigState
+from .window_frame import WindowFrame
+
+# Added to each variance of a map's first pose, in m² and rad²: the very first camera is the world by definition, and a
+# micrometre and a microradian are far below the error of any estimate.
+_ORIGIN_VARIANCE = 1e-12
+
+# A mode is negligible if it adds less to the variance of anything reported (a pose, a motion, a point) than this share
+# of the variance by the points' own noise. With 0.5, poses move by 0.02 to 0.05 of their σ against a prior that keeps
+# every mode, with 0.02 by 0.001, at 2 to 4 times as many modes; from 1 on they move by 0.2 σ on euroc_mh01.
+_NEGLIGIBLE_SHARE = 0.5
+
+# Points that enter the prior: ids, ascending, mean (n, 3), covariance (n, 3, 3), ∂q by the `own` amplitudes of their
+# frame (n, 3, e) and by the rig's errors (n, 3, m).
+NewPoints = tuple[NDArray[np.int64], Array, Array, Array, Array]
+
+
+@record
+class Prior:
+    """Gaussian knowledge of N points and of the world.
+
+    `ids` (N,), ascending; `mean` (N, 3) of q in their anchors, which the map keeps; `cov` (N, 3, 3) = D; `modes` (N, 3,
+    k) = F; `world_from_ref` (4, 4): mean of the reference camera's pose; `world_modes` (6, k) = F_w. `rig`: knowledge
+    of the m errors of the rig, to which the last m modes belong. `state` (17,): mean of the inertial state, for which
+    `world_modes` has further rows, (23, k); (0,) without inertia.
+    """
+
+    ids: NDArray[np.int64]
+    mean: Array
+    cov: Array
+    modes: Array
+    world_from_ref: Array
+    world_modes: Array
+    rig: RigState
+    state: Array = field(default_factory=lambda: np.zeros(0))
+
+    @classmethod
+    def from_first_frame(
+        cls,
+        ids: NDArray[np.int64],
+        mean: Array,
+        cov: Array,
+        by_own: Array,
+        by_rig: Array,
+        world_from_ref: Array,
+        cov_pose: Array,
+        rig: RigState,
+    ) -> "Prior":
+        """Begin a map: points seen by the reference camera, whose own pose has `cov_pose` (6, 6).
+
+        `by_own` (N, 3, e) and `by_rig` (N, 3, m): ∂q by the errors that the frame's views share, and by the rig's
+        errors; apart from these the points are independent.
+        """
+        root = scaled_cholesky(cov_pose + _ORIGIN_VARIANCE * np.eye(6))
+        modes = np.concatenate([np.zeros((len(ids), 3, 6)), by_own, by_rig], axis=2)
+        world_modes = np.concatenate([root, np.zeros((6, modes.shape[2] - 6))], axis=1)
+        return cls(ids, mean, cov, modes, world_from_ref, world_modes, rig)
+
+    def with_first_views(self, mean: Array, cov: Array, by_own: Array, by_rig: Array) -> "Prior":
+        """Return the prior of a map that contains only its first frame, with the views of that frame relinearised.
+
+        `mean` (N, 3) and `cov` (N, 3, 3): of q at the current mean of the rig's errors; `by_own` and `by_rig` as in
+        `from_first_frame`.
+        """
+        modes = self.modes.copy()
+        modes[..., layout(pose=6, own=by_own.shape[2])["own"]] = by_own
+        modes[..., self.of_modes["rig"]] = by_rig
+        return changed(self, mean=mean, cov=cov, modes=modes)
+
+    def with_own_of_first(self, at: int, n: int) -> "Prior":
+        """Return the prior of a map's first frame with n more `own` amplitudes at `at`, without any effect yet.
+
+        They follow the existing ones, as `with_first_views` expects, and precede those of an inertial state.
+        """
+        modes, world_modes = (np.insert(m, [at] * n, 0.0, axis=-1) for m in (self.modes, self.world_modes))
+        return changed(self, modes=modes, world_modes=world_modes)
+
+    def world(self, amplitudes: Array) -> Array:
+        """Return world_from_ref (4, 4) at the given amplitudes (k,) of the modes."""
+        return se3.orthonormalise(self.world_from_ref @ se3.exp(self.world_modes[JOINT["pose"]] @ amplitudes))
+
+    def state_at(self, amplitudes: Array) -> Array:
+        """Return the inertial state (17,) at the given amplitudes (k,) of the modes."""
+        return np.asarray(self.state + self.world_modes[JOINT["state"]] @ amplitudes)
+
+    def rig_at(self, amplitudes: Array) -> Array:
+        """Return the errors (m,) of the rig at the given amplitudes (k,) of the modes; the rig's come last."""
+        mean = self.rig.mean
+        return np.asarray(mean + amplitudes[len(amplitudes) - len(mean) :])
+
+    @property
+    def of_modes(self) -> Layout:
+        """The layout of the modes: the prior's own, and those of the rig's errors."""
+        return layout(own=self.modes.shape[2] - len(self.rig), rig=len(self.rig))
+
+    def with_state(self, state: Array, joint: Array) -> "Prior":
+        """Return the prior with an inertial state (17,), whose covariance with the world is in `joint` (23, 23).
+
+        The part correlated with the world is expressed in the prior's own modes; the rest gets 17 modes that no point
+        shares.
+        """
+        pose, at = JOINT["pose"], JOINT["state"]
+        world, of = self.world_modes[pose], self.of_modes
+        of_own, of_rig = world[:, of["own"]], world[:, of["rig"]]
+        by_world = np.linalg.solve(joint[pose, pose] + _ORIGIN_VARIANCE * np.eye(6), joint[pose, at]).T
+        left = joint[at, at] - by_world @ joint[pose, at]
+        # a billionth of the variances keeps the rest above rounding
+        root = scaled_cholesky(0.5 * (left + left.T) + np.diag(1e-9 * np.diag(joint[at, at])))
+        now = layout(own=of_own.shape[1], state=STATE, rig=of_rig.shape[1])
+        rows = np.zeros((JOINT.size, now.size))
+        rows[pose, now["own"]], rows[pose, now["rig"]] = of_own, of_rig
+        rows[at, now["own"]], rows[at, now["state"]] = by_world @ of_own, root
+        none = np.zeros((*self.modes.shape[:2], STATE))
+        modes = [self.modes[..., of["own"]], none, self.modes[..., of["rig"]]]
+        return changed(self, state=state, world_modes=rows, modes=np.concatenate(modes, axis=2))
+
+    def without_state(self) -> "Prior":
+        """Return the prior without its inertial state, whose information about everything else stays."""
+        return changed(self, world_modes=self.world_modes[JOINT["pose"]], state=np.zeros(0))
+
+    def absorb_frame(
+        self,
+        amplitudes: Array,
+        cam_from_ref: Array,
+        anchors: Array,
+        q: Array,
+        blocks: core.NormalBlocks,
+        stays: NDArray[np.bool_],
+        new: NewPoints,
+        leaving: Leaving | None = None,
+    ) -> "Prior":
+        """Return the posterior given the views of one camera, with that camera as the new reference, eqs. (31)–(35).
+
+        `amplitudes` y (k,), `cam_from_ref` X (4, 4) and `q` (N, 3): the current estimate, the linearisation point;
+        `anchors` (N, 4, 4): poses in the new reference; `blocks`: the normal equations of the views of these points.
+        Points that do not `stay` (N,) are marginalised afterwards, and `new` points are added, which share only the
+        rig's modes with the others.
+
+        The anchors move with the points, C' = X C, so q does not change. The prior contains no information about the
+        error ξ of the new camera's pose: with K' = ∂q'/∂P', δq' = δq + K'G ξ and ω' = Ad(X) ω − ξ, six modes without
+        prior information. The errors that the frame's views share add e modes with a prior of σ = 1; these come first
+        here. With Λ = D⁻¹ + V, points given the modes are N(Λ⁻¹(D⁻¹(mean + F y) + V…), Λ⁻¹), and the modes have
+        information S = P + Σ FᵀD⁻¹F − Σ GᵀΛ⁻¹G with G = D⁻¹F, less the effect of the rig's modes on the views.
+        `leaving`: the inertial information about the frame, which adds twelve modes: its slide, its velocity and the
+        walk of the biases.
+        """
+        ids_new, mean_new, cov_new, by_own, by_rig = new
+        e = by_own.shape[2]
+        at = self._with_frame(e, leaving is not None)
+        own = at["rig"].start
+        world, state, world_modes = self._seen_from(cam_from_ref, amplitudes, leaving, at)
+        s, whitened_modes, std, half, given, right = core.absorbing_system(blocks, self, anchors, q, amplitudes)
+        flat_modes, flat_half = whitened_modes.reshape(-1, len(s) - e), half.reshape(-1, len(s))
+        s[e:, e:] += flat_modes.T @ flat_modes
+        s -= flat_half.T @ flat_half
+        right -= flat_half.T @ given.ravel()
+        if leaving is not None:
+            s, right = self._with_leaving(leaving, s, right, at)
+        others = Elimination(s, own)
+        step, weighted = others.reduced(right)
+        # the other variables by the new modes and by the rig's errors, which only the window moves, and their step
+        by_new = np.column_stack([others.root, others.by_others, step])
+
+        def carried(modes: Array, n: int) -> Array:
+            moved = product(modes[..., :n], by_new[:n])
+            moved[..., own:-1] += modes[..., n:]
+            return moved
+
+        world_modes, half = carried(world_modes, own), carried(half, half.shape[2] - len(self.rig))
+        modes_new = product(by_own, by_new[:e])
+        modes_new[..., own:-1] += by_rig
+        mean_new = mean_new + modes_new[..., -1]
+        return filled(
+            Prior,
+            core.absorbed_points(
+                self.ids, std, half, given, q, stays, ids_new, mean_new, cov_new, modes_new[..., :-1]
+            ),
+            world_from_ref=se3.orthonormalise(world @ se3.exp(world_modes[JOINT["pose"], -1])),
+            world_modes=world_modes[:, :-1],
+            rig=changed(self.rig, mean=self.rig_at(amplitudes), information=others.left, weighted=weighted),
+            state=state + world_modes[JOINT["state"], -1],
+        )
+
+    def _with_frame(self, e: int, has_inertia: bool) -> Layout:
+        """Return the layout of the modes when a frame leaves; `e`: number of its `own` amplitudes."""
+        inertial = {"slide": 3, "velocity": 3, "walk": 6} if has_inertia else {}
+        of = self.of_modes
+        before, rig = (of[name].stop - of[name].start for name in ("own", "rig"))
+        return layout(frame=e, before=before, translation=3, rotation=3, **inertial, rig=rig)
+
+    def _seen_from(
+        self, cam_from_ref: Array, amplitudes: Array, leaving: Leaving | None, at: Layout
+    ) -> tuple[Array, Array, Array]:
+        """Return the world (4, 4) and the inertial state of `absorb_frame` in the leaving camera, and their modes."""
+        of, state, rows = self.of_modes, self.state, self.world_modes[JOINT["state"]]
+        if leaving is not None:
+            cam_from_ref = se3.exp(np.concatenate([np.zeros(3), leaving.slide])) @ cam_from_ref
+            state, rows = self._state_in(cam_from_ref, leaving, self.state_at(amplitudes), at)
+        before = se3.adjoint(cam_from_ref) @ self.world_modes[JOINT["pose"]]
+        modes = np.zeros((6, at.size))
+        modes[:, at["before"]], modes[:, at["rig"]] = before[:, of["own"]], before[:, of["rig"]]
+        modes[:, at.span("translation", "rotation")] = -np.eye(6)
+        if leaving is not None:
+            modes[3:, at["slide"]] = -np.eye(3)  # a slide rotates the camera just as its pose does
+            modes = np.concatenate([modes, rows])
+        return self.world(amplitudes) @ se3.inverse(cam_from_ref), state, modes
+
+    def _with_leaving(self, leaving: Leaving, s: Array, right: Array, at: Layout) -> tuple[Array, Array]:
+        """Add the inertial information about a leaving frame to that about the modes, with the modes it adds.
+
+        Only the lower triangle is complete.
+        """
+        wide = np.zeros((at.size, at.size))
+        first, rig, last = slice(0, at["slide"].start), at["rig"], slice(at["slide"].start, None)
+        wide[first, first], wide[rig, first], wide[rig, rig] = s[first, first], s[last, first], s[last, last]
+        right = np.concatenate([right[first], np.zeros(at.size - len(s)), right[last]])
+        state, of, rows = self.world_modes[JOINT["state"]], self.of_modes, OF_LEAVING
+        moving = np.flatnonzero(state.any(axis=0))  # most modes do not affect the state
+        beside = np.where(moving < of["rig"].start, at["before"].start, rig.start - of["rig"].start)
+        touched = np.arange(at.size)
+        here = touched[at.span("translation", "rotation")], touched[at.span("slide", "velocity")]
+        touched = np.concatenate([*here, moving + beside])
+        j = np.zeros((rows.size, len(touched)))
+        j[rows["pose"], :6] = j[rows.span("slide", "velocity"), 6:12] = np.eye(6)
+        j[rows["state"], 12:] = state[:, moving]
+        wide[np.ix_(touched, touched)] += j.T @ leaving.h @ j
+        right[touched] += j.T @ leaving.g
+        walk = range(at["walk"].start, at["walk"].stop)
+        wide[walk, walk] += 1.0
+        return wide, right
+
+    def _state_in(self, x: Array, leaving: Leaving, now: Array, at: Layout) -> tuple[Array, Array]:
+        """Return the inertial state (17,) in the leaving camera x (4, 4), and its modes in the layout `at`."""
+        rows, of = np.zeros((STATE, at.size)), self.of_modes
+        rows[:, at["before"]] = self.world_modes[JOINT["state"], of["own"]]
+        rows[:, at["rig"]] = self.world_modes[JOINT["state"], of["rig"]]
+        state = now.copy()
+        state[VELOCITY], state[GRAVITY] = leaving.velocity, x[:3, :3] @ now[GRAVITY]
+        rows[GRAVITY] = x[:3, :3] @ rows[GRAVITY]
+        turned = -se3.skew(state[GRAVITY])
+        rows[GRAVITY, at["rotation"]] += turned
+        rows[GRAVITY, at["slide"]] += turned
+        rows[VELOCITY] = 0
+        rows[VELOCITY, at["velocity"]] = np.eye(3)
+        rows[BIASES, at["walk"]] = np.diag(leaving.std_walk)
+        return state, rows
+
+    def given_rig(self, amplitudes: Array) -> "Prior":
+        """Return the prior given the amplitudes (m,) of the rig's errors: that of an exact rig."""
+        own = self.modes.shape[2] - len(amplitudes)
+        return changed(
+            self,
+            mean=self.mean + self.modes[..., own:] @ amplitudes,
+            modes=np.ascontiguousarray(self.modes[..., :own]),
+            world_modes=self.world_modes[:, :own],
+            rig=NO_RIG,
+        )
+
+    def with_field(self, n: int) -> "Prior":
+        """Return the prior with n more errors of the rig, of a field without any effect on its points so far."""
+        modes = np.concatenate([self.modes, np.zeros((*self.modes.shape[:2], n))], axis=2)
+        world_modes = np.concatenate([self.world_modes, np.zeros((len(self.world_modes), n))], axis=1)
+        return changed(self, modes=modes, world_modes=world_modes, rig=self.rig.with_field(n))
+
+    def with_rig_change(self, change: tuple[RigState, Array, Array]) -> "Prior":
+        """Return the prior after the errors of the rig have changed, eq. (72e); `change` as in `RigState.changed`.
+
+        Points and world keep their estimates, with as many additional modes, as their views have the old errors.
+        """
+        rig, kept, apart = change
+        own = self.modes.shape[2] - len(rig)
+
+        def moved(modes: Array) -> Array:
+            of_rig = modes[..., own:]
+            return np.concatenate([of_rig @ apart, modes[..., :own], of_rig @ kept], axis=-1)
+
+        return changed(self, modes=moved(self.modes), world_modes=moved(self.world_modes), rig=rig)
+
+    def refocused(self, frame: WindowFrame, next_ns: int) -> "Prior":
+        """Return the prior for a moving focus, whose speed may have varied until the next frame, eq. (72g)."""
+        if frame.rig is None:
+            return self
+        rig, passed_s = self.rig, (next_ns - frame.stamp_ns) / 1e9
+        root = frame.rig.root_of_focusing(rig.held, rig.cov_held, rig.age_s(frame.stamp_ns), passed_s)
+        if not root.any():
+            return self
+        if rig.steady:  # so far its motion was attributed to other errors, which become as unknown as at first
+            root = np.concatenate([root, np.diag(rig.size)], axis=1)
+        return self.with_rig_change(rig.changed(root))
+
+    def truncate_modes(self) -> "Prior":
+        """Return the same prior without negligible modes, eq. (36).
+
+        Six modes represent the world exactly, 17 more the inertial state, and those of the rig stay. What a mode adds
+        to the points, in units of their own noise and summed over the points, bounds what it adds to anything that
+        follows from them, eq. (36a). A negligible one is moved to the points' own noise.
+        """
+        own, rig = self.of_modes["own"], self.of_modes["rig"]
+        to_world = core.reflections(self.world_modes[:, own].T)
+        world_modes, modes = turned(self.world_modes[:, own], to_world), turned(self.modes[..., own], to_world)
+        fixed = len(world_modes)
+        whitened = core.whiten_blocks(self.cov, modes).reshape(-1, own.stop)[:, fixed:]
+        minor = core.minor_directions(whitened.T @ whitened, _NEGLIGIBLE_SHARE)
+        shared = turned(modes[..., fixed:], core.reflections(minor))
+        folded, kept = np.split(shared, [minor.shape[1]], axis=2)
+        none = np.zeros((fixed, kept.shape[2]))
+        return changed(
+            self,
+            cov=self.cov + folded @ np.swapaxes(folded, 1, 2),
+            modes=np.concatenate([modes[..., :fixed], kept, self.modes[..., rig]], axis=2),
+            world_modes=np.concatenate([world_modes[:, :fixed], none, self.world_modes[:, rig]], axis=1),
+        )
