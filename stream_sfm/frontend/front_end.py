@@ -71,7 +71,7 @@ class StereoFrontEnd:
             errors=TemplateErrors.begun_by(rules.errors),
             ambiguity=AmbiguityMemory.none(rules.motion),
             start=StartCheck.of(rules.motion),
-            pair=PairCheck(rules=rules.pair),
+            pair=PairCheck.of(rules.pair),
             pictures=Suspicions.begun(rules),
         )
 

@@ -4,6 +4,8 @@ Errors that the patches or views of a frame share make them one event. So the lo
 the whole frame, and independence is assumed between frames only.
 """
 
+import math
+
 from ..record import changed, record
 
 
@@ -35,6 +37,15 @@ class Evidence:
     def log_odds(self) -> float:
         """The log odds of being there, as the bound is minus the log of the prior odds of a change."""
         return self.bound - self.change if self.is_there else self.change - self.bound
+
+
+def ratio_of_share(agree: int, n: int, few: int, neutral: float) -> float:
+    """Return the log-likelihood ratio, nats, of a frame in which some of n points agree, eq. (7c).
+
+    What the points of a frame show they share, so that they count as one, and `few` as half of one. If it agrees, this
+    is twice as probable where it should; a share that is `neutral` says nothing.
+    """
+    return math.log(2) * (agree - neutral * n) / ((n + few) * (1 - neutral))
 
 
 def log_ratio(shown: float, variance: float, expected: float) -> float:

@@ -38,13 +38,6 @@ def test_contrary_evidence_takes_back_what_there_was() -> None:
     assert after([1.0, 0.0])[-1].refuted
 
 
-def test_many_points_of_a_frame_count_as_one_and_few_as_less() -> None:
-    confirmation = Confirmation.sought(RULES)
-    nats = [confirmation.nats(n, n) for n in (1, 6, 40, 10_000)]
-    assert nats == sorted(nats) and nats[0] < 0.2 and nats[-1] == pytest.approx(np.log(2), rel=1e-3)
-    assert confirmation.nats(RULES.calm_start * 40, 40) == pytest.approx(0.0) and confirmation.nats(0, 0) == 0
-
-
 def test_each_point_counts_once_and_those_before_the_doubt_never() -> None:
     ids = np.arange(30)
     confirmation = Confirmation.sought(RULES, next_id=30).after(ids, ids < 0)

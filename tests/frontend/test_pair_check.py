@@ -37,7 +37,7 @@ class Run:
 
     def __init__(self) -> None:
         self.rows, self.factor = Rows.unknown(PROJECTION, Config()), 1.0
-        self.check = PairCheck()
+        self.check = PairCheck.of(PairRules())
         self.frame = 0
 
     @property
@@ -122,6 +122,17 @@ def test_a_poor_fit_ends_no_problem():
     run.show(fit(0, 95, 0), next_id=100)
     assert not any(run.show(fit(100, 60, 55)) for _ in range(40))
     assert run.problem
+
+
+def test_a_poor_frame_takes_back_evidence_and_another_problem_all_of_it():
+    run = Run()
+    run.show(fit(0, 95, 0), next_id=100)
+    changes = []
+    for left, both in [(95, 90)] * 10 + [(60, 40)] + [(95, 90)] * 5 + [(95, 0)]:
+        assert not run.show(fit(100, left, both), next_id=300)
+        changes.append(run.check.evidence.change)
+    assert 0 < changes[10] < changes[9] < changes[15] and changes[16] == 0
+    assert run.check.first_id == 100
 
 
 def far_apart(run: Run) -> None:

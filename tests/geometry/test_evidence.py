@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from stream_sfm.geometry.evidence import Evidence, log_ratio
+from stream_sfm.geometry.evidence import Evidence, log_ratio, ratio_of_share
 
 BOUND, MEMORY = 6.0, 50.0
 
@@ -77,3 +77,11 @@ def test_the_ratio_of_an_amount_is_that_of_two_gaussians() -> None:
     shown, variance, expected = 0.7, 0.3, 1.2
     log_densities = [-((shown - mean) ** 2) / (2 * variance) for mean in (expected, 0.0)]
     assert log_ratio(shown, variance, expected) == pytest.approx(log_densities[0] - log_densities[1])
+
+
+def test_many_points_of_a_frame_count_as_one_and_few_as_less() -> None:
+    nats = [ratio_of_share(n, n, 6, 0.8) for n in (1, 6, 40, 10_000)]
+    assert nats == sorted(nats) and nats[1] == pytest.approx(math.log(2) / 2)
+    assert nats[0] < 0.2 and nats[-1] == pytest.approx(math.log(2), rel=1e-3)
+    assert ratio_of_share(32, 40, 6, 0.8) == pytest.approx(0.0) and ratio_of_share(0, 0, 6, 0.8) == 0
+    assert ratio_of_share(0, 40, 6, 0.8) < -math.log(2)  # those that disagree tell more
