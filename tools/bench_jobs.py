@@ -53,7 +53,7 @@ def stages() -> dict[str, list[tuple[Any, str]]]:
     """Stage -> the functions whose time it is; what they call of other stages counts in both."""
     from stream_sfm.camera.rectification import Rectifier
     from stream_sfm.estimators.window import cross_frame
-    from stream_sfm.estimators.window.map import Map
+    from stream_sfm.estimators.window.state import WindowState
     from stream_sfm.frontend import front_end, new_points, rough_motion, tracker
     from stream_sfm.results.estimates_writer import EstimatesWriter
 
@@ -63,8 +63,8 @@ def stages() -> dict[str, list[tuple[Any, str]]]:
         "PnP": [(tracker, "resect"), (cross_frame, "initial_motion")],
         "detect": [(new_points, "detect_missing")],
         "stereo": [(front_end, "begin_points")],  # detect included
-        "window": [(Map, "absorb_oldest"), (cross_frame, "minimise")],
-        "covariance": [(Map, "update_marginals")],
+        "window": [(cross_frame, "absorbed_oldest"), (cross_frame, "minimised")],
+        "covariance": [(WindowState, "newest_marginals")],
         "write": [(EstimatesWriter, "write")],
     }
 

@@ -31,13 +31,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from scipy.special import stdtrit
 
 sys.path.insert(0, str(Path(__file__).parent))
 from bound import TrackViews, causal_errors
 
 from stream_sfm import Engine, open_log, read_config
 from stream_sfm.config import Config
+from stream_sfm.errors import ConfigError, require_study
 from stream_sfm.estimators import make_estimator
 from stream_sfm.frontend.learnt.template_errors import TemplateErrors, turn_of_slides
 from stream_sfm.geometry import se3
@@ -255,6 +255,8 @@ def _trial(job: tuple[str, int, Path | None], config: Config) -> tuple[str, Meas
 
 def mean_ratio(logs: list[Array]) -> str:
     """The geometric mean of ratios, whose logarithms are given by motion, with its interval: seeds are independent."""
+    from scipy.special import stdtrit  # of the extra `study`; --help works without it
+
     means = [np.mean(x) for x in logs]
     n, middle = sum(map(len, logs)), float(np.mean(means))
     if n <= len(logs):
@@ -320,6 +322,10 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE")
     arguments = parser.parse_args()
+    try:
+        require_study("a comparison of methods")
+    except ConfigError as error:
+        parser.error(str(error))
     jobs: list[tuple[str, int, Path | None]] = [(re.sub(r"\d+$", "", p.stem), 0, p) for p in arguments.logs]
     jobs = jobs or [(motion, seed, None) for motion in arguments.motions for seed in range(arguments.seeds)]
     run = partial(_trial, config=read_config(None, arguments.overrides))

@@ -40,9 +40,9 @@ def number(value: float | None, form: str = ".2f") -> str:
     return "–" if value is None else format(value, form)
 
 
-def factors_text(spans: list[dict[str, Any]]) -> str:
+def factors_text(spans: list[dict[str, Any]], key: str = "factor") -> str:
     """Return the errors of relative motions in words, with their numbers of frames."""
-    factors = ", ".join(f"{span['factor']:.2f}" for span in spans)
+    factors = ", ".join(f"{span[key]:.2f}" for span in spans)
     return f"{factors} × the estimated σ over {', '.join(str(span['frames']) for span in spans)} frames"
 
 

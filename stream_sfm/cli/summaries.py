@@ -43,6 +43,7 @@ def print_comparison(content: dict[str, Any]) -> None:
 def _print_drift(drift: dict[str, Any], lines: list[dict[str, Any]], names: dict[str, str]) -> None:
     """Print the error of each method over each span, its ratio to the reference, and the factor of its σ."""
     from ..evaluation.figures import number_text, unit_for
+    from ..report.tables import sigma_text
 
     unit = unit_for([of["position_rms_m"] for line in lines for of in line["methods"].values()])
     rows = []
@@ -50,17 +51,38 @@ def _print_drift(drift: dict[str, Any], lines: list[dict[str, Any]], names: dict
         rows.append([name])
         for line in lines if key in lines[0]["methods"] else ():
             of = line["methods"][key]
-            ratio, factor = of.get(f"position_over_{drift['reference']}"), of.get("sigma_factor")
+            ratio, factor = of.get(f"position_over_{drift['reference']}"), sigma_text(of)
             text = [number_text(of["position_rms_m"], unit.per_m)]
             if ratio is not None:
                 mark = "*" if of["position_from_halves"] else ""
                 text.append(f"×{ratio['value']:.2f}{mark}")
                 text += ["[{:.2f}, {:.2f}]".format(*ratio["ci95"])] if ratio["ci95"] else []
-            rows[-1].append("\n".join([*text, *([f"σ ×{factor:.2g}"] if factor else [])]))
+            rows[-1].append("\n".join([*text, *([factor] if factor else [])]))
     headings = [f"{counted(line['frames'], 'frame')}\n{unit.name}" for line in lines]
     print_table(rows, ["position error over", *headings])
     if any(of["position_from_halves"] for line in lines for of in line["methods"].values()):
         print("* the ground truth cannot separate the methods here: ratio from halves of the tracks")
+
+
+def print_over_logs(content: dict[str, Any]) -> None:
+    """Print the conclusion of several logs, and the ratios of errors to those of the window with their intervals."""
+    from ..evaluation.drift import KINDS
+    from ..report.tables import of_method
+
+    print(content["conclusion"])
+    if not content["verdict"]:
+        return
+    headings = ["all spans", *(counted(line["frames"], "frame") for line in content["table"])]
+    rows = []
+    for key, ratios in content["verdict"]["ratios"].items():
+        for kind in KINDS:
+            cells = [ratios, *(line["methods"].get(key) for line in content["table"])]
+            texts = [
+                "–" if of is None else "×{:.2f}\n[{:.2f}, {:.2f}]".format(of[kind]["value"], *of[kind]["ci95"])
+                for of in cells
+            ]
+            rows.append([f"{of_method(key).name}, {kind}", *texts])
+    print_table(rows, [f"over {of_method('cross-frame').name}, {counted(len(content['logs']), 'log')}", *headings])
 
 
 def print_evaluation(runs: Sequence[dict[str, Any]]) -> None:
@@ -68,8 +90,8 @@ def print_evaluation(runs: Sequence[dict[str, Any]]) -> None:
     from ..evaluation.figures import ABSOLUTE, ACCURACY, CONSISTENCY, OF_RUNS, units_of
 
     figures = (ACCURACY[0], ABSOLUTE[0], *ACCURACY[1:], *ABSOLUTE[1:], *CONSISTENCY, *OF_RUNS)
-    errors = [run["ground_truth"] | _over_sigma(run["ground_truth"]) for run in runs]
-    shown = [figure for figure in figures if any(figure.key in of for of in errors)]
+    errors = [run["ground_truth"] for run in runs]
+    shown = [figure for figure in figures if any(of.get(figure.key) is not None for of in errors)]
     headings, cells = _columns(shown, errors, units_of(errors, shown))
     rows = [
         [broken_at(run["run"], "/._-", _NAME_WIDTH), run["method"], str(of["frames_compared"]), *row]
@@ -95,12 +117,6 @@ def print_batch(content: dict[str, Any], folder: Path) -> None:
             rows[-1] += [str(summary["frames"]["estimated"]), str(summary["frames"]["lost"]), *row]
     print_table(rows, ["log", "status", "frames", "lost", *headings], text_columns=2)
     print(f"{conclusion(content)}\n{printable(str(folder / 'report.html'))}")
-
-
-def _over_sigma(figures: dict[str, Any]) -> dict[str, float]:
-    """Return the error of the relative motion over its σ, for the shortest span."""
-    spans = figures.get("relative_consistency")
-    return {"relative_motion_over_sigma": spans[0]["factor"]} if spans else {}
 
 
 def _columns(
@@ -151,7 +167,9 @@ def _run_rows(summary: dict[str, Any], stages: bool) -> Iterator[tuple[str, str]
         half, _, calibrated = name.partition("_")
         if spans or not calibrated:
             calibration = ", with one calibration" if calibrated else ""
-            yield f"halves of the {half}", f"differ by {factors_text(spans)}{calibration}"
+            of_rig = spans[-1].get("factor_common") if spans else None
+            rigs = "" if of_rig is None else f", their rigs by {of_rig:.2f} ×"
+            yield f"halves of the {half}", f"differ by {factors_text(spans)}{calibration}{rigs}"
     if back := summary.get("there_and_back"):
         share = f" ({back['apart_percent']:.2g} % of the path)" if back["apart_percent"] is not None else ""
         yield (
@@ -199,6 +217,7 @@ def _truth_rows(truth: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
     yield "scale error", f"{shown('scale_error_percent', '+.2f')} %"
     if truth["relative_consistency"]:
         yield "relative motion", f"error of {factors_text(truth['relative_consistency'])}"
+        yield from _parts_rows(truth)
     exact = "" if any(truth["std_truth"]) else ", against a truth taken as exact"
     yield "NEES of the pose", f"{shown('nees_pose_mean')} (expected: 6){exact}"
     if truth["local_structure_rms_m"] is not None:
@@ -207,6 +226,18 @@ def _truth_rows(truth: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
         beyond = f"{shown('local_structure_beyond_3_sigma_percent')} % beyond 3 (expected: 0.27 %)"
         yield "local structure", f"{median} m median error, {rms} m RMS, {over} × the estimated σ"
         yield "in units of σ", f"{usual} median (expected: 0.67), {beyond}"
+    if truth.get("global_structure_rms_m") is not None:
+        rms, over = shown("global_structure_rms_m", ".4f"), shown("global_structure_error_over_sigma")
+        yield "test points in the world", f"{rms} m RMS, {over} × the estimated σ"
+
+
+def _parts_rows(truth: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield σ in two figures: own errors of the motions, and errors of the rig; nothing where there is only one."""
+    if truth.get("rig_over_sigma") is None:  # an exact rig, or a run of an earlier version
+        return
+    known = [span for span in truth["relative_consistency"] if span["factor_own"] is not None]
+    yield "  own part", f"{factors_text(known, 'factor_own')}, given the rig"
+    yield "  errors of the rig", f"{truth['rig_over_sigma']:.2f} × their estimated σ, once per run"
 
 
 def _milliseconds(times: dict[str, float | None]) -> str:

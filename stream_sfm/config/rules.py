@@ -26,7 +26,7 @@ class MotionRules(Section, frozen=True, kw_only=True):
     max_gap_s: Annotated[float, expert("time to seek the tracks of the last good frame, s", 0, 100)] = 1.0
     # It is 0.93 or more in the first frames of calm scenes, and 0.68 to 0.77 in a crowd, with a right or wrong
     # motion.
-    calm_start: Annotated[float, expert("share of new points that agree with a camera's motion", 0, 1)] = 0.8
+    calm_start: Annotated[float, expert("share of new points that agree with a camera's motion", 0, 0.999)] = 0.8
     # It is half a second for most cameras. With more, the last old tracks in a turn would outvote all new ones.
     full_history: Annotated[int, expert("frames of agreement beyond which history no longer counts", 1, 1000)] = 10
     # A body that enters the view is outvoted, but not for ever once it is all that is left in most of the image.
@@ -41,8 +41,8 @@ class MotionRules(Section, frozen=True, kw_only=True):
     unsteady_frames: Annotated[int, expert("frames over which changes of the motion are averaged", 1, 10_000)] = 30
     # A few frames say more than the assumptions about any camera.
     assumed_frames: Annotated[float, expert("weight of the assumed changes of motion, frames", 1, 10_000)] = 5.0
-    # If one set of tracks leaves the view, the other need not be the background.
-    ambiguity_lasts: Annotated[float, expert("how long an ambiguity remains, share of its duration", 0, 1000)] = 1.0
+    # These are odds of 10, beyond which a second motion leaves no doubt either (`robust.ambiguous_share`).
+    confirmed_nats: Annotated[float, expert("evidence of new points that confirms a motion, nats", 0.01, 1e6)] = 2.3
     # Fewer agree by chance.
     hidden_views: Annotated[int, expert("least number of new tracks of a body in front", 2, 10**9)] = 12
     one_body: Annotated[bool, expert("refuse motions between those of two bodies")] = True

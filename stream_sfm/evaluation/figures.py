@@ -46,9 +46,16 @@ ABSOLUTE = (Figure("ate_rmse_m", "ATE", ERRORS), Figure("scale_error_percent", "
 LOCAL = (
     Figure("local_structure_median_m", "local structure", STRUCTURE),
     Figure("local_structure_error_over_sigma", "… over σ", "1 expected"),
+    Figure("global_structure_rms_m", "test points in the world", STRUCTURE),
+    Figure("global_structure_error_over_sigma", "… over σ", "1 expected"),
+)
+# σ in two figures: what is each motion's own, and what the rig adds to all motions of a run alike.
+SIGMA = (
+    Figure("own_motion_over_sigma", "own motion over σ", "1 expected"),
+    Figure("rig_over_sigma", "rig over σ"),
 )
 OF_RUNS = (
-    Figure("relative_motion_over_sigma", "motion over σ", "1 expected"),
+    *SIGMA,
     Figure("ate_rmse_sim3_m", "ATE, Sim(3)", ERRORS),
     Figure("metres_per_unit", "one unit", "m"),
 )

@@ -1,4 +1,8 @@
-"""Two sets of runs over the same logs, such as two batches: which one drifts less, with an interval over the logs."""
+"""Ratios of errors over several logs, each of which is one sample, with intervals.
+
+Two sets of runs over the same logs, such as two batches: which one drifts less. Methods of one comparison per log use
+the same ratio (`report/over_logs.py`).
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +18,7 @@ _LEAST = 2  # logs that an interval needs
 
 @record
 class Ratio:
-    """The geometric mean over `logs` of one figure of the second set over that of the first, with 95 % interval."""
+    """The geometric mean over `logs` of ratios of one figure, with its 95 % interval."""
 
     value: float
     ci95: tuple[float, float]
@@ -46,24 +50,32 @@ def paired(rows: Sequence[Mapping[str, Any]]) -> Paired | None:
     """Return the ratios of two sets of runs, each in a folder of its own; None if there are not two with common logs.
 
     `rows`: the folder of a run, its log and its figures against ground truth. Each log counts once, however long it
-    is: the mean of the logarithms of its ratios, with Student's interval. The intervals are wide enough that all
-    of them together hold in 95 % of such comparisons (Bonferroni).
+    is. The intervals are wide enough that all of them together hold in 95 % of such comparisons (Bonferroni).
     """
     sets: dict[str, dict[str, Mapping[str, Any]]] = {}
     for row in rows:
         sets.setdefault(str(Path(row["run"]).parent), {})[str(row["log"])] = row["ground_truth"]
     if len(sets) != 2:
         return None
-    from scipy.special import stdtrit  # of the extra `study`; one run needs none
-
     (first, of_first), (second, of_second) = sets.items()
     ratios = {}
     for key in FIGURES:
         pairs = [(of_first[log].get(key), of_second[log].get(key)) for log in of_first if log in of_second]
-        logarithms = np.log([b / a for a, b in pairs if a and b])
-        if (logs := len(logarithms)) >= _LEAST:
-            quantile = stdtrit(logs - 1, 1 - 0.025 / len(FIGURES))
-            half = quantile * logarithms.std(ddof=1) / np.sqrt(logs)
-            value, low, high = np.exp([logarithms.mean(), logarithms.mean() - half, logarithms.mean() + half])
-            ratios[key] = Ratio(float(value), (float(low), float(high)), logs)
+        if (ratio := mean_ratio([b / a for a, b in pairs if a and b], len(FIGURES))) is not None:
+            ratios[key] = ratio
     return Paired(first, second, ratios) if ratios else None
+
+
+def mean_ratio(of_logs: Sequence[float], together: int) -> Ratio | None:
+    """Return the geometric mean of the ratios of logs with Student's interval; None of fewer than two.
+
+    `together`: the number of such intervals that all hold in 95 % of comparisons.
+    """
+    if (logs := len(of_logs)) < _LEAST:
+        return None
+    from scipy.special import stdtrit  # of the extra `study`; one run needs none
+
+    logarithms = np.log(of_logs)
+    half = stdtrit(logs - 1, 1 - 0.025 / together) * logarithms.std(ddof=1) / np.sqrt(logs)
+    value, low, high = np.exp([logarithms.mean(), logarithms.mean() - half, logarithms.mean() + half])
+    return Ratio(float(value), (float(low), float(high)), logs)

@@ -2,10 +2,12 @@
 
 The error of a pose in the world contains all drift since the start; that of a relative motion depends only on its own
 frames. It is compared with its covariance, either against ground truth, which has its own σ, or without truth between
-estimates from disjoint parts of the observations (`run/self_test.py`).
+estimates from disjoint parts of the observations (`run/self_test.py`). Against ground truth, the errors of the rig,
+which all motions share, are also told apart from those of each motion (`own_and_common.py`).
 """
 
 from array import array
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +18,7 @@ from ..geometry.linear import mahalanobis2
 from ..motion import Motion
 from ..types import FrameEstimate, Trajectory
 from .association import matched
+from .own_and_common import OwnAndCommon, own_and_common
 
 SPANS = (1, 2, 5, 8, 10, 20, 50, 100)
 OF_WINDOW = SPANS[:4]  # frames within the window and its covariance
@@ -23,6 +26,7 @@ _CHAINED = 20, 40  # composed of these; longer spans are composed of them
 _UPPER = np.triu_indices(6)
 _NUMBERS = 6 + len(_UPPER[0])  # numbers of a motion and its covariance
 _LONGEST = max(SPANS)
+_MOST_KEPT = 300  # frames whose motions are kept with their common errors, some 16 kB each: enough for both factors
 
 
 class Motions(NamedTuple):
@@ -34,7 +38,7 @@ class Motions(NamedTuple):
 
 
 class RelativeRecord:
-    """Collects relative motions: some 1700 bytes per frame, and more for the last hundred.
+    """Collects relative motions: some 1700 bytes per frame, and more for the last hundred and every k-th.
 
     `stamps_ns`, `frame_indices`: of all frames; some indices are missing if a file was damaged.
     """
@@ -43,6 +47,8 @@ class RelativeRecord:
         self.stamps_ns, self.frame_indices = array("q"), array("q")
         self._numbers = array("d")  # per frame: a row per span, NaN without a motion
         self._recent: dict[int, dict[int, Motion | None]] = {}  # those of the window, by end frame and span
+        self._kept: dict[int, dict[int, Motion]] = {}  # those of every k-th frame, by end frame and span
+        self._every = 1
 
     def add(self, estimate: FrameEstimate) -> None:
         """Add the motions of one estimate; over spans longer than the window, motions of the window are composed."""
@@ -59,6 +65,11 @@ class RelativeRecord:
             numbers[list(found), :6] = se3.log(np.stack([m.earlier_from_newest for m in found.values()]))
             numbers[list(found), 6:] = np.stack([m.cov for m in found.values()])[:, *_UPPER]
         self._numbers.frombytes(numbers.tobytes())
+        if end % self._every == 0:
+            self._kept[end] = {SPANS[k]: motion for k, motion in found.items()}
+        if len(self._kept) > _MOST_KEPT:
+            self._every *= 2
+            self._kept = {end: motions for end, motions in self._kept.items() if end % self._every == 0}
 
     def _over(self, span: int, end: int) -> Motion | None:
         """Return the motion over a span, composed of as few motions as possible; None if one is missing."""
@@ -80,6 +91,11 @@ class RelativeRecord:
         cov[:, _UPPER[0], _UPPER[1]] = cov[:, _UPPER[1], _UPPER[0]] = numbers[rows, 6:]
         return Motions(np.array(self.frame_indices, np.int64)[rows], se3.exp(numbers[rows, :6]), cov)
 
+    def of_one_rig(self, span: int) -> tuple[list[Motion], float]:
+        """Return motions over a span, with the common errors of the rig at the end, and how many overlap each."""
+        found = [motions[span] for motions in self._kept.values() if span in motions]
+        return [m for m in found if m.common_since == found[-1].common_since], max(1.0, span / self._every)
+
 
 def against_truth(
     record: RelativeRecord, truth: Trajectory, std_truth: tuple[float, float]
@@ -90,17 +106,38 @@ def against_truth(
     at = np.full(indices.max(initial=-1) + 1, -1)  # rows of the truth by frame index
     at[indices[rows]] = np.arange(len(rows))
     cov_truth = 2 * np.diag(np.repeat(np.square(std_truth), 3))
+
+    def expected(ends: NDArray[np.int64], span: int) -> Array:
+        return np.asarray(se3.inverse(true.world_from_cam[at[ends - span]]) @ true.world_from_cam[at[ends]])
+
     result = []
     for span in SPANS:
         motions = record.motions(span)
         known = (at[motions.ends] >= 0) & (at[motions.ends - span] >= 0)
         if not known.any():
             continue
-        ends, poses = motions.ends[known], motions.earlier_from_end[known]
-        expected = se3.inverse(true.world_from_cam[at[ends - span]]) @ true.world_from_cam[at[ends]]
-        error = se3.log(se3.inverse(poses) @ expected)
-        result.append({"frames": span, **factors(error, motions.cov[known] + cov_truth, poses)})
+        poses = motions.earlier_from_end[known]
+        error = se3.log(se3.inverse(poses) @ expected(motions.ends[known], span))
+        whole = factors(error, motions.cov[known] + cov_truth, poses)
+        of_rig, alike = record.of_one_rig(span)
+        used = [m for m in of_rig if m.newest is not None and min(at[m.newest], at[m.newest - span]) >= 0]
+        parts = OwnAndCommon(None, None, 0.0)
+        if used:
+            parts = own_and_common(used, expected(np.array([m.newest for m in used]), span), cov_truth, alike)
+        result.append({"frames": span, **whole, "factor_own": parts.own, "factor_common": parts.common})
     return result
+
+
+def over_sigma(spans: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
+    """Return σ in two figures for a whole run: the own part of motions over one frame, and the errors of the rig.
+
+    The latter come from the longest span of the window that shows them.
+    """
+    of_rig = [f for span in spans if span["frames"] in OF_WINDOW and (f := span["factor_common"]) is not None]
+    return {
+        "own_motion_over_sigma": spans[0]["factor_own"] if spans else None,
+        "rig_over_sigma": of_rig[-1] if of_rig else None,
+    }
 
 
 def factors(error: Array, cov: Array, poses: Array) -> dict[str, Any]:

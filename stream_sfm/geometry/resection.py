@@ -120,10 +120,10 @@ def refine(views: PointViews, weights: Array, cam_from_ref: Array, amplitudes: A
     return filled(Resection, found, ambiguous_share=views.settings.ambiguous_share)
 
 
-def expected(found: Resection, predicted: Array, std_change: Array) -> Resection:
-    """Return the combination of a motion from views and a prediction (4, 4) with σ (6,) of its change, eq. (23e)."""
+def expected(found: Resection, predicted: Array, cov_predicted: Array) -> Resection:
+    """Return the combination of a motion from views and a prediction (4, 4) with its covariance (6, 6), eq. (23e)."""
     cov = found.cov_pose
-    gain = np.linalg.solve(cov + np.diag(std_change**2), cov).T
+    gain = np.linalg.solve(cov + cov_predicted, cov).T
     back = se3.log(found.cam_from_ref @ se3.inverse(predicted))
     cam_from_ref = se3.exp(-gain @ back) @ found.cam_from_ref
     return changed(found, cam_from_ref=cam_from_ref, cov_pose=cov - gain @ cov)

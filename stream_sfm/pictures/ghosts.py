@@ -3,12 +3,13 @@
 A camera that delivers a·(last image) + (1 − a)·(current view) delays all steady motion by a/(1 − a) frames. While the
 motion changes, patches are mixtures of two places, and alignment puts them somewhere in between. Both cameras do the
 same, so left and right are consistent. The evidence is a second picture in each patch: the one that was at the same
-pixels in the last frame. A patch I is compared with the patch T of the same point some frames earlier, and with the
-patch P of the last image at the pixels of I. Changes of light, position, warp and blur of T explain most of I: their
-regressors are 1, T, its first derivatives, these times x and y, and its second derivatives. The residual of I, r_I, is
-regressed on the residual of P, r_P: over all patches, share = Σ r_I·(r_P − r_O) / Σ r_P². It is a if T has no ghost of
-its own, less if T has a similar one, and zero in sound images, whose noise is independent between frames. O is the
-patch of the last image on the other side of the point: changes by a fast approach resemble O as much as P.
+pixels in the last frame, or in an earlier one if the view has hardly moved since. A patch I is compared with the patch
+T of the same point some frames earlier, and with the patch P of the last image at the pixels of I. Changes of light,
+position, warp and blur of T explain most of I: their regressors are 1, T, its first derivatives, these times x and y,
+and its second derivatives. The residual of I, r_I, is regressed on the residual of P, r_P: over all patches,
+share = Σ r_I·(r_P − r_O) / Σ r_P². It is a, or aⁿ with the n-th image before, if T has no ghost of its own, less if T
+has a similar one, and zero in sound images, whose noise is independent between frames. O is the patch of the last image
+on the other side of the point: changes by a fast approach resemble O as much as P.
 
 The second control is the direction of time: r_I·r_P less the same with the two images exchanged, r_J·r_N, where J is
 the patch in the last image and N the patch of the current image at the pixels of J. Sensor patterns that stay at their
@@ -69,19 +70,24 @@ class Ghosts:
 def _sums(views: tuple[View, ...], rules: GhostRules) -> Array:
     """Return sums (2, 5) over patches of the last of these frames, for both controls; zeros if too few move.
 
-    They are those of p = r_I·(r_P − r_O), s = r_P², p², p s and s², and the same with p = r_I·r_P − r_J·r_N.
+    They are those of p = r_I·(r_P − r_O), s = r_P², p², p s and s², and the same with p = r_I·r_P − r_J·r_N. P is taken
+    from the latest frame since which enough patches have moved.
     """
-    before, now = views[-2] if len(views) > 1 else views[-1], views[-1]
-    last_px = before.of(now.ids)
-    usable = np.linalg.norm(now.left_px - last_px, axis=1) > rules.least_px
-    usable &= now.inside(now.left_px) & now.inside(2 * last_px - now.left_px)
-    first, usable = _oldest(views[:-1], now, usable)
-    rows = usable.nonzero()[0]
-    if len(rows) < rules.fewest:
-        return _NOTHING
-    rows = rows[:: -(-len(rows) // rules.patches)]
-    at_px = now.left_px[rows], last_px[rows], first.of(now.ids)[rows]
-    return core.ghost_sums(now.image, before.image, first.image, *at_px, rules.noise_grey, rules.least_square)
+    now = views[-1]
+    for at in reversed(range(len(views) - 1)):
+        before = views[at]
+        last_px = before.of(now.ids)
+        usable = np.linalg.norm(now.left_px - last_px, axis=1) > rules.least_px
+        usable &= now.inside(now.left_px) & now.inside(2 * last_px - now.left_px)
+        first, usable = _oldest(views[: at + 1], now, usable)
+        rows = usable.nonzero()[0]
+        if len(rows) >= rules.fewest:
+            rows = rows[:: -(-len(rows) // rules.patches)]
+            at_px = now.left_px[rows], last_px[rows], first.of(now.ids)[rows]
+            return core.ghost_sums(
+                now.image, before.image, first.image, *at_px, rules.noise_grey, rules.least_square
+            )
+    return _NOTHING
 
 
 def _oldest(views: tuple[View, ...], now: View, usable: NDArray[np.bool_]) -> tuple[View, NDArray[np.bool_]]:

@@ -1,6 +1,7 @@
 """The first line of a comparison: which methods drift less than the window, or more, and which covariances hold.
 
-A method is ahead or behind only if an interval says so: of two equal methods, this names a winner in 5 % of logs.
+A method is ahead or behind only if an interval says so, within a log or over several: of two equal methods, this names
+a winner in 5 % of comparisons.
 """
 
 from collections.abc import Mapping
@@ -22,22 +23,29 @@ def verdict_of(methods: Mapping[str, Compared]) -> dict[str, Any] | None:
     """Return the ratios of the errors of methods to those of the window, and who is ahead of it, behind, or neither.
 
     None without the window, or if no ratio has an interval: the log is too short. The ratios of position and rotation
-    hold together in 95 % of logs. A method is ahead if one of them is below 1 and the other not above, `mixed` if they
-    contradict each other.
+    hold together in 95 % of logs.
     """
     window = methods.get(key_of(REFERENCE))
     ratios: dict[str, Any] = {}
-    found: dict[str, list[str]] = {"ahead": [], "behind": [], "mixed": [], "level": []}
     for key, method in methods.items():
         if window is None or method is window:
             continue
         both = paired_ratio(method.poses, window.poses, method.truth, window.truth)
-        if both is None:
-            continue
-        better, worse = any(ratio.high < 1 for ratio in both), any(ratio.low > 1 for ratio in both)
+        if both is not None:
+            ratios[key] = dict(zip(KINDS, map(of_interval, both), strict=True))
+    return decided(ratios) if ratios else None
+
+
+def decided(ratios: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> dict[str, Any]:
+    """Return the `ratios` by method and kind with who is ahead of the window, behind it, or neither.
+
+    A method is ahead if one interval is below 1 and the other not above, `mixed` if they contradict each other.
+    """
+    found: dict[str, list[str]] = {"ahead": [], "behind": [], "mixed": [], "level": []}
+    for key, both in ratios.items():
+        better, worse = any(r["ci95"][1] < 1 for r in both.values()), any(r["ci95"][0] > 1 for r in both.values())
         found["mixed" if better and worse else "ahead" if better else "behind" if worse else "level"].append(key)
-        ratios[key] = dict(zip(KINDS, map(of_interval, both), strict=True))
-    return {"ratios": ratios, **found} if ratios else None
+    return {"ratios": ratios, **found}
 
 
 def in_words(content: dict[str, Any], methods: dict[str, Any]) -> str:
@@ -45,7 +53,7 @@ def in_words(content: dict[str, Any], methods: dict[str, Any]) -> str:
 
     What is decided against the window comes first.
     """
-    found = [*_who_is_ahead(content["verdict"]), _which_hold(methods, content["as_is"]), _as_replayed(methods)]
+    found = [*who_is_ahead(content["verdict"]), _which_hold(methods, content["as_is"]), _as_replayed(methods)]
     if content["common"] is not None:
         found.append(f"All methods share {content['common']['text']}, which is removed here")
     sentences = [sentence for sentence in found if sentence]
@@ -58,7 +66,7 @@ def in_words(content: dict[str, Any], methods: dict[str, Any]) -> str:
     return " ".join(f"{sentence}." for sentence in sentences)
 
 
-def _who_is_ahead(verdict: dict[str, Any] | None) -> list[str]:
+def who_is_ahead(verdict: dict[str, Any] | None, shown_by: str = "This log") -> list[str]:
     """Return a sentence on the methods ahead of the window, on those behind it, and on those that are neither."""
     if verdict is None:
         return []
@@ -76,7 +84,7 @@ def _who_is_ahead(verdict: dict[str, Any] | None) -> list[str]:
         sentences.append(f"{_capital(window)} errs less than {listed('behind')}")
     if verdict["level"]:
         names = [of_method(key).name for key in verdict["level"]]
-        sentences.append(f"This log cannot separate {window} from {in_a_row(names)}")
+        sentences.append(f"{shown_by} cannot separate {window} from {in_a_row(names)}")
     return sentences
 
 

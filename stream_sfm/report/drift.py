@@ -93,13 +93,14 @@ def _verdict(methods: Mapping[str, Compared], of_truth: bool) -> dict[str, Any] 
 
 
 def _add_factors(table: list[dict[str, Any]], c: Comparison, against: Against) -> None:
-    """Add to the table the factor by which σ of relative motions would have to grow, if the truth can show it."""
+    """Add to the table the factors by which σ of relative motions would have to grow, if the truth can show them."""
     for run in whole_runs(c):
         truth = Trajectory(run.stamps_ns[against.row], against.corrected)
-        factors = {f["frames"]: f["factor"] for f in against_truth(run.relative, truth, c.truth.std)}
+        factors = {f["frames"]: f for f in against_truth(run.relative, truth, c.truth.std)}
         for line in table:
             of = line["methods"][run.key]
-            of["sigma_factor"] = None if of["position_from_halves"] else factors.get(line["frames"])
+            found = {} if of["position_from_halves"] else factors.get(line["frames"], {})
+            of |= {f"sigma_{name}": found.get(name) for name in ("factor", "factor_own")}
 
 
 def common_in_numbers(common: Common) -> dict[str, Any] | None:

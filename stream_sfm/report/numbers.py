@@ -27,7 +27,8 @@ from .records import OF_RUN, Comparison, RunRecord, Truth, median, quantiles
 SCHEMA_VERSION = 1
 _AGAINST_TRUTH = (
     *FIGURES, "growth_exponent", "growth_exponent_ci95", "growth_exponent_rotation", "growth_exponent_rotation_ci95",
-    "rpe_position_rms_m", "rpe_rotation_rms_deg", "std_truth", "relative_consistency", "straight", "turning",
+    "rpe_position_rms_m", "rpe_rotation_rms_deg", "std_truth", "relative_consistency",
+    "own_motion_over_sigma", "rig_over_sigma", "straight", "turning",
 )  # fmt: skip
 _NO_CONSISTENCY = dict.fromkeys(("nees_pose_mean_without_common", "sigma_factor", "sigma_factor_from"))
 _TURN_SPAN = 10  # span in frames over which the camera counts as straight or turning

@@ -16,6 +16,7 @@ from ..evaluation.figures import (
     ERRORS,
     LOCAL,
     OF_COMPARISON,
+    SIGMA,
     STRUCTURE,
     TIME,
     Figure,
@@ -31,16 +32,17 @@ from ..types import Status, Trajectory
 from . import charts
 from .charts import Traces, traces_of
 from .inertia import inertial_rows
+from .matches import matches
 from .numbers import figures_of
 from .records import OF_RUN, Comparison, RunRecord
 from .svg import Chart, Series, draw
-from .tables import Name, Table, of_method, of_runs, render, table, text_of
+from .tables import Name, Table, of_method, of_runs, render, sigma_text, table, text_of
 
 PAGE_OF_LOG = "report.html"  # in the folder of a log of a batch
 REPORT = ("report.json", "report.html")  # the files of a report
 _RATIO = (Figure("ratio", "position error", "over cross-frame"),)
 _EXTENT = (Figure("frames", "frames"), Figure("path_length_m", "path", "m"))
-_OF_BATCH = (*_EXTENT, *ACCURACY, *CONSISTENCY, *ABSOLUTE, *LOCAL)
+_OF_BATCH = (*_EXTENT, *ACCURACY, *CONSISTENCY, *SIGMA, *ABSOLUTE, *LOCAL)
 _UNFINISHED = (Figure("status", "status"), Figure("reason", "reason"))
 _COSTS = (
     Figure("degraded", "degraded"),
@@ -73,6 +75,7 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
     errors, local, more = units[ERRORS], units[STRUCTURE], []
     if traces:
         more = [charts.errors(traces, 1, errors), charts.structure(c.runs, local)]
+        more += charts.test_points(c.runs, c.truth.poses, local)
     return render(
         "compare.html.j2",
         title=c.log,
@@ -87,10 +90,11 @@ def render_comparison(c: Comparison, content: dict[str, Any]) -> str:
         reference=of_method(of_spans["reference"]).name,
         drift_charts=[charts.drift(of_spans, kind, _unit_of_spans(of_spans)) for kind in (0, 1)],
         main=table((*figures, *_RATIO, *TIME), names, methods, units),
-        further=table((*OF_COMPARISON, *(of.figure for of in OF_RUN if of.further)), names, methods, units),
+        further=table((*SIGMA, *OF_COMPARISON, *(of.figure for of in OF_RUN if of.further)), names, methods, units),
         charts=_charts(c, content, traces, errors),
         more_charts=more,
         lives=charts.lives(c.front),
+        matches=matches(c.needles),
         masks=charts.masks(masked_by(c.config, c.rig)),
         statuses=[(look.name, {s: r.count(s) for s in Status}) for look, r in zip(looks, c.runs, strict=True)],
         warnings=list(dict.fromkeys([*(content["health"].get("problems") or ()), *content["warnings"]])),
@@ -111,11 +115,11 @@ def _spans(content: dict[str, Any], names: Sequence[Name], runs: Sequence[RunRec
 def _span_cell(of: dict[str, Any] | None, content: dict[str, Any], unit: LengthUnit) -> str:
     if of is None:
         return text_of(None)
-    ratio, factor = of.get(f"position_over_{content['reference']}"), of.get("sigma_factor")
+    ratio = of.get(f"position_over_{content['reference']}")
     below = [] if ratio is None else [text_of(ratio)]
     if of["position_from_halves"]:
         below.append("from halves" if ratio else "the truth cannot tell")
-    below += [f"σ × {factor:.2g}"] if factor else []
+    below += filter(None, [sigma_text(of)])
     lines = Markup("").join(Markup("<small>{}</small>").format(line) for line in below)
     return text_of(of["position_rms_m"], unit.per_m) + lines
 
@@ -178,7 +182,7 @@ def render_evaluation(runs: Sequence[Evaluated]) -> str:
     unit = unit_for(*(trace.position_m for trace in traces.values()))
     looks = of_runs([run.name for run in runs])
     names = [Name(run.name, of_method(run.method).name, looks(run.name).colour) for run in runs]
-    figures = (Figure("frames_compared", "frames"), *ACCURACY, *CONSISTENCY, *ABSOLUTE)
+    figures = (Figure("frames_compared", "frames"), *ACCURACY, *CONSISTENCY, *SIGMA, *ABSOLUTE)
     return render(
         "evaluation.html.j2",
         title=counted(len(runs), "run"),

@@ -77,6 +77,14 @@ def text_of(value: Any, factor: float = 1.0) -> str:
     return number_text(value, factor).replace("-", "−")
 
 
+def sigma_text(of: dict[str, Any]) -> str:
+    """Return the factor by which σ of a method over a span would have to grow, and that of its own part."""
+    factor, own = of.get("sigma_factor"), of.get("sigma_factor_own")
+    if factor is None:
+        return ""
+    return f"σ × {factor:.2g}" if own is None or own == factor else f"σ × {factor:.2g}, own {own:.2g}"
+
+
 class Look(NamedTuple):
     """The name of a line in a chart, and its colour, a variable of page.css."""
 

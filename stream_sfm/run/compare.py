@@ -32,6 +32,7 @@ from ..system.outputs import RESULTS, refuse_overwriting
 from ..types import FrameEstimate, Selection, Sink
 from .lane import Lane
 from .loop import Check, RunOutcome, run
+from .needles import NeedlesOfFrame
 from .self_test import MOST_FRAMES, Halves, SelfTest
 from .stored import StoredObservations
 from .summary import summarise
@@ -149,6 +150,7 @@ class _Comparing:
                 Lane(c, reporting, self._depth, folder and folder / key_of(c.method), True) for c in of_methods
             ]
         self._stored = StoredObservations(self._finder)
+        self._needles = NeedlesOfFrame(observer, (selection.count(log.expected_frames) or 0) // 2)
 
     def close(self) -> None:
         """Remove what is stored."""
@@ -186,12 +188,12 @@ class _Comparing:
 
     def _observe(self, counter: "_Counter") -> RunOutcome:
         """Make the first pass: all observations, and the calibration errors."""
-        checks = (self._stored, counter)
+        checks = (self._stored, self._needles, counter)
         with deferred_interrupts() as interruption:
             return run(
                 self._log,
                 self._finder,
-                (),
+                (self._needles,),
                 checks,
                 selection=self._selection,
                 interruption=interruption,
@@ -242,7 +244,7 @@ class _Comparing:
         found.complete, found.interrupted = stats.complete and outcome.complete, outcome.interrupted
         observer = self._finder.observer
         found.calibration = None if rig is None else describe(observer.projection, rig, observer.state.rows)
-        found.runs = [lane.record for lane in self._lanes]
+        found.runs, found.needles = [lane.record for lane in self._lanes], self._needles.found
         if found.truth.poses is not None:
             stamps_ns = max(found.runs, key=len).stamps_ns
             poses = without_frames(found.truth.poses, stamps_ns, found.truth.ignored)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ..config import Config
 from ..errors import StreamSfmError
 from ..estimators import make_estimator
+from ..evaluation.own_and_common import common_apart
 from ..evaluation.relative_consistency import OF_WINDOW, factors
 from ..geometry import Array, se3
 from ..geometry.linear import mahalanobis2
@@ -46,6 +47,7 @@ class SelfTest:
         self._middle_px = (projection.width - 1) / 2
         self._pairs = {test: _pair("cross-frame", projection, config) for test in TESTS}
         self._apart: dict[tuple[str, int], list[tuple[Array, Array, Array]]] = {}
+        self._common: dict[str, float | None] = {}  # the distance of the halves' common errors over its σ, latest
         self._born_left: dict[int, bool] = {}  # for the tracks in view
 
     def add(self, observed: Observed, estimates: Mapping[str, FrameEstimate]) -> None:
@@ -80,13 +82,20 @@ class SelfTest:
             cov = one.cov_own + other.cov_own + apart @ share @ other.cov_common @ apart.T
             error = se3.log(se3.inverse(poses[0]) @ poses[1])
             self._apart.setdefault((test, span), []).append((error, cov, poses[0]))
+            self._common[test] = common_apart(one, other)
 
     def result(self) -> dict[str, list[dict[str, Any]]]:
-        """Return test -> for each span with motions of both halves: `frames`, `count`, `factor`, `factor_axes` …"""
+        """Return test -> for each span with motions of both halves: `frames`, `count`, `factor`, `factor_axes` …
+
+        Both halves are given the same errors of the rig, so that `factor` is that of their own errors; what they found
+        of the rig in the end is compared by `factor_common`.
+        """
         found: dict[str, list[dict[str, Any]]] = {test: [] for test in TESTS}
         for test, span in sorted(self._apart, key=lambda key: key[1]):
             error, cov, poses = (np.stack(part) for part in zip(*self._apart[test, span], strict=True))
-            found[test].append({"frames": span, **factors(error, cov, poses)})
+            of_motions = factors(error, cov, poses)
+            parts = {"factor_own": of_motions["factor"], "factor_common": self._common[test]}
+            found[test].append({"frames": span, **of_motions, **parts})
         return found
 
 

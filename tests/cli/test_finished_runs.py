@@ -40,7 +40,7 @@ def test_the_table_has_the_figures_that_any_run_has(runs: list[Path], tmp_path: 
     for std in ("0,0", "0.1,0.1"):
         given = (runs[0], "--ground-truth-std", std)
         (found,) = cli("evaluate", *given, "--json").json["runs"]
-        factor = found["ground_truth"]["relative_consistency"][0]["factor"]
+        factor = found["ground_truth"]["relative_consistency"][0]["factor_own"]
         assert f"{factor:#.3g}" in cli("evaluate", *given).out
     sfm.replay(ROOM, tmp_path, sfm.Config(mono=True), sfm.Selection(max_frames=FRAMES))
     figures = cli("evaluate", tmp_path, "--json").json["runs"][0]["ground_truth"]

@@ -35,6 +35,24 @@ def test_table_has_no_rows_of_an_inertial_unit_without_one(capsys: pytest.Captur
     assert "inertia" not in capsys.readouterr().out
 
 
+def test_sigma_of_motions_is_shown_in_two_figures(capsys: pytest.CaptureFixture[str]) -> None:
+    """Own errors of the motions as far as they are told apart, and those of the rig; only one for an exact rig."""
+    spans = [
+        {"frames": 1, "factor": 0.56, "factor_own": 0.76, "factor_common": 0.34},
+        {"frames": 50, "factor": 0.32, "factor_own": None, "factor_common": None},
+    ]
+    known = ("ate_rmse_aligned_m", "ate_rmse_m", "final_drift_percent", "t_rel_percent", "r_rel_deg_per_100m")
+    truth = dict.fromkeys((*known, "scale_error_percent", "nees_pose_mean"), 1.0) | {"local_structure_rms_m": None}
+    truth |= {"segment_lengths_m": [], "std_truth": [0, 0], "relative_consistency": spans}
+    print_summary(_SUMMARY | {"ground_truth": truth | {"rig_over_sigma": 0.34}}, None, stages=False)
+    shown = capsys.readouterr().out
+    assert "error of 0.56, 0.32 × the estimated σ over 1, 50 frames" in shown
+    assert "0.76 × the estimated σ over 1 frames, given the rig" in shown
+    assert "0.34 × their estimated σ, once per run" in shown
+    print_summary(_SUMMARY | {"ground_truth": truth | {"rig_over_sigma": None}}, None, stages=False)
+    assert "given the rig" not in capsys.readouterr().out
+
+
 def test_a_place_less_certain_than_the_path_is_long_is_unknown(capsys: pytest.CaptureFixture[str]) -> None:
     """After a long loss that no view bridges; one of them may be known without the other."""
     end = {

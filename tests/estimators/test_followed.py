@@ -146,10 +146,10 @@ def test_a_doubtful_motion_is_not_followed():
         estimator.step(o)
     current = estimator.map
     assert current is not None
-    of_filter = current.update_marginals()
+    of_filter = current.newest_marginals()
     start = at(of_filter, of_filter.world_from_cam @ newest_motion(current) @ se3.exp(0.01 * np.ones(6)))
-    sure, _ = estimator._marginals(current, current, start, in_question=False)
-    unsure, _ = estimator._marginals(current, current, start, in_question=True)
+    current = changed(current, read=start)
+    sure, unsure = (estimator._with_marginals(current, current, each)[0].marginals for each in (False, True))
     assert unsure.world_from_cam == pytest.approx(of_filter.world_from_cam, abs=1e-12)
     apart = from_filter(sure, unsure.world_from_cam)
     assert 0 < apart @ np.linalg.solve(unsure.cov_pose, apart) < 0.26

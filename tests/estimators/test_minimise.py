@@ -7,40 +7,38 @@ import pytest
 
 from stream_sfm import core
 from stream_sfm.config import Config, WindowConfig
+from stream_sfm.estimators.window import cross_frame
 from stream_sfm.estimators.window import minimise as minimising
-from stream_sfm.estimators.window import window
-from stream_sfm.estimators.window.map import Map
-from stream_sfm.estimators.window.minimise import minimise
+from stream_sfm.estimators.window.minimise import minimised
+from stream_sfm.estimators.window.state import WindowState
 from stream_sfm.record import changed
 from stream_sfm.types import Status
 from tests.helpers.estimators import run
 
 
 class Steps:
-    """A map whose steps predict given decreases; it records the calls."""
+    """A state whose steps predict given decreases; it records the calls."""
 
     def __init__(self, decreases: list[float], is_timed: bool) -> None:
         self.decreases, self.is_timed, self.points, self.done = decreases, is_timed, [1], ""
 
-    def drop_undetermined(self) -> None:
-        pass
-
-    def gauss_newton_step(self) -> float:
+    def stepped(self) -> tuple["Steps", float]:
         self.done += "s"
-        return self.decreases[self.done.count("s") - 1]
+        return self, self.decreases[self.done.count("s") - 1]
 
-    def gate(self, _: float) -> None:
-        self.done += "g"
-
-    def renew_timing(self) -> None:
-        self.done += "r"
+    def with_call(self, call: str) -> "Steps":
+        self.done += call
+        return self
 
 
 @pytest.fixture
 def of_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Replaces `is_timed` and `renew_timing` by those of `Steps`."""
+    """Replaces what `minimised` does with a state by what it does with `Steps`."""
     monkeypatch.setattr(minimising, "is_timed", lambda steps: steps.is_timed)
-    monkeypatch.setattr(minimising, "renew_timing", Steps.renew_timing)
+    monkeypatch.setattr(minimising, "without_undetermined", lambda steps: steps)
+    monkeypatch.setattr(minimising, "gauss_newton_step", Steps.stepped)
+    monkeypatch.setattr(minimising, "gated", lambda steps, _: steps.with_call("g"))
+    monkeypatch.setattr(minimising, "renewed_timing", lambda steps: steps.with_call("r"))
 
 
 @pytest.mark.parametrize(
@@ -57,13 +55,13 @@ def test_steps_end_once_the_predicted_decrease_is_small(
     decreases: list[float], is_timed: bool, done: str, of_steps
 ) -> None:
     steps: Any = Steps(decreases, is_timed)
-    assert minimise(steps, WindowConfig(max_iterations=10), 0.99) == len(decreases)
+    assert minimised(steps, WindowConfig(max_iterations=10), 0.99) == (steps, len(decreases))
     assert steps.done == done
 
 
 def test_a_step_that_gating_enlarges_is_no_divergence_however_late_the_iteration_ends(of_steps) -> None:
     steps: Any = Steps([1e6, 1e-2, 40.0, 1e-4], is_timed=False)
-    assert minimise(steps, WindowConfig(max_iterations=10, converged=1e-3), 0.99) == 4
+    assert minimised(steps, WindowConfig(max_iterations=10, converged=1e-3), 0.99) == (steps, 4)
 
 
 @pytest.mark.parametrize(
@@ -73,24 +71,23 @@ def test_a_step_that_gating_enlarges_is_no_divergence_however_late_the_iteration
 def test_diverging_steps_end_the_map(decreases: list[float], is_timed: bool, of_steps) -> None:
     steps: Any = Steps(decreases, is_timed)
     with pytest.raises(np.linalg.LinAlgError, match="diverges"):
-        minimise(steps, WindowConfig(max_iterations=10), 0.99)
+        minimised(steps, WindowConfig(max_iterations=10), 0.99)
 
 
 def test_a_frame_is_degraded_if_the_joint_minimum_rejects_its_views(arc, monkeypatch) -> None:
     """The motion since the previous frame agrees with nearly all; points that begin there do not determine the pose."""
     config, last = Config(), arc.observations[-1].frame_index
 
-    def refuse(current: Map, *settings: Any) -> int:
-        steps = minimise(current, *settings)
+    def refuse(current: WindowState, *settings: Any) -> tuple[WindowState, int]:
+        current, steps = minimised(current, *settings)
         if current.frames[-1].index == last:
-            known = core.among(current.views.ids, current.marginals.ids) & (
-                current.views.frame == len(current.frames) - 1
-            )
-            used = current.views.used & ~(known & (np.cumsum(known & current.views.used) > 12))
-            current.views = changed(current.views, used=used)
-        return steps
+            views = current.views
+            known = core.among(views.ids, current.marginals.ids) & (views.frame == len(current.frames) - 1)
+            used = views.used & ~(known & (np.cumsum(known & views.used) > 12))
+            current = changed(current, views=changed(views, used=used))
+        return current, steps
 
-    monkeypatch.setattr(window, "minimise", refuse)
+    monkeypatch.setattr(cross_frame, "minimised", refuse)
     *before, refused = run("cross-frame", arc.projection, arc.observations, config)
     assert before[-1].status is Status.OK
     assert refused.status is Status.DEGRADED and "only 12 accepted views" in refused.reason

@@ -8,7 +8,7 @@ import pytest
 from stream_sfm.config import Config, WindowConfig
 from stream_sfm.estimators import make_estimator
 from stream_sfm.estimators.window.inverse_depth import WhitenedViews
-from stream_sfm.estimators.window.outliers import RejectionCounts
+from stream_sfm.estimators.window.outliers import Rejections
 from stream_sfm.geometry import se3
 from stream_sfm.simulation.scenes import Scene
 from stream_sfm.types import Observations, Status
@@ -93,14 +93,12 @@ def right_columns(n: int, std_px: float) -> WhitenedViews:
 def test_tracks_rejected_with_another_rig_are_tried_again() -> None:
     """They are once the estimate of the rig moves views by their error, in one frame or in many."""
     views, bad = right_columns(20, std_px=0.1), np.arange(5)
-    rejections = RejectionCounts(np.zeros(1), WindowConfig())
+    rejections = Rejections(WindowConfig(), np.zeros(1))
     for step in range(1, 10):
-        rejections.add(bad)
-        rejections.ask_again(views, np.array([0.02 * step]))
+        rejections = rejections.with_more(bad).asked_again(views, np.array([0.02 * step]))
     assert rejections.excluded(views.ids).sum() == len(bad)  # 0.18 px do not count as another rig
-    rejections.ask_again(views, np.array([0.21]))
+    rejections = rejections.asked_again(views, np.array([0.21]))
     assert not rejections.excluded(views.ids).any()
     for _ in range(6):  # tracks that still contradict the motion are excluded again
-        rejections.add(bad[:2])
-        rejections.ask_again(views, np.array([0.25]))
+        rejections = rejections.with_more(bad[:2]).asked_again(views, np.array([0.25]))
     assert rejections.excluded(views.ids).nonzero()[0].tolist() == [0, 1]

@@ -1,4 +1,4 @@
-"""An ambiguity is remembered for some frames after its views have gone, then forgotten."""
+"""An ambiguity is remembered after its views have gone, until new points confirm the motion followed."""
 
 import numpy as np
 
@@ -24,32 +24,42 @@ def motion(cam_from_ref: np.ndarray, odds: float | None, views: np.ndarray = ~LA
     return Resection(cam_from_ref, np.eye(6), ~views, 0.0, 34, 1.0, True, np.zeros(40), 1.0, second=second)
 
 
-def others(motions: list[Resection]) -> list[np.ndarray | None]:
-    """The other motion of each frame, or None."""
-    memory, found = AmbiguityMemory(), []
+def others(motions: list[Resection], new_per_frame: int = 0) -> list[np.ndarray | None]:
+    """The other motion of each frame, or None; so many of the first tracks are exchanged for new ones per frame."""
+    memory, found, tracks = AmbiguityMemory(), [], TRACKS
     for frame in motions:
-        memory, other, _ = memory.after(frame, TRACKS)
+        memory, other, _ = memory.after(frame, tracks)
         found.append(None if other is None else other.cam_from_ref)
+        tracks = changed(tracks, ids=tracks.ids + new_per_frame)
     return found
 
 
-def test_an_ambiguity_outlives_its_views_by_ten_frames_with_the_same_difference() -> None:
+def test_an_ambiguity_outlives_its_views_with_the_same_difference() -> None:
     turned = FIRST @ se3.exp([0, 0, 0, 0, 0.1, 0])
     small = motion(FIRST, 0.01)  # a body without history
     none, of_body, own, *remembered = others(
-        [motion(FIRST, None), small, motion(FIRST, 0.5), *[motion(turned, None)] * 11]
+        [motion(FIRST, None), small, motion(FIRST, 0.5), *[motion(turned, None)] * 40]
     )
     assert none is None and of_body is None
     assert own is not None and np.array_equal(own, OTHER_FROM_FIRST @ FIRST)
-    assert remembered.pop() is None
-    assert all(np.allclose(other, OTHER_FROM_FIRST @ turned, atol=1e-12) for other in remembered)
+    assert all(
+        other is not None and np.allclose(other, OTHER_FROM_FIRST @ turned, atol=1e-12) for other in remembered
+    )
 
 
-def test_a_long_ambiguity_lasts_for_as_long_again() -> None:
+def test_new_points_end_an_ambiguity_and_a_new_one_begins_without_memory() -> None:
     clear, ambiguous = motion(FIRST, None), motion(FIRST, 0.5)
-    found = [other is not None for other in others([ambiguous] * 25 + [clear] * 30 + [ambiguous] + [clear] * 30)]
-    # the second ambiguity is new, with no memory of the first
-    assert found == [True] * 50 + [False] * 5 + [True] * 11 + [False] * 20
+    found = [
+        other is not None for other in others([ambiguous] * 25 + [clear] * 15 + [ambiguous] + [clear] * 15, 20)
+    ]
+    first, second = found[25:40].index(False), found[41:].index(False)
+    assert all(found[: 25 + first]) and not any(found[25 + first : 40]) and found[40]
+    assert first == second and 3 <= first <= 9  # however long it has lasted
+
+
+def test_an_ambiguity_that_new_points_contradict_lasts() -> None:
+    clear = changed(motion(FIRST, None), accepted=np.arange(40) < 30)  # half of the new ones disagree
+    assert all(other is not None for other in others([motion(FIRST, 0.5), *[clear] * 60], 20))
 
 
 def test_a_frame_whose_motion_explains_both_sets_is_not_ambiguous() -> None:
@@ -67,4 +77,4 @@ def test_an_ambiguity_ends_when_the_other_set_proves_to_be_in_front_of_the_scene
     memory, _, _ = AmbiguityMemory().after(ambiguous, TRACKS)
     for frame, ends in ((body, False), (another, False), (in_front, True)):
         after, other, settled = memory.after(frame, TRACKS)
-        assert (settled, other is None, after.frames_left == 0) == (ends, ends, ends)
+        assert (settled, other is None, not after.lasts) == (ends, ends, ends)

@@ -15,7 +15,7 @@ from stream_sfm.frontend.state import Setup
 from stream_sfm.frontend.step import Step
 from stream_sfm.geometry import se3
 from stream_sfm.geometry.point_views import PointViews
-from stream_sfm.geometry.resection import Resection, resect
+from stream_sfm.geometry.resection import Resection, SecondMotion, resect, residuals_of
 from stream_sfm.geometry.stereo import StereoProjection
 from stream_sfm.record import changed
 from tests.helpers.tracks import tracks_at
@@ -159,3 +159,44 @@ def test_points_that_contradict_those_behind_them_are_not_the_scene(follows_body
         found_out = contradict_far(rules, found, changed(own, accepted=accepted), others)
         assert not found_out[~others].any()
         assert found_out[others].all() if contradict else not found_out[others].any()
+
+
+def two_sets(seed: int, moves_m: float) -> tuple[Seen, np.ndarray, Resection]:
+    """The views of 30 near points and of nine at the end of a corridor, which also `moves_m`; and a motion of each.
+
+    The first one is what near points alone may say: off by 5 σ in a direction that only the far ones determine.
+    """
+    found, of = seen(seed, moves_m, (0, 30, 9))
+    views, far = found.point_views, of == 2
+    near, end = (resect(views.select(rows), TURNS, find_second=False) for rows in (~far, far))
+    values, vectors = np.linalg.eigh(near.cov_pose)
+    worst = se3.exp(5 * np.sqrt(values[-1]) * vectors[:, -1]) @ near.cam_from_ref
+    squared = residuals_of(views, worst)
+    second = SecondMotion(end.cam_from_ref, end.cov_pose, far, odds=1.0)
+    first = changed(near, cam_from_ref=worst, accepted=~far, squared_residuals=squared, second=second)
+    return found, far, first
+
+
+def test_two_sets_of_a_static_scene_that_one_motion_explains_are_one() -> None:
+    for seed in range(8):
+        found, _, motion = two_sets(seed, 0.0)
+        one = chosen(found, motion, StartCheck(gone=True))
+        assert one.second is None and one.accepted.mean() > 0.9
+        assert np.linalg.norm(se3.log(one.cam_from_ref @ se3.inverse(TURNS))) < 0.02
+
+
+def test_two_sets_that_no_motion_explains_stay_two() -> None:
+    for seed in range(8):
+        found, far, motion = two_sets(seed, 0.15)
+        kept = chosen(found, motion, StartCheck(gone=True))
+        assert kept.second is not None and kept.second.views[far].all()
+
+
+def test_a_second_motion_that_does_not_differ_is_none() -> None:
+    """Its views differ by an error that they share, and the camera has moved alike by both."""
+    found, _, motion = two_sets(3, 0.15)
+    apart = se3.exp(np.linalg.cholesky(motion.cov_pose) @ np.ones(6))
+    assert motion.second is not None
+    second = changed(motion.second, cam_from_ref=apart @ motion.cam_from_ref, cov_pose=motion.cov_pose)
+    same = chosen(found, changed(motion, second=second), StartCheck(gone=True))
+    assert same.second is None and np.array_equal(same.cam_from_ref, motion.cam_from_ref)

@@ -59,7 +59,7 @@ def test_a_prediction_and_few_views_tell_a_motion_as_their_covariances_say() -> 
         truth, views, _ = problem(seed, 12)
         change = np.random.default_rng([seed, 1]).normal(size=6) * std_change
         found = resected(views, truth)
-        both = expected(found, se3.exp(change) @ truth, std_change)
+        both = expected(found, se3.exp(change) @ truth, np.diag(std_change**2))
         squares.append(nees(se3.inverse(both.cam_from_ref), both.cov_pose, se3.inverse(truth)))
         shrunk.append(np.trace(both.cov_pose) / np.trace(found.cov_pose))
     low, high = chi2.ppf([5e-4, 1 - 5e-4], 6 * trials) / trials

@@ -9,7 +9,7 @@ from stream_sfm.config.rules import Rules
 from stream_sfm.pictures.checks import Suspicions
 from stream_sfm.pictures.prepared import PreparedImages
 from tests.helpers.blends import beside_blended
-from tests.helpers.places import ROOM
+from tests.helpers.places import DEMO, ROOM
 from tests.helpers.wall import blotches
 
 FRAMES = 12
@@ -59,6 +59,15 @@ def test_a_strong_pattern_of_the_sensor_is_no_ghost_if_the_view_moves_slowly(pat
     for accelerates in (True, False):
         for seed in (0, 1):
             assert not passed(0, 2.0, pattern_grey, accelerates, seed, 0.25).problem
+
+
+@pytest.mark.parametrize(("share", "first"), [(0.6, 5), (0.85, 11)])
+def test_a_start_that_is_too_slow_for_two_frames_is_compared_with_an_earlier_one(share: float, first: int) -> None:
+    """The demo starts with 0.2 to 0.5 px per frame; in two frames enough patches move by 1.5 px from the 16th on."""
+    for n, (sound, blended) in enumerate(beside_blended(DEMO, share, 16)):
+        if n >= first:
+            assert sound.status is sfm.Status.OK
+            assert "earlier images show through" in blended.reason
 
 
 def test_frames_with_a_ghost_are_not_ok() -> None:

@@ -8,9 +8,20 @@ import numpy as np
 import pytest
 
 import stream_sfm as sfm
+from stream_sfm.geometry import se3
 from stream_sfm.inspection.overview import inspect_log
 from tests.helpers.data_sets import kalibr, write_image_folders
-from tests.helpers.stereo_logs import HEIGHT, WIDTH, Spec, write_log
+from tests.helpers.stereo_logs import (
+    HEIGHT,
+    PERIOD_NS,
+    START_NS,
+    WIDTH,
+    LogWriter,
+    Spec,
+    scene,
+    write_image,
+    write_log,
+)
 
 K = np.array([[60.0, 0, WIDTH / 2], [0, 60.0, HEIGHT / 2], [0, 0, 1]])
 CAMERA = sfm.Camera(WIDTH, HEIGHT, K)
@@ -76,3 +87,47 @@ def test_images_take_it_as_well(tmp_path: Path) -> None:
     (tmp_path / "calibration").mkdir()
     (tmp_path / "calibration/rig.toml").write_text(replace(RIG, left=camera, right=camera).to_toml())
     assert sfm.open_log(tmp_path).rig.baseline_m == pytest.approx(RIG.baseline_m)
+
+
+def test_hilti(tmp_path: Path) -> None:
+    """Five cameras, of which names pair two, and a chain of several cameras beside the bag."""
+    log = LogWriter(tmp_path / "exp04.mcap")
+    for n in range(2):
+        for k in range(5):
+            topic, stamp = f"/alphasense/cam{k}/image_raw", START_NS + n * PERIOD_NS
+            write_image(log, "ros1", topic, stamp, scene(n, k % 2), "mono8", f"cam{k}")
+    log.close()
+    from_imu = [se3.exp([-0.1 * k, 0, 0, 0, 0.1 * k, 0]) for k in range(5)]
+    (tmp_path / "calibration").mkdir()
+    (tmp_path / "calibration/camchain-imucam.yaml").write_text(kalibr(5 * [CAMERA], from_imu=from_imu))
+    opened = sfm.open_log(tmp_path / "exp04.mcap")
+    assert (opened.left_topic, opened.right_topic) == ("/alphasense/cam0/image_raw", "/alphasense/cam1/image_raw")
+    np.testing.assert_allclose(opened.rig.right_from_left, from_imu[1] @ se3.inverse(from_imu[0]), atol=1e-9)
+    assert len(list(opened.frames())) == 2
+
+
+def test_uzh_fpv_and_malaga(tmp_path: Path) -> None:
+    """Images of both sides in one folder; stamps in tables of their names, or in the names."""
+    stamps = [START_NS + n * PERIOD_NS for n in range(2)]
+    camera = replace(CAMERA, width=64, height=48)
+    for s, side in enumerate(("left", "right")):
+        names = [f"image_{s}_{n}.png" for n in range(2)]
+        write_image_folders(tmp_path / "fpv", names, ("img",))
+        rows = (
+            f"{n} {t // 10**9}.{t % 10**9:09d} img/{name}\n"
+            for n, (t, name) in enumerate(zip(stamps, names, strict=True))
+        )
+        (tmp_path / f"fpv/{side}_images.txt").write_text("# id timestamp image_name\n" + "".join(rows))
+        names = [f"img_CAMERA1_{t // 10**9}.{t % 10**9 // 1000:06d}_{side}.png" for t in stamps]
+        write_image_folders(tmp_path / "malaga", names, ("Images",))
+    (tmp_path / "fpv/camchain-imucam.yaml").write_text(kalibr((camera, camera), RIG.right_from_left))
+    text = "".join(
+        f"[CAMERA_PARAMS_{side}]\nresolution=[64 48]\ncx=48\ncy=32\nfx=60\nfy=60\ndist=[0 0 0 0 0]\n"
+        for side in ("LEFT", "RIGHT")
+    )
+    text += "[CAMERA_PARAMS_LEFT2RIGHT_POSE]\npose_quaternion=[0.11 0 0 1 0 0 0]\n"
+    (tmp_path / "malaga/camera_params_rectified_a=0_64x48.txt").write_text(text)
+    for name in ("fpv", "malaga"):
+        opened = sfm.open_log(tmp_path / name)
+        assert opened.stereo_rig.baseline_m == pytest.approx(0.11, abs=1e-4)
+        assert [pair.stamp_ns for pair in opened.pairs()] == stamps

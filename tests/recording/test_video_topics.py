@@ -15,6 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 import stream_sfm as sfm
 from stream_sfm.inspection.overview import inspect_log
 from stream_sfm.logs.recording.stereo_log import StereoLog
+from stream_sfm.logs.sources.video_references import FrameNumbers
 from stream_sfm.logs.sources.video_stream import VideoStream, codec_of, starts_a_picture_group
 from tests.helpers.stereo_logs import START_NS, LogWriter, calibration_of, write_info
 from tests.helpers.wall import Wall, camera_path, rig
@@ -38,16 +39,16 @@ def encoded(images: Sequence[np.ndarray], codec: str = "h264") -> list[bytes]:
     return [data for _, data in numbered(images, codec, 0)]
 
 
-def numbered(images: Sequence[np.ndarray], codec: str, b_frames: int) -> list[tuple[int, bytes]]:
-    """The packets in the order of sending, each with the number of its image."""
+def numbered(images: Sequence[np.ndarray], codec: str, b_frames: int, **options: str) -> list[tuple[int, bytes]]:
+    """The packets in the order of sending, each with the number of its image; `options`: others of the encoder."""
     av = pytest.importorskip("av", reason="PyAV, which encodes video for the tests, is not installed")
     encoder = av.CodecContext.create(ENCODERS[codec], "w")
     encoder.height, encoder.width = images[0].shape
-    encoder.pix_fmt, encoder.time_base, encoder.framerate = "yuv420p", Fraction(1, 20), 20
+    encoder.pix_fmt, encoder.time_base, encoder.framerate = options.pop("pixels", "yuv420p"), Fraction(1, 20), 20
     encoder.options = {
         "crf": "8", "g": str(GROUP), "bf": str(b_frames), **({} if b_frames else {"tune": "zerolatency"}),
         "x265-params": f"keyint={GROUP}:bframes={b_frames}:repeat-headers=1:log-level=none",
-        "x264-params": f"keyint={GROUP}",
+        "x264-params": f"keyint={GROUP}", **options,
     }  # fmt: skip
     packets = []
     for n, image in enumerate(images):
@@ -119,6 +120,10 @@ def difference(frame: sfm.StereoFrame, images: tuple[np.ndarray, np.ndarray]) ->
     return max(float(abs(a.astype(float) - b).mean()) for a, b in zip(frame.images, images, strict=True))
 
 
+def said(log: StereoLog) -> str:
+    return " ".join(log.stats.warnings)
+
+
 def check(log: StereoLog, pairs: Sequence[tuple[np.ndarray, np.ndarray]], expected: Sequence[int]) -> None:
     """The frames of the log are those of these numbers, each with its own images and stamp."""
     frames = list(log.frames())
@@ -162,10 +167,8 @@ def test_frames_before_the_first_key_frame_are_counted(pairs, packets, tmp_path)
     log = sfm.open_log(write(tmp_path / "v.mcap", late))
     check(log, pairs, range(GROUP, FRAMES))
     assert log.stats.complete  # nobody could decode them
-    said = " ".join(log.stats.warnings)
-    assert all(
-        f"{topic}: {count} frames of video before" in said for topic, count in zip(TOPICS, (4, 2), strict=True)
-    )
+    for topic, count in zip(TOPICS, (4, 2), strict=True):
+        assert f"{topic}: {count} frames of video before" in said(log)
 
 
 def test_a_later_start_sees_the_same_images(packets, tmp_path):
@@ -184,18 +187,55 @@ def test_a_broken_stream_loses_frames_and_not_the_run(pairs, packets, tmp_path):
     numbers = [(f.stamp_ns - START_NS) // PERIOD_NS for f in log.frames()]
     assert numbers[:8] == list(range(8)) and set(range(12, FRAMES)) <= set(numbers) and len(numbers) < FRAMES
     assert not log.stats.complete
-    assert f"{TOPICS[0]}: {FRAMES - len(numbers)} frames of video could not be decoded" in " ".join(
-        log.stats.warnings
-    )
+    assert f"{TOPICS[0]}: {FRAMES - len(numbers)} frames of video could not be decoded" in said(log)
 
 
 def test_a_missing_message_costs_no_other_frame_its_stamp(pairs, packets, tmp_path):
     left = [b"" if n == 9 else data for n, data in enumerate(packets[0])]
     log = sfm.open_log(write(tmp_path / "v.mcap", (left, packets[1])))
-    frames = {(f.stamp_ns - START_NS) // PERIOD_NS: f for f in log.frames()}
-    assert set(frames) == set(range(FRAMES)) - {9}
-    sound = [n for n in frames if not 9 < n < 2 * GROUP]  # up to the next key frame they are made of a wrong one
-    assert all(difference(frames[n], pairs[n]) < 2 for n in sound)
+    check(log, pairs, [n for n in range(FRAMES) if not 9 <= n < 2 * GROUP])  # the next ones refer to it
+    assert f"{TOPICS[0]}: 2 frames of video left out: they depend on frames that are missing" in said(log)
+
+
+@pytest.mark.parametrize("codec", ENCODERS)
+def test_without_its_key_frame_a_group_of_pictures_is_left_out(codec, pairs, tmp_path):
+    packets = [encoded([p[side] for p in pairs], codec) for side in (0, 1)]
+    for side in packets:
+        side[GROUP] = b""
+    log = sfm.open_log(write(tmp_path / "v.mcap", packets, codec=codec))
+    check(log, pairs, [*range(GROUP), *range(2 * GROUP, FRAMES)])
+    assert not log.stats.complete and "5 frames of video" in said(log)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"bf": "3"},
+        {"bf": "0", "g": "2", "tune": "zerolatency"},
+        {"bf": "3", "x264-params": f"keyint={GROUP}:open-gop=1:ref=4"},
+        {"bf": "0", "pixels": "yuv444p", "x264-params": f"keyint={GROUP}:cqm=jvt"},
+    ],
+)
+def test_whichever_frame_is_lost_no_image_is_made_without_it(options, pairs):
+    sent = numbered([p[0] for p in pairs[:14]], "h264", 0, **options)
+    whole = dict(VideoStream("h264", iter(enumerate(data for _, data in sent))).pictures())
+    assert len(whole) == len(sent)
+    left_out = 0
+    for lost in range(1, len(sent)):
+        stream = VideoStream("h264", ((n, data) for n, (_, data) in enumerate(sent) if n != lost))
+        assert all(np.abs(picture.astype(float) - whole[n]).mean() < 0.5 for n, picture in stream.pictures())
+        left_out += stream.incomplete
+    assert 0 < left_out < len(sent) * GROUP
+
+
+def test_headers_that_cannot_be_read_lose_no_frame(packets):
+    """Streams whose headers are damaged, cut or those of another encoder."""
+    rng = np.random.default_rng(2)
+    for _ in range(300):
+        numbers, head = FrameNumbers(), bytearray(packets[0][0][:60])
+        for at in rng.integers(4, 60, size=4):
+            head[at] = rng.integers(256)
+        assert numbers.are_complete(bytes(head[: rng.integers(5, 60)]))
 
 
 def test_hostile_streams_end(packets, tmp_path):
@@ -210,7 +250,7 @@ def test_hostile_streams_end(packets, tmp_path):
             damaged.append(bytes(content[: rng.integers(1, len(content) + 1)]))
         stream = VideoStream("h264", iter(enumerate(damaged)))
         came = [n for n, _ in stream.pictures()]
-        assert len(came) + stream.lost + stream.skipped == FRAMES
+        assert len(came) + stream.lost + stream.skipped + stream.incomplete == FRAMES
         assert came == sorted(set(came))
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from stream_sfm.evaluation.drift import Compared
 from stream_sfm.geometry import se3
-from stream_sfm.report.conclusion import _which_hold, _who_is_ahead, verdict_of
+from stream_sfm.report.conclusion import _which_hold, verdict_of, who_is_ahead
 from stream_sfm.report.drift import _truth_separates
 
 
@@ -64,12 +64,12 @@ def test_what_is_decided_against_the_window_comes_first():
             "iterated_ekf": {"position": ALIKE, "rotation": ALIKE},
         },
     }
-    assert _who_is_ahead(verdict) == [
+    assert who_is_ahead(verdict) == [
         "EKF with plain weights (position ×0.80 [0.70, 0.90]) errs less than cross-frame",
         "Cross-frame errs less than frame-to-frame (rotation ×1.24 [1.10, 1.40])",
         "This log cannot separate cross-frame from iterated EKF with plain weights",
     ]
-    assert _who_is_ahead(None) == []
+    assert who_is_ahead(None) == []
 
 
 def random_path(rng: np.random.Generator, frames: int = 150) -> np.ndarray:

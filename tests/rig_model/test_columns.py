@@ -306,7 +306,7 @@ def test_the_error_of_the_newest_velocity_is_learnt_from_how_velocities_change()
     for newest in range(200):
         frames = list(range(max(0, newest - 5), newest + 1))
         extrapolated[newest] = TWIST + std * rng.normal(size=6)
-        error.add(frames, np.array([extrapolated[k] if k == newest else TWIST for k in frames]))
+        error = error.after(frames, np.array([extrapolated[k] if k == newest else TWIST for k in frames]))
     found = error.cov(assumed, at)
     # over 20 frames, with decreasing weights: a variance is known to a factor of 1 ± 0.22
     assert np.diag(found) == pytest.approx(std**2, rel=4 * 0.23)
@@ -327,7 +327,8 @@ def test_exposure_times_are_those_with_the_smoother_motion(uneven: str) -> None:
     for newest in range(len(even)):
         window = slice(max(0, newest - 9), newest + 1)
         stamps = (jittered[window] * 1e9).astype(int).tolist()
-        now[newest] = clock.seconds(poses[window], stamps, np.ones(6)) - (exposed[window] - exposed[window][0])
+        seconds, clock = clock.seconds(poses[window], stamps, np.ones(6))
+        now[newest] = seconds - (exposed[window] - exposed[window][0])
     wrong_s = np.concatenate([np.diff(now[k]) for k in range(20, len(even))])
     # the period of an even clock is known to 1 ms/√82.5 from ten frames, intervals of stamps to √2 ms
     assert np.abs(wrong_s).max() < (5e-3 / np.sqrt(82.5) if uneven == "stamps" else 1e-8)

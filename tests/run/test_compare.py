@@ -21,7 +21,7 @@ from stream_sfm.run.compare import compare
 from stream_sfm.run.replay import replay
 from stream_sfm.types import Selection, Trajectory
 from tests.helpers.places import DEMO
-from tests.helpers.stereo_logs import Calib, K, Spec, right_calib, write_log
+from tests.helpers.stereo_logs import DISPARITY_PX, Calib, K, Spec, right_calib, write_log
 
 pytestmark = pytest.mark.slow
 
@@ -55,6 +55,25 @@ def test_loops_are_a_row_of_their_own(tmp_path: Path) -> None:
     first, second, *_ = report["methods"]
     assert (first, second) == ("cross_frame", "cross_frame_loops") and "cross-frame, with loops" in page
     assert report["methods"][first]["ate_rmse_m"] == report["methods"][second]["ate_rmse_m"]
+
+
+def test_several_logs_are_samples_of_one_comparison(tmp_path: Path, cli) -> None:
+    """Each has its folder; one that cannot be read is reported, and the others are compared without it."""
+    parts = {"a": range(44), "b": range(10, 58)}
+    logs = [write_log(tmp_path / f"{name}.mcap", spec(frames, truth=True)) for name, frames in parts.items()]
+    given = (*logs, tmp_path / "none.mcap", "--methods", "cross-frame,frame-to-frame", "--set", FEW)
+    said = cli("compare", *given, "--out", tmp_path / "out", code=3)
+    assert "none.mcap" in said.err and (
+        "These 2 logs cannot separate" in said.out or "Cross-frame errs less" in said.out
+    )
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert [log["name"] for log in report["logs"]] == ["a", "b"] and (tmp_path / "out" / "report.html").exists()
+    alone = [json.loads((tmp_path / "out" / name / "report.json").read_text()) for name in "ab"]
+    of_logs = [r["drift"]["verdict"]["ratios"]["frame_to_frame"]["position"]["value"] for r in alone]
+    over = report["verdict"]["ratios"]["frame_to_frame"]["position"]
+    assert over["value"] == pytest.approx(np.sqrt(np.prod(of_logs))) and over["logs"] == 2
+    truth = tmp_path / "truth.txt"
+    assert "one log" in cli("compare", *logs, "--ground-truth", truth, "--out", tmp_path / "o", code=2).err
 
 
 @pytest.fixture(scope="module")
@@ -159,6 +178,17 @@ def test_the_page_is_one_file_and_nothing_in_it_is_code(tmp_path: Path) -> None:
     assert "<script>alert" not in html and "&lt;script&gt;alert" in html
     assert numbers["gaps_before_frames"] == [8] and "Time gap before frame 8" in html
     assert numbers["ekf_over_cross_frame"] is None  # which takes 40 frames in a row
+
+
+def test_the_matches_of_the_middle_frame_are_kept_with_its_image(tmp_path: Path) -> None:
+    """The wall moves by 2 px per frame, and all of it has one disparity."""
+    log = write_log(tmp_path / "log.mcap", spec(truth=True))
+    found = compare(log, config=read_config(None, [FEW, EXACT]), methods=["frame-to-frame"]).comparison.needles
+    assert found is not None and found.frame == 6 and found.image.shape == SIZE[::-1]
+    moved = found.temporal_px[found.used_again]
+    assert len(moved) > 20 and np.median(moved[:, 1] - moved[:, 0], axis=0) == pytest.approx([-2, 0], abs=0.1)
+    left, right = found.stereo_px[found.used].swapaxes(0, 1)
+    assert np.median(left - right, axis=0) == pytest.approx([DISPARITY_PX, 0], abs=0.1)
 
 
 @pytest.mark.parametrize("part, said", [(slice(4, 9), "covers 5 of 12 frames"), (slice(0, 0), "none at the time")])

@@ -7,6 +7,7 @@ import pytest
 
 import stream_sfm as sfm
 from stream_sfm.geometry import se3
+from stream_sfm.logs.importers import import_kitti, recover
 from tests.helpers.data_sets import (
     HEIGHT,
     KITTI_K,
@@ -68,5 +69,9 @@ def test_a_data_set_brings_the_errors_of_its_ground_truth(tmp_path: Path) -> Non
     write_euroc(tmp_path / "mh")
     assert sfm.open_log(tmp_path / "06").std_truth == (0.02, 0.0045)
     assert sfm.open_log(tmp_path / "mh").std_truth == (0.001, 0.002)
+    import_kitti(tmp_path / "06", tmp_path / "06.mcap")
+    recover(tmp_path / "06.mcap", tmp_path / "copy.mcap")
+    for copy in ("06.mcap", "copy.mcap"):  # a log carries them
+        assert sfm.open_log(tmp_path / copy).std_truth == (0.02, 0.0045)
     given = sfm.Trajectory(np.zeros(1, np.int64), np.eye(4)[None])
     assert sfm.open_log(tmp_path / "06", ground_truth=given).std_truth == (0, 0)  # it is another truth

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...config import Config, RigConfig
+from ...config.rules import Rules
 from ...geometry import Array, se3
 from ...geometry.point_views import PointViews
 from ...geometry.resection import Resection
 from ...geometry.sizes import Sizes
 from ...geometry.stereo import StereoProjection
+from ...geometry.view_stages import CorrectedViews
 from ...record import changed, columns_at
 from ...rig_model.terms import DELAY, TERMS
 from ...types import Ambiguity, InertialEstimate, Observations, Solution
@@ -32,21 +34,23 @@ from ..lifecycle import (
     too_few_inliers,
     with_ended,
 )
+from .absorb import absorbed_oldest, with_rig_change
+from .enter import begun, entered, settled, with_rejected, with_second
 from .followed import followed
 from .halves import SpanFactors
 from .inertia.inertia import Inertia, NotTheCameraError
 from .inertia.takes_samples import InertialMotionModel, TakesSamples
 from .inverse_depth import WhitenedViews
-from .map import Map
-from .marginals import Marginals
-from .minimise import minimise
+from .minimise import minimised
 from .relative import common_errors, newest_motion, relative_motions
 from .reported import reported
+from .rig import judged_rig, learnt_rig, with_field
 from .rig_state import NO_RIG, RigState, impossible
+from .state import WindowState
 from .track_noise import TrackNoise
-from .unknowns.focus import end_refocusing, judge_focus, own_at_first, place_focus
+from .unknowns.focus import judged_focus, own_at_first, placed_focus, with_focus_at_rest
 from .unknowns.turn import size_turn
-from .unknowns.velocities import cov_of_timing, expect, renew_timing
+from .unknowns.velocities import cov_of_timing, expect, renewed_timing
 from .window_frame import WindowFrame, views_of
 
 
@@ -60,7 +64,7 @@ class CrossFrame(TakesSamples):
         self.config = config
         self.inertia = Inertia(config)
         self.motion = InertialMotionModel(config, self.inertia)
-        self.map: Map | None = None
+        self.map: WindowState | None = None
         self.rig: RigState | None = None  # of the latest map
         self.waiting = False  # for tracks of the map to return, since a frame without any view
         self._std_acceleration = np.array(config.motion.std_acceleration)
@@ -91,13 +95,11 @@ class CrossFrame(TakesSamples):
         views = views_of(observations, self.projection, age_s)
         if observations.rig is not None and observations.rig.change_root is not None:
             self._change_rig(partial(RigState.changed, root=observations.rig.change_root))
-        current = self.map
-        if current is not None:
-            end_refocusing(current)
-        if current is None:
+        if self.map is None:
             return self._start(observations, frame, views)
+        self.map = with_focus_at_rest(self.map)
         try:
-            return self._advance(current, observations, frame, views)
+            return self._advance(self.map, observations, frame, views)
         except LostError as lost:
             if self._in_question:
                 self.inertia.forget()
@@ -107,7 +109,8 @@ class CrossFrame(TakesSamples):
             if not self.waiting:
                 return self._lose(observations, str(lost), blames_rig=not isinstance(lost, NotTheCameraError))
             # its tracks did not return: a new map begins with the new ones
-            self.map, self.rig = None, current.rig_left
+            current, self.map = self.map, None
+            self.rig = current.rig_left
             return with_ended(self._start(observations, frame, views), current.marginals.ended())
 
     def _start(self, observations: Observations, frame: WindowFrame, views: WhitenedViews) -> Solution:
@@ -115,41 +118,49 @@ class CrossFrame(TakesSamples):
         self.waiting = False
         rig = _unknown_rig(observations, self.config.rig) if self.rig is None else self.rig
         self.rig = rig.informed(*self._since_by_rows(observations, len(rig)))
-        corrected = _corrected(observations, views, self.rig.mean)
+        corrected_px = _corrected(observations, views, self.rig.mean)
+        corrected = replace(observations, z_px=corrected_px)
         solution = first_solution(self.projection, self.config.rules.robust, self.motion, corrected)
         if len(solution.track_ids):
-            self.map = Map(self.projection, frame, views, corrected.z_px, solution, self.rig, self.config.window)
-            self.inertia.begin(self.map, frame.stamp_ns, solution.world_from_cam, solution.cov_pose)
+            rules = self.config.window
+            current = begun(self.projection, frame, views, corrected_px, solution, self.rig, rules)
+            pose = solution.world_from_cam, solution.cov_pose
+            self.map = self.inertia.begin(current, frame.stamp_ns, *pose)
         return solution
 
     def _advance(
-        self, current: Map, observations: Observations, frame: WindowFrame, views: WhitenedViews
+        self, current: WindowState, observations: Observations, frame: WindowFrame, views: WhitenedViews
     ) -> Solution:
-        """Estimate one frame with the current map."""
-        self.inertia.enter(frame, current)
-        motion, rejected, views, corrected_px = self._initial_motion(current, observations, frame, views)
-        motion = self.inertia.judge(motion, frame)
-        current.rejections.forget_all_but(views.ids)
+        """Estimate one frame with the current map. If that fails, the map is as after the last step that did not."""
+        current, frame = self.inertia.enter(current, frame)
+        self.map = current
+        current, motion, rejected, views, corrected_px = self._initial_motion(current, observations, frame, views)
+        self.map = current
+        motion, frame = self.inertia.judge(motion, frame)
+        current = changed(current, rejections=current.rejections.of_live(views.ids))
         if len(current.frames) == self.config.window.frames:
-            current.absorb_oldest()
+            current = absorbed_oldest(current)
         self.waiting = False
+        if motion.ambiguous is None:  # otherwise rejected tracks may be right after all
+            current = with_rejected(current, rejected)
         cam_from_ref = se3.orthonormalise(motion.cam_from_ref @ current.newest_cam_from_ref)
-        own, ambiguous = own_at_first(current, motion), motion.ambiguous is not None
-        corrected_px = corrected_px - views.own @ own[0]
-        current.enter(frame, cam_from_ref, views, corrected_px, rejected, ambiguous, own)
-        place_focus(current)
+        own = own_at_first(current, motion)
+        current = entered(
+            current, frame, cam_from_ref, views, _without_own(corrected_px, views, own), rejected, own
+        )
+        current = placed_focus(current)
         if observations.settled:
-            current.settle()
-        passed_s = (observations.stamp_ns - current.previous.stamp_ns) / 1e9
-        current.consider_second(motion, self.motion.std_speed * passed_s)
-        renew_timing(current)
-        iterations = minimise(current, self.config.window, self.config.rules.robust.gate_probability)
+            current = settled(current)
+        passed_s = (observations.stamp_ns - current.all_frames[-2].stamp_ns) / 1e9
+        current = with_second(current, motion, self.motion.std_speed * passed_s)
+        self.map = current = renewed_timing(current)
+        current, iterations = minimised(current, self.config.window, self.config.rules.robust.gate_probability)
         return self._report(current, observations, motion, iterations)
 
     def _change_rig(self, change: Callable[[RigState], tuple[RigState, Array, Array]]) -> None:
         """Change the rig's errors since the last frame; earlier views have the old errors."""
         if self.map is not None:
-            self.map.change_rig(change)
+            self.map = with_rig_change(self.map, change)
         elif self.rig is not None:
             self.rig = change(self.rig)[0]
 
@@ -161,7 +172,7 @@ class CrossFrame(TakesSamples):
         if view.field_std_px > self.config.window.least_field_px and not self._has_field:
             self._has_field = True
             if self.map is not None:
-                self.map.begin_field(view.model)
+                self.map = with_field(self.map, view.model)
             elif self.rig is not None:
                 self.rig = self.rig.with_field(len(view.model) - len(self.rig))
         rig = self.rig if self.map is None else self.map.prior.rig
@@ -204,11 +215,12 @@ class CrossFrame(TakesSamples):
         return lost_solution(observations, reason, *predicted, ended)
 
     def _initial_motion(
-        self, current: Map, observations: Observations, frame: WindowFrame, views: WhitenedViews
-    ) -> tuple[Resection, NDArray[np.int64], WhitenedViews, Array]:
+        self, current: WindowState, observations: Observations, frame: WindowFrame, views: WhitenedViews
+    ) -> tuple[WindowState, Resection, NDArray[np.int64], WhitenedViews, CorrectedViews]:
         """Find cam_n_from_cam_{n−1} from the local structure of the previous frame, and the tracks it rejects.
 
-        Also returns the views with the effects of delay and readout, and z_px without the rig's errors.
+        Also returns the state, which has learnt from that motion, the views with the effects of delay and readout, and
+        z_px without the rig's errors.
         """
         robust, previous = self.config.rules.robust, current.marginals
         usable = ~current.rejections.excluded(views.ids)
@@ -221,10 +233,10 @@ class CrossFrame(TakesSamples):
         if start is None:
             predicted, _ = self.motion.predict(observations.stamp_ns)
             start = se3.inverse(predicted) @ previous.world_from_cam
-        views, unknown_px = expect(current, frame, views, rows, points, start, self._std_acceleration)
-        corrected = _corrected(observations, views, current.rig_error)
+        current, views, unknown_px = expect(current, frame, views, rows, points, start, self._std_acceleration)
+        corrected_px = _corrected(observations, views, current.rig_error)
         weights = self.config.window.no_history + _frames_agreed(current, views.ids[rows])
-        z_px, cov_px = corrected.z_px[rows], corrected.cov_px[rows]
+        z_px, cov_px = CorrectedViews(corrected_px[rows]), observations.cov_px[rows]
         seen = PointViews(self.projection, points, cov, z_px, cov_px, robust, unknown_px)
         found = initial_motion(seen, observations, start, weights)
         if found is None and self.inertia.now is not None:  # samples show whether the motion found is the camera's
@@ -235,72 +247,58 @@ class CrossFrame(TakesSamples):
             e, second = 0 if observations.rig is None else observations.rig.turn_root.shape[1], found.second
             self._turns, seen, found = size_turn(self._turns, e, seen, weights, found)
             views = views.with_larger_own(slice(0, e), self._turns.probable)
-            found, views = judge_focus(current, views, rows, seen, weights, found)
+            current, found, views = judged_focus(current, views, rows, seen, weights, found)
             if len(rows) < robust.calm_share * (len(views) - observations.n_new):
                 found = changed(found, second=second)  # its tracks were excluded, and nothing has explained them
-        return found, views.ids[rows[~found.accepted]], views, corrected.z_px
+        return current, found, views.ids[rows[~found.accepted]], views, corrected_px
 
-    def _marginals(
-        self, current: Map, smoothed: Map, before: Marginals, in_question: bool
-    ) -> tuple[Marginals, InertialEstimate | None]:
-        """Return the reported marginals, which become those of the map, and the inertial state if there is one.
+    def _with_marginals(
+        self, current: WindowState, smoothed: WindowState, in_question: bool
+    ) -> tuple[WindowState, InertialEstimate | None]:
+        """Return the state with the marginals to report, and the inertial state if there is one.
 
-        `before`: the marginals of the previous frame. With a motion `in_question` the filter's pose is reported.
+        With a motion `in_question` the filter's pose is reported.
         """
+        before = current.marginals
         # all correlated errors have moved the world, and only the weights of eq. (69) account for them
-        now = current.marginals = changed(smoothed.update_marginals(), cov_pose=current.cov_pose)
+        now = changed(smoothed.newest_marginals(), cov_pose=current.cov_pose)
         known, inertial = self.inertia.report(current, smoothed)
-        now = now if known is None else current.place_newest(known)
-        if in_question:
-            return now, inertial
-        frames, most_sigmas = self.config.window.frames, self.config.rules.reported.most_followed
-        now = current.marginals = followed(before, now, newest_motion(smoothed), frames, most_sigmas)
-        return now, self.inertia.placed(inertial, now.world_from_cam)
+        if known is not None:
+            now = now.at(known.world_from_cam, known.cov_pose + current.cov_doubt)
+        if not in_question:
+            frames, most_sigmas = self.config.window.frames, self.config.rules.reported.most_followed
+            now = followed(before, now, newest_motion(smoothed), frames, most_sigmas)
+            inertial = self.inertia.placed(inertial, now.world_from_cam)
+        return changed(current, read=now), inertial
 
-    def _report(self, current: Map, observations: Observations, motion: Resection, iterations: int) -> Solution:
+    def _report(
+        self, current: WindowState, observations: Observations, motion: Resection, iterations: int
+    ) -> Solution:
         """Return the Solution from the joint covariance, and give the pose to the motion model."""
-        rig, self._in_question = current.judge_rig(), motion.ambiguous is not None
-        before, rules = current.marginals, self.config.rules
-        in_question = motion.ambiguous is not None or observations.misfit
+        current, rig = judged_rig(current)
+        self._in_question = motion.ambiguous is not None
+        before, rules, in_question = current.marginals, self.config.rules, self._in_question or observations.misfit
         informative = observations.lasting.inflation is not None and not in_question
         smoothed, self._factors, self._noise = reported(current, self._factors, self._noise, informative)
-        now, inertial = self._marginals(current, smoothed, before, in_question)
-        cov_timing = cov_of_timing(current, self._std_acceleration)
+        current, inertial = self._with_marginals(current, smoothed, in_question)
+        current, cov_timing = cov_of_timing(current, self._std_acceleration)
         if motion.ambiguous is None:  # otherwise the motion may be wrong instead
             self._impossible = impossible(rig, self.config.rig)
         observations = _with_misfit(observations, self._impossible)
         observations = _with_note(observations, self.inertia.contradiction)
-        ids, used = current.views.ids[current.newest], current.views.used[current.newest]
-        n_accepted = int(np.count_nonzero(used & core.among(ids, before.ids)))  # by the joint minimum, too
-        status, reason = frame_status(n_accepted, observations.note, rules.robust, motion)
-        shown = core.among(now.ids, ids[used]) & now.finite
-        shown &= ~core.among(now.ids, current.restarted)
-        columns = now.points_in_cam, now.cov_points, now.points_in_world, now.cov_points_in_world
-        points_in_cam, cov_points, points_in_world, cov_points_in_world = columns_at(columns, shown)
-        solution = Solution(
-            status=status,
-            reason=reason,
-            world_from_cam=now.world_from_cam,
-            cov_pose=now.cov_pose + cov_timing + current.focus.cov_axes,
-            track_ids=now.ids[shown],
-            points_in_cam=points_in_cam,
-            cov_points=cov_points,
-            points_in_world=points_in_world,
-            cov_points_in_world=cov_points_in_world,
-            window_frame_indices=np.array([f.index for f in current.frames], np.int64),
-            window_world_from_cam=now.world_from_cam @ smoothed.true_cams[-1] @ se3.inverse(smoothed.true_cams),
-            rejected_ids=ids[~used],
+        solution = replace(
+            _solution_of(current, smoothed, before.ids, observations, motion, rules),
             iterations=iterations,
-            nis=motion.chi2,
-            nis_dof=motion.dof,
             rig=rig,
             relative=relative_motions(smoothed, cov_timing, self._factors.by_span, rules.reported.apparent_turns),
             common=common_errors(smoothed, rig),
             inertial=inertial,
         )
+        solution = replace(solution, cov_pose=solution.cov_pose + cov_timing + current.focus.cov_axes)
         if rig is not None and observations.rig is not None:
             by_rows = self._since_by_rows(observations, len(rig.mean))
-            current.learn_rig(rig, observations.rig.field_std_px, by_rows)
+            current = learnt_rig(current, rig, observations.rig.field_std_px, by_rows)
+        self.map = current
         return recorded(self.motion, observations, solution, before.ended(current.points.ids))
 
 
@@ -310,6 +308,40 @@ class PlainCrossFrame(CrossFrame):
     def step(self, observations: Observations) -> Solution:
         """Process the next frame; see `Estimator.step`."""
         return super().step(replace(observations, lasting=replace(observations.lasting, inflation=None)))
+
+
+def _solution_of(
+    current: WindowState,
+    smoothed: WindowState,
+    known: NDArray[np.int64],
+    observations: Observations,
+    motion: Resection,
+    rules: Rules,
+) -> Solution:
+    """Return the status of the newest frame with the marginals and the window's poses; `known`: points before it."""
+    now, ids, used = current.marginals, current.views.ids[current.newest], current.views.used[current.newest]
+    n_accepted = int(np.count_nonzero(used & core.among(ids, known)))  # by the joint minimum, too
+    status, reason = frame_status(n_accepted, observations.note, rules.robust, motion)
+    shown = core.among(now.ids, ids[used]) & now.finite
+    shown &= ~core.among(now.ids, current.restarted)
+    columns = now.points_in_cam, now.cov_points, now.points_in_world, now.cov_points_in_world
+    points_in_cam, cov_points, points_in_world, cov_points_in_world = columns_at(columns, shown)
+    return Solution(
+        status=status,
+        reason=reason,
+        world_from_cam=now.world_from_cam,
+        cov_pose=now.cov_pose,
+        track_ids=now.ids[shown],
+        points_in_cam=points_in_cam,
+        cov_points=cov_points,
+        points_in_world=points_in_world,
+        cov_points_in_world=cov_points_in_world,
+        window_frame_indices=np.array([f.index for f in current.frames], np.int64),
+        window_world_from_cam=now.world_from_cam @ smoothed.true_cams[-1] @ se3.inverse(smoothed.true_cams),
+        rejected_ids=ids[~used],
+        nis=motion.chi2,
+        nis_dof=motion.dof,
+    )
 
 
 def _with_misfit(observations: Observations, reason: str) -> Observations:
@@ -336,7 +368,7 @@ def _unknown_rig(observations: Observations, rules: RigConfig) -> RigState:
     return RigState.unknown(size, learnt, observations.stamp_ns, mean, rules, model.refined)
 
 
-def _frames_agreed(current: Map, ids: NDArray[np.int64]) -> Array:
+def _frames_agreed(current: WindowState, ids: NDArray[np.int64]) -> Array:
     """Return in how many frames after their first one points `ids` (n,) agreed with the map.
 
     For a point older than the window, all frames of the window are counted once more.
@@ -346,8 +378,12 @@ def _frames_agreed(current: Map, ids: NDArray[np.int64]) -> Array:
     return np.maximum(count + more, 0).astype(float)
 
 
-def _corrected(observations: Observations, views: WhitenedViews, rig_error: Array) -> Observations:
-    """Return the observations without errors (m,) of the rig."""
-    if not rig_error.any():
-        return observations
-    return replace(observations, z_px=observations.z_px - views.shift_px(rig_error))
+def _corrected(observations: Observations, views: WhitenedViews, rig_error: Array) -> CorrectedViews:
+    """Return the views (V, 4) of a frame without errors (m,) of the rig, those of timing included."""
+    shift_px = views.shift_px(rig_error) if rig_error.any() else 0.0
+    return CorrectedViews(observations.z_px - shift_px)
+
+
+def _without_own(corrected_px: CorrectedViews, views: WhitenedViews, own: Array) -> CorrectedViews:
+    """Return views (V, 4) without the errors that those of this frame share, of amplitudes `own` (1, e)."""
+    return CorrectedViews(corrected_px - views.own @ own[0])

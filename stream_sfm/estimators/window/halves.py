@@ -11,7 +11,6 @@ earlier frames draws both halves to the same poses. So halves have all views of 
 and points that are known from these views alone.
 """
 
-import copy
 from contextlib import suppress
 
 import numpy as np
@@ -24,8 +23,9 @@ from ...geometry.linear import Cholesky, mahalanobis2
 from ...geometry.medians import median
 from ...record import changed, record
 from .inverse_depth import State, linearise, slides_px2
-from .map import Map
+from .minimise import without_undetermined
 from .relative import apart_from_newest
+from .state import WindowState
 
 _TRACE = 1e-6  # share of the prior's information about points, which moves no half by a thousandth of its σ
 
@@ -68,7 +68,7 @@ class SpanFactors:
         return SpanFactors(squares, frames, self.rules)
 
 
-def squares_of_halves(of: Map, rules: ReportedRules) -> Array:
+def squares_of_halves(of: WindowState, rules: ReportedRules) -> Array:
     """Return δᵀC⁻¹δ/6 (2, f) over spans of 1 … f frames, of both kinds of halves.
 
     NaN if a half does not determine the poses, and for the last span: no view of the window is of the reference camera.
@@ -88,16 +88,13 @@ def squares_of_halves(of: Map, rules: ReportedRules) -> Array:
     return found
 
 
-def _unselected(of: Map, most: float) -> Map:
+def _unselected(of: WindowState, most: float) -> WindowState:
     """Return the map with all views of its points, equally weighted, but gross mismatches: those beyond `most` σ²."""
-    alone, views = copy.copy(of), changed(of.views, used=np.ones(len(of.views), bool))
+    views = changed(of.views, used=np.ones(len(of.views), bool))
     slides = slides_px2(of.projection, views)
     near = core.views_within_gates(of.projection, of.state(), views, slides, most, most)
-    alone.views = changed(
-        views, used=near, root=views.root / views.weight[:, None, :], weight=np.ones_like(views.weight)
-    )
-    alone.drop_undetermined()
-    return alone
+    root, weight = views.root / views.weight[:, None, :], np.ones_like(views.weight)
+    return without_undetermined(changed(of, views=changed(views, used=near, root=root, weight=weight)))
 
 
 def _together(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -105,7 +102,7 @@ def _together(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Arr
     return one[0] + other[0], one[1] + other[1]
 
 
-def _quarters(of: Map, at: State, least: float) -> NDArray[np.int64]:
+def _quarters(of: WindowState, at: State, least: float) -> NDArray[np.int64]:
     """Return the quarter of each point (P,): even on the left, even on the right, odd on the left, odd on the right.
 
     The side is that in the point's anchor, the camera that first saw it. If all tracks but a share `least` have even
@@ -120,7 +117,7 @@ def _quarters(of: Map, at: State, least: float) -> NDArray[np.int64]:
     return 2 * odd.astype(np.int64) + right
 
 
-def _poses_by(of: Map, parts_of: NDArray[np.int64], parts: int) -> list[tuple[Array, Array]]:
+def _poses_by(of: WindowState, parts_of: NDArray[np.int64], parts: int) -> list[tuple[Array, Array]]:
     """Return the normal equations of the poses by parts of the points, given all else: (n, n) and (n,) each."""
     at, frames = of.state(), len(of.frames)
     blocks = linearise(of.projection, at, of.views, with_rig=False)

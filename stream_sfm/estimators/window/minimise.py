@@ -2,33 +2,74 @@
 
 import numpy as np
 
+from ... import core
 from ...config import WindowConfig
-from .map import Map
-from .unknowns.velocities import is_timed, renew_timing
+from ...geometry.gates import chi2_gate
+from ...record import changed
+from .inverse_depth import linearise, slides_px2
+from .normal_equations import System
+from .state import WindowState
+from .unknowns.velocities import is_timed, renewed_timing
 
 # Views that a minimum gates out, and new velocities, enlarge the decrease that the next step predicts. One that is
 # smaller than this, σ², is that of such a change: at most one standard deviation is left after the step.
 _CHANGED = 1e4
 
 
-def minimise(current: Map, rules: WindowConfig, gate_probability: float) -> int:
-    """Move the map to the joint minimum of the window and return the number of steps.
+def minimised(current: WindowState, rules: WindowConfig, gate_probability: float) -> tuple[WindowState, int]:
+    """Return the state at the joint minimum of the window, and the number of steps.
 
     Views that contradict the minimum are not used in later steps, of this frame or of later ones. If the timing is
-    wrong, a second step uses the velocities found by the first one. The last factored system stays in the map for the
+    wrong, a second step uses the velocities found by the first one. The last factored system stays in the state for the
     covariances. Raises LinAlgError if the iteration diverges or no points are left.
     """
     before, steps, timed = np.inf, 0, is_timed(current)
     while steps < rules.max_iterations and not (before < rules.converged and steps >= 1 + timed):
-        current.drop_undetermined()
+        current = without_undetermined(current)
         if not len(current.points):
             raise np.linalg.LinAlgError("no points are left")
-        decrease = current.gauss_newton_step()
+        current, decrease = gauss_newton_step(current)
         # If a step predicts a larger decrease than the one before, the iteration diverges.
         if not decrease < max(before, rules.converged, _CHANGED):
             raise np.linalg.LinAlgError("Gauss-Newton diverges")
-        current.gate(gate_probability)  # with the velocities of this minimum
+        current = gated(current, gate_probability)  # with the velocities of this minimum
         if timed:
-            renew_timing(current)
+            current = renewed_timing(current)
         before, steps = decrease, steps + 1
-    return steps
+    return current, steps
+
+
+def gauss_newton_step(current: WindowState) -> tuple[WindowState, float]:
+    """Move poses, points and modes by one step, and return the predicted decrease of the sum of squares."""
+    blocks, inertial = linearise(current.projection, current.state(), current.views), None
+    known = np.searchsorted(current.points.ids, current.prior.ids)
+    if current.inertia is not None and current.frames:
+        inertia, inertial = current.inertia.linearised(current.cams_from_ref, current.inertial_state)
+        current = changed(current, inertia=inertia)
+    system = System(current.prior, known, blocks, current.points.q, current.amplitudes, inertial)
+    *change, decrease = system.step()
+    return changed(current.moved(*change), solved=system), decrease
+
+
+def without_undetermined(current: WindowState) -> WindowState:
+    """Drop points that neither the prior nor an accepted stereo view of the window determines.
+
+    Points that ended after a single view are dropped too, as one view contains no information about anything else.
+    """
+    views, points, known = current.views, current.points, current.prior.ids
+    keep = core.determined_points(points.ids, known, views.ids, views.used, views.stereo, current.newest.start)
+    if keep.all():
+        return current
+    points = points.keep(keep)
+    return changed(
+        current, points=points, views=changed(views, used=views.used & core.among(views.ids, points.ids))
+    )
+
+
+def gated(current: WindowState, probability: float) -> WindowState:
+    """Stop using the views that contradict the joint minimum, each by its own covariance and slide, eq. (26a)."""
+    views, gates = current.views, (chi2_gate(2, probability), chi2_gate(4, probability))
+    slides = slides_px2(current.projection, views)
+    used = core.views_within_gates(current.projection, current.state(), views, slides, *gates)
+    rejections = current.rejections.with_more(views.ids[views.used & ~used])
+    return changed(current, rejections=rejections, views=changed(views, used=used))

@@ -5,6 +5,7 @@ the common modes of the prior, points are independent of each other. So each poi
 and (30) (Schur complement, Triggs et al. 2000, section 6).
 """
 
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -109,17 +110,21 @@ class System:
         poses, own, modes = delta[self.at["poses"]], delta[self.at["own"]], delta[self.at["own"].stop :]
         return poses.reshape(-1, 6), own.reshape(self._own), matvec(self.std_given, for_itself), modes
 
-    def with_rig_of(self, other: "System", rows: NDArray[np.intp]) -> None:
-        """Take the Jacobians of poses, modes and points by the rig's errors from another system, as this one has none.
+    def with_rig_of(self, other: "System", rows: NDArray[np.intp]) -> "System":
+        """Return the system with the Jacobians by the rig's errors from another system, as this one has none.
 
         `rows` (P,): the points in the other system. The Jacobians hardly depend on the weights of the views.
         """
-        self.prior, self.by_rig, self.cov_rig, self._of_rig = (
-            other.prior,
-            other.by_rig,
-            other.cov_rig,
-            (other, rows),
-        )
+        result = copy(self)
+        result.prior, result.by_rig, result.cov_rig = other.prior, other.by_rig, other.cov_rig
+        result._of_rig = other, rows
+        return result
+
+    def with_cov_rig(self, cov: Array) -> "System":
+        """Return the system with another covariance (m, m) of the rig's errors."""
+        result = copy(self)
+        result.cov_rig = cov
+        return result
 
     def _points_by_rig(self) -> tuple[Array, Array]:
         """Return the Jacobian (P, 3, m) of points by the rig's errors, and the roots (P, 3, 3) that are its units."""

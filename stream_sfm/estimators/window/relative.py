@@ -11,7 +11,7 @@ from ...geometry.linear import product
 from ...rig_model.estimate import RigEstimate
 from ...types import CommonErrors, RelativeMotions
 from .inertia.interval import JOINT
-from .map import Map
+from .state import WindowState
 
 
 def apart_from_newest(from_newest: Array, *of_poses: Array) -> list[Array]:
@@ -24,13 +24,15 @@ def apart_from_newest(from_newest: Array, *of_poses: Array) -> list[Array]:
     return [np.concatenate([-each[-1:], moved @ each[:-1] - each[-1]]) for each in by_pose]
 
 
-def newest_motion(current: Map) -> Array:
+def newest_motion(current: WindowState) -> Array:
     """Return the motion (4, 4) from the newest frame to the previous one, which may be the reference."""
     earlier = current.true_cams[-2] if len(current.frames) > 1 else np.eye(4)
     return se3.orthonormalise(earlier @ se3.inverse(current.true_cams[-1]))
 
 
-def relative_motions(current: Map, cov_newest: Array, by_span: Array, apparent_turns: float) -> RelativeMotions:
+def relative_motions(
+    current: WindowState, cov_newest: Array, by_span: Array, apparent_turns: float
+) -> RelativeMotions:
     """Return the motions from the newest frame to the reference camera and to every other frame of the window.
 
     `cov_newest` (6, 6): further covariance of the newest pose alone. `by_span` (b,): the factors on σ over 1 … b
@@ -48,14 +50,14 @@ def relative_motions(current: Map, cov_newest: Array, by_span: Array, apparent_t
     half[..., modes] *= factors
     cov = half @ np.swapaxes(half, 1, 2) + product(by_rig, system.cov_rig) @ np.swapaxes(by_rig, 1, 2)
     return RelativeMotions(
-        frame_indices=np.array([f.index for f in (current.reference, *frames[:-1])], np.int64),
+        frame_indices=np.array([f.index for f in current.all_frames[:-1]], np.int64),
         frame_from_newest=se3.orthonormalise(from_newest),
         cov=cov + _of_motions(current, apparent_turns) + cov_newest,
         common_jacobian=by_rig,
     )
 
 
-def _of_true_cams(current: Map) -> tuple[Array, Array]:
+def _of_true_cams(current: WindowState) -> tuple[Array, Array]:
     """Return a root (6F, n) of the covariance of `true_cams` given the rig's errors, and ∂ by these (6F, m)."""
     if current.inertia is not None:
         return current.inertia.true_poses(current.system)
@@ -63,7 +65,7 @@ def _of_true_cams(current: Map) -> tuple[Array, Array]:
     return current.system.root[poses], current.system.by_rig[poses]
 
 
-def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
+def common_errors(current: WindowState, rig: RigEstimate | None) -> CommonErrors | None:
     """Return the rig's errors, which all frames share, and their effect on the newest pose; None for an exact rig."""
     if rig is None:
         return None
@@ -75,7 +77,7 @@ def common_errors(current: Map, rig: RigEstimate | None) -> CommonErrors | None:
     return CommonErrors(current.rig_error, rig.cov, jacobian)
 
 
-def _of_motions(current: Map, apparent_turns: float) -> Array:
+def _of_motions(current: WindowState, apparent_turns: float) -> Array:
     """Return the covariances (r, 6, 6) to add to the motions between each earlier frame and the newest one.
 
     Differences of ambiguous motions add up. Apparent rotations by sliding patches come and go within a window, so over

@@ -7,22 +7,21 @@ times one factor, eq. (69a), and one factor per track, eq. (69c). That minimum i
 rig unchanged. Nothing of it is fed back into them.
 """
 
-import copy
-
 import numpy as np
 
 from ... import core
 from ...record import changed
 from .halves import SpanFactors, squares_of_halves
 from .inverse_depth import linearise
-from .map import Map
+from .minimise import without_undetermined
 from .normal_equations import System
+from .state import WindowState
 from .track_noise import TrackNoise
 
 
 def reported(
-    current: Map, factors: SpanFactors, noise: TrackNoise, learns: bool
-) -> tuple[Map, SpanFactors, TrackNoise]:
+    current: WindowState, factors: SpanFactors, noise: TrackNoise, learns: bool
+) -> tuple[WindowState, SpanFactors, TrackNoise]:
     """Return the map to report estimates from, and the factors and the noise of tracks after this frame.
 
     `learns`: whether factors and noise are updated with this frame. If the views with these weights do not determine
@@ -35,29 +34,27 @@ def reported(
 
 
 def _reported(
-    current: Map, factors: SpanFactors, noise: TrackNoise, learns: bool
-) -> tuple[Map, SpanFactors, TrackNoise]:
+    current: WindowState, factors: SpanFactors, noise: TrackNoise, learns: bool
+) -> tuple[WindowState, SpanFactors, TrackNoise]:
     """Return the same as `reported`. Raises LinAlgError if the views do not determine the window."""
     if learns and factors.asks_for(current.frames[-1].index):
         factors = factors.after(squares_of_halves(current, factors.rules))
-    result, views, factor = copy.copy(current), current.views, factors.by_span[-1]
+    views, factor = current.views, factors.by_span[-1]
     ids, tracks = current.points.ids, core.squares_of_tracks(current.projection, current.state(), views)
     residuals = *tracks, core.among(ids, current.prior.ids)
     row = np.minimum(np.searchsorted(ids, views.ids), len(ids) - 1)
     share = np.where(ids[row] == views.ids, noise.information(*residuals)[row], 1.0)
     own = np.full_like(views.weight, 1 / factor) * np.sqrt(share)[:, None]
-    result.views = changed(views, root=views.root * (own / views.weight)[:, None, :], weight=own)
-    result.drop_undetermined()
-    m, k = len(result.prior.rig), len(result.amplitudes)
-    at = result.state()
-    inertial = None
-    if current.inertia is not None:  # a copy, so that nothing is fed back
-        result.inertia = copy.copy(current.inertia)
-        inertial = result.inertia.linearise(result.cams_from_ref, result.inertial_state)
+    views = changed(views, root=views.root * (own / views.weight)[:, None, :], weight=own)
+    result = without_undetermined(changed(current, views=views))  # nothing of it is fed back
+    m, k, inertial = len(result.prior.rig), len(result.amplitudes), None
+    if result.inertia is not None:
+        inertia, inertial = result.inertia.linearised(result.cams_from_ref, result.inertial_state)
+        result = changed(result, inertia=inertia)
     system = System(
         result.prior.given_rig(result.amplitudes[k - m :]),
         np.searchsorted(result.points.ids, result.prior.ids),
-        linearise(result.projection, at, result.views, with_rig=False),
+        linearise(result.projection, result.state(), result.views, with_rig=False),
         result.points.q,
         result.amplitudes[: k - m],
         inertial,
@@ -65,6 +62,7 @@ def _reported(
     )
     if learns:
         noise = noise.after(*residuals)
-    result.follow(system)
-    system.with_rig_of(current.system, np.searchsorted(current.points.ids, result.points.ids))
-    return result, factors, noise
+    dx, down, dq, dy, _ = system.step()
+    system = system.with_rig_of(current.system, np.searchsorted(current.points.ids, result.points.ids))
+    result = result.moved(dx, down, dq, np.concatenate([dy, np.zeros(m)]))
+    return changed(result, solved=system), factors, noise

@@ -1,12 +1,13 @@
 """One frame of the window, and the views that it brings."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from ... import core
 from ...geometry import Array
 from ...geometry.stereo import StereoProjection
+from ...record import record
 from ...rig_model.model import RigModel
 from ...rig_model.terms import by_turn
 from ...types import Observations
@@ -14,7 +15,7 @@ from .inertia.interval import Interval
 from .inverse_depth import WhitenedViews
 
 
-@dataclass(slots=True)
+@record
 class WindowFrame:
     """Per-frame data other than pose and views.
 

@@ -22,6 +22,7 @@ from ...geometry import Array
 from ...geometry.point_views import PointViews
 from ...geometry.resection import MANY_VIEWS, Resection
 from ...geometry.stereo import StereoProjection, clamp_depth
+from ...geometry.view_stages import CorrectedViews
 from ...pictures.content import frozen
 from ...pictures.prepared import PreparedImages
 from ...record import changed, record
@@ -72,7 +73,7 @@ class PairFit:
         left, both = motion.accepted, motion.accepted & has_right
         if np.count_nonzero(both & inside) < config.rules.pair.good_share * np.count_nonzero(inside):
             points = before.points, before.cov_points(projection)
-            left_px = np.where([True, True, False, False], found.z_px, np.nan)
+            left_px = CorrectedViews(np.where([True, True, False, False], found.z_px, np.nan))
             views = PointViews(projection, *points, left_px, found.cov_px, config.rules.robust)
             root, _ = views.linearise(motion.cam_from_ref)
             left = left | (views.squared_residuals(motion.cam_from_ref, root) < motion.spread * views.gate)

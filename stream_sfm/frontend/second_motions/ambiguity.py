@@ -1,10 +1,10 @@
-"""Remembers for some frames a second motion that may be the camera's.
+"""Remembers a second motion that may be the camera's, until something shows which of the two is.
 
 Two sets of tracks move differently, and nothing shows which of them is static. If one of them leaves the view, this
-does not prove that the other one is the background. So the ambiguity continues for as long again as it has lasted, and
-at least until tracks that have begun in the meantime have a full history. A frame is not ambiguous if both sets are in
-view and one motion explains them, whichever of them is the background. If the scene is repetitive (`repetition.py`),
-the ambiguity lasts until something unique comes into view.
+does not prove that the other one is the background. So the ambiguity continues until points that begin in the meantime
+confirm the motion followed (`confirmation.py`). A frame is not ambiguous if both sets are in view and one motion
+explains them, whichever of them is the background. If the scene is repetitive (`repetition.py`), the ambiguity lasts
+until something unique comes into view.
 """
 
 from dataclasses import field
@@ -18,25 +18,34 @@ from ...geometry import Array, se3
 from ...geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection, SecondMotion
 from ...record import changed, record
 from ..tracks import Tracks
+from .confirmation import Confirmation
 
 
 @record
 class AmbiguityMemory:
     """The `last` second motion, and its difference from the motion followed, `second_from_first` (4, 4).
 
-    `frames_seen`: frames with a second motion since the last one without ambiguity; `frames_left`: for how many more
-    frames the ambiguity lasts. `repeats`: it exists because the scene looks the same under both motions. `is_new`: none
-    of its tracks were followed before. `ids` (m,): its tracks.
+    `confirmation`: of the motion followed, since the last frame with a second motion. `repeats`: the ambiguity exists
+    because the scene looks the same under both motions. `is_new`: none of its tracks were followed before. `ids` (m,):
+    its tracks.
     """
 
     last: SecondMotion | None = None
     second_from_first: Array | None = None
-    frames_seen: int = 0
-    frames_left: int = 0
+    confirmation: Confirmation = field(default_factory=lambda: Confirmation.sought(MotionRules()))
     repeats: bool = False
     is_new: bool = False
     ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    rules: MotionRules = MotionRules()
+
+    @classmethod
+    def none(cls, rules: MotionRules) -> "AmbiguityMemory":
+        """Return the memory without an ambiguity."""
+        return cls(confirmation=Confirmation.sought(rules))
+
+    @property
+    def lasts(self) -> bool:
+        """Whether there is an ambiguity."""
+        return self.last is not None
 
     def after(
         self, motion: Resection, before: Tracks, alike: SecondMotion | None = None
@@ -49,23 +58,24 @@ class AmbiguityMemory:
         body in front of the scene, or enough of the former background still agrees and none of it was in the second
         set.
         """
-        second, old = motion.ambiguous or alike, before.agreed >= self.rules.full_history
+        rules, second = self.confirmation.rules, motion.ambiguous or alike
+        old, none = before.agreed >= rules.full_history, AmbiguityMemory.none(rules)
         if second is not None:
-            apart, seen = second.cam_from_ref @ se3.inverse(motion.cam_from_ref), self.frames_seen + 1
+            apart = second.cam_from_ref @ se3.inverse(motion.cam_from_ref)
             new = alike is not None or old[second.views].sum() < MIN_VIEWS
-            new = bool(new and not second.lasted and (self.is_new or self.frames_left == 0))
-            lasts = int(self.rules.ambiguity_lasts * max(self.rules.full_history, seen))
+            new = bool(new and not second.lasted and (self.is_new or not self.lasts))
             ids = self.ids if motion.ambiguous is None else before.ids[second.views]
-            memory = AmbiguityMemory(second, apart, seen, lasts, alike is not None, new, ids, self.rules)
-            return memory, second, False
+            sought = Confirmation.sought(rules, int(before.ids[-1]) + 1)
+            return AmbiguityMemory(second, apart, sought, alike is not None, new, ids), second, False
         remembered = self.second_beside(motion.cam_from_ref)
         if remembered is None or self.repeats:
-            return AmbiguityMemory(rules=self.rules), None, self.repeats
-        if self.frames_left == 1 and self.is_new and (motion.accepted & old).sum() >= MANY_VIEWS:
-            return AmbiguityMemory(rules=self.rules), None, True
+            return none, None, self.repeats
         if self._is_of_body(motion, before):
-            return AmbiguityMemory(rules=self.rules), None, True
-        memory = changed(self, frames_left=self.frames_left - 1)
+            return none, None, True
+        confirmation = self.confirmation.after(before.ids, motion.accepted)
+        if confirmation.is_there:
+            return none, None, bool(self.is_new and (motion.accepted & old).sum() >= MANY_VIEWS)
+        memory = changed(self, confirmation=confirmation)
         return memory, None if self._is_explained(motion, before) else remembered, False
 
     def _is_of_body(self, motion: Resection, before: Tracks) -> bool:
@@ -79,10 +89,10 @@ class AmbiguityMemory:
         """Whether the second set is still in view, and nearly all of it agrees with the motion."""
         its = core.among(before.ids, self.ids)
         n_agree = np.count_nonzero(its & motion.accepted)
-        return bool(n_agree >= MANY_VIEWS and n_agree >= self.rules.as_many * np.count_nonzero(its))
+        return bool(n_agree >= MANY_VIEWS and n_agree >= self.confirmation.rules.as_many * np.count_nonzero(its))
 
     def second_beside(self, cam_from_ref: Array) -> SecondMotion | None:
         """Predict the alternative motion: a given one (4, 4) composed with the last difference."""
-        if self.last is None or self.second_from_first is None or self.frames_left == 0:
+        if self.last is None or self.second_from_first is None:
             return None
         return changed(self.last, cam_from_ref=self.second_from_first @ cam_from_ref)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ... import core
 from ...config.rules import Rules, StartRules
-from ...geometry import Array
+from ...geometry import Array, se3
 from ...geometry.medians import median
 from ...geometry.resection import (
     MANY_VIEWS,
@@ -57,7 +57,7 @@ def of_background(step: Step, state: FrontEndState, rough: RoughMotion) -> Rough
 
 def choose(step: Step, state: FrontEndState, seen: Seen, found: Resection) -> Resection:
     """Return the motion that is probably the scene's, with the other one as its second motion."""
-    motion = _sampled(step, seen, _steady(step, state, seen, found))
+    motion = _sampled(step, seen, _steady(step, state, seen, _as_one(step, seen, found)))
     if not state.start.is_over and motion.ok:
         at_rest = residuals_of(seen.point_views, np.eye(4)) < seen.point_views.gate
         if np.count_nonzero(motion.accepted & at_rest) < np.count_nonzero(motion.accepted & ~at_rest):
@@ -72,6 +72,29 @@ def choose(step: Step, state: FrontEndState, seen: Seen, found: Resection) -> Re
     return _decided(step, state, seen, motion, second)
 
 
+def _as_one(step: Step, seen: Seen, motion: Resection) -> Resection:
+    """Return one motion in place of two, if these do not differ, or if it explains the views of both.
+
+    Few views, or views of one place, determine a motion poorly. The search may stop at a motion that the others alone
+    have, and then these few seem to be a set of their own.
+    """
+    second, views, rules = motion.second, seen.point_views, step.setup.rules
+    if second is None or not motion.ok:
+        return motion
+    apart = se3.log(motion.cam_from_ref @ se3.inverse(second.cam_from_ref))
+    if apart @ np.linalg.solve(motion.cov_pose + second.cov_pose, apart) < views.settings.halves_apart:
+        return changed(motion, second=None)  # the camera has moved alike by both
+    start = expected(motion, second.cam_from_ref, second.cov_pose).cam_from_ref
+    one = refine(views, seen.weights, start, motion.amplitudes)
+    alone = refine(views, seen.weights, second.cam_from_ref, motion.amplitudes)
+    both = motion.accepted | second.views
+    if not one.ok or np.count_nonzero(one.accepted & both) < rules.motion.as_many * np.count_nonzero(both):
+        return motion
+    squared = np.where(second.views, alone.squared_residuals, motion.squared_residuals)
+    odds = log_odds(changed(motion, squared_residuals=squared), one, both, views.gate)
+    return one if odds < rules.start.body else motion
+
+
 def _decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection, second: SecondMotion) -> Resection:
     """Return two motions in their order, with the odds of the second one, eq. (23f)."""
     views, tracks, clear = seen.point_views, seen.before, -float(np.log(motion.ambiguous_share))
@@ -79,7 +102,7 @@ def _decided(step: Step, state: FrontEndState, seen: Seen, motion: Resection, se
     only_first = motion.accepted & (other.squared_residuals > views.clear_gate)
     first, then = tracks.keep(only_first), tracks.keep(second.views)
     votes, order = -float(np.log(max(second.odds, 1e-9))), 0.0
-    if motion.ambiguous is not None or not state.start.is_over or state.ambiguity.frames_left > 0:
+    if motion.ambiguous is not None or not state.start.is_over or state.ambiguity.lasts:
         if not state.start.is_over and votes <= clear and other.ok and is_behind(step.setup, then, first):
             order = -2 * clear
         elif is_behind(step.setup, tracks.keep(motion.accepted), then):
@@ -103,7 +126,7 @@ def _is_newcomer(step: Step, state: FrontEndState, seen: Seen, motion: Resection
     The speed of the second motion is no evidence, because a body may pass slowly.
     """
     old = seen.before.agreed >= step.setup.rules.motion.full_history
-    if state.ambiguity.frames_left > 0 or step.jumps(motion.cam_from_ref, step.std_change):
+    if state.ambiguity.lasts or step.jumps(motion.cam_from_ref, step.std_change):
         return False
     return bool(
         np.count_nonzero(second.views & old) < MIN_VIEWS and np.count_nonzero(motion.accepted & old) >= MANY_VIEWS
@@ -185,7 +208,7 @@ def _of_old(step: Step, seen: Seen, old: NDArray[np.bool_], std_change: Array) -
     alone = resect(views.select(old), step.predicted, seen.weights[old], find_second=False)
     # far tracks alone determine a motion poorly
     if alone.ok and not step.jumps(alone.cam_from_ref, np.sqrt(std_change**2 + np.diagonal(alone.cov_pose))):
-        return judged(expected(alone, step.predicted, std_change), views, seen.weights)
+        return judged(expected(alone, step.predicted, np.diag(std_change**2)), views, seen.weights)
     return refine(views, seen.weights, step.predicted, np.zeros(views.shared.shape[2]))
 
 

@@ -78,7 +78,6 @@ class Source(Protocol):
     profile: str | None = None
     library: str | None = None
     imu: ImuCalibration | None = None  # of its inertial unit, if files beside the samples contain it
-    std_truth: tuple[float, float] = (0.0, 0.0)  # σ of the poses of its ground truth, m and rad, if it is known
     left_out: int = 0  # pairs of a live camera that were dropped because they came too fast
     in_order: bool = False  # messages come in the order of their stamps: nothing is held back for sorting
 
@@ -120,7 +119,6 @@ class Derived(Source):
     def __init__(self, source: Source) -> None:
         self.source = source
         self.path, self.size_bytes, self.in_order = source.path, source.size_bytes, source.in_order
-        self.std_truth = source.std_truth
         self.format, self.profile, self.library = source.format, source.profile, source.library
 
     @property

@@ -7,6 +7,7 @@ pose of another body would be wrong by an unknown mounting, and is refused with 
 import re
 from array import array
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import chain
 from threading import Lock
 
@@ -19,6 +20,7 @@ from ...evaluation.settings import SETTINGS
 from ...system.wording import LISTED
 from ...types import Trajectory
 from ..mcap_file.message import Message, Source
+from ..sources.profile import STD_KEYS
 from .images import decode_depth_m
 from .messages import MessageDecoder, decoded
 from .survey import Survey
@@ -34,6 +36,17 @@ def truth_topic(survey: Survey) -> str | None:
     """Return the topic of ground-truth poses, or None."""
     topics = [t for t, count in survey.of_kind("pose", "transform").items() if _TRUTH.search(t) and count != 0]
     return min(topics, key=lambda t: ("pose" not in t.lower(), len(t), t), default=None)
+
+
+def std_of_truth(survey: Survey) -> tuple[float, float]:
+    """Return σ of the poses of ground truth, m and rad, that the metadata of their channel gives; else zeros."""
+    topic = truth_topic(survey)
+    given = {} if topic is None else survey.topics[topic].metadata
+    with suppress(KeyError, ValueError):
+        std = float(given[STD_KEYS[0]]), float(given[STD_KEYS[1]])
+        if min(std) >= 0 and np.isfinite(std).all():
+            return std
+    return 0.0, 0.0
 
 
 def read_truth(

@@ -21,7 +21,7 @@ from ..mcap_file.message import Damage, Source
 from ..sources.recognise import open_source
 from .beside import calibration_beside, note_of
 from .frames import FrameDecoder, RecordedFrame
-from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_truth, truth_topic
+from .ground_truth import Depth, DepthImages, depth_topic, read_depths, read_truth, std_of_truth, truth_topic
 from .inertial import SamplesOfFrames, find_topics, mounted, with_imu
 from .messages import CalibrationMessage, MessageDecoder, decoded
 from .pair_reader import PairReader, ReadStats, StereoPair
@@ -334,8 +334,8 @@ class StereoLog:
 
     @property
     def std_truth(self) -> tuple[float, float]:
-        """σ of the ground truth, m and rad, that its data set is known for; zeros where it is not known, or given."""
-        return self._source.std_truth if self._given_truth is None else (0.0, 0.0)
+        """σ of the ground truth, m and rad, that the log carries; zeros where it carries none, or truth is given."""
+        return std_of_truth(self.survey) if self._given_truth is None else (0.0, 0.0)
 
     def is_next_here(self) -> bool:
         """Whether the next frame can be read without waiting for a live camera."""

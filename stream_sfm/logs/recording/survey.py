@@ -16,6 +16,7 @@ class Topic:
     schema: str
     encoding: str
     count: int | None
+    metadata: dict[str, str]  # what the recorder of its first channel says about it
 
 
 @dataclass(slots=True)
@@ -39,7 +40,9 @@ class Survey:
                 damage.note(f"only {LIMITS.named} topics with names of up to {LIMITS.name} characters are used")
                 return None
             kind = kind_of(channel.schema_name)
-            topic = self.topics[name] = Topic(name, kind, channel.schema_name, channel.message_encoding, count)
+            topic = self.topics[name] = Topic(
+                name, kind, channel.schema_name, channel.message_encoding, count, dict(channel.metadata)
+            )
         elif count is not None:
             topic.count = (topic.count or 0) + count
         return topic

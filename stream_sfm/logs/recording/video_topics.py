@@ -93,6 +93,9 @@ class _Decoded(Derived):
                 damage.note(f"{where}: {skipped} cannot be decoded")
             if stream.lost:
                 damage.add(f"{where}: {counted(stream.lost, 'frame')} of video could not be decoded")
+            if stream.incomplete:
+                left_out = f"{counted(stream.incomplete, 'frame')} of video left out"
+                damage.add(f"{where}: {left_out}: they depend on frames that are missing")
 
     def _frames(self, topic: str, damage: Damage) -> Iterator[tuple[tuple[ImageMessage, int, int], bytes]]:
         """Yield each frame without its bytes, with its log time and its number as sent, and then its bytes."""

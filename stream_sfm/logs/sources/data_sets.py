@@ -26,6 +26,7 @@ from ...geometry import Array, se3
 from ...inertial.samples import ImuCalibration
 from ..mcap_file.message import Source
 from .containers.video import VideoSource
+from .four_seasons import SIDES, open_four_seasons
 from .given import Given
 from .image_files import ImageFile, ImageFilesSource
 from .image_sets import ImageSides, image_sides, images_in, open_images
@@ -54,7 +55,7 @@ _EUROC_CALIBRATIONS = ("", "..", "../dso", "../calibration")  # relative to mav0
 # σ of ground truth, m and rad. EuRoC's Vicon and Leica: 1 mm (Burri et al., 2016), over the half metre of the body.
 # KITTI's OXTS: 2 cm with RTK (data sheet); its axes differ from those of the cameras by up to 9 mrad, taken as 2 σ.
 _STD_EUROC, _STD_KITTI = (0.001, 0.002), (0.02, 0.0045)
-_VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm")
+_VIDEO_SUFFIXES = (".mp4", ".m4v", ".mkv", ".avi", ".mov", ".webm", ".ts")
 # All cameras of TartanAir are identical and parallel.
 _TARTANAIR_F_PX, _TARTANAIR_BASELINE_M = 320.0, 0.25
 _VIRTUAL_KITTI_BASELINE_M = 0.532725
@@ -358,6 +359,7 @@ LAYOUTS = (
     Layout("KITTI-360", _open_kitti, ("image_00/data_rect", "image_01/data_rect"),
            ("../../calibration/perspective.txt",)),
     Layout("Virtual KITTI 2", _open_virtual_kitti, ("frames/rgb/Camera_0", "frames/rgb/Camera_1"), ("intrinsic.txt",)),
+    Layout("4Seasons", open_four_seasons, SIDES, SIDES),
     Layout("EuRoC", _open_euroc, ("mav0/cam0", "mav0/cam1"), [f"mav0/{name}" for name in _EUROC_FILES], "TUM-VI"),
     Layout("EuRoC", _open_euroc, ("cam0", "cam1"), _EUROC_FILES),
     Layout("TartanAir", _open_tartanair, ("image_left", "image_right"),

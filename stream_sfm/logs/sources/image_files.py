@@ -67,7 +67,7 @@ class ImageFilesSource(Source):
 
     `format` names the data set; `std_truth`: σ of the poses, m and rad; `imu`: samples (stamp_ns, (6,) rad/s and m/s²)
     of an inertial unit. An image that cannot be read, or has another size than the rig's, is skipped and added to the
-    damage of a reading. Raises LogError where no left and right image have the same stamp, ConfigError where no image
+    damage of a reading. Raises LogError where left and right images are of different times, ConfigError where no image
     can be rectified by the rig.
     """
 
@@ -88,17 +88,20 @@ class ImageFilesSource(Source):
         if rig is not None:
             with as_error(ConfigError, f"{path}", RigError):
                 check_rectifiable(rig)
-        self.images, self.poses, self.std_truth = images, poses, std_truth
+        self.images, self.poses, self._std_truth = images, poses, std_truth
         self.notes = list(notes)
         left, right = ({image.stamp_ns for image in side} for side in images)
-        if right and not left & right:
-            raise LogError(f"{path}: no left and right image have the same stamp: are they of one recording?")
+        if left and right and (min(left) > max(right) or min(right) > max(left)):
+            raise LogError(
+                f"{path}: the left and the right images are of different times: are they of one recording?"
+            )
         self.without_partner = len(left ^ right) if right else 0  # images
         self.size_bytes = sum(image.size_bytes for side in images for image in side)
 
     def contents(self) -> Contents | None:
         """Return the contents, known from the lists of files."""
-        encoder, stamps = ProfileEncoder(self.rig), [image.stamp_ns for side in self.images for image in side]
+        encoder = ProfileEncoder(self.rig, self._std_truth)
+        stamps = [image.stamp_ns for side in self.images for image in side]
         channels: list[tuple[Channel, int | None]] = [*zip(encoder.images, map(len, self.images), strict=True)]
         if self.rig is not None:
             channels += [(channel, None) for channel in encoder.calibrations]
@@ -111,7 +114,7 @@ class ImageFilesSource(Source):
     def messages(self, damage: Damage, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Yield the messages of `topics` (None: all) in order of time: at one stamp the pose, then left, then right."""
         damage.notes += self.notes
-        encoder = ProfileEncoder(self.rig)
+        encoder = ProfileEncoder(self.rig, self._std_truth)
         cameras = (None, None) if self.rig is None else (self.rig.left, self.rig.right)
         events: Iterator[tuple[int, int, ImageFile | Array]] = heapq.merge(
             ((stamp, 0, pose) for stamp, pose in self.poses),

@@ -14,24 +14,27 @@ from ...camera.rectification import Rectifier
 from ...camera.rig import StereoRig
 from ...geometry import Array, se3
 from ...inertial.samples import ImuCalibration
+from ...record import changed
 from ..mcap_file.message import Channel, Message
 
 _SIDES = ("left", "right")
 _IMU_FRAME = "imu"
+STD_KEYS = ("std_position_m", "std_rotation_rad")  # of ground truth, in the metadata of its channel
 _FRAME_IDS = ("left_camera_optical_frame", "right_camera_optical_frame")
 _CALIBRATION_PERIOD_NS = 1_000_000_000  # calibrations are repeated, so that each part of the log has one
 _MODELS = {"none": "plumb_bob", "equidistant": "kannala_brandt"}  # different names in Foxglove's CameraCalibration
 
 
 class ProfileEncoder:
-    """Encodes one log; `rig` is None if the calibration is not known."""
+    """Encodes one log; `rig` is None if the calibration is not known; `std_truth`: σ of its poses, m and rad."""
 
-    def __init__(self, rig: StereoRig | None) -> None:
+    def __init__(self, rig: StereoRig | None, std_truth: tuple[float, float] = (0.0, 0.0)) -> None:
         self.images = tuple(_channel(f"/camera/{side}/image", "CompressedImage") for side in _SIDES)
         self.raw_images = tuple(raw_channel(f"/camera/{side}/image") for side in _SIDES)
         self.both_images = raw_channel("/camera/both/image")  # side by side or stacked
         self.calibrations = tuple(_channel(f"/camera/{side}/calibration", "CameraCalibration") for side in _SIDES)
-        self.poses = _channel("/ground_truth/pose", "PoseInFrame")
+        std = zip(STD_KEYS, map(repr, std_truth), strict=True) if any(std_truth) else ()
+        self.poses = changed(_channel("/ground_truth/pose", "PoseInFrame"), metadata=tuple(std))
         self.imu, self.transforms = (
             _json("/imu", "sensor_msgs/msg/Imu"),
             _json("/tf_static", "foxglove.FrameTransform"),

@@ -9,6 +9,7 @@ import os
 import re
 from collections import deque
 from collections.abc import Iterator
+from itertools import islice
 from typing import Any, Generic, TypeVar
 
 import cv2
@@ -16,13 +17,13 @@ import cv2
 from ...camera.models import MAX_PIXELS
 from ...camera.pixels import Grey, to_grey
 from ...errors import LogError
+from .video_references import FrameNumbers, units
 
 T = TypeVar("T")
 
 _CODECS = {"h264": b"V_MPEG4/ISO/AVC", "h265": b"V_MPEGH/ISO/HEVC"}  # their names in Matroska
 # Names in messages: their own, or those of FFmpeg's encoders, such as hevc_nvenc
 _NAMES = {"h264": re.compile(r"h\.?264|x264|avc", re.I), "h265": re.compile(r"h\.?265|x265|hevc", re.I)}
-_START_CODE = b"\0\0\1"  # precedes each unit of a frame
 _UNITS_LOOKED_AT = 16  # parameter sets come first, after a delimiter and messages
 _DELAYED_FRAMES = 64  # more than a decoder holds back: later frames are lost
 _MOST_WAITING = 4096  # FFmpeg reads 32 KiB at a time, which may be many frames of a static scene
@@ -41,22 +42,15 @@ def quiet_ffmpeg() -> None:
 
 def starts_a_picture_group(codec: str, data: bytes) -> bool:
     """Whether a decoder can start at this frame, because it comes with the parameters of the stream."""
-    at = data.find(_START_CODE)
-    for _ in range(_UNITS_LOOKED_AT):
-        if at < 0 or at + 3 >= len(data):
-            return False
-        unit = data[at + 3]
-        if (unit & 0x1F == 7) if codec == "h264" else (unit >> 1 & 0x3F == 33):  # a sequence parameter set
-            return True
-        at = data.find(_START_CODE, at + 3)
-    return False
+    heads = (unit[0] for unit in islice(units(data), _UNITS_LOOKED_AT))
+    return any((head & 0x1F == 7) if codec == "h264" else (head >> 1 & 0x3F == 33) for head in heads)
 
 
 class VideoStream(Generic[T]):
     """The images of one stream: iterate `pictures`. `frames` yields data about each frame, and its bytes.
 
-    `skipped`: frames before the first key frame; `lost`: later frames without an image. The decoder may still make an
-    image of a damaged frame, from earlier ones.
+    `skipped`: frames before the first key frame; `lost`: later frames without an image; `incomplete`: frames that refer
+    to missing ones, which the decoder does not get. It may still make an image of a damaged frame, from earlier ones.
     """
 
     def __init__(self, codec: str, frames: Iterator[tuple[T, bytes]]) -> None:
@@ -64,8 +58,8 @@ class VideoStream(Generic[T]):
         quiet_ffmpeg()
         if cv2.CAP_FFMPEG not in cv2.videoio_registry.getStreamBufferedBackends():
             raise LogError("this OpenCV cannot decode video in a log: install opencv-python-headless")
-        self._codec, self._frames = codec, frames
-        self.skipped = self.lost = 0
+        self._codec, self._frames, self._numbers = codec, frames, FrameNumbers()
+        self.skipped = self.lost = self.incomplete = 0
         self._waiting: dict[int, tuple[T, bytes]] = {}  # number -> a frame that is not decoded yet
         self._again: deque[tuple[T, bytes]] = deque()  # frames that a decoder had read when it gave up
         self._fed, self._newest, self._begun, self._ended = 0, -1, False, False
@@ -131,7 +125,10 @@ class VideoStream(Generic[T]):
         while self._again:
             yield self._again.popleft()
         while (frame := next(self._frames, None)) is not None:  # no `yield from`: it would end with the decoder
-            yield frame
+            if self._codec != "h264" or self._numbers.are_complete(frame[1]):
+                yield frame
+            else:
+                self.incomplete += 1
 
 
 class _Pipe(io.BufferedIOBase):

@@ -21,7 +21,8 @@ from ....inertial.state import ACCEL_BIAS, AXES, CLOCK, GRAVITY, GYRO_BIAS, SCAL
 from ....record import changed
 from ....types import ExpectedMotion, InertialEstimate, InertialView, Prediction
 from ...lifecycle import LostError
-from ..map import Map
+from ..absorb import with_inertia, without_inertia
+from ..state import WindowState
 from ..window_frame import WindowFrame
 from .belief import Belief, Innovation, Steadiness
 from .checks import Densities, Jitter, impossible, with_odds
@@ -112,23 +113,23 @@ class Inertia:
         joint[JOINT["state"], JOINT["state"]] = np.diag(np.r_[std, self._std_fixed] ** 2)
         return Known(stamp_ns, world_from_cam, state, joint)
 
-    def begin(self, current: Map, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> None:
+    def begin(self, current: WindowState, stamp_ns: int, world_from_cam: Array, cov_pose: Array) -> WindowState:
         """Give a new map its inertial state: the predicted one, or else an initial one."""
         known = None if self._belief.is_out else self.predicted(stamp_ns)
         self._carried = self._unproven = known is not None and (self._belief.is_proven or self._unproven)
         self._belief, self._trial = self._belief.interrupted(), None
         if self._belief.is_out:
             self.now = None
-            return
+            return current
         if known is None:
             self._is_fresh = True
             known = self.begun(stamp_ns, world_from_cam, cov_pose)
         if known is None or self._calibration is None:
-            return
+            return current
         knows = bool(np.trace(known.cov_state[GRAVITY, GRAVITY]) < self._rules.known_gravity_m2_s4)
         window = InertialWindow(self._calibration.cam_from_imu, self._densities.factors, self._rules, knows)
-        current.begin_inertia(window, known)
         self.now = known
+        return with_inertia(current, window, known)
 
     def forget(self) -> None:
         """Forget the state: if the motion may have been a body's, its velocity predicts nothing."""
@@ -178,34 +179,38 @@ class Inertia:
         samples = self._buffer.between(first_ns, last_ns, float(state[CLOCK][0]))
         return Interval.of(samples, calibration, state, self._densities.factors, self._jitter.var_interval)
 
-    def enter(self, frame: WindowFrame, current: Map) -> None:
+    def enter(self, current: WindowState, frame: WindowFrame) -> tuple[WindowState, WindowFrame]:
         """Give a frame that is about to enter a map the samples since the previous frame."""
-        before = self._before_ns = (current.frames[-1] if current.frames else current.reference).stamp_ns
-        self._begin_in_newest(current)
+        before = self._before_ns = current.newest_frame.stamp_ns
+        current = self._begun_in_newest(current)
         window, now, self.contradiction = current.inertia, self.now, ""
         if window is not None and now is None:
-            current.end_inertia()
+            current = without_inertia(current)
         if window is None or now is None:
-            return
-        window.factors = self._densities.factors
+            return current, frame
+        window = changed(window, factors=self._densities.factors)
         if current.frames and window.intervals[-1].lacks_end:  # its last samples have arrived by now
-            first = (current.frames[-2] if len(current.frames) > 1 else current.reference).stamp_ns
-            window.intervals[-1] = self._interval(first, before, now.state)
+            last = self._interval(current.all_frames[-2].stamp_ns, before, now.state)
+            window = changed(window, intervals=(*window.intervals[:-1], last))
+        current = changed(current, inertia=window)
         found = self._leading(before, frame.stamp_ns, now, window.cam_from_imu)
         dense = found.interval.dense
         self._missing_s = 0.0 if dense else self._missing_s + found.interval.seconds
         if self._missing_s >= self._rules.lasting_s:
             self._belief = self._belief.interrupted().on_trial()
             self._end(f"inertial samples have been missing for {self._missing_s:.1f} s: {_BY_IMAGES}")
-            current.end_inertia()
-            return
-        frame.interval = found.interval
-        frame.velocity = (found if dense else now).state[VELOCITY]
-        self._note = frame.interval.note
+            return without_inertia(current), frame
+        self._note = found.interval.note
         guides = self.guiding(frame.stamp_ns) is not None
-        frame.turning = self._turning(frame.stamp_ns, now.state) if guides else None
         if current.first_views is not None and guides:  # later frames show their motion better
-            current.reference.turning = self._turning(current.reference.stamp_ns, now.state)
+            turning = self._turning(current.reference.stamp_ns, now.state)
+            current = changed(current, reference=changed(current.reference, turning=turning))
+        return current, changed(
+            frame,
+            interval=found.interval,
+            velocity=(found if dense else now).state[VELOCITY],
+            turning=self._turning(frame.stamp_ns, now.state) if guides else None,
+        )
 
     def _turning(self, stamp_ns: int, state: Array) -> Array | None:
         """Return angular velocity and acceleration (2, 3) of points in the camera at a time, from the gyroscope."""
@@ -215,7 +220,7 @@ class Inertia:
         mounted = self._calibration.cam_from_imu[:3, :3] @ se3.exp_so3(state[AXES])
         return -np.stack([found[0] - state[GYRO_BIAS], found[1]]) @ mounted.T
 
-    def _begin_in_newest(self, current: Map) -> None:
+    def _begun_in_newest(self, current: WindowState) -> WindowState:
         """Begin the state of a map in its newest camera: again, if samples started late, or after a trial."""
         begun, self._restart, calibration = self._restart, None, self._calibration
         if current.inertia is None and not self._belief.is_out:
@@ -225,29 +230,30 @@ class Inertia:
                 begun = beside(self._before_ns, *pose, tried.state, tried.cov_state)
             self._trial = None
         if begun is None or calibration is None:
-            return
+            return current
         window = InertialWindow(calibration.cam_from_imu, self._densities.factors, self._rules, knows_gravity=False)
-        current.begin_inertia(window, begun)
         self.now, self._is_fresh = begun, True
+        return with_inertia(current, window, begun)
 
-    def judge(self, motion: Resection, frame: WindowFrame) -> Resection:
+    def judge(self, motion: Resection, frame: WindowFrame) -> tuple[Resection, WindowFrame]:
         """Compare the motions from images and samples; if they contradict, either may be the camera's.
+
+        The interval of the frame then has nearly no information.
 
         Raises NotTheCameraError if the map is new and the samples are not.
         """
         if frame.interval is None or self.now is None:
             self._try(motion, frame)
-            return motion
+            return motion, frame
         expected, rules = self.expected_motion(frame.stamp_ns), self._rules
         if expected is None or not frame.interval.dense:
             self._belief = self._belief.interrupted()
-            return motion
+            return motion, frame
         found = self._innovation(expected, motion, frame)
         if motion.ambiguous is not None and not self._belief.is_proven:  # neither can confirm the other
-            frame.interval, self._belief = frame.interval.open(found.distance2), self._belief.interrupted()
-            self._is_fresh = True
-            return motion
-        distance2 = self._learn_jitter(found, expected, frame)
+            self._belief, self._is_fresh = self._belief.interrupted(), True
+            return motion, changed(frame, interval=frame.interval.open(found.distance2))
+        distance2, interval = self._learn_jitter(found, expected, frame.interval)
         self._unproven = self._unproven and distance2 > rules.apart
         if motion.ambiguous is None:
             self._belief = self._belief.after(found, self._is_fresh)
@@ -255,32 +261,32 @@ class Inertia:
         if self._unproven and not self._belief.is_out and self.dead_reckoned(frame.stamp_ns) is not None:
             raise NotTheCameraError("the images of a new map contradict the samples: they may show a moving body")
         if distance2 <= rules.apart:
-            return motion
-        frame.interval = frame.interval.open(distance2)  # it may be wrong, even if the others agree
+            return motion, changed(frame, interval=interval)
+        frame = changed(frame, interval=interval.open(distance2))  # it may be wrong, even if the others agree
         if not (self._belief.doubted and self._belief.lasted_s):  # a single frame is no contradiction
-            return motion
+            return motion, frame
         self.contradiction = self._belief.problem
         other = SecondMotion(
             se3.inverse(expected.previous_from_cam), expected.cov, np.zeros_like(motion.accepted), odds=1.0
         )
-        return replace(motion, second=other)
+        return replace(motion, second=other), frame
 
     def _innovation(self, expected: ExpectedMotion, motion: Resection, frame: WindowFrame) -> Innovation:
         cov = self._rules.farther**2 * (motion.spread * motion.cov_pose)
         seconds = (frame.stamp_ns - expected.since_ns) / 1e9
         return Innovation.of(expected, motion.cam_from_ref, cov, frame.std_turn_rad, seconds)
 
-    def _learn_jitter(self, found: Innovation, expected: ExpectedMotion, frame: WindowFrame) -> float:
-        """Learn the errors of stamps, and return the squared distance of the motions with them."""
-        interval, distance2 = frame.interval, found.distance2
-        assert interval is not None  # `judge` has looked
-        late_s, var_s2 = found.as_time(expected.twist)
+    def _learn_jitter(
+        self, found: Innovation, expected: ExpectedMotion, interval: Interval
+    ) -> tuple[float, Interval]:
+        """Learn the errors of stamps, and return the squared distance of the motions, and the interval, with them."""
+        distance2, (late_s, var_s2) = found.distance2, found.as_time(expected.twist)
         self._jitter = self._jitter.after(late_s, max(var_s2 - interval.var_time, 0.0))
         more_s2 = self._jitter.var_interval - interval.var_time
         if more_s2 <= 0:
-            return distance2
-        frame.interval = changed(interval, var_time=self._jitter.var_interval)  # more than it was predicted with
-        return distance2 - more_s2 / (var_s2 + more_s2) * late_s**2 / var_s2
+            return distance2, interval
+        interval = changed(interval, var_time=self._jitter.var_interval)  # more than it was predicted with
+        return distance2 - more_s2 / (var_s2 + more_s2) * late_s**2 / var_s2, interval
 
     def _try(self, motion: Resection, frame: WindowFrame) -> None:
         """Carry on the trial of samples that are not used; each of its states begins and ends as one of a map does."""
@@ -343,7 +349,7 @@ class Inertia:
             return None
         return replace(inertial_estimate(known, self._densities.factors), dead_reckoned=True)
 
-    def report(self, current: Map, smoothed: Map) -> tuple[Known | None, InertialEstimate | None]:
+    def report(self, current: WindowState, smoothed: WindowState) -> tuple[Known | None, InertialEstimate | None]:
         """Return the newest pose and state, with zero for improbable errors; None without inertia.
 
         The mean is that of the map `smoothed`, from which estimates are reported; the covariance is that of the filter,
@@ -353,7 +359,7 @@ class Inertia:
         if window is None:
             self.now = None
             return None, None
-        stamp_ns = (current.frames[-1] if current.frames else current.reference).stamp_ns
+        stamp_ns = current.newest_frame.stamp_ns
         seen = current.cams_from_ref, current.inertial_state
         known, by_rig = window.newest(current.system, stamp_ns, current.world_from_ref, *seen)
         cov = symmetric(known.cov + by_rig @ current.system.cov_rig @ by_rig.T)
@@ -362,8 +368,7 @@ class Inertia:
             pose, state = smoothed.inertia.newest_mean(*of_mean)
             known = changed(known, world_from_cam=pose, state=state)
         if len(current.frames) == self._frames and not current.frames[0].in_question:
-            window.learn(current.system, *seen)
-            self._densities = self._densities.after(window.surprise)
+            self._densities = self._densities.after(window.surprise(current.system, *seen))
         known = with_odds(known, cov, self._std_fixed, self._rig)
         doubted = known.cov.copy()
         doubted[JOINT["pose"], JOINT["pose"]] += current.cov_doubt

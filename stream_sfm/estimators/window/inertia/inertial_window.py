@@ -6,6 +6,9 @@ Exp(τ_k) X_k, with τ_k the sum of the slides δ up to k, each about its own ca
 inertial rows only.
 """
 
+from dataclasses import field
+from functools import cached_property
+
 import numpy as np
 
 from .... import core
@@ -13,6 +16,7 @@ from ....config.inertia_rules import InertiaRules
 from ....geometry import Array, se3
 from ....geometry.linear import Cholesky, scaled_cholesky, symmetric
 from ....inertial.state import GRAVITY, GRAVITY_M_S2, STATE, VELOCITY
+from ....record import changed, record
 from ..layout import Layout, layout
 from ..normal_equations import System
 from .interval import JOINT, OF_LEAVING, Interval, Intervals, Known, Leaving
@@ -21,114 +25,127 @@ _LEAST_SLIDE_RAD = 1e-7
 _OWN_SLIDE = np.eye(6)[:, 3:]  # Jacobian of the pose of a frame by its own slide
 
 
+@record
+class Eliminated:
+    """Velocities and slides as functions of poses and inertial state, from the latest normal equations, eq. (82).
+
+    `lead` (6F, 3F): Jacobian of true poses by slides; `cov` (6F, 6F): covariance of slides and velocities given poses
+    and state, `gain` (6F, 6F + 17): their Jacobian by these, and `right` (6F,): their right-hand side, of which a step
+    is made only once.
+    """
+
+    lead: Array
+    cov: Array
+    gain: Array
+    right: Array
+
+
+_NOTHING = Eliminated(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, STATE)), np.zeros(0))
+
+
+@record
 class InertialWindow:
     """Intervals, velocities (F, 3) and slides (F, 3) of the frames in the window, in their order.
 
-    `factors` (3,): on the noise densities of gyroscope and accelerometer, and on σ of the slides.
+    `factors` (3,): on the noise densities of gyroscope and accelerometer, and on σ of the slides, which are
+    `std_slides` (F,). `eliminated`: velocities and slides in the latest normal equations.
     """
 
-    def __init__(self, cam_from_imu: Array, factors: Array, rules: InertiaRules, knows_gravity: bool) -> None:
-        self.cam_from_imu, self.factors, self.knows_gravity = cam_from_imu, factors, knows_gravity
-        self._rules = rules
-        self.intervals: list[Interval] = []
-        self.velocities, self.slides, self._std_slides = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
-        self._led: tuple[Array | None, Array, tuple[Array, Array]] = None, self.slides, (self.slides, self.slides)
-        self._stacked: tuple[list[Interval], Array, Intervals] | None = None
-        self._clear()
-        self.surprise = np.zeros((3, 4))  # of the oldest interval, see `learn`
+    cam_from_imu: Array
+    factors: Array
+    rules: InertiaRules
+    knows_gravity: bool
+    intervals: tuple[Interval, ...] = ()
+    velocities: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    slides: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    std_slides: Array = field(default_factory=lambda: np.zeros(0))
+    eliminated: Eliminated = _NOTHING
+
+    @cached_property
+    def rows(self) -> Intervals:
+        """The intervals as arrays."""
+        return Intervals.of(self.intervals, self.factors)
 
     @property
     def _local(self) -> Layout:
         """The layout of the unknowns of the window that no view depends on."""
         return layout(slides=3 * len(self.intervals), velocities=3 * len(self.intervals))
 
-    def _clear(self) -> None:
-        f = len(self.intervals)
-        self._lead = np.zeros((6 * f, 3 * f))  # Jacobian of poses by slides
-        self._cov_local, self._gain = np.zeros((6 * f, 6 * f)), np.zeros((6 * f, 6 * f + STATE))
-        self._g_local = np.zeros(6 * f)
-
-    def enter(self, interval: Interval, velocity: Array, std_slide_rad: float) -> None:
+    def with_newest(self, interval: Interval, velocity: Array, std_slide_rad: float) -> "InertialWindow":
         """Add the newest frame."""
-        self.intervals.append(interval)
-        self.velocities = np.concatenate([self.velocities, velocity[None]])
-        self.slides = np.concatenate([self.slides, np.zeros((1, 3))])
-        self._std_slides = np.append(self._std_slides, max(self.factors[2] * std_slide_rad, _LEAST_SLIDE_RAD))
+        std_slide_rad = max(self.factors[2] * std_slide_rad, _LEAST_SLIDE_RAD)
+        return changed(
+            self,
+            intervals=(*self.intervals, interval),
+            velocities=np.concatenate([self.velocities, velocity[None]]),
+            slides=np.concatenate([self.slides, np.zeros((1, 3))]),
+            std_slides=np.append(self.std_slides, std_slide_rad),
+        )
 
-    def drop_oldest(self) -> None:
+    def without_oldest(self) -> "InertialWindow":
         """Remove the oldest frame."""
-        self.intervals.pop(0)
-        self.velocities, self.slides, self._std_slides = self.velocities[1:], self.slides[1:], self._std_slides[1:]
+        of_frames = self.velocities[1:], self.slides[1:], self.std_slides[1:]
+        velocities, slides, std_slides = of_frames
+        return changed(
+            self, intervals=self.intervals[1:], velocities=velocities, slides=slides, std_slides=std_slides
+        )
 
-    def true_cams(self, cams_from_ref: Array) -> Array:
-        """Return the true poses (F, 4, 4) of the cameras, without the slides."""
-        return self._leads(cams_from_ref)[1]
+    def leads(self, cams_from_ref: Array) -> tuple[Array, Array]:
+        """Return the Jacobian (6F, 3F) of true poses by slides, and the true poses (F, 4, 4), without the slides."""
+        return core.slide_leads(cams_from_ref, self.slides)
 
-    def _leads(self, cams_from_ref: Array) -> tuple[Array, Array]:
-        """Return `_lead` and the true poses of the cameras, cached, as each frame needs them several times."""
-        if self._led[0] is not cams_from_ref or self._led[1] is not self.slides:
-            self._led = cams_from_ref, self.slides, core.slide_leads(cams_from_ref, self.slides)
-        return self._led[2]
-
-    def _all_intervals(self) -> Intervals:
-        """Return the intervals as arrays, cached, as each frame needs them several times."""
-        stacked = self._stacked
-        if stacked is None or stacked[0] != self.intervals or stacked[1] is not self.factors:
-            stacked = self._stacked = (
-                self.intervals.copy(),
-                self.factors,
-                Intervals.of(self.intervals, self.factors),
-            )
-        return stacked[2]
-
-    def linearise(self, cams_from_ref: Array, state: Array) -> tuple[Array, Array]:
+    def linearised(self, cams_from_ref: Array, state: Array) -> tuple["InertialWindow", tuple[Array, Array]]:
         """Return information (6F + 17, …) and right-hand side of poses and state, the rest eliminated, eq. (82)."""
-        f = len(self.intervals)
-        self._lead, true_cams = self._leads(cams_from_ref)
+        f, (lead, true_cams) = len(self.intervals), self.leads(cams_from_ref)
         residual, shared, local = core.inertial_rows(
-            self._all_intervals(), true_cams, self._lead, self.velocities, state, self.cam_from_imu
+            self.rows, true_cams, lead, self.velocities, state, self.cam_from_imu
         )
         slides = self._local["slides"]
-        about_slides = np.repeat(self._std_slides**-2.0, 3)
+        about_slides = np.repeat(self.std_slides**-2.0, 3)
         h_local = local.T @ local
         h_local[range(3 * f), range(3 * f)] += about_slides
-        g_local = -local.T @ residual
-        g_local[slides] -= about_slides * self.slides.ravel()
-        self._cov_local = Cholesky(h_local).inverse()
+        right = -local.T @ residual
+        right[slides] -= about_slides * self.slides.ravel()
+        cov = Cholesky(h_local).inverse()
         coupling = local.T @ shared
-        self._gain, self._g_local = -self._cov_local @ coupling, g_local
-        return (
-            shared.T @ shared + coupling.T @ self._gain,
-            self._gain.T @ g_local - shared.T @ residual,
+        gain = -cov @ coupling
+        about = shared.T @ shared + coupling.T @ gain, gain.T @ right - shared.T @ residual
+        return changed(self, eliminated=Eliminated(lead, cov, gain, right)), about
+
+    def moved(self, dposes: Array, dstate: Array) -> "InertialWindow":
+        """Move velocities and slides with steps of poses (F, 6) and state (17,); their own step is made only once."""
+        of = self.eliminated
+        step = of.cov @ of.right
+        step = step + of.gain @ np.concatenate([dposes.ravel(), dstate])
+        return changed(
+            self,
+            eliminated=changed(of, right=np.zeros(len(step))),
+            slides=self.slides + step[self._local["slides"]].reshape(-1, 3),
+            velocities=self.velocities + step[self._local["velocities"]].reshape(-1, 3),
         )
 
-    def follow(self, dposes: Array, dstate: Array) -> None:
-        """Move velocities and slides with steps of poses (F, 6) and state (17,); their own step is made only once."""
-        f = len(self.intervals)
-        step = self._cov_local @ self._g_local
-        step = step + self._gain @ np.concatenate([dposes.ravel(), dstate])
-        self._g_local = np.zeros(6 * f)
-        self.slides = self.slides + step[self._local["slides"]].reshape(-1, 3)
-        self.velocities = self.velocities + step[self._local["velocities"]].reshape(-1, 3)
+    def leaving(self, cam_from_ref: Array, state: Array, cov_gravity: Array) -> tuple[Leaving, "InertialWindow"]:
+        """Return the information of the oldest interval and of the slide of its frame, which the prior absorbs.
 
-    def leaving(self, cam_from_ref: Array, state: Array, cov_gravity: Array) -> Leaving:
-        """Return the information of the oldest interval and of the slide of its frame, which the prior absorbs."""
-        slide, velocity = self.slides[0], self.velocities[0]
+        The length of gravity is part of it once, when its direction is known.
+        """
+        slide, velocity, std_slide = self.slides[0], self.velocities[0], self.std_slides[0]
         cam = se3.exp(np.concatenate([np.zeros(3), slide])) @ cam_from_ref
         residual, *both = self._oldest_rows(cam, Intervals.of(self.intervals[:1], self.factors), state)
         j = np.concatenate(both, axis=1)
         h, g = j.T @ j, -j.T @ residual
         rows = range(OF_LEAVING["slide"].start, OF_LEAVING["slide"].stop)
-        h[rows, rows] += self._std_slides[0] ** -2
-        g[rows] -= slide * self._std_slides[0] ** -2
-        if not self.knows_gravity and np.trace(cov_gravity) < self._rules.known_gravity_m2_s4:
-            self.knows_gravity = True
-            at, gravity = OF_LEAVING.within("state", GRAVITY), state[GRAVITY]
-            variance = self._rules.std_known_gravity_m_s2**2
+        h[rows, rows] += std_slide**-2
+        g[rows] -= slide * std_slide**-2
+        knows = self.knows_gravity
+        if not knows and np.trace(cov_gravity) < self.rules.known_gravity_m2_s4:
+            knows, at, gravity = True, OF_LEAVING.within("state", GRAVITY), state[GRAVITY]
+            variance = self.rules.std_known_gravity_m_s2**2
             down = gravity / np.linalg.norm(gravity)
             h[at, at] += np.outer(down, down) / variance
             g[at] += down * (GRAVITY_M_S2 - np.linalg.norm(gravity)) / variance
-        return Leaving(h, g, slide, velocity, self.intervals[0].std_walk)
+        leaving = Leaving(h, g, slide, velocity, self.intervals[0].std_walk)
+        return leaving, changed(self, knows_gravity=knows)
 
     def _oldest_rows(self, true_cam: Array, oldest: Intervals, state: Array) -> tuple[Array, Array, Array]:
         """Return residual (9,) and Jacobians of the oldest interval, as in `core.inertial_rows`."""
@@ -140,12 +157,14 @@ class InertialWindow:
         of_own, of_rig = modes[:, of["own"]], modes[:, of["rig"]]
         poses, at = system.at["poses"], system.at["modes"]
         slides, shared = self._local["slides"], layout(poses=6 * f, state=STATE)
-        turn = self._lead @ self._gain[slides]
+        turn = self.eliminated.lead @ self.eliminated.gain[slides]
         by_poses, by_state = turn[:, shared["poses"]] + np.eye(6 * f), turn[:, shared["state"]]
         root = by_poses @ system.root[poses] + by_state @ (of_own @ system.root[at])
         by_rig = by_poses @ system.by_rig[poses]
         by_rig = by_rig + by_state @ (of_own @ system.by_rig[at] + of_rig)
-        left = self._lead @ scaled_cholesky(self._cov_local[slides, slides]) if f else np.zeros((0, 0))
+        left = (
+            self.eliminated.lead @ scaled_cholesky(self.eliminated.cov[slides, slides]) if f else np.zeros((0, 0))
+        )
         return np.concatenate([root, left], axis=1), by_rig
 
     def newest_mean(self, world_from_ref: Array, cams: Array, state: Array) -> tuple[Array, Array]:
@@ -157,7 +176,7 @@ class InertialWindow:
         return se3.orthonormalise(world_from_ref @ se3.inverse(x)), now
 
     def _newest_true_cam(self, cams: Array) -> Array:
-        return self.true_cams(cams)[-1] if self.intervals else np.eye(4)
+        return self.leads(cams)[1][-1] if self.intervals else np.eye(4)
 
     def newest(
         self, system: System, stamp_ns: int, world_from_ref: Array, cams: Array, state: Array
@@ -176,10 +195,14 @@ class InertialWindow:
         rows[JOINT["pose"], at["world"]] = se3.adjoint(x)
         rows[JOINT["state"], at["state"]] = np.eye(STATE)
         if f:
-            last, shared, slides = self._lead[-6:], layout(poses=6 * f, state=STATE), self._local["slides"]
+            last, shared, slides = (
+                self.eliminated.lead[-6:],
+                layout(poses=6 * f, state=STATE),
+                self._local["slides"],
+            )
             moved = np.zeros((6, at.size))
             moved[:, at["poses"]][:, -6:] = np.eye(6)  # the newest one
-            by_gain = last @ self._gain[slides]
+            by_gain = last @ self.eliminated.gain[slides]
             moved[:, at["poses"]] += by_gain[:, shared["poses"]]
             moved[:, at["state"]] += by_gain[:, shared["state"]]
             rows[JOINT["pose"]] -= moved
@@ -189,48 +212,47 @@ class InertialWindow:
             rows[gravity] = x[:3, :3] @ rows[gravity] + turned @ moved[3:]
             rest[gravity, slides] = turned @ last[3:]
             rows[velocity] = 0
-            rows[velocity, at["poses"]] = self._gain[-3:, shared["poses"]]
-            rows[velocity, at["state"]] = self._gain[-3:, shared["state"]]
+            rows[velocity, at["poses"]] = self.eliminated.gain[-3:, shared["poses"]]
+            rows[velocity, at["state"]] = self.eliminated.gain[-3:, shared["state"]]
             rest[velocity, -3:] = np.eye(3)
         of_world = rows[:, at.span("world", "state")]
         by_variables = _of_system(system, rows[:, at["poses"]], of_world @ of_modes[:, of["own"]])
         root = by_variables @ system.root
         by_rig = by_variables @ system.by_rig + of_world @ of_modes[:, of["rig"]]
-        cov = root @ root.T + rest @ self._cov_local @ rest.T
+        cov = root @ root.T + rest @ self.eliminated.cov @ rest.T
         return Known(stamp_ns, pose, now, symmetric(cov)), by_rig
 
-    def learn(self, system: System, cams_from_ref: Array, state: Array) -> None:
+    def surprise(self, system: System, cams_from_ref: Array, state: Array) -> Array:
         """Compare the residuals of the oldest interval with their expected squares, diag(I − J Σ Jᵀ) of its own rows.
 
-        `surprise` keeps for gyroscope, accelerometer and slides: the sums of squared residuals weighted by these
+        The result (3, 4) has for gyroscope, accelerometer and slides: the sums of squared residuals weighted by these
         expected squares, of the squared weights, of the squared residuals without weights, and of the weights. If the
         expected square is small, a residual shows the noise of the images.
         """
         f = len(self.intervals)
         if self.intervals[0].opened > 1 or not self.intervals[0].complete:
-            self.surprise = np.zeros((3, 4))
-            return
-        oldest = self._all_intervals().oldest
-        residual, of_oldest, of_own_local = self._oldest_rows(self.true_cams(cams_from_ref)[0], oldest, state)
+            return np.zeros((3, 4))
+        oldest = self.rows.oldest
+        residual, of_oldest, of_own_local = self._oldest_rows(self.leads(cams_from_ref)[1][0], oldest, state)
         modes, of = system.prior.world_modes[JOINT["state"]], system.prior.of_modes
         of_own, of_rig = modes[:, of["own"]], modes[:, of["rig"]]
         at = layout(poses=6 * f, state=STATE)
         # rows of the interval, and of the slide of its frame in σ
         local, shared = np.zeros((12, self._local.size)), np.zeros((12, at.size))
         first = slice(0, 3)
-        of_slide, std = self._local.within("slides", first), self._std_slides[0]
+        of_slide, std = self._local.within("slides", first), self.std_slides[0]
         local[:9, of_slide], local[9:, of_slide] = of_own_local[:, :3], np.eye(3) / std
         local[:9, self._local.within("velocities", first)] = of_own_local[:, 3:]
         shared[:9, :6], shared[:9, at["state"]] = of_oldest[:, :6], of_oldest[:, 6:]
-        total = shared + local @ self._gain
+        total = shared + local @ self.eliminated.gain
         by_variables = _of_system(system, total[:, at["poses"]], total[:, at["state"]] @ of_own)
         root = by_variables @ system.root
         by_rig = by_variables @ system.by_rig + total[:, at["state"]] @ of_rig
-        parts = (root, root), (by_rig @ system.cov_rig, by_rig), (local @ self._cov_local, local)
+        parts = (root, root), (by_rig @ system.cov_rig, by_rig), (local @ self.eliminated.cov, local)
         left = np.clip(1 - sum((a * b).sum(axis=1) for a, b in parts), 0.0, 1.0)
         squares = np.concatenate([residual, self.slides[0] / std]) ** 2
         rows = np.stack([left * squares, left**2, squares, left], axis=1)
-        self.surprise = np.array([rows[k].sum(axis=0) for k in (slice(0, 3), slice(3, 9), slice(9, 12))])
+        return np.array([rows[k].sum(axis=0) for k in (slice(0, 3), slice(3, 9), slice(9, 12))])
 
 
 def _of_system(system: System, by_poses: Array, by_modes: Array) -> Array:

@@ -9,6 +9,7 @@ the run; with the current delay and readout it shifts the views, and so adds to 
 (70b).
 """
 
+from collections.abc import Mapping
 from dataclasses import field
 
 import numpy as np
@@ -17,56 +18,66 @@ from numpy.typing import NDArray
 from .... import core
 from ....geometry import Array
 from ....geometry.medians import MEMORY_FRAMES, median
-from ....record import record
+from ....record import changed, record
 
 _LATER = 3  # frames after which the velocity of a frame does not become more certain
 
 
+@record
 class ExposureClock:
-    """Learns during a run which of the two models holds: wrong times cause apparent accelerations."""
+    """What a run shows about which of the two models holds: wrong times cause apparent accelerations.
 
-    def __init__(self) -> None:
-        self._even = 0.0  # log odds
+    `even`: log odds that frames were exposed at the ticks of an even clock.
+    """
 
-    def seconds(self, cams_from_ref: Array, stamps_ns: list[int], std_acceleration: Array) -> Array:
+    even: float = 0.0
+
+    def seconds(
+        self, cams_from_ref: Array, stamps_ns: list[int], std_acceleration: Array
+    ) -> tuple[Array, "ExposureClock"]:
         """Return the exposure times (n,) of cameras (n, 4, 4) at ascending stamps, since the first stamp.
 
-        To be called once per frame. `std_acceleration` (6,): the scale for comparing accelerations.
+        To be called once per frame, with the clock that the previous call returned. `std_acceleration` (6,): the scale
+        for comparing accelerations.
         """
         stamps = np.array([(s - stamps_ns[0]) / 1e9 for s in stamps_ns])
         if len(stamps) < 5:  # five determine a polynomial of fourth order, and the period of a clock
-            return stamps
+            return stamps, self
         ticks = np.round(stamps / median(np.diff(stamps)))
         if (np.diff(ticks) < 1).any():
-            return stamps
+            return stamps, self
         apart = ticks - ticks.mean()
         even = stamps.mean() + apart @ stamps / (apart @ apart) * apart  # the straight line that fits best
         rough = [
             np.sum((core.point_motions(cams_from_ref, t)[:, 1] / std_acceleration) ** 2) for t in (stamps, even)
         ]
-        if min(rough) > 0:
-            self._even += 0.5 * np.log(rough[0] / rough[1])
-        return even if self._even > 0 else stamps
+        after = self if min(rough) <= 0 else ExposureClock(self.even + 0.5 * float(np.log(rough[0] / rough[1])))
+        return even if after.even > 0 else stamps, after
 
 
+@record
 class TwistError:
-    """Learns the covariance `cov` (6, 6) of the newest twist of a map, from the later changes of twists."""
+    """The covariance (6, 6) of the newest twist of a map, learnt from the later changes of twists.
 
-    def __init__(self) -> None:
-        self._first: dict[int, Array] = {}
-        self._cov = np.zeros((6, 6))
-        self._frames = 0
+    `first`: the twists (6,) of the latest frames by index, each as estimated when it was the newest; `cov_learnt` (6,
+    6), from so many `frames`.
+    """
 
-    def add(self, indices: list[int], twists: Array) -> None:
-        """Add the twists (n, 6) of frames, as estimated with the newest one."""
+    first: Mapping[int, Array] = field(default_factory=dict)
+    cov_learnt: Array = field(default_factory=lambda: np.zeros((6, 6)))
+    frames: int = 0
+
+    def after(self, indices: list[int], twists: Array) -> "TwistError":
+        """Return the error learnt after a frame; `twists` (n, 6) of frames, as estimated with the newest one."""
         if len(indices) <= _LATER or not twists.any():
-            return
-        self._first[indices[-1]] = twists[-1]
-        before = self._first.pop(indices[-1 - _LATER], None)
-        if before is not None:
-            change = twists[-1 - _LATER] - before
-            self._frames += 1
-            self._cov += (np.outer(change, change) - self._cov) / min(self._frames, MEMORY_FRAMES)
+            return self
+        first = {**self.first, indices[-1]: twists[-1]}
+        before = first.pop(indices[-1 - _LATER], None)
+        if before is None:
+            return changed(self, first=first)
+        change, frames = twists[-1 - _LATER] - before, self.frames + 1
+        more = (np.outer(change, change) - self.cov_learnt) / min(frames, MEMORY_FRAMES)
+        return TwistError(first, self.cov_learnt + more, frames)
 
     def cov(self, std_acceleration: Array, seconds: Array) -> Array:
         """Return the covariance (6, 6) for a map with frames at times (n,).
@@ -76,8 +87,8 @@ class TwistError:
         """
         apart = np.diff(seconds)
         further = (apart[-_LATER:].max() / median(apart)) ** 2
-        weight = min(self._frames / _LATER, 1.0)
-        return weight * further**2 * self._cov + (1 - weight) * np.diag((std_acceleration * apart[-1]) ** 2)
+        weight = min(self.frames / _LATER, 1.0)
+        return weight * further**2 * self.cov_learnt + (1 - weight) * np.diag((std_acceleration * apart[-1]) ** 2)
 
 
 @record
@@ -86,17 +97,17 @@ class Exposures:
 
     `seconds` (F + 1,) since the first of them, and `motions` (F + 1, 2, 6) of points at these times. `has_twist`:
     whether frames have room for the errors of their twists. `by_twist` (2,): whether the error of the newest twist
-    counts, through delay and through readout. `clock` and `twist_error` learn.
+    counts, through delay and through readout. `clock` and `twist_error`: what the run has shown about both.
     """
 
     seconds: Array
     motions: Array
-    clock: ExposureClock
-    twist_error: TwistError
+    clock: ExposureClock = ExposureClock()
+    twist_error: TwistError = field(default_factory=TwistError)
     has_twist: bool = False
     by_twist: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(2, bool))
 
     @classmethod
     def of_reference(cls) -> "Exposures":
         """Return the exposures of a new map."""
-        return cls(np.zeros(1), np.zeros((1, 2, 6)), ExposureClock(), TwistError())
+        return cls(np.zeros(1), np.zeros((1, 2, 6)))

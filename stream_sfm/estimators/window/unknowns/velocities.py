@@ -19,36 +19,37 @@ from ....record import changed
 from ....rig_model.estimate import CERTAIN
 from ....rig_model.model import LEAST_VARIANCE, RigModel
 from ....rig_model.terms import DISPARITY
-from ..inverse_depth import WhitenedViews, at_rest, expected, held, timed
-from ..map import Map
+from ..inverse_depth import WhitenedViews, at_rest, expected, held, points_alone, timed
+from ..state import WindowState
 from ..window_frame import WindowFrame
-from .columns import begin_unknown, end_unknown, place_unknown
+from .columns import with_effects, with_unknown, without_unknown
 
 _TWIST = 6  # amplitudes
 
 
 def expect(
-    current: Map,
+    current: WindowState,
     frame: WindowFrame,
     views: WhitenedViews,
     rows: NDArray[np.intp],
     points: Array,
     cam_from_previous: Array,
     std_acceleration: Array,
-) -> tuple[WhitenedViews, Array | None]:
+) -> tuple[WindowState, WhitenedViews, Array | None]:
     """Set the effects of the rig's errors on `rows` of the views of the next frame, with the motion of their points.
 
-    `points` (n, 4): homogeneous, in the previous camera; the rough motion (4, 4) since. Returns the views, and (n, 4,
-    j) px of σ = 1: the errors that these views share, from the `own` amplitudes of the frame, from the uncertainty of
-    the timing, with accelerations of σ (6,), and from that of the disparity. The latter is None for an exact rig.
+    `points` (n, 4): homogeneous, in the previous camera; the rough motion (4, 4) since. Returns the state, the views,
+    and (n, 4, j) px of σ = 1: the errors that these views share, from the `own` amplitudes of the frame, from the
+    uncertainty of the timing, with accelerations of σ (6,), and from that of the disparity. The latter is None for an
+    exact rig.
     """
     if frame.rig is None:
-        return views, None
+        return current, views, None
     poses = [np.eye(4), *current.cams_from_ref, cam_from_previous @ current.newest_cam_from_ref]
-    stamps_ns = [f.stamp_ns for f in (current.reference, *current.frames, frame)]
-    seconds = current.exposures.clock.seconds(np.array(poses), stamps_ns, std_acceleration)
-    current.exposures = changed(current.exposures, seconds=seconds)
-    frames = current.reference, *current.frames, frame
+    stamps_ns = [f.stamp_ns for f in (*current.all_frames, frame)]
+    seconds, clock = current.exposures.clock.seconds(np.array(poses), stamps_ns, std_acceleration)
+    current = changed(current, exposures=changed(current.exposures, seconds=seconds, clock=clock))
+    frames = *current.all_frames, frame
     motions = _as_turning(core.point_motions(np.array(poses), seconds), frames)
     *_, before, now = motions
     moved = clamp_depth(points @ cam_from_previous.T)
@@ -61,9 +62,9 @@ def expect(
     by_readout_px = by_timing[rows, :, 1] * (size_s[1] / frame.rig.units_of_timing[1])
     by_twist = _matters(current, timing, by_readout_px)
     if not by_twist.any():
-        _end_twist(current)
+        current = _without_twist(current)
     if current.exposures.has_twist or by_twist.any():
-        _begin_twist(current, by_twist)
+        current = _with_twist(current, by_twist)
         in_cam = core.seen_points(current.projection, views.z_px)
         in_cam[rows] = moved
         in_cam[~np.isfinite(in_cam).all(axis=1)] = 0, 0, 1, 0  # far ahead: the left side alone has no delay
@@ -76,10 +77,10 @@ def expect(
     cov_held = current.prior.rig.cov_held[DISPARITY, DISPARITY] + LEAST_VARIANCE * np.eye(DISPARITY.stop)
     by_disparity = frame.rig.by_disparity(points, cam_from_previous, views.z_px[rows])
     of_disparity = by_disparity @ np.linalg.cholesky(cov_held)
-    return views, np.concatenate([views.own[rows], of_timing, of_disparity], axis=2)
+    return current, views, np.concatenate([views.own[rows], of_timing, of_disparity], axis=2)
 
 
-def _matters(current: Map, timing: tuple[Array, Array], by_readout_px: Array) -> NDArray[np.bool_]:
+def _matters(current: WindowState, timing: tuple[Array, Array], by_readout_px: Array) -> NDArray[np.bool_]:
     """Return whether the error of the newest twist is an unknown (2,), through delay and through readout.
 
     A delay that was probable once stays. The readout counts while its possible effect on the views (n, 4) is large:
@@ -92,26 +93,26 @@ def _matters(current: Map, timing: tuple[Array, Array], by_readout_px: Array) ->
     return np.array([is_late or current.exposures.by_twist[0], is_read_out])
 
 
-def _begin_twist(current: Map, by_twist: NDArray[np.bool_]) -> None:
+def _with_twist(current: WindowState, by_twist: NDArray[np.bool_]) -> WindowState:
     """Add the error of the twist to the unknowns of each frame; that of earlier frames counts as known.
 
     `by_twist` (2,): whether it matters in the newest frame through delay and through readout.
     """
-    had_twist = current.exposures.has_twist
-    current.exposures = changed(current.exposures, has_twist=True, by_twist=by_twist)
-    if not had_twist:
-        begin_unknown(current, current.own.shape[1], _TWIST)
+    if not current.exposures.has_twist:
+        current = with_unknown(current, current.own.shape[1], _TWIST)
+    current = changed(current, exposures=changed(current.exposures, has_twist=True, by_twist=by_twist))
     left = current.views.own[current.newest, :, -_TWIST:].copy()
     left[:, :3] = 0.0
-    place_unknown(current, current.newest, slice(-_TWIST, None), left)
+    return with_effects(current, current.newest, slice(-_TWIST, None), left)
 
 
-def _end_twist(current: Map) -> None:
+def _without_twist(current: WindowState) -> WindowState:
     """Remove the errors of twists from the unknowns of all frames, if no view of the window shows one."""
-    if not current.exposures.has_twist or current.first_views is not None or current.views.own[..., -_TWIST:].any():
-        return
-    current.exposures = changed(current.exposures, has_twist=False, by_twist=np.zeros(2, bool))
-    end_unknown(current, slice(-_TWIST, None))
+    exposures = current.exposures
+    if not exposures.has_twist or current.first_views is not None or current.views.own[..., -_TWIST:].any():
+        return current
+    exposures = changed(exposures, has_twist=False, by_twist=np.zeros(2, bool))
+    return without_unknown(changed(current, exposures=exposures), slice(-_TWIST, None))
 
 
 def _twist_columns(
@@ -127,74 +128,77 @@ def _twist_columns(
     return np.asarray(moved @ scaled_cholesky(cov_twist))
 
 
-def renew_timing(current: Map) -> None:
+def renewed_timing(current: WindowState) -> WindowState:
     """Update the effects of delay and readout on the used views of the window with the current velocities.
 
     Later frames show the camera's velocity better. The effects are still evaluated where a view was expected before it
     counted: at a place correlated with the view's own noise, weakly visible errors would be biased by a fixed amount
     that does not average out.
     """
-    rig = current.frames[-1].rig
+    rig = current.newest_frame.rig
     if rig is None:
-        return
+        return current
     poses = np.array([np.eye(4), *current.cams_from_ref])
-    frames = current.reference, *current.frames
-    motions = _as_turning(core.point_motions(poses, current.exposures.seconds), frames)
-    current.exposures = changed(current.exposures, motions=motions)
+    motions = _as_turning(core.point_motions(poses, current.exposures.seconds), current.all_frames)
+    current = changed(current, exposures=changed(current.exposures, motions=motions))
     if current.first_views is not None:
-        _renew_first(current, current.first_views, rig)
-    current.views = timed(current.state(), current.views, rig, motions[1:], _timing(current, rig)[0])
+        current = _with_first_renewed(current, current.first_views, rig)
+    views = timed(current.state(), current.views, rig, motions[1:], _timing(current, rig)[0])
+    return changed(current, views=views)
 
 
-def is_timed(current: Map) -> bool:
+def is_timed(current: WindowState) -> bool:
     """Whether delay or readout are certainly not zero, so that poses depend on velocities."""
-    rig = current.frames[-1].rig
+    rig = current.newest_frame.rig
     if rig is None:
         return False
     mean, cov = _timing(current, rig)
     return bool((mean**2 > CERTAIN**2 * np.diag(cov)).any())
 
 
-def cov_of_timing(current: Map, std_acceleration: Array) -> Array:
-    """Return the covariance (6, 6) of the newest pose from errors of its velocity, by way of delay and readout."""
-    rig, newest = current.frames[-1].rig, current.views[current.newest]
+def cov_of_timing(current: WindowState, std_acceleration: Array) -> tuple[WindowState, Array]:
+    """Return the covariance (6, 6) of the newest pose from errors of its velocity, by way of delay and readout.
+
+    The state has learnt how large these errors are.
+    """
+    rig, newest = current.newest_frame.rig, current.views[current.newest]
     if rig is None or not newest.used.any():
-        return np.zeros((6, 6))
-    indices = [f.index for f in (current.reference, *current.frames)]
+        return current, np.zeros((6, 6))
     exposures = current.exposures
-    exposures.twist_error.add(indices, exposures.motions[:, 0])
+    error = exposures.twist_error.after([f.index for f in current.all_frames], exposures.motions[:, 0])
     mean, cov = _timing(current, rig)
     elsewhere = ~exposures.by_twist  # the effect of the others is in the joint covariance
     mean, cov = mean * elsewhere, cov * np.outer(elsewhere, elsewhere)
     in_cam = core.points_of_views(current.state(), newest)
-    cov_twist = exposures.twist_error.cov(std_acceleration, exposures.seconds)
-    return core.cov_of_timed_pose(*rig.cameras, in_cam, np.sqrt(mean**2 + np.diag(cov)), cov_twist)
+    std_s, cov_twist = np.sqrt(mean**2 + np.diag(cov)), error.cov(std_acceleration, exposures.seconds)
+    current = changed(current, exposures=changed(exposures, twist_error=error))
+    return current, core.cov_of_timed_pose(*rig.cameras, in_cam, std_s, cov_twist)
 
 
-def _renew_first(current: Map, views: WhitenedViews, rig: RigModel) -> None:
+def _with_first_renewed(current: WindowState, views: WhitenedViews, rig: RigModel) -> WindowState:
     """Build the prior again from the first frame's views, whose motion later frames show better.
 
     This is possible as long as nothing else is in the prior.
     """
-    points, rig_error = (
-        current.points.keep(np.searchsorted(current.points.ids, current.prior.ids)),
-        current.rig_error,
-    )
-    state = current.state_of_one(points, rig_error)
+    known, rig_error, prior = current.points, current.rig_error, current.prior
+    state = current.of_reference(known.keep(np.searchsorted(known.ids, prior.ids)))
     views = changed(views, used=core.among(views.ids, state.ids))
-    views = at_rest(expected(state, views, rig), rig, current.prior.rig.age_s(current.reference.stamp_ns))
-    current.first_views = views = timed(state, views, rig, current.exposures.motions[:1], _timing(current, rig)[0])
-    ages_s = np.array([current.prior.rig.age_s(f.stamp_ns) for f in current.frames])
-    current.views = at_rest(
-        held(current.views, views.ids, views.expected_px, current.rules.rests_px), rig, ages_s[current.views.frame]
+    views = at_rest(expected(state, views, rig), rig, prior.rig.age_s(current.reference.stamp_ns))
+    views = timed(state, views, rig, current.exposures.motions[:1], _timing(current, rig)[0])
+    ages_s = np.array([prior.rig.age_s(f.stamp_ns) for f in current.frames])
+    later = held(current.views, views.ids, views.expected_px, current.rules.rests_px)
+    estimates = points_alone(current.projection, views, state, prior.rig.mean - rig_error)
+    return changed(
+        current,
+        first_views=views,
+        views=at_rest(later, rig, ages_s[current.views.frame]),
+        prior=prior.with_first_views(*estimates),
     )
-    estimates = current.seen_alone(current.first_views, state, current.prior.rig.mean - rig_error)
-    current.prior = current.prior.with_first_views(*estimates)
 
 
-def _timing(current: Map, rig: RigModel) -> tuple[Array, Array]:
+def _timing(current: WindowState, rig: RigModel) -> tuple[Array, Array]:
     """Return the held delay and readout (2,) of the newest frame, seconds, and their covariance (2, 2)."""
-    return rig.timing(current.prior.rig.held_at(current.frames[-1].stamp_ns))
+    return rig.timing(current.prior.rig.held_at(current.newest_frame.stamp_ns))
 
 
 def _as_turning(motions: Array, frames: Sequence[WindowFrame]) -> Array:

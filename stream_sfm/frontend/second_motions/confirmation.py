@@ -1,0 +1,56 @@
+"""Confirms by points that begin later that the motion followed is the camera's.
+
+A body that is followed instead of the scene cannot be told by its own points. But points begin where they are missing,
+on the scene as well as on the body, so that only some of them agree with a body.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...config.rules import MotionRules
+from ...geometry.evidence import Evidence
+from ...geometry.resection import MIN_VIEWS
+from ...record import changed, record
+
+
+@record
+class Confirmation:
+    """The `evidence` that the motion followed is the camera's, by tracks whose ids are not below `next_id`.
+
+    `refuted`: whether the latest ones have taken back all that spoke for it.
+    """
+
+    evidence: Evidence
+    next_id: int = 0
+    refuted: bool = False
+    rules: MotionRules = MotionRules()
+
+    @classmethod
+    def sought(cls, rules: MotionRules, next_id: int = 0) -> "Confirmation":
+        """Return that of a motion that nothing has confirmed yet."""
+        return cls(Evidence(rules.confirmed_nats, rules.unsteady_frames), next_id, False, rules)
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the motion is confirmed."""
+        return self.evidence.is_there
+
+    def after(self, ids: NDArray[np.int64], accepted: NDArray[np.bool_]) -> "Confirmation":
+        """Return the same after a frame in which the tracks `ids` (n,), ascending, were found.
+
+        `accepted` (n,): which of them agree with its motion. Each track is judged once, when it is first found again.
+        """
+        new = ids >= self.next_id
+        nats = self.nats(int(np.count_nonzero(new & accepted)), int(np.count_nonzero(new)))
+        evidence = self.evidence.after(nats)
+        next_id = max(self.next_id, int(ids[-1]) + 1 if len(ids) else 0)
+        return changed(self, evidence=evidence, next_id=next_id, refuted=nats < 0 and not evidence.change)
+
+    def nats(self, agree: int, new: int) -> float:
+        """Return the log-likelihood ratio of a frame in which so many of the new points agree, eq. (23g).
+
+        What the new points of a frame show they share, so that many of them count as one. If it agrees, this is twice
+        as probable with the camera's motion as with that of a body.
+        """
+        neutral = self.rules.calm_start
+        return float(np.log(2)) * (agree - neutral * new) / ((new + MIN_VIEWS) * (1 - neutral))

@@ -1,0 +1,55 @@
+"""New points confirm a motion or refute it: each counts once, and those of one frame count as one event."""
+
+import numpy as np
+import pytest
+
+from stream_sfm.config.rules import MotionRules
+from stream_sfm.frontend.second_motions.confirmation import Confirmation
+
+RULES = MotionRules()
+
+
+def after(shares: list[float], new: int = 20) -> list[Confirmation]:
+    """The confirmation after each frame with so many new points, of which a share agrees."""
+    found, confirmation, ids = [], Confirmation.sought(RULES), np.arange(0)
+    for share in shares:
+        ids = np.arange(len(ids) + new)
+        confirmation = confirmation.after(ids, np.arange(len(ids)) < len(ids) - round((1 - share) * new))
+        found.append(confirmation)
+    return found
+
+
+def test_points_that_agree_frame_after_frame_confirm_a_motion() -> None:
+    there = [c.is_there for c in after([0.95] * 20)]
+    begun = there.index(True)
+    assert 3 <= begun <= 9 and all(there[begun:])  # neither a single frame, nor more than a second
+    assert not any(c.refuted for c in after([0.95] * 20))
+
+
+@pytest.mark.parametrize("share", [0.5, 0.65, 0.75])
+def test_a_body_is_not_confirmed_and_refuted_at_once(share: float) -> None:
+    found = after([share] * 60)
+    assert all(c.refuted for c in found) and not any(c.is_there for c in found)
+
+
+def test_contrary_evidence_takes_back_what_there_was() -> None:
+    good, bad = after([1.0, 1.0, 1.0]), after([1.0, 1.0, 1.0, 0.7])
+    assert 0 < bad[-1].evidence.change < good[-1].evidence.change and not bad[-1].refuted
+    assert after([1.0, 0.0])[-1].refuted
+
+
+def test_many_points_of_a_frame_count_as_one_and_few_as_less() -> None:
+    confirmation = Confirmation.sought(RULES)
+    nats = [confirmation.nats(n, n) for n in (1, 6, 40, 10_000)]
+    assert nats == sorted(nats) and nats[0] < 0.2 and nats[-1] == pytest.approx(np.log(2), rel=1e-3)
+    assert confirmation.nats(RULES.calm_start * 40, 40) == pytest.approx(0.0) and confirmation.nats(0, 0) == 0
+
+
+def test_each_point_counts_once_and_those_before_the_doubt_never() -> None:
+    ids = np.arange(30)
+    confirmation = Confirmation.sought(RULES, next_id=30).after(ids, ids < 0)
+    assert confirmation.evidence.change == 0 and not confirmation.refuted
+    ids = np.arange(40)
+    once = confirmation.after(ids, ids >= 0)
+    assert once.evidence.change > 0.3
+    assert once.after(ids, ids >= 0).evidence.change < once.evidence.change  # only forgetting
