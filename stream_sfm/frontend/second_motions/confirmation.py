@@ -6,11 +6,15 @@ on the scene as well as on the body, so that only some of them agree with a body
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import betaln
 
 from ...config.rules import MotionRules
 from ...geometry.evidence import Evidence
-from ...geometry.resection import MIN_VIEWS
 from ...record import changed, record
+
+# The share s of new points that agree with a camera's motion has the density a s^(a-1). Its mean is 0.93, as in calm
+# scenes, and a share of 0.81 says nothing: in crowds 0.68 to 0.77 agree with a right or a wrong motion.
+_CALM = 13.0
 
 
 @record
@@ -47,10 +51,11 @@ class Confirmation:
         return changed(self, evidence=evidence, next_id=next_id, refuted=nats < 0 and not evidence.change)
 
     def nats(self, agree: int, new: int) -> float:
-        """Return the log-likelihood ratio of a frame in which so many of the new points agree, eq. (23g).
+        """Return the log-likelihood ratio of a frame in which `agree` of `new` points do, eq. (23g).
 
-        What the new points of a frame show they share, so that many of them count as one. If it agrees, this is twice
-        as probable with the camera's motion as with that of a body.
+        The share that agrees is one unknown of the frame. With a body's motion any is as probable as any other.
         """
-        neutral = self.rules.calm_start
-        return float(np.log(2)) * (agree - neutral * new) / ((new + MIN_VIEWS) * (1 - neutral))
+        if not new:
+            return 0.0
+        with_camera = betaln(agree + _CALM, new - agree + 1) - betaln(_CALM, 1)
+        return float(with_camera - betaln(agree + 1, new - agree + 1))
