@@ -15,7 +15,7 @@ from stream_sfm.rig_model.terms import TERMS
 
 RNG = np.random.default_rng(0)
 IMAGE = RNG.uniform(0, 255, (60, 80)).astype(np.float32)
-N, SIDE, K2 = 7, 27, 25
+N, SIDE = 7, 27
 PIXELS = RNG.integers(-20, 100, (N, 2))
 STARTS = RNG.uniform(-20, 100, (N, 2))
 INNER = np.stack([np.arange(20, 20 + 6 * N, 6), np.arange(20, 20 + 3 * N, 3)], axis=1)
