@@ -26,7 +26,7 @@ class MotionRules(Section, frozen=True, kw_only=True):
     max_gap_s: Annotated[float, expert("time to seek the tracks of the last good frame, s", 0, 100)] = 1.0
     # It is 0.93 or more in the first frames of calm scenes, and 0.68 to 0.77 in a crowd, with a right or wrong
     # motion.
-    calm_start: Annotated[float, expert("share of new points that agree with a camera's motion", 0, 0.999)] = 0.8
+    calm_start: Annotated[float, expert("share of points that agree with a camera's motion", 0, 1)] = 0.8
     # It is half a second for most cameras. With more, the last old tracks in a turn would outvote all new ones.
     full_history: Annotated[int, expert("frames of agreement beyond which history no longer counts", 1, 1000)] = 10
     # A body that enters the view is outvoted, but not for ever once it is all that is left in most of the image.

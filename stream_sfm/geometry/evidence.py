@@ -39,13 +39,16 @@ class Evidence:
         return self.bound - self.change if self.is_there else self.change - self.bound
 
 
-def ratio_of_share(agree: int, n: int, few: int, neutral: float) -> float:
+def ratio_of_share(agree: int, n: int, favour: float) -> float:
     """Return the log-likelihood ratio, nats, of a frame in which some of n points agree, eq. (7c).
 
-    What the points of a frame show they share, so that they count as one, and `few` as half of one. If it agrees, this
-    is twice as probable where it should; a share that is `neutral` says nothing.
+    What the points of a frame show they share: the share s that agrees is one unknown of the frame. It has the density
+    a s^(a-1), a = `favour`, where points should agree, and otherwise any is as probable as any other.
     """
-    return math.log(2) * (agree - neutral * n) / ((n + few) * (1 - neutral))
+    if not n:
+        return 0.0
+    expected = math.log(favour) + math.lgamma(agree + favour) - math.lgamma(n + favour + 1)
+    return expected + math.lgamma(n + 2) - math.lgamma(agree + 1)
 
 
 def log_ratio(shown: float, variance: float, expected: float) -> float:

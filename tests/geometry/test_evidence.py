@@ -79,9 +79,20 @@ def test_the_ratio_of_an_amount_is_that_of_two_gaussians() -> None:
     assert log_ratio(shown, variance, expected) == pytest.approx(log_densities[0] - log_densities[1])
 
 
-def test_many_points_of_a_frame_count_as_one_and_few_as_less() -> None:
-    nats = [ratio_of_share(n, n, 6, 0.8) for n in (1, 6, 40, 10_000)]
-    assert nats == sorted(nats) and nats[1] == pytest.approx(math.log(2) / 2)
-    assert nats[0] < 0.2 and nats[-1] == pytest.approx(math.log(2), rel=1e-3)
-    assert ratio_of_share(32, 40, 6, 0.8) == pytest.approx(0.0) and ratio_of_share(0, 0, 6, 0.8) == 0
-    assert ratio_of_share(0, 40, 6, 0.8) < -math.log(2)  # those that disagree tell more
+@pytest.mark.parametrize("favour", [2.0, 13.0])
+@pytest.mark.parametrize("agree", [0, 3, 9, 12])
+def test_the_ratio_of_counts_is_that_of_an_unknown_share(agree: int, favour: float) -> None:
+    rng, draws, n = np.random.default_rng(1), 400_000, 12
+    expected = np.count_nonzero(rng.binomial(n, rng.beta(favour, 1, draws)) == agree)
+    other = np.count_nonzero(rng.binomial(n, rng.random(draws)) == agree)
+    nats = ratio_of_share(agree, n, favour)
+    if expected < 100:
+        assert nats < np.log(200 / other)
+    else:
+        assert nats == pytest.approx(np.log(expected / other), abs=4 * np.sqrt(1 / expected + 1 / other))
+
+
+def test_few_points_of_a_frame_count_as_less_and_many_as_one() -> None:
+    nats = [ratio_of_share(n, n, 13.0) for n in (0, 1, 6, 40, 10_000)]
+    assert nats == sorted(nats) and nats[0] == 0 and nats[-1] == pytest.approx(math.log(13), rel=2e-3)
+    assert ratio_of_share(5000, 10_000, 2.0) == pytest.approx(0, abs=1e-3)

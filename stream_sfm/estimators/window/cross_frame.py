@@ -36,18 +36,18 @@ from ..lifecycle import (
 )
 from .absorb import absorbed_oldest, with_rig_change
 from .enter import begun, entered, settled, with_rejected, with_second
-from .followed import followed
-from .halves import SpanFactors
 from .inertia.inertia import Inertia, NotTheCameraError
 from .inertia.takes_samples import InertialMotionModel, TakesSamples
 from .inverse_depth import WhitenedViews
 from .minimise import minimised
-from .relative import common_errors, newest_motion, relative_motions
-from .reported import reported
+from .reported.equal_weights import reported
+from .reported.followed import followed
+from .reported.halves import SpanFactors
+from .reported.relative import common_errors, newest_motion, relative_motions
+from .reported.track_noise import TrackNoise
 from .rig import judged_rig, learnt_rig, with_field
 from .rig_state import NO_RIG, RigState, impossible
 from .state import WindowState
-from .track_noise import TrackNoise
 from .unknowns.focus import judged_focus, own_at_first, placed_focus, with_focus_at_rest
 from .unknowns.turn import size_turn
 from .unknowns.velocities import cov_of_timing, expect, renewed_timing

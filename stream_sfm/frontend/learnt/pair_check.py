@@ -21,7 +21,7 @@ from ...config.rules import PairRules
 from ...geometry import Array
 from ...geometry.evidence import Evidence, ratio_of_share
 from ...geometry.point_views import PointViews
-from ...geometry.resection import MANY_VIEWS, MIN_VIEWS, Resection
+from ...geometry.resection import MANY_VIEWS, Resection
 from ...geometry.stereo import StereoProjection, clamp_depth
 from ...geometry.view_stages import CorrectedViews
 from ...pictures.content import frozen
@@ -29,6 +29,8 @@ from ...pictures.prepared import PreparedImages
 from ...record import changed, record
 from ..tracks import Tracks
 from .rows import Rows
+
+_SOUND = 2.0  # twice as many where the images fit: half of the points say nothing, as near objects hide some
 
 
 def _none() -> NDArray[np.int64]:
@@ -118,7 +120,7 @@ class PairCheck:
         if not was_there or self._old_fit(fit):
             return PairCheck.of(self.rules, fit.missing), False
         agree, n = int(np.count_nonzero(fit.both)), len(fit.both)
-        evidence = self.evidence.after(-ratio_of_share(agree, n, MIN_VIEWS, self.rules.good_share))
+        evidence = self.evidence.after(-ratio_of_share(agree, n, _SOUND))
         if evidence.is_there:
             return changed(self, evidence=evidence), False
         return PairCheck.of(self.rules), True
