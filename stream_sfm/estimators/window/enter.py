@@ -147,7 +147,7 @@ def with_second(current: WindowState, motion: Resection, std_moved: Array) -> Wi
 def settled(current: WindowState) -> WindowState:
     """Drop the uncertainty about second motions as far back as tracks confirm the motions that were followed."""
     n, ambiguous = len(current.doubt.motions), [f.ambiguity.shape[1] > 0 for f in current.frames]
-    doubt, confirmed = current.doubt.settled()
+    doubt, confirmed = current.doubt.settled(current.agreeing(fewest=1))
     first = 0 if confirmed == n else max(sum(ambiguous) - confirmed, 0)
     of_ambiguous = np.cumsum(ambiguous) - 1
     frames = [
